@@ -1,0 +1,17 @@
+"""Frames, poses, boxes and labelled triangle meshes. Knows nothing of cities."""
+
+from urbantwin.geometry.box import bounding_box, box_corners, points_in_box
+from urbantwin.geometry.frame import SiteFrame
+from urbantwin.geometry.mesh import LabelledMesh
+from urbantwin.geometry.pose import Pose, rotation_from_ypr, ypr_from_rotation
+
+__all__ = [
+    "LabelledMesh",
+    "Pose",
+    "SiteFrame",
+    "bounding_box",
+    "box_corners",
+    "points_in_box",
+    "rotation_from_ypr",
+    "ypr_from_rotation",
+]

@@ -1,0 +1,138 @@
+"""Triangle meshes in which every triangle has a semantic class and a material."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from urbantwin.geometry.pose import Pose
+
+__all__ = ["LabelledMesh"]
+
+
+@dataclass(frozen=True, eq=False)
+class LabelledMesh:
+    """Triangles with labels.
+
+    Attributes:
+        vertices: (V, 3) float64, metres.
+        faces: (F, 3) int32, indices of vertices, counter-clockwise seen from outside.
+        semantic: (F,) uint16, numbers of ``urbantwin.taxonomy.semantic_classes``.
+        material: (F,) uint8, numbers of ``urbantwin.taxonomy.materials``.
+        part: (F,) int32, which object of its stage a triangle belongs to (a building, a pole);
+            0 for none.
+    """
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    semantic: NDArray[np.uint16]
+    material: NDArray[np.uint8]
+    part: NDArray[np.int32]
+
+    def __post_init__(self) -> None:
+        count = len(self.faces)
+        if self.vertices.ndim != 2 or self.vertices.shape[1] != 3:
+            raise ValueError(f"vertices must be (V, 3), not {self.vertices.shape}")
+        if self.faces.ndim != 2 or self.faces.shape[1] != 3:
+            raise ValueError(f"faces must be (F, 3), not {self.faces.shape}")
+        for name in ("semantic", "material", "part"):
+            if getattr(self, name).shape != (count,):
+                raise ValueError(f"{name} must be ({count},), not {getattr(self, name).shape}")
+
+    @classmethod
+    def build(
+        cls,
+        vertices: ArrayLike,
+        faces: ArrayLike,
+        semantic: ArrayLike,
+        material: ArrayLike,
+        part: ArrayLike = 0,
+    ) -> LabelledMesh:
+        """Build from anything array-like; one label for all triangles may be a single number."""
+        triangles = np.asarray(faces, np.int32).reshape(-1, 3)
+        count = len(triangles)
+        return cls(
+            np.asarray(vertices, np.float64).reshape(-1, 3),
+            triangles,
+            np.broadcast_to(np.asarray(semantic, np.uint16), (count,)).copy(),
+            np.broadcast_to(np.asarray(material, np.uint8), (count,)).copy(),
+            np.broadcast_to(np.asarray(part, np.int32), (count,)).copy(),
+        )
+
+    @classmethod
+    def empty(cls) -> LabelledMesh:
+        """Return a mesh without triangles."""
+        return cls.build(np.zeros((0, 3)), np.zeros((0, 3)), 0, 0)
+
+    @classmethod
+    def concatenate(cls, meshes: Iterable[LabelledMesh]) -> LabelledMesh:
+        """Join meshes; ``part`` numbers are kept as they are."""
+        parts = [mesh for mesh in meshes if len(mesh.faces)]
+        if not parts:
+            return cls.empty()
+        starts = np.cumsum([0] + [len(mesh.vertices) for mesh in parts[:-1]])
+        return cls(
+            np.concatenate([mesh.vertices for mesh in parts]),
+            np.concatenate(
+                [mesh.faces + np.int32(start) for mesh, start in zip(parts, starts, strict=True)]
+            ),
+            np.concatenate([mesh.semantic for mesh in parts]),
+            np.concatenate([mesh.material for mesh in parts]),
+            np.concatenate([mesh.part for mesh in parts]),
+        )
+
+    def transformed(self, pose: Pose) -> LabelledMesh:
+        """Return the mesh moved by a rigid transform."""
+        return LabelledMesh(
+            pose.apply(self.vertices), self.faces, self.semantic, self.material, self.part
+        )
+
+    def triangles(self) -> NDArray[np.float64]:
+        """Return the corner positions (F, 3, 3)."""
+        return self.vertices[self.faces]
+
+    def normals(self) -> NDArray[np.float64]:
+        """Return unit normals (F, 3); zero where a triangle has no area."""
+        a, b, c = np.moveaxis(self.triangles(), 1, 0)
+        cross = np.cross(b - a, c - a)
+        length = np.linalg.norm(cross, axis=1, keepdims=True)
+        return np.divide(cross, length, out=np.zeros_like(cross), where=length > 0)
+
+    def areas(self) -> NDArray[np.float64]:
+        """Return areas (F,) in square metres."""
+        a, b, c = np.moveaxis(self.triangles(), 1, 0)
+        return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+
+    def select(self, keep: NDArray[np.bool_]) -> LabelledMesh:
+        """Return the triangles where ``keep`` (F,) is true, without unused vertices."""
+        used, faces = np.unique(self.faces[keep], return_inverse=True)
+        return LabelledMesh(
+            self.vertices[used],
+            faces.reshape(-1, 3).astype(np.int32),
+            self.semantic[keep],
+            self.material[keep],
+            self.part[keep],
+        )
+
+    def save(self, path: Path) -> None:
+        """Write a ``.npz``; the same mesh gives the same bytes."""
+        np.savez_compressed(
+            path,
+            vertices=self.vertices,
+            faces=self.faces,
+            semantic=self.semantic,
+            material=self.material,
+            part=self.part,
+        )
+
+    @classmethod
+    def load(cls, path: Path) -> LabelledMesh:
+        """Read what ``save`` wrote."""
+        with np.load(path) as data:
+            return cls(
+                data["vertices"], data["faces"], data["semantic"], data["material"], data["part"]
+            )

@@ -1,0 +1,16 @@
+"""Names shared by every stage: semantic classes, materials, classes of actors."""
+
+from urbantwin.taxonomy.actor import ACTOR_CLASSES, ACTOR_SEMANTICS
+from urbantwin.taxonomy.material import Material, material_id, materials
+from urbantwin.taxonomy.semantic import SemanticClass, semantic_classes, semantic_id
+
+__all__ = [
+    "ACTOR_CLASSES",
+    "ACTOR_SEMANTICS",
+    "Material",
+    "SemanticClass",
+    "material_id",
+    "materials",
+    "semantic_classes",
+    "semantic_id",
+]
