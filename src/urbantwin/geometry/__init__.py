@@ -4,8 +4,10 @@ from urbantwin.geometry.box import bounding_box, box_corners, points_in_box
 from urbantwin.geometry.frame import SiteFrame
 from urbantwin.geometry.mesh import LabelledMesh
 from urbantwin.geometry.pose import Pose, rotation_from_ypr, ypr_from_rotation
+from urbantwin.geometry.probe import DownwardProbe
 
 __all__ = [
+    "DownwardProbe",
     "LabelledMesh",
     "Pose",
     "SiteFrame",

@@ -37,8 +37,7 @@ def points_in_box(
     offset = np.asarray(points, np.float64)[:, :3] - box[:3]
     c, s = np.cos(box[6]), np.sin(box[6])
     half = box[3:6] / 2 + margin
-    return (
-        (np.abs(offset[:, 0] * c + offset[:, 1] * s) <= half[0])
-        & (np.abs(-offset[:, 0] * s + offset[:, 1] * c) <= half[1])
-        & (np.abs(offset[:, 2]) <= half[2])
-    )
+    along = np.abs(offset[:, 0] * c + offset[:, 1] * s) <= half[0]
+    across = np.abs(-offset[:, 0] * s + offset[:, 1] * c) <= half[1]
+    upright = np.abs(offset[:, 2]) <= half[2]
+    return np.asarray(along & across & upright)

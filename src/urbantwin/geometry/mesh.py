@@ -100,7 +100,7 @@ class LabelledMesh:
         a, b, c = np.moveaxis(self.triangles(), 1, 0)
         cross = np.cross(b - a, c - a)
         length = np.linalg.norm(cross, axis=1, keepdims=True)
-        return np.divide(cross, length, out=np.zeros_like(cross), where=length > 0)
+        return np.asarray(np.divide(cross, length, out=np.zeros_like(cross), where=length > 0))
 
     def areas(self) -> NDArray[np.float64]:
         """Return areas (F,) in square metres."""
