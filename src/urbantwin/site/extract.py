@@ -1,0 +1,352 @@
+"""OpenStreetMap extracts: reading, features in the site frame, and cutting to the region."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import osmium
+import osmium.osm
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+from urbantwin.geometry import SiteFrame
+
+__all__ = ["ClippedWays", "Extract", "OsmFeature", "Relation", "Way", "read_extract"]
+
+SUFFIXES = (".osm", ".osm.bz2", ".osm.gz", ".osm.pbf", ".pbf", ".xml")
+
+#: Keys that make a closed way an area (OSM wiki, "Area"); ``area=yes|no`` overrides them.
+AREA_KEYS = {
+    "building", "building:part", "landuse", "leisure", "amenity", "shop", "area:highway",
+    "natural", "water", "place", "tourism", "man_made", "public_transport", "office", "boundary",
+}  # fmt: skip
+LINE_NATURAL = {"coastline", "tree_row", "cliff", "ridge", "valley"}
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way: its nodes' ids in order, and its tags."""
+
+    id: int
+    nodes: tuple[int, ...]
+    tags: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Relation:
+    """A relation: members as (type "n"|"w"|"r", id, role), and its tags."""
+
+    id: int
+    members: tuple[tuple[str, int, str], ...]
+    tags: dict[str, str]
+
+
+@dataclass(frozen=True)
+class OsmFeature:
+    """A tagged thing of the map; ``geometry`` in the site frame, metres, never cut."""
+
+    kind: str
+    id: int
+    tags: dict[str, str]
+    geometry: shapely.Geometry
+
+
+@dataclass(frozen=True)
+class ClippedWays:
+    """What ``Extract.write_clipped`` wrote: pieces of ways by their new id.
+
+    Attributes:
+        origin: id of each written piece -> id of the way that it was cut from.
+        lines: id of each written piece -> (N, 2) site-frame points.
+    """
+
+    origin: dict[int, int] = field(default_factory=dict)
+    lines: dict[int, NDArray[np.float64]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Extract:
+    """A whole extract in memory.
+
+    Attributes:
+        path: the file.
+        nodes: id -> (longitude, latitude), degrees.
+        node_tags: id -> tags, for nodes that have any.
+        ways: id -> way.
+        relations: id -> relation.
+        bounds: declared west, south, east, north in degrees, if the file declares them.
+    """
+
+    path: Path
+    nodes: dict[int, tuple[float, float]]
+    node_tags: dict[int, dict[str, str]]
+    ways: dict[int, Way]
+    relations: dict[int, Relation]
+    bounds: tuple[float, float, float, float] | None
+
+    def highways(self) -> list[Way]:
+        """Return the ways that are roads or paths of any kind, in the order of their ids."""
+        return [way for _, way in sorted(self.ways.items()) if "highway" in way.tags]
+
+    def way_line(self, way: Way, frame: SiteFrame) -> NDArray[np.float64]:
+        """Return a way's known nodes as (N, 2) site-frame points."""
+        return frame.site_from_lonlat([self.nodes[n] for n in way.nodes if n in self.nodes])
+
+    def features(self, frame: SiteFrame, area: shapely.Polygon) -> list[OsmFeature]:
+        """Return everything tagged that touches ``area`` (site frame), sorted by kind and id.
+
+        Closed ways that describe areas and multipolygon relations become polygons. Members of a
+        relation that the extract lacks are left out of it.
+        """
+        found: list[OsmFeature] = []
+        ids = list(self.nodes)
+        xy = frame.site_from_lonlat([self.nodes[n] for n in ids])
+        position = dict(zip(ids, map(tuple, xy), strict=True))
+        shapely.prepare(area)
+        for identity, tags in sorted(self.node_tags.items()):
+            point = shapely.Point(position[identity])
+            if area.intersects(point):
+                found.append(OsmFeature("node", identity, tags, point))
+        for identity, way in sorted(self.ways.items()):
+            points = [position[n] for n in way.nodes if n in position]
+            if not way.tags or len(points) < 2:
+                continue
+            shape: shapely.Geometry = shapely.LineString(points)
+            if _is_area(way) and len(points) >= 4 and points[0] == points[-1]:
+                shape = _valid_area(shapely.Polygon(points))
+            if not shape.is_empty and area.intersects(shape):
+                found.append(OsmFeature("way", identity, way.tags, shape))
+        for identity, relation in sorted(self.relations.items()):
+            if relation.tags.get("type") not in ("multipolygon", "building"):
+                continue
+            shape = self._assemble(relation, position)
+            if not shape.is_empty and area.intersects(shape):
+                found.append(OsmFeature("relation", identity, relation.tags, shape))
+        return found
+
+    def _assemble(
+        self, relation: Relation, position: dict[int, tuple[float, ...]]
+    ) -> shapely.Geometry:
+        rings: dict[str, list[shapely.LineString]] = {"outer": [], "inner": []}
+        for kind, identity, role in relation.members:
+            way = self.ways.get(identity) if kind == "w" else None
+            role = {"": "outer", "outline": "outer"}.get(role, role)  # noqa: PLW2901
+            if way is None or role not in rings:
+                continue
+            points = [position[n] for n in way.nodes if n in position]
+            if len(points) >= 2:
+                rings[role].append(shapely.LineString(points))
+        outer = shapely.union_all(_polygons(rings["outer"]))
+        inner = shapely.union_all(_polygons(rings["inner"]))
+        return _valid_area(shapely.difference(outer, inner))
+
+    def write_clipped(
+        self, path: Path, frame: SiteFrame, area: shapely.Polygon, ways: Iterable[Way]
+    ) -> ClippedWays:
+        """Write ``ways``, cut where they leave ``area``, as OSM XML.
+
+        A way that leaves the area and comes back becomes several, each with an id of its own.
+        Turn restrictions follow the piece that meets their via node.
+
+        Args:
+            path: the file to write.
+            frame: the site frame.
+            area: where to cut, site frame.
+            ways: which ways to write.
+        """
+        clipped = ClippedWays()
+        root = ElementTree.Element("osm", version="0.6", generator="urbantwin")
+        new_node = max(self.nodes, default=0) + 1
+        new_way = max(self.ways, default=0) + 1
+        kept_nodes: dict[int, tuple[float, float]] = {}
+        pieces: list[tuple[int, list[int], Way]] = []
+        for way in ways:
+            known = [n for n in way.nodes if n in self.nodes]
+            if len(known) < 2:
+                continue
+            xy = frame.site_from_lonlat([self.nodes[n] for n in known])
+            for number, piece in enumerate(_cut(xy, area)):
+                identity = way.id if number == 0 else new_way
+                new_way += number > 0
+                ids = []
+                for index, point in piece:
+                    if index is not None:
+                        ids.append(known[index])
+                        kept_nodes[known[index]] = self.nodes[known[index]]
+                    else:
+                        lon, lat = frame.lonlat_from_site(point)[0]
+                        kept_nodes[new_node] = (float(lon), float(lat))
+                        ids.append(new_node)
+                        new_node += 1
+                clipped.origin[identity] = way.id
+                clipped.lines[identity] = np.array([point for _, point in piece])
+                pieces.append((identity, ids, way))
+        for identity, (lon, lat) in sorted(kept_nodes.items()):
+            element = ElementTree.SubElement(
+                root, "node", id=str(identity), lat=f"{lat:.9f}", lon=f"{lon:.9f}", version="1"
+            )
+            _add_tags(element, self.node_tags.get(identity, {}))
+        for identity, ids, way in pieces:
+            element = ElementTree.SubElement(root, "way", id=str(identity), version="1")
+            for node in ids:
+                ElementTree.SubElement(element, "nd", ref=str(node))
+            _add_tags(element, way.tags)
+        self._add_restrictions(root, pieces)
+        ElementTree.indent(root)
+        ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
+        return clipped
+
+    def _add_restrictions(
+        self, root: ElementTree.Element, pieces: list[tuple[int, list[int], Way]]
+    ) -> None:
+        by_way: dict[int, list[tuple[int, list[int]]]] = {}
+        for identity, ids, way in pieces:
+            by_way.setdefault(way.id, []).append((identity, ids))
+        for identity, relation in sorted(self.relations.items()):
+            if relation.tags.get("type") != "restriction":
+                continue
+            via = [ref for kind, ref, role in relation.members if kind == "n" and role == "via"]
+            members = []
+            for kind, ref, role in relation.members:
+                if kind == "n" and role == "via":
+                    members.append(("node", ref, role))
+                elif kind == "w" and role in ("from", "to"):
+                    members += [
+                        ("way", piece, role)
+                        for piece, ids in by_way.get(ref, [])
+                        if via[0:1] and via[0] in ids
+                    ]
+            roles = [role for _, _, role in members]
+            if not all(role in roles for role in ("from", "via", "to")):
+                continue
+            element = ElementTree.SubElement(root, "relation", id=str(identity), version="1")
+            for kind, ref, role in members:
+                ElementTree.SubElement(element, "member", type=kind, ref=str(ref), role=role)
+            _add_tags(element, relation.tags)
+
+
+def read_extract(path: Path) -> Extract:
+    """Read an OpenStreetMap extract: ``.osm``, ``.osm.bz2``, ``.osm.gz`` or ``.osm.pbf``.
+
+    Raises:
+        InputError: the file is missing, truncated, not OpenStreetMap data, or has no nodes.
+    """
+    expected = "an OpenStreetMap extract (.osm, .osm.bz2, .osm.gz or .osm.pbf)"
+    if not path.is_file():
+        raise InputError(
+            "not found" if not path.exists() else "is a folder", file=path, expected=expected
+        )
+    if not path.name.lower().endswith(SUFFIXES):
+        raise InputError("has an unknown ending", file=path, expected=expected)
+    if path.stat().st_size == 0:
+        raise InputError("is empty", file=path, expected=expected)
+    nodes: dict[int, tuple[float, float]] = {}
+    node_tags: dict[int, dict[str, str]] = {}
+    ways: dict[int, Way] = {}
+    relations: dict[int, Relation] = {}
+    try:
+        source = osmium.io.File(str(path), "osm" if path.suffix == ".xml" else "")
+        with osmium.io.Reader(source) as reader:
+            box = reader.header().box()
+        for item in osmium.FileProcessor(source):
+            tags = dict(item.tags)
+            if isinstance(item, osmium.osm.Node):
+                if item.location.valid():
+                    nodes[item.id] = (item.lon, item.lat)
+                    if tags:
+                        node_tags[item.id] = tags
+            elif isinstance(item, osmium.osm.Way):
+                ways[item.id] = Way(item.id, tuple(n.ref for n in item.nodes), tags)
+            elif isinstance(item, osmium.osm.Relation):
+                members = tuple((m.type, m.ref, m.role) for m in item.members)
+                relations[item.id] = Relation(item.id, members, tags)
+    except (RuntimeError, ValueError, OSError, UnicodeDecodeError) as error:
+        raise InputError(
+            f"cannot be read as OpenStreetMap data: truncated or damaged ({error})",
+            file=path,
+            expected=expected,
+        ) from None
+    if not nodes:
+        raise InputError("holds no nodes", file=path, expected=expected)
+    bounds = None
+    if box.valid():
+        low, high = box.bottom_left, box.top_right
+        bounds = (low.lon, low.lat, high.lon, high.lat)
+    return Extract(path, nodes, node_tags, ways, relations, bounds)
+
+
+def _is_area(way: Way) -> bool:
+    if way.nodes[0] != way.nodes[-1] or way.tags.get("area") == "no":
+        return False
+    if way.tags.get("area") == "yes":
+        return True
+    if way.tags.get("natural") in LINE_NATURAL or "barrier" in way.tags or "highway" in way.tags:
+        return False
+    return any(key in way.tags for key in AREA_KEYS)
+
+
+def _valid_area(shape: shapely.Geometry) -> shapely.Geometry:
+    """Repair self-touching outlines; keep only what has area."""
+    if not shape.is_valid:
+        shape = shapely.make_valid(shape)
+    if shape.geom_type in ("Polygon", "MultiPolygon"):
+        return shape
+    return shapely.union_all(
+        [p for p in shapely.get_parts(shape) if p.geom_type.endswith("Polygon")]
+    )
+
+
+def _polygons(lines: list[shapely.LineString]) -> list[shapely.Geometry]:
+    if not lines:
+        return []
+    return [_valid_area(p) for p in shapely.get_parts(shapely.polygonize(lines))]
+
+
+def _add_tags(element: ElementTree.Element, tags: dict[str, str]) -> None:
+    for key, value in sorted(tags.items()):
+        ElementTree.SubElement(element, "tag", k=key, v=value)
+
+
+def _cut(
+    xy: NDArray[np.float64], area: shapely.Polygon
+) -> list[list[tuple[int | None, NDArray[np.float64]]]]:
+    """Cut a polyline at an area's border; each piece is (index of the node or None, point)."""
+    pieces: list[list[tuple[int | None, NDArray[np.float64]]]] = []
+    current: list[tuple[int | None, NDArray[np.float64]]] = []
+    for index in range(len(xy)):
+        if index:
+            segment = shapely.LineString(xy[index - 1 : index + 1])
+            parts = [
+                p
+                for p in shapely.get_parts(shapely.intersection(segment, area))
+                if p.geom_type == "LineString" and p.length > 1e-6
+            ]
+            start = xy[index - 1]
+            for part in sorted(
+                parts, key=lambda p: shapely.distance(shapely.Point(start), shapely.get_point(p, 0))
+            ):
+                ends = shapely.get_coordinates(part)
+                if np.linalg.norm(ends[0] - start) > np.linalg.norm(ends[1] - start):
+                    ends = ends[::-1]
+                if np.linalg.norm(ends[0] - start) > 1e-6 or not current:
+                    if len(current) > 1:
+                        pieces.append(current)
+                    at_node = np.linalg.norm(ends[0] - start) <= 1e-6
+                    current = [(index - 1 if at_node else None, ends[0])]
+                at_end = np.linalg.norm(ends[1] - xy[index]) <= 1e-6
+                current.append((index if at_end else None, ends[1]))
+                if not at_end:
+                    pieces.append(current)
+                    current = []
+            if not parts:
+                if len(current) > 1:
+                    pieces.append(current)
+                current = []
+    if len(current) > 1:
+        pieces.append(current)
+    return pieces
