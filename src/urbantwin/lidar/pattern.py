@@ -1,0 +1,54 @@
+"""Where the beams of a spinning sensor point.
+
+Column k of K fires when the encoder stands at 2 pi k / K from the forward axis, clockwise from
+above for a sensor that spins so. A channel looks ``azimuth_offset`` counter-clockwise of the
+encoder and ``elevation`` up. Rows stand in the order in which the maker numbers the channels;
+sort by ``elevation_deg`` for an image. All beams leave from the sensor's origin: the few
+centimetres between a real sensor's emitters and its axis are left out.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.lidar.catalogue import Sensor
+
+__all__ = ["beam_azimuths", "beam_directions", "beam_elevations"]
+
+
+def beam_elevations(sensor: Sensor) -> NDArray[np.float64]:
+    """Return the elevation (C,) of every channel, radians, positive up."""
+    return np.radians(sensor.elevation_deg)
+
+
+def beam_azimuths(sensor: Sensor, columns: int | None = None) -> NDArray[np.float64]:
+    """Return the azimuth (C, K) of every beam.
+
+    Radians in [-pi, pi), counter-clockwise from x in the sensor frame.
+
+    Args:
+        sensor: the sensor.
+        columns: firings per turn, K; the sensor's default when not given.
+    """
+    count = sensor.columns if columns is None else columns
+    if count < 1:
+        raise ValueError(f"columns must be 1 or more, not {count}")
+    turn = -1.0 if sensor.spin == "cw" else 1.0
+    encoder_deg = turn * 360.0 * np.arange(count) / count
+    angle_deg = encoder_deg[None, :] + sensor.azimuth_offset_deg[:, None]
+    return np.radians((angle_deg + 180.0) % 360.0 - 180.0)
+
+
+def beam_directions(sensor: Sensor, columns: int | None = None) -> NDArray[np.float64]:
+    """Return the unit vectors (C, K, 3) of every beam in the sensor frame (x forward, y left).
+
+    Args:
+        sensor: the sensor.
+        columns: firings per turn, K; the sensor's default when not given.
+    """
+    azimuth = beam_azimuths(sensor, columns)
+    elevation = beam_elevations(sensor)[:, None]
+    flat = np.cos(elevation)
+    up = np.broadcast_to(np.sin(elevation), azimuth.shape)
+    return np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), up], axis=-1)
