@@ -1,0 +1,69 @@
+# Two commands are all that a fresh machine needs: `make demo` and `make test`.
+# Everything is installed into .venv from the lock files, once, and again only when they change.
+
+PYTHON ?= python3
+VENV   ?= .venv
+BIN    := $(VENV)/bin
+
+RUNTIME     := $(VENV)/.runtime-installed
+DEVELOPMENT := $(VENV)/.development-installed
+
+# What the wheels of SUMO link to and do not carry (README, "Debian packages").
+DEBIAN_PACKAGES := libatomic1 libexpat1 libgl1 libxext6 libxrender1
+
+.PHONY: demo test lint bench lock clean help
+
+help:
+	@echo "make demo    create .venv, install, run the demo (writes urbantwin-demo/)"
+	@echo "make test    create .venv, install, check style and types, run the tests"
+	@echo "make lint    style and types only"
+	@echo "make bench   the benchmarks"
+	@echo "make lock    resolve the dependencies anew into the lock files"
+	@echo "make clean   remove .venv, caches and the demo's output"
+
+demo: $(RUNTIME)
+	$(BIN)/urbantwin demo -o urbantwin-demo
+
+test: lint
+	$(BIN)/pytest
+
+lint: $(DEVELOPMENT)
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+
+bench: $(DEVELOPMENT)
+	@for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python "$$file" || exit 1; done
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	  echo "error: UrbanTwin needs Python 3.11 or newer, and $(PYTHON) is" \
+	    "$$($(PYTHON) --version 2>&1); try make PYTHON=/path/to/python3.11" >&2; exit 1; }
+	@$(PYTHON) -m venv $(VENV) || { \
+	  echo "error: $(PYTHON) cannot make a virtual environment; on Debian: apt-get install python3-venv" >&2; \
+	  rm -rf $(VENV); exit 1; }
+
+$(RUNTIME): requirements.lock pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
+	  --no-deps --no-build-isolation --editable .
+	@$(BIN)/python -c 'import libsumo' || { \
+	  echo "error: SUMO lacks a library of the system; on Debian: apt-get install $(DEBIAN_PACKAGES)" >&2; \
+	  exit 1; }
+	@touch $@
+
+$(DEVELOPMENT): requirements-dev.lock $(RUNTIME)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-dev.lock
+	@touch $@
+
+# uv resolves for every Python and platform at once. hatchling and editables build this package.
+UV_COMPILE = uv pip compile pyproject.toml - --universal --python-version 3.11 \
+  --no-header --no-annotate --no-emit-index-url --upgrade --quiet
+
+lock:
+	printf 'hatchling\neditables\n' | $(UV_COMPILE) --extra demo -o requirements.lock
+	printf 'hatchling\neditables\n' | $(UV_COMPILE) --extra demo --extra dev \
+	  --constraint requirements.lock -o requirements-dev.lock
+
+clean:
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis urbantwin-demo
