@@ -2,6 +2,7 @@
 
 import csv
 import json
+import pickle
 
 import numpy as np
 import pytest
@@ -255,3 +256,9 @@ def test_a_wrong_file_is_named_with_its_field(tmp_path, old, new, told):
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(InputError, match="not found"):
         sensor(str(tmp_path / "none.yaml"))
+
+
+def test_a_sensor_can_be_sent_to_another_process():
+    there = pickle.loads(pickle.dumps(sensor("OT128")))
+    assert np.array_equal(there.elevation_deg, sensor("OT128").elevation_deg)
+    assert there.sources == sensor("OT128").sources

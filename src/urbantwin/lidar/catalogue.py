@@ -25,7 +25,6 @@ from functools import cache
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from types import MappingProxyType
 from typing import Annotated, Literal
 
 import numpy as np
@@ -89,7 +88,7 @@ class Sensor:
     range_resolution_m: float | None
     wavelength_nm: float | None
     spin: Literal["cw", "ccw"]
-    sources: MappingProxyType[str, str]
+    sources: dict[str, str]
     aliases: tuple[str, ...] = ()
 
     @property
@@ -186,7 +185,7 @@ class _SensorFile(BaseModel):
             **values,
             elevation_deg=table[:, 0],
             azimuth_offset_deg=table[:, 1],
-            sources=MappingProxyType(dict(self.sources)),
+            sources=dict(self.sources),
         )
 
 
