@@ -1,17 +1,30 @@
 """What a person says about a place: the site, its rig, its OpenStreetMap extract, its DEM."""
 
+from urbantwin.site.dem import DemGrid, check_dem, read_heights
 from urbantwin.site.extract import ClippedWays, Extract, OsmFeature, Relation, Way, read_extract
+from urbantwin.site.junction import JunctionProposal, propose_junction
 from urbantwin.site.rig import Effects, RigSpec, SensorSpec, load_rig_spec
+from urbantwin.site.site import InputFile, Site, TrafficSpec, check_extract, load_site
 
 __all__ = [
     "ClippedWays",
+    "DemGrid",
     "Effects",
     "Extract",
+    "InputFile",
+    "JunctionProposal",
     "OsmFeature",
     "Relation",
     "RigSpec",
     "SensorSpec",
+    "Site",
+    "TrafficSpec",
     "Way",
+    "check_dem",
+    "check_extract",
     "load_rig_spec",
+    "load_site",
+    "propose_junction",
     "read_extract",
+    "read_heights",
 ]

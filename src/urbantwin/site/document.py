@@ -15,7 +15,7 @@ from pydantic_core import ErrorDetails, PydanticCustomError
 
 from urbantwin.errors import InputError
 
-__all__ = ["Document", "field_path", "read_document", "wrong"]
+__all__ = ["Document", "field_path", "nearest", "read_document", "wrong"]
 
 Model = TypeVar("Model", bound=BaseModel)
 Location = Sequence[int | str]
@@ -62,7 +62,7 @@ class Document:
 
     def part(self, key: str) -> Document:
         """Return the mapping at ``key`` as a document of its own."""
-        return Document(self.file, self.value[key], self._node((key,)), (*self.prefix, key))
+        return Document(self.file, self.value[key], _entry(self.root, key)[1], (*self.prefix, key))
 
     def place(self, location: Location) -> str:
         """Return ``field.path[0].name (line 7)`` for a location below this document."""
@@ -92,23 +92,26 @@ class Document:
         raise self.error(problem, first["loc"], expected)
 
     def _node(self, location: Location) -> yaml.Node | None:
-        """Return the deepest YAML node on the way to ``location``."""
-        node = self.root
+        """Return the node to point at for ``location``: its key, or the deepest one above it."""
+        at = below = self.root
         for step in location:
-            if isinstance(node, yaml.MappingNode) and isinstance(step, str):
-                found = [value for key, value in node.value if key.value == step]
-                keys = [key for key, value in node.value if key.value == step]
-                if not found:
-                    return node
-                # A block's value starts on the line after its key, where nobody looks for it.
-                node = keys[0] if step == location[-1] else found[0]
-            elif isinstance(node, yaml.SequenceNode) and isinstance(step, int):
-                if step >= len(node.value):
-                    return node
-                node = node.value[step]
-            else:
-                return node
-        return node
+            key, value = _entry(below, step)
+            if key is None:
+                break
+            # A block's value starts on the line after its key, where nobody looks for it.
+            at, below = key, value
+        return at
+
+
+def _entry(node: yaml.Node | None, step: int | str) -> tuple[yaml.Node | None, yaml.Node | None]:
+    """Return the nodes of the key and of the value at ``step`` of a mapping or a sequence."""
+    if isinstance(node, yaml.MappingNode):
+        for key, value in node.value:
+            if key.value == step:
+                return key, value
+    elif isinstance(node, yaml.SequenceNode) and isinstance(step, int) and step < len(node.value):
+        return node.value[step], node.value[step]
+    return None, None
 
 
 def wrong(problem: str, expected: str) -> PydanticCustomError:
@@ -193,12 +196,17 @@ def _model_in(annotation: object) -> type[BaseModel] | None:
     return None
 
 
-def _nearest(name: str, model: type[BaseModel] | None) -> str | None:
-    if model is None:
-        return None
-    known = [*model.model_fields, *getattr(model, "also_written_as", ())]
+def nearest(name: str, known: Sequence[str]) -> str:
+    """Return what ``name`` was probably meant to be, or everything that it could have been."""
     close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
     return f"{close[0]!r}" if close else "one of " + ", ".join(known)
+
+
+def _names(model: type[BaseModel] | None) -> list[str]:
+    """Return the names of a model's fields, those that only files use included."""
+    if model is None:
+        return []
+    return [*model.model_fields, *getattr(model, "also_written_as", ())]
 
 
 _TYPES = {
@@ -233,7 +241,7 @@ def _in_words(error: ErrorDetails, model: type[BaseModel]) -> tuple[str, str | N
             field = parent.model_fields.get(name) if parent else None
             problem, expected = "is missing", field.description if field else None
         else:
-            problem, expected = "is not a field that is known here", _nearest(name, parent)
+            problem, expected = "is not a field that is known here", nearest(name, _names(parent))
     elif kind in _TYPES:
         expected = _TYPES[kind]
     elif kind in _BOUNDS:

@@ -1,0 +1,218 @@
+"""The elevation model that a person gives: checked, and resampled to the site frame.
+
+Heights are taken as the file has them: in its own vertical datum, orthometric or ellipsoidal, and
+in metres unless the file says otherwise. Only differences to the anchor's height go on from here.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from pyproj import CRS, Transformer
+
+from urbantwin.errors import InputError
+from urbantwin.geometry import SiteFrame
+
+__all__ = ["DemGrid", "check_dem", "read_heights"]
+
+_EXPECTED = "a DEM as GeoTIFF: one band of heights with a CRS"
+#: More of the region than this without a height is not filled in but refused.
+MOST_MISSING = 0.05
+#: Heights beyond these are no heights on land but marks for "none" that the file does not declare:
+#: the Dead Sea's shore is at -430 m, Mount Everest at 8849 m.
+LOWEST_M, HIGHEST_M = -1000.0, 9500.0
+#: Cells around the area that bilinear resampling may need.
+_PAD = 2
+#: A finer raster is read coarser, so that a window stays below a gigabyte.
+_MOST_CELLS = 8192
+
+_METRES = {"ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "us survey foot": 1200 / 3937,
+           "us-ft": 1200 / 3937, "cm": 0.01, "dm": 0.1}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class DemGrid:
+    """Heights at the nodes of a square grid, site frame.
+
+    Attributes:
+        x0: east of the first column, metres; a multiple of ``step_m``.
+        y0: north of the first row, metres; a multiple of ``step_m``.
+        step_m: between neighbours, metres.
+        heights: (ny, nx) float64, metres above the anchor's ground; row 0 is the southernmost.
+        anchor_height_m: height of the anchor in the file's own vertical datum.
+        missing_share: share of the area that had no height and took its nearest neighbour's.
+    """
+
+    x0: float
+    y0: float
+    step_m: float
+    heights: NDArray[np.float64]
+    anchor_height_m: float
+    missing_share: float
+
+
+def check_dem(path: Path, frame: SiteFrame, region: shapely.Polygon) -> None:
+    """Check that a DEM covers a region (site frame) and has heights there.
+
+    Raises:
+        InputError: it is no GeoTIFF of heights, has no CRS, does not cover the region, or lacks
+            heights in more than a twentieth of it.
+    """
+    low, high = shapely.get_coordinates(region).min(axis=0), shapely.get_coordinates(region).max(0)
+    read_heights(path, frame, region, max(1.0, float((high - low).max()) / 100.0))
+
+
+def read_heights(path: Path, frame: SiteFrame, area: shapely.Polygon, step_m: float) -> DemGrid:
+    """Resample a DEM (bilinear) to a grid in the site frame that covers ``area`` and the anchor.
+
+    The grid's nodes are at multiples of ``step_m``; it reaches two steps beyond ``area``. Holes of
+    up to a twentieth of ``area``, and what lies beyond the raster, take the nearest height.
+
+    Args:
+        path: a GeoTIFF of one band.
+        frame: the site frame.
+        area: what must be covered, site frame, metres.
+        step_m: between two nodes, metres.
+
+    Raises:
+        InputError: as `check_dem`.
+    """
+    from rasterio.transform import from_origin
+    from rasterio.warp import Resampling, reproject
+
+    corners = np.vstack([shapely.get_coordinates(area), [[0.0, 0.0]]])
+    first = np.floor(corners.min(axis=0) / step_m).astype(int) - _PAD
+    last = np.ceil(corners.max(axis=0) / step_m).astype(int) + _PAD
+    nx, ny = (int(n) for n in last - first + 1)
+    x, y = (first[0] + np.arange(nx)) * step_m, (first[1] + np.arange(ny)) * step_m
+    with _opened(path) as raster:
+        _check_cover(raster, path, frame, area)
+        source, transform = _window(raster, path, frame, (x[0], y[0], x[-1], y[-1]))
+        crs = raster.crs
+    grid = np.full((ny, nx), np.nan)
+    reproject(
+        source,
+        grid,
+        src_transform=transform,
+        src_crs=crs,
+        src_nodata=np.nan,
+        dst_transform=from_origin(x[0] - step_m / 2, y[-1] + step_m / 2, step_m, step_m),
+        dst_crs=frame.proj,
+        dst_nodata=np.nan,
+        resampling=Resampling.bilinear,
+    )
+    grid = np.ascontiguousarray(grid[::-1])
+    missing = np.isnan(grid)
+    east, north = np.meshgrid(x, y)
+    inside = shapely.contains_xy(area, east, north)
+    share = float(missing[inside].mean()) if inside.any() else float(missing.mean())
+    if share > MOST_MISSING or missing.all():
+        raise InputError(
+            f"has no height in {share:.0%} of the region",
+            file=path,
+            expected=f"heights in at least {1 - MOST_MISSING:.0%} of it",
+        )
+    if missing.any():
+        from scipy.ndimage import distance_transform_edt
+
+        rows, columns = distance_transform_edt(missing, return_distances=False, return_indices=True)
+        grid = grid[rows, columns]
+    anchor = float(grid[-first[1], -first[0]])
+    return DemGrid(float(x[0]), float(y[0]), step_m, grid - anchor, anchor, share)
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    """Open a GeoTIFF of heights; every failure to read it, now or later, is an InputError."""
+    import rasterio
+    from rasterio.errors import NotGeoreferencedWarning, RasterioError
+
+    if not path.is_file():
+        problem = "is a folder" if path.is_dir() else "not found"
+        raise InputError(problem, file=path, expected=_EXPECTED)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", NotGeoreferencedWarning)
+            raster = rasterio.open(path, driver="GTiff")
+        with raster:
+            if raster.count != 1:
+                raise InputError(f"holds {raster.count} bands", file=path, expected=_EXPECTED)
+            if raster.dtypes[0].startswith("complex"):
+                raise InputError("holds complex numbers", file=path, expected=_EXPECTED)
+            if raster.crs is None or raster.transform.is_identity:
+                raise InputError("is not georeferenced", file=path, expected=_EXPECTED)
+            yield raster
+    except RasterioError as error:
+        text = f"cannot be read as a GeoTIFF ({str(error)[:120]})"
+        raise InputError(text, file=path, expected=_EXPECTED) from None
+
+
+def _check_cover(raster: Any, path: Path, frame: SiteFrame, area: shapely.Polygon) -> None:  # noqa: ANN401
+    """Raise where part of ``area`` lies beyond the raster's border."""
+    outline = shapely.segmentize(area.exterior, max(1.0, area.length / 200))
+    pixels = _pixels(raster, frame, shapely.get_coordinates(outline))
+    size = np.array([raster.width, raster.height])
+    slack = 1e-6
+    if np.isfinite(pixels).all() and (pixels >= -slack).all() and (pixels <= size + slack).all():
+        return
+    share = 0.0
+    if np.isfinite(pixels).all():
+        shape, box = shapely.Polygon(pixels), shapely.box(0, 0, *size)
+        share = shapely.intersection(shape.buffer(0), box).area / shape.area
+    raise InputError(
+        f"covers {math.floor(share * 100)} % of the region",
+        file=path,
+        expected=f"all of it: the surroundings of {frame.latitude:.6f}, {frame.longitude:.6f}",
+    )
+
+
+def _pixels(raster: Any, frame: SiteFrame, xy: NDArray[np.float64]) -> NDArray[np.float64]:  # noqa: ANN401
+    """Return (N, 2) columns and rows (pixel edges are whole numbers) of (N, 2) site metres."""
+    transformer = Transformer.from_crs(frame.proj, CRS(raster.crs.to_wkt()), always_xy=True)
+    easting, northing = transformer.transform(xy[:, 0], xy[:, 1])
+    return np.column_stack(~raster.transform * (np.asarray(easting), np.asarray(northing)))
+
+
+def _window(
+    raster: Any,  # noqa: ANN401
+    path: Path,
+    frame: SiteFrame,
+    bounds: tuple[float, float, float, float],
+) -> tuple[NDArray[np.float64], Any]:
+    """Return the heights (NaN where there are none) around ``bounds``, and their transform."""
+    from rasterio.enums import Resampling
+    from rasterio.windows import Window
+
+    outline = shapely.segmentize(shapely.box(*bounds).exterior, (bounds[2] - bounds[0]) / 50)
+    pixels = _pixels(raster, frame, shapely.get_coordinates(outline))
+    size = np.array([raster.width, raster.height])
+    low = np.clip(np.floor(pixels.min(axis=0)).astype(int) - _PAD, 0, size - 1)
+    high = np.clip(np.ceil(pixels.max(axis=0)).astype(int) + _PAD, low + 1, size)
+    width, height = (int(n) for n in high - low)
+    window = Window(int(low[0]), int(low[1]), width, height)
+    shape = (min(height, _MOST_CELLS), min(width, _MOST_CELLS))
+    masked = raster.read(
+        1, window=window, out_shape=shape, masked=True, resampling=Resampling.average
+    )
+    heights = np.ma.filled(masked.astype(np.float64), np.nan)
+    heights = (heights * raster.scales[0] + raster.offsets[0]) * _metres_per_unit(raster)
+    heights[~((heights > LOWEST_M) & (heights < HIGHEST_M))] = np.nan
+    transform = raster.window_transform(window)
+    return heights, transform * transform.scale(width / shape[1], height / shape[0])
+
+
+def _metres_per_unit(raster: Any) -> float:  # noqa: ANN401
+    """Return the unit of height: the vertical CRS's, else the band's, else a metre."""
+    axes = CRS(raster.crs.to_wkt()).axis_info
+    if len(axes) == 3:
+        return float(axes[2].unit_conversion_factor)
+    return _METRES.get(str(raster.units[0] or "").strip().lower(), 1.0)

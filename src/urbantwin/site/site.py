@@ -1,0 +1,354 @@
+"""``site.yaml``: what a person says about a place, checked and with every default filled in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+import shapely
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
+from pyproj import Geod
+
+from urbantwin.artefact import sha256_of
+from urbantwin.errors import InputError
+from urbantwin.geometry import SiteFrame
+from urbantwin.site.dem import check_dem
+from urbantwin.site.document import Document, nearest, read_document, wrong
+from urbantwin.site.extract import Extract
+from urbantwin.site.region import (
+    FARTHEST_M,
+    circle,
+    polygon_from_geojson,
+    polygon_in_site,
+    read_geojson,
+)
+from urbantwin.site.rig import RigSpec, load_rig_spec, rig_spec_from
+from urbantwin.taxonomy import ACTOR_CLASSES
+
+__all__ = ["DEFAULT_PER_HOUR", "InputFile", "Site", "TrafficSpec", "check_extract", "load_site"]
+
+#: A moderately busy urban junction in the middle of the day, all approaches together.
+DEFAULT_PER_HOUR: dict[str, float] = {
+    "car": 1200.0,
+    "truck": 60.0,
+    "bus": 40.0,
+    "motorcycle": 60.0,
+    "bicycle": 150.0,
+    "pedestrian": 400.0,
+}
+
+
+def _known_class(name: str) -> str:
+    if name not in ACTOR_CLASSES:
+        raise wrong("is not a class of actors", nearest(name, ACTOR_CLASSES))
+    return name
+
+
+ActorClass = Annotated[str, AfterValidator(_known_class)]
+PerHour = Annotated[float, Field(ge=0.0, le=100_000.0, allow_inf_nan=False)]
+Seconds = Annotated[float, Field(le=86400.0, allow_inf_nan=False)]
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class TrafficSpec(_Strict):
+    """How much traffic, for how long.
+
+    Attributes:
+        per_hour: actors that set out per hour, by class, over the whole region. A class that is
+            not named has none.
+        duration_s: length of the motion, seconds.
+        warmup_s: simulated before the motion starts, so that the streets are not empty, seconds.
+        step_s: time between two steps of the simulation, seconds.
+        seed: of every random choice; the same seed gives the same traffic.
+    """
+
+    per_hour: dict[ActorClass, PerHour] = Field(default_factory=lambda: dict(DEFAULT_PER_HOUR))
+    duration_s: Annotated[Seconds, Field(gt=0.0)] = 60.0
+    warmup_s: Annotated[Seconds, Field(ge=0.0)] = 120.0
+    step_s: Annotated[float, Field(ge=0.01, le=1.0, allow_inf_nan=False)] = 0.1
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
+
+    @field_validator("per_hour")
+    @classmethod
+    def _every_class_is_named(cls, value: dict[str, float]) -> dict[str, float]:
+        return {name: value.get(name, 0.0) for name in ACTOR_CLASSES}
+
+
+class _Anchor(_Strict):
+    latitude: Annotated[float, Field(ge=-90, le=90, allow_inf_nan=False)] = Field(
+        description="degrees north, WGS84"
+    )
+    longitude: Annotated[float, Field(ge=-180, le=180, allow_inf_nan=False)] = Field(
+        description="degrees east, WGS84"
+    )
+
+
+class _Region(_Strict):
+    radius_m: Annotated[float, Field(allow_inf_nan=False)] | None = None
+    polygon: str | dict[str, Any] | None = None
+
+    @field_validator("radius_m")
+    @classmethod
+    def _radius_is_sensible(cls, value: float) -> float:
+        if value <= 0:
+            raise wrong(f"is {value:g} m", f"a radius of 20 to {FARTHEST_M:g} m")
+        if value < 20:
+            raise wrong(f"is {value:g} m, too small for a junction", "at least 20 m")
+        if value > FARTHEST_M:
+            problem = f"is {value:g} m, where rays in single precision lose millimetres"
+            raise wrong(problem, f"at most {FARTHEST_M:g} m")
+        return value
+
+    @field_validator("polygon", mode="before")
+    @classmethod
+    def _polygon_is_one(cls, value: Any) -> Any:  # noqa: ANN401
+        if not isinstance(value, str | dict):
+            raise wrong("is neither", "the name of a GeoJSON file, or a GeoJSON geometry")
+        return value
+
+    @model_validator(mode="after")
+    def _one_of_two(self) -> _Region:
+        if (self.radius_m is None) == (self.polygon is None):
+            raise wrong("is not one shape", "radius_m or polygon, and not both")
+        return self
+
+
+class _File(_Strict):
+    file: Annotated[str, Field(min_length=1, description="the name of a file")]
+    licence: str = "not stated"
+    attribution: str = "not stated"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _plain_name(cls, value: Any) -> Any:  # noqa: ANN401
+        return {"file": value} if isinstance(value, str) else value
+
+
+class _OsmFile(_File):
+    licence: str = "ODbL-1.0"
+    attribution: str = "© OpenStreetMap contributors"
+
+
+class _Roads(_Strict):
+    driving_side: Literal["auto", "left", "right"] = "auto"
+
+
+class _SiteFile(_Strict):
+    name: Annotated[str, Field(min_length=1)] = "site"
+    anchor: _Anchor = Field(description="latitude and longitude of the junction")
+    region: _Region = _Region(radius_m=150.0)
+    osm: _OsmFile = Field(description="an OpenStreetMap extract")
+    dem: _File | None = None
+    roads: _Roads = _Roads()
+    traffic: TrafficSpec = TrafficSpec()
+    rig: str | dict[str, Any] = Field(description="the sensors, or the name of a rig's file")
+
+    @field_validator("rig", mode="before")
+    @classmethod
+    def _rig_is_one(cls, value: Any) -> Any:  # noqa: ANN401
+        if not isinstance(value, str | dict):
+            raise wrong("is neither", "a mapping with sensors, or the name of a rig's file")
+        return value
+
+
+@dataclass(frozen=True)
+class InputFile:
+    """A file that others made: where it is, and on what terms it may be used."""
+
+    path: Path
+    licence: str
+    attribution: str
+
+
+@dataclass(frozen=True)
+class Site:
+    """A site that passed every check that needs no reading of the map.
+
+    Attributes:
+        file: the ``site.yaml`` that it was read from.
+        name: what the site is called.
+        latitude: of the anchor, degrees, WGS84.
+        longitude: of the anchor, degrees, WGS84.
+        region: region of interest, site frame, metres.
+        radius_m: the region's radius where it is a circle.
+        osm: the OpenStreetMap extract.
+        dem: the elevation model, if there is one.
+        driving_side: ``auto`` (see `driving_side`), ``left`` or ``right``.
+        traffic: how much traffic, for how long.
+        rig: the sensors.
+        rig_file: the file that the rig was written in.
+    """
+
+    file: Path
+    name: str
+    latitude: float
+    longitude: float
+    region: shapely.Polygon
+    radius_m: float | None
+    osm: InputFile
+    dem: InputFile | None
+    driving_side: Literal["auto", "left", "right"]
+    traffic: TrafficSpec
+    rig: RigSpec
+    rig_file: Path
+
+    #: How coordinates of a region are rounded in what we write: 1e-9 degrees are 0.1 mm.
+    _DECIMALS: ClassVar[int] = 9
+
+    @cached_property
+    def frame(self) -> SiteFrame:
+        """The site frame: east-north-up metres at the anchor."""
+        return SiteFrame(self.latitude, self.longitude)
+
+    def resolved(self) -> dict[str, Any]:
+        """Return the site as a twin keeps it: defaults filled in, file names without folders.
+
+        Written as YAML beside its input files, it loads as the same site.
+        """
+        region: dict[str, Any] = {"radius_m": self.radius_m}
+        if self.radius_m is None:
+            lonlat = self.frame.lonlat_from_site(shapely.get_coordinates(self.region))
+            ring = [[round(float(x), self._DECIMALS) for x in point] for point in lonlat]
+            region = {"polygon": {"type": "Polygon", "coordinates": [ring]}}
+        value = {
+            "name": self.name,
+            "anchor": {"latitude": self.latitude, "longitude": self.longitude},
+            "region": region,
+            "osm": _file_entry(self.osm),
+        }
+        if self.dem:
+            value["dem"] = _file_entry(self.dem)
+        return {
+            **value,
+            "roads": {"driving_side": self.driving_side},
+            "traffic": self.traffic.model_dump(),
+            "rig": self.rig.model_dump(),
+        }
+
+    def inputs(self) -> list[dict[str, str]]:
+        """Return what the site is made from: kind, name, sha256, licence and attribution."""
+        files = [("osm", self.osm)] + ([("dem", self.dem)] if self.dem else [])
+        return [
+            {
+                "kind": kind,
+                "name": item.path.name,
+                "sha256": sha256_of(item.path),
+                "licence": item.licence,
+                "attribution": item.attribution,
+            }
+            for kind, item in files
+        ]
+
+
+def _file_entry(item: InputFile) -> dict[str, str]:
+    return {"file": item.path.name, "licence": item.licence, "attribution": item.attribution}
+
+
+def load_site(path: Path) -> Site:
+    """Read and check a ``site.yaml``. Paths in it are relative to it.
+
+    Raises:
+        InputError: the file is missing or something in it is wrong; it names the file, the field
+            and the line. What only the map can tell is left to `check_extract`.
+    """
+    document = read_document(path, kind="a site")
+    raw = document.validated(_SiteFile)
+    frame = SiteFrame(raw.anchor.latitude, raw.anchor.longitude)
+    region = _region(document, raw.region, frame)
+    osm = _input_file(document, "osm", raw.osm, "an OpenStreetMap extract")
+    dem = _input_file(document, "dem", raw.dem, "a DEM as GeoTIFF") if raw.dem else None
+    if dem:
+        check_dem(dem.path, frame, region)
+    if isinstance(raw.rig, str):
+        rig_file = path.parent / raw.rig
+        _must_exist(document, ("rig",), rig_file, "a rig as YAML")
+        rig = load_rig_spec(rig_file, frame)
+    else:
+        rig_file = path
+        rig = rig_spec_from(document.part("rig"), frame)
+    return Site(
+        file=path,
+        name=raw.name,
+        latitude=frame.latitude,
+        longitude=frame.longitude,
+        region=region,
+        radius_m=raw.region.radius_m,
+        osm=osm,
+        dem=dem,
+        driving_side=raw.roads.driving_side,
+        traffic=raw.traffic,
+        rig=rig,
+        rig_file=rig_file,
+    )
+
+
+def check_extract(site: Site, extract: Extract) -> None:
+    """Check that the extract has roads in the site's region.
+
+    Raises:
+        InputError: it has no roads at all, or none in the region; it says how far away they are.
+    """
+    highways = extract.highways()
+    if not highways:
+        raise InputError("holds no roads", file=extract.path, expected="ways with a highway tag")
+    lonlat = [np.array([extract.nodes[n] for n in way.nodes if n in extract.nodes])
+              for way in highways]  # fmt: skip
+    lonlat = [points for points in lonlat if len(points) >= 2]
+    anchor = np.array([site.longitude, site.latitude])
+    # One degree: where the plane's formulas surely hold.
+    near = [points for points in lonlat if np.abs(points - anchor).max() < 1.0]
+    lines = [shapely.LineString(site.frame.site_from_lonlat(points)) for points in near]
+    if lines:
+        nearest_m = float(shapely.distance(np.array(lines), site.region).min())
+    elif lonlat:
+        nodes = np.vstack(lonlat)
+        away_m = Geod(ellps="WGS84").inv(*nodes.T, *np.broadcast_to(anchor, nodes.shape).T)[2]
+        nearest_m = float(np.min(away_m))
+    else:
+        raise InputError("holds no roads", file=extract.path, expected="ways with their nodes")
+    if nearest_m == 0.0:
+        return
+    away = f"{nearest_m / 1000:.1f} km" if nearest_m >= 1000 else f"{nearest_m:.0f} m"
+    raise InputError(
+        f"has no road within the region of {site.file.name}: the nearest is {away} away",
+        file=extract.path,
+        expected=f"an extract around {site.latitude:.6f}, {site.longitude:.6f}",
+    )
+
+
+def _region(document: Document, raw: _Region, frame: SiteFrame) -> shapely.Polygon:
+    if raw.radius_m is not None:
+        return circle(raw.radius_m)
+    file, place = document.file, None
+    if isinstance(raw.polygon, str):
+        file = document.file.parent / raw.polygon
+        _must_exist(document, ("region", "polygon"), file, "a GeoJSON file")
+        geojson = read_geojson(file)
+    else:
+        place = document.place(("region", "polygon"))
+        geojson = raw.polygon or {}
+    lonlat = polygon_from_geojson(geojson, file=file, place=place)
+    return polygon_in_site(lonlat, frame, file=file, place=place)
+
+
+def _input_file(document: Document, field: str, raw: _File, kind: str) -> InputFile:
+    path = document.file.parent / raw.file
+    _must_exist(document, (field, "file"), path, kind)
+    return InputFile(path, raw.licence, raw.attribution)
+
+
+def _must_exist(document: Document, location: tuple[str, ...], path: Path, kind: str) -> None:
+    try:
+        found, folder = path.exists(), path.is_dir()
+    except (OSError, ValueError):  # a name too long, or with a null byte
+        found, folder = False, False
+    if not found:
+        raise document.error(f"{str(path)!r} is not found", location, kind)
+    if folder:
+        raise document.error(f"{str(path)!r} is a folder", location, kind)
