@@ -1,0 +1,29 @@
+"""The lane network: netconvert's topology read into our own lane model, with heights."""
+
+from urbantwin.roads.build import NETWORK_CLASSES, BuiltRoads, build_roads
+from urbantwin.roads.driving_side import driving_side
+from urbantwin.roads.levels import Lift
+from urbantwin.roads.netconvert import sumo_binary
+from urbantwin.roads.network import (
+    Junction,
+    Lane,
+    Road,
+    RoadNetwork,
+    SignalHead,
+    SignalProgram,
+)
+
+__all__ = [
+    "NETWORK_CLASSES",
+    "BuiltRoads",
+    "Junction",
+    "Lane",
+    "Lift",
+    "Road",
+    "RoadNetwork",
+    "SignalHead",
+    "SignalProgram",
+    "build_roads",
+    "driving_side",
+    "sumo_binary",
+]

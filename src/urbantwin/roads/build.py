@@ -1,0 +1,166 @@
+"""From the map to the lane network."""
+
+from __future__ import annotations
+
+import dataclasses
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+from urbantwin.geometry import SiteFrame
+from urbantwin.ground import Elevation
+from urbantwin.roads.levels import (
+    Crossing,
+    Lift,
+    find_crossings,
+    levels_of_ways,
+    lift_of_network,
+    way_layer,
+)
+from urbantwin.roads.netconvert import sumo_network
+from urbantwin.roads.network import RoadNetwork
+from urbantwin.roads.reading import read_sumo_network
+from urbantwin.roads.sidewalk import sidewalk_sides
+from urbantwin.site.extract import Extract, Way
+
+__all__ = ["NETWORK_CLASSES", "BuiltRoads", "build_roads"]
+
+#: Values of ``highway`` that become lanes. Driveways, footways and tracks do not: a district would
+#: have thousands of them, and they carry no through traffic.
+NETWORK_CLASSES = frozenset(
+    "motorway motorway_link trunk trunk_link primary primary_link secondary secondary_link "
+    "tertiary tertiary_link unclassified residential living_street road busway".split()
+)
+
+
+@dataclass(frozen=True)
+class BuiltRoads:
+    """The lane network, how far its roads are lifted off the ground, and what was left out."""
+
+    network: RoadNetwork
+    lift: Lift
+    notes: dict[str, object]
+
+
+def build_roads(
+    extract: Extract,
+    frame: SiteFrame,
+    region: shapely.Polygon,
+    elevation: Elevation,
+    *,
+    driving_side: str,
+    out: Path,
+) -> BuiltRoads:
+    """Build the lane network of a region and write SUMO's network beside it.
+
+    Args:
+        extract: the map.
+        frame: the site frame.
+        region: where to build, site frame; roads end at its border.
+        elevation: the ground.
+        driving_side: ``right`` or ``left``.
+        out: the ``.net.xml`` to write.
+
+    Raises:
+        InputError: the region holds no roads.
+        StageError: netconvert failed.
+    """
+    ways, tunnels = _network_ways(extract, frame, region)
+    if not ways:
+        raise InputError(
+            "has no streets within the region",
+            file=extract.path,
+            place="highway",
+            expected=f"ways of the classes {', '.join(sorted(NETWORK_CLASSES))}",
+        )
+    lines = {way.id: extract.way_line(way, frame) for way in ways}
+    crossings = [
+        crossing
+        for crossing in find_crossings(
+            lines,
+            {way.id: frozenset(way.nodes) for way in ways},
+            {way.id: way_layer(way.tags) for way in ways},
+        )
+        if region.intersects(shapely.Point(crossing.point))
+    ]
+    level_of_way = levels_of_ways(crossings)
+    with tempfile.TemporaryDirectory() as scratch:
+        osm = Path(scratch) / "network.osm"
+        clipped = extract.write_clipped(
+            osm, frame, region, _with_sidewalks(ways, lines, driving_side)
+        )
+        warnings = sumo_network(osm, frame, driving_side=driving_side, out=out)
+    network = read_sumo_network(
+        out, driving_side=driving_side, level_of_way=level_of_way, origin=clipped.origin
+    )
+    if not network.roads:
+        raise InputError(
+            "has no streets that traffic could use within the region", file=extract.path
+        )
+    lift = _lift(network, crossings)
+    notes: dict[str, object] = {
+        "roads": len(network.roads),
+        "junctions": len(network.junctions),
+        "signal_programs": len(network.programs),
+        "lifted_ways": len(level_of_way),
+        "left_out_tunnels": len(tunnels),
+        "netconvert_warnings": len(warnings),
+    }
+    return BuiltRoads(_with_heights(network, elevation, lift), lift, notes)
+
+
+def _network_ways(
+    extract: Extract, frame: SiteFrame, region: shapely.Polygon
+) -> tuple[list[Way], list[Way]]:
+    kept: list[Way] = []
+    tunnels: list[Way] = []
+    for way in extract.highways():
+        if way.tags["highway"] not in NETWORK_CLASSES or way.tags.get("area") == "yes":
+            continue
+        line = extract.way_line(way, frame)
+        if len(line) < 2 or not region.intersects(shapely.LineString(line)):
+            continue
+        below = way.tags.get("tunnel") not in (None, "no", "building_passage")
+        (tunnels if below else kept).append(way)
+    return kept, tunnels
+
+
+def _with_sidewalks(
+    ways: list[Way], lines: dict[int, NDArray[np.float64]], driving_side: str
+) -> list[Way]:
+    one_way = ("yes", "1", "true")
+    others = [(way.tags, lines[way.id]) for way in ways if way.tags.get("oneway") in one_way]
+    result = []
+    for way in ways:
+        sides = sidewalk_sides(way.tags, lines[way.id], others, side=driving_side)
+        tags = {
+            key: value
+            for key, value in way.tags.items()
+            # Sides stand in one tag of ours; a footway beside the road does not close the road.
+            if not key.startswith("sidewalk") and not (key == "foot" and value == "use_sidepath")
+        }
+        result.append(dataclasses.replace(way, tags={**tags, "sidewalk": sides}))
+    return result
+
+
+def _lift(network: RoadNetwork, crossings: list[Crossing]) -> Lift:
+    roads = []
+    for road in network.roads:
+        lane = network.lane_by_id[road.lanes[-1]]
+        ends = (road.from_junction, road.to_junction)
+        roads.append((lane.centre[:, :2], lane.level, frozenset(road.ways), ends))
+    return lift_of_network(roads, crossings)
+
+
+def _with_heights(network: RoadNetwork, elevation: Elevation, lift: Lift) -> RoadNetwork:
+    lanes = []
+    for lane in network.lanes:
+        xy = shapely.get_coordinates(shapely.LineString(lane.centre[:, :2]).segmentize(4.0))
+        z = elevation.smooth_at(xy) + lift.at(xy, lane.level)
+        lanes.append(dataclasses.replace(lane, centre=np.column_stack([xy, z])))
+    return dataclasses.replace(network, lanes=tuple(lanes))

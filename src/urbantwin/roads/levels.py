@@ -1,0 +1,166 @@
+"""Grade separation: which roads cross over others, and how far that lifts them.
+
+Only a road that crosses over another road of the network is lifted; a bridge over water or rails
+is level with its approaches. Lifted roads come down to the ground along the network at a
+grade of at most ``RAMP_GRADE``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
+
+__all__ = ["Crossing", "Lift", "find_crossings", "lift_of_network", "way_layer"]
+
+#: Height of a road above the one that it crosses: 4.7 m clearance (AASHTO Green Book, minimum
+#: 4.3 to 4.9 m on local to arterial roads) plus the deck.
+CLEARANCE_M = 5.5
+#: Steepest ramp that we invent where the map says only that roads are on different layers.
+RAMP_GRADE = 0.06
+#: Spacing of the samples along roads.
+STEP_M = 4.0
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """Way ``upper`` passes over way ``lower`` at ``point`` (2,), site frame."""
+
+    upper: int
+    lower: int
+    point: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Lift:
+    """Samples of the network and how far each stands above the ground.
+
+    Attributes:
+        xy: (N, 2) positions of samples, site frame.
+        level: (N,) level of the sample's road.
+        height: (N,) metres above the ground.
+    """
+
+    xy: NDArray[np.float64]
+    level: NDArray[np.int64]
+    height: NDArray[np.float64]
+
+    def at(self, xy: NDArray[np.float64], level: int) -> NDArray[np.float64]:
+        """Return the lift (M,) at (M, 2) points of a level, by inverse distance of 3 samples."""
+        near = self.level == level
+        if not near.any() or not self.height[near].any():
+            return np.zeros(len(xy))
+        count = min(3, int(near.sum()))
+        distance, index = cKDTree(self.xy[near]).query(xy, k=count)
+        distance, index = distance.reshape(len(xy), count), index.reshape(len(xy), count)
+        weight = 1.0 / np.maximum(distance, 0.05) ** 2
+        return np.asarray((weight * self.height[near][index]).sum(axis=1) / weight.sum(axis=1))
+
+
+def way_layer(tags: Mapping[str, str]) -> int:
+    """Return a way's layer (OSM wiki, "Key:layer"): bridges count as 1, tunnels as -1."""
+    try:
+        return int(float(tags["layer"]))
+    except (KeyError, ValueError):
+        pass
+    if tags.get("bridge") not in (None, "no"):
+        return 1
+    return -1 if tags.get("tunnel") not in (None, "no", "building_passage") else 0
+
+
+def find_crossings(
+    lines: Mapping[int, NDArray[np.float64]],
+    nodes: Mapping[int, frozenset[int]],
+    layers: Mapping[int, int],
+) -> list[Crossing]:
+    """Return where ways of different layers cross without a shared node.
+
+    Args:
+        lines: way -> (N, 2) site-frame points.
+        nodes: way -> ids of its nodes.
+        layers: way -> layer.
+    """
+    ids = sorted(lines)
+    shapes = [shapely.LineString(lines[i]) for i in ids]
+    tree = shapely.STRtree(shapes)
+    found = []
+    for first, second in sorted(map(tuple, tree.query(shapes, predicate="crosses").T.tolist())):
+        lower, upper = ids[first], ids[second]
+        if layers[upper] <= layers[lower] or nodes[upper] & nodes[lower]:
+            continue
+        meet = shapely.get_parts(shapely.intersection(shapes[first], shapes[second]))
+        found += [Crossing(upper, lower, shapely.get_coordinates(part)[0]) for part in meet]
+    return found
+
+
+def levels_of_ways(crossings: list[Crossing]) -> dict[int, int]:
+    """Return the level (1, 2, ...) of each way that crosses over another."""
+    level: dict[int, int] = {}
+    for _ in range(len(crossings)):
+        before = dict(level)
+        for crossing in crossings:
+            beneath = level.get(crossing.lower, 0)
+            level[crossing.upper] = max(level.get(crossing.upper, 0), beneath + 1)
+        if level == before:
+            break
+    return level
+
+
+def lift_of_network(
+    lines: list[tuple[NDArray[np.float64], int, frozenset[int], tuple[str, str]]],
+    crossings: list[Crossing],
+) -> Lift:
+    """Return how far every road stands above the ground.
+
+    Args:
+        lines: per road: (N, 2) centre, level, ids of its ways, ids of its two junctions.
+        crossings: where ways cross over others.
+    """
+    points, levels, links = [], [], []
+    ends: dict[str, list[int]] = {}
+    seeds: dict[int, float] = {}
+    start = 0
+    for centre, level, ways, junctions in lines:
+        line = shapely.LineString(centre)
+        along = np.linspace(0, line.length, max(2, int(line.length / STEP_M) + 1))
+        xy = shapely.get_coordinates(line.interpolate(along))
+        index = start + np.arange(len(xy))
+        links += [
+            (int(a), int(b), float(d))
+            for a, b, d in zip(index[:-1], index[1:], np.diff(along), strict=True)
+        ]
+        ends.setdefault(junctions[0], []).append(start)
+        ends.setdefault(junctions[1], []).append(int(index[-1]))
+        for crossing in crossings:
+            if crossing.upper in ways:
+                gap = np.linalg.norm(xy - crossing.point, axis=1)
+                for near in np.flatnonzero(gap < max(15.0, float(gap.min()) + STEP_M)):
+                    key = int(index[near])
+                    seeds[key] = max(seeds.get(key, 0.0), level * CLEARANCE_M)
+        points.append(xy)
+        levels.append(np.full(len(xy), level))
+        start += len(xy)
+    if not seeds:
+        return Lift(np.zeros((0, 2)), np.zeros(0, np.int64), np.zeros(0))
+    xy = np.concatenate(points)
+    for samples in ends.values():
+        links += [
+            (a, b, float(np.linalg.norm(xy[a] - xy[b])))
+            for k, a in enumerate(samples)
+            for b in samples[k + 1 :]
+        ]
+    highest = max(seeds.values())
+    # A virtual source tops every seed, so that one shortest-path run gives the envelope
+    # max over seeds of (needed height - grade x distance along the network).
+    links += [(start, seed, (highest - need) / RAMP_GRADE) for seed, need in seeds.items()]
+    rows, columns, costs = (np.array(part) for part in zip(*links, strict=True))
+    graph = coo_matrix((costs + 1e-9, (rows, columns)), shape=(start + 1, start + 1)).tocsr()
+    distance = dijkstra(graph, directed=False, indices=start)[:start]
+    height = np.maximum(0.0, highest - RAMP_GRADE * distance)
+    return Lift(xy, np.concatenate(levels), height)

@@ -1,0 +1,86 @@
+"""SUMO's netconvert: topology, turn connections, junction shapes and signal programs."""
+
+from __future__ import annotations
+
+import subprocess
+import tempfile
+from pathlib import Path
+
+import sumo
+from lxml import etree
+
+from urbantwin.errors import StageError
+from urbantwin.geometry import SiteFrame
+
+__all__ = ["sumo_binary", "sumo_network"]
+
+OPTIONS = {
+    "offset.disable-normalization": "true",  # keep the site frame
+    "precision": "3",
+    "geometry.remove": "true",
+    "geometry.max-grade": "1000",  # heights are ours, netconvert sees a flat world
+    "roundabouts.guess": "true",
+    "junctions.join": "true",
+    "junctions.corner-detail": "5",
+    "ramps.guess": "true",
+    "tls.guess-signals": "true",
+    "tls.discard-simple": "true",
+    "tls.join": "true",
+    "tls.default-type": "static",
+    "osm.sidewalks": "true",
+    "osm.turn-lanes": "true",
+    "osm.lane-access": "true",
+    "osm.bike-access": "true",
+    "crossings.guess": "true",
+    "walkingareas": "true",
+    "default.sidewalk-width": "2.5",
+    "no-turnarounds": "true",
+    "output.original-names": "true",
+    "output.street-names": "true",
+    "keep-edges.by-vclass": "passenger,bus,bicycle,pedestrian",
+}
+TYPE_FILES = ("osmNetconvert.typ.xml", "osmNetconvertBicycle.typ.xml")
+
+
+def sumo_binary(name: str) -> Path:
+    """Return the path of a program of the ``eclipse-sumo`` package."""
+    return Path(sumo.SUMO_HOME) / "bin" / name
+
+
+def sumo_network(osm: Path, frame: SiteFrame, *, driving_side: str, out: Path) -> list[str]:
+    """Run netconvert on OSM XML and write a network without comments, dates and paths.
+
+    Args:
+        osm: OSM XML with the ways of the network only, cut to the region.
+        frame: the site frame, which the network's coordinates are in.
+        driving_side: ``right`` or ``left``.
+        out: the ``.net.xml`` to write.
+
+    Returns:
+        netconvert's warnings, one a line, in the order given.
+
+    Raises:
+        StageError: netconvert failed.
+    """
+    types = ",".join(str(Path(sumo.SUMO_HOME) / "data" / "typemap" / name) for name in TYPE_FILES)
+    with tempfile.TemporaryDirectory() as scratch:
+        raw = Path(scratch) / "raw.net.xml"
+        command = [
+            str(sumo_binary("netconvert")),
+            *("--osm-files", str(osm)),
+            *("--type-files", types),
+            *("--proj", frame.proj),
+            *("--lefthand", "true" if driving_side == "left" else "false"),
+            *("--output-file", str(raw)),
+        ]
+        for key, value in OPTIONS.items():
+            command += [f"--{key}", value]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
+        if done.returncode or not raw.exists():
+            errors = [line for line in lines if line.startswith("Error")] or lines[-1:]
+            raise StageError(f"netconvert failed: {' '.join(errors[:2]) or 'no message'}")
+        root = etree.parse(raw, etree.XMLParser(remove_comments=True)).getroot()
+    etree.indent(root, space=" ")
+    out.write_bytes(etree.tostring(root, xml_declaration=True, encoding="UTF-8") + b"\n")
+    return [line.removeprefix("Warning: ") for line in lines if line.startswith("Warning")]

@@ -1,0 +1,236 @@
+"""The lane model: what the mesh, the actors and the pictures are all made from."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
+
+from urbantwin.artefact import read_json, write_json
+from urbantwin.errors import InputError
+
+__all__ = ["Junction", "Lane", "Road", "RoadNetwork", "SignalHead", "SignalProgram"]
+
+#: Kinds of lanes that vehicles drive on at the height of the carriageway.
+CARRIAGEWAY_KINDS = ("driving", "bus", "bicycle")
+#: Kinds of lanes for people on foot, raised behind a curb.
+FOOTWAY_KINDS = ("sidewalk", "walkingarea")
+
+
+@dataclass(frozen=True)
+class Lane:
+    """A strip that one file of traffic follows.
+
+    Attributes:
+        id: as in the SUMO network.
+        road: id of the road it belongs to; empty for what lies inside a junction.
+        kind: driving, bus, bicycle, sidewalk; inside junctions also connection (a turn),
+            crossing, walkingarea.
+        width: metres.
+        speed_limit: m/s.
+        centre: (N, 3) points from start to end, site frame.
+        outline: (M, 2) outline of a walking area, else empty.
+        level: 0 on the ground, 1, 2, ... on bridges that cross over other roads.
+        allowed: classes of actors that may use it.
+        successors: ids of the lanes that follow, through a junction's connection.
+        junction: id of the junction it lies in; empty outside junctions.
+    """
+
+    id: str
+    road: str
+    kind: str
+    width: float
+    speed_limit: float
+    centre: NDArray[np.float64]
+    outline: NDArray[np.float64]
+    level: int
+    allowed: tuple[str, ...]
+    successors: tuple[str, ...]
+    junction: str
+
+    @cached_property
+    def polygon(self) -> shapely.Polygon:
+        """The strip's area in plan."""
+        if len(self.outline) >= 3:
+            return shapely.make_valid(shapely.Polygon(self.outline))
+        line = shapely.LineString(self.centre[:, :2])
+        return line.buffer(self.width / 2, cap_style="flat", join_style="mitre", mitre_limit=2)
+
+    @property
+    def length(self) -> float:
+        """Length along the centre in plan, metres."""
+        return float(np.linalg.norm(np.diff(self.centre[:, :2], axis=0), axis=1).sum())
+
+
+@dataclass(frozen=True)
+class Road:
+    """One direction of a street between two junctions; ``lanes`` from the kerb inwards."""
+
+    id: str
+    name: str
+    ways: tuple[int, ...]
+    kind: str
+    lanes: tuple[str, ...]
+    from_junction: str
+    to_junction: str
+
+
+@dataclass(frozen=True)
+class Junction:
+    """Where roads meet. ``outline`` (M, 2) spans walking areas and crossings too."""
+
+    id: str
+    kind: str
+    outline: NDArray[np.float64]
+    level: int
+
+    @cached_property
+    def polygon(self) -> shapely.Polygon:
+        """The junction's area in plan."""
+        if len(self.outline) < 3:
+            return shapely.Polygon()
+        return shapely.make_valid(shapely.Polygon(self.outline))
+
+
+@dataclass(frozen=True)
+class SignalHead:
+    """What one approach lane or crossing sees: place of its stop line and the links it shows.
+
+    Attributes:
+        program: id of the signal program.
+        links: indices into the program's state strings.
+        lane: the lane that it governs.
+        x, y: the middle of the stop line (or of the crossing's start), site frame, metres.
+        yaw: heading of the traffic that it governs, radians.
+    """
+
+    program: str
+    links: tuple[int, ...]
+    lane: str
+    x: float
+    y: float
+    yaw: float
+
+
+@dataclass(frozen=True)
+class SignalProgram:
+    """A fixed-time program: phases of (seconds, state), one character of state per link."""
+
+    id: str
+    offset: float
+    phases: tuple[tuple[float, str], ...]
+
+
+@dataclass(frozen=True)
+class RoadNetwork:
+    """All lanes of a site. ``driving_side`` is ``right`` or ``left``."""
+
+    driving_side: str
+    roads: tuple[Road, ...]
+    lanes: tuple[Lane, ...]
+    junctions: tuple[Junction, ...]
+    signals: tuple[SignalHead, ...]
+    programs: tuple[SignalProgram, ...]
+
+    @cached_property
+    def lane_by_id(self) -> dict[str, Lane]:
+        """Every lane by its id."""
+        return {lane.id: lane for lane in self.lanes}
+
+    def height(self, lane_id: str, xy: ArrayLike) -> NDArray[np.float64]:
+        """Return the carriageway's height (N,) on a lane's centre nearest to (N, 2) points.
+
+        Raises:
+            KeyError: there is no such lane.
+        """
+        lane = self.lane_by_id[lane_id]
+        points = shapely.points(np.asarray(xy, np.float64).reshape(-1, 2))
+        line = shapely.LineString(lane.centre[:, :2])
+        along = np.concatenate(
+            [[0.0], np.cumsum(np.linalg.norm(np.diff(lane.centre[:, :2], axis=0), axis=1))]
+        )
+        return np.asarray(
+            np.interp(shapely.line_locate_point(line, points), along, lane.centre[:, 2])
+        )
+
+    def area_of(self, kinds: Iterable[str], level: int) -> shapely.Geometry:
+        """Return the union in plan of all lanes of some kinds on a level."""
+        wanted = set(kinds)
+        return shapely.union_all(
+            [lane.polygon for lane in self.lanes if lane.kind in wanted and lane.level == level]
+        )
+
+    def footway(self, level: int) -> shapely.Geometry:
+        """Return sidewalks and walking areas in plan, less the carriageway."""
+        return shapely.difference(self.area_of(FOOTWAY_KINDS, level), self.carriageway(level))
+
+    def carriageway(self, level: int) -> shapely.Geometry:
+        """Return where vehicles drive, in plan: lanes, crossings and junctions.
+
+        A junction's outline includes the walking areas at its corners; they are not driven on
+        unless a lane or a turn runs there.
+        """
+        junctions = shapely.union_all([j.polygon for j in self.junctions if j.level == level])
+        core = shapely.difference(junctions, self.area_of(FOOTWAY_KINDS, level))
+        driven = self.area_of((*CARRIAGEWAY_KINDS, "connection", "crossing"), level)
+        return shapely.union_all([core, driven])
+
+    @property
+    def levels(self) -> tuple[int, ...]:
+        """Levels in use, from the ground up."""
+        return tuple(sorted({0, *(lane.level for lane in self.lanes)}))
+
+    def save(self, path: Path) -> None:
+        """Write the network as JSON (metres to 0.1 mm)."""
+        value = asdict(self)
+        for lane in value["lanes"]:
+            lane["centre"] = np.round(lane["centre"], 4).tolist()
+            lane["outline"] = np.round(lane["outline"], 4).tolist()
+        for junction in value["junctions"]:
+            junction["outline"] = np.round(junction["outline"], 4).tolist()
+        write_json(path, {"kind": "roads", **value})
+
+    @classmethod
+    def load(cls, path: Path) -> RoadNetwork:
+        """Read what ``save`` wrote.
+
+        Raises:
+            InputError: the file is missing or is not a lane network.
+        """
+        value = read_json(path, kind="lane network")
+        try:
+            return cls(
+                value["driving_side"],
+                tuple(
+                    Road(**{**r, "ways": tuple(r["ways"]), "lanes": tuple(r["lanes"])})
+                    for r in value["roads"]
+                ),
+                tuple(_lane(row) for row in value["lanes"]),
+                tuple(
+                    Junction(**{**j, "outline": np.array(j["outline"]).reshape(-1, 2)})
+                    for j in value["junctions"]
+                ),
+                tuple(SignalHead(**{**s, "links": tuple(s["links"])}) for s in value["signals"]),
+                tuple(
+                    SignalProgram(p["id"], p["offset"], tuple((d, s) for d, s in p["phases"]))
+                    for p in value["programs"]
+                ),
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise InputError(
+                f"is not a lane network ({error})", file=path, expected="a twin's roads.json"
+            ) from None
+
+
+def _lane(row: dict[str, object]) -> Lane:
+    fields = dict(row)
+    fields["centre"] = np.array(row["centre"], np.float64).reshape(-1, 3)
+    fields["outline"] = np.array(row["outline"], np.float64).reshape(-1, 2)
+    fields["allowed"] = tuple(row["allowed"])  # type: ignore[arg-type]
+    fields["successors"] = tuple(row["successors"])  # type: ignore[arg-type]
+    return Lane(**fields)  # type: ignore[arg-type]

@@ -1,0 +1,100 @@
+"""On which sides of a street there are sidewalks, from its tags and from its neighbours."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+__all__ = ["sidewalk_sides"]
+
+#: Classes whose streets have sidewalks in a city unless the map says otherwise.
+WITH_SIDEWALKS = frozenset(
+    "primary primary_link secondary secondary_link tertiary tertiary_link unclassified residential "
+    "living_street road busway".split()
+)
+#: Two one-way carriageways closer than this, running against each other, are one street.
+DUAL_DISTANCE_M = 30.0
+
+
+def sidewalk_sides(
+    tags: Mapping[str, str],
+    line: NDArray[np.float64],
+    others: Sequence[tuple[Mapping[str, str], NDArray[np.float64]]],
+    *,
+    side: str,
+) -> str:
+    """Return ``both``, ``left``, ``right`` or ``no`` for one way.
+
+    Mapped sidewalks win (``sidewalk``, ``sidewalk:left|right|both``; one that is mapped as a way
+    of its own, ``separate``, is still a sidewalk of this street). Where nothing is mapped, urban
+    streets have both, a carriageway of a dual street only the outer one, and roads that people on
+    foot may not use none.
+
+    Args:
+        tags: the way's tags.
+        line: (N, 2) the way's points, site frame.
+        others: tags and points of the network's one-way ways.
+        side: ``right`` or ``left``, the side that traffic keeps to.
+    """
+    explicit = _explicit(tags)
+    if explicit is not None:
+        return explicit
+    if (
+        tags.get("highway") not in WITH_SIDEWALKS
+        or tags.get("foot") == "no"
+        or tags.get("motorroad") == "yes"
+        or tags.get("tunnel") not in (None, "no", "building_passage")
+    ):
+        return "no"
+    if tags.get("oneway") in ("yes", "1", "true") and _has_twin(line, others, side):
+        return side
+    return "both"
+
+
+def _explicit(tags: Mapping[str, str]) -> str | None:
+    present = ("yes", "separate")
+    whole = tags.get("sidewalk:both", tags.get("sidewalk"))
+    if whole in ("both", "left", "right"):
+        return whole
+    if whole in present:
+        return "both"
+    if whole in ("no", "none"):
+        return "no"
+    sides = [s for s in ("left", "right") if tags.get(f"sidewalk:{s}") in present]
+    if sides:
+        return "both" if len(sides) == 2 else sides[0]
+    if any(f"sidewalk:{s}" in tags for s in ("left", "right")):
+        return "no"
+    return None
+
+
+def _has_twin(
+    line: NDArray[np.float64],
+    others: Sequence[tuple[Mapping[str, str], NDArray[np.float64]]],
+    side: str,
+) -> bool:
+    """Return whether a carriageway against this one runs on the inner side of it."""
+    whole = shapely.LineString(line)
+    middle = shapely.get_coordinates(whole.interpolate(0.5, normalized=True))[0]
+    ahead = shapely.get_coordinates(whole.interpolate(0.51, normalized=True))[0]
+    direction = ahead - middle
+    direction /= max(float(np.linalg.norm(direction)), 1e-9)
+    inner = np.array([-direction[1], direction[0]]) * (1.0 if side == "right" else -1.0)
+    probe = shapely.LineString([middle + inner * 0.5, middle + inner * DUAL_DISTANCE_M])
+    for _, points in others:
+        other = shapely.LineString(points)
+        meet = shapely.intersection(probe, other)
+        if meet.is_empty:
+            continue
+        at = other.project(shapely.Point(shapely.get_coordinates(meet)[0]))
+        step = min(1.0, other.length / 2)
+        a, b = (
+            shapely.get_coordinates(other.interpolate(np.clip(at + d, 0, other.length)))[0]
+            for d in (-step, step)
+        )
+        if np.dot(b - a, direction) / max(float(np.linalg.norm(b - a)), 1e-9) < -0.7:
+            return True
+    return False

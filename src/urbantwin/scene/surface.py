@@ -1,0 +1,234 @@
+"""The ground as one watertight surface: zones triangulated together, steps closed by curbs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pythoncdt
+import shapely
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix, diags
+from scipy.sparse.linalg import spsolve
+
+from urbantwin.geometry import LabelledMesh
+from urbantwin.scene.zones import Zone
+from urbantwin.taxonomy import material_id, semantic_id
+
+__all__ = ["PARTS", "Spacing", "surface_mesh"]
+
+#: ``part`` numbers of the ground's triangles; other objects come after ``FIRST_OBJECT``.
+PARTS = {"terrain": 0, "carriageway": 1, "footway": 2, "island": 3, "paved": 4, "curb": 5}
+#: Vertices are snapped to this grid, so that zones that touch share their vertices.
+GRID_M = 0.01
+#: Over this distance the terrain leaves a road's height and comes back to the ground's.
+BLEND_M = 10.0
+
+Heights = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class Spacing:
+    """Largest distance between vertices on roads and on terrain, metres."""
+
+    road: float
+    terrain: float
+
+
+def surface_mesh(
+    zones: Sequence[Zone], *, road_height: Heights, terrain_height: Heights, spacing: Spacing
+) -> LabelledMesh:
+    """Triangulate zones that tile an area into one surface.
+
+    Neighbouring zones share their vertices in plan. Where two zones have different heights along
+    an edge, a vertical strip (a curb) joins them, so the surface has no gap. Terrain takes the
+    road's height where it meets a road and returns to its own within about ``BLEND_M``.
+
+    Args:
+        zones: what lies where, without overlaps.
+        road_height: height of the carriageway at (N, 2) points, metres.
+        terrain_height: height of the bare earth at (N, 2) points, metres.
+        spacing: how fine the triangles are.
+    """
+    xy, triangles = _triangulate(zones, spacing)
+    zone = _zone_of(zones, xy[triangles].mean(axis=1))
+    triangles, zone = triangles[zone >= 0], zone[zone >= 0]
+    step = np.array([np.nan if z.step is None else z.step for z in zones])[zone]
+    corner_z = _heights(xy, triangles, step, road_height(xy), terrain_height(xy))
+    vertices, faces = _weld(xy, triangles, corner_z)
+    part = np.array([PARTS[z.kind] for z in zones])[zone]
+    semantic = np.array([z.semantic for z in zones])[zone]
+    material = np.array([z.material for z in zones])[zone]
+    ground = LabelledMesh.build(vertices, faces, semantic, material, part)
+    return LabelledMesh.concatenate([ground, _curbs(xy, triangles, corner_z)])
+
+
+def _triangulate(
+    zones: Sequence[Zone], spacing: Spacing
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Constrained Delaunay triangulation of all borders at once; triangles counter-clockwise."""
+    borders = shapely.union_all([shapely.boundary(z.area) for z in zones], grid_size=GRID_M)
+    borders = shapely.segmentize(borders, spacing.road)
+    parts = shapely.get_parts(borders)
+    coordinates, line = shapely.get_coordinates(parts, return_index=True)
+    keys, index = np.unique(
+        np.round(coordinates / 1e-4).astype(np.int64), axis=0, return_inverse=True
+    )
+    index = index.ravel()
+    xy = keys * 1e-4
+    joined = line[1:] == line[:-1]
+    edges = np.sort(np.column_stack([index[:-1], index[1:]])[joined], axis=1)
+    edges = np.unique(edges[edges[:, 0] != edges[:, 1]], axis=0)
+    inner = [
+        _grid_points(z.area, spacing.road if z.step is not None else spacing.terrain) for z in zones
+    ]
+    extra = np.concatenate(inner)
+    shapely.prepare(borders)
+    extra = extra[
+        ~shapely.dwithin(shapely.points(extra), borders, min(spacing.road, spacing.terrain) / 4)
+    ]
+    xy = np.concatenate([xy, extra])
+    mesh = pythoncdt.Triangulation(
+        pythoncdt.VertexInsertionOrder.AUTO,
+        pythoncdt.IntersectingConstraintEdges.TRY_RESOLVE,
+        GRID_M / 100,
+    )
+    mesh.insert_vertices(xy)
+    mesh.insert_edges(edges.astype(np.uint32))
+    mesh.erase_super_triangle()
+    corners = mesh.vertices_array()
+    triangles = mesh.triangles_array()["vertices"].astype(np.int64)
+    return np.column_stack([corners["x"], corners["y"]]), triangles
+
+
+def _grid_points(area: shapely.Geometry, step: float) -> NDArray[np.float64]:
+    """Points of a staggered grid inside an area."""
+    west, south, east, north = area.bounds
+    rows = np.arange(np.floor(south / step), np.ceil(north / step) + 1)
+    columns = np.arange(np.floor(west / step), np.ceil(east / step) + 1)
+    grid = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+    grid[:, 0] += 0.5 * (grid[:, 1] % 2)
+    points = grid * step
+    shapely.prepare(area)
+    return points[shapely.contains_xy(area, points[:, 0], points[:, 1])]
+
+
+def _zone_of(zones: Sequence[Zone], points: NDArray[np.float64]) -> NDArray[np.int64]:
+    found = np.full(len(points), -1)
+    for number, zone in enumerate(zones):
+        shapely.prepare(zone.area)
+        inside = shapely.intersects_xy(zone.area, points[:, 0], points[:, 1])
+        found[inside & (found < 0)] = number
+    # Snapping moves borders by millimetres: a sliver that no zone claims goes to the nearest.
+    missing = np.flatnonzero(found < 0)
+    if len(missing):
+        areas = np.array([zone.area for zone in zones])
+        distance = shapely.distance(shapely.points(points[missing])[:, None], areas[None, :])
+        nearest = distance.argmin(axis=1)
+        close = distance.min(axis=1) < 2 * GRID_M
+        found[missing[close]] = nearest[close]
+    return found
+
+
+def _heights(
+    xy: NDArray[np.float64],
+    triangles: NDArray[np.int64],
+    step: NDArray[np.float64],
+    road: NDArray[np.float64],
+    terrain: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the height (F, 3) of each triangle's corners."""
+    natural = np.isnan(step)
+    z = road[triangles] + np.where(natural, 0.0, step)[:, None]
+    if not natural.any():
+        return z
+    # Terrain meets the higher of the road surfaces at a shared vertex.
+    top = np.full(len(xy), -np.inf)
+    np.maximum.at(top, triangles[~natural].ravel(), z[~natural].ravel())
+    fixed = np.isfinite(top)
+    correction = np.where(fixed, top - terrain, 0.0)
+    correction = _spread(xy, triangles[natural], correction, fixed)
+    z[natural] = (terrain + correction)[triangles[natural]]
+    return z
+
+
+def _spread(
+    xy: NDArray[np.float64],
+    triangles: NDArray[np.int64],
+    value: NDArray[np.float64],
+    fixed: NDArray[np.bool_],
+) -> NDArray[np.float64]:
+    """Solve (laplacian - 1 / BLEND_M^2) value = 0 on the terrain, ``value`` given where fixed."""
+    used = np.zeros(len(xy), bool)
+    used[triangles.ravel()] = True
+    free = used & ~fixed
+    if not free.any() or not value[fixed & used].any():
+        return value
+    a, b, c = (xy[triangles[:, k]] for k in range(3))
+    doubled = np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) + 1e-12
+    rows, columns, weights = [], [], []
+    for k in range(3):
+        i, j, opposite = triangles[:, (k + 1) % 3], triangles[:, (k + 2) % 3], xy[triangles[:, k]]
+        cotangent = ((xy[i] - opposite) * (xy[j] - opposite)).sum(axis=1) / doubled
+        rows += [i, j]
+        columns += [j, i]
+        weights += [np.maximum(cotangent, 1e-3) / 2] * 2
+    n = len(xy)
+    stiffness = coo_matrix(
+        (np.concatenate(weights), (np.concatenate(rows), np.concatenate(columns))), (n, n)
+    ).tocsr()
+    mass = np.bincount(triangles.ravel(), np.repeat(doubled / 6, 3), minlength=n)
+    system = diags(np.asarray(stiffness.sum(axis=1)).ravel() + mass / BLEND_M**2) - stiffness
+    system = system.tocsr()[free]
+    known = np.where(fixed & used, value, 0.0)
+    solved = known.copy()
+    solved[free] = spsolve(system[:, free].tocsc(), -system @ known)
+    return solved
+
+
+def _weld(
+    xy: NDArray[np.float64], triangles: NDArray[np.int64], z: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """One vertex per place and height."""
+    height = np.round(z.ravel() * 1e5).astype(np.int64)
+    keys = np.column_stack([triangles.ravel(), height])
+    unique, first, inverse = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    vertices = np.column_stack([xy[unique[:, 0]], z.ravel()[first]])
+    return vertices, inverse.reshape(-1, 3)
+
+
+def _curbs(
+    xy: NDArray[np.float64], triangles: NDArray[np.int64], z: NDArray[np.float64]
+) -> LabelledMesh:
+    """Vertical strips along edges whose two triangles have different heights."""
+    start = triangles.ravel()
+    end = np.roll(triangles, -1, axis=1).ravel()
+    z_start, z_end = z.ravel(), np.roll(z, -1, axis=1).ravel()
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    order = np.lexsort([start, high, low])
+    pair = (low[order][1:] == low[order][:-1]) & (high[order][1:] == high[order][:-1])
+    first, second = order[:-1][pair], order[1:][pair]
+    # ``second`` runs the other way: its start is ``first``'s end.
+    gap_start = z_start[first] - z_end[second]
+    gap_end = z_end[first] - z_start[second]
+    stepped = np.maximum(np.abs(gap_start), np.abs(gap_end)) > 1e-4
+    first, second = first[stepped], second[stepped]
+    a = np.column_stack([xy[start[first]], z_start[first]])
+    b = np.column_stack([xy[end[first]], z_end[first]])
+    a2 = np.column_stack([xy[start[first]], z_end[second]])
+    b2 = np.column_stack([xy[end[first]], z_start[second]])
+    count = len(first)
+    vertices = np.concatenate([a, b, a2, b2])
+    i = np.arange(count)
+    # Seen from ``second``'s side (right of a -> b) the strip under ``first`` faces outwards.
+    faces = np.concatenate(
+        [
+            np.column_stack([i, i + 2 * count, i + 3 * count]),
+            np.column_stack([i, i + 3 * count, i + count]),
+        ]
+    )
+    strip = LabelledMesh.build(
+        vertices, faces, semantic_id("sidewalk"), material_id("concrete"), PARTS["curb"]
+    )
+    return strip.select(strip.areas() > 1e-9)

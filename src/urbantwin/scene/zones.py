@@ -1,0 +1,163 @@
+"""Which surface lies where: a partition of the ground in plan, without holes or overlaps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import shapely
+
+from urbantwin.roads import RoadNetwork
+from urbantwin.site.extract import OsmFeature
+from urbantwin.taxonomy import material_id, semantic_id
+
+__all__ = ["CURB_HEIGHT", "Zone", "deck_zones", "ground_zones"]
+
+#: Height of sidewalks, medians and islands above the carriageway, metres (AASHTO Green Book:
+#: vertical curbs 0.10 to 0.20 m).
+CURB_HEIGHT = 0.15
+#: Slits narrower than this between neighbouring lanes are seams of the lane model, not gaps.
+SEAM_M = 0.6
+#: Gaps between carriageways up to this wide are raised medians or islands.
+MEDIAN_M = 8.0
+#: How far terrain goes on beyond the region, so that beams at its border meet ground.
+MARGIN_M = 25.0
+
+#: Widths of ways that are paved but not in the lane network, metres, and their surface.
+OTHER_WAYS: dict[str, tuple[float, str, str]] = {
+    "service": (4.0, "road", "asphalt"),
+    "track": (3.0, "other-ground", "soil"),
+    "pedestrian": (4.0, "sidewalk", "paving"),
+    "footway": (2.0, "sidewalk", "paving"),
+    "path": (1.5, "sidewalk", "soil"),
+    "cycleway": (2.0, "sidewalk", "asphalt"),
+}
+GREEN = {
+    "landuse": {"grass", "forest", "meadow", "village_green", "recreation_ground", "cemetery"},
+    "leisure": {"park", "garden", "pitch", "golf_course", "dog_park"},
+    "natural": {"grassland", "wood", "scrub", "heath"},
+}
+
+
+@dataclass(frozen=True)
+class Zone:
+    """A surface in plan.
+
+    Attributes:
+        kind: carriageway, footway, island, paved (flush with the terrain) or terrain.
+        area: where it is, site frame.
+        semantic: its semantic class.
+        material: its material.
+    """
+
+    kind: str
+    area: shapely.Geometry
+    semantic: int
+    material: int
+
+    @property
+    def step(self) -> float | None:
+        """Height above the carriageway, or None where the zone follows the terrain."""
+        return {"carriageway": 0.0, "footway": CURB_HEIGHT, "island": CURB_HEIGHT}.get(self.kind)
+
+
+def ground_zones(
+    network: RoadNetwork, region: shapely.Polygon, features: Sequence[OsmFeature]
+) -> list[Zone]:
+    """Return the zones of the ground level; together they tile the region and its margin."""
+    carriageway = _closed(network.carriageway(0), SEAM_M)
+    footway = _less(_closed(network.footway(0), SEAM_M), carriageway)
+    paved = shapely.union(carriageway, footway)
+    gaps = _less(_closed(paved, MEDIAN_M), paved)
+    islands = _opened(gaps, SEAM_M)
+    # What is too narrow for an island is asphalt between lanes.
+    slits = _less(_areas(shapely.intersection(_closed(paved, 2 * SEAM_M), gaps)), islands)
+    carriageway = _areas(shapely.union(carriageway, slits))
+    taken = _areas(shapely.union_all([carriageway, footway, islands]))
+    everything = shapely.union(shapely.buffer(region, MARGIN_M, join_style="mitre"), taken)
+    zones = [
+        _zone("carriageway", carriageway, "road", "asphalt"),
+        _zone("footway", footway, "sidewalk", "paving"),
+        _zone("island", islands, "other-ground", "concrete"),
+    ]
+    for area, semantic, material in _flush_areas(features):
+        free = _less(_areas(shapely.intersection(area, everything)), taken)
+        if not free.is_empty:
+            kind = "terrain" if semantic == "terrain" else "paved"
+            zones.append(_zone(kind, free, semantic, material))
+            taken = _areas(shapely.union(taken, free))
+    rest = _less(everything, taken)
+    zones.append(_zone("terrain", rest, "terrain", "soil"))
+    return [zone for zone in zones if not zone.area.is_empty]
+
+
+def deck_zones(network: RoadNetwork, level: int) -> list[Zone]:
+    """Return the zones of the decks of one level above the ground."""
+    carriageway = _closed(network.carriageway(level), SEAM_M)
+    footway = _less(_closed(network.footway(level), SEAM_M), carriageway)
+    return [
+        _zone("carriageway", _areas(carriageway), "road", "asphalt"),
+        _zone("footway", _areas(footway), "sidewalk", "paving"),
+    ]
+
+
+def _zone(kind: str, area: shapely.Geometry, semantic: str, material: str) -> Zone:
+    return Zone(kind, _areas(area), semantic_id(semantic), material_id(material))
+
+
+def _flush_areas(
+    features: Sequence[OsmFeature],
+) -> list[tuple[shapely.Geometry, str, str]]:
+    """Surfaces that the map knows beside the lane network, the more important first."""
+    groups: dict[tuple[str, str], list[shapely.Geometry]] = {}
+    for feature in features:
+        tags, shape = feature.tags, feature.geometry
+        if way_below(tags):
+            continue
+        is_area = shape.geom_type in ("Polygon", "MultiPolygon")
+        highway = tags.get("highway", "")
+        if highway in OTHER_WAYS and tags.get("bridge", "no") == "no":
+            width, semantic, material = OTHER_WAYS[highway]
+            area = shape if is_area else shape.buffer(width / 2, cap_style="flat")
+            groups.setdefault((semantic, material), []).append(area)
+        elif tags.get("amenity") == "parking" and is_area:
+            groups.setdefault(("parking", "asphalt"), []).append(shape)
+        elif is_area and any(tags.get(key) in values for key, values in GREEN.items()):
+            groups.setdefault(("terrain", "grass"), []).append(shape)
+    order = ["road", "parking", "sidewalk", "other-ground", "terrain"]
+    return [
+        (_closed(shapely.union_all(groups[key]), SEAM_M), *key)
+        for key in sorted(groups, key=lambda key: (order.index(key[0]), key[1]))
+    ]
+
+
+def way_below(tags: dict[str, str]) -> bool:
+    """Return whether a feature lies under the ground."""
+    if tags.get("tunnel") not in (None, "no", "building_passage"):
+        return True
+    return tags.get("layer", "0").startswith("-") or tags.get("location") == "underground"
+
+
+def _areas(shape: shapely.Geometry) -> shapely.Geometry:
+    """Drop lines and points that set operations leave behind, and specks under 0.01 m2."""
+    parts = [p for p in shapely.get_parts(shape) if p.geom_type == "Polygon" and p.area > 0.01]
+    return shapely.multipolygons(parts) if parts else shapely.MultiPolygon()
+
+
+def _less(shape: shapely.Geometry, other: shapely.Geometry) -> shapely.Geometry:
+    """Return one area without another."""
+    return _areas(shapely.difference(shape, other))
+
+
+def _closed(shape: shapely.Geometry, width: float) -> shapely.Geometry:
+    """Fill slits up to ``width`` wide."""
+    grown = shapely.buffer(shape, width / 2, join_style="mitre", mitre_limit=2)
+    shrunk = shapely.buffer(grown, -width / 2, join_style="mitre", mitre_limit=2)
+    return _areas(shapely.union(shape, shrunk))
+
+
+def _opened(shape: shapely.Geometry, width: float) -> shapely.Geometry:
+    """Remove what is narrower than ``width``."""
+    shrunk = shapely.buffer(shape, -width / 2, join_style="mitre", mitre_limit=2)
+    grown = shapely.buffer(shrunk, width / 2, join_style="mitre", mitre_limit=2)
+    return _areas(shapely.intersection(shape, grown))
