@@ -1,0 +1,58 @@
+"""Running the command line as a person does."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from urbantwin.cli import main
+
+ROOT = Path(__file__).parents[2]
+PROGRAM = "import sys; from urbantwin.cli import main; sys.exit(main())"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def run_here(capfd: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
+    """Run a command in this process, which saves the imports."""
+
+    def run(*arguments: str | Path) -> Outcome:
+        capfd.readouterr()
+        code = main([str(argument) for argument in arguments])
+        out, err = capfd.readouterr()
+        return Outcome(code, out, err)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def run_program() -> Callable[..., Outcome]:
+    """Run a command in a process of its own."""
+
+    def run(*arguments: str | Path) -> Outcome:
+        done = subprocess.run(
+            [sys.executable, "-c", PROGRAM, *map(str, arguments)],
+            capture_output=True,
+            text=True,
+            check=False,
+            env=os.environ | {"PYTHONPATH": str(ROOT / "src")},
+        )
+        return Outcome(done.returncode, done.stdout, done.stderr)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def two_avenues() -> Path:
+    """The folder of the example."""
+    return ROOT / "examples" / "two-avenues"

@@ -1,0 +1,68 @@
+"""The floors of docs/architecture.md: a package imports only packages above it."""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+SOURCE = ROOT / "src" / "urbantwin"
+MODULES = sorted(SOURCE.rglob("*.py"))
+
+
+def floors() -> list[str]:
+    """The packages in the order in which the document lists them."""
+    text = (ROOT / "docs" / "architecture.md").read_text()
+    table = text.split("## The floors")[1].split("\n## ")[0]
+    first_cells = re.findall(r"^\| (`.*?) \|", table, flags=re.MULTILINE)
+    return [name for cell in first_cells for name in re.findall(r"`(\w+)`", cell)]
+
+
+def imported_packages(module: Path) -> Iterator[tuple[str, int]]:
+    """Every part of urbantwin that a module imports, inside functions too, with the line."""
+    for node in ast.walk(ast.parse(module.read_text())):
+        if isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{module}:{node.lineno}: a relative import"
+            names = [node.module or ""]
+            if node.module == "urbantwin":
+                names = [f"urbantwin.{alias.name}" for alias in node.names]
+        else:
+            continue
+        for name in names:
+            parts = name.split(".")
+            if parts[0] == "urbantwin" and len(parts) > 1 and parts[1] != "__version__":
+                yield parts[1], node.lineno
+
+
+def test_the_document_lists_every_package_and_no_other() -> None:
+    on_disk = {path.stem for path in SOURCE.glob("*.py")} - {"__init__"}
+    on_disk |= {path.parent.name for path in SOURCE.glob("*/__init__.py")}
+    assert sorted(floors()) == sorted(on_disk)
+
+
+@pytest.mark.parametrize("module", MODULES, ids=lambda path: str(path.relative_to(SOURCE)))
+def test_a_package_imports_only_packages_above_it(module: Path) -> None:
+    order = floors()
+    here = module.relative_to(SOURCE).parts[0].removesuffix(".py")
+    if here == "__init__":
+        assert not list(imported_packages(module))
+        return
+    for package, line in imported_packages(module):
+        assert package in order, f"{module}:{line}: no such package {package}"
+        assert order.index(package) <= order.index(here), (
+            f"{module}:{line}: {here} imports {package}, which is below it"
+        )
+
+
+def test_only_the_command_line_prints_and_exits() -> None:
+    for module in MODULES:
+        if module.is_relative_to(SOURCE / "cli"):
+            continue
+        for node in ast.walk(ast.parse(module.read_text())):
+            if isinstance(node, ast.Call):
+                called = ast.unparse(node.func)
+                assert called not in ("print", "sys.exit", "exit"), f"{module}:{node.lineno}"

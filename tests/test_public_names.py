@@ -1,0 +1,40 @@
+"""What each package says of itself: a purpose, and a sorted list of public names that exist."""
+
+import importlib
+from pathlib import Path
+
+import pytest
+
+SOURCE = Path(__file__).parents[1] / "src" / "urbantwin"
+PACKAGES = sorted(
+    ".".join(("urbantwin", *path.parent.relative_to(SOURCE).parts))
+    for path in SOURCE.rglob("__init__.py")
+)
+EMPTY_NAMES = {"base", "common", "core", "helpers", "misc", "tools", "util", "utils"}
+
+
+@pytest.mark.parametrize("name", PACKAGES)
+def test_a_package_has_a_purpose_and_sorted_public_names(name: str) -> None:
+    package = importlib.import_module(name)
+    assert package.__doc__, "no docstring"
+    assert list(package.__all__) == sorted(package.__all__)
+    assert len(set(package.__all__)) == len(package.__all__)
+    for public in package.__all__:
+        assert hasattr(package, public), public
+
+
+def test_modules_are_named_after_what_they_hold() -> None:
+    named = {path.stem for path in SOURCE.rglob("*.py")} | {
+        path.name for path in SOURCE.rglob("*") if path.is_dir()
+    }
+    assert not named & EMPTY_NAMES
+
+
+def test_every_folder_with_modules_is_a_package() -> None:
+    folders = {path.parent for path in SOURCE.rglob("*.py")}
+    assert all((folder / "__init__.py").exists() for folder in folders)
+
+
+def test_modules_stay_short() -> None:
+    lengths = {path: len(path.read_text().splitlines()) for path in SOURCE.rglob("*.py")}
+    assert max(lengths.values()) <= 500, max(lengths, key=lambda path: lengths[path])
