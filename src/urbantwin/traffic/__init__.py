@@ -1,0 +1,1 @@
+"""Traffic: demand, SUMO in its own process, actor catalogue and meshes, Motion."""

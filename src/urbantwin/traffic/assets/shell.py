@@ -1,0 +1,301 @@
+"""The body of a vehicle as one closed shell: a side profile given width.
+
+The profile is a polygon in the vertical plane, wheel arches cut out. Both sides of the body are
+that polygon, triangulated and pushed out to the half-width that the section (tumblehome) and the
+plan (narrower at nose and tail) give at each place; strips across the vehicle join the outlines.
+Edges between side and top are rounded by how far a place is from the profile's upper outline.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pythoncdt
+import shapely
+from numpy.typing import NDArray
+from scipy.interpolate import PchipInterpolator
+
+from urbantwin.traffic.assets.solid import Solid
+
+__all__ = ["Outline", "Panel", "Section", "arched_outline", "shell"]
+
+#: Columns of the strips across the vehicle, as parts of the half-width.
+COLUMNS = np.array([-1.0, -0.88, -0.56, -0.28, 0.0, 0.28, 0.56, 0.88, 1.0])
+
+#: What a stretch of the outline is made of: (|column| up to, material), from the middle outwards.
+BANDS: dict[str, tuple[tuple[float, str], ...]] = {
+    "paint": ((1.0, "metal-painted"),),
+    "dark": ((1.0, "metal-dark"),),
+    "under": ((1.0, "metal-dark"),),
+    "windscreen": ((0.88, "glass"), (1.0, "metal-painted")),
+    "grille": ((0.56, "metal-dark"), (1.0, "metal-painted")),
+    "lamps": ((0.56, "metal-painted"), (1.0, "glass")),
+    "grille-lamps": ((0.56, "metal-dark"), (1.0, "glass")),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """A closed profile, counter-clockwise with x to the right and z up.
+
+    Attributes:
+        points: (N, 2) x and z, metres.
+        tags: N keys of ``BANDS``: what the edge that leaves each point is.
+    """
+
+    points: NDArray[np.float64]
+    tags: tuple[str, ...]
+
+    def polygon(self) -> shapely.Polygon:
+        """Return the profile as a polygon."""
+        return shapely.Polygon(self.points)
+
+    def reach(self, z: float) -> tuple[float, float]:
+        """Return the rearmost and the foremost x of the profile at a height."""
+        line = shapely.LineString([(-50.0, z), (50.0, z)])
+        low, _, high, _ = self.polygon().intersection(line).bounds
+        return float(low), float(high)
+
+    def refined(self, step: float) -> Outline:
+        """Return the outline with no edge longer than ``step``."""
+        points, tags = [], []
+        for start, end, tag in zip(
+            self.points, np.roll(self.points, -1, axis=0), self.tags, strict=True
+        ):
+            pieces = max(1, int(np.ceil(np.linalg.norm(end - start) / step)))
+            points += [start + (end - start) * k / pieces for k in range(pieces)]
+            tags += [tag] * pieces
+        return Outline(np.array(points), tuple(tags))
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A polygon of another material in both sides of the body: a window, a door, a trim.
+
+    Attributes:
+        corners: x and z, metres.
+        material: name.
+        corner_radius: metres.
+    """
+
+    corners: tuple[tuple[float, float], ...]
+    material: str
+    corner_radius: float = 0.0
+
+    def polygon(self) -> shapely.Polygon:
+        """Return the panel with rounded corners."""
+        sharp = shapely.Polygon(self.corners)
+        if self.corner_radius == 0.0:
+            return sharp
+        return sharp.buffer(-self.corner_radius).buffer(self.corner_radius, quad_segs=2)
+
+
+@dataclass(frozen=True)
+class Section:
+    """How wide a body is, and how its surfaces curve.
+
+    Attributes:
+        half_width: widest, metres.
+        by_height: (z, factor) pairs: the section.
+        by_length: (x, factor) pairs, x rising: the plan.
+        edge_radius: rounding between the sides and the rest of the outline, metres.
+        nose_bulge: how far the nose's middle stands ahead of its corners, metres.
+        tail_bulge: the same behind.
+        crown: how far the roof's middle stands above its edges, metres.
+    """
+
+    half_width: float
+    by_height: tuple[tuple[float, float], ...]
+    by_length: tuple[tuple[float, float], ...]
+    edge_radius: float
+    nose_bulge: float = 0.0
+    tail_bulge: float = 0.0
+    crown: float = 0.0
+
+    def at(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the half-width (N,) at (N, 2) places x, z of the profile, before rounding."""
+        width = np.full(len(points), self.half_width)
+        for axis, knots in ((1, self.by_height), (0, self.by_length)):
+            where, factor = np.array(knots).T
+            inside = np.clip(points[:, axis], where[0], where[-1])
+            width *= PchipInterpolator(where, factor)(inside)
+        return width
+
+    def curved(self, vertices: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return (V, 3) vertices with nose, tail and roof bulging towards their middle."""
+        x, y, z = vertices.T
+        out = np.square(y / self.half_width)
+        half_length, top = np.abs(x).max(), z.max()
+        along = np.clip((np.abs(x) / half_length - 0.3) / 0.7, 0, 1) ** 1.5
+        bulge = np.where(x > 0, self.nose_bulge, self.tail_bulge)
+        up = np.clip((z / top - 0.35) / 0.65, 0, 1)
+        return np.column_stack([x - np.sign(x) * bulge * along * out, y, z - self.crown * up * out])
+
+
+def arched_outline(
+    upper: Sequence[tuple[float, float, str]],
+    axles: Sequence[float],
+    *,
+    arch_centre_z: float,
+    arch_radius: float,
+    steps: int = 10,
+) -> Outline:
+    """Close an upper profile with an under-body that has wheel arches.
+
+    Args:
+        upper: x, z and tag from the lowest point of the nose over the roof to the lowest point
+            of the tail, x falling overall.
+        axles: x of the axles that have arches, metres.
+        arch_centre_z: height of the arches' centres, metres.
+        arch_radius: metres.
+        steps: edges per arch.
+    """
+    points = [(x, z) for x, z, _ in upper]
+    tags = [tag for _, _, tag in upper[:-1]] + ["under"]
+    (x_rear, z_rear), (x_front, z_front) = points[-1], points[0]
+    for axle in sorted(axles):
+        floor = z_rear + (axle - x_rear) / (x_front - x_rear) * (z_front - z_rear)
+        dip = np.arcsin(np.clip((arch_centre_z - floor) / arch_radius, -1, 1))
+        for angle in np.linspace(np.pi + dip, -dip, steps + 1):
+            points.append(
+                (axle + arch_radius * np.cos(angle), arch_centre_z + arch_radius * np.sin(angle))
+            )
+            tags.append("under")
+    return Outline(np.array(points), tuple(tags))
+
+
+def shell(
+    outline: Outline, section: Section, panels: Sequence[Panel] = (), *, step: float = 0.2
+) -> Solid:
+    """Return the closed body of a profile.
+
+    Args:
+        outline: the profile.
+        section: its widths.
+        panels: polygons of other materials in the sides, inside the profile and apart from
+            each other.
+        step: longest edge of the outline, and the grid of the sides, metres.
+    """
+    outline = outline.refined(step)
+    flat, faces, names = _side(outline, panels, section.edge_radius, step)
+    inset = _distance_to_upper(outline, flat)
+    half = section.at(flat) - _rounding(inset, section.edge_radius)
+    rim, inner = len(outline.points), len(flat) - len(outline.points)
+
+    # Vertices: the outline in every column, then what lies inside the left and the right side.
+    across = half[:rim, None] * COLUMNS
+    grid = np.stack(
+        [
+            np.broadcast_to(flat[:rim, :1], across.shape),
+            across,
+            np.broadcast_to(flat[:rim, 1:], across.shape),
+        ],
+        axis=-1,
+    )
+    left = np.column_stack([flat[rim:, 0], half[rim:], flat[rim:, 1]])
+    vertices = np.concatenate([grid.reshape(-1, 3), left, left * [1, -1, 1]])
+
+    columns = len(COLUMNS)
+    inside = np.arange(inner) + rim * columns
+    right_index = np.concatenate([np.arange(rim) * columns, inside + inner])
+    left_index = np.concatenate([np.arange(rim) * columns + columns - 1, inside])
+    strips, strip_names = _strips(outline)
+    all_faces = np.concatenate([right_index[faces], left_index[faces[:, ::-1]], strips])
+    return Solid.build(section.curved(vertices), all_faces, names + names + strip_names)
+
+
+def _side(
+    outline: Outline, panels: Sequence[Panel], radius: float, step: float
+) -> tuple[NDArray[np.float64], NDArray[np.int64], list[str]]:
+    """Triangulate the profile: points (N, 2), the outline's first; faces (F, 3); materials."""
+    body = outline.polygon()
+    windows = [panel.polygon() for panel in panels]
+    points = [outline.points]
+    rim = np.arange(len(outline.points))
+    edges = [np.column_stack([rim, np.roll(rim, -1)])]
+    count = len(rim)
+    for window in windows:
+        ring = shapely.get_coordinates(window.exterior.segmentize(step))[:-1]
+        index = np.arange(len(ring)) + count
+        edges.append(np.column_stack([index, np.roll(index, -1)]))
+        points.append(ring)
+        count += len(ring)
+    free = _free_points(body, radius, step)
+    lines = shapely.union_all([window.exterior for window in windows])
+    if windows:
+        free = free[shapely.distance(shapely.points(free), lines) > 0.2 * step]
+    points.append(free)
+    flat = np.concatenate(points)
+
+    triangulation = pythoncdt.Triangulation(
+        pythoncdt.VertexInsertionOrder.AUTO, pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0
+    )
+    # The stubs want a buffer, which arrays are, but say so only from Python 3.12 on.
+    triangulation.insert_vertices(flat)  # type: ignore[call-overload]
+    triangulation.insert_edges(np.concatenate(edges).astype(np.uint32))  # type: ignore[call-overload]
+    triangulation.erase_outer_triangles()
+    faces = triangulation.triangles_array()["vertices"].astype(np.int64)
+    middles = shapely.points(flat[faces].mean(axis=1))
+    names = np.full(len(faces), "metal-painted", dtype=object)
+    for panel, window in zip(panels, windows, strict=True):
+        names[shapely.contains(window, middles)] = panel.material
+    return flat, faces, [str(name) for name in names]
+
+
+def _free_points(body: shapely.Polygon, radius: float, step: float) -> NDArray[np.float64]:
+    """Return places (N, 2) inside a profile: rings along its rounded edge and a grid."""
+    rings = [
+        shapely.get_coordinates(body.buffer(-inset).segmentize(step))[:-1]
+        for inset in (0.3 * radius, radius)
+    ]
+    # Places too close together would make slivers.
+    rings = [ring[_spaced(ring, 0.3 * step)] for ring in rings]
+    x0, z0, x1, z1 = body.bounds
+    x, z = np.meshgrid(np.arange(x0, x1, step), np.arange(z0, z1, 0.6 * step))
+    grid = np.column_stack([x.ravel(), z.ravel()])
+    core = body.buffer(-radius - 0.3 * step)
+    return np.concatenate([*rings, grid[shapely.contains(core, shapely.points(grid))]])
+
+
+def _spaced(ring: NDArray[np.float64], least: float) -> list[int]:
+    """Return which points of a path to keep so that neighbours stand ``least`` apart."""
+    kept = [0]
+    for index in range(1, len(ring)):
+        near = ring[[kept[-1], 0]]
+        if np.linalg.norm(near - ring[index], axis=1).min() >= least:
+            kept.append(index)
+    return kept
+
+
+def _distance_to_upper(outline: Outline, flat: NDArray[np.float64]) -> NDArray[np.float64]:
+    ends = np.roll(outline.points, -1, axis=0)
+    upper = shapely.union_all(
+        [
+            shapely.LineString([start, end])
+            for start, end, tag in zip(outline.points, ends, outline.tags, strict=True)
+            if tag != "under"
+        ]
+    )
+    return np.asarray(shapely.distance(shapely.points(flat), upper))
+
+
+def _rounding(inset: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
+    """Return how far (N,) a quarter circle of ``radius`` pulls in at a distance from its end."""
+    u = np.clip(1 - inset / radius, 0, 1)
+    return np.asarray(radius * (1 - np.sqrt(1 - np.square(u))))
+
+
+def _strips(outline: Outline) -> tuple[NDArray[np.int64], list[str]]:
+    """Return the faces (F, 3) across the vehicle and their materials."""
+    columns, rim = len(COLUMNS), len(outline.points)
+    faces, names = [], []
+    for index, tag in enumerate(outline.tags):
+        here, after = index * columns, (index + 1) % rim * columns
+        for column in range(columns - 1):
+            a, b = here + column, after + column
+            faces += [[a, b + 1, b], [a, a + 1, b + 1]]
+            outer = np.abs(COLUMNS[column : column + 2]).max()
+            names += [next(name for limit, name in BANDS[tag] if outer <= limit)] * 2
+    return np.array(faces), names
