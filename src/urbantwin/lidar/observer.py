@@ -1,0 +1,166 @@
+"""One sensor of the rig: everything about its rays that no frame changes, and what it reports."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.geometry import LabelledMesh, Pose
+from urbantwin.lidar.actors import ActorShape, cast_actors, nearest
+from urbantwin.lidar.labels import BOX_MARGIN_M, outside, spans_in_box
+from urbantwin.lidar.pattern import beam_directions
+from urbantwin.lidar.rectangle import RayGrid
+from urbantwin.lidar.returns import Draws, ReturnModel, standard_noise, truncated_noise
+from urbantwin.lidar.rig import MountedSensor
+from urbantwin.lidar.static import cast_static
+
+__all__ = ["Observation", "Observer"]
+
+_Value = TypeVar("_Value", bound=np.generic)
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """What one sensor reports in one frame: M returns, sorted by ring and column.
+
+    Attributes:
+        points: (M, 4) float32, x, y, z in metres, dataset frame, and intensity 0..1.
+        actor: (M,) int32, number of the actor that was hit; -1 for the static world.
+        semantic: (M,) uint16, class of the static surface; meaningless where an actor was hit.
+        ring: (M,) uint16.
+        column: (M,) uint16.
+        alone: (A,) returns that each actor would give if it were alone in the world.
+    """
+
+    points: NDArray[np.float32]
+    actor: NDArray[np.int32]
+    semantic: NDArray[np.uint16]
+    ring: NDArray[np.uint16]
+    column: NDArray[np.uint16]
+    alone: NDArray[np.int64]
+
+
+class Observer:
+    """A mounted sensor with its static hits.
+
+    Args:
+        mounted: the sensor.
+        static: the static world, site frame.
+        dataset_SE3_site: to the frame that points are given in.
+    """
+
+    def __init__(
+        self, mounted: MountedSensor, static: LabelledMesh, dataset_SE3_site: Pose
+    ) -> None:
+        self._pose = mounted.site_SE3_sensor
+        self._range_max_m = mounted.sensor.range_max_m
+        self._grid = RayGrid(mounted.sensor, mounted.columns)
+        self._model = ReturnModel(mounted)
+        # Half a step of the range may come on top of the noise.
+        self._margin_m = max(0.0, BOX_MARGIN_M - mounted.sensor.assumed_range_resolution_m / 2)
+
+        beams = beam_directions(mounted.sensor, mounted.columns).reshape(-1, 3)
+        in_site = beams @ self._pose.rotation.T
+        self._directions_site = in_site.astype(np.float32)
+        # Component by component: numpy multiplies long rows many times as fast as short ones.
+        self._directions = (dataset_SE3_site.rotation @ in_site.T).astype(np.float32)
+        self._origin = dataset_SE3_site.apply(self._pose.translation[None])[0]
+        number = np.arange(len(beams))
+        self._ring = (number // mounted.columns).astype(np.uint16)
+        self._column = (number % mounted.columns).astype(np.uint16)
+
+        hits = cast_static(static, self._pose.translation, in_site)
+        self._semantic = hits.semantic
+        self._range_m = hits.range_m
+        # What no ray hit has no level, so its range never counts: any finite number will do.
+        finite = np.where(np.isfinite(hits.range_m), hits.range_m, np.float32(1e6))
+        self._level = self._model.detection_level(hits.backscatter, finite)
+        self._sigma = self._model.sigma(hits.backscatter, finite)
+        self._intensity = self._model.intensity(hits.backscatter)
+
+    @property
+    def rays(self) -> int:
+        """How many rays the sensor fires in a frame."""
+        return len(self._level)
+
+    def observe(
+        self,
+        actors: Sequence[tuple[ActorShape, Pose]],
+        boxes: NDArray[np.float64],
+        draws: Draws,
+    ) -> Observation:
+        """Return what the sensor reports.
+
+        Args:
+            actors: shape and pose (``site_SE3_asset``) of each.
+            boxes: (A, 7) their boxes, dataset frame.
+            draws: the random numbers of this sensor and frame.
+        """
+        hits = cast_actors(self._grid, self._directions_site, self._pose, self._range_max_m, actors)
+        hit_level = self._model.detection_level(hits.backscatter, hits.range_m)
+        would_return = draws.detection[hits.ray] < hit_level
+        alone = np.bincount(hits.actor[would_return], minlength=len(actors))
+
+        front = nearest(hits, self._range_m)
+        ray, scatter, at = hits.ray[front], hits.backscatter[front], hits.range_m[front]
+        level = _patched(self._level, ray, hit_level[front])
+        range_m = _patched(self._range_m, ray, at)
+        sigma = _patched(self._sigma, ray, self._model.sigma(scatter, at))
+        intensity = _patched(self._intensity, ray, self._model.intensity(scatter))
+        actor = np.full(self.rays, -1, np.int32)
+        actor[ray] = hits.actor[front]
+
+        back = np.flatnonzero(draws.detection < level)
+        actor = actor.take(back)
+        directions = self._directions.take(back, axis=1)
+        measured = self._measured(
+            directions, range_m.take(back), sigma.take(back), draws.noise.take(back), actor, boxes
+        )
+        points = np.empty((len(back), 4), np.float32)
+        for axis in range(3):
+            points[:, axis] = directions[axis] * measured + np.float32(self._origin[axis])
+        points[:, 3] = intensity.take(back)
+        return Observation(
+            points,
+            actor,
+            self._semantic.take(back),
+            self._ring.take(back),
+            self._column.take(back),
+            alone,
+        )
+
+    def _measured(
+        self,
+        directions: NDArray[np.float32],
+        range_m: NDArray[np.float32],
+        sigma: NDArray[np.float32],
+        noise: NDArray[np.uint16],
+        actor: NDArray[np.int32],
+        boxes: NDArray[np.float64],
+    ) -> NDArray[np.float32]:
+        """Return the ranges that the sensor reports: noisy, quantised, actors' in their boxes."""
+        measured = range_m + sigma * standard_noise(noise)
+        moved = np.flatnonzero((actor >= 0) & (sigma > 0))
+        aim = directions[:, moved].T.astype(np.float64)
+        places = self._origin + aim * measured[moved, None]
+        leaves = outside(places, boxes[actor[moved]], self._margin_m)
+        astray = moved[leaves]
+        if len(astray):
+            span = spans_in_box(self._origin, aim[leaves], boxes[actor[astray]], self._margin_m)
+            low, high = ((end - range_m[astray]) / sigma[astray] for end in span)
+            kept = truncated_noise(noise[astray], np.minimum(low, 0), np.maximum(high, 0))
+            measured[astray] = range_m[astray] + sigma[astray] * kept
+        return self._model.quantised(measured)
+
+
+def _patched(
+    everywhere: NDArray[_Value], ray: NDArray[np.int64], value: NDArray[_Value]
+) -> NDArray[_Value]:
+    """Return a copy of values by ray with some of them replaced."""
+    patched = everywhere.copy()
+    patched[ray] = value
+    return patched
