@@ -180,13 +180,10 @@ class _Junctions:
         lights = 1.0 + 0.1 * min(signals, 8) if signals else 0.6
         score = busy * shape * lights * self._completeness(middle)
         longitude, latitude = self.frame.lonlat_from_site(middle)[0]
-        names = dict.fromkeys(
-            arm.name for arm in sorted(arms, key=lambda a: (-a.weight, a.name)) if arm.name
-        )
         return score, JunctionProposal(
             round(float(latitude), 7),
             round(float(longitude), 7),
-            tuple(names),
+            _street_names(arms),
             signals or crossings,
             len(arms),
         )
@@ -232,7 +229,7 @@ class _Junctions:
             depth = 0.3 * float(np.exp(-shapely.distance(self.area, point) / 20.0))
         else:
             rim = float(shapely.distance(self.area.exterior, point))
-            depth = 0.6 + 0.4 * min(1.0, rim / 100.0)
+            depth = 0.5 + 0.5 * min(1.0, rim / 150.0)
         things = len(self.things.query_ball_point(middle, 100.0))
         return depth * (0.4 + 0.6 * min(1.0, things / 25.0))
 
@@ -254,3 +251,16 @@ class _Junctions:
         if not len(signals):
             return 0
         return int((cKDTree(points).query(signals)[0] <= _SIGNAL_M).sum())
+
+
+def _street_names(arms: list[_Arm]) -> tuple[str, ...]:
+    """Return the streets' names, the most important first, then what crosses it, then the rest."""
+    ranked = sorted((arm for arm in arms if arm.name), key=lambda arm: (-arm.weight, arm.name))
+    if not ranked:
+        return ()
+    straight_on = ranked[0].angle_deg + 180.0
+    ranked[1:] = sorted(
+        ranked[1:],
+        key=lambda arm: abs((arm.angle_deg - straight_on + 180.0) % 360.0 - 180.0) < 40.0,
+    )
+    return tuple(dict.fromkeys(arm.name for arm in ranked))

@@ -179,7 +179,7 @@ class Site:
         radius_m: the region's radius where it is a circle.
         osm: the OpenStreetMap extract.
         dem: the elevation model, if there is one.
-        driving_side: ``auto`` (see `driving_side`), ``left`` or ``right``.
+        driving_side: ``left`` or ``right``, or ``auto`` to tell it by the place.
         traffic: how much traffic, for how long.
         rig: the sensors.
         rig_file: the file that the rig was written in.

@@ -1,0 +1,112 @@
+"""Where a roadside sensor could stand at a junction, judged from the map alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.geometry import SiteFrame
+from urbantwin.site.extract import Extract
+from urbantwin.site.junction import STREETS, way_lanes
+
+__all__ = ["PolePosition", "propose_pole"]
+
+#: Width of a lane with its share of the kerb strip, metres (a usual urban lane is 3.0-3.5 m).
+_LANE_M = 3.3
+#: A pole stands this far from the carriageway and from buildings at least, metres.
+_KERB_CLEARANCE_M = 1.0
+_WALL_CLEARANCE_M = 1.0
+#: Kerbs are rounded where streets meet: corners closer than this to both streets are paved, metres.
+_CORNER_M = 6.0
+#: Where poles are looked for, metres from the middle, and how far a sensor's view is judged.
+_NEAREST_M, _WANTED_M, _FARTHEST_M, _VIEW_M = 10.0, 15.0, 60.0, 50.0
+
+_RAILS = ("rail", "tram", "light_rail", "subway", "narrow_gauge")
+
+
+@dataclass(frozen=True)
+class PolePosition:
+    """A place for a pole, site frame, and the heading from it to the middle of the junction."""
+
+    east_m: float
+    north_m: float
+    yaw_deg: float
+
+
+def propose_pole(extract: Extract, frame: SiteFrame) -> PolePosition:
+    """Return the place of a pole at the junction around the anchor.
+
+    It stands beside the carriageway and in no building, as close to 10-15 m from the anchor as
+    the streets leave room, in sight of the anchor, where buildings hide the least. Carriageways are
+    taken as wide as their lanes.
+    """
+    around = shapely.Point(0.0, 0.0).buffer(_FARTHEST_M + _VIEW_M)
+    lines: list[shapely.Geometry] = []
+    widths: list[float] = []
+    walls: list[shapely.Geometry] = []
+    water: list[shapely.Geometry] = []
+    for item in extract.features(frame, around):
+        tags, shape = item.tags, item.geometry
+        if "Polygon" in shape.geom_type:
+            if "building" in tags or "building:part" in tags:
+                walls.append(shape)
+            elif tags.get("natural") == "water" or "waterway" in tags:
+                water.append(shape)
+        elif shape.geom_type == "LineString":
+            width = _half_width(tags, extract, item.id)
+            if width:
+                lines.append(shape)
+                widths.append(width)
+    paved = shapely.union_all(shapely.buffer(np.array(lines, dtype=object), widths))
+    paved = paved.buffer(_CORNER_M).buffer(-_CORNER_M)
+    buildings = shapely.union_all(walls)
+    distances = np.arange(_NEAREST_M, _FARTHEST_M + 0.5)
+    angles = np.radians(np.arange(0.0, 360.0, 5.0))
+    places = np.array(
+        [(d * np.cos(a), d * np.sin(a)) for d in distances for a in angles], dtype=np.float64
+    )
+    points = shapely.points(places)
+    shapely.prepare([paved, buildings])
+    free = ~shapely.dwithin(paved, points, _KERB_CLEARANCE_M)
+    free &= ~shapely.dwithin(buildings, points, _WALL_CLEARANCE_M)
+    free &= ~shapely.intersects(buildings, _sight_lines(places))
+    free &= ~shapely.intersects(shapely.union_all(water), points)
+    # Nothing is free where a square is built over or paved all around: then beside the middle.
+    choice = places[free] if free.any() else places
+    away = np.linalg.norm(choice, axis=1)
+    cost = np.maximum(0.0, away - _WANTED_M)
+    # Whole metres of distance first, then the view: no need to judge the view of them all.
+    nearest = choice[cost <= cost.min() + 8.0]
+    walls_near = shapely.simplify(shapely.intersection(buildings, around), 0.5)
+    views = np.array([_view(place, walls_near) for place in nearest])
+    cost = np.maximum(0.0, np.linalg.norm(nearest, axis=1) - _WANTED_M) - 25.0 * views
+    east, north = nearest[int(np.argmin(np.round(cost, 6)))]
+    yaw = float(np.degrees(np.arctan2(-north, -east)))
+    return PolePosition(round(float(east), 2), round(float(north), 2), round(yaw, 1))
+
+
+def _half_width(tags: dict[str, str], extract: Extract, way: int) -> float:
+    """Return half the width of what vehicles run on, metres; 0 for what is no carriageway."""
+    kind = tags.get("highway")
+    if kind in STREETS:
+        return way_lanes(extract.ways[way]) * _LANE_M / 2 + 0.5
+    if kind == "service":
+        return 2.5
+    return 1.7 if tags.get("railway") in _RAILS and tags.get("tunnel") != "yes" else 0.0
+
+
+def _sight_lines(places: NDArray[np.float64]) -> NDArray[np.object_]:
+    ends = np.stack([places, np.zeros_like(places)], axis=1)
+    return np.asarray(shapely.linestrings(ends))
+
+
+def _view(place: NDArray[np.float64], buildings: shapely.Geometry) -> float:
+    """Return 0..1: how far a sensor there sees along the ground, on average over all directions."""
+    angles = np.radians(np.arange(0.0, 360.0, 10.0))
+    ends = place + _VIEW_M * np.column_stack([np.cos(angles), np.sin(angles)])
+    rays = shapely.linestrings(np.stack([np.broadcast_to(place, ends.shape), ends], axis=1))
+    seen = shapely.distance(shapely.intersection(rays, buildings), shapely.Point(place))
+    return float(np.where(np.isnan(seen), _VIEW_M, seen).mean() / _VIEW_M)
