@@ -3,7 +3,7 @@
 from urbantwin.roads.build import NETWORK_CLASSES, BuiltRoads, build_roads
 from urbantwin.roads.driving_side import driving_side
 from urbantwin.roads.levels import Lift
-from urbantwin.roads.netconvert import sumo_binary
+from urbantwin.roads.netconvert import sumo_binary, sumo_environment, sumo_home
 from urbantwin.roads.network import (
     Junction,
     Lane,
@@ -26,4 +26,6 @@ __all__ = [
     "build_roads",
     "driving_side",
     "sumo_binary",
+    "sumo_environment",
+    "sumo_home",
 ]

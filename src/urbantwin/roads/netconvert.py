@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+import importlib.util
+import os
 import subprocess
 import tempfile
 from pathlib import Path
 
-import sumo
 from lxml import etree
 
 from urbantwin.errors import StageError
 from urbantwin.geometry import SiteFrame
 
-__all__ = ["sumo_binary", "sumo_network"]
+__all__ = ["sumo_binary", "sumo_environment", "sumo_home", "sumo_network"]
 
 OPTIONS = {
     "offset.disable-normalization": "true",  # keep the site frame
@@ -42,9 +43,30 @@ OPTIONS = {
 TYPE_FILES = ("osmNetconvert.typ.xml", "osmNetconvertBicycle.typ.xml")
 
 
+def sumo_home() -> Path:
+    """Return the folder of the ``eclipse-sumo`` package.
+
+    The package is found, not imported: importing it points PROJ of this whole process to
+    SUMO's own, older database, after which ``pyproj`` and ``rasterio`` fail.
+
+    Raises:
+        StageError: the package is not installed.
+    """
+    found = importlib.util.find_spec("sumo")
+    if found is None or not found.submodule_search_locations:
+        raise StageError("SUMO is not installed: pip install eclipse-sumo")
+    return Path(found.submodule_search_locations[0])
+
+
 def sumo_binary(name: str) -> Path:
     """Return the path of a program of the ``eclipse-sumo`` package."""
-    return Path(sumo.SUMO_HOME) / "bin" / name
+    return sumo_home() / "bin" / name
+
+
+def sumo_environment() -> dict[str, str]:
+    """Return the environment that SUMO's programs run in: with SUMO's own PROJ database."""
+    proj = str(sumo_home() / "data" / "proj")
+    return {**os.environ, "SUMO_HOME": str(sumo_home()), "PROJ_LIB": proj, "PROJ_DATA": proj}
 
 
 def sumo_network(osm: Path, frame: SiteFrame, *, driving_side: str, out: Path) -> list[str]:
@@ -62,7 +84,7 @@ def sumo_network(osm: Path, frame: SiteFrame, *, driving_side: str, out: Path) -
     Raises:
         StageError: netconvert failed.
     """
-    types = ",".join(str(Path(sumo.SUMO_HOME) / "data" / "typemap" / name) for name in TYPE_FILES)
+    types = ",".join(str(sumo_home() / "data" / "typemap" / name) for name in TYPE_FILES)
     with tempfile.TemporaryDirectory() as scratch:
         raw = Path(scratch) / "raw.net.xml"
         command = [
@@ -75,7 +97,9 @@ def sumo_network(osm: Path, frame: SiteFrame, *, driving_side: str, out: Path) -
         ]
         for key, value in OPTIONS.items():
             command += [f"--{key}", value]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            command, capture_output=True, text=True, check=False, env=sumo_environment()
+        )
         lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
         if done.returncode or not raw.exists():
             errors = [line for line in lines if line.startswith("Error")] or lines[-1:]

@@ -94,8 +94,9 @@ def _triangulate(
         pythoncdt.IntersectingConstraintEdges.TRY_RESOLVE,
         GRID_M / 100,
     )
-    mesh.insert_vertices(xy)
-    mesh.insert_edges(edges.astype(np.uint32))
+    # numpy arrays are buffers; the stubs' Buffer is Python 3.12's, which mypy does not see here.
+    mesh.insert_vertices(np.ascontiguousarray(xy))  # type: ignore[call-overload]
+    mesh.insert_edges(edges.astype(np.uint32))  # type: ignore[call-overload]
     mesh.erase_super_triangle()
     corners = mesh.vertices_array()
     triangles = mesh.triangles_array()["vertices"].astype(np.int64)
@@ -111,7 +112,7 @@ def _grid_points(area: shapely.Geometry, step: float) -> NDArray[np.float64]:
     grid[:, 0] += 0.5 * (grid[:, 1] % 2)
     points = grid * step
     shapely.prepare(area)
-    return points[shapely.contains_xy(area, points[:, 0], points[:, 1])]
+    return np.asarray(points[shapely.contains_xy(area, points[:, 0], points[:, 1])])
 
 
 def _zone_of(zones: Sequence[Zone], points: NDArray[np.float64]) -> NDArray[np.int64]:

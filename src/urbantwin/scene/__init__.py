@@ -1,0 +1,7 @@
+"""The static world as labelled triangles: ground, decks, buildings, poles, trees, barriers."""
+
+from urbantwin.scene.scene import FIRST_OBJECT, Scene, build_scene
+from urbantwin.scene.surface import PARTS
+from urbantwin.scene.zones import CURB_HEIGHT
+
+__all__ = ["CURB_HEIGHT", "FIRST_OBJECT", "PARTS", "Scene", "build_scene"]

@@ -1,0 +1,101 @@
+"""The whole static world as one labelled mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.geometry import DownwardProbe, LabelledMesh
+from urbantwin.ground import Elevation
+from urbantwin.roads import Lift, RoadNetwork
+from urbantwin.scene.building import building_mesh
+from urbantwin.scene.deck import deck_mesh
+from urbantwin.scene.surface import PARTS, Spacing, surface_mesh
+from urbantwin.scene.zones import ground_zones
+from urbantwin.site import OsmFeature
+
+__all__ = ["FIRST_OBJECT", "Scene", "build_scene"]
+
+#: ``part`` numbers below this are the ground's (``surface.PARTS``), from here on objects'.
+FIRST_OBJECT = 16
+#: Vertices this close follow a hill; on a plain, triangles may be as long as streets.
+ON_A_HILL = Spacing(road=3.0, terrain=5.0)
+ON_A_PLAIN = Spacing(road=200.0, terrain=10.0)
+
+
+@dataclass(frozen=True)
+class Scene:
+    """The static world and what was counted and assumed while building it."""
+
+    mesh: LabelledMesh
+    notes: dict[str, object]
+
+
+def build_scene(
+    network: RoadNetwork,
+    lift: Lift,
+    elevation: Elevation,
+    region: shapely.Polygon,
+    features: Sequence[OsmFeature],
+) -> Scene:
+    """Build ground, decks, buildings and street furniture.
+
+    Args:
+        network: the lanes.
+        lift: how far roads are lifted off the ground.
+        elevation: the ground's heights.
+        region: region of interest, site frame.
+        features: the map's features that touch the region.
+    """
+    hilly = not elevation.is_flat or bool(lift.height.any())
+    spacing = ON_A_HILL if hilly else ON_A_PLAIN
+
+    def road_height(xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        return elevation.smooth_at(xy) + lift.at(xy, 0)
+
+    zones = ground_zones(network, region, features)
+    ground = surface_mesh(
+        zones, road_height=road_height, terrain_height=elevation.raw_at, spacing=spacing
+    )
+    decks = deck_mesh(network, lift, elevation.smooth_at, spacing)
+    probe = DownwardProbe(ground)
+
+    def ground_height(xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        high = np.column_stack([xy, np.full(len(xy), ground.vertices[:, 2].max() + 1.0)])
+        found = probe.height_below(high)
+        return np.where(np.isnan(found), elevation.raw_at(xy), found)
+
+    carriageway = shapely.union_all([z.area for z in zones if z.kind == "carriageway"])
+    buildings, building_notes = building_mesh(
+        features, region=region, ground_height=ground_height, carriageway=carriageway
+    )
+    objects = [buildings]
+    meshes, first = [ground, decks], FIRST_OBJECT
+    for mesh in objects:
+        meshes.append(replace(mesh, part=mesh.part + np.int32(first)))
+        first += int(mesh.part.max(initial=0)) + 1
+    notes = {
+        "surface": _ground_notes(ground, network),
+        "buildings": building_notes,
+    }
+    return Scene(LabelledMesh.concatenate(meshes), notes)
+
+
+def _ground_notes(ground: LabelledMesh, network: RoadNetwork) -> dict[str, float]:
+    """Areas in plan, square metres: of the mesh, and of the lane model that it was made from."""
+    corners = ground.triangles()[:, :, :2]
+    first, second = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    area = (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / 2
+    return {
+        **{
+            f"{kind}_m2": round(float(area[ground.part == number].sum()), 1)
+            for kind, number in PARTS.items()
+            if kind != "curb"
+        },
+        "lane_model_carriageway_m2": round(float(network.carriageway(0).area), 1),
+        "lane_model_footway_m2": round(float(network.footway(0).area), 1),
+    }

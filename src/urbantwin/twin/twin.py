@@ -1,0 +1,124 @@
+"""The twin folder: what it holds, and reading it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+import yaml
+
+from urbantwin.artefact import read_json, sha256_of
+from urbantwin.errors import InputError
+from urbantwin.geometry import LabelledMesh, SiteFrame
+from urbantwin.ground import Elevation
+from urbantwin.roads import RoadNetwork
+from urbantwin.site import RigSpec, load_rig_spec
+from urbantwin.taxonomy import semantic_id
+
+__all__ = ["GROUND_CLASSES", "Twin", "load_twin"]
+
+#: Semantic classes that one can stand on.
+GROUND_CLASSES = ("road", "parking", "sidewalk", "other-ground", "terrain")
+
+
+@dataclass(frozen=True)
+class Twin:
+    """A twin on disk; its parts are read when they are first asked for.
+
+    Attributes:
+        folder: where it is.
+        manifest: the content of ``twin.json``.
+    """
+
+    folder: Path
+    manifest: dict[str, Any]
+
+    @cached_property
+    def frame(self) -> SiteFrame:
+        """The site frame."""
+        anchor = self.manifest["anchor"]
+        return SiteFrame(anchor["latitude"], anchor["longitude"])
+
+    @cached_property
+    def region(self) -> shapely.Polygon:
+        """The region of interest, site frame, metres."""
+        return shapely.Polygon(self.manifest["region_m"])
+
+    @cached_property
+    def mesh(self) -> LabelledMesh:
+        """Everything static, site frame."""
+        return LabelledMesh.load(self._file("scene.npz"))
+
+    @cached_property
+    def ground_mesh(self) -> LabelledMesh:
+        """The triangles that one can stand on: streets, sidewalks, terrain, decks."""
+        classes = [semantic_id(name) for name in GROUND_CLASSES]
+        level = self.mesh.normals()[:, 2] > 0.1
+        return self.mesh.select(np.isin(self.mesh.semantic, classes) & level)
+
+    @cached_property
+    def roads(self) -> RoadNetwork:
+        """The lane network."""
+        return RoadNetwork.load(self._file("roads.json"))
+
+    @cached_property
+    def elevation(self) -> Elevation:
+        """The ground's heights."""
+        return Elevation.load(self._file("elevation.npz"))
+
+    @cached_property
+    def site(self) -> dict[str, Any]:
+        """The resolved site, as in ``site.yaml``."""
+        value: dict[str, Any] = yaml.safe_load(self._file("site.yaml").read_text())
+        return value
+
+    @property
+    def net_path(self) -> Path:
+        """The SUMO network."""
+        return self._file("network.net.xml")
+
+    @property
+    def rig_path(self) -> Path:
+        """The site's sensor rig."""
+        return self._file("rig.yaml")
+
+    def rig_spec(self) -> RigSpec:
+        """Read the site's sensor rig."""
+        return load_rig_spec(self.rig_path, self.frame)
+
+    @cached_property
+    def sha256(self) -> str:
+        """The hash of ``twin.json``, which holds the hashes of every other file."""
+        return sha256_of(self.folder / "twin.json")
+
+    def _file(self, name: str) -> Path:
+        path = self.folder / name
+        if not path.is_file():
+            raise InputError("not found", file=path, expected="a complete twin")
+        return path
+
+
+def load_twin(folder: Path) -> Twin:
+    """Open a twin folder.
+
+    Raises:
+        InputError: it is not a twin, or a file in it is not the one that was written.
+    """
+    if not folder.is_dir():
+        raise InputError("is not a folder", file=folder, expected="a twin, made by urbantwin build")
+    manifest = read_json(folder / "twin.json", kind="twin")
+    if manifest.get("kind") != "twin":
+        raise InputError("is not a twin's", file=folder / "twin.json", expected='"kind": "twin"')
+    for name, digest in manifest["files"].items():
+        path = folder / name
+        if not path.is_file() or sha256_of(path) != digest:
+            raise InputError(
+                "is missing" if not path.is_file() else "was changed since the twin was built",
+                file=path,
+                expected="the file that twin.json names; build the twin again",
+            )
+    return Twin(folder, manifest)
