@@ -1,0 +1,137 @@
+"""From what SUMO saw to the table of actors: smoothed, walking, standing on our ground."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from urbantwin.geometry import LabelledMesh
+from urbantwin.traffic.assets import Asset
+from urbantwin.traffic.demand import Demand
+from urbantwin.traffic.motion import ACTOR_SCHEMA, step_times
+from urbantwin.traffic.placement import Ground, stand
+from urbantwin.traffic.simulation import Simulated
+from urbantwin.traffic.trajectory import smoothed
+
+__all__ = ["actor_table"]
+
+_STANDING_MS = 0.15  # people slower than this stand, m/s
+_GOLDEN = (5**0.5 - 1) / 2  # spreads the first postures of people who set out together
+
+
+def actor_table(
+    simulated: Simulated,
+    demand: Demand,
+    ground: Ground,
+    *,
+    steps: int,
+    step_s: float,
+    asset: Callable[[str], Asset],
+    asset_mesh: Callable[[str, int], LabelledMesh],
+) -> tuple[pa.Table, int]:
+    """Return the table of actors and how many poses were left out for want of ground.
+
+    Tracks are numbered in the order of setting out.
+
+    Args:
+        simulated: what SUMO saw.
+        demand: the trips that it refers to.
+        ground: what actors stand on.
+        steps: how many steps the motion has; steps before and after them only shape the paths.
+        step_s: time between steps.
+        asset: an asset's dimensions and contacts by name.
+        asset_mesh: an asset's mesh by name and phase.
+    """
+    columns = _poses(simulated, demand, steps=steps, step_s=step_s, asset=asset)
+    names = np.array([trip.asset for trip in demand.trips], object)
+    trip = columns["trip"]
+    ceiling = ground.ceiling(columns["xy"], columns["lane"], simulated.lanes)
+    z, pitch, roll = np.full((3, len(trip)), np.nan)
+    phase = np.zeros(len(trip), np.int16)
+    for name in sorted(set(names[trip])):
+        rows = np.flatnonzero(names[trip] == name)
+        mesh = asset(name)
+        xy, yaw = columns["xy"][rows], columns["yaw"][rows]
+        z[rows], pitch[rows], roll[rows] = stand(ground, mesh.contacts, xy, yaw, ceiling[rows])
+        if mesh.phases > 1:
+            walked = columns["distance"][rows] / mesh.stride_m + trip[rows] * _GOLDEN
+            moving = np.floor(walked % 1.0 * mesh.phases).clip(0, mesh.phases - 1)
+            still = _standing_phase(mesh, asset_mesh)
+            phase[rows] = np.where(columns["speed"][rows] < _STANDING_MS, still, moving)
+    order = np.lexsort([trip, columns["step"]])
+    order = order[~np.isnan(z[order])]
+    trip = trip[order]
+    driven, track = np.unique(trip, return_inverse=True)
+    size = np.array([_size(asset(names[number])) for number in driven]).reshape(-1, 3)[track]
+    classes = np.array([trip.actor_class for trip in demand.trips], object)
+    values = {
+        "time_s": step_times(steps, step_s)[columns["step"][order]],
+        "track": track + 1,
+        "class": classes[trip],
+        "asset": names[trip],
+        "phase": phase[order],
+        "x": columns["xy"][order, 0],
+        "y": columns["xy"][order, 1],
+        "z": z[order],
+        "yaw": np.angle(np.exp(1j * columns["yaw"][order])),
+        "pitch": pitch[order],
+        "roll": roll[order],
+        "length": size[:, 0],
+        "width": size[:, 1],
+        "height": size[:, 2],
+        "speed": columns["speed"][order],
+        "lane": np.array(simulated.lanes, object)[columns["lane"][order]],
+    }
+    arrays = [pa.array(values[field.name], field.type) for field in ACTOR_SCHEMA]
+    return pa.table(arrays, schema=ACTOR_SCHEMA), int(np.isnan(z).sum())
+
+
+def _poses(
+    simulated: Simulated,
+    demand: Demand,
+    *,
+    steps: int,
+    step_s: float,
+    asset: Callable[[str], Asset],
+) -> dict[str, NDArray[Any]]:
+    """Return smoothed poses of the motion's steps, trip by trip, as columns."""
+    order = np.lexsort([simulated.step, simulated.trip])
+    trip, step = simulated.trip[order], simulated.step[order]
+    breaks = np.flatnonzero((np.diff(trip) != 0) | (np.diff(step) != 1)) + 1
+    xy, yaw = np.empty((len(order), 2)), np.empty(len(order))
+    distance = np.empty(len(order))
+    for rows in np.split(np.arange(len(order)), breaks) if len(order) else []:
+        whose, source = demand.trips[trip[rows[0]]], order[rows]
+        path = smoothed(
+            simulated.front[source],
+            simulated.angle_deg[source],
+            simulated.speed[source],
+            step_s=step_s,
+            length_m=asset(whose.asset).length,
+            walks=whose.actor_class == "pedestrian",
+        )
+        xy[rows], yaw[rows], distance[rows] = path.xy, path.yaw, path.distance_m
+    kept = (step >= 0) & (step < steps)
+    return {
+        "trip": trip[kept],
+        "step": step[kept],
+        "xy": xy[kept],
+        "yaw": yaw[kept],
+        "distance": distance[kept],
+        "speed": simulated.speed[order][kept],
+        "lane": simulated.lane[order][kept],
+    }
+
+
+def _standing_phase(asset: Asset, asset_mesh: Callable[[str, int], LabelledMesh]) -> int:
+    """Return the phase in which the feet are closest together: where the body is shortest."""
+    reach = [np.ptp(asset_mesh(asset.name, k).vertices[:, 0]) for k in range(asset.phases)]
+    return int(np.argmin(reach))
+
+
+def _size(asset: Asset) -> tuple[float, float, float]:
+    return asset.length, asset.width, asset.height

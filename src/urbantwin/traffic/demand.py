@@ -1,0 +1,232 @@
+"""Demand: who sets out, when, from where to where, so that the site's shares come out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse.csgraph
+from numpy.typing import NDArray
+
+from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.traffic.actor_kind import ACTOR_KINDS
+from urbantwin.traffic.network import StreetNetwork, Streets
+
+__all__ = ["Demand", "LeftOut", "Trip", "departure_count", "plan_demand"]
+
+_WORTHWHILE_M = 60.0  # a route shorter than this is no way through, where there are longer ones
+
+
+@dataclass(frozen=True)
+class Trip:
+    """One actor's journey.
+
+    Attributes:
+        actor_class: one of ``taxonomy.ACTOR_CLASSES``.
+        asset: the actor's mesh.
+        depart_s: when it sets out, seconds from the start of the warm-up.
+        edges: the streets that it passes, in order.
+        depart_m: on foot: where on the first edge it begins, metres from the edge's start.
+        arrive_m: on foot: where on the last edge it ends.
+    """
+
+    actor_class: str
+    asset: str
+    depart_s: float
+    edges: tuple[str, ...]
+    depart_m: float = 0.0
+    arrive_m: float = 0.0
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A class that was asked for and cannot come: its name, how many were asked for, and why."""
+
+    actor_class: str
+    count: int
+    why: str
+
+
+@dataclass(frozen=True)
+class Demand:
+    """Every trip, in the order of setting out, and what was left out."""
+
+    trips: tuple[Trip, ...]
+    left_out: tuple[LeftOut, ...]
+
+
+def plan_demand(
+    network: StreetNetwork,
+    per_hour: Mapping[str, float],
+    *,
+    warmup_s: float,
+    duration_s: float,
+    seed: int,
+    asset_names: Callable[[str], tuple[str, ...]],
+) -> Demand:
+    """Plan the trips of every class.
+
+    Setting-out times are stratified: the period is cut into as many equal parts as there are
+    trips and each trip sets out at a random instant of its own part, so a class comes as often
+    as it was asked for, and evenly. Routes and meshes are drawn in the same way from their
+    weights (systematic sampling; Cochran, Sampling Techniques, 1977, ch. 8).
+
+    Args:
+        network: the streets.
+        per_hour: actors per hour and class; a class that is not named does not come.
+        warmup_s: how long traffic runs before the motion starts.
+        duration_s: how long the motion is.
+        seed: the same seed gives the same trips.
+        asset_names: the meshes of a class.
+    """
+    trips: list[Trip] = []
+    left_out: list[LeftOut] = []
+    period_s = warmup_s + duration_s
+    for number, actor_class in enumerate(ACTOR_CLASSES):
+        count = departure_count(per_hour.get(actor_class, 0.0), period_s)
+        if count == 0:
+            continue
+        random = np.random.Generator(np.random.Philox(key=[seed, number]))
+        walks = actor_class == "pedestrian"
+        vclass = ACTOR_KINDS[actor_class].vclass
+        streets = network.walked() if walks else network.driven_by(vclass)
+        routes = None if streets is None else _Routes.between_gates(streets)
+        if routes is None:
+            why = (
+                "no sidewalk, footway or crossing to walk on"
+                if walks
+                else f"no street that allows SUMO's class {vclass!r}"
+            )
+            left_out.append(LeftOut(actor_class, count, why))
+            continue
+        meshes = asset_names(actor_class)
+        if not meshes:
+            left_out.append(LeftOut(actor_class, count, "no mesh of this class"))
+            continue
+        depart_s = (np.arange(count) + random.random(count)) * (period_s / count)
+        which = _systematic(np.ones(len(meshes)), count, random)
+        pairs = _systematic(routes.weight, count, random)
+        head_start = random.random(count) * (depart_s < warmup_s / 2)
+        for k in range(count):
+            asset, at = meshes[which[k]], round(float(depart_s[k]), 2)
+            if walks:
+                edges, begin, end = routes.walk(int(pairs[k]), float(head_start[k]))
+                trips.append(Trip(actor_class, asset, at, edges, begin, end))
+            else:
+                trips.append(Trip(actor_class, asset, at, routes.drive(int(pairs[k]))))
+    trips.sort(key=lambda trip: (trip.depart_s, ACTOR_CLASSES.index(trip.actor_class)))
+    return Demand(tuple(trips), tuple(left_out))
+
+
+def departure_count(per_hour: float, period_s: float) -> int:
+    """Return how many actors set out in a period, rounded half up."""
+    return int(np.floor(per_hour * period_s / 3600.0 + 0.5))
+
+
+@dataclass(frozen=True, eq=False)
+class _Routes:
+    """The ways between gates: pairs of gates with their relative traffic."""
+
+    streets: Streets
+    pairs: NDArray[np.int64]
+    weight: NDArray[np.float64]
+    previous: NDArray[np.int32]
+    row: dict[int, int]
+
+    @classmethod
+    def between_gates(cls, streets: Streets) -> _Routes | None:
+        """Find the fastest way between each two gates; ``None`` where there is none at all.
+
+        A pair's traffic is the product of its gates' traffic, less where the way is a detour
+        (share of the straight line in the way's length, squared). Nobody leaves where they came
+        in while there is another way out.
+        """
+        entries, exits = streets.entries, streets.exits
+        starts = np.unique(entries.edge)
+        seconds, previous = scipy.sparse.csgraph.dijkstra(
+            streets.seconds, indices=starts, return_predecessors=True
+        )
+        row = {int(edge): number for number, edge in enumerate(starts)}
+        rows = np.array([row[int(edge)] for edge in entries.edge])
+        reach = np.isfinite(seconds[rows][:, exits.edge])
+        same_gate = (entries.edge[:, None] == exits.edge) & (
+            entries.at_start[:, None] == exits.at_start
+        )
+        source, sink = np.nonzero(reach & ~same_gate)
+        if not len(source):
+            return None
+        begin = streets.ends[entries.edge[source], np.where(entries.at_start[source], 0, 1)]
+        end = streets.ends[exits.edge[sink], np.where(exits.at_start[sink], 0, 1)]
+        straight = np.linalg.norm(end - begin, axis=1)
+        routes = cls(streets, np.column_stack([source, sink]), straight, previous, row)
+        length = np.array([routes._length_m(number) for number in range(len(source))])
+        returns = np.array(
+            [
+                (int(a), int(b)) in streets.turn_back
+                for a, b in zip(entries.edge[source], exits.edge[sink], strict=True)
+            ]
+        )
+        weight = entries.weight[source] * exits.weight[sink]
+        weight = weight * (np.clip(straight / length, 0.1, 1.0) ** 2)
+        for unwanted in (returns, length < _WORTHWHILE_M):
+            if np.any(weight[~unwanted] > 0):
+                weight = np.where(unwanted, 0.0, weight)
+        return cls(streets, routes.pairs, weight, previous, row)
+
+    def drive(self, number: int) -> tuple[str, ...]:
+        """Return the streets of a way."""
+        return tuple(self.streets.edges[edge] for edge in self._path(number))
+
+    def walk(self, number: int, head_start: float) -> tuple[tuple[str, ...], float, float]:
+        """Return the streets of a walk, and where on the first and last it begins and ends (m).
+
+        Args:
+            number: which pair of gates.
+            head_start: share of the way that is already behind the pedestrian.
+        """
+        source, sink = self.pairs[number]
+        path = [edge for edge in self._path(number) if edge < self.streets.street_count]
+        length = self.streets.length_m[path]
+        begin = 0.0 if self.streets.entries.at_start[source] else 1.0
+        end = 0.0 if self.streets.exits.at_start[sink] else 1.0
+        done = head_start * float(length.sum())
+        first = int(np.searchsorted(np.cumsum(length), done, side="right").clip(0, len(path) - 1))
+        if first > 0:
+            begin = 0.5
+        elif done > 0:
+            far = end if len(path) == 1 else self._far_end(path[0], path[1])
+            begin += (far - begin) * min(done / float(length[0]), 0.9)
+        names = tuple(self.streets.edges[edge] for edge in path[first:])
+        return names, round(float(begin * length[first]), 2), round(float(end * length[-1]), 2)
+
+    def _far_end(self, edge: int, following: int) -> float:
+        """Return the end of an edge (0 start, 1 end) that is nearer to the next one."""
+        gaps = np.linalg.norm(
+            self.streets.ends[edge][:, None] - self.streets.ends[following][None], axis=2
+        )
+        return float(np.argmin(gaps.min(axis=1)))
+
+    def _path(self, number: int) -> list[int]:
+        """Return the edges from gate to gate."""
+        source, sink = self.pairs[number]
+        start = int(self.streets.entries.edge[source])
+        edge = int(self.streets.exits.edge[sink])
+        path = [edge]
+        while edge != start:
+            edge = int(self.previous[self.row[start], edge])
+            path.append(edge)
+        return path[::-1]
+
+    def _length_m(self, number: int) -> float:
+        return float(self.streets.length_m[self._path(number)].sum())
+
+
+def _systematic(
+    weight: NDArray[np.float64], count: int, random: np.random.Generator
+) -> NDArray[np.int64]:
+    """Draw ``count`` indices in proportion to their weights, evenly, in a random order."""
+    total = np.cumsum(weight)
+    at = (np.arange(count) + random.random(count)) / count * total[-1]
+    drawn = np.searchsorted(total, at, side="right").clip(0, len(weight) - 1)
+    return np.asarray(random.permutation(drawn), np.int64)

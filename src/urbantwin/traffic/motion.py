@@ -1,0 +1,184 @@
+"""Motion: the pose of every actor at every step, and what the signals showed."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from urbantwin.artefact import read_json, replaced_folder, write_json
+from urbantwin.errors import InputError
+from urbantwin.traffic.signals import SIGNAL_SCHEMA
+
+__all__ = ["ACTOR_SCHEMA", "MOTION_VERSION", "Motion", "describe"]
+
+MOTION_VERSION = 1
+
+ACTOR_SCHEMA = pa.schema(
+    [
+        ("time_s", pa.float64()),
+        ("track", pa.int32()),
+        ("class", pa.string()),
+        ("asset", pa.string()),
+        ("phase", pa.int16()),
+        ("x", pa.float64()),
+        ("y", pa.float64()),
+        ("z", pa.float64()),
+        ("yaw", pa.float64()),
+        ("pitch", pa.float64()),
+        ("roll", pa.float64()),
+        ("length", pa.float64()),
+        ("width", pa.float64()),
+        ("height", pa.float64()),
+        ("speed", pa.float64()),
+        ("lane", pa.string()),
+    ]
+)
+
+_ROW = np.dtype(
+    [
+        (field.name, object if pa.types.is_string(field.type) else field.type.to_pandas_dtype())
+        for field in ACTOR_SCHEMA
+    ]
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """What moves in a twin, and how.
+
+    Attributes:
+        manifest: ``motion.json``: seed, step, duration, counts per class, teleports, collisions.
+        actors: ``actors.parquet``, columns of ``ACTOR_SCHEMA``, sorted by time, then track.
+        signals: ``signals.parquet``, columns of ``signals.SIGNAL_SCHEMA``.
+    """
+
+    manifest: dict[str, Any]
+    actors: pa.Table
+    signals: pa.Table
+
+    @property
+    def step_s(self) -> float:
+        """Time between steps."""
+        return float(self.manifest["step_s"])
+
+    def times(self) -> NDArray[np.float64]:
+        """Return the times (T,) of the steps, seconds; a step may be without actors."""
+        return step_times(int(self.manifest["steps"]), self.step_s)
+
+    def at(self, time_s: float) -> NDArray[np.void]:
+        """Return the actors of one step: a structured array with the fields of ``ACTOR_SCHEMA``.
+
+        Text fields hold ``str`` objects. The rows are sorted by track.
+
+        Raises:
+            InputError: the motion has no step at that time.
+        """
+        times = self.times()
+        nearest = int(np.abs(times - time_s).argmin())
+        if abs(float(times[nearest]) - time_s) > 1e-6:
+            raise InputError(
+                f"the motion has no step at {time_s:g} s",
+                expected=f"a multiple of {self.step_s:g} s from 0 to {float(times[-1]):g} s",
+            )
+        column = self._time
+        first, last = np.searchsorted(column, times[nearest] + np.array([-1e-6, 1e-6]))
+        part = self.actors.slice(int(first), int(last - first))
+        rows = np.empty(part.num_rows, _ROW)
+        for name in part.column_names:
+            rows[name] = part[name].to_numpy()
+        return rows
+
+    @property
+    def _time(self) -> NDArray[np.float64]:
+        return np.asarray(self.actors["time_s"].to_numpy())
+
+    def save(self, folder: Path) -> None:
+        """Write the folder, whole or not at all; the same motion gives the same bytes.
+
+        Raises:
+            InputError: the folder holds something else.
+        """
+        with replaced_folder(folder, kind="motion") as scratch:
+            pq.write_table(self.actors, scratch / "actors.parquet", compression="zstd")
+            pq.write_table(self.signals, scratch / "signals.parquet", compression="zstd")
+            write_json(scratch / "motion.json", self.manifest)
+
+    @classmethod
+    def load(cls, folder: Path) -> Motion:
+        """Read what ``save`` wrote.
+
+        Raises:
+            InputError: the folder is missing, holds something else, or is of another version.
+        """
+        path = folder / "motion.json"
+        manifest = read_json(path, kind="motion")
+        if manifest.get("kind") != "motion":
+            raise InputError("is not a motion's manifest", file=path, expected='"kind": "motion"')
+        if manifest.get("version") != MOTION_VERSION:
+            raise InputError(
+                f"motion of version {manifest.get('version')}",
+                file=path,
+                place="version",
+                expected=str(MOTION_VERSION),
+            )
+        return cls(
+            manifest,
+            _read_table(folder / "actors.parquet", ACTOR_SCHEMA),
+            _read_table(folder / "signals.parquet", SIGNAL_SCHEMA),
+        )
+
+
+def step_times(steps: int, step_s: float) -> NDArray[np.float64]:
+    """Return the times (steps,) of a motion, free of the dust of binary fractions."""
+    return np.round(np.arange(steps) * step_s, 9)
+
+
+def describe(folder: Path) -> dict[str, Any]:
+    """Say what a motion folder holds, for ``urbantwin inspect``.
+
+    Raises:
+        InputError: it is not a motion.
+    """
+    motion = Motion.load(folder)
+    tracks = motion.actors.select(["track", "class"]).group_by(["track", "class"]).aggregate([])
+    counts = Counter(tracks["class"].to_pylist())
+    return {
+        "kind": "motion",
+        "version": motion.manifest["version"],
+        "seed": motion.manifest["seed"],
+        "steps": motion.manifest["steps"],
+        "step_s": motion.step_s,
+        "duration_s": motion.manifest["duration_s"],
+        "actors": {name: counts[name] for name in sorted(counts)},
+        "poses": motion.actors.num_rows,
+        "signal_links": len(
+            motion.signals.select(["signal", "link"]).group_by(["signal", "link"]).aggregate([])
+        ),
+        "left_out": motion.manifest["left_out"],
+        "teleports": motion.manifest["teleports"],
+        "collisions": motion.manifest["collisions"],
+    }
+
+
+def _read_table(path: Path, schema: pa.Schema) -> pa.Table:
+    """Read a table and check that it has the columns of a schema."""
+    try:
+        table = pq.read_table(path)
+    except FileNotFoundError:
+        raise InputError("not found", file=path, expected="a table of the motion") from None
+    except (pa.ArrowException, OSError) as error:
+        raise InputError(f"is not a Parquet table ({error})", file=path) from None
+    if not table.schema.equals(schema, check_metadata=False):
+        raise InputError(
+            "has other columns",
+            file=path,
+            expected=", ".join(f"{field.name} ({field.type})" for field in schema),
+        )
+    return table

@@ -1,0 +1,259 @@
+"""The streets as one class of actors may use them: where it comes in, where it leaves, the ways.
+
+A SUMO network is a graph of edges. Here it becomes, for one of SUMO's vehicle classes, a sparse
+matrix of travel times from edge to edge and a list of *gates*: edges over which traffic enters or
+leaves the site. A gate at the border of the region carries through traffic; one inside is a dead
+end, where a few people live.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+import shapely
+import sumolib.net
+from numpy.typing import NDArray
+
+from urbantwin.errors import StageError
+
+__all__ = ["Gates", "StreetNetwork", "Streets"]
+
+#: Relative traffic per lane of a street, by OpenStreetMap's road class. The order is the road
+#: hierarchy's; the sizes follow the usual ratios of annual average daily traffic between
+#: functional classes (FHWA, Highway Functional Classification Concepts, 2013, table 3-5).
+_RANK = {
+    "motorway": 8.0,
+    "motorway_link": 5.0,
+    "trunk": 7.0,
+    "trunk_link": 5.0,
+    "primary": 6.0,
+    "primary_link": 4.0,
+    "secondary": 4.0,
+    "secondary_link": 3.0,
+    "tertiary": 2.5,
+    "tertiary_link": 2.0,
+    "unclassified": 1.0,
+    "residential": 0.7,
+    "living_street": 0.3,
+    "pedestrian": 0.3,
+    "service": 0.1,
+    "track": 0.05,
+    "steps": 0.2,
+}
+_DEFAULT_RANK = 1.0
+Edge = Any  # sumolib.net.edge.Edge; sumolib has no types
+_BORDER_M = 30.0  # a gate nearer to the region's border than this is a street cut by the border
+_DEAD_END_SHARE = 0.1  # traffic of a gate inside the region, relative to one at its border
+
+
+@dataclass(frozen=True, eq=False)
+class Gates:
+    """Ends of edges where traffic enters or leaves.
+
+    Attributes:
+        edge: (G,) index of the edge.
+        at_start: (G,) whether the gate is the edge's start, else its end.
+        weight: (G,) relative traffic.
+    """
+
+    edge: NDArray[np.int64]
+    at_start: NDArray[np.bool_]
+    weight: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Streets:
+    """What one class of actors can use of a network.
+
+    Attributes:
+        edges: ids of edges; those from ``street_count`` on are walking areas and crossings.
+        street_count: how many of the edges are streets, which routes name.
+        length_m: (E,) lengths of edges.
+        ends: (E, 2, 2) first and last point of each edge, site frame.
+        seconds: (E, E) sparse, from the start of one edge to the start of the next.
+        turn_back: pairs of edges that are the two directions of one street.
+        entries: where actors come in.
+        exits: where they leave.
+    """
+
+    edges: tuple[str, ...]
+    street_count: int
+    length_m: NDArray[np.float64]
+    ends: NDArray[np.float64]
+    seconds: scipy.sparse.csr_array
+    turn_back: frozenset[tuple[int, int]]
+    entries: Gates
+    exits: Gates
+
+
+class StreetNetwork:
+    """A network that netconvert wrote, in the site frame.
+
+    Args:
+        path: the ``.net.xml``.
+        region: the site's region (site frame), or ``None`` where every gate counts alike.
+
+    Raises:
+        StageError: the file is not a SUMO network.
+    """
+
+    def __init__(self, path: Path, region: shapely.Polygon | None) -> None:
+        try:
+            self._net: Any = sumolib.net.readNet(
+                str(path), withInternal=True, withPedestrianConnections=True, withFoes=False
+            )
+        except Exception as error:
+            # sumolib lets whatever its XML reader meets pass through.
+            raise StageError(f"{path.name} is not a SUMO network ({error})") from error
+        self._border = None if region is None else shapely.boundary(region)
+        streets = self._net.getEdges(withInternal=False)
+        self._streets = sorted(streets, key=lambda edge: str(edge.getID()))
+
+    def driven_by(self, vclass: str) -> Streets | None:
+        """Return the streets that vehicles of a SUMO class may use; ``None`` where there are none.
+
+        A street without a way on is an exit, one without a way to it an entry; turning round does
+        not count as a way. In a network without such ends (a ring) every edge is both.
+        """
+        edges = [edge for edge in self._streets if edge.allows(vclass)]
+        if not edges:
+            return None
+        index = {edge.getID(): number for number, edge in enumerate(edges)}
+        turn_back = _opposite_directions(edges)
+        arcs: dict[tuple[int, int], float] = {}
+        for number, edge in enumerate(edges):
+            for following in edge.getAllowedOutgoing(vclass):
+                other = index.get(following.getID())
+                if other is not None and (number, other) not in turn_back:
+                    arcs[number, other] = edge.getLength() / edge.getSpeed()
+        leads_on = {start for start, _ in arcs}
+        led_to = {end for _, end in arcs}
+        rank = np.array([self._rank(edge, vclass) for edge in edges])
+        everything = list(range(len(edges)))
+        entries = [number for number in everything if number not in led_to] or everything
+        exits = [number for number in everything if number not in leads_on] or everything
+        return Streets(
+            tuple(index),
+            len(edges),
+            np.array([float(edge.getLength()) for edge in edges]),
+            _ends(edges),
+            _matrix(arcs, len(edges)),
+            turn_back,
+            self._gates(edges, [(number, True) for number in entries], rank),
+            self._gates(edges, [(number, False) for number in exits], rank),
+        )
+
+    def walked(self) -> Streets | None:
+        """Return the ways of pedestrians, both directions; ``None`` where nobody can walk.
+
+        Gates are the ends of sidewalks and footways at nodes that have a single neighbour.
+        """
+        streets = [edge for edge in self._streets if _has_walkway(edge)]
+        if not streets:
+            return None
+        special = [
+            edge
+            for edge in self._net.getEdges(withInternal=True)
+            if edge.getFunction() in ("walkingarea", "crossing")
+        ]
+        edges = streets + sorted(special, key=lambda edge: str(edge.getID()))
+        index = {edge.getID(): number for number, edge in enumerate(edges)}
+        arcs: dict[tuple[int, int], float] = {}
+        joined: set[tuple[int, bool]] = set()
+        for number, edge in enumerate(edges):
+            for following in edge.getOutgoing():
+                other = index.get(following.getID())
+                # Sidewalks meet in walking areas; other connections are for bicycles.
+                if other is None or "walkingarea" not in (
+                    edge.getFunction(),
+                    following.getFunction(),
+                ):
+                    continue
+                joined |= {(number, False), (other, True)}
+                half = (edge.getLength() + following.getLength()) / 2
+                arcs[number, other] = arcs[other, number] = half
+        neighbours = self._neighbours()
+        ends = []
+        for number, edge in enumerate(streets):
+            for at_start in (True, False):
+                node = edge.getFromNode() if at_start else edge.getToNode()
+                if len(neighbours[node.getID()]) < 2 or (number, at_start) not in joined:
+                    ends.append((number, at_start))
+        if not ends:
+            ends = [(number, True) for number in range(len(streets))]
+        rank = np.sqrt([self._rank(edge, "pedestrian") for edge in streets])
+        gates = self._gates(streets, ends, rank)
+        return Streets(
+            tuple(index),
+            len(streets),
+            np.array([float(edge.getLength()) for edge in edges]),
+            _ends(edges),
+            _matrix(arcs, len(edges)),
+            frozenset(),
+            gates,
+            gates,
+        )
+
+    def _neighbours(self) -> dict[str, set[str]]:
+        """Return, for each node, the nodes that an edge joins it to."""
+        near: dict[str, set[str]] = defaultdict(set)
+        for edge in self._streets:
+            start, end = edge.getFromNode().getID(), edge.getToNode().getID()
+            near[start].add(end)
+            near[end].add(start)
+        return near
+
+    def _rank(self, edge: Edge, vclass: str) -> float:
+        """Return the relative traffic of an edge for a class: of its kind times its lanes."""
+        names = re.findall(r"highway\.(\w+)", edge.getType() or "")
+        kind = max((_RANK.get(name, _DEFAULT_RANK) for name in names), default=_DEFAULT_RANK)
+        return kind * float(sum(lane.allows(vclass) for lane in edge.getLanes()))
+
+    def _gates(
+        self, edges: list[Edge], ends: list[tuple[int, bool]], rank: NDArray[np.float64]
+    ) -> Gates:
+        number = np.array([edge for edge, _ in ends], np.int64)
+        at_start = np.array([start for _, start in ends], np.bool_)
+        weight = rank[number].astype(np.float64)
+        if self._border is not None:
+            points = _ends(edges)[number, np.where(at_start, 0, 1)]
+            far = shapely.distance(self._border, shapely.points(points)) > _BORDER_M
+            weight = weight * np.where(far, _DEAD_END_SHARE, 1.0)
+        return Gates(number, at_start, weight)
+
+
+def _opposite_directions(edges: list[Edge]) -> frozenset[tuple[int, int]]:
+    """Return the pairs of edges that join the same two nodes in opposite directions."""
+    between: dict[tuple[str, str], list[int]] = defaultdict(list)
+    for number, edge in enumerate(edges):
+        between[edge.getFromNode().getID(), edge.getToNode().getID()].append(number)
+    return frozenset(
+        (number, other)
+        for (start, end), numbers in between.items()
+        for number in numbers
+        for other in between.get((end, start), ())
+    )
+
+
+def _ends(edges: list[Edge]) -> NDArray[np.float64]:
+    shapes = (edge.getShape() for edge in edges)
+    return np.array([(shape[0][:2], shape[-1][:2]) for shape in shapes], np.float64)
+
+
+def _matrix(arcs: dict[tuple[int, int], float], count: int) -> scipy.sparse.csr_array:
+    pairs = np.array(list(arcs), np.int64).reshape(-1, 2)
+    cost = np.array(list(arcs.values()), np.float64)
+    return scipy.sparse.csr_array((cost, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+
+
+def _has_walkway(edge: Edge) -> bool:
+    """Say whether some lane of an edge is for people on foot and not for cars."""
+    return any(
+        lane.allows("pedestrian") and not lane.allows("passenger") for lane in edge.getLanes()
+    )

@@ -1,0 +1,115 @@
+"""Placement: the height and tilt of actors, from the ground under their wheels."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.geometry import DownwardProbe, LabelledMesh, rotation_from_ypr
+from urbantwin.roads import RoadNetwork
+
+__all__ = ["Ground", "stand"]
+
+_CLEARANCE_M = 1.5  # rays start this far above the lane: below the deck of any road that crosses it
+_STEEPEST = np.radians(17.0)  # a steeper fit is a wheel on a wall's top, not a road
+_ROUNDS = 2  # the wheels' places depend on the tilt that they decide; the second round is exact
+
+
+class Ground:
+    """The ground as actors stand on it, on the level on which their lane runs.
+
+    Args:
+        mesh: triangles of the ground.
+        roads: knows how high each lane runs.
+    """
+
+    def __init__(self, mesh: LabelledMesh, roads: RoadNetwork) -> None:
+        self._probe = DownwardProbe(mesh)
+        self._roads = roads
+        self._highest = float(mesh.vertices[:, 2].max(initial=0.0)) + _CLEARANCE_M
+
+    def ceiling(
+        self, xy: NDArray[np.float64], lane: NDArray[np.int32], names: tuple[str, ...]
+    ) -> NDArray[np.float64]:
+        """Return the height (N,) where rays start for points (N, 2) on lanes (N,)."""
+        start = np.full(len(xy), self._highest)
+        order = np.argsort(lane, kind="stable")
+        for group in np.split(order, np.flatnonzero(np.diff(lane[order])) + 1):
+            if len(group) and (name := names[lane[group[0]]]) in self._roads.lane_by_id:
+                start[group] = self._roads.height(name, xy[group]) + _CLEARANCE_M
+        return start
+
+    def height(self, xy: NDArray[np.float64], ceiling: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the height (N,) of the ground under points (N, 2); nan where there is none."""
+        return self._probe.height_below(np.column_stack([xy, ceiling]))
+
+
+def stand(
+    ground: Ground,
+    contacts: NDArray[np.float64],
+    xy: NDArray[np.float64],
+    yaw: NDArray[np.float64],
+    ceiling: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Stand one asset on the ground at N poses.
+
+    The least-squares plane through the ground under the contacts gives height, pitch and roll;
+    two contacts in line give no roll, a single one neither.
+
+    Args:
+        ground: the ground.
+        contacts: (K, 3) where the asset touches it, in the asset's frame.
+        xy: (N, 2) the asset's origin, site frame.
+        yaw: (N,) heading, rad.
+        ceiling: (N,) where rays start.
+
+    Returns:
+        z, pitch and roll, each (N,); z is nan where the origin or a contact is not over ground.
+    """
+    pitch, roll = np.zeros(len(xy)), np.zeros(len(xy))
+    rolls = bool(np.ptp(contacts[:, 1]) > 0.1)
+    pitches = bool(np.ptp(contacts[:, 0]) > 0.1)
+    z = ground.height(xy, ceiling)
+    for _ in range(_ROUNDS):
+        turned = _turned(contacts, yaw, pitch, roll)
+        points = (xy[:, None] + turned[..., :2]).reshape(-1, 2)
+        heights = ground.height(points, np.repeat(ceiling, len(contacts)))
+        heights = heights.reshape(len(xy), len(contacts))
+        c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
+        ahead = turned[..., 0] * c + turned[..., 1] * s
+        left = turned[..., 1] * c - turned[..., 0] * s
+        slope_ahead, slope_left = _plane(ahead, left, heights, pitches=pitches, rolls=rolls)
+        pitch = np.clip(np.arctan(-slope_ahead) + 0.0, -_STEEPEST, _STEEPEST)
+        roll = np.clip(np.arctan(slope_left * np.cos(pitch)), -_STEEPEST, _STEEPEST)
+        lift = heights - _turned(contacts, yaw, pitch, roll)[..., 2]
+        z = np.where(np.isnan(z), np.nan, lift.mean(axis=1))
+    missing = np.isnan(z)
+    return z, np.where(missing, 0.0, pitch), np.where(missing, 0.0, roll)
+
+
+def _turned(
+    contacts: NDArray[np.float64],
+    yaw: NDArray[np.float64],
+    pitch: NDArray[np.float64],
+    roll: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return contacts (N, K, 3) turned by N attitudes."""
+    return np.asarray(contacts @ rotation_from_ypr(yaw, pitch, roll).transpose(0, 2, 1))
+
+
+def _plane(
+    ahead: NDArray[np.float64],
+    left: NDArray[np.float64],
+    heights: NDArray[np.float64],
+    *,
+    pitches: bool,
+    rolls: bool,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the slopes ahead and to the left (N,) of planes fitted to (N, K) heights."""
+    unknown = [column for column, wanted in ((ahead, pitches), (left, rolls)) if wanted]
+    slopes = np.zeros((2, len(heights)))
+    if unknown:
+        design = np.stack([np.ones_like(ahead), *unknown], axis=-1)
+        fit = np.linalg.pinv(design) @ heights[..., None]
+        slopes[[pitches, rolls]] = fit[:, 1:, 0].T
+    return slopes[0], slopes[1]

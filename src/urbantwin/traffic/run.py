@@ -1,0 +1,147 @@
+"""The traffic stage: from a twin to its motion."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from urbantwin.errors import InputError
+from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.traffic.actor_table import actor_table
+from urbantwin.traffic.assets import asset, asset_mesh, asset_names
+from urbantwin.traffic.demand import Demand, plan_demand
+from urbantwin.traffic.motion import MOTION_VERSION, Motion
+from urbantwin.traffic.network import StreetNetwork
+from urbantwin.traffic.placement import Ground
+from urbantwin.traffic.signals import signal_table
+from urbantwin.traffic.simulation import Simulated, simulate
+from urbantwin.twin import Twin
+
+__all__ = ["run_traffic"]
+
+
+def run_traffic(
+    twin: Twin,
+    out: Path,
+    *,
+    seconds: float | None = None,
+    seed: int | None = None,
+    progress: Callable[[float, str], None] | None = None,
+) -> Motion:
+    """Simulate traffic in a twin and write the motion.
+
+    The same twin, duration and seed give the same bytes.
+
+    Args:
+        twin: the twin; its site says how much traffic of each class.
+        out: the folder to write.
+        seconds: how long the motion is; ``None`` for the site's ``traffic.duration_s``.
+        seed: of every random choice; ``None`` for the site's ``traffic.seed``.
+        progress: called with the fraction done and what is being done.
+
+    Raises:
+        InputError: the duration, the step or ``out`` cannot be used.
+        StageError: SUMO failed.
+    """
+    told = progress or _silent
+    asked = twin.site["traffic"]
+    step_s, warmup_s = float(asked["step_s"]), float(asked["warmup_s"])
+    steps = _steps(asked["duration_s"] if seconds is None else seconds, step_s)
+    chosen_seed = _seed(asked["seed"] if seed is None else seed)
+
+    told(0.0, "planning trips")
+    demand = plan_demand(
+        StreetNetwork(twin.net_path, twin.region),
+        asked["per_hour"],
+        warmup_s=warmup_s,
+        duration_s=steps * step_s,
+        seed=chosen_seed,
+        asset_names=asset_names,
+    )
+    simulated = simulate(
+        twin.net_path,
+        demand,
+        asset,
+        warmup_s=warmup_s,
+        steps=steps,
+        step_s=step_s,
+        seed=chosen_seed,
+        progress=lambda fraction, what: told(0.1 + 0.7 * fraction, what),
+    )
+    told(0.8, "standing actors on the ground")
+    actors, outside = actor_table(
+        simulated,
+        demand,
+        Ground(twin.ground_mesh, twin.roads),
+        steps=steps,
+        step_s=step_s,
+        asset=asset,
+        asset_mesh=asset_mesh,
+    )
+    signals = signal_table(simulated.signals, twin.roads.signals, steps=steps, step_s=step_s)
+    manifest = {
+        "kind": "motion",
+        "version": MOTION_VERSION,
+        "twin_sha256": twin.sha256,
+        "sumo": simulated.sumo,
+        "seed": chosen_seed,
+        "step_s": step_s,
+        "steps": steps,
+        "duration_s": round(steps * step_s, 9),
+        "warmup_s": warmup_s,
+        "classes": _counts(asked["per_hour"], demand, simulated, actors),
+        "left_out": [
+            {"class": item.actor_class, "count": item.count, "why": item.why}
+            for item in demand.left_out
+        ],
+        "teleports": simulated.teleports,
+        "collisions": simulated.collisions,
+        "poses_outside_ground": outside,
+    }
+    motion = Motion(manifest, actors, signals)
+    told(0.95, "writing the motion")
+    motion.save(out)
+    told(1.0, "done")
+    return motion
+
+
+def _silent(_fraction: float, _what: str) -> None:
+    """Tell nobody."""
+
+
+def _steps(duration_s: float, step_s: float) -> int:
+    """Return how many steps a motion of a duration has, one at least."""
+    if not (np.isfinite(duration_s) and 0 < duration_s <= 86400):
+        raise InputError(
+            f"a duration of {duration_s:g} s", place="seconds", expected="0 to 86400 seconds"
+        )
+    return max(1, round(duration_s / step_s))
+
+
+def _seed(seed: int) -> int:
+    if not 0 <= seed < 2**31:
+        raise InputError(f"a seed of {seed}", place="seed", expected="0 to 2147483647")
+    return int(seed)
+
+
+def _counts(
+    per_hour: Mapping[str, float], demand: Demand, simulated: Simulated, actors: pa.Table
+) -> dict[str, dict[str, float | int]]:
+    """Return, for each class, how many were asked for, came in, and are seen in the motion."""
+    tracks = actors.group_by(["track", "class"]).aggregate([])
+    seen = Counter(tracks["class"].to_pylist())
+    left_out = {item.actor_class: item.count for item in demand.left_out}
+    counts: dict[str, dict[str, float | int]] = {}
+    for name in ACTOR_CLASSES:
+        trips = {n for n, trip in enumerate(demand.trips) if trip.actor_class == name}
+        counts[name] = {
+            "per_hour": float(per_hour.get(name, 0.0)),
+            "asked": len(trips) + left_out.get(name, 0),
+            "driven": len(trips & simulated.departed),
+            "seen": seen[name],
+        }
+    return counts

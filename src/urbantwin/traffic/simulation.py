@@ -1,0 +1,228 @@
+"""SUMO's side of the traffic: its input files, its process, and what came out of it."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from lxml import etree
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError, StageError
+from urbantwin.traffic.actor_kind import ACTOR_KINDS
+from urbantwin.traffic.assets import Asset
+from urbantwin.traffic.demand import Demand
+
+__all__ = ["Simulated", "simulate"]
+
+_WORKER = Path(__file__).with_name("sumo_worker.py")
+_LARGEST_STEP_MS = 100  # SUMO's car following and sublane movement are smooth at this step
+MARGIN_S = 3.0  # seen before the first and after the last step, to know where everybody is heading
+_STUCK_S = 300  # how long a vehicle may wait for a gap before SUMO takes it out
+_SUBLANE_M = 0.8  # two-wheelers pass each other and cars within a lane
+
+
+@dataclass(frozen=True, eq=False)
+class Simulated:
+    """What SUMO did, one row per actor and step, in SUMO's conventions.
+
+    Attributes:
+        step: (N,) number of the step of the motion; ``MARGIN_S`` before and after it are here too.
+        trip: (N,) index of the demand's trip.
+        front: (N, 2) middle of the front bumper, site frame, m.
+        angle_deg: (N,) heading, clockwise from north.
+        speed: (N,) m/s.
+        lane: (N,) index into ``lanes``.
+        lanes: ids of lanes.
+        signals: (step, program, state of every link), where a program's state changed.
+        teleports: vehicles that SUMO took out because they were stuck.
+        collisions: pairs of actors that SUMO saw overlap.
+        departed: trips that entered the network.
+        sumo: SUMO's version.
+    """
+
+    step: NDArray[np.int32]
+    trip: NDArray[np.int32]
+    front: NDArray[np.float64]
+    angle_deg: NDArray[np.float64]
+    speed: NDArray[np.float64]
+    lane: NDArray[np.int32]
+    lanes: tuple[str, ...]
+    signals: tuple[tuple[int, str, str], ...]
+    teleports: int
+    collisions: int
+    departed: frozenset[int]
+    sumo: str
+
+
+def simulate(
+    net_path: Path,
+    demand: Demand,
+    asset: Callable[[str], Asset],
+    *,
+    warmup_s: float,
+    steps: int,
+    step_s: float,
+    seed: int,
+    progress: Callable[[float, str], None] | None = None,
+) -> Simulated:
+    """Run the demand through SUMO in a process of its own.
+
+    Args:
+        net_path: the SUMO network.
+        demand: who sets out.
+        asset: the mesh of a name, with its length, width and height.
+        warmup_s: simulated before the first step that is kept.
+        steps: how many steps are kept.
+        step_s: time between them; SUMO itself steps 0.1 s or an integer part of ``step_s``.
+        seed: SUMO's seed.
+        progress: called with the fraction done and what is being done.
+
+    Raises:
+        InputError: the step is not a whole number of milliseconds, SUMO's resolution of time.
+        StageError: SUMO failed; the message holds SUMO's first error.
+    """
+    step_ms = round(step_s * 1000)
+    if step_ms < 1 or abs(step_ms - step_s * 1000) > 1e-6:
+        raise InputError(
+            f"{step_s:g} s is not a step that SUMO can make",
+            place="traffic.step_s",
+            expected="a whole number of milliseconds, 0.001 or more",
+        )
+    substeps = next(
+        n for n in range(1, step_ms + 1) if step_ms % n == 0 and step_ms / n <= _LARGEST_STEP_MS
+    )
+    warmup_steps = math.ceil(warmup_s * 1000 / step_ms)
+    margin = math.ceil(MARGIN_S * 1000 / step_ms)
+    with tempfile.TemporaryDirectory(prefix="urbantwin-traffic-") as scratch:
+        folder = Path(scratch)
+        routes = folder / "demand.rou.xml"
+        _write_routes(routes, demand, asset)
+        job = {
+            "options": _options(net_path, routes, step_ms // substeps, seed),
+            "warmup_substeps": warmup_steps * substeps,
+            "first_step": -min(margin, warmup_steps),
+            "last_step": steps - 1 + margin,
+            "substeps": substeps,
+            "arrays": str(folder / "rows.npy"),
+            "texts": str(folder / "outcome.json"),
+        }
+        (folder / "job.json").write_text(json.dumps(job))
+        _run_worker(folder / "job.json", progress)
+        return _read(folder / "rows.npy", folder / "outcome.json")
+
+
+def _options(net_path: Path, routes: Path, sumo_step_ms: int, seed: int) -> list[str]:
+    """Return SUMO's command line."""
+    options: dict[str, object] = {
+        "net-file": net_path.resolve(),
+        "route-files": routes,
+        "step-length": sumo_step_ms / 1000,
+        "seed": seed % 2**31,
+        "lateral-resolution": _SUBLANE_M,
+        "time-to-teleport": _STUCK_S,
+        "time-to-teleport.remove": "true",
+        # Told, not acted upon: SUMO's own way out is to lift the vehicle off the road.
+        "collision.action": "warn",
+        "collision.check-junctions": "true",
+        "intermodal-collision.action": "warn",
+        "no-step-log": "true",
+        "duration-log.disable": "true",
+        "xml-validation": "never",
+        "xml-validation.net": "never",
+        "xml-validation.routes": "never",
+    }
+    return [text for name, value in options.items() for text in (f"--{name}", str(value))]
+
+
+def _write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> None:
+    """Write the demand as SUMO reads it: one vehicle type per mesh, then the trips."""
+    root = etree.Element("routes")
+    for actor_class, name in sorted({(trip.actor_class, trip.asset) for trip in demand.trips}):
+        kind, mesh = ACTOR_KINDS[actor_class], asset(name)
+        bounds = {"length": mesh.length, "width": mesh.width, "height": mesh.height}
+        values = {attribute: f"{value:.3f}" for attribute, value in bounds.items()}
+        values |= dict(kind.parameters)
+        etree.SubElement(root, "vType", id=name, vClass=kind.vclass, **values)
+    for number, trip in enumerate(demand.trips):
+        common = {"id": str(number), "type": trip.asset, "depart": f"{trip.depart_s:.2f}"}
+        edges = " ".join(trip.edges)
+        if trip.actor_class == "pedestrian":
+            person = etree.SubElement(root, "person", **common, departPos=f"{trip.depart_m:.2f}")
+            where = {"arrivalPos": f"{trip.arrive_m:.2f}", "departPosLat": "random"}
+            etree.SubElement(person, "walk", edges=edges, **where)
+        else:
+            how = {"departLane": "best", "departSpeed": "max", "departPos": "base"}
+            vehicle = etree.SubElement(root, "vehicle", **common, **how)
+            etree.SubElement(vehicle, "route", edges=edges)
+    etree.ElementTree(root).write(str(path), encoding="utf-8", xml_declaration=True)
+
+
+def _run_worker(job: Path, progress: Callable[[float, str], None] | None) -> None:
+    """Run the worker to its end.
+
+    Raises:
+        StageError: it failed or died; SUMO's first error is in the message.
+    """
+    messages = job.with_name("messages.txt")
+    # -P: the worker's folder holds modules of ours that must not shadow anyone else's.
+    command = [sys.executable, "-P", str(_WORKER), str(job)]
+    with (
+        messages.open("wb") as stderr,
+        subprocess.Popen(
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=stderr, text=True
+        ) as process,
+    ):
+        try:
+            assert process.stdout is not None
+            for line in process.stdout:
+                if progress and (found := re.match(r"progress ([0-9.]+)$", line)):
+                    progress(float(found[1]), "simulating traffic")
+        except BaseException:
+            process.kill()
+            raise
+    if process.returncode:
+        raise StageError(f"SUMO failed: {_first_error(messages, process.returncode)}")
+
+
+def _first_error(messages: Path, returncode: int) -> str:
+    """Return SUMO's first error, else the last line that it said, else how it died."""
+    lines = [line.strip() for line in messages.read_text(errors="replace").splitlines()]
+    for line in lines:
+        if line.startswith("Error:"):
+            return line.removeprefix("Error:").strip()
+        if found := re.match(r"[\w.]*TraCI(?:Exception|Error): (.+)", line):
+            return found[1]
+    if returncode < 0:
+        return f"its process was ended by {signal.Signals(-returncode).name}"
+    return next((line for line in reversed(lines) if line), f"exit code {returncode}")
+
+
+def _read(arrays: Path, texts: Path) -> Simulated:
+    """Read what the worker wrote."""
+    outcome: dict[str, Any] = json.loads(texts.read_text())
+    rows = np.load(arrays)
+    return Simulated(
+        step=rows["step"],
+        trip=rows["trip"],
+        front=np.column_stack([rows["x"], rows["y"]]),
+        angle_deg=rows["angle_deg"],
+        speed=rows["speed"],
+        lane=rows["lane"],
+        lanes=tuple(outcome["lanes"]),
+        signals=tuple((step, program, state) for step, program, state in outcome["signals"]),
+        teleports=outcome["teleports"],
+        collisions=len(outcome["collisions"]),
+        departed=frozenset(outcome["departed"]),
+        sumo=outcome["sumo"],
+    )
