@@ -1,0 +1,62 @@
+"""Boxes against the meshes that they bound, spans against points on the ray."""
+
+import numpy as np
+import pytest
+
+from urbantwin.geometry import Pose, bounding_box, points_in_box
+from urbantwin.lidar.actors import ActorShape
+from urbantwin.lidar.labels import outside, posed_box, spans_in_box
+from urbantwin.traffic.assets import asset_mesh, asset_names
+
+
+@pytest.mark.parametrize("actor_class", ["car", "pedestrian"])
+@pytest.mark.parametrize("angles", [(0, 0, 0), (2.5, 0.06, -0.04), (-1.1, -0.3, 0.4)])
+def test_box_is_the_tight_bounds_of_every_posed_vertex(actor_class, angles):
+    mesh = asset_mesh(asset_names(actor_class)[0], 0)
+    pose = Pose.from_ypr((40, -13, 2), *angles)
+    box = posed_box(ActorShape(mesh), pose)
+    np.testing.assert_allclose(box, bounding_box(mesh.transformed(pose).vertices, angles[0]))
+
+
+def test_box_of_a_flat_mesh(ground_mesh):
+    box = posed_box(ActorShape(ground_mesh(half=2.0)), Pose.from_ypr((1, 2, 3), 0.5))
+    np.testing.assert_allclose(box, [1, 2, 3, 4, 4, 0, 0.5], atol=1e-12)
+
+
+def test_spans_are_where_points_of_the_ray_are_inside():
+    rng = np.random.default_rng(2)
+    origin = np.array([-3.0, 1.0, 5.0])
+    boxes = np.column_stack(
+        [
+            rng.uniform(-8, 8, (300, 3)),
+            rng.uniform(1, 5, (300, 3)),
+            rng.uniform(-3, 3, 300),
+        ]
+    )
+    aims = boxes[:, :3] + rng.uniform(-0.4, 0.4, (300, 3)) - origin
+    aims /= np.linalg.norm(aims, axis=1, keepdims=True)
+    aims[0] = [1, 0, 0]
+    boxes[0] = [5, 1, 5, 2, 2, 2, 0]  # A ray that runs along its box's axis.
+    enter, leave = spans_in_box(origin, aims, boxes, 0.015)
+    for step in np.linspace(0, 20, 801):
+        inside = np.array(
+            [
+                points_in_box((origin + aim * step)[None], box, 0.015)[0]
+                for aim, box in zip(aims[:40], boxes[:40], strict=True)
+            ]
+        )
+        spanned = (step > enter[:40]) & (step < leave[:40])
+        np.testing.assert_array_equal(inside, spanned)
+
+
+def test_outside_agrees_with_points_in_box():
+    rng = np.random.default_rng(4)
+    boxes = np.column_stack(
+        [rng.uniform(-2, 2, (500, 3)), rng.uniform(1, 5, (500, 3)), rng.uniform(-3, 3, 500)]
+    )
+    points = rng.uniform(-4, 4, (500, 3))
+    expected = [
+        not points_in_box(point[None], box, 0.1)[0]
+        for point, box in zip(points, boxes, strict=True)
+    ]
+    assert outside(points, boxes, 0.1).tolist() == expected

@@ -1,0 +1,135 @@
+"""Returns against the formulas and tables that they are stated to follow."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import kstest, truncnorm
+
+from urbantwin.lidar.returns import ReturnModel, draw, standard_noise, truncated_noise
+from urbantwin.site.rig import Effects
+
+
+@pytest.fixture(scope="module")
+def os1(ground_mesh, rig_of):
+    """OS1-128 on a pole: 10 % seen to 45 m, as its datasheet says."""
+    return rig_of(ground_mesh(), {}).sensors[0]
+
+
+def strength_of(range_m, reflectivity=0.1):
+    """Worked out apart: the datasheet's target at 45 m is 1."""
+    return reflectivity / 0.1 * (45.0 / range_m) ** 2
+
+
+def level_shares(model, backscatter, range_m, rays=200_000):
+    """The share of rays that return, by drawing."""
+    draws = draw(5, 0, 17, rays)
+    level = model.detection_level(
+        np.full(rays, backscatter, np.float32), np.full(rays, range_m, np.float32)
+    )
+    return (draws.detection < level).mean()
+
+
+def test_datasheet_target_at_datasheet_range_returns_nine_times_in_ten(os1):
+    assert (os1.sensor.reference_reflectivity, os1.sensor.reference_range_m) == (0.1, 45)
+    assert level_shares(ReturnModel(os1), 0.1, 45.0) == pytest.approx(0.9, abs=0.003)
+
+
+def test_half_return_at_1_2_times_that_range(os1):
+    assert level_shares(ReturnModel(os1), 0.1, 45.0 / 0.69**0.5) == pytest.approx(0.5, abs=0.004)
+
+
+@pytest.mark.parametrize("range_m", [5.0, 30.0, 50.0, 60.0, 80.0, 110.0])
+@pytest.mark.parametrize("backscatter", [0.02, 0.1, 0.5])
+def test_detection_follows_the_stated_formula(os1, range_m, backscatter):
+    strength = strength_of(range_m, backscatter)
+    steepness = np.log(9) / -np.log(0.69)
+    expected = 1 / (1 + (0.69 / strength) ** steepness)
+    sigma = np.sqrt(expected * (1 - expected) / 200_000)
+    assert level_shares(ReturnModel(os1), backscatter, range_m) == pytest.approx(
+        expected, abs=4 * sigma + 1e-5
+    )
+
+
+def test_nothing_returns_outside_the_span_of_ranges(os1):
+    low, high = os1.sensor.range_min_m, os1.sensor.range_max_m
+    ranges = np.array([low * 0.99, low * 1.01, high * 0.999, high * 1.001, np.inf], np.float32)
+    for effects in (Effects(), Effects(dropout=False)):
+        model = ReturnModel(replace(os1, effects=effects))
+        seen = model.detection(np.full(5, 0.9, np.float32), ranges) > 0.5
+        assert seen.tolist() == [False, True, True, False, False]
+
+
+def test_without_dropout_the_faintest_hit_returns(os1):
+    model = ReturnModel(replace(os1, effects=Effects(dropout=False)))
+    assert level_shares(model, 1e-6, 100.0) == 1.0
+    assert level_shares(ReturnModel(os1), 1e-6, 100.0) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("signal_to_noise", "ratio"), [(12, 10 / 1.5), (100, 3 / 1.5), (250, 1.0), (1000, 1.0)]
+)
+def test_range_sigma_has_the_shape_of_the_os1_datasheet(os1, signal_to_noise, ratio):
+    """Its 1.5, 3 and 10 cm, at the strengths of the stated ratios of signal to noise."""
+    model = ReturnModel(os1)
+    range_m = 45.0 / np.sqrt(signal_to_noise / 12)
+    n = 100_000
+    backscatter, ranges = np.full(n, 0.1, np.float32), np.full(n, range_m, np.float32)
+    noise = model.sigma(backscatter, ranges) * standard_noise(draw(1, 0, 0, n).noise)
+    expected = ratio * os1.sensor.assumed_range_sigma_m
+    assert noise.std() == pytest.approx(expected, rel=0.01)
+    assert abs(noise.mean()) < 4 * expected / np.sqrt(n)
+
+
+def test_sigma_never_falls_as_strength_falls(os1):
+    ranges = np.linspace(1, 120, 500).astype(np.float32)
+    sigma = ReturnModel(os1).sigma(np.full(500, 0.1, np.float32), ranges)
+    assert (np.diff(sigma) >= 0).all()
+
+
+def test_noise_is_standard_normal():
+    noise = standard_noise(draw(3, 1, 4, 300_000).noise).astype(np.float64)
+    assert kstest(noise, "norm").pvalue > 1e-3
+
+
+@pytest.mark.parametrize(("low", "high"), [(-0.5, 0.2), (-3.0, 1.0), (0.0, 2.0), (-9.0, 9.0)])
+def test_truncated_noise_is_scipys_truncated_normal(low, high):
+    n = 200_000
+    kept = truncated_noise(draw(3, 0, 9, n).noise, np.full(n, low), np.full(n, high))
+    assert kept.min() >= low
+    assert kept.max() <= high
+    assert kstest(kept, truncnorm(low, high).cdf).pvalue > 1e-3
+
+
+def test_truncation_leaves_what_lies_within():
+    draws = draw(3, 0, 9, 10_000)
+    plain = standard_noise(draws.noise)
+    kept = truncated_noise(draws.noise, np.full(10_000, -1.0), np.full(10_000, 0.5))
+    within = (plain > -0.999) & (plain < 0.499)
+    np.testing.assert_allclose(kept[within], plain[within], atol=1e-6)
+
+
+def test_ranges_are_whole_steps(os1):
+    ranges = np.linspace(1, 119, 999).astype(np.float32)
+    steps = ReturnModel(os1).quantised(ranges) / np.float32(os1.sensor.range_resolution_m)
+    np.testing.assert_allclose(steps, np.rint(steps), atol=0.02)
+    plain = ReturnModel(replace(os1, effects=Effects(noise=False)))
+    np.testing.assert_array_equal(plain.quantised(ranges), ranges)
+    assert (plain.sigma(ranges, ranges) == 0).all()
+
+
+def test_draws_differ_by_seed_sensor_and_frame_and_by_nothing_else():
+    first = draw(1, 2, 3, 999)
+    again = draw(1, 2, 3, 999)
+    np.testing.assert_array_equal(first.detection, again.detection)
+    np.testing.assert_array_equal(first.noise, again.noise)
+    for other in (draw(2, 2, 3, 999), draw(1, 3, 3, 999), draw(1, 2, 4, 999)):
+        assert (first.detection != other.detection).mean() > 0.99
+    assert abs(np.corrcoef(first.detection, first.noise)[0, 1]) < 0.15
+
+
+def test_intensity_spans_zero_to_one_in_255_steps(os1):
+    scatter = np.array([0, 0.1, 0.5, 1, 1.7], np.float32)
+    intensity = ReturnModel(os1).intensity(scatter)
+    np.testing.assert_allclose(intensity, np.clip(scatter, 0, 1), atol=0.5 / 255 + 1e-6)
+    np.testing.assert_allclose(intensity * 255, np.rint(intensity * 255), atol=1e-4)
