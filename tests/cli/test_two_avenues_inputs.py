@@ -54,6 +54,11 @@ def test_the_map_holds_what_helsinki_lacks(two_avenues: Path) -> None:
     assert any("min_height" in tag and "building:part" in tag for tag in tags)
     assert any(tag.get("cycleway") == "lane" for tag in tags)
     assert [relation.tags["building"] for relation in extract.relations.values()] == ["apartments"]
-    middle = np.mean([extract.nodes[node] for node in extract.node_tags
-                      if extract.node_tags[node].get("highway") == "traffic_signals"], axis=0)  # fmt: skip
-    np.testing.assert_allclose(SiteFrame(48.7, 9.18).site_from_lonlat(middle), 0.0, atol=0.01)
+    signals = [
+        extract.nodes[node]
+        for node, tag in extract.node_tags.items()
+        if tag.get("highway") == "traffic_signals"
+    ]
+    np.testing.assert_allclose(
+        SiteFrame(48.7, 9.18).site_from_lonlat(np.mean(signals, axis=0)), 0.0, atol=0.01
+    )

@@ -1,0 +1,113 @@
+"""The commands put together, and errors turned into one line and an exit code."""
+
+from __future__ import annotations
+
+import os
+import sys
+import warnings
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+from urbantwin import __version__
+from urbantwin.cli import build, compare, demo, init, inspect, record, run, sensors, traffic
+from urbantwin.cli.console import error_line
+from urbantwin.errors import InputError, UrbanTwinError
+
+__all__ = ["app", "main"]
+
+EXIT_FAILED = 1
+EXIT_WRONG_INPUT = 2
+EXIT_INTERRUPTED = 130
+
+app = typer.Typer(
+    name="urbantwin",
+    invoke_without_command=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(f"urbantwin {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def urbantwin(
+    context: typer.Context,
+    version: Annotated[
+        bool,
+        typer.Option("--version", is_eager=True, callback=_print_version, help="Print it."),
+    ] = False,
+) -> None:
+    """From a real street intersection to a LiDAR digital twin and labelled training data."""
+    if context.invoked_subcommand is None:
+        print(context.get_help())
+
+
+def _examples(lines: str) -> str:
+    # \b keeps the line breaks of a paragraph of help.
+    return "\b\nExamples:\n" + "".join(f"  {line}\n" for line in lines.strip().splitlines())
+
+
+# In the order of a person's work, which is the order in which `--help` lists them.
+for command, examples in (
+    (demo.demo, demo.EXAMPLES),
+    (init.init, init.EXAMPLES),
+    (run.run, run.EXAMPLES),
+    (build.build, build.EXAMPLES),
+    (traffic.traffic, traffic.EXAMPLES),
+    (record.record, record.EXAMPLES),
+    (compare.compare, compare.EXAMPLES),
+    (inspect.inspect, inspect.EXAMPLES),
+    (sensors.sensors, sensors.EXAMPLES),
+):
+    app.command(epilog=_examples(examples))(command)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code.
+
+    Returns:
+        0 when all went well, 1 when a stage failed, 2 when something given was wrong,
+        130 when it was interrupted from the keyboard.
+    """
+    try:
+        with warnings.catch_warnings():
+            if (
+                not sys.warnoptions
+            ):  # libraries' remarks to programmers, unless asked for (python -W)
+                warnings.simplefilter("ignore")
+            code = app(arguments, prog_name="urbantwin", standalone_mode=False)
+        sys.stdout.flush()
+    except InputError as error:
+        error_line(error)
+        code = EXIT_WRONG_INPUT
+    except UrbanTwinError as error:
+        error_line(error)
+        code = EXIT_FAILED
+    except typer.TyperException as error:  # a command, an option or a value that is not there
+        context = getattr(error, "ctx", None)
+        command = context.command_path if context else "urbantwin"
+        error_line(f"{error.format_message()} ({command} --help)")
+        code = EXIT_WRONG_INPUT
+    except BrokenPipeError:
+        # The reader of stdout has gone (`| head`). Python flushes once more at its exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        code = EXIT_FAILED
+    except OSError as error:
+        error_line(f"{error.filename}: {error.strerror}" if error.filename else error)
+        code = EXIT_FAILED
+    except MemoryError:
+        error_line("out of memory")
+        code = EXIT_FAILED
+    except (KeyboardInterrupt, typer.Abort):
+        code = EXIT_INTERRUPTED
+    if code == EXIT_INTERRUPTED:  # typer itself returns it where it sees the interruption first
+        error_line("interrupted")
+    return code if isinstance(code, int) else 0

@@ -1,0 +1,33 @@
+"""``urbantwin build``: a site's twin."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from urbantwin.cli.console import Console
+from urbantwin.cli.options import AsJson, Out, Quiet
+
+__all__ = ["EXAMPLES", "build"]
+
+EXAMPLES = """
+urbantwin build site.yaml -o twin/
+urbantwin build site.yaml -o twin/ --json | jq .counts
+"""
+
+
+def build(
+    site: Annotated[Path, typer.Argument(help="A site.yaml.")],
+    out: Out,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Build a site's twin: ground, roads and labelled scene."""
+    from urbantwin.cli.stages import build_stage, site_with_known_sensors
+    from urbantwin.cli.summary import summary
+
+    console = Console(quiet=quiet, as_json=as_json)
+    build_stage(site_with_known_sensors(site), out, console)
+    console.result(summary(out))

@@ -1,0 +1,56 @@
+"""``urbantwin compare``: how near a synthetic dataset is to real clouds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from urbantwin.cli.console import Console
+from urbantwin.cli.options import AsJson, Out, Quiet
+
+__all__ = ["EXAMPLES", "compare"]
+
+EXAMPLES = """
+urbantwin compare real/ out/dataset/ -o report/
+urbantwin compare real/ out/dataset/ -o report/ --arbitrary elsewhere/
+"""
+
+
+def compare(
+    real: Annotated[Path, typer.Argument(help="A folder of real clouds (npy, bin, pcd, ply).")],
+    dataset: Annotated[
+        Path, typer.Argument(help="A dataset, or a folder of clouds in the same frame.")
+    ],
+    out: Out,
+    arbitrary: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Clouds of another site, measured alike as a control."),
+    ] = None,
+    columns: Annotated[
+        int | None, typer.Option(min=3, help="Values per row of .bin files: 4 if not given.")
+    ] = None,
+    origin: Annotated[
+        tuple[float, float, float],
+        typer.Option(metavar="X Y Z", help="The sensor's place in the clouds' frame, metres."),
+    ] = (0.0, 0.0, 0.0),
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Measure synthetic frames against real ones."""
+    from urbantwin.cli.summary import summary
+    from urbantwin.fidelity import compare as compare_frames
+
+    console = Console(quiet=quiet, as_json=as_json)
+    with console.stage("compare") as progress:
+        compare_frames(
+            real,
+            dataset,
+            out,
+            arbitrary=arbitrary,
+            columns=columns,
+            origin=origin,
+            progress=progress,
+        )
+    console.result(summary(out))

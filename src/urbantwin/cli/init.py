@@ -1,0 +1,76 @@
+"""``urbantwin init``: a commented site.yaml that runs as it is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from urbantwin.cli.console import Console
+from urbantwin.cli.options import AsJson, Quiet
+from urbantwin.errors import InputError
+
+__all__ = ["EXAMPLES", "init"]
+
+EXAMPLES = """
+urbantwin init mysite/ --osm map.osm.pbf
+urbantwin init mysite/ --osm map.osm --lat 60.1699 --lon 24.9384 --radius 120
+urbantwin init mysite/ --osm map.osm --at-junction --region area.geojson
+"""
+
+
+def init(
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="The folder to write site.yaml in.")
+    ],
+    osm: Annotated[
+        Path, typer.Option(metavar="FILE", help="An OpenStreetMap extract: osm, osm.bz2, osm.pbf.")
+    ],
+    lat: Annotated[
+        float | None, typer.Option(min=-90, max=90, help="The anchor's latitude, degrees, WGS84.")
+    ] = None,
+    lon: Annotated[
+        float | None, typer.Option(min=-180, max=180, help="The anchor's longitude.")
+    ] = None,
+    at_junction: Annotated[
+        bool,
+        typer.Option(
+            "--at-junction",
+            help="Take the busiest signalised junction of the extract, which is also what "
+            "happens without coordinates.",
+        ),
+    ] = False,
+    radius: Annotated[
+        float | None, typer.Option(min=20, help="Region of interest: metres around the anchor.")
+    ] = None,
+    region: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Region of interest: a GeoJSON polygon.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace a site.yaml.")] = False,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write a commented site.yaml for a place on a map."""
+    from urbantwin.cli.stages import new_folder
+    from urbantwin.cli.summary import summary
+    from urbantwin.site import init_site
+
+    if (lat is None) != (lon is None):
+        raise InputError("is alone", place="--lat" if lon is None else "--lon", expected="both")
+    if at_junction and lat is not None:
+        raise InputError(
+            "is given with coordinates", place="--at-junction", expected="one of the two"
+        )
+    console = Console(quiet=quiet, as_json=as_json)
+    with new_folder(folder), console.stage("init"):
+        path = init_site(
+            folder,
+            osm,
+            latitude=lat,
+            longitude=lon,
+            region=region,
+            radius_m=radius,
+            force=force,
+        )
+    console.result(summary(path))

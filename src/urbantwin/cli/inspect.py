@@ -1,0 +1,38 @@
+"""``urbantwin inspect``: what a file or a folder holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from urbantwin.cli.console import Console
+from urbantwin.cli.options import AsJson
+
+__all__ = ["EXAMPLES", "inspect"]
+
+EXAMPLES = """
+urbantwin inspect out/dataset
+urbantwin inspect map.osm.pbf
+urbantwin inspect twin/ --json | jq .counts
+"""
+
+
+def inspect(
+    path: Annotated[
+        Path,
+        typer.Argument(
+            help="A twin, motion, dataset or report; a site.yaml, rig.yaml or sensor; "
+            "an OpenStreetMap extract, a DEM or a cloud."
+        ),
+    ],
+    quiet: Annotated[
+        bool, typer.Option("--quiet", "-q", help="Print nothing: only check that it can be read.")
+    ] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Say what any artefact or input holds."""
+    from urbantwin.cli.summary import summary
+
+    Console(quiet=quiet, as_json=as_json).result(summary(path))

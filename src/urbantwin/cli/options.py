@@ -1,0 +1,24 @@
+"""Options that several commands share, so that they read and behave alike."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+__all__ = ["AsJson", "Out", "Quiet", "Seed", "Workers"]
+
+Out = Annotated[Path, typer.Option("--out", "-o", metavar="FOLDER", help="The folder to write.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
+AsJson = Annotated[
+    bool, typer.Option("--json", help="Print one JSON document on stdout and nothing else there.")
+]
+Seed = Annotated[
+    int | None,
+    typer.Option(min=0, help="The number that everything random follows from."),
+]
+Workers = Annotated[
+    int | None,
+    typer.Option(min=1, help="Processes to record with; every number gives the same bytes."),
+]

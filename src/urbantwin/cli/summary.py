@@ -1,0 +1,231 @@
+"""What a file or a folder holds, in a few values."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from urbantwin.artefact import read_json
+from urbantwin.errors import InputError
+
+__all__ = ["summary"]
+
+MANIFESTS = ("twin", "motion", "dataset", "report")
+CLOUDS = (".npy", ".bin", ".pcd", ".ply")
+EXPECTED = (
+    "a twin, motion, dataset or report; a site.yaml, rig.yaml or sensor; an OpenStreetMap extract "
+    "(.osm, .osm.bz2, .osm.gz, .osm.pbf), a DEM (.tif) or a cloud (.npy, .bin, .pcd, .ply)"
+)
+
+
+def summary(path: Path) -> dict[str, Any]:
+    """Return what ``path`` holds: its kind first, then values that JSON can hold.
+
+    Raises:
+        InputError: it is missing, damaged, or nothing that UrbanTwin knows.
+    """
+    if not path.exists():
+        raise InputError("not found", file=path, expected=EXPECTED)
+    describe = _folder if path.is_dir() else _by_ending(path.name.lower())
+    if describe is None:
+        raise InputError("is nothing that UrbanTwin knows", file=path, expected=EXPECTED)
+    return {"path": str(path), **describe(path)}
+
+
+def _by_ending(name: str) -> Callable[[Path], dict[str, Any]] | None:
+    if name.removesuffix(".json") in MANIFESTS:
+        return lambda path: _folder(path.parent)
+    for endings, describe in (
+        ((".yaml", ".yml"), _yaml),
+        ((".osm", ".osm.bz2", ".osm.gz", ".pbf", ".xml"), _extract),
+        ((".tif", ".tiff"), _dem),
+        (CLOUDS, _cloud),
+    ):
+        if name.endswith(endings):
+            return describe
+    return None
+
+
+def _folder(folder: Path) -> dict[str, Any]:
+    for kind in MANIFESTS:
+        if (folder / f"{kind}.json").is_file():
+            return _ARTEFACTS[kind](folder)
+    parts = {kind: _folder(folder / kind) for kind in MANIFESTS if (folder / kind).is_dir()}
+    if parts:
+        return {"kind": "run", **parts}
+    if (folder / "site.yaml").is_file():
+        return _yaml(folder / "site.yaml")
+    from urbantwin.fidelity.clouds import cloud_files
+
+    clouds = [path for path in folder.iterdir() if path.suffix.lower() in CLOUDS]
+    if not clouds:
+        raise InputError("holds nothing that UrbanTwin knows", file=folder, expected=EXPECTED)
+    return {
+        "kind": "clouds",
+        "frames": len(cloud_files(folder)),
+        "first": _cloud(cloud_files(folder)[0]),
+    }
+
+
+def _twin(folder: Path) -> dict[str, Any]:
+    from collections import Counter
+
+    from urbantwin.taxonomy import semantic_classes
+    from urbantwin.twin import load_twin
+
+    twin = load_twin(folder)
+    names = {entry.id: entry.name for entry in semantic_classes().values()}
+    triangles = Counter(names[int(number)] for number in twin.mesh.semantic)
+    return {
+        "kind": "twin",
+        "name": twin.manifest["name"],
+        "made_with": f"urbantwin {twin.manifest['version']}",
+        "latitude": twin.frame.latitude,
+        "longitude": twin.frame.longitude,
+        "region_m2": round(twin.region.area, 1),
+        "driving_side": twin.manifest["driving_side"],
+        "triangles": len(twin.mesh.faces),
+        "triangles_by_class": dict(triangles.most_common()),
+        "notes": twin.manifest["notes"],
+        "inputs": [
+            {key: item[key] for key in ("name", "licence", "attribution")}
+            for item in twin.manifest["inputs"]
+        ],
+    }
+
+
+def _motion(folder: Path) -> dict[str, Any]:
+    from urbantwin.traffic import describe
+
+    return describe(folder)
+
+
+def _dataset(folder: Path) -> dict[str, Any]:
+    from urbantwin.dataset import describe
+
+    return describe(folder)
+
+
+def _report(folder: Path) -> dict[str, Any]:
+    manifest = read_json(folder / "report.json", kind="report")
+    try:
+        anchors = manifest["anchors"]
+        columns = {
+            "synthetic": manifest["aggregate"],
+            "next_real": anchors["real_against_real"],
+            "arbitrary": anchors["arbitrary"],
+        }
+        return {
+            "kind": "report",
+            "folders": manifest["folders"],
+            "frames": len(manifest["frames"]),
+            "mean_over_frames": {
+                measure: {
+                    name: round(column[measure]["mean"], 4)
+                    for name, column in columns.items()
+                    if column and column.get(measure)
+                }
+                for measure in manifest["definitions"]
+            },
+            "reduction_percent": anchors["reduction_percent"],
+            "notes": manifest["notes"],
+        }
+    except (KeyError, TypeError, AttributeError) as error:
+        raise InputError(
+            f"lacks {error}", file=folder / "report.json", expected="a report's figures"
+        ) from None
+
+
+def _yaml(path: Path) -> dict[str, Any]:
+    from urbantwin.lidar import load_sensor
+    from urbantwin.site import load_rig_spec, load_site
+    from urbantwin.site.document import read_document
+
+    fields = read_document(path, kind="a site, a rig or a sensor").value
+    if "anchor" in fields:
+        site = load_site(path)
+        resolved = site.resolved()
+        resolved["region"] = {"area_m2": round(site.region.area, 1)}
+        return {"kind": "site", **resolved, "inputs": site.inputs()}
+    if "channels" in fields:
+        sensor = load_sensor(path)
+        return {"kind": "sensor", "name": sensor.name, "channels": sensor.channels}
+    if "sensors" in fields:
+        return {"kind": "rig", **load_rig_spec(path).model_dump()}
+    raise InputError(
+        "is neither a site, a rig nor a sensor",
+        file=path,
+        expected="the field anchor, sensors or channels",
+    )
+
+
+def _extract(path: Path) -> dict[str, Any]:
+    from urbantwin.site import read_extract
+
+    extract = read_extract(path)
+    longitudes, latitudes = zip(*extract.nodes.values(), strict=True)
+    tagged = [item.tags for item in (*extract.ways.values(), *extract.relations.values())]
+    nodes = list(extract.node_tags.values())
+    return {
+        "kind": "osm",
+        "nodes": len(extract.nodes),
+        "ways": len(extract.ways),
+        "relations": len(extract.relations),
+        "highways": len(extract.highways()),
+        "signals": sum(tags.get("highway") == "traffic_signals" for tags in nodes),
+        "buildings": sum("building" in tags for tags in tagged),
+        "trees": sum(tags.get("natural") == "tree" for tags in nodes),
+        "bounds_declared": extract.bounds is not None,
+        "west": min(longitudes),
+        "south": min(latitudes),
+        "east": max(longitudes),
+        "north": max(latitudes),
+    }
+
+
+def _dem(path: Path) -> dict[str, Any]:
+    import numpy as np
+    import rasterio
+    from rasterio.errors import RasterioError
+
+    try:
+        with rasterio.open(path) as raster:
+            heights = raster.read(1, masked=True)
+            return {
+                "kind": "dem",
+                "columns": raster.width,
+                "rows": raster.height,
+                "bands": raster.count,
+                "crs": raster.crs.to_string() if raster.crs else None,
+                "pixel": [abs(raster.transform.a), abs(raster.transform.e)],
+                "bounds": [float(value) for value in raster.bounds],
+                "lowest": float(heights.min()) if heights.count() else None,
+                "highest": float(heights.max()) if heights.count() else None,
+                "missing": round(1.0 - heights.count() / max(np.size(heights), 1), 4),
+            }
+    except RasterioError as error:
+        raise InputError(f"cannot be read ({error})", file=path, expected="a GeoTIFF") from None
+
+
+def _cloud(path: Path) -> dict[str, Any]:
+    from urbantwin.fidelity.clouds import read_cloud
+
+    cloud = read_cloud(path)
+    return {
+        "kind": "cloud",
+        "points": len(cloud.points),
+        "intensity": cloud.intensity is not None,
+        "lowest": [round(float(value), 3) for value in cloud.points.min(axis=0)],
+        "highest": [round(float(value), 3) for value in cloud.points.max(axis=0)],
+        "not_finite": cloud.not_finite,
+        "no_return": cloud.no_return,
+    }
+
+
+_ARTEFACTS: dict[str, Callable[[Path], dict[str, Any]]] = {
+    "twin": _twin,
+    "motion": _motion,
+    "dataset": _dataset,
+    "report": _report,
+}

@@ -1,0 +1,207 @@
+"""Commands that need no twin: help, the catalogue, usage errors, the two streams."""
+
+import json
+import os
+import pty
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from urbantwin import __version__
+
+Run = Callable[..., Any]
+COMMANDS = ("build", "compare", "demo", "init", "inspect", "record", "run", "sensors", "traffic")
+
+
+def test_help_lists_every_command_and_is_quick(run_program: Run) -> None:
+    began = time.perf_counter()
+    outcome = run_program("--help")
+    assert outcome.code == 0
+    listed = outcome.out.split("Commands:")[1]
+    assert sorted(line.split()[0] for line in listed.splitlines() if line.strip()) == list(COMMANDS)
+    assert time.perf_counter() - began < 1.5  # 0.2 s on an idle machine
+
+
+def test_starting_imports_nothing_heavy() -> None:
+    program = (
+        "import sys, urbantwin.cli; "
+        "print([name for name in ('numpy', 'osmium', 'pyarrow', 'matplotlib', 'embreex') "
+        "if name in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_itself_with_examples(run_here: Run, command: str) -> None:
+    outcome = run_here(command, "--help")
+    assert outcome.code == 0
+    assert "Examples:" in outcome.out
+    assert f"  urbantwin {command}" in outcome.out
+    assert "--quiet" in outcome.out
+    assert "--json" in outcome.out
+
+
+def test_the_version_is_the_packages(run_here: Run) -> None:
+    assert run_here("--version").out == f"urbantwin {__version__}\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        (("fly",), "fly"),
+        (("build", "site.yaml"), "--out"),
+        (("build", "-o", "twin"), "site"),
+        (("traffic", "twin", "-o", "m", "--seconds", "-5"), "--seconds"),
+        (("traffic", "twin", "-o", "m", "--seed", "-1"), "--seed"),
+        (("record", "twin", "motion", "-o", "d", "--workers", "0"), "--workers"),
+        (("init", "here", "--osm", "a.osm", "--lat", "91", "--lon", "0"), "--lat"),
+        (("init", "here", "--osm", "a.osm", "--lat", "1"), "--lon"),
+        (("init", "here", "--osm", "a.osm", "--lat", "1", "--lon", "1", "--at-junction"), "--at-j"),
+    ],
+)
+def test_a_wrong_usage_is_one_line(
+    run_here: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    arguments: tuple[str, ...], named: str,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    outcome = run_here(*arguments)
+    assert outcome.code == 2
+    assert outcome.out == ""
+    assert outcome.err.startswith("error: ")
+    assert outcome.err.count("\n") == 1
+    assert named in outcome.err
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_catalogue_agrees_with_its_files(run_here: Run) -> None:
+    folder = Path(__file__).parents[2] / "src" / "urbantwin" / "lidar" / "sensors"
+    on_disk = {}
+    for path in folder.glob("*.yaml"):
+        entry = yaml.safe_load(path.read_text())
+        on_disk[entry["name"]] = len(entry["channels"])
+    listed = json.loads(run_here("sensors", "--json").out)["sensors"]
+    assert {entry["name"]: entry["channels"] for entry in listed} == on_disk
+    table = run_here("sensors").out.splitlines()
+    assert sorted(line.split()[0] for line in table[1:]) == sorted(on_disk)
+    assert run_here("sensors", "--quiet").out.split() == [entry["name"] for entry in listed]
+
+
+def test_one_sensor_is_shown_with_its_channels_and_sources(run_here: Run) -> None:
+    shown = json.loads(run_here("sensors", "VLP-16", "--json").out)
+    # Velodyne VLP-16 user manual, table 9-1.
+    assert sorted(shown["elevation_deg"]) == pytest.approx(list(range(-15, 16, 2)), abs=0.05)
+    assert shown["sources"]
+    assert shown["maker"] in run_here("sensors", "VLP-16").out
+
+
+def test_an_unknown_sensor_names_the_nearest(run_here: Run) -> None:
+    outcome = run_here("sensors", "OS1-129")
+    assert outcome.code == 2
+    assert "OS1-129" in outcome.err
+    assert "OS1-128" in outcome.err
+    assert outcome.err.count("\n") == 1
+
+
+def test_a_closed_pipe_is_quiet(tmp_path: Path) -> None:
+    program = "import sys; from urbantwin.cli import main; sys.exit(main())"
+    command = f"{sys.executable} -c '{program}' sensors OS1-128 | head -n 1"
+    done = subprocess.run(
+        ["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True, check=False
+    )
+    assert done.stdout.startswith("OS1-128")
+    assert done.stderr == ""
+
+
+def test_a_missing_right_is_one_line(run_here: Run, tmp_path: Path, two_avenues: Path) -> None:
+    if os.geteuid() == 0:
+        blocked = Path("/proc/nothing")  # where root itself can make no folder
+    else:
+        blocked = tmp_path / "closed"
+        blocked.mkdir(mode=0o500)
+    outcome = run_here("build", two_avenues / "site.yaml", "-o", blocked / "twin")
+    assert outcome.code == 1
+    assert outcome.err.strip().splitlines()[-1].startswith("error: ")
+    assert "Traceback" not in outcome.err
+
+
+def test_a_terminal_gets_a_bar_and_a_file_gets_lines(tmp_path: Path) -> None:
+    program = """
+import time
+from urbantwin.cli.console import Console
+with Console().stage("paint") as progress:
+    for step in range(12):
+        time.sleep(0.11)
+        progress(step / 12, f"coat {step}")
+"""
+    plain = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    lines = plain.stderr.splitlines()
+    assert lines[0].startswith("paint: ")
+    assert "coat" in lines[0]
+    assert lines[-1].startswith("paint: done in ")
+    assert len(lines) <= 3
+    assert "\x1b" not in plain.stderr
+    assert plain.stdout == ""
+
+    ours, theirs = pty.openpty()
+    environment = os.environ | {"TERM": "xterm"}
+    with subprocess.Popen([sys.executable, "-c", program], stderr=theirs, env=environment) as child:
+        os.close(theirs)
+        drawn = b""
+        while True:
+            try:
+                part = os.read(ours, 4096)
+            except OSError:  # the other end is closed
+                break
+            if not part:
+                break
+            drawn += part
+        child.wait()
+    os.close(ours)
+    assert b"\x1b[" in drawn
+    assert b"100%" in drawn
+
+
+def test_clouds_are_described_by_their_points(run_here: Run, tmp_path: Path) -> None:
+    points = np.array([[1, 2, 3, 0.5], [-4, 5, 6, 0.25], [7, -8, 9, 1]], np.float32)
+    np.save(tmp_path / "cloud.npy", points)
+    told = json.loads(run_here("inspect", tmp_path / "cloud.npy", "--json").out)
+    assert told["kind"] == "cloud"
+    assert told["points"] == 3
+    assert told["lowest"] == [-4, -8, 3]
+    assert told["highest"] == [7, 5, 9]
+
+
+def test_inputs_are_described(run_here: Run, two_avenues: Path) -> None:
+    told = json.loads(run_here("inspect", two_avenues / "two-avenues.osm", "--json").out)
+    text = (two_avenues / "two-avenues.osm").read_text()
+    assert told["nodes"] == text.count("<node ")
+    assert told["ways"] == text.count("<way ")
+    assert told["signals"] == text.count('v="traffic_signals"') - text.count('k="crossing"')
+    told = json.loads(run_here("inspect", two_avenues / "two-avenues-dem.tif", "--json").out)
+    assert told["kind"] == "dem"
+    assert told["crs"] == "EPSG:25832"
+    told = json.loads(run_here("inspect", two_avenues / "site.yaml", "--json").out)
+    assert told["kind"] == "site"
+    assert [item["licence"] for item in told["inputs"]] == ["CC0-1.0", "CC0-1.0"]
+    assert run_here("inspect", two_avenues / "site.yaml", "--quiet").out == ""
+
+
+def test_what_is_unknown_is_one_line(run_here: Run, tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("hello")
+    for path in (tmp_path / "notes.txt", tmp_path, tmp_path / "missing"):
+        outcome = run_here("inspect", path)
+        assert outcome.code == 2
+        assert outcome.err.startswith(f"error: {path}: ")
+        assert outcome.err.count("\n") == 1
