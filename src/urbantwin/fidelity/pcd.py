@@ -1,0 +1,127 @@
+"""PCD files (Point Cloud Library, format 0.7): ascii, binary and binary_compressed."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+from urbantwin.fidelity.lzf import lzf_decompress
+
+__all__ = ["read_pcd"]
+
+_KINDS = {"F": "f", "I": "i", "U": "u"}
+
+
+def read_pcd(path: Path) -> dict[str, NDArray[np.float64]]:
+    """Read every field of one value per point as float64 (N,); VIEWPOINT is not applied.
+
+    Raises:
+        InputError: not a PCD file, a header that contradicts itself, or less data than it says.
+    """
+    data = path.read_bytes()
+    header, body = _split(path, data)
+    try:
+        names = header["FIELDS"]
+        sizes = [int(size) for size in header["SIZE"]]
+        kinds = [_KINDS[kind] for kind in header["TYPE"]]
+        counts = [int(count) for count in header.get("COUNT", ["1"] * len(names))]
+        points = int(header.get("POINTS", ["-1"])[0])
+        if points < 0:
+            points = int(header["WIDTH"][0]) * int(header["HEIGHT"][0])
+        encoding = header["DATA"][0]
+        columns = [
+            (f"{index}", f"<{kind}{size}", (count,))
+            for index, (kind, size, count) in enumerate(zip(kinds, sizes, counts, strict=True))
+        ]
+        record = np.dtype(columns)
+        if len(names) != len(columns):
+            raise ValueError
+    except (KeyError, ValueError, IndexError, TypeError):
+        raise InputError(
+            "the header is not right", file=path, expected="a PCD 0.7 header"
+        ) from None
+
+    if encoding == "ascii":
+        return _ascii(path, body, names, counts, points)
+    if encoding == "binary":
+        _check_size(path, len(body), points * record.itemsize)
+        table = np.frombuffer(body, record, count=points)
+        arrays = [table[f"{index}"] for index in range(len(names))]
+    elif encoding == "binary_compressed":
+        raw = _decompressed(path, body, points * record.itemsize)
+        arrays, at = [], 0
+        for _, kind, (count,) in columns:  # one field after the other, not one point
+            length = points * count
+            array = np.frombuffer(raw, np.dtype(kind), count=length, offset=at)
+            arrays.append(array.reshape(points, count))
+            at += array.nbytes
+    else:
+        raise InputError(
+            f"DATA {encoding} is unknown",
+            file=path,
+            expected="ascii, binary or binary_compressed",
+        )
+    return {
+        name: array[:, 0].astype(np.float64)
+        for name, array in zip(names, arrays, strict=True)
+        if array.shape[1] == 1
+    }
+
+
+def _split(path: Path, data: bytes) -> tuple[dict[str, list[str]], bytes]:
+    """Return the header's lines by keyword, and what comes after it."""
+    header: dict[str, list[str]] = {}
+    at = 0
+    while "DATA" not in header:
+        end = data.find(b"\n", at)
+        if end < 0 or at > 65_536:
+            raise InputError("has no DATA line", file=path, expected="a PCD file")
+        line = data[at:end].decode("ascii", errors="replace").split("#")[0].split()
+        if line:
+            header[line[0].upper()] = line[1:]
+        at = end + 1
+    return header, data[at:]
+
+
+def _check_size(path: Path, have: int, need: int) -> None:
+    if have < need:
+        raise InputError(f"is truncated: {have} bytes of points", file=path, expected=f"{need}")
+
+
+def _ascii(
+    path: Path, body: bytes, names: list[str], counts: list[int], points: int
+) -> dict[str, NDArray[np.float64]]:
+    if points == 0:
+        return {name: np.zeros(0) for name in names}
+    try:
+        table = np.loadtxt(io.BytesIO(body), np.float64, ndmin=2, max_rows=points)
+    except ValueError as error:
+        raise InputError(f"has a line that is not right ({error})", file=path) from None
+    if len(table) < points:
+        raise InputError(f"is truncated: {len(table)} points", file=path, expected=f"{points}")
+    if table.shape[1] != sum(counts):
+        raise InputError(
+            f"has {table.shape[1]} values a line", file=path, expected=f"{sum(counts)}"
+        )
+    starts = np.cumsum([0, *counts])
+    return {name: table[:, starts[index]] for index, name in enumerate(names) if counts[index] == 1}
+
+
+def _decompressed(path: Path, body: bytes, size: int) -> bytes:
+    """Return the bytes of a compressed body: its two sizes, then LZF data."""
+    if len(body) < 8:
+        raise InputError("is truncated", file=path, expected="compressed points")
+    packed, unpacked = (int(value) for value in np.frombuffer(body, "<u4", count=2))
+    _check_size(path, len(body) - 8, packed)
+    if unpacked != size:
+        raise InputError(
+            f"holds {unpacked} bytes of points", file=path, expected=f"{size}, as its header says"
+        )
+    try:
+        return lzf_decompress(body[8 : 8 + packed], unpacked)
+    except ValueError as error:
+        raise InputError(f"its compressed points are damaged ({error})", file=path) from None

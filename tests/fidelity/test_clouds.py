@@ -1,0 +1,179 @@
+"""Readers of clouds, against files that other programs or their format's definition made."""
+
+import struct
+
+import numpy as np
+import open3d as o3d
+import pytest
+
+from urbantwin.errors import InputError
+from urbantwin.fidelity import cloud_files, read_cloud
+
+POINTS = np.random.default_rng(1).uniform(-50, 50, (400, 4)).astype(np.float32)
+
+
+def open3d_cloud():
+    cloud = o3d.t.geometry.PointCloud(o3d.core.Tensor(POINTS[:, :3].copy()))
+    cloud.point["intensity"] = o3d.core.Tensor(POINTS[:, 3:].copy())
+    return cloud
+
+
+@pytest.mark.parametrize(
+    ("suffix", "ascii_", "compressed"),
+    [
+        ("pcd", True, False),
+        ("pcd", False, False),
+        ("pcd", False, True),
+        ("ply", True, False),
+        ("ply", False, False),
+    ],
+)
+def test_reads_what_open3d_writes(tmp_path, suffix, ascii_, compressed):
+    path = tmp_path / f"a.{suffix}"
+    assert o3d.t.io.write_point_cloud(
+        str(path), open3d_cloud(), write_ascii=ascii_, compressed=compressed
+    )
+    cloud = read_cloud(path)
+    np.testing.assert_allclose(cloud.points, POINTS[:, :3], atol=1e-5)
+    np.testing.assert_allclose(cloud.intensity, POINTS[:, 3], atol=1e-5)
+
+
+def test_compressed_pcd_of_repeating_values(tmp_path):
+    # Long copies, some overlapping what they write: the codes that random values never give.
+    table = np.repeat(np.arange(20, dtype=np.float32), 60).reshape(-1, 3) + 1
+    path = tmp_path / "a.pcd"
+    cloud = o3d.t.geometry.PointCloud(o3d.core.Tensor(table))
+    assert o3d.t.io.write_point_cloud(str(path), cloud, write_ascii=False, compressed=True)
+    assert path.stat().st_size < table.nbytes / 4
+    np.testing.assert_array_equal(read_cloud(path).points, table)
+
+
+@pytest.mark.parametrize(("order", "name"), [("<", "little"), (">", "big")])
+def test_binary_ply_of_either_byte_order(tmp_path, order, name):
+    header = (
+        f"ply\nformat binary_{name}_endian 1.0\ncomment made by hand\n"
+        "element sensor 1\nproperty double height\n"
+        "element vertex 2\nproperty uchar ring\nproperty double x\nproperty float y\n"
+        "property float z\nproperty ushort intensity\n"
+        "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    )
+    body = struct.pack(order + "d", 5.5)
+    body += struct.pack(order + "BdffH", 7, 1.5, -2.25, 3.0, 300)
+    body += struct.pack(order + "BdffH", 8, -10.5, 20.0, 0.5, 65535)
+    body += struct.pack(order + "Biii", 3, 0, 1, 0)
+    path = tmp_path / "a.ply"
+    path.write_bytes(header.encode() + body)
+    cloud = read_cloud(path)
+    np.testing.assert_array_equal(cloud.points, [[1.5, -2.25, 3.0], [-10.5, 20.0, 0.5]])
+    np.testing.assert_array_equal(cloud.intensity, [300, 65535])
+
+
+def test_bin_columns(tmp_path):
+    five = np.column_stack([POINTS[:7], np.zeros(7, np.float32)])
+    five.tofile(tmp_path / "five.bin")  # 140 bytes: neither 16 nor 12 divides it
+    POINTS[:7, :3].tofile(tmp_path / "three.bin")
+    POINTS.tofile(tmp_path / "four.bin")
+    np.testing.assert_array_equal(read_cloud(tmp_path / "five.bin", 5).points, POINTS[:7, :3])
+    np.testing.assert_array_equal(read_cloud(tmp_path / "three.bin").points, POINTS[:7, :3])
+    assert read_cloud(tmp_path / "three.bin").intensity is None
+    np.testing.assert_array_equal(read_cloud(tmp_path / "four.bin").intensity, POINTS[:, 3])
+    with pytest.raises(InputError, match=r"five\.bin.*140 bytes"):
+        read_cloud(tmp_path / "five.bin")
+
+
+def test_nan_and_no_return_are_dropped_and_counted(tmp_path):
+    table = POINTS.copy()
+    table[3, 1], table[5, 3], table[9, :3] = np.nan, np.inf, 0
+    np.save(tmp_path / "a.npy", table)
+    cloud = read_cloud(tmp_path / "a.npy")
+    assert (len(cloud.points), cloud.not_finite, cloud.no_return) == (397, 2, 1)
+
+
+def test_real_files(shared_data):
+    # Counts of points as the data's own README and the files' sizes state them.
+    kitti = read_cloud(shared_data / "lidar/kitti/000008.bin")
+    assert len(kitti.points) == 17238
+    assert kitti.intensity is not None
+    assert 0 <= kitti.intensity.min() <= kitti.intensity.max() <= 1
+    files = cloud_files(shared_data / "lidar/newbrunswick-roadside/foreground")
+    assert [int(f.stem.split("_")[-1]) for f in files] == [200, 400, 600, 800, 1000]
+    for file in files:
+        expected = np.asarray(o3d.io.read_point_cloud(str(file)).points)
+        cloud = read_cloud(file)
+        assert len(cloud.points) + cloud.no_return + cloud.not_finite == len(expected)
+        np.testing.assert_allclose(
+            cloud.points.sum(axis=0), expected.sum(axis=0), rtol=1e-9, atol=1e-6
+        )
+
+
+def write(tmp_path, suffix):
+    path = tmp_path / f"whole.{suffix}"
+    if suffix == "npy":
+        np.save(path, POINTS)
+    elif suffix == "bin":
+        POINTS.tofile(path)
+    else:
+        kind = suffix.split(".")[0]
+        path = tmp_path / f"whole.{kind}"
+        o3d.t.io.write_point_cloud(
+            str(path),
+            open3d_cloud(),
+            write_ascii=suffix.endswith("ascii"),
+            compressed=suffix.endswith("packed"),
+        )
+    return path
+
+
+@pytest.mark.parametrize(
+    "suffix", ["npy", "bin", "pcd.binary", "pcd.packed", "pcd.ascii", "ply.binary", "ply.ascii"]
+)
+@pytest.mark.parametrize("kept", [0.0, 0.02, 0.5, 0.99])
+def test_truncated_files_name_themselves(tmp_path, suffix, kept):
+    path = write(tmp_path, suffix)
+    data = path.read_bytes()
+    cut = int(len(data) * kept)
+    if suffix == "bin":
+        cut += cut % 4 == 0  # a cut between two values leaves whole rows or a multiple of four
+    path.write_bytes(data[:cut])
+    with pytest.raises(InputError, match="whole"):
+        read_cloud(path)
+
+
+@pytest.mark.parametrize(
+    ("array", "problem"),
+    [
+        (np.zeros((5, 2)), r"shape \(5, 2\)"),
+        (np.zeros(12), r"shape \(12,\)"),
+        (np.zeros((0, 4)), "is empty"),
+        (np.full((5, 4), np.nan), "none of its 5 points"),
+        (np.array([["a", "b", "c"]]), "array of"),
+        (np.full((5, 4), 1e30), "1e"),
+    ],
+)
+def test_arrays_that_are_no_clouds(tmp_path, array, problem):
+    np.save(tmp_path / "a.npy", array)
+    with pytest.raises(InputError, match=rf"a\.npy.*{problem}"):
+        read_cloud(tmp_path / "a.npy")
+
+
+def test_ply_without_z(tmp_path):
+    (tmp_path / "a.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+        "end_header\n1 2\n"
+    )
+    with pytest.raises(InputError, match=r"a\.ply.*no field z"):
+        read_cloud(tmp_path / "a.ply")
+
+
+def test_folders(tmp_path):
+    with pytest.raises(InputError, match="not found"):
+        cloud_files(tmp_path / "nowhere")
+    with pytest.raises(InputError, match="holds no clouds"):
+        cloud_files(tmp_path)
+    (tmp_path / "notes.txt").write_text("x")
+    with pytest.raises(InputError, match="is a file"):
+        cloud_files(tmp_path / "notes.txt")
+    (tmp_path / "set" / "points").mkdir(parents=True)
+    (tmp_path / "set" / "dataset.json").write_text("{}")
+    np.save(tmp_path / "set" / "points" / "000000.npy", POINTS)
+    assert [f.name for f in cloud_files(tmp_path / "set")] == ["000000.npy"]

@@ -1,0 +1,132 @@
+"""The report as a whole, on real sweeps and on folders that are wrong."""
+
+import json
+
+import numpy as np
+import pytest
+from pyarrow import feather
+
+from urbantwin.errors import InputError
+from urbantwin.fidelity import compare
+
+SENSOR = (1.35, 0.0, 1.64)  # the upper of the two lidars in the vehicle's frame, about
+
+
+def thin(array, share, seed):
+    return array[np.random.default_rng(seed).random(len(array)) < share]
+
+
+@pytest.fixture(scope="module")
+def sweeps(shared_data, tmp_path_factory):
+    """Return folders: two real sweeps, the same in the other order, and another site."""
+    root = tmp_path_factory.mktemp("sweeps")
+    files = sorted((shared_data / "lidar/argoverse2-pittsburgh").rglob("sensors/lidar/*.feather"))
+    tables = [feather.read_table(file) for file in files]
+    clouds = [
+        np.column_stack([t[c].to_numpy().astype(np.float32) for c in ("x", "y", "z", "intensity")])
+        for t in tables
+    ]
+    for name, frames in (("real", clouds), ("other", clouds[::-1])):
+        (root / name).mkdir()
+        for index, frame in enumerate(frames):
+            np.save(root / name / f"{index}.npy", thin(frame, 0.3, index))
+    (root / "elsewhere").mkdir()
+    kitti = np.fromfile(shared_data / "lidar/kitti/000008.bin", np.float32)
+    for index in range(2):
+        kitti.tofile(root / "elsewhere" / f"{index}.bin")
+    return root
+
+
+def test_real_is_near_real_and_far_from_another_site(sweeps, tmp_path):
+    report = compare(
+        sweeps / "real",
+        sweeps / "other",
+        tmp_path / "report",
+        arbitrary=sweeps / "elsewhere",
+        origin=SENSOR,
+    )
+    twin, control = report.twin, report.arbitrary
+    assert control is not None
+    # Sweeps 0.1 s apart of a car in a street: the static world is the same.
+    assert twin["hausdorff_p95_m"].mean < 1.2
+    assert twin["point_to_mesh_median_m"].mean < 0.15
+    assert twin["js_range"].mean < 0.02
+    assert twin["js_height"].mean < 0.02
+    for name in ("hausdorff_p95_m", "point_to_mesh_mean_m", "js_mean"):
+        assert control[name].mean > 5 * twin[name].mean
+        assert report.reduction_percent[name] == pytest.approx(
+            (1 - twin[name].mean / control[name].mean) * 100
+        )
+        assert report.reduction_percent[name] > 80
+    # The anchor: the first real sweep against the second is what "other" holds too.
+    anchor = report.real_against_real["js_occupancy"]
+    assert anchor.frames == 1
+    assert anchor.mean == pytest.approx(twin["js_occupancy"].mean, rel=0.05)
+
+    def no_constant(text):
+        raise AssertionError(f"{text} in report.json")
+
+    written = json.loads((tmp_path / "report/report.json").read_text(), parse_constant=no_constant)
+    assert written["kind"] == "report"
+    assert written["aggregate"]["js_mean"]["mean"] == twin["js_mean"].mean
+    assert len(written["frames"]) == 2
+    assert written["folders"]["real"]["intensity_full_scale"] == 255
+    assert written["folders"]["arbitrary"]["intensity_full_scale"] == 1
+    assert set(written["definitions"]) == set(written["aggregate"])
+    assert str(tmp_path) not in (tmp_path / "report/report.json").read_text()
+
+
+def write_folder(folder, count, shift=0.0, columns=4):
+    folder.mkdir()
+    for index in range(count):
+        points = np.random.default_rng(index).uniform(-20, 20, (500, columns)).astype(np.float32)
+        points[:, 0] += shift
+        points[:, 3:] = np.abs(points[:, 3:]) / 20
+        np.save(folder / f"frame_{index}.npy", points)
+    return folder
+
+
+def test_identical_folders_and_same_bytes(tmp_path):
+    real = write_folder(tmp_path / "real", 3)
+    told = []
+    report = compare(real, real, tmp_path / "a", progress=lambda done, what: told.append(done))
+    zero = [n for n in report.twin if not n.startswith("point_to_mesh")]
+    assert all(report.twin[name].p95 == 0 for name in zero)
+    # Nine tenths of the points are the surface's own corners.
+    assert report.twin["point_to_mesh_median_m"].mean == pytest.approx(0, abs=1e-7)
+    assert told == sorted(told)
+    assert told[-1] == 1
+    compare(real, real, tmp_path / "b")
+    for name in ("report.json", "report.png"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+
+
+def test_pairs_and_notes(tmp_path):
+    real = write_folder(tmp_path / "real", 12)
+    synthetic = write_folder(tmp_path / "synthetic", 3, shift=0.5, columns=3)
+    report = compare(real, synthetic, tmp_path / "out", arbitrary=write_folder(tmp_path / "x", 1))
+    # frame_2 and not frame_10 is the third.
+    assert [frame.real for frame in report.frames] == ["frame_0.npy", "frame_1.npy", "frame_2.npy"]
+    assert report.twin["js_intensity"] is None
+    assert report.twin["js_mean"].frames == 3
+    assert report.arbitrary["js_mean"].frames == 1
+    assert report.arbitrary["js_mean"].mean_ci95 is None
+    assert report.reduction_percent["js_intensity"] is None
+    notes = "\n".join(report.notes)
+    assert "real: 9 further clouds" in notes
+    assert "synthetic: has no intensity" in notes
+    assert "arbitrary: only 1 clouds" in notes
+    low, high = report.twin["js_mean"].mean_ci95
+    assert low <= report.twin["js_mean"].mean <= high
+
+
+def test_a_bad_cloud_leaves_nothing_behind(tmp_path):
+    real = write_folder(tmp_path / "real", 2)
+    synthetic = write_folder(tmp_path / "synthetic", 2)
+    (synthetic / "frame_1.npy").write_bytes((synthetic / "frame_1.npy").read_bytes()[:900])
+    before = sorted(tmp_path.iterdir())
+    with pytest.raises(InputError, match=r"frame_1\.npy"):
+        compare(real, synthetic, tmp_path / "out")
+    assert sorted(tmp_path.iterdir()) == before
+    with pytest.raises(InputError, match="other files"):
+        compare(real, real, real)
