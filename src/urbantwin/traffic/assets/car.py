@@ -12,7 +12,17 @@ from urbantwin.traffic.assets.shell import Outline, Panel, Section, arched_outli
 from urbantwin.traffic.assets.solid import Solid
 from urbantwin.traffic.assets.wheel import wheel
 
-__all__ = ["axle_wheels", "body", "car", "contact_points", "plates"]
+__all__ = ["axle_wheels", "body", "car", "contact_points", "fitted", "plates", "seats"]
+
+
+#: Keys of an entry that hold panels: material, corner radius in metres, which sides.
+PANELS = (
+    ("windows", "glass", 0.03, "both"),
+    ("windows_left", "glass", 0.05, "left"),
+    ("windows_right", "glass", 0.05, "right"),
+    ("doors", "glass", 0.05, "right"),
+    ("trim", "metal-dark", 0.0, "both"),
+)
 
 
 def car(entry: Mapping[str, Any]) -> list[Solid]:
@@ -20,17 +30,14 @@ def car(entry: Mapping[str, Any]) -> list[Solid]:
     solids, outline = body(entry)
     solids += axle_wheels(entry)
     solids += plates(entry, outline, plate_z=(0.42, 0.62))
-    length, width, height = entry["size"]
+    length, width, _ = entry["size"]
     x, z = length / 2 - entry["mirror"][0], entry["mirror"][1]
     for side in (1, -1):
         housing = ellipsoid([0.07, 0.10, 0.075], [0, 0, 0], "metal-painted", sides=10, rings=4)
         solids.append(housing.moved([x, side * (width / 2 - 0.10), z]))
         face = box([0.012, 0.13, 0.09], [x - 0.062, side * (width / 2 - 0.10), z], "glass")
         solids.append(face)
-    for behind in entry["seats"]:
-        for side in (1, -1):
-            solids += _seat(length / 2 - behind, side * 0.2 * width, height)
-    return solids
+    return solids + seats(entry)
 
 
 def body(entry: Mapping[str, Any]) -> tuple[list[Solid], Outline]:
@@ -55,8 +62,8 @@ def body(entry: Mapping[str, Any]) -> tuple[list[Solid], Outline]:
         crown=entry.get("crown", 0.04),
     )
     panels = [
-        Panel(tuple((length / 2 - behind, z) for behind, z in corners), material, corner)
-        for key, material, corner in (("windows", "glass", 0.03), ("trim", "metal-dark", 0.0))
+        Panel(tuple((length / 2 - behind, z) for behind, z in corners), material, corner, side)
+        for key, material, corner, side in PANELS
         for corners in entry.get(key, ())
     ]
     solids = [shell(outline, section, panels, step=0.2 if height < 2.2 else 0.35)]
@@ -74,10 +81,10 @@ def axle_wheels(entry: Mapping[str, Any]) -> list[Solid]:
     """Return the wheels of an entry, outer faces a little inside the body's sides."""
     length = entry["size"][0]
     wheels = entry["wheels"]
-    one = wheel(wheels["diameter"], wheels["width"], sides=wheels.get("sides", 20))
     solids = []
-    for behind in wheels["axles"]:
-        left = one.moved([length / 2 - behind, _wheel_y(entry), 0])
+    for number, behind in enumerate(wheels["axles"]):
+        one = wheel(wheels["diameter"], _tyre_width(entry, number))
+        left = one.moved([length / 2 - behind, _wheel_y(entry, number), 0])
         solids += [left, left.mirrored()]
     return solids
 
@@ -86,8 +93,8 @@ def contact_points(entry: Mapping[str, Any]) -> list[list[float]]:
     """Return where the wheels touch the ground (K, 3): axles from the front, left then right."""
     length = entry["size"][0]
     return [
-        [length / 2 - behind, side * _wheel_y(entry), 0.0]
-        for behind in entry["wheels"]["axles"]
+        [length / 2 - behind, side * _wheel_y(entry, number), 0.0]
+        for number, behind in enumerate(entry["wheels"]["axles"])
         for side in (1, -1)
     ]
 
@@ -106,19 +113,34 @@ def plates(entry: Mapping[str, Any], outline: Outline, *, plate_z: Sequence[floa
     return solids
 
 
-def _wheel_y(entry: Mapping[str, Any]) -> float:
+def _tyre_width(entry: Mapping[str, Any], axle: int) -> float:
+    """Return a tyre's width; twin tyres of a driven axle count as one of both their widths."""
+    wheels = entry["wheels"]
+    steered = axle < wheels.get("steered", 1)
+    return float(wheels["width"] if steered else wheels.get("rear_width", wheels["width"]))
+
+
+def _wheel_y(entry: Mapping[str, Any], axle: int) -> float:
+    """Return the y of the middle of an axle's left tyre."""
     inset = entry["wheels"].get("inset", 0.03)
-    return float(entry["size"][1] / 2 - inset - entry["wheels"]["width"] / 2)
+    return float(entry["size"][1] / 2 - inset - _tyre_width(entry, axle) / 2)
 
 
-def _seat(x: float, y: float, height: float) -> list[Solid]:
-    """Return a seat: cushion, back and head rest, sized to a cabin."""
-    floor, top = 0.30, 0.78 * height
-    return [
-        box([0.48, 0.46, 0.22], [x + 0.14, y, floor + 0.11], "cloth"),
-        box([0.14, 0.46, top - floor - 0.2], [x - 0.12, y, (top + floor) / 2 - 0.1], "cloth"),
-        box([0.09, 0.24, 0.18], [x - 0.14, y, top - 0.08], "cloth"),
-    ]
+def seats(entry: Mapping[str, Any]) -> list[Solid]:
+    """Return two seats per row of an entry: cushion, back and head rest."""
+    length, width, height = entry["size"]
+    floor, top = entry.get("seat_heights", (0.30, 0.78 * height))
+    solids = []
+    for behind in entry["seats"]:
+        x = length / 2 - behind
+        for y in (0.2 * width, -0.2 * width):
+            back = top - floor - 0.2
+            solids += [
+                box([0.48, 0.46, 0.22], [x + 0.14, y, floor + 0.11], "cloth"),
+                box([0.14, 0.46, back], [x - 0.12, y, floor + back / 2 + 0.01], "cloth"),
+                box([0.09, 0.24, 0.18], [x - 0.14, y, top - 0.08], "cloth"),
+            ]
+    return solids
 
 
 def fitted(solids: Sequence[Solid], size: Sequence[float]) -> list[Solid]:

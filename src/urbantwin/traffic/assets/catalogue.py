@@ -17,6 +17,7 @@ from urbantwin.geometry import LabelledMesh
 from urbantwin.taxonomy import ACTOR_CLASSES, ACTOR_SEMANTICS, semantic_id
 from urbantwin.traffic.assets.car import car, contact_points, fitted
 from urbantwin.traffic.assets.gait import stride_length, walking
+from urbantwin.traffic.assets.heavy import bus, truck
 from urbantwin.traffic.assets.person import Figure, figure_solids
 from urbantwin.traffic.assets.solid import Solid, labelled
 
@@ -143,7 +144,9 @@ def _walker(entry: dict[str, Any], phase: int) -> list[Solid]:
 
 
 BUILDERS = {
+    "bus": Builder(_rigid(bus), contact_points),
     "car": Builder(_rigid(car), contact_points),
+    "truck": Builder(_rigid(truck), contact_points),
     "walker": Builder(_walker, lambda _entry: [[0.0, 0.0, 0.0]]),
 }
 

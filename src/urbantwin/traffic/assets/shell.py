@@ -78,11 +78,13 @@ class Panel:
         corners: x and z, metres.
         material: name.
         corner_radius: metres.
+        side: ``both``, ``left`` or ``right``.
     """
 
     corners: tuple[tuple[float, float], ...]
     material: str
     corner_radius: float = 0.0
+    side: str = "both"
 
     def polygon(self) -> shapely.Polygon:
         """Return the panel with rounded corners."""
@@ -179,31 +181,32 @@ def shell(
         step: longest edge of the outline, and the grid of the sides, metres.
     """
     outline = outline.refined(step)
-    flat, faces, names = _side(outline, panels, section.edge_radius, step)
-    inset = _distance_to_upper(outline, flat)
-    half = section.at(flat) - _rounding(inset, section.edge_radius)
-    rim, inner = len(outline.points), len(flat) - len(outline.points)
+    rim, columns = len(outline.points), len(COLUMNS)
+    flat = outline.points
+    across = _half_width(outline, section, flat)[:, None] * COLUMNS
+    grid = np.stack(np.broadcast_arrays(flat[:, :1], across, flat[:, 1:]), axis=-1)
+    strips, names = _strips(outline)
+    vertices, faces = [grid.reshape(-1, 3)], [strips]
+    count = rim * columns
+    for side, column, sign in (("right", 0, -1.0), ("left", columns - 1, 1.0)):
+        here = [panel for panel in panels if panel.side in ("both", side)]
+        flat, triangles, materials = _side(outline, here, section.edge_radius, step)
+        inner = flat[rim:]
+        y = sign * _half_width(outline, section, inner)
+        vertices.append(np.column_stack([inner[:, 0], y, inner[:, 1]]))
+        index = np.concatenate([np.arange(rim) * columns + column, np.arange(len(inner)) + count])
+        faces.append(index[triangles] if side == "right" else index[triangles[:, ::-1]])
+        names += materials
+        count += len(inner)
+    return Solid.build(section.curved(np.concatenate(vertices)), np.concatenate(faces), names)
 
-    # Vertices: the outline in every column, then what lies inside the left and the right side.
-    across = half[:rim, None] * COLUMNS
-    grid = np.stack(
-        [
-            np.broadcast_to(flat[:rim, :1], across.shape),
-            across,
-            np.broadcast_to(flat[:rim, 1:], across.shape),
-        ],
-        axis=-1,
-    )
-    left = np.column_stack([flat[rim:, 0], half[rim:], flat[rim:, 1]])
-    vertices = np.concatenate([grid.reshape(-1, 3), left, left * [1, -1, 1]])
 
-    columns = len(COLUMNS)
-    inside = np.arange(inner) + rim * columns
-    right_index = np.concatenate([np.arange(rim) * columns, inside + inner])
-    left_index = np.concatenate([np.arange(rim) * columns + columns - 1, inside])
-    strips, strip_names = _strips(outline)
-    all_faces = np.concatenate([right_index[faces], left_index[faces[:, ::-1]], strips])
-    return Solid.build(section.curved(vertices), all_faces, names + names + strip_names)
+def _half_width(
+    outline: Outline, section: Section, places: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the half-width (N,) at (N, 2) places x, z, with the rounded edges."""
+    inset = _distance_to_upper(outline, places)
+    return section.at(places) - _rounding(inset, section.edge_radius)
 
 
 def _side(
