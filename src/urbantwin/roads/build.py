@@ -94,7 +94,8 @@ def build_roads(
         clipped = extract.write_clipped(
             osm, frame, region, _with_sidewalks(ways, lines, driving_side)
         )
-        warnings = sumo_network(osm, frame, driving_side=driving_side, out=out)
+        apart = sorted(p for p, way in clipped.origin.items() if way in level_of_way)
+        warnings = sumo_network(osm, frame, driving_side=driving_side, keep_apart=apart, out=out)
     network = read_sumo_network(
         out, driving_side=driving_side, level_of_way=level_of_way, origin=clipped.origin
     )

@@ -6,6 +6,7 @@ import importlib.util
 import os
 import subprocess
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
 from lxml import etree
@@ -69,13 +70,16 @@ def sumo_environment() -> dict[str, str]:
     return {**os.environ, "SUMO_HOME": str(sumo_home()), "PROJ_LIB": proj, "PROJ_DATA": proj}
 
 
-def sumo_network(osm: Path, frame: SiteFrame, *, driving_side: str, out: Path) -> list[str]:
+def sumo_network(
+    osm: Path, frame: SiteFrame, *, driving_side: str, keep_apart: Iterable[int], out: Path
+) -> list[str]:
     """Run netconvert on OSM XML and write a network without comments, dates and paths.
 
     Args:
         osm: OSM XML with the ways of the network only, cut to the region.
         frame: the site frame, which the network's coordinates are in.
         driving_side: ``right`` or ``left``.
+        keep_apart: ids of ways (bridges) that stay roads of their own, not joined to the next.
         out: the ``.net.xml`` to write.
 
     Returns:
@@ -95,6 +99,14 @@ def sumo_network(osm: Path, frame: SiteFrame, *, driving_side: str, out: Path) -
             *("--lefthand", "true" if driving_side == "left" else "false"),
             *("--output-file", str(raw)),
         ]
+        apart = [
+            f"{sign}{way}{piece}"
+            for way in keep_apart
+            for sign in ("", "-")
+            for piece in ("", *(f"#{k}" for k in range(12)))
+        ]
+        if apart:
+            command += ["--geometry.remove.keep-edges.explicit", ",".join(apart)]
         for key, value in OPTIONS.items():
             command += [f"--{key}", value]
         done = subprocess.run(

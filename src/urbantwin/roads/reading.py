@@ -23,6 +23,7 @@ VEHICLE_CLASSES = {
     "bicycle": "bicycle",
     "pedestrian": "pedestrian",
 }
+MINIMAL_LENGTH = 1e-3  # metres; a line needs two places
 DEFAULT_WIDTH = 3.2  # SUMO's own, where a lane states none
 
 
@@ -147,8 +148,9 @@ def _lane(
     outline = np.zeros((0, 2))
     if function == "walkingarea":
         outline = shape
-    if len(shape) < 2:
-        shape = np.vstack([shape, shape[0] + np.array([1e-3, 0])])
+    if np.ptp(shape, axis=0).max() < MINIMAL_LENGTH:
+        # A connection straight across a mere border between two roads has no length.
+        shape = np.vstack([shape[:1], shape[:1] + [MINIMAL_LENGTH, 0.0]])
     return {
         "id": item.get("id"),
         "road": "" if function else edge.get("id"),
