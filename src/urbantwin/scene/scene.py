@@ -12,9 +12,13 @@ from numpy.typing import NDArray
 from urbantwin.geometry import DownwardProbe, LabelledMesh
 from urbantwin.ground import Elevation
 from urbantwin.roads import Lift, RoadNetwork
+from urbantwin.scene.barrier import barrier_mesh
 from urbantwin.scene.building import building_mesh
 from urbantwin.scene.deck import deck_mesh
+from urbantwin.scene.pole import pole_mesh
+from urbantwin.scene.signal_place import signal_places
 from urbantwin.scene.surface import PARTS, Spacing, surface_mesh
+from urbantwin.scene.tree import tree_mesh
 from urbantwin.scene.zones import ground_zones
 from urbantwin.site import OsmFeature
 
@@ -70,18 +74,31 @@ def build_scene(
         return np.where(np.isnan(found), elevation.raw_at(xy), found)
 
     carriageway = shapely.union_all([z.area for z in zones if z.kind == "carriageway"])
-    buildings, building_notes = building_mesh(
-        features, region=region, ground_height=ground_height, carriageway=carriageway
-    )
-    objects = [buildings]
+    signals = signal_places(network, carriageway)
+    objects: dict[str, tuple[LabelledMesh, dict[str, int]]] = {
+        "buildings": building_mesh(
+            features, region=region, ground_height=ground_height, carriageway=carriageway
+        ),
+        "poles": pole_mesh(
+            features,
+            region=region,
+            ground_height=ground_height,
+            carriageway=carriageway,
+            signals=signals,
+        ),
+        "trees": tree_mesh(
+            features, region=region, ground_height=ground_height, carriageway=carriageway
+        ),
+        "barriers": barrier_mesh(
+            features, region=region, ground_height=ground_height, carriageway=carriageway
+        ),
+    }
     meshes, first = [ground, decks], FIRST_OBJECT
-    for mesh in objects:
+    notes: dict[str, object] = {"surface": _ground_notes(ground, network)}
+    for name, (mesh, counts) in objects.items():
         meshes.append(replace(mesh, part=mesh.part + np.int32(first)))
         first += int(mesh.part.max(initial=0)) + 1
-    notes = {
-        "surface": _ground_notes(ground, network),
-        "buildings": building_notes,
-    }
+        notes[name] = counts
     return Scene(LabelledMesh.concatenate(meshes), notes)
 
 
