@@ -114,7 +114,7 @@ def _lines_of(value: Mapping[str, Any], indent: str = "") -> Iterator[str]:
 
 
 def _fits_a_line(value: Mapping[str, Any]) -> bool:
-    return len(value) <= 3 and not any(isinstance(one, Mapping | list) for one in value.values())
+    return len(value) <= 3 and all(isinstance(one, float) for one in value.values())
 
 
 def _inline(value: object) -> str:

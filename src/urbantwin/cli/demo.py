@@ -30,7 +30,7 @@ def demo(
 ) -> None:
     """Run a real intersection in central Helsinki, map to frames."""
     from urbantwin.cli.stages import site_with_known_sensors, whole_line
-    from urbantwin.site import init_site
+    from urbantwin.site.init import init_site
 
     console = Console(quiet=quiet, as_json=as_json)
     init_site(out / "site", helsinki_extract())

@@ -54,7 +54,7 @@ def init(
     """Write a commented site.yaml for a place on a map."""
     from urbantwin.cli.stages import new_folder
     from urbantwin.cli.summary import summary
-    from urbantwin.site import init_site
+    from urbantwin.site.init import init_site
 
     if (lat is None) != (lon is None):
         raise InputError("is alone", place="--lat" if lon is None else "--lon", expected="both")
