@@ -1,0 +1,72 @@
+"""Where objects may stand: inside the region, clear of carriageways."""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import Geometry
+
+__all__ = ["beside_carriageway", "grounded", "toward_carriageway"]
+
+
+def beside_carriageway(
+    xy: NDArray[np.float64], carriageway: Geometry, *, margin_m: float, farthest_m: float
+) -> NDArray[np.float64]:
+    """Move points that stand on a carriageway to its nearest side.
+
+    Args:
+        xy: (N, 2) points, site frame.
+        carriageway: where none may stand, site frame.
+        margin_m: how far from it they are put.
+        farthest_m: how far a point may be moved.
+
+    Returns:
+        (N, 2) points; nan where a point would have to be moved farther.
+    """
+    placed = np.array(xy, np.float64).reshape(-1, 2)
+    if carriageway.is_empty or not len(placed):
+        return placed
+    taken = carriageway.buffer(margin_m)
+    shapely.prepare(taken)
+    inside = np.flatnonzero(shapely.contains_xy(taken, placed[:, 0], placed[:, 1]))
+    if not len(inside):
+        return placed
+    line = shapely.shortest_line(shapely.points(placed[inside]), taken.boundary)
+    ends = shapely.get_coordinates(line).reshape(-1, 2, 2)
+    move = ends[:, 1] - ends[:, 0]
+    placed[inside] = ends[:, 1]
+    placed[inside[np.linalg.norm(move, axis=1) > farthest_m]] = np.nan
+    return placed
+
+
+def toward_carriageway(
+    xy: NDArray[np.float64], carriageway: Geometry, *, farthest_m: float
+) -> NDArray[np.float64]:
+    """Return the yaw (N,) from each of (N, 2) points to the nearest carriageway, radians.
+
+    nan where none is nearer than ``farthest_m``.
+    """
+    points = np.asarray(xy, np.float64).reshape(-1, 2)
+    if carriageway.is_empty or not len(points):
+        return np.full(len(points), np.nan)
+    line = shapely.shortest_line(shapely.points(points), carriageway)
+    ends = shapely.get_coordinates(line).reshape(-1, 2, 2)
+    way = ends[:, 1] - ends[:, 0]
+    far = np.linalg.norm(way, axis=1) > farthest_m
+    return np.where(far, np.nan, np.arctan2(way[:, 1], way[:, 0]))
+
+
+def grounded(xy: NDArray[np.float64], height: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (N, 3) points on the ground; unknown heights become those of the nearest known."""
+    z = np.array(height, np.float64)
+    unknown = ~np.isfinite(z)
+    if unknown.any():
+        known = np.flatnonzero(~unknown)
+        if len(known):
+            from scipy.spatial import cKDTree
+
+            z[unknown] = z[known[cKDTree(xy[known]).query(xy[unknown])[1]]]
+        else:
+            z[:] = 0.0
+    return np.column_stack([xy, z])

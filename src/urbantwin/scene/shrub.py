@@ -1,0 +1,84 @@
+"""Hedges and bushes: low vegetation as lumpy closed bodies."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.random import Generator, Philox
+from numpy.typing import NDArray
+
+from urbantwin.scene.solids import Solid, sweep
+
+__all__ = ["bushes", "hedge"]
+
+BURIED_M = 0.2
+
+
+def hedge(
+    path: NDArray[np.float64], height: float, thickness: float, seed: int, *, closed: bool = False
+) -> Solid:
+    """Return a hedge along (N, 3) points of the ground: a clipped box with an uneven surface."""
+    rng = Generator(Philox(key=abs(seed)))
+    half = thickness / 2
+    profile = np.array(
+        [
+            (half, -BURIED_M),
+            (-half, -BURIED_M),
+            (-half, 0.5 * height),
+            (-0.85 * half, height),
+            (0.85 * half, height),
+            (half, 0.5 * height),
+        ]
+    )
+    outline = np.broadcast_to(profile, (len(path), 6, 2)).copy()
+    rough = min(0.08, 0.15 * thickness)
+    outline[:, :, 0] += rng.uniform(-rough, rough, outline.shape[:2])
+    outline[:, 3:5, 1] -= rng.uniform(0, 2 * rough, (len(path), 2))
+    return sweep(path, outline, closed=closed)
+
+
+def bushes(
+    feet: NDArray[np.float64], radii: NDArray[np.float64], heights: NDArray[np.float64], seed: int
+) -> tuple[Solid, int]:
+    """Return bushes: lumpy domes on (N, 3) points of the ground; and the faces of each."""
+    rng = Generator(Philox(key=abs(seed)))
+    ball, faces = _ball()
+    count = len(feet)
+    swell = rng.uniform(0.75, 1.1, (count, len(ball), 1))
+    shape = ball[None] * swell
+    shape[..., :2] *= radii[:, None, None]
+    # The dome's foot is below the ground: its middle stands at 40 % of its height.
+    shape[..., 2] *= (0.6 * heights)[:, None]
+    shape[..., 2] += (0.4 * heights)[:, None]
+    vertices = shape + feet[:, None]
+    shift = np.arange(count)[:, None, None] * len(ball)
+    return Solid(vertices.reshape(-1, 3), (faces[None] + shift).reshape(-1, 3)), len(faces)
+
+
+@cache
+def _ball() -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Return a unit sphere of 80 triangles: an icosahedron, each face divided into four."""
+    g = (1 + 5**0.5) / 2
+    corners: list[tuple[float, float, float]] = [(-1, g, 0), (1, g, 0), (-1, -g, 0), (1, -g, 0)]
+    corners += [(0, -1, g), (0, 1, g), (0, -1, -g), (0, 1, -g)]
+    corners += [(g, 0, -1), (g, 0, 1), (-g, 0, -1), (-g, 0, 1)]
+    faces = [(0, 11, 5), (0, 5, 1), (0, 1, 7), (0, 7, 10), (0, 10, 11), (1, 5, 9), (5, 11, 4)]
+    faces += [(11, 10, 2), (10, 7, 6), (7, 1, 8), (3, 9, 4), (3, 4, 2), (3, 2, 6), (3, 6, 8)]
+    faces += [(3, 8, 9), (4, 9, 5), (2, 4, 11), (6, 2, 10), (8, 6, 7), (9, 8, 1)]
+    points = [np.array(c, np.float64) for c in corners]
+    middle: dict[tuple[int, int], int] = {}
+
+    def between(a: int, b: int) -> int:
+        key = (min(a, b), max(a, b))
+        if key not in middle:
+            middle[key] = len(points)
+            points.append((points[a] + points[b]) / 2)
+        return middle[key]
+
+    fine = []
+    for a, b, c in faces:
+        ab, bc, ca = between(a, b), between(b, c), between(c, a)
+        fine += [(a, ab, ca), (b, bc, ab), (c, ca, bc), (ab, bc, ca)]
+    ball = np.array(points)
+    return ball / np.linalg.norm(ball, axis=1, keepdims=True), np.array(fine, np.int32)
