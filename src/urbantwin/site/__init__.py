@@ -2,6 +2,7 @@
 
 from urbantwin.site.dem import DemGrid, check_dem, read_heights
 from urbantwin.site.extract import ClippedWays, Extract, OsmFeature, Relation, Way, read_extract
+from urbantwin.site.init import init_site
 from urbantwin.site.junction import JunctionProposal, propose_junction
 from urbantwin.site.rig import Effects, RigSpec, SensorSpec, load_rig_spec
 from urbantwin.site.site import InputFile, Site, TrafficSpec, check_extract, load_site
@@ -22,6 +23,7 @@ __all__ = [
     "Way",
     "check_dem",
     "check_extract",
+    "init_site",
     "load_rig_spec",
     "load_site",
     "propose_junction",

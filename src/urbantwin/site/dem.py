@@ -86,7 +86,7 @@ def read_heights(path: Path, frame: SiteFrame, area: shapely.Polygon, step_m: fl
     Raises:
         InputError: as `check_dem`.
     """
-    from rasterio.transform import from_origin
+    from affine import Affine
     from rasterio.warp import Resampling, reproject
 
     corners = np.vstack([shapely.get_coordinates(area), [[0.0, 0.0]]])
@@ -105,7 +105,7 @@ def read_heights(path: Path, frame: SiteFrame, area: shapely.Polygon, step_m: fl
         src_transform=transform,
         src_crs=crs,
         src_nodata=np.nan,
-        dst_transform=from_origin(x[0] - step_m / 2, y[-1] + step_m / 2, step_m, step_m),
+        dst_transform=Affine(step_m, 0, x[0] - step_m / 2, 0, -step_m, y[-1] + step_m / 2),
         dst_crs=frame.proj,
         dst_nodata=np.nan,
         resampling=Resampling.bilinear,
@@ -179,7 +179,10 @@ def _pixels(raster: Any, frame: SiteFrame, xy: NDArray[np.float64]) -> NDArray[n
     """Return (N, 2) columns and rows (pixel edges are whole numbers) of (N, 2) site metres."""
     transformer = Transformer.from_crs(frame.proj, CRS(raster.crs.to_wkt()), always_xy=True)
     easting, northing = transformer.transform(xy[:, 0], xy[:, 1])
-    return np.column_stack(~raster.transform * (np.asarray(easting), np.asarray(northing)))
+    # Written out: Affine's own product is spelt differently from one of its versions to the next.
+    t = ~raster.transform
+    x, y = np.asarray(easting), np.asarray(northing)
+    return np.column_stack([t.a * x + t.b * y + t.c, t.d * x + t.e * y + t.f])
 
 
 def _window(
@@ -189,6 +192,7 @@ def _window(
     bounds: tuple[float, float, float, float],
 ) -> tuple[NDArray[np.float64], Any]:
     """Return the heights (NaN where there are none) around ``bounds``, and their transform."""
+    from affine import Affine
     from rasterio.enums import Resampling
     from rasterio.windows import Window
 
@@ -206,8 +210,10 @@ def _window(
     heights = np.ma.filled(masked.astype(np.float64), np.nan)
     heights = (heights * raster.scales[0] + raster.offsets[0]) * _metres_per_unit(raster)
     heights[~((heights > LOWEST_M) & (heights < HIGHEST_M))] = np.nan
-    transform = raster.window_transform(window)
-    return heights, transform * transform.scale(width / shape[1], height / shape[0])
+    t, across, down = raster.transform, width / shape[1], height / shape[0]
+    corner = (t.a * low[0] + t.b * low[1] + t.c, t.d * low[0] + t.e * low[1] + t.f)
+    cell = (t.a * across, t.b * down, t.d * across, t.e * down)
+    return heights, Affine(cell[0], cell[1], corner[0], cell[2], cell[3], corner[1])
 
 
 def _metres_per_unit(raster: Any) -> float:  # noqa: ANN401

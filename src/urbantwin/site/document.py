@@ -68,7 +68,9 @@ class Document:
         """Return ``field.path[0].name (line 7)`` for a location below this document."""
         path = field_path((*self.prefix, *location))
         node = self._node(location)
-        return path if node is None else f"{path} (line {node.start_mark.line + 1})".strip()
+        if node is None or (node is self.root and not self.prefix):
+            return path
+        return f"{path} (line {node.start_mark.line + 1})"
 
     def error(self, problem: str, location: Location, expected: str | None = None) -> InputError:
         """Return the error to raise for the value at ``location``."""

@@ -18,7 +18,13 @@ from urbantwin.site.coverage import mapped_area
 from urbantwin.site.extract import Extract, read_extract
 from urbantwin.site.junction import STREETS, propose_junction, way_lanes
 from urbantwin.site.pole import propose_pole
-from urbantwin.site.region import circle, polygon_from_geojson, polygon_in_site, read_geojson
+from urbantwin.site.region import (
+    FARTHEST_M,
+    circle,
+    polygon_from_geojson,
+    polygon_in_site,
+    read_geojson,
+)
 from urbantwin.site.site import DEFAULT_PER_HOUR, load_site
 
 __all__ = ["init_site"]
@@ -76,6 +82,8 @@ def init_site(
         raise InputError("is a file", file=folder, expected="a folder")
     if region is not None and radius_m is not None:
         raise InputError("is given with a radius", file=region, expected="one of the two")
+    if radius_m is not None and not 20.0 <= radius_m <= FARTHEST_M:
+        raise InputError(f"a radius of {radius_m:g} m", expected=f"20 to {FARTHEST_M:g} m")
     extract = read_extract(osm)
     polygon = None
     if region is not None:
@@ -84,7 +92,7 @@ def init_site(
     frame = SiteFrame(place.latitude, place.longitude)
     if polygon is None:
         radius = _radius(extract, frame) if radius_m is None else radius_m
-        shape = circle(radius if radius > 0 else 1.0)
+        shape = circle(radius)
         outline = f"radius_m: {radius:g}"
     else:
         shape = polygon_in_site(polygon, frame, file=region or folder)

@@ -80,8 +80,7 @@ def propose_pole(extract: Extract, frame: SiteFrame) -> PolePosition:
     cost = np.maximum(0.0, away - _WANTED_M)
     # Whole metres of distance first, then the view: no need to judge the view of them all.
     nearest = choice[cost <= cost.min() + 8.0]
-    walls_near = shapely.simplify(shapely.intersection(buildings, around), 0.5)
-    views = np.array([_view(place, walls_near) for place in nearest])
+    views = _views(nearest, buildings)
     cost = np.maximum(0.0, np.linalg.norm(nearest, axis=1) - _WANTED_M) - 25.0 * views
     east, north = nearest[int(np.argmin(np.round(cost, 6)))]
     yaw = float(np.degrees(np.arctan2(-north, -east)))
@@ -103,10 +102,16 @@ def _sight_lines(places: NDArray[np.float64]) -> NDArray[np.object_]:
     return np.asarray(shapely.linestrings(ends))
 
 
-def _view(place: NDArray[np.float64], buildings: shapely.Geometry) -> float:
-    """Return 0..1: how far a sensor there sees along the ground, on average over all directions."""
+def _views(places: NDArray[np.float64], buildings: shapely.Geometry) -> NDArray[np.float64]:
+    """Return (N,) 0..1: how far one sees along the ground, on average over all directions."""
+    reach = int(_FARTHEST_M + _VIEW_M) + 1
+    east, north = np.meshgrid(np.arange(-reach, reach + 1.0), np.arange(-reach, reach + 1.0))
+    built = shapely.contains_xy(buildings, east, north)
     angles = np.radians(np.arange(0.0, 360.0, 10.0))
-    ends = place + _VIEW_M * np.column_stack([np.cos(angles), np.sin(angles)])
-    rays = shapely.linestrings(np.stack([np.broadcast_to(place, ends.shape), ends], axis=1))
-    seen = shapely.distance(shapely.intersection(rays, buildings), shapely.Point(place))
-    return float(np.where(np.isnan(seen), _VIEW_M, seen).mean() / _VIEW_M)
+    away = np.arange(1.0, _VIEW_M + 0.5)
+    directions = np.column_stack([np.cos(angles), np.sin(angles)])
+    # (places, directions, steps, 2): the metre cells that each line of sight passes.
+    steps = away[None, None, :, None] * directions[None, :, None, :]
+    cells = np.rint(places[:, None, None, :] + steps).astype(int) + reach
+    blocked = built[cells[..., 1], cells[..., 0]]
+    return np.asarray(1.0 - np.maximum.accumulate(blocked, axis=2).mean(axis=(1, 2)))

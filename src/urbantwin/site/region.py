@@ -143,6 +143,8 @@ def _checked_ring(ring: NDArray[np.float64], error: Any) -> NDArray[np.float64]:
         raise error(f"has a point at {bad[0]:g}, {bad[1]:g}, which is not in degrees")
     if len(np.unique(ring, axis=0)) < 3:
         raise error(f"has {len(np.unique(ring, axis=0))} different points", "at least three")
+    if shapely.MultiPoint(ring).convex_hull.area < 1e-15:  # square degrees: a square millimetre
+        raise error("has all its points on a line", "a polygon with an area")
     # GeoJSON closes its rings; one that is not closed is understood all the same.
     shape = shapely.Polygon(ring)
     if not shape.is_valid:
@@ -172,10 +174,8 @@ def _near(lonlat: NDArray[np.float64], frame: SiteFrame) -> NDArray[np.float64]:
 
     A polygon on another continent keeps its direction and stays far, which is all that counts.
     """
-    offset = (lonlat - [frame.longitude, frame.latitude] + [180.0, 0.0]) % [360.0, 1e9] - [
-        180.0,
-        0.0,
-    ]
+    east = (lonlat[:, 0] - frame.longitude + 180.0) % 360.0 - 180.0
+    offset = np.column_stack([east, lonlat[:, 1] - frame.latitude])
     return np.array([frame.longitude, frame.latitude]) + np.clip(offset, -3.0, 3.0)
 
 
