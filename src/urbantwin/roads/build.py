@@ -38,6 +38,10 @@ NETWORK_CLASSES = frozenset(
 )
 
 
+#: Tags that send people to a path beside the road.
+SIDEPATHS = {("foot", "use_sidepath"), ("bicycle", "use_sidepath")}
+
+
 @dataclass(frozen=True)
 class BuiltRoads:
     """The lane network, how far its roads are lifted off the ground, and what was left out."""
@@ -92,7 +96,7 @@ def build_roads(
     with tempfile.TemporaryDirectory() as scratch:
         osm = Path(scratch) / "network.osm"
         clipped = extract.write_clipped(
-            osm, frame, region, _with_sidewalks(ways, lines, driving_side)
+            osm, frame, region, _with_sidepaths(ways, lines, driving_side)
         )
         apart = sorted(p for p, way in clipped.origin.items() if way in level_of_way)
         warnings = sumo_network(osm, frame, driving_side=driving_side, keep_apart=apart, out=out)
@@ -131,7 +135,7 @@ def _network_ways(
     return kept, tunnels
 
 
-def _with_sidewalks(
+def _with_sidepaths(
     ways: list[Way], lines: dict[int, NDArray[np.float64]], driving_side: str
 ) -> list[Way]:
     one_way = ("yes", "1", "true")
@@ -139,12 +143,17 @@ def _with_sidewalks(
     result = []
     for way in ways:
         sides = sidewalk_sides(way.tags, lines[way.id], others, side=driving_side)
+        # Sides stand in one tag of ours; paths beside the road do not close the road.
         tags = {
             key: value
             for key, value in way.tags.items()
-            # Sides stand in one tag of ours; a footway beside the road does not close the road.
-            if not key.startswith("sidewalk") and not (key == "foot" and value == "use_sidepath")
+            if not key.startswith("sidewalk") and (key, value) not in SIDEPATHS
         }
+        if way.tags.get("bicycle") == "use_sidepath" and not any(
+            key.startswith("cycleway") for key in tags
+        ):
+            # The cycleway is mapped as a way of its own: it becomes a lane of this road.
+            tags["cycleway"] = "track"
         result.append(dataclasses.replace(way, tags={**tags, "sidewalk": sides}))
     return result
 
