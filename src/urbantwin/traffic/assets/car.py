@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import numpy as np
-
 from urbantwin.traffic.assets.primitive import box, ellipsoid
 from urbantwin.traffic.assets.shell import Outline, Panel, Section, arched_outline, shell
 from urbantwin.traffic.assets.solid import Solid
 from urbantwin.traffic.assets.wheel import wheel
 
-__all__ = ["axle_wheels", "body", "car", "contact_points", "fitted", "plates", "seats"]
+__all__ = ["axle_wheels", "body", "car", "contact_points", "plates", "seats"]
 
 
 #: Keys of an entry that hold panels: material, corner radius in metres, which sides.
@@ -141,17 +139,3 @@ def seats(entry: Mapping[str, Any]) -> list[Solid]:
                 box([0.09, 0.24, 0.18], [x - 0.14, y, top - 0.08], "cloth"),
             ]
     return solids
-
-
-def fitted(solids: Sequence[Solid], size: Sequence[float]) -> list[Solid]:
-    """Stretch solids to exact bounds: x and y centred on the origin, z from 0 up.
-
-    Args:
-        solids: of one asset.
-        size: length, width, height, metres.
-    """
-    corners = np.concatenate([solid.vertices for solid in solids])
-    low, high = corners.min(axis=0), corners.max(axis=0)
-    factors = np.asarray(size) / (high - low)
-    middle = np.array([*(low + high)[:2] / 2, low[2]])
-    return [solid.moved(-middle).scaled(factors) for solid in solids]

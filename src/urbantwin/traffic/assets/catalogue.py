@@ -1,8 +1,7 @@
-"""The actor catalogue: names, sizes and meshes of everything that moves."""
+"""The actor catalogue: names, sizes and meshes of everything that moves (data: ``assets.yaml``)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -15,16 +14,14 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
 from urbantwin.taxonomy import ACTOR_CLASSES, ACTOR_SEMANTICS, semantic_id
-from urbantwin.traffic.assets.car import car, contact_points, fitted
-from urbantwin.traffic.assets.gait import stride_length, walking
+from urbantwin.traffic.assets.car import car, contact_points
+from urbantwin.traffic.assets.gait import GAIT_PHASES, stride_length, walker
 from urbantwin.traffic.assets.heavy import bus, truck
-from urbantwin.traffic.assets.person import Figure, figure_solids
-from urbantwin.traffic.assets.solid import Solid, labelled
+from urbantwin.traffic.assets.person import Figure
+from urbantwin.traffic.assets.solid import Solid, fitted, labelled
+from urbantwin.traffic.assets.two_wheeler import PEDAL_PHASES, hub_contacts, two_wheeler
 
 __all__ = ["Asset", "asset", "asset_mesh", "asset_names"]
-
-#: Postures of a gait cycle.
-GAIT_PHASES = 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,19 +34,22 @@ class Asset:
     Attributes:
         name: such as ``car-sedan``.
         actor_class: one of ``taxonomy.ACTOR_CLASSES``.
-        phases: how many postures a movement cycle has; 1 for a rigid asset.
+        phases: how many postures its cycle of movement has (steps, turns of the cranks); 1 for
+            a rigid asset.
+        standing: the phase that shows it halted; it may lie outside the cycle.
         length: bounds of phase 0 along x, metres.
         width: along y.
         height: along z.
-        contacts: (K, 3) where the asset touches the ground, metres: four or more wheels, the two
-            wheels of a two-wheeler (front first), the origin for a person.
-        stride_m: distance travelled in one cycle of the phases, metres; 0 for a rigid asset.
-            Phase ``k`` belongs to distances ``k / phases * stride_m`` and on.
+        contacts: (K, 3) where the asset touches the ground, metres: its wheels from the front,
+            left before right; the origin for a person.
+        stride_m: distance travelled in one cycle, metres; 0 for a rigid asset. Phase ``k``
+            shows the asset ``k / phases`` of that distance into the cycle.
     """
 
     name: str
     actor_class: str
     phases: int
+    standing: int
     length: float
     width: float
     height: float
@@ -78,18 +78,27 @@ def asset(name: str) -> Asset:
         InputError: there is no asset of that name.
     """
     entry = _entry(name)
-    walks = entry["builder"] == "walker"
+    phases, standing = _phases(entry)
     size = np.ptp(asset_mesh(name).vertices, axis=0)
-    contacts = BUILDERS[entry["builder"]].contacts(entry)
+    contacts: list[list[float]] = [[0.0, 0.0, 0.0]]
+    stride = 0.0
+    match entry["builder"]:
+        case "walker":
+            stride = stride_length(Figure(**entry["figure"]))
+        case "two-wheeler":
+            contacts, stride = hub_contacts(entry), entry.get("stride", 0.0)
+        case _:
+            contacts = contact_points(entry)
     return Asset(
         name=name,
         actor_class=entry["class"],
-        phases=GAIT_PHASES if walks else 1,
+        phases=phases,
+        standing=standing,
         length=float(size[0]),
         width=float(size[1]),
         height=float(size[2]),
-        contacts=np.array(contacts, np.float64).reshape(-1, 3),
-        stride_m=stride_length(Figure(**entry["figure"])) if walks else 0.0,
+        contacts=np.array(contacts),
+        stride_m=stride,
     )
 
 
@@ -99,56 +108,49 @@ def asset_mesh(name: str, phase: int = 0) -> LabelledMesh:
 
     Args:
         name: of the asset.
-        phase: of the movement cycle, 0 <= phase < ``asset(name).phases``.
+        phase: of the cycle of movement (0 <= phase < ``asset(name).phases``), or
+            ``asset(name).standing``.
 
     Raises:
         InputError: there is no asset of that name, or no such phase of it.
     """
     entry = _entry(name)
-    phases = GAIT_PHASES if entry["builder"] == "walker" else 1
-    if not 0 <= phase < phases:
-        raise InputError(f"{name} has no phase {phase}", expected=f"0 to {phases - 1}")
-    solids = BUILDERS[entry["builder"]].solids(entry, phase)
+    phases, standing = _phases(entry)
+    if not (0 <= phase < phases or phase == standing):
+        raise InputError(
+            f"{name} has no phase {phase}", expected=f"0 to {max(phases - 1, standing)}"
+        )
+    solids = _solids(entry, phase, halted=phase == standing > 0)
     return labelled(solids, semantic_id(ACTOR_SEMANTICS[entry["class"]]))
 
 
-@dataclass(frozen=True)
-class Builder:
-    """How an entry of the catalogue becomes solids, and where it touches the ground."""
-
-    solids: Callable[[dict[str, Any], int], list[Solid]]
-    contacts: Callable[[dict[str, Any]], list[list[float]]]
-
-
-def _rigid(
-    build: Callable[[dict[str, Any]], list[Solid]],
-) -> Callable[[dict[str, Any], int], list[Solid]]:
-    def solids(entry: dict[str, Any], _phase: int) -> list[Solid]:
-        return fitted(build(entry), entry["size"])
-
-    return solids
+def _phases(entry: dict[str, Any]) -> tuple[int, int]:
+    """Return the number of phases of an entry's cycle and the phase that shows it halted."""
+    match entry["builder"]:
+        case "walker":
+            return GAIT_PHASES, GAIT_PHASES
+        case "two-wheeler":
+            phases = PEDAL_PHASES if "cranks" in entry else 1
+            return phases, phases
+        case _:
+            return 1, 0
 
 
-def _walker(entry: dict[str, Any], phase: int) -> list[Solid]:
-    """Return a walking figure: the pelvis keeps its place over the ground in every phase."""
-    figure = Figure(**entry["figure"])
-
-    def standing(at: int) -> list[Solid]:
-        solids = figure_solids(figure, walking(figure, at / GAIT_PHASES))
-        lowest = min(solid.vertices[:, 2].min() for solid in solids)
-        return [solid.moved([0.0, 0.0, -lowest]) for solid in solids]
-
-    first = np.concatenate([solid.vertices for solid in standing(0)])
-    middle = (first[:, 0].min() + first[:, 0].max()) / 2
-    return [solid.moved([-middle, 0.0, 0.0]) for solid in standing(phase)]
-
-
-BUILDERS = {
-    "bus": Builder(_rigid(bus), contact_points),
-    "car": Builder(_rigid(car), contact_points),
-    "truck": Builder(_rigid(truck), contact_points),
-    "walker": Builder(_walker, lambda _entry: [[0.0, 0.0, 0.0]]),
-}
+def _solids(entry: dict[str, Any], phase: int, *, halted: bool) -> list[Solid]:
+    match entry["builder"]:
+        case "walker":
+            return walker(Figure(**entry["figure"]), None if halted else phase)
+        case "two-wheeler":
+            first = two_wheeler(entry)
+            now = two_wheeler(entry, 0 if halted else phase, halted=halted)
+            return fitted(now, entry["size"], like=first)
+        case "truck":
+            solids = truck(entry)
+        case "bus":
+            solids = bus(entry)
+        case _:
+            solids = car(entry)
+    return fitted(solids, entry["size"])
 
 
 @cache

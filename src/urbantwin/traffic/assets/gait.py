@@ -10,9 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from urbantwin.traffic.assets.person import Figure, Posture
+from urbantwin.traffic.assets.person import Figure, Posture, figure_solids
+from urbantwin.traffic.assets.solid import Solid
 
-__all__ = ["joint_angles", "stride_length", "walking"]
+__all__ = ["GAIT_PHASES", "joint_angles", "standing", "stride_length", "walker", "walking"]
+
+#: Postures of a gait cycle.
+GAIT_PHASES = 12
 
 #: The arm swings against the leg of its side; shoulder about -25..+10 degrees and elbow about
 #: 15..45 degrees at natural speed (Murray, Sepic and Barnard 1967, Phys. Ther. 47(4)).
@@ -42,9 +46,40 @@ def walking(figure: Figure, part: float) -> Posture:
     """
     legs = np.array([_leg(figure, part, 1.0), _leg(figure, part + 0.5, -1.0)])
     arms = np.array([_arm(figure, part, 1.0), _arm(figure, part + 0.5, -1.0)])
+    return _upright(figure, legs, arms)
+
+
+def _upright(figure: Figure, legs: NDArray[np.float64], arms: NDArray[np.float64]) -> Posture:
     neck = np.array([0.01 * figure.stature, 0.0, figure.length("trunk")])
     posture = Posture(np.zeros(3), neck, 0.05, legs, arms)
     return posture.moved([0.0, 0.0, -legs[:, 3, 2].min()])
+
+
+def standing(figure: Figure) -> Posture:
+    """Return the posture of a figure that waits: legs and arms down, feet side by side."""
+    upright = np.array([0.02, 0.03, 0.01])
+    legs = np.array([_limb(figure, upright, side) for side in (1.0, -1.0)])
+    arms = np.array([_hanging(figure, 0.02, 0.15, side) for side in (1.0, -1.0)])
+    return _upright(figure, legs, arms)
+
+
+def walker(figure: Figure, phase: int | None) -> list[Solid]:
+    """Return the solids of a figure in a phase of its gait; ``None`` stands.
+
+    The pelvis keeps its place over the ground in all of them, the lowest point is at z = 0, and
+    the bounds of phase 0 are centred on the origin.
+    """
+    first = _grounded(figure, walking(figure, 0.0))
+    x = np.concatenate([solid.vertices[:, 0] for solid in first])
+    posture = standing(figure) if phase is None else walking(figure, phase / GAIT_PHASES)
+    centred = [-(x.min() + x.max()) / 2, 0.0, 0.0]
+    return [solid.moved(centred) for solid in _grounded(figure, posture)]
+
+
+def _grounded(figure: Figure, posture: Posture) -> list[Solid]:
+    solids = figure_solids(figure, posture)
+    lowest = min(solid.vertices[:, 2].min() for solid in solids)
+    return [solid.moved([0.0, 0.0, -lowest]) for solid in solids]
 
 
 def stride_length(figure: Figure) -> float:
@@ -71,7 +106,12 @@ def _sole(figure: Figure, part: float) -> NDArray[np.float64]:
 
 
 def _leg(figure: Figure, part: float, side: float) -> NDArray[np.float64]:
-    hip_flexion, knee_flexion, dorsiflexion = joint_angles(part)
+    return _limb(figure, joint_angles(part), side)
+
+
+def _limb(figure: Figure, angles: NDArray[np.float64], side: float) -> NDArray[np.float64]:
+    """Return hip, knee, ankle and toes (4, 3) of a leg with the given joint angles."""
+    hip_flexion, knee_flexion, dorsiflexion = angles
     hip = np.array([0.0, side * figure.length("hip"), 0.0])
     knee = hip + figure.length("thigh") * _down(hip_flexion)
     shank = hip_flexion - knee_flexion
@@ -86,7 +126,13 @@ def _leg(figure: Figure, part: float, side: float) -> NDArray[np.float64]:
 def _arm(figure: Figure, part: float, side: float) -> NDArray[np.float64]:
     swing = -np.cos(2 * np.pi * part)
     flexion = SHOULDER_MEAN + SHOULDER_SWING * swing
-    elbow_flexion = ELBOW_MEAN + ELBOW_SWING * swing
+    return _hanging(figure, flexion, ELBOW_MEAN + ELBOW_SWING * swing, side)
+
+
+def _hanging(
+    figure: Figure, flexion: float, elbow_flexion: float, side: float
+) -> NDArray[np.float64]:
+    """Return shoulder, elbow, wrist and fingertips (4, 3) of an arm that hangs down."""
     shoulder = np.array(
         [0.01 * figure.stature, side * figure.length("shoulder"), 0.97 * figure.length("trunk")]
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from urbantwin.geometry import LabelledMesh
 from urbantwin.taxonomy import material_id
 
-__all__ = ["Solid", "labelled"]
+__all__ = ["Solid", "fitted", "labelled"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,3 +70,20 @@ def labelled(solids: Iterable[Solid], semantic: int) -> LabelledMesh:
         LabelledMesh.build(solid.vertices, solid.faces, semantic, solid.material, part)
         for part, solid in enumerate(solids, 1)
     )
+
+
+def fitted(
+    solids: Sequence[Solid], size: ArrayLike, *, like: Sequence[Solid] | None = None
+) -> list[Solid]:
+    """Stretch solids to exact bounds: x and y centred on the origin, z from 0 up.
+
+    Args:
+        solids: of one asset.
+        size: (3,) length, width and height, metres.
+        like: the solids whose bounds are meant (another phase of the asset); else ``solids``.
+    """
+    corners = np.concatenate([solid.vertices for solid in like or solids])
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    middle = np.array([*(low + high)[:2] / 2, low[2]])
+    factors = np.asarray(size) / (high - low)
+    return [solid.moved(-middle).scaled(factors) for solid in solids]
