@@ -1,3 +1,6 @@
+import itertools
+from collections import Counter
+
 import numpy as np
 import pytest
 import shapely
@@ -100,8 +103,6 @@ def test_min_height_leaves_the_space_beneath_open():
     ],
 )
 def test_tags_give_the_rise(tags, low, high):
-    from collections import Counter
-
     rise = building_rise(tags, {}, 100.0, Counter())
     assert (rise.low_m, rise.high_m) == pytest.approx((low, high))
 
@@ -233,14 +234,28 @@ def test_no_features_give_no_buildings():
     assert notes["buildings"] == 0
 
 
-@pytest.mark.parametrize(("name", "fewest"), [("taipei", 15), ("neukolln", 20)])
-def test_real_buildings_are_closed_and_as_high_as_mapped(shared_data, name, fewest):
-    extract = read_extract(shared_data / "osm" / f"{name}.osm")
+def real_features(folder, name, radius):
+    extract = read_extract(folder / "osm" / f"{name}.osm")
     signals = [i for i, t in extract.node_tags.items() if t.get("highway") == "traffic_signals"]
     longitude, latitude = np.median([extract.nodes[i] for i in signals], axis=0)
-    frame = SiteFrame(float(latitude), float(longitude))
-    region = shapely.Point(0, 0).buffer(150)
-    features = extract.features(frame, region)
+    region = shapely.Point(0, 0).buffer(radius)
+    return extract.features(SiteFrame(float(latitude), float(longitude)), region), region
+
+
+def test_real_passages_are_open(shared_data):
+    features, region = real_features(shared_data, "neukolln", 300)
+    mesh, notes = build(*features, region=region)
+    passages = [f for f in features if f.tags.get("tunnel") == "building_passage"]
+    assert notes["passages through buildings"] >= len(passages) >= 10
+    for passage in passages:
+        corners = shapely.get_coordinates(passage.geometry)
+        for start, end in itertools.pairwise(corners):
+            assert crossings(mesh, (*start, 2.0), (*end, 2.0)) == 0, passage.id
+
+
+@pytest.mark.parametrize(("name", "fewest"), [("taipei", 15), ("neukolln", 20)])
+def test_real_buildings_are_closed_and_as_high_as_mapped(shared_data, name, fewest):
+    features, region = real_features(shared_data, name, 150)
     mesh, notes = build(*features, region=region, ground=tilted)
     assert notes["buildings"] > 50
     assert uneven_edges(mesh) == 0
@@ -248,6 +263,7 @@ def test_real_buildings_are_closed_and_as_high_as_mapped(shared_data, name, fewe
         assert volume(mesh.select(mesh.part == part)) > 0
     # Away from every other footprint, the roof is where the outline's own tags put it.
     mapped = [f for f in features if "building" in f.tags or "building:part" in f.tags]
+    tree = shapely.STRtree([f.geometry for f in mapped])
     probe = DownwardProbe(mesh)
     checked = 0
     for f in mapped:
@@ -258,7 +274,8 @@ def test_real_buildings_are_closed_and_as_high_as_mapped(shared_data, name, fewe
             expected = 3.2 * sum(map(int, levels))
         else:
             continue
-        others = shapely.union_all([o.geometry for o in mapped if o is not f])
+        near = [mapped[k] for k in tree.query(f.geometry)]
+        others = shapely.union_all([o.geometry for o in near if o is not f])
         inner = f.geometry.difference(others).buffer(-1.5)
         if "building" not in f.tags or inner.is_empty or expected == 0:
             continue

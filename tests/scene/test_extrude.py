@@ -71,6 +71,14 @@ def test_prisms_side_by_side_and_on_top_of_each_other_become_one_surface():
     assert np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2 == pytest.approx(212)
 
 
+def test_bodies_that_touch_along_an_edge_have_two_faces_on_it_each():
+    corner_to_corner = [Body(box(0, 0, 4, 4), 0, 5), Body(box(4, 4, 8, 8), 0, 5)]
+    solid = extrude([*corner_to_corner, Body(box(4, 0, 8, 4), 0, 2)])
+    assert solid.volume() == pytest.approx(160 + 32)
+    assert faces_per_edge(solid) == {2}
+    assert edge_balance(solid) == 0
+
+
 @settings(max_examples=40, deadline=None)
 @given(
     st.lists(
@@ -87,6 +95,7 @@ def test_a_union_of_boxes_has_the_volume_counted_cell_by_cell(boxes):
     solid = extrude(bodies)
     assert solid.volume() == pytest.approx(filled.sum())
     assert edge_balance(solid) == 0
+    assert faces_per_edge(solid) == {2}
 
 
 def test_overlapping_oblique_bodies_match_a_sampled_volume():

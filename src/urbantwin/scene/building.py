@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import shapely
-from shapely import Geometry, Polygon
+from shapely import Geometry, MultiPolygon, Polygon
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.scene.building_height import building_materials, building_rise, building_type
@@ -97,7 +97,7 @@ def building_mesh(
         openings = _openings(plan, near, carriageway, ground_height, float(datum), notes)
         _add(assembly, volumes, openings, carriageway, float(datum))
     notes["buildings"] = assembly.parts
-    return assembly.mesh(), dict(sorted(notes.items()))
+    return assembly.mesh(), {k: n for k, n in sorted(notes.items()) if n or k == "buildings"}
 
 
 def building_footprints(features: Iterable[OsmFeature]) -> list[Polygon]:
@@ -134,6 +134,8 @@ def _buildings(
         if not _is_drawn(feature.tags, key):
             notes["not drawn (underground or mapped as no building)"] += 1
             continue
+        if not isinstance(feature.geometry, Polygon | MultiPolygon):
+            continue  # entrances and the like, mapped as nodes
         polygons = clean_polygons(feature.geometry)
         if not polygons:
             notes["footprints without area, dropped"] += 1
@@ -142,7 +144,7 @@ def _buildings(
         else:
             parts += [(feature.tags, polygon) for polygon in polygons]
     outlines = _without_twins(outlines, notes)
-    tree = shapely.STRtree([shapely.MultiPolygon(outline.footprints) for outline in outlines])
+    tree = shapely.STRtree([MultiPolygon(outline.footprints) for outline in outlines])
     for tags, polygon in parts:
         owner, most = None, 0.5 * polygon.area
         for k in sorted(tree.query(polygon).tolist()):

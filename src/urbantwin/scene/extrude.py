@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from shapely import MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
+from urbantwin.scene.manifold import with_simple_edges
 from urbantwin.scene.solids import Solid
 
 __all__ = ["Body", "clean_polygons", "extrude", "prism", "triangulate"]
@@ -113,7 +114,7 @@ def extrude(bodies: Sequence[Body]) -> Solid:
         beyond = edges.get((q, p))
         for low, high in _minus(solid[number], [] if beyond is None else solid[beyond]):
             sheet.add_wall(p, q, low, high)
-    return sheet.solid()
+    return with_simple_edges(sheet.solid())
 
 
 class _Sheet:
