@@ -5,6 +5,8 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
+INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check
+
 RUNTIME     := $(VENV)/.runtime-installed
 DEVELOPMENT := $(VENV)/.development-installed
 
@@ -44,16 +46,18 @@ $(BIN)/python:
 	  rm -rf $(VENV); exit 1; }
 
 $(RUNTIME): requirements.lock pyproject.toml | $(BIN)/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check \
-	  --no-deps --no-build-isolation --editable .
-	@$(BIN)/python -c 'import libsumo' || { \
-	  echo "error: SUMO lacks a library of the system; on Debian: apt-get install $(DEBIAN_PACKAGES)" >&2; \
+	@echo "installing into $(VENV): about 2 GB, some minutes the first time"
+	@$(INSTALL) -r requirements.lock
+	@$(INSTALL) --no-deps --no-build-isolation --editable .
+	@$(BIN)/python -c 'import libsumo' >$(VENV)/sumo.log 2>&1 || { \
+	  tail -n 1 $(VENV)/sumo.log >&2; \
+	  echo "error: SUMO lacks a library; on Debian: apt-get install $(DEBIAN_PACKAGES)" >&2; \
 	  exit 1; }
 	@touch $@
 
 $(DEVELOPMENT): requirements-dev.lock $(RUNTIME)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-dev.lock
+	@echo "installing what the tests need"
+	@$(INSTALL) -r requirements-dev.lock
 	@touch $@
 
 # uv resolves for every Python and platform at once. hatchling and editables build this package.
