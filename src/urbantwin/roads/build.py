@@ -154,8 +154,16 @@ def _with_sidepaths(
         ):
             # The cycleway is mapped as a way of its own: it becomes a lane of this road.
             tags["cycleway"] = "track"
+        latin = tags.get("name:en", tags.get("int_name"))
+        if latin and not _is_alphabetic(tags.get("name", "")):
+            tags["name"] = latin
         result.append(dataclasses.replace(way, tags={**tags, "sidewalk": sides}))
     return result
+
+
+def _is_alphabetic(name: str) -> bool:
+    """Whether a name is in Latin, Greek or Cyrillic letters, which every plot's font has."""
+    return all(ord(character) < 0x2000 for character in name)
 
 
 def _lift(network: RoadNetwork, crossings: list[Crossing]) -> Lift:
