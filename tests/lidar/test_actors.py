@@ -144,13 +144,13 @@ def test_full_frame_of_moving_actors_hits_what_open3d_hits(street, rig_of, crowd
 
 def test_nearest_sees_one_surface_per_ray():
     hits = ActorHits(
-        np.array([0, 1, 1, 2, 3, 3]),
-        np.array([0, 0, 1, 1, 1, 2]),
-        np.array([5, 5, 4, 9, 7, 7], np.float32),
-        np.ones(6, np.float32),
+        np.array([0, 1, 1, 2, 3, 3, 4]),
+        np.array([0, 0, 1, 1, 1, 2, 2]),
+        np.array([5, 5, 4, 9, 7, 7, 3], np.float32),
+        np.ones(7, np.float32),
     )
-    static = np.array([6, 8, 8, np.inf], np.float32)
-    assert nearest(hits, static).tolist() == [0, 2, 4]
+    static = np.array([6, 8, 8, np.inf, 3], np.float32)
+    assert nearest(hits, static).tolist() == [0, 2, 4, 6]
 
 
 def test_backscatter_is_that_of_the_face_hit(box_mesh):

@@ -37,7 +37,7 @@ def test_spans_are_where_points_of_the_ray_are_inside():
     aims /= np.linalg.norm(aims, axis=1, keepdims=True)
     aims[0] = [1, 0, 0]
     boxes[0] = [5, 1, 5, 2, 2, 2, 0]  # A ray that runs along its box's axis.
-    enter, leave = spans_in_box(origin, aims, boxes, 0.015)
+    enter, leave = spans_in_box(origin, aims.T, boxes.T, 0.015)
     for step in np.linspace(0, 20, 801):
         inside = np.array(
             [
@@ -59,4 +59,4 @@ def test_outside_agrees_with_points_in_box():
         not points_in_box(point[None], box, 0.1)[0]
         for point, box in zip(points, boxes, strict=True)
     ]
-    assert outside(points, boxes, 0.1).tolist() == expected
+    assert outside(points.T, boxes.T, 0.1).tolist() == expected

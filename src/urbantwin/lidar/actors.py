@@ -159,8 +159,8 @@ def cast_actors(
 def nearest(hits: ActorHits, static_range_m: NDArray[np.float32]) -> NDArray[np.int64]:
     """Return which hits (numbers into M) come first along their rays.
 
-    Against the static world and among each other. Of two actors at the same range the one that
-    was given first is seen.
+    Against the static world and among each other. At the same range an actor is seen before the
+    static world, and of two actors the one that was given first.
 
     Args:
         hits: hits of every actor alone.
@@ -168,9 +168,7 @@ def nearest(hits: ActorHits, static_range_m: NDArray[np.float32]) -> NDArray[np.
     """
     depth = static_range_m.copy()
     np.minimum.at(depth, hits.ray, hits.range_m)
-    front = np.flatnonzero(
-        (hits.range_m == depth[hits.ray]) & (hits.range_m < static_range_m[hits.ray])
-    )
+    front = np.flatnonzero(hits.range_m == depth.take(hits.ray))
     # Backwards, so that the first of several equals stands in the end.
     winner = np.empty(len(depth), np.int64)
     winner[hits.ray[front[::-1]]] = front[::-1]

@@ -101,11 +101,11 @@ def posed_box(shape: ActorShape, frame_SE3_asset: Pose) -> NDArray[np.float64]:
 
 
 def outside(
-    points: NDArray[np.float32], boxes: NDArray[np.float64], margin: float
+    points: NDArray[np.floating], boxes: NDArray[np.float64], margin: float
 ) -> NDArray[np.bool_]:
-    """Return which of M points lie outside their own boxes (M, 7) grown by ``margin``."""
-    local = _turned(points - boxes[:, :3], boxes[:, 6])
-    return np.asarray((np.abs(local) > boxes[:, 3:6] / 2 + margin).any(axis=1))
+    """Return which of M points (3, M) lie outside their own boxes (7, M) grown by ``margin``."""
+    local = _turned(points - boxes[:3], boxes[6])
+    return np.asarray((np.abs(local) > boxes[3:6] / 2 + margin).any(axis=0))
 
 
 def spans_in_box(
@@ -114,18 +114,25 @@ def spans_in_box(
     boxes: NDArray[np.float64],
     margin: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return where M rays enter and leave their own boxes (M, 7) grown by ``margin``, metres."""
-    start = _turned(origin - boxes[:, :3], boxes[:, 6])
-    along = _turned(directions, boxes[:, 6])
-    half = boxes[:, 3:6] / 2 + margin
+    """Return where rays enter and leave their own boxes grown by ``margin``, metres.
+
+    Args:
+        origin: (3,) where all rays leave.
+        directions: (3, M) unit vectors.
+        boxes: (7, M) a box for each ray.
+        margin: metres.
+    """
+    start = _turned(origin[:, None] - boxes[:3], boxes[6])
+    along = _turned(directions, boxes[6])
+    half = boxes[3:6] / 2 + margin
     # A ray along a face never meets the other two of its kind: infinitely far is right there.
-    along = np.where(along == 0, 1e-300, along)
+    along[along == 0] = 1e-300
     one, other = (-half - start) / along, (half - start) / along
-    return np.minimum(one, other).max(axis=1), np.maximum(one, other).min(axis=1)
+    return np.minimum(one, other).max(axis=0), np.maximum(one, other).min(axis=0)
 
 
 def _turned(vectors: NDArray[np.floating], yaw: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return vectors (M, 3) in frames turned by yaw (M,)."""
+    """Return vectors (3, M) in frames turned by yaw (M,)."""
     c, s = np.cos(yaw), np.sin(yaw)
-    x, y, z = vectors[:, 0], vectors[:, 1], vectors[:, 2]
-    return np.column_stack([x * c + y * s, y * c - x * s, z])
+    x, y, z = vectors
+    return np.stack([x * c + y * s, y * c - x * s, z])

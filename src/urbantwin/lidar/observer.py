@@ -145,12 +145,15 @@ class Observer:
         """Return the ranges that the sensor reports: noisy, quantised, actors' in their boxes."""
         measured = range_m + sigma * standard_noise(noise)
         moved = np.flatnonzero((actor >= 0) & (sigma > 0))
-        aim = directions[:, moved].T.astype(np.float64)
-        places = self._origin + aim * measured[moved, None]
-        leaves = outside(places, boxes[actor[moved]], self._margin_m)
-        astray = moved[leaves]
-        if len(astray):
-            span = spans_in_box(self._origin, aim[leaves], boxes[actor[astray]], self._margin_m)
+        aim = directions.take(moved, axis=1).astype(np.float64)
+        box = boxes.T.take(actor.take(moved), axis=1)
+        places = self._origin[:, None] + aim * measured.take(moved)
+        leaves = np.flatnonzero(outside(places, box, self._margin_m))
+        if len(leaves):
+            astray = moved.take(leaves)
+            span = spans_in_box(
+                self._origin, aim.take(leaves, axis=1), box.take(leaves, axis=1), self._margin_m
+            )
             low, high = ((end - range_m[astray]) / sigma[astray] for end in span)
             kept = truncated_noise(noise[astray], np.minimum(low, 0), np.maximum(high, 0))
             measured[astray] = range_m[astray] + sigma[astray] * kept
