@@ -9,7 +9,6 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from urbantwin.geometry import LabelledMesh
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand import Demand
 from urbantwin.traffic.motion import ACTOR_SCHEMA, step_times
@@ -19,8 +18,8 @@ from urbantwin.traffic.trajectory import smoothed
 
 __all__ = ["actor_table"]
 
-_STANDING_MS = 0.15  # people slower than this stand, m/s
-_GOLDEN = (5**0.5 - 1) / 2  # spreads the first postures of people who set out together
+_STANDING_MS = 0.15  # who is slower than this stands, m/s
+_GOLDEN = (5**0.5 - 1) / 2  # spreads the first postures of those who set out together
 
 
 def actor_table(
@@ -31,7 +30,6 @@ def actor_table(
     steps: int,
     step_s: float,
     asset: Callable[[str], Asset],
-    asset_mesh: Callable[[str, int], LabelledMesh],
 ) -> tuple[pa.Table, int]:
     """Return the table of actors and how many poses were left out for want of ground.
 
@@ -44,7 +42,6 @@ def actor_table(
         steps: how many steps the motion has; steps before and after them only shape the paths.
         step_s: time between steps.
         asset: an asset's dimensions and contacts by name.
-        asset_mesh: an asset's mesh by name and phase.
     """
     columns = _poses(simulated, demand, steps=steps, step_s=step_s, asset=asset)
     names = np.array([trip.asset for trip in demand.trips], object)
@@ -57,11 +54,11 @@ def actor_table(
         mesh = asset(name)
         xy, yaw = columns["xy"][rows], columns["yaw"][rows]
         z[rows], pitch[rows], roll[rows] = stand(ground, mesh.contacts, xy, yaw, ceiling[rows])
+        moving = np.zeros(len(rows))
         if mesh.phases > 1:
-            walked = columns["distance"][rows] / mesh.stride_m + trip[rows] * _GOLDEN
-            moving = np.floor(walked % 1.0 * mesh.phases).clip(0, mesh.phases - 1)
-            still = _standing_phase(mesh, asset_mesh)
-            phase[rows] = np.where(columns["speed"][rows] < _STANDING_MS, still, moving)
+            cycles = columns["distance"][rows] / mesh.stride_m + trip[rows] * _GOLDEN
+            moving = np.floor(cycles % 1.0 * mesh.phases).clip(0, mesh.phases - 1)
+        phase[rows] = np.where(columns["speed"][rows] < _STANDING_MS, mesh.standing, moving)
     order = np.lexsort([trip, columns["step"]])
     order = order[~np.isnan(z[order])]
     trip = trip[order]
@@ -125,12 +122,6 @@ def _poses(
         "speed": simulated.speed[order][kept],
         "lane": simulated.lane[order][kept],
     }
-
-
-def _standing_phase(asset: Asset, asset_mesh: Callable[[str, int], LabelledMesh]) -> int:
-    """Return the phase in which the feet are closest together: where the body is shortest."""
-    reach = [np.ptp(asset_mesh(asset.name, k).vertices[:, 0]) for k in range(asset.phases)]
-    return int(np.argmin(reach))
 
 
 def _size(asset: Asset) -> tuple[float, float, float]:

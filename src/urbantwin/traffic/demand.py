@@ -15,6 +15,7 @@ from urbantwin.traffic.network import StreetNetwork, Streets
 
 __all__ = ["Demand", "LeftOut", "Trip", "departure_count", "plan_demand"]
 
+_WALKING_MS = 1.34  # mean free walking speed (Weidmann, ETH IVT 90, 1993)
 _WORTHWHILE_M = 60.0  # a route shorter than this is no way through, where there are longer ones
 
 
@@ -107,11 +108,15 @@ def plan_demand(
         depart_s = (np.arange(count) + random.random(count)) * (period_s / count)
         which = _systematic(np.ones(len(meshes)), count, random)
         pairs = _systematic(routes.weight, count, random)
-        head_start = random.random(count) * (depart_s < warmup_s / 2)
+        place, lead_m = random.random(count), _WALKING_MS * (warmup_s - depart_s)
         for k in range(count):
             asset, at = meshes[which[k]], round(float(depart_s[k]), 2)
             if walks:
-                edges, begin, end = routes.walk(int(pairs[k]), float(head_start[k]))
+                # Walkers need minutes to reach the middle. Those of the warm-up begin where they
+                # will have spread over their whole way by the time the motion starts.
+                spread = float(place[k]) if lead_m[k] > 0 else 0.0
+                lead = max(float(lead_m[k]), 0.0)
+                edges, begin, end = routes.walk(int(pairs[k]), spread, lead)
                 trips.append(Trip(actor_class, asset, at, edges, begin, end))
             else:
                 trips.append(Trip(actor_class, asset, at, routes.drive(int(pairs[k]))))
@@ -178,33 +183,36 @@ class _Routes:
         """Return the streets of a way."""
         return tuple(self.streets.edges[edge] for edge in self._path(number))
 
-    def walk(self, number: int, head_start: float) -> tuple[tuple[str, ...], float, float]:
+    def walk(
+        self, number: int, spread: float, lead_m: float
+    ) -> tuple[tuple[str, ...], float, float]:
         """Return the streets of a walk, and where on the first and last it begins and ends (m).
 
         Args:
             number: which pair of gates.
-            head_start: share of the way that is already behind the pedestrian.
+            spread: share of the way that shall be behind the pedestrian ...
+            lead_m: ... after walking this far.
         """
         source, sink = self.pairs[number]
         path = [edge for edge in self._path(number) if edge < self.streets.street_count]
         length = self.streets.length_m[path]
         begin = 0.0 if self.streets.entries.at_start[source] else 1.0
         end = 0.0 if self.streets.exits.at_start[sink] else 1.0
-        done = head_start * float(length.sum())
+        done = max(spread * float(length.sum()) - lead_m, 0.0)
         first = int(np.searchsorted(np.cumsum(length), done, side="right").clip(0, len(path) - 1))
         if first > 0:
-            begin = 0.5
-        elif done > 0:
-            far = end if len(path) == 1 else self._far_end(path[0], path[1])
-            begin += (far - begin) * min(done / float(length[0]), 0.9)
+            begin = self._near_end(path[first], path[first - 1])
+        last = first == len(path) - 1
+        far = end if last else self._near_end(path[first], path[first + 1])
+        share = min((done - float(length[:first].sum())) / float(length[first]), 0.9)
+        begin += (far - begin) * share
         names = tuple(self.streets.edges[edge] for edge in path[first:])
-        return names, round(float(begin * length[first]), 2), round(float(end * length[-1]), 2)
+        return names, _inside(begin, length[first]), _inside(end, length[-1])
 
-    def _far_end(self, edge: int, following: int) -> float:
-        """Return the end of an edge (0 start, 1 end) that is nearer to the next one."""
-        gaps = np.linalg.norm(
-            self.streets.ends[edge][:, None] - self.streets.ends[following][None], axis=2
-        )
+    def _near_end(self, edge: int, other: int) -> float:
+        """Return the end of an edge (0 start, 1 end) that is nearer to another edge."""
+        ends = self.streets.ends
+        gaps = np.linalg.norm(ends[edge][:, None] - ends[other][None], axis=2)
         return float(np.argmin(gaps.min(axis=1)))
 
     def _path(self, number: int) -> list[int]:
@@ -230,3 +238,8 @@ def _systematic(
     at = (np.arange(count) + random.random(count)) / count * total[-1]
     drawn = np.searchsorted(total, at, side="right").clip(0, len(weight) - 1)
     return np.asarray(random.permutation(drawn), np.int64)
+
+
+def _inside(share: float, length_m: float) -> float:
+    """Return a place on an edge, in centimetres and not beyond its end: SUMO is strict there."""
+    return float(np.floor(share * length_m * 100) / 100)

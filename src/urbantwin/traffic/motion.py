@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -99,6 +101,13 @@ class Motion:
     def _time(self) -> NDArray[np.float64]:
         return np.asarray(self.actors["time_s"].to_numpy())
 
+    def sha256(self) -> str:
+        """Return a hash of everything that the motion holds, in hexadecimal."""
+        digest = hashlib.sha256(json.dumps(self.manifest, sort_keys=True).encode())
+        for table in (self.actors, self.signals):
+            digest.update(_parquet(table))
+        return digest.hexdigest()
+
     def save(self, folder: Path) -> None:
         """Write the folder, whole or not at all; the same motion gives the same bytes.
 
@@ -106,8 +115,8 @@ class Motion:
             InputError: the folder holds something else.
         """
         with replaced_folder(folder, kind="motion") as scratch:
-            pq.write_table(self.actors, scratch / "actors.parquet", compression="zstd")
-            pq.write_table(self.signals, scratch / "signals.parquet", compression="zstd")
+            (scratch / "actors.parquet").write_bytes(_parquet(self.actors))
+            (scratch / "signals.parquet").write_bytes(_parquet(self.signals))
             write_json(scratch / "motion.json", self.manifest)
 
     @classmethod
@@ -167,6 +176,13 @@ def describe(folder: Path) -> dict[str, Any]:
     }
 
 
+def _parquet(table: pa.Table) -> bytes:
+    """Return a table as a Parquet file's bytes; the same rows give the same bytes."""
+    stream = pa.BufferOutputStream()
+    pq.write_table(table.combine_chunks(), stream, compression="zstd")
+    return bytes(stream.getvalue().to_pybytes())
+
+
 def _read_table(path: Path, schema: pa.Schema) -> pa.Table:
     """Read a table and check that it has the columns of a schema."""
     try:
@@ -181,4 +197,4 @@ def _read_table(path: Path, schema: pa.Schema) -> pa.Table:
             file=path,
             expected=", ".join(f"{field.name} ({field.type})" for field in schema),
         )
-    return table
+    return table.combine_chunks()

@@ -12,7 +12,7 @@ import pyarrow as pa
 from urbantwin.errors import InputError
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.actor_table import actor_table
-from urbantwin.traffic.assets import asset, asset_mesh, asset_names
+from urbantwin.traffic.assets import asset, asset_names
 from urbantwin.traffic.demand import Demand, plan_demand
 from urbantwin.traffic.motion import MOTION_VERSION, Motion
 from urbantwin.traffic.network import StreetNetwork
@@ -80,7 +80,6 @@ def run_traffic(
         steps=steps,
         step_s=step_s,
         asset=asset,
-        asset_mesh=asset_mesh,
     )
     signals = signal_table(simulated.signals, twin.roads.signals, steps=steps, step_s=step_s)
     manifest = {

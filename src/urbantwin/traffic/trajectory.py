@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.signal
 from numpy.typing import NDArray
 
 __all__ = ["Trajectory", "smoothed"]
@@ -96,6 +95,8 @@ def _by_distance(
 
 def _level(values: NDArray[np.float64], spacing: float, *, walks: bool) -> NDArray[np.float64]:
     """Fit local parabolas twice, so that the result bends without corners."""
+    import scipy.signal  # half a second, which only the simulation should pay
+
     wanted = round(_WINDOW_M["person" if walks else "vehicle"] / spacing / 2) * 2 + 1
     window = min(wanted, len(values) - 1 + len(values) % 2)
     for _ in range(2):
