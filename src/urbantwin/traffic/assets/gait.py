@@ -13,7 +13,15 @@ from scipy.interpolate import CubicSpline
 from urbantwin.traffic.assets.person import Figure, Posture, figure_solids
 from urbantwin.traffic.assets.solid import Solid
 
-__all__ = ["GAIT_PHASES", "joint_angles", "standing", "stride_length", "walker", "walking"]
+__all__ = [
+    "GAIT_PHASES",
+    "joint_angles",
+    "phase_part",
+    "standing",
+    "stride_length",
+    "walker",
+    "walking",
+]
 
 #: Postures of a gait cycle.
 GAIT_PHASES = 12
@@ -71,7 +79,7 @@ def walker(figure: Figure, phase: int | None) -> list[Solid]:
     """
     first = _grounded(figure, walking(figure, 0.0))
     x = np.concatenate([solid.vertices[:, 0] for solid in first])
-    posture = standing(figure) if phase is None else walking(figure, phase / GAIT_PHASES)
+    posture = standing(figure) if phase is None else walking(figure, phase_part(figure, phase))
     centred = [-(x.min() + x.max()) / 2, 0.0, 0.0]
     return [solid.moved(centred) for solid in _grounded(figure, posture)]
 
@@ -83,16 +91,36 @@ def _grounded(figure: Figure, posture: Posture) -> list[Solid]:
 
 
 def stride_length(figure: Figure) -> float:
-    """Return the distance walked in a gait cycle, metres.
+    """Return the distance walked in a gait cycle, metres: the feet do not slip over it."""
+    return float(2 * _advance(figure)[1][-1])
+
+
+def phase_part(figure: Figure, phase: int) -> float:
+    """Return the part of the gait cycle that a phase shows.
+
+    Phases are evenly spaced in distance, not in time: then a figure that is moved at a steady
+    speed keeps its supporting foot in place, though real walkers speed up and slow down a little
+    in every step.
+    """
+    parts, advance = _advance(figure)
+    half = GAIT_PHASES // 2
+    part = np.interp(phase % half / half * advance[-1], advance, parts)
+    return float(part) + (0.5 if phase % GAIT_PHASES >= half else 0.0)
+
+
+@cache
+def _advance(figure: Figure) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return parts of the first half of the cycle and how far the pelvis has come, metres.
 
     The pelvis advances by as much as the sole that carries the figure (the lowest place of heels
-    and balls) falls back under it, so over a cycle the feet do not slip.
+    and balls) falls back under it.
     """
-    parts = np.linspace(0.0, 1.0, 241)
+    parts = np.linspace(0.0, 0.5, 121)
     soles = np.array([np.vstack([_sole(figure, p), _sole(figure, p + 0.5)]) for p in parts])
     lowest = soles[:-1, :, 1].argmin(axis=1)
     steps = np.arange(len(lowest))
-    return float((soles[steps, lowest, 0] - soles[steps + 1, lowest, 0]).sum())
+    back = soles[steps, lowest, 0] - soles[steps + 1, lowest, 0]
+    return parts, np.concatenate([[0.0], np.cumsum(back)])
 
 
 def _sole(figure: Figure, part: float) -> NDArray[np.float64]:

@@ -110,9 +110,8 @@ def _seated(
 
     Args:
         person: ``pelvis`` [behind, up], ``lean`` of the trunk in degrees, ``grip`` (left hand),
-            ``knees`` and ``elbows`` how far they point outwards; ``halt`` [behind, up] of the pelvis and
-            [behind, left] of the foot on the
-            ground (of both feet with ``both``).
+            ``knees`` and ``elbows`` how far they point outwards; ``halt`` holds the ``pelvis`` and
+            the place [behind, left] of the ``foot`` on the ground (of both feet with ``both``).
         figure: the rider's build.
         feet: (2, 3) where the balls of the left and the right foot stand.
         length: of the vehicle.
