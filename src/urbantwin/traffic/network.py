@@ -18,6 +18,7 @@ import numpy as np
 import scipy.sparse
 import shapely
 import sumolib.net
+from lxml import etree
 from numpy.typing import NDArray
 
 from urbantwin.errors import StageError
@@ -105,12 +106,12 @@ class StreetNetwork:
 
     def __init__(self, path: Path, region: shapely.Polygon | None) -> None:
         try:
-            self._net: Any = sumolib.net.readNet(
-                str(path), withInternal=True, withPedestrianConnections=True, withFoes=False
-            )
-        except Exception as error:
-            # sumolib lets whatever its XML reader meets pass through.
+            etree.parse(path)  # first, because sumolib leaves a file that it cannot read open
+        except etree.XMLSyntaxError as error:
             raise StageError(f"{path.name} is not a SUMO network ({error})") from error
+        self._net: Any = sumolib.net.readNet(
+            str(path), withInternal=True, withPedestrianConnections=True, withFoes=False
+        )
         self._border = None if region is None else shapely.boundary(region)
         streets = self._net.getEdges(withInternal=False)
         self._streets = sorted(streets, key=lambda edge: str(edge.getID()))

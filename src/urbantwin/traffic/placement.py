@@ -78,13 +78,14 @@ def stand(
         c, s = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
         ahead = turned[..., 0] * c + turned[..., 1] * s
         left = turned[..., 1] * c - turned[..., 0] * s
+        beyond = np.isnan(heights).any(axis=1)
+        z[beyond], heights[beyond] = np.nan, 0.0
         slope_ahead, slope_left = _plane(ahead, left, heights, pitches=pitches, rolls=rolls)
         pitch = np.clip(np.arctan(-slope_ahead) + 0.0, -_STEEPEST, _STEEPEST)
         roll = np.clip(np.arctan(slope_left * np.cos(pitch)), -_STEEPEST, _STEEPEST)
         lift = heights - _turned(contacts, yaw, pitch, roll)[..., 2]
         z = np.where(np.isnan(z), np.nan, lift.mean(axis=1))
-    missing = np.isnan(z)
-    return z, np.where(missing, 0.0, pitch), np.where(missing, 0.0, roll)
+    return z, pitch, roll
 
 
 def _turned(

@@ -1,0 +1,81 @@
+"""Smoothed paths against the curves that they were made from."""
+
+import numpy as np
+import pytest
+
+from urbantwin.traffic.trajectory import smoothed
+
+STEP_S = 0.1
+
+
+def driven(path, heading, speed, *, length=4.0, walks=False):
+    """Sample a path of arc length in SUMO's terms, and smooth it."""
+    distance = np.concatenate([[0.0], np.cumsum(speed[1:]) * STEP_S])
+    yaw = heading(distance)
+    front, angle = path(distance), np.degrees(np.pi / 2 - yaw) % 360
+    out = smoothed(front, angle, speed, step_s=STEP_S, length_m=length, walks=walks)
+    nose = out.xy + length / 2 * np.column_stack([np.cos(out.yaw), np.sin(out.yaw)])
+    return out, nose, front, yaw
+
+
+def circle(radius):
+    def path(s):
+        return radius * np.column_stack([np.sin(s / radius), 1 - np.cos(s / radius)])
+
+    return path, lambda s: s / radius
+
+
+@pytest.mark.parametrize("radius", [6.0, 12.0, 40.0])
+def test_a_curve_keeps_its_radius(radius: float) -> None:
+    out, nose, front, yaw = driven(*circle(radius), np.full(60, 6.0))
+    assert np.linalg.norm(nose - front, axis=1).max() < 0.08
+    assert np.abs(out.yaw - yaw).max() < np.radians(1.0)
+
+
+def test_the_heading_does_not_jump_at_north() -> None:
+    out, _, _, _ = driven(*circle(15.0), np.full(200, 5.0))
+    assert np.ptp(out.yaw) == pytest.approx(199 * 0.5 / 15, abs=0.02)
+    assert np.abs(np.diff(out.yaw)).max() < 0.04
+
+
+def test_a_leap_becomes_a_slant() -> None:
+    def leaping(s):
+        return np.column_stack([s + 0.9 * (s > 20), 0.4 * (s > 20)])
+
+    out, _, _, _ = driven(leaping, lambda s: 0 * s, np.full(100, 5.0))
+    steps = np.linalg.norm(np.diff(out.xy, axis=0), axis=1)
+    assert steps.max() < 0.5 + 0.25
+    assert steps.min() > 0.3
+    assert out.xy[-1] - out.xy[0] == pytest.approx([49.5 + 0.9, 0.4], abs=1e-6)
+
+
+def test_who_stands_stands_still_and_keeps_the_heading() -> None:
+    speed = np.concatenate([np.linspace(8, 0, 41), np.zeros(50), np.linspace(0, 8, 41)])
+    out, nose, front, _ = driven(*circle(30.0), speed)
+    still = slice(41, 90)
+    assert np.ptp(out.xy[still], axis=0).max() < 1e-9
+    assert np.ptp(out.yaw[still]) < 1e-9
+    assert np.linalg.norm(nose - front, axis=1).max() < 0.05
+
+
+def test_who_never_moves_stays_where_it_is() -> None:
+    path, heading = (lambda s: np.tile([3.0, 4.0], (len(s), 1))), (lambda s: 0 * s + np.pi / 2)
+    out, _, _, _ = driven(path, heading, np.zeros(30))
+    np.testing.assert_allclose(out.xy, np.tile([3.0, 2.0], (30, 1)), atol=1e-9)
+    np.testing.assert_allclose(out.yaw, np.pi / 2)
+
+
+def test_walkers_face_where_they_go_whatever_they_are_told() -> None:
+    path, _ = circle(5.0)
+    wrong = 0.6  # SUMO's angle is the lane's, not the walker's
+    out, _, _, _ = driven(path, lambda s: s / 5 + wrong, np.full(150, 1.3), length=0.4, walks=True)
+    course = np.gradient(out.xy, axis=0)
+    off = np.angle(np.exp(1j * (np.arctan2(course[:, 1], course[:, 0]) - out.yaw)))
+    assert np.abs(off).max() < np.radians(6)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 5])
+def test_a_short_life_is_no_problem(count: int) -> None:
+    out, _, _, _ = driven(*circle(20.0), np.full(count, 9.0))
+    assert out.xy.shape == (count, 2)
+    assert np.isfinite(out.xy).all()
