@@ -1,0 +1,243 @@
+"""Frames per second of `record` against a full recast of the same frames by Open3D.
+
+An OS1-128 at 2048 columns over a static world of about 480,000 triangles with 50 actors in range.
+`record` is timed whole: starting its workers, casting, returns, labels and every file. Open3D
+is timed for what people write without us: all triangles, static and moving, put into a new
+`RaycastingScene` and all rays cast, each frame, with every processor; no labels, no files.
+
+    python benchmarks/record.py --frames 300 --workers 2
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from urbantwin.artefact import sha256_of, write_json
+from urbantwin.dataset import record
+from urbantwin.dataset.moment import posed_actors, rows_at
+from urbantwin.geometry import LabelledMesh, Pose
+from urbantwin.lidar import Rig, beam_directions, place_rig
+from urbantwin.site.rig import RigSpec, SensorSpec
+from urbantwin.taxonomy import ACTOR_CLASSES, material_id, semantic_id
+from urbantwin.traffic import Motion
+from urbantwin.traffic.assets import asset, asset_mesh, asset_names
+from urbantwin.traffic.motion import ACTOR_SCHEMA
+from urbantwin.traffic.signals import SIGNAL_SCHEMA
+from urbantwin.twin import Twin, load_twin
+
+REACH_M = 60.0
+HALF_M = 150.0
+RATE_HZ = 10.0
+GRID = 480
+
+
+def height(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """The ground: a gentle slope with a hump."""
+    return 0.02 * x + 0.5 * np.sin(y / 40)
+
+
+def static_world() -> LabelledMesh:
+    """A finely triangulated ground of 300 x 300 m with blocks of houses and poles along it."""
+    axis = np.linspace(-HALF_M, HALF_M, GRID + 1)
+    x, y = (grid.ravel() for grid in np.meshgrid(axis, axis, indexing="ij"))
+    corner = (np.arange(GRID)[:, None] * (GRID + 1) + np.arange(GRID)).ravel()
+    right, up = corner + GRID + 1, corner + 1
+    faces = np.vstack(
+        [np.column_stack([corner, right, up]), np.column_stack([right, right + 1, up])]
+    )
+    street = (np.abs(x) < 12) | (np.abs(y) < 12)
+    semantic = np.where(street[faces].all(axis=1), semantic_id("road"), semantic_id("terrain"))
+    material = np.where(
+        semantic == semantic_id("road"), material_id("asphalt"), material_id("grass")
+    )
+    ground = LabelledMesh.build(np.column_stack([x, y, height(x, y)]), faces, semantic, material)
+
+    solids = [ground]
+    places = [-130, -105, -80, -55, -30, 30, 55, 80, 105, 130]
+    for part, (east, north) in enumerate(((e, n) for e in places for n in places), start=1):
+        tall = 8.0 + (part * 7) % 23
+        solids.append(block(east, north, 9.0, tall, "building", "plaster", part, rings=10))
+    for part, along in enumerate(np.arange(-140, 141, 10.0), start=200):
+        for east, north in ((along, 13.0), (13.0, along)):
+            solids.append(block(east, north, 0.1, 8.0, "pole", "metal-painted", part, rings=6))
+    return LabelledMesh.concatenate(solids)
+
+
+def block(
+    east: float,
+    north: float,
+    half: float,
+    tall: float,
+    kind: str,
+    made_of: str,
+    part: int,
+    rings: int,
+) -> LabelledMesh:
+    """A prism of 16 sides, its walls in rings of triangles."""
+    turn = 2 * np.pi * np.arange(16) / 16
+    base = float(height(np.array(east), np.array(north))) - 1.0
+    levels = np.linspace(base, base + tall, rings + 1)
+    walls = np.array(
+        [[east + half * np.cos(a), north + half * np.sin(a), z] for z in levels for a in turn]
+    )
+    side = np.arange(16)
+    faces = []
+    for ring in range(rings):
+        low, nxt = ring * 16 + side, ring * 16 + (side + 1) % 16
+        faces += [np.column_stack([low, nxt, low + 16]), np.column_stack([nxt, nxt + 16, low + 16])]
+    top = rings * 16
+    roof = np.column_stack([np.full(14, top), top + side[1:-1], top + side[2:]])
+    return LabelledMesh.build(
+        walls, np.vstack([*faces, roof]), semantic_id(kind), material_id(made_of), part
+    )
+
+
+def twin_of(mesh: LabelledMesh, folder: Path) -> Twin:
+    """A twin folder with what recording reads."""
+    folder.mkdir()
+    mesh.save(folder / "scene.npz")
+    manifest = {
+        "kind": "twin",
+        "anchor": {"latitude": 0.0, "longitude": 0.0},
+        "inputs": [],
+        "files": {"scene.npz": sha256_of(folder / "scene.npz")},
+    }
+    write_json(folder / "twin.json", manifest)
+    return load_twin(folder)
+
+
+def circling_motion(twin: Twin, count: int, frames: int) -> Motion:
+    """Actors of every class that drive round the sensor in rings, all of them in range."""
+    number = np.arange(count)
+    classes = [name for name in ACTOR_CLASSES if asset_names(name)]
+    # Three fifths are cars, as on a street.
+    kinds = [classes[0] if n % 5 < 3 else classes[n // 5 % len(classes)] for n in range(count)]
+    actors = [asset(asset_names(kind)[n % len(asset_names(kind))]) for n, kind in enumerate(kinds)]
+    radius, speed = 8.0 + (REACH_M - 8.0) * number / count, 8.0
+    steps = []
+    for frame in range(frames):
+        angle = 2.4 * number + speed * frame / RATE_HZ / radius
+        x, y = radius * np.cos(angle), radius * np.sin(angle)
+        level = np.zeros(count)
+        columns = {
+            "time_s": np.full(count, round(frame / RATE_HZ, 9)),
+            "track": number + 1,
+            "class": kinds,
+            "asset": [one.name for one in actors],
+            "phase": [frame % one.phases for one in actors],
+            "x": x,
+            "y": y,
+            "z": height(x, y),
+            "yaw": angle + np.pi / 2,
+            "pitch": level,
+            "roll": level,
+            "length": [one.length for one in actors],
+            "width": [one.width for one in actors],
+            "height": [one.height for one in actors],
+            "speed": np.full(count, speed),
+            "lane": [""] * count,
+        }
+        steps.append(pa.Table.from_pydict(columns, schema=ACTOR_SCHEMA))
+    manifest = {
+        "seed": 0,
+        "steps": frames,
+        "step_s": 1 / RATE_HZ,
+        "twin_sha256": twin.sha256,
+    }
+    return Motion(manifest, pa.concat_tables(steps).combine_chunks(), SIGNAL_SCHEMA.empty_table())
+
+
+def touch_memory(folder: Path, size: int) -> None:
+    """Write and delete as much as will be recorded.
+
+    A virtual machine gets its memory from its host page by page when it first touches it, ten
+    times as slowly as it is used from then on. Neither side should pay for that.
+    """
+    path = folder / "ballast"
+    with path.open("wb") as stream:
+        for _ in range(max(1, size >> 24)):
+            stream.write(bytes(1 << 24))
+    path.unlink()
+
+
+def time_open3d(twin: Twin, motion: Motion, rig: Rig, frames: list[int]) -> float:
+    """Seconds per frame when everything is rebuilt and recast."""
+    import open3d as o3d
+
+    mounted = rig.sensors[0]
+    pose: Pose = mounted.site_SE3_sensor
+    beams = beam_directions(mounted.sensor, mounted.columns).reshape(-1, 3) @ pose.rotation.T
+    origins = np.broadcast_to(pose.translation, beams.shape)
+    rays = o3d.core.Tensor(np.hstack([origins, beams]).astype(np.float32))
+    static_vertices = o3d.core.Tensor(twin.mesh.vertices.astype(np.float32))
+    static_faces = o3d.core.Tensor(twin.mesh.faces.astype(np.uint32))
+    for index in frames:  # made before the clock starts
+        for actor in posed_actors(rows_at(motion, index / RATE_HZ)):
+            asset_mesh(actor.asset, actor.phase)
+
+    began = time.perf_counter()
+    for index in frames:
+        scene = o3d.t.geometry.RaycastingScene()
+        scene.add_triangles(static_vertices, static_faces)
+        for actor in posed_actors(rows_at(motion, index / RATE_HZ)):
+            mesh = asset_mesh(actor.asset, actor.phase)
+            vertices = actor.site_SE3_asset.apply(mesh.vertices).astype(np.float32)
+            scene.add_triangles(
+                o3d.core.Tensor(vertices), o3d.core.Tensor(mesh.faces.astype(np.uint32))
+            )
+        scene.cast_rays(rays)
+    return (time.perf_counter() - began) / len(frames)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--frames", type=int, default=300, help="frames that are recorded")
+    parser.add_argument("--recast", type=int, default=20, help="of them, how many Open3D recasts")
+    parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--actors", type=int, default=50)
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        twin = twin_of(static_world(), folder / "twin")
+        motion = circling_motion(twin, given.actors, given.frames)
+        spec = SensorSpec(
+            name="os1", model="OS1-128", columns=2048, east_m=0.0, north_m=0.0, height_m=5.0
+        )
+        rig = place_rig(RigSpec(rate_hz=RATE_HZ, sensors=[spec]), twin.mesh)
+        touch_memory(folder, given.frames * 5_000_000)
+        began = time.perf_counter()
+        record(twin, motion, rig, folder / "dataset", workers=given.workers)
+        ours_s = (time.perf_counter() - began) / given.frames
+        counts = json.loads((folder / "dataset" / "dataset.json").read_text())["counts"]
+    few = np.linspace(0, given.frames - 1, min(given.recast, given.frames)).astype(int).tolist()
+    theirs_s = time_open3d(twin, motion, rig, few)
+
+    result = {
+        "static_triangles": len(twin.mesh.faces),
+        "actors": given.actors,
+        "rays": 128 * 2048,
+        "frames": given.frames,
+        "workers": given.workers,
+        "points_per_frame": counts["points"] // counts["frames"],
+        "boxes_with_points_per_frame": sum(counts["boxes_with_points"].values()) / counts["frames"],
+        "record_frames_per_s": round(1 / ours_s, 2),
+        "open3d_frames_per_s": round(1 / theirs_s, 2),
+        "ratio": round(theirs_s / ours_s, 1),
+    }
+    if given.json:
+        print(json.dumps(result, indent=2))
+    else:
+        print("\n".join(f"{key}: {value}" for key, value in result.items()))
+
+
+if __name__ == "__main__":
+    main()

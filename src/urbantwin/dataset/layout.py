@@ -1,0 +1,116 @@
+"""The files of one frame, in the layouts of OpenPCDet (custom dataset) and SemanticKITTI."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.lidar import BoxLabel, LabelledFrame
+
+__all__ = ["FOLDERS", "RAY_TYPE", "frame_name", "label_lines", "write_frame"]
+
+FOLDERS = ("points", "labels", "semantic", "rays")
+
+#: One ray: the number of the sensor in the rig, its channel, and the firing within the turn.
+RAY_TYPE = np.dtype([("sensor", "u1"), ("ring", "<u2"), ("column", "<u2")])
+
+
+def frame_name(index: int) -> str:
+    """Return the name of a frame: its number, six digits or more."""
+    return f"{index:06d}"
+
+
+def label_lines(boxes: Sequence[BoxLabel]) -> str:
+    """Return ``x y z dx dy dz heading class`` for every box, a line each.
+
+    Metres and radians with four decimals (a tenth of a millimetre). OpenPCDet's reader takes the
+    last token as the class and all before it as the box, so nothing else may stand there.
+    """
+    return "".join(
+        " ".join([*(f"{_plain(value):.4f}" for value in _normal(one.box)), one.actor_class]) + "\n"
+        for one in boxes
+    )
+
+
+def write_frame(folder: Path, index: int, frame: LabelledFrame) -> dict[str, Any]:
+    """Write the files of one frame and return what the dataset's tables say of it.
+
+    Args:
+        folder: the dataset's folder, which has every folder of `FOLDERS`.
+        index: the frame's number.
+        frame: what was recorded.
+
+    Returns:
+        What can stand in JSON: ``points`` (their number), ``bounds`` (least and greatest x, y, z,
+        or ``None``), ``semantic`` (number of points by class number) and ``boxes`` (one row per
+        box).
+    """
+    name = frame_name(index)
+    np.save(folder / "points" / f"{name}.npy", frame.points)
+    (folder / "labels" / f"{name}.txt").write_text(label_lines(frame.boxes))
+
+    labels = frame.instance.astype("<u4")
+    labels <<= 16
+    labels |= frame.semantic
+    labels.tofile(folder / "semantic" / f"{name}.label")
+
+    rays = np.empty(len(frame.points), RAY_TYPE)
+    for field in RAY_TYPE.names or ():
+        rays[field] = getattr(frame, field)
+    np.save(folder / "rays" / f"{name}.npy", rays)
+
+    counts = np.bincount(frame.semantic)
+    return {
+        "points": len(frame.points),
+        "bounds": _bounds(frame.points),
+        "semantic": {str(number): int(counts[number]) for number in np.flatnonzero(counts)},
+        "boxes": [_row(one) for one in frame.boxes],
+    }
+
+
+def read_json_or_none(path: Path) -> Any:  # noqa: ANN401
+    """Return what a JSON file holds, or ``None`` if it is missing or cut short."""
+    try:
+        return json.loads(path.read_text())
+    except (FileNotFoundError, json.JSONDecodeError):
+        return None
+
+
+def _bounds(points: NDArray[np.float32]) -> list[float] | None:
+    if not len(points):
+        return None
+    # A column at a time: far faster than along the short axis of an (N, 4) array.
+    columns = [np.ascontiguousarray(points[:, axis]) for axis in range(3)]
+    return [float(c.min()) for c in columns] + [float(c.max()) for c in columns]
+
+
+def _row(one: BoxLabel) -> dict[str, Any]:
+    unknown = one.num_points_alone == 0
+    return {
+        "track": one.track,
+        "class": one.actor_class,
+        **dict(zip(BOX_FIELDS, (float(value) for value in _normal(one.box)), strict=True)),
+        "num_points": one.num_points,
+        "num_points_alone": one.num_points_alone,
+        "occlusion": None if unknown else one.occlusion,
+        "visibility": None if unknown else one.visibility,
+        **dict(zip(("vx", "vy", "vz"), (float(value) for value in one.velocity), strict=True)),
+    }
+
+
+BOX_FIELDS = ("x", "y", "z", "length", "width", "height", "yaw")
+
+
+def _normal(box: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the box with its yaw in [-pi, pi)."""
+    return np.append(box[:6], (box[6] + np.pi) % (2 * np.pi) - np.pi)
+
+
+def _plain(value: float) -> float:
+    """Return the value at the precision of the file, without a negative zero."""
+    return round(float(value), 4) + 0.0

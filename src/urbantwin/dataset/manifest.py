@@ -1,0 +1,197 @@
+"""``dataset.json``: everything that is needed to make a dataset again."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from urbantwin import __version__
+from urbantwin.dataset.layout import frame_name
+from urbantwin.geometry import LabelledMesh, Pose
+from urbantwin.lidar import MountedSensor, Rig, Sensor
+from urbantwin.taxonomy import ACTOR_CLASSES, semantic_classes
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from urbantwin.traffic import Motion
+    from urbantwin.twin import Twin
+
+__all__ = ["FORMAT", "LAYOUT", "manifest_of", "recipe_key", "recipe_of"]
+
+#: Changes when the meaning of a dataset's files does.
+FORMAT = 1
+
+#: What decides the bytes besides our own code.
+_DEPENDENCIES = ("embreex", "numpy", "pyarrow", "scipy")
+
+LAYOUT = {
+    "points": "points/NNNNNN.npy: (N, 4) float32, x, y, z in metres and intensity 0..1",
+    "labels": "labels/NNNNNN.txt: x y z dx dy dz heading class, metres and radians",
+    "semantic": "semantic/NNNNNN.label: (N,) uint32, class in the low 16 bits, track in the high",
+    "rays": "rays/NNNNNN.npy: (N,) sensor u1, ring u2, column u2",
+    "boxes": "boxes.parquet: one row per frame and box",
+    "ImageSets": "train.txt: the first four fifths of the time; val.txt: the last fifth",
+}
+
+
+def recipe_of(
+    twin: Twin, motion: Motion, rig: Rig, seed: int, times_s: Mapping[int, float]
+) -> dict[str, Any]:
+    """Return all that the frames follow from: what a run that goes on must have in common.
+
+    Args:
+        twin: the twin.
+        motion: the motion on it.
+        rig: the sensors.
+        seed: of all random numbers.
+        times_s: number of each frame -> its time.
+    """
+    return {
+        "kind": "dataset",
+        "format": FORMAT,
+        "urbantwin": __version__,
+        "dependencies": {name: version(name) for name in _DEPENDENCIES},
+        "seeds": {"record": seed, "traffic": motion.manifest["seed"]},
+        "frame": rig.frame,
+        "dataset_SE3_site": _matrix(rig.dataset_SE3_site),
+        "anchor": twin.manifest["anchor"],
+        "rig": {
+            "rate_hz": rig.rate_hz,
+            "frame": rig.frame,
+            "sensors": [_mounted(one) for one in rig.sensors],
+        },
+        "scene_sha256": _mesh_sha256(twin.mesh),
+        "motion_sha256": _table_sha256(motion.actors),
+        "inputs": twin.manifest["inputs"],
+        "start_s": next(iter(times_s.values())),
+        "frames": [frame_name(index) for index in times_s],
+    }
+
+
+def recipe_key(recipe: Mapping[str, Any]) -> str:
+    """Return a short name that two recipes share only if they are the same."""
+    text = json.dumps(recipe, sort_keys=True, allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def manifest_of(
+    recipe: Mapping[str, Any],
+    times_s: Mapping[int, float],
+    entries: Sequence[Mapping[str, Any]],
+    split: tuple[Sequence[str], Sequence[str]],
+) -> dict[str, Any]:
+    """Return what ``dataset.json`` holds.
+
+    Args:
+        recipe: see `recipe_of`.
+        times_s: number of each frame -> its time.
+        entries: what ``layout.write_frame`` returned for each frame, in the same order.
+        split: names of the frames that train and that validate.
+    """
+    boxes = Counter(box["class"] for entry in entries for box in entry["boxes"])
+    seen = Counter(
+        box["class"] for entry in entries for box in entry["boxes"] if box["num_points"] > 0
+    )
+    points: Counter[int] = Counter()
+    for entry in entries:
+        points.update({int(number): count for number, count in entry["semantic"].items()})
+    frames = [
+        {
+            "name": frame_name(index),
+            "time_s": time_s,
+            "points": entry["points"],
+            "boxes": len(entry["boxes"]),
+        }
+        for (index, time_s), entry in zip(times_s.items(), entries, strict=True)
+    ]
+    return {
+        **{key: value for key, value in recipe.items() if key not in ("frames", "start_s")},
+        "layout": LAYOUT,
+        "class_names": list(ACTOR_CLASSES),
+        "point_cloud_range": _point_cloud_range(entries),
+        "counts": {
+            "frames": len(frames),
+            "train": len(split[0]),
+            "val": len(split[1]),
+            "points": sum(points.values()),
+            "boxes": {name: boxes[name] for name in ACTOR_CLASSES},
+            "boxes_with_points": {name: seen[name] for name in ACTOR_CLASSES},
+            "points_by_class": {
+                one.name: points[one.id] for one in semantic_classes().values() if points[one.id]
+            },
+        },
+        "semantic_classes": [
+            {"id": one.id, "name": one.name, "colour": list(one.colour), "thing": one.thing}
+            for one in semantic_classes().values()
+        ],
+        "frames": frames,
+    }
+
+
+def _mesh_sha256(mesh: LabelledMesh) -> str:
+    """Return the SHA-256 of a mesh's arrays, which does not depend on how a file packs them."""
+    digest = hashlib.sha256()
+    for field in dataclasses.fields(mesh):
+        array = np.ascontiguousarray(getattr(mesh, field.name))
+        digest.update(f"{field.name} {array.dtype.str} {array.shape}".encode())
+        digest.update(array.data)
+    return digest.hexdigest()
+
+
+def _table_sha256(table: pa.Table) -> str:
+    """Return the SHA-256 of a table's values, which does not depend on how a file packs them."""
+    digest = hashlib.sha256()
+    for name in table.column_names:
+        column = table[name].combine_chunks()
+        digest.update(f"{name} {column.type} {len(column)}".encode())
+        if str(column.type) == "string":
+            column = column.dictionary_encode()
+            digest.update(json.dumps(column.dictionary.to_pylist()).encode())
+            column = column.indices
+        digest.update(np.ascontiguousarray(column.to_numpy(zero_copy_only=False)).data)
+    return digest.hexdigest()
+
+
+def _mounted(one: MountedSensor) -> dict[str, Any]:
+    return {
+        "name": one.name,
+        "model": one.sensor.name,
+        "columns": one.columns,
+        "site_SE3_sensor": _matrix(one.site_SE3_sensor),
+        "effects": one.effects.model_dump(),
+        "sensor": _catalogue_entry(one.sensor),
+    }
+
+
+def _catalogue_entry(sensor: Sensor) -> dict[str, Any]:
+    """Return the whole entry: a person's own sensor file may not be there the next time."""
+    values = {field.name: getattr(sensor, field.name) for field in dataclasses.fields(sensor)}
+    return {
+        name: value.tolist() if isinstance(value, np.ndarray) else value
+        for name, value in values.items()
+    }
+
+
+def _matrix(pose: Pose) -> list[list[float]]:
+    """Return a pose as the rows of a 4x4 matrix."""
+    rows = np.eye(4)
+    rows[:3, :3] = pose.rotation
+    rows[:3, 3] = pose.translation
+    return [[float(value) + 0.0 for value in row] for row in rows]
+
+
+def _point_cloud_range(entries: Sequence[Mapping[str, Any]]) -> list[float]:
+    """Return least x, y, z and greatest x, y, z of all points, outwards to whole metres."""
+    bounds = np.array([entry["bounds"] for entry in entries if entry["bounds"]])
+    if not len(bounds):
+        return [0.0] * 6
+    low, high = np.floor(bounds[:, :3].min(axis=0)), np.ceil(bounds[:, 3:].max(axis=0))
+    return [float(value) + 0.0 for value in (*low, *high)]

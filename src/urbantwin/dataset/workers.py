@@ -1,0 +1,144 @@
+"""Frames on a pool of processes. Which process records a frame changes nothing in it."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import islice
+from multiprocessing import get_context
+from pathlib import Path
+
+from urbantwin.dataset.layout import frame_name, write_frame
+from urbantwin.dataset.moment import Rows, posed_actors
+from urbantwin.errors import StageError
+from urbantwin.geometry import LabelledMesh
+from urbantwin.lidar import Rig, Scanner
+
+__all__ = ["Recipe", "Task", "record_frames", "usable_processors"]
+
+#: What one worker has in hand besides what it works on: enough that it never waits.
+_QUEUED = 3
+
+
+@dataclass(frozen=True)
+class Task:
+    """One frame to record: its number and the actors at its time."""
+
+    index: int
+    rows: Rows
+
+
+@dataclass(frozen=True, eq=False)
+class Recipe:
+    """What all frames share.
+
+    Attributes:
+        static: the static world, site frame.
+        rig: the sensors.
+        seed: of all random numbers.
+        folder: where the files go; it has every folder of ``layout.FOLDERS``.
+        done: where the mark of every finished frame goes; written last, so a frame that has its
+            mark is whole.
+    """
+
+    static: LabelledMesh
+    rig: Rig
+    seed: int
+    folder: Path
+    done: Path
+
+
+class _Recorder:
+    def __init__(self, recipe: Recipe) -> None:
+        self._recipe = recipe
+        self._scanner = Scanner(recipe.static, recipe.rig, recipe.seed)
+
+    def record(self, task: Task) -> int:
+        frame = self._scanner.scan(task.index, posed_actors(task.rows))
+        entry = write_frame(self._recipe.folder, task.index, frame)
+        mark = self._recipe.done / f"{frame_name(task.index)}.json"
+        unfinished = mark.with_suffix(".part")
+        unfinished.write_text(json.dumps(entry, allow_nan=False))
+        unfinished.replace(mark)
+        return task.index
+
+
+def usable_processors() -> int:
+    """Return how many processors this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def record_frames(recipe: Recipe, tasks: Iterable[Task], workers: int) -> Iterator[int]:
+    """Record frames and yield the number of each when its files are there, in any order.
+
+    Args:
+        recipe: what all frames share.
+        tasks: the frames, made when they are needed.
+        workers: number of processes; with one, frames are recorded in this one.
+
+    Raises:
+        StageError: a worker was killed.
+    """
+    if workers == 1:
+        recorder = _Recorder(recipe)
+        yield from map(recorder.record, tasks)
+        return
+    waiting = iter(tasks)
+    # Spawned, not forked: a fork copies the threads' locks but not the threads that hold them.
+    with (
+        _one_thread_each(),
+        ProcessPoolExecutor(workers, get_context("spawn"), _start, (recipe,)) as pool,
+    ):
+        under_way: set[Future[int]] = set()
+        try:
+            while True:
+                room = workers * _QUEUED - len(under_way)
+                under_way |= {pool.submit(_record, task) for task in islice(waiting, room)}
+                if not under_way:
+                    return
+                finished, under_way = wait(under_way, return_when=FIRST_COMPLETED)
+                for future in finished:
+                    yield future.result()
+        except BrokenProcessPool:
+            raise StageError(
+                "a worker was stopped from outside (out of memory?); what is finished is kept: "
+                "give the same command again, with fewer workers"
+            ) from None
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+_recorder: _Recorder | None = None
+
+
+def _start(recipe: Recipe) -> None:
+    global _recorder  # noqa: PLW0603 - a worker's only state: what its static rays hit
+    _recorder = _Recorder(recipe)
+
+
+def _record(task: Task) -> int:
+    assert _recorder is not None
+    return _recorder.record(task)
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Let each worker that starts in the block calculate with one thread: they are many."""
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    before = {name: os.environ.get(name) for name in names}
+    os.environ.update(dict.fromkeys(names, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
