@@ -81,10 +81,12 @@ def test_real_sensor_stands_beside_the_street_and_looks_at_the_junction(
     assert streets >= 2
 
 
+@pytest.mark.parametrize("name", ["perth_stretched_lights.osm", "West-Oakland.osm.bz2"])
 def test_real_site_is_the_same_each_time_and_holds_all_it_needs(
-    made: tuple[Path, Path], tmp_path: Path
+    shared_data: Path, tmp_path: Path, name: str
 ) -> None:
-    source, path = made
+    source = shared_data / "osm" / name
+    path = init_site(tmp_path / "first", source)
     again = init_site(tmp_path / "again", source)
     assert again.read_bytes() == path.read_bytes()
     shutil.move(again.parent, tmp_path / "moved")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -16,7 +17,7 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.site.coverage import clusters, local_frame, mapped_area, small_things
 from urbantwin.site.extract import Extract, Way
 
-__all__ = ["STREETS", "JunctionProposal", "propose_junction", "way_lanes"]
+__all__ = ["STREETS", "JunctionProposal", "meeting_nodes", "propose_junction", "way_lanes"]
 
 #: Weight of a street's class in how busy a junction is, and its usual lanes in one direction.
 #: Motorways count little: people twin junctions, not ramps.
@@ -81,6 +82,16 @@ def way_lanes(way: Way) -> float:
         return float(usual)
 
 
+def meeting_nodes(extract: Extract, streets: Iterable[Way]) -> list[int]:
+    """Return the nodes from which streets lead in three directions or more, sorted."""
+    neighbours: dict[int, set[int]] = defaultdict(set)
+    for way in streets:
+        for a, b in pairwise([node for node in way.nodes if node in extract.nodes]):
+            neighbours[a].add(b)
+            neighbours[b].add(a)
+    return sorted(node for node, others in neighbours.items() if len(others) >= 3)
+
+
 def propose_junction(extract: Extract, within: shapely.Polygon | None = None) -> JunctionProposal:
     """Return the busiest signalised junction of an extract that is mapped all around.
 
@@ -124,22 +135,21 @@ class _Junctions:
         self.tree = shapely.STRtree(self.lines)
         self.area = mapped_area(extract, frame)
         self.things = cKDTree(np.vstack([small_things(extract, frame), [[0.0, 0.0]]]))
-        neighbours: dict[int, set[int]] = defaultdict(set)
         self.ways_at: dict[int, list[Way]] = defaultdict(list)
         for way in streets:
-            known = [node for node in way.nodes if node in extract.nodes]
-            for a, b in pairwise(known):
-                neighbours[a].add(b)
-                neighbours[b].add(a)
-            for node in dict.fromkeys(known):
+            for node in dict.fromkeys(node for node in way.nodes if node in extract.nodes):
                 self.ways_at[node].append(way)
-        self.cores = sorted(node for node, others in neighbours.items() if len(others) >= 3)
+        self.cores = meeting_nodes(extract, streets)
         tags = extract.node_tags
         self.signals = self._places(
-            [n for n in sorted(neighbours) if tags.get(n, {}).get("highway") == "traffic_signals"]
+            [n for n in sorted(self.ways_at) if tags.get(n, {}).get("highway") == "traffic_signals"]
         )
         self.crossings = self._places(
-            [n for n in sorted(neighbours) if tags.get(n, {}).get("crossing") == "traffic_signals"]
+            [
+                n
+                for n in sorted(self.ways_at)
+                if tags.get(n, {}).get("crossing") == "traffic_signals"
+            ]
         )
 
     def best(self, within: shapely.Polygon | None) -> JunctionProposal:

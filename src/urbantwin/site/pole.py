@@ -10,17 +10,19 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.site.extract import Extract
-from urbantwin.site.junction import STREETS, way_lanes
+from urbantwin.site.junction import STREETS, meeting_nodes, way_lanes
 
 __all__ = ["PolePosition", "propose_pole"]
 
 #: Width of a lane with its share of the kerb strip, metres (a usual urban lane is 3.0-3.5 m).
-_LANE_M = 3.3
+_LANE_M = 3.4
 #: A pole stands this far from the carriageway and from buildings at least, metres.
-_KERB_CLEARANCE_M = 1.0
+_KERB_CLEARANCE_M = 2.0
 _WALL_CLEARANCE_M = 1.0
 #: Kerbs are rounded where streets meet: corners closer than this to both streets are paved, metres.
 _CORNER_M = 6.0
+#: Nodes this close to the middle belong to the junction; stop lines are this far beyond, metres.
+_CORE_M, _STOP_M = 25.0, 10.0
 #: Where poles are looked for, metres from the middle, and how far a sensor's view is judged.
 _NEAREST_M, _WANTED_M, _FARTHEST_M, _VIEW_M = 10.0, 15.0, 60.0, 50.0
 
@@ -62,6 +64,7 @@ def propose_pole(extract: Extract, frame: SiteFrame) -> PolePosition:
                 widths.append(width)
     paved = shapely.union_all(shapely.buffer(np.array(lines, dtype=object), widths))
     paved = paved.buffer(_CORNER_M).buffer(-_CORNER_M)
+    paved = shapely.union(paved, _crossing_area(extract, frame, paved))
     buildings = shapely.union_all(walls)
     distances = np.arange(_NEAREST_M, _FARTHEST_M + 0.5)
     angles = np.radians(np.arange(0.0, 360.0, 5.0))
@@ -85,6 +88,19 @@ def propose_pole(extract: Extract, frame: SiteFrame) -> PolePosition:
     east, north = nearest[int(np.argmin(np.round(cost, 6)))]
     yaw = float(np.degrees(np.arctan2(-north, -east)))
     return PolePosition(round(float(east), 2), round(float(north), 2), round(yaw, 1))
+
+
+def _crossing_area(extract: Extract, frame: SiteFrame, paved: shapely.Geometry) -> shapely.Geometry:
+    """Return what lies between the stop lines: the hull of the pavement around the middle.
+
+    Between wide streets traffic turns across corners that no street's own width covers.
+    """
+    streets = [way for way in extract.highways() if way.tags["highway"] in STREETS]
+    nodes = [extract.nodes[node] for node in meeting_nodes(extract, streets)]
+    away = np.linalg.norm(frame.site_from_lonlat(nodes), axis=1)
+    reach = float(away[away < _CORE_M].max(initial=0.0)) + _STOP_M
+    disc = shapely.Point(0.0, 0.0).buffer(reach)
+    return shapely.convex_hull(shapely.intersection(paved, disc))
 
 
 def _half_width(tags: dict[str, str], extract: Extract, way: int) -> float:
