@@ -1,0 +1,94 @@
+"""How many points and objects of each class a dataset holds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from numpy.typing import NDArray
+
+from urbantwin.taxonomy import ACTOR_CLASSES, semantic_classes
+from urbantwin.view import style
+
+__all__ = ["histogram"]
+
+
+def histogram(
+    points_by_class: Mapping[str, int],
+    boxes: Mapping[str, int],
+    boxes_with_points: Mapping[str, int],
+    path: Path,
+    *,
+    title: str = "",
+    below: str = "",
+    attribution: str | Iterable[str] = (),
+) -> Path:
+    """Draw points per semantic class and boxes per class of actors, on logarithmic scales.
+
+    Args:
+        points_by_class: number of points by name of ``taxonomy.semantic_classes``.
+        boxes: number of boxes by name of ``taxonomy.ACTOR_CLASSES``, over all frames.
+        boxes_with_points: those of them that a ray returned from.
+        path: the PNG to write.
+        title: of the picture.
+        below: a line under the title.
+        attribution: whose data it shows.
+    """
+    figure = style.new_figure(14, 7.6)
+    style.title(figure, title or "Points and boxes per class", below)
+    left = figure.add_axes((0.115, 0.11, 0.45, 0.72))
+    known = semantic_classes()
+    rows = sorted(
+        ((count, name) for name, count in points_by_class.items() if count > 0), reverse=True
+    )
+    numbers = [known[name].id if name in known else 0 for _, name in rows]
+    _bars(
+        left,
+        [name for _, name in rows],
+        [count for count, _ in rows],
+        style.class_colours(numbers) if rows else np.zeros((0, 3)),
+        "Points per class",
+    )
+    right = figure.add_axes((0.685, 0.11, 0.285, 0.72))
+    names = list(ACTOR_CLASSES)
+    totals = [int(boxes.get(name, 0)) for name in names]
+    seen = [int(boxes_with_points.get(name, 0)) for name in names]
+    colours = np.array([style.actor_colour(name) for name in names])
+    _bars(right, names, totals, colours, "Boxes per class (with points)", within=seen)
+    style.written_attribution(figure, attribution)
+    return style.save(figure, path)
+
+
+def _bars(
+    axes: Axes,
+    names: list[str],
+    counts: list[int],
+    colours: NDArray[np.float64],
+    heading: str,
+    within: list[int] | None = None,
+) -> None:
+    """Draw horizontal bars, the first on top; ``within`` fills a part of each."""
+    axes.set_facecolor(style.PAPER)
+    axes.set_title(heading, loc="left", color=style.INK, fontsize=13, weight="bold", pad=12)
+    axes.set_xscale("log")
+    top = max([*counts, 10])
+    axes.set_xlim(0.8, top * 6.0)
+    axes.set_ylim(len(names) - 0.4, -0.6)
+    for place, (count, colour) in enumerate(zip(counts, colours, strict=True)):
+        text = f"{count:,}"
+        if within is None:
+            axes.barh(place, count, left=0, height=0.72, color=colour)
+        else:
+            text += f" ({within[place]:,})"
+            axes.barh(place, count, height=0.72, color=colour, alpha=0.35)
+            axes.barh(place, within[place], height=0.72, color=colour)
+        axes.text(max(count, 0.8) * 1.12, place, text, color=style.INK, fontsize=10.5, va="center")
+    axes.set_yticks(range(len(names)), names)
+    axes.tick_params(axis="y", colors=style.INK, labelsize=11, length=0)
+    axes.tick_params(axis="x", colors=style.MUTED, labelsize=9, which="both", length=0)
+    axes.grid(visible=True, axis="x", color=style.FAINT, linewidth=0.8)
+    axes.set_axisbelow(True)
+    for spine in axes.spines.values():
+        spine.set_visible(False)

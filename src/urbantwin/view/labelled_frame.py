@@ -1,0 +1,147 @@
+"""One labelled frame of a recorded dataset, as pictures need it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from urbantwin.artefact import read_json
+from urbantwin.errors import InputError
+from urbantwin.geometry import Pose
+
+__all__ = ["LabelledPoints", "SensorPlace", "busiest_frame", "read_labelled_points"]
+
+_BOX = ("x", "y", "z", "length", "width", "height", "yaw")
+
+
+@dataclass(frozen=True, eq=False)
+class SensorPlace:
+    """A sensor of the rig.
+
+    Attributes:
+        name, model: as in the rig.
+        columns: firings per turn.
+        elevation_deg: (C,) of each channel, as ``ring`` numbers them.
+        dataset_SE3_sensor: its place in the dataset's frame.
+    """
+
+    name: str
+    model: str
+    columns: int
+    elevation_deg: NDArray[np.float64]
+    dataset_SE3_sensor: Pose  # noqa: N815
+
+
+@dataclass(frozen=True, eq=False)
+class LabelledPoints:
+    """One frame.
+
+    Attributes:
+        name: of the frame.
+        time_s: seconds from the start of the motion.
+        points: (N, 4) float32, x, y, z in metres, dataset frame, and intensity 0..1.
+        semantic: (N,) numbers of ``taxonomy.semantic_classes``.
+        instance: (N,) track; 0 for the static world.
+        boxes: (B, 7) x, y, z, length, width, height, yaw; dataset frame.
+        classes: (B,) names of ``taxonomy.ACTOR_CLASSES``.
+        box_points: (B,) returns from each.
+        sensors: the rig.
+        sensor, ring, column: (N,) the ray of each point; None if not known.
+        x_axis_yaw: heading of the dataset's x axis, counter-clockwise from east, radians.
+    """
+
+    name: str
+    time_s: float
+    points: NDArray[np.float32]
+    semantic: NDArray[np.integer[Any]]
+    instance: NDArray[np.integer[Any]]
+    boxes: NDArray[np.float64]
+    classes: tuple[str, ...]
+    box_points: NDArray[np.int64]
+    sensors: tuple[SensorPlace, ...]
+    sensor: NDArray[np.integer[Any]] | None = None
+    ring: NDArray[np.integer[Any]] | None = None
+    column: NDArray[np.integer[Any]] | None = None
+    x_axis_yaw: float = 0.0
+
+
+def read_labelled_points(dataset: Path, name: str | None = None) -> LabelledPoints:
+    """Read a frame of a dataset; without a name the one with the most labelled actors.
+
+    Raises:
+        InputError: there is no dataset, no such frame, or a file of it is missing.
+    """
+    manifest = read_json(dataset / "dataset.json", kind="dataset")
+    table = _boxes(dataset)
+    names = [frame["name"] for frame in manifest.get("frames", [])]
+    if name is None:
+        name = busiest_frame(dataset)
+    if name not in names:
+        raise InputError(f"has no frame {name}", file=dataset, expected="a frame of the dataset")
+    try:
+        points = np.load(dataset / "points" / f"{name}.npy")
+        label = np.fromfile(dataset / "semantic" / f"{name}.label", "<u4")
+        rays = np.load(dataset / "rays" / f"{name}.npy")
+    except (OSError, ValueError) as error:
+        raise InputError(f"frame {name} is not readable ({error})", file=dataset) from None
+    mine = np.flatnonzero(table["frame"] == name)
+    dataset_SE3_site = _pose(manifest["dataset_SE3_site"])
+    return LabelledPoints(
+        name=name,
+        time_s=float(manifest["frames"][names.index(name)]["time_s"]),
+        points=points,
+        semantic=label & 0xFFFF,
+        instance=label >> 16,
+        boxes=np.column_stack([table[key][mine] for key in _BOX]).astype(np.float64).reshape(-1, 7),
+        classes=tuple(str(one) for one in table["class"][mine]),
+        box_points=table["num_points"][mine].astype(np.int64),
+        sensors=tuple(
+            SensorPlace(
+                one["name"],
+                one["model"],
+                int(one["columns"]),
+                np.array(one["sensor"]["elevation_deg"], np.float64),
+                dataset_SE3_site @ _pose(one["site_SE3_sensor"]),
+            )
+            for one in manifest["rig"]["sensors"]
+        ),
+        sensor=rays["sensor"],
+        ring=rays["ring"],
+        column=rays["column"],
+        # The site's east, seen in the dataset's frame, turns the other way.
+        x_axis_yaw=-float(
+            np.arctan2(dataset_SE3_site.rotation[1, 0], dataset_SE3_site.rotation[0, 0])
+        ),
+    )
+
+
+def busiest_frame(dataset: Path) -> str:
+    """Return the frame in which the most actors have points; the first of equals."""
+    manifest = read_json(dataset / "dataset.json", kind="dataset")
+    names = [frame["name"] for frame in manifest.get("frames", [])]
+    if not names:
+        raise InputError("has no frames", file=dataset, expected="a recorded dataset")
+    table = _boxes(dataset)
+    seen, counts = np.unique(table["frame"][table["num_points"] > 0], return_counts=True)
+    found = dict(zip(seen.tolist(), counts.tolist(), strict=True))
+    return str(max(names, key=lambda name: found.get(name, 0)))
+
+
+def _boxes(dataset: Path) -> dict[str, NDArray[Any]]:
+    path = dataset / "boxes.parquet"
+    columns = ["frame", "class", "num_points", *_BOX]
+    try:
+        table = pq.read_table(path, columns=columns)
+    except (OSError, ValueError) as error:
+        raise InputError(f"is not readable ({error})", file=path, expected="boxes") from None
+    return {name: table[name].to_numpy(zero_copy_only=False) for name in columns}
+
+
+def _pose(matrix: list[list[float]]) -> Pose:
+    rows = np.array(matrix, np.float64)
+    return Pose(rows[:3, :3], rows[:3, 3])

@@ -1,0 +1,160 @@
+"""The sets of pictures: of a twin, and of a recorded dataset."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from urbantwin.artefact import read_json
+from urbantwin.dataset.moment import Rows, rows_at
+from urbantwin.errors import InputError
+from urbantwin.geometry import LabelledMesh, Pose
+from urbantwin.traffic import Motion
+from urbantwin.traffic.assets import asset_mesh
+from urbantwin.twin import Twin
+from urbantwin.view.birdseye import birdseye
+from urbantwin.view.histogram import histogram
+from urbantwin.view.labelled_frame import read_labelled_points
+from urbantwin.view.markings import markings
+from urbantwin.view.plan import plan
+from urbantwin.view.range_image import range_image
+from urbantwin.view.scene import scene_picture
+
+__all__ = ["actor_meshes", "pictures_of_dataset", "pictures_of_twin"]
+
+Progress = Callable[[float, str], None]
+
+
+def pictures_of_twin(twin: Twin, out: Path, *, progress: Progress | None = None) -> list[Path]:
+    """Draw a twin into ``out``: ``plan.png`` and ``scene.png``.
+
+    Args:
+        twin: the twin.
+        out: the folder, made if it is not there; pictures of these names are replaced.
+        progress: called with the fraction done and what is being done.
+    """
+    tell = progress or (lambda fraction, what: None)
+    out.mkdir(parents=True, exist_ok=True)
+    name = str(twin.manifest.get("name") or "Digital twin")
+    sources = _attributions(twin.manifest)
+    tell(0.0, "drawing the plan")
+    sensors = [(one.name, one.east_m, one.north_m) for one in twin.rig_spec().sensors]
+    first = plan(
+        twin.roads,
+        twin.region,
+        out / "plan.png",
+        mesh=twin.mesh,
+        sensors=sensors,
+        title=name,
+        attribution=sources,
+    )
+    tell(0.2, "drawing the scene")
+    second = scene_picture(
+        LabelledMesh.concatenate([twin.mesh, markings(twin.roads, twin.ground_mesh)]),
+        out / "scene.png",
+        title=name,
+        below=_size(twin),
+        attribution=sources,
+    )
+    tell(1.0, "drawn")
+    return [first, second]
+
+
+def pictures_of_dataset(
+    dataset: Path,
+    out: Path | None = None,
+    *,
+    twin: Twin | None = None,
+    motion: Motion | None = None,
+    progress: Progress | None = None,
+) -> list[Path]:
+    """Draw a recorded dataset: the frame with the most labelled actors, and its classes.
+
+    ``birdseye.png``, ``range_image.png``, ``histogram.png``, and, where the twin and its motion
+    are given, ``scene.png``: the same moment in the twin with its actors.
+
+    Args:
+        dataset: the dataset's folder.
+        out: where to; without it the dataset's ``pictures/``.
+        twin: the twin that it was recorded in.
+        motion: the motion that it was recorded from.
+        progress: called with the fraction done and what is being done.
+
+    Raises:
+        InputError: there is no dataset, or a file of it is missing.
+    """
+    tell = progress or (lambda fraction, what: None)
+    manifest = read_json(dataset / "dataset.json", kind="dataset")
+    try:
+        counts = manifest["counts"]
+        points, boxes = counts["points_by_class"], counts["boxes"]
+        with_points, frames = counts["boxes_with_points"], counts["frames"]
+    except (KeyError, TypeError) as error:
+        raise InputError(f"lacks {error}", file=dataset / "dataset.json") from None
+    sources = _attributions(manifest)
+    frame = read_labelled_points(dataset)
+    out = dataset / "pictures" if out is None else out
+    out.mkdir(parents=True, exist_ok=True)
+
+    tell(0.0, "drawing the bird's-eye view")
+    drawn = [birdseye(frame, out / "birdseye.png", attribution=sources)]
+    tell(0.25, "drawing the range image")
+    sensor = 0
+    if frame.sensor is not None and len(frame.sensor):
+        sensor = int(frame.sensor[len(frame.sensor) // 2])
+    if len(frame.points):
+        drawn.append(
+            range_image(frame, out / "range_image.png", sensor=sensor, attribution=sources)
+        )
+    tell(0.5, "drawing the histogram")
+    drawn.append(
+        histogram(
+            points,
+            boxes,
+            with_points,
+            out / "histogram.png",
+            below=f"{frames:,} frame{'' if frames == 1 else 's'}   {sum(points.values()):,} points",
+            attribution=sources,
+        )
+    )
+    if twin is not None and motion is not None:
+        tell(0.6, "drawing the scene")
+        parts = [twin.mesh, markings(twin.roads, twin.ground_mesh)]
+        parts += actor_meshes(rows_at(motion, frame.time_s))
+        drawn.append(
+            scene_picture(
+                LabelledMesh.concatenate(parts),
+                out / "scene.png",
+                title=str(twin.manifest.get("name") or "Digital twin"),
+                below=f"frame {frame.name}   {frame.time_s:.1f} s",
+                attribution=sources,
+            )
+        )
+    tell(1.0, "drawn")
+    return drawn
+
+
+def actor_meshes(rows: Rows) -> list[LabelledMesh]:
+    """Return the posed meshes of the actors at one moment, their track as ``part``."""
+    meshes = []
+    for row in rows:
+        pose = Pose.from_ypr([row["x"], row["y"], row["z"]], row["yaw"], row["pitch"], row["roll"])
+        mesh = asset_mesh(str(row["asset"]), int(row["phase"])).transformed(pose)
+        meshes.append(
+            LabelledMesh.build(
+                mesh.vertices, mesh.faces, mesh.semantic, mesh.material, int(row["track"])
+            )
+        )
+    return meshes
+
+
+def _attributions(manifest: dict[str, Any]) -> list[str]:
+    found = [str(one.get("attribution") or "") for one in manifest.get("inputs", [])]
+    return [one for one in dict.fromkeys(found) if one]
+
+
+def _size(twin: Twin) -> str:
+    x0, y0, x1, y1 = twin.region.bounds
+    triangles = len(twin.mesh.faces)
+    return f"{x1 - x0:.0f} x {y1 - y0:.0f} m   {triangles:,} triangles"

@@ -1,0 +1,341 @@
+"""A picture of the twin from a height: rays into the mesh, sun, shadow and ambient light.
+
+No window and no graphics card: Embree casts one ray per sub-pixel, from what it hit one more
+towards the sun, and one into the open, at random about the surface's normal: the share of those
+that meet nothing near, over the neighbourhood, is the ambient light. Seeds are fixed.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import embreex.mesh_construction
+import embreex.rtcore_scene
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import uniform_filter
+
+from urbantwin.geometry import DownwardProbe, LabelledMesh
+from urbantwin.view import style
+from urbantwin.view.surface_colours import surface_colours
+
+__all__ = ["Camera", "clear_camera", "render", "scene_picture"]
+
+_SUNLIGHT = np.array([1.0, 0.94, 0.83], np.float32)
+_SKYLIGHT = np.array([0.40, 0.46, 0.55], np.float32)
+_GROUNDLIGHT = np.array([1.0, 0.93, 0.82], np.float32)
+_ZENITH = np.array([0.24, 0.42, 0.66], np.float32)
+_HORIZON = np.array([0.80, 0.86, 0.91], np.float32)
+#: A ray into the open that meets nothing within this distance sees the sky, metres.
+_AMBIENT_M = 12.0
+#: Sub-pixels along each side of a pixel.
+_SAMPLES = 2
+#: Rows of sub-pixels cast at once.
+_BAND = 32 * _SAMPLES
+_OFFSET_M = 2e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A pinhole camera that looks at a place from a height.
+
+    Attributes:
+        target: (3,) what is in the middle of the picture, site frame, metres.
+        distance_m: from the target.
+        azimuth_deg: where the camera stands, seen from the target: counter-clockwise from east.
+        elevation_deg: how high it stands, seen from the target.
+        field_deg: width of the picture.
+    """
+
+    target: ArrayLike = (0.0, 0.0, 0.0)
+    distance_m: float = 165.0
+    azimuth_deg: float = -65.0
+    elevation_deg: float = 29.0
+    field_deg: float = 48.0
+
+    @property
+    def place(self) -> NDArray[np.float64]:
+        """Where the camera stands (3,)."""
+        a, e = np.radians([self.azimuth_deg, self.elevation_deg])
+        back = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
+        return np.asarray(self.target, np.float64) + self.distance_m * back
+
+    @property
+    def sun(self) -> NDArray[np.float32]:
+        """Towards the sun (3,): over the right shoulder, so that shadows show and walls shine."""
+        a, e = np.radians([self.azimuth_deg + 48.0, 42.0])
+        way = [np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)]
+        return np.array(way, np.float32)
+
+    def rays(self, width: int, height: int) -> NDArray[np.float32]:
+        """Return unit directions (height, width, 3) through the middles of the pixels."""
+        forward = np.asarray(self.target, np.float64) - self.place
+        forward /= np.linalg.norm(forward)
+        right = np.cross(forward, [0, 0, 1])
+        right /= np.linalg.norm(right)
+        up = np.cross(right, forward)
+        half = np.tan(np.radians(self.field_deg) / 2)
+        x = (np.arange(width) + 0.5) / width * 2 - 1
+        y = (1 - (np.arange(height) + 0.5) / height * 2) * height / width
+        out = (
+            forward
+            + half * x[None, :, None] * right[None, None, :]
+            + half * y[:, None, None] * up[None, None, :]
+        )
+        out /= np.linalg.norm(out, axis=2, keepdims=True)
+        return np.asarray(out, np.float32)
+
+
+def scene_picture(
+    mesh: LabelledMesh,
+    path: Path,
+    *,
+    camera: Camera | None = None,
+    size: tuple[int, int] = (1600, 900),
+    title: str = "",
+    below: str = "",
+    attribution: str | Iterable[str] = (),
+) -> Path:
+    """Draw the twin's mesh from a height, in daylight.
+
+    Args:
+        mesh: what to draw, site frame, metres: the static world, with actors or without.
+        path: the PNG to write.
+        camera: from where; without it from the side from which most of the middle is seen.
+        size: width and height of the picture, pixels.
+        title: written into the sky.
+        below: a line under it.
+        attribution: whose data it shows.
+    """
+    width, height = size
+    picture = render(mesh, camera or clear_camera(mesh), width, height)
+    figure = style.new_figure(width / 100, height / 100)
+    axes = figure.add_axes((0, 0, 1, 1))
+    style.bare(axes)
+    axes.imshow(picture, interpolation="nearest", aspect="auto")
+    if title:
+        shade = np.zeros((64, 1, 4))
+        shade[..., :3] = np.array([0.06, 0.09, 0.12])
+        shade[:, 0, 3] = np.linspace(0.75, 0.0, 64) ** 1.3
+        axes.imshow(shade, extent=(-0.5, width - 0.5, 0.17 * height, -0.5), aspect="auto", zorder=2)
+        axes.set_xlim(-0.5, width - 0.5)
+        axes.set_ylim(height - 0.5, -0.5)
+        style.title(figure, title, below, x=0.025, top=0.965, colour=style.INK)
+    sources = [attribution] if isinstance(attribution, str) else dict.fromkeys(attribution)
+    if any(sources):
+        figure.text(
+            0.988,
+            0.014,
+            " · ".join(sources),
+            color=style.INK,
+            fontsize=9,
+            ha="right",
+            va="bottom",
+            bbox={"facecolor": style.PAPER, "alpha": 0.6, "lw": 0, "pad": 3},
+        )
+    return style.save(figure, path)
+
+
+def clear_camera(mesh: LabelledMesh, target: ArrayLike = (0.0, 0.0, 0.0)) -> Camera:
+    """Return the camera that sees most of the ground about a place.
+
+    Of cameras all around at the usual height and two higher ones, the first from which at least
+    nine tenths is seen, or else the best.
+
+    Args:
+        mesh: the static world, site frame, metres.
+        target: (3,) what is to be seen, metres.
+    """
+    caster = _Caster(mesh)
+    middle = np.asarray(target, np.float64)
+    spread = np.arange(-32.0, 33.0, 4.0)
+    x, y = (grid.ravel() for grid in np.meshgrid(spread, spread))
+    ground = np.column_stack([x, y, np.zeros_like(x)])[np.hypot(x, y) <= 32] + middle
+    ground[:, 2] = np.nan_to_num(
+        DownwardProbe(mesh.select(mesh.normals()[:, 2] > 0.5)).height_below(
+            ground + np.array([0, 0, 3.0])
+        ),
+        nan=middle[2],
+    )
+    ground[:, 2] += 0.5
+    best, most = Camera(target=target), -1.0
+    for elevation in (29.0, 38.0, 50.0):
+        for turn in (0, 25, -25, 50, -50, 90, -90, 130, -130, 180):
+            camera = Camera(target=target, azimuth_deg=-65.0 + turn, elevation_deg=elevation)
+            way = camera.place - ground
+            way /= np.linalg.norm(way, axis=1, keepdims=True)
+            _, distance = caster.first(ground.astype(np.float32), way.astype(np.float32))
+            free = float(np.isinf(distance).mean())
+            if free > most + 0.02:
+                best, most = camera, free
+            if most >= 0.9:
+                return best
+    return best
+
+
+def render(mesh: LabelledMesh, camera: Camera, width: int, height: int) -> NDArray[np.uint8]:
+    """Return the picture (height, width, 3), 0..255.
+
+    Args:
+        mesh: what to draw, site frame, metres.
+        camera: from where.
+        width: pixels.
+        height: pixels.
+    """
+    caster = _Caster(mesh)
+    rays = camera.rays(width * _SAMPLES, height * _SAMPLES)
+    sun = camera.sun
+    origin = camera.place.astype(np.float32)
+    bands = [slice(at, at + _BAND) for at in range(0, len(rays), _BAND)]
+    seen = _Seen.empty(rays.shape[:2])
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        list(pool.map(lambda band: _look(caster, origin, rays, sun, seen, band), bands))
+        ambient = _smoothed(seen.sky)
+        colours = surface_colours(mesh).astype(np.float32)
+        picture = np.empty((height, width, 3), np.float32)
+
+        def paint(band: slice) -> None:
+            shaded = _shade(caster, colours, rays, sun, seen, ambient, band, camera.distance_m)
+            rows = slice(band.start // _SAMPLES, band.start // _SAMPLES + len(shaded) // _SAMPLES)
+            picture[rows] = shaded.reshape(-1, _SAMPLES, width, _SAMPLES, 3).mean(axis=(1, 3))
+
+        list(pool.map(paint, bands))
+    return (np.clip(_toned(picture), 0, 1) * 255 + 0.5).astype(np.uint8)
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What each sub-pixel's rays met: (H, W) arrays, nan or -1 where they met nothing."""
+
+    face: NDArray[np.int32]
+    distance: NDArray[np.float32]
+    sun: NDArray[np.float32]
+    sky: NDArray[np.float32]
+
+    @classmethod
+    def empty(cls, shape: tuple[int, ...]) -> _Seen:
+        floats = [np.full(shape, np.nan, np.float32) for _ in range(3)]
+        return cls(np.full(shape, -1, np.int32), *floats)
+
+
+def _look(
+    caster: _Caster,
+    origin: NDArray[np.float32],
+    rays: NDArray[np.float32],
+    sun: NDArray[np.float32],
+    seen: _Seen,
+    band: slice,
+) -> None:
+    """Cast the rays of a band of rows: to the mesh, from there to the sun and into the open."""
+    directions = rays[band].reshape(-1, 3)
+    face, distance = caster.first(np.tile(origin, (len(directions), 1)), directions)
+    hit = np.flatnonzero(face >= 0)
+    way = directions[hit]
+    normal = caster.normals[face[hit]]
+    normal *= -np.sign(np.einsum("ij,ij->i", normal, way))[:, None]
+    place = origin + way * distance[hit, None] + normal * _OFFSET_M
+    facing = np.maximum(normal @ sun, np.float32(0))
+    lit = np.flatnonzero(facing > 0)
+    _, to_sun = caster.first(place[lit], np.tile(sun, (len(lit), 1)))
+    facing[lit[np.isfinite(to_sun)]] = 0
+    _, around = caster.first(place, _scattered_about(normal, seed=band.start))
+
+    shape = seen.face[band].shape
+    seen.face[band] = face.reshape(shape)
+    seen.distance[band] = distance.reshape(shape)
+    for target, values in ((seen.sun, facing), (seen.sky, (around >= _AMBIENT_M))):
+        flat = np.full(len(directions), np.nan, np.float32)
+        flat[hit] = values
+        target[band] = flat.reshape(shape)
+
+
+def _shade(
+    caster: _Caster,
+    colours: NDArray[np.float32],
+    rays: NDArray[np.float32],
+    sun: NDArray[np.float32],
+    seen: _Seen,
+    ambient: NDArray[np.float32],
+    band: slice,
+    distance_m: float,
+) -> NDArray[np.float32]:
+    """Return the light (rows, W, 3) of a band of rows."""
+    face, distance = seen.face[band].ravel(), seen.distance[band].ravel()
+    colour = _sky(rays[band].reshape(-1, 3)[:, 2])
+    hit = np.flatnonzero(face >= 0)
+    normal = caster.normals[face[hit]]
+    normal *= -np.sign(np.einsum("ij,ij->i", normal, rays[band].reshape(-1, 3)[hit]))[:, None]
+    sky = ambient[band].ravel()[hit]
+    light = seen.sun[band].ravel()[hit, None] * _SUNLIGHT
+    light += (sky * (0.65 + 0.35 * normal[:, 2]))[:, None] * _SKYLIGHT
+    light += (sky * 0.12 * (1 - normal[:, 2]))[:, None] * _GROUNDLIGHT
+    haze = (1 - np.exp(-np.maximum(distance[hit] - distance_m, 0) / np.float32(700)))[:, None]
+    colour[hit] = colours[face[hit]] * light * (1 - haze) + _HORIZON * haze
+    return colour.reshape(*seen.face[band].shape, 3)
+
+
+class _Caster:
+    """Casts rays; bands of a picture may be cast in threads."""
+
+    def __init__(self, mesh: LabelledMesh) -> None:
+        self._scene = embreex.rtcore_scene.EmbreeScene(robust=True)
+        # Kept: the scene refers to its geometry without owning it.
+        self._geometry = embreex.mesh_construction.TriangleMesh(
+            self._scene, mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32)
+        )
+        self.normals = mesh.normals().astype(np.float32)
+        # The first ray builds the tree, which must not happen in two threads at once.
+        self._scene.run(np.zeros((1, 3), np.float32), np.array([[0, 0, 1]], np.float32))
+
+    def first(
+        self, origins: NDArray[np.float32], directions: NDArray[np.float32]
+    ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+        """Return the first face (N,) along each ray, -1 for none, and its distance (N,)."""
+        if not len(origins):
+            return np.zeros(0, np.int32), np.zeros(0, np.float32)
+        found = self._scene.run(origins, np.ascontiguousarray(directions), output=True)
+        missed = found["geomID"] < 0
+        face = np.where(missed, -1, found["primID"].astype(np.int64)).astype(np.int32)
+        return face, np.where(missed, np.float32(np.inf), found["tfar"]).astype(np.float32)
+
+
+def _scattered_about(normal: NDArray[np.float32], seed: int) -> NDArray[np.float32]:
+    """Return one direction (N, 3) about each normal, as a matt surface scatters light.
+
+    A point on the unit sphere about the normal's tip is such a direction (cosine-weighted).
+    """
+    generator = np.random.Generator(np.random.Philox(key=seed))
+    z = generator.random(len(normal), np.float32) * 2 - 1
+    turn = generator.random(len(normal), np.float32) * np.float32(2 * np.pi)
+    flat = np.sqrt(1 - z * z) * np.float32(0.999)
+    out = normal.copy()
+    out[:, 0] += flat * np.cos(turn)
+    out[:, 1] += flat * np.sin(turn)
+    out[:, 2] += z * np.float32(0.999)
+    out /= np.sqrt(np.einsum("ij,ij->i", out, out))[:, None]
+    return out
+
+
+def _smoothed(values: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Average noisy values over neighbouring sub-pixels that hit something."""
+    known = np.isfinite(values)
+    size = 5 * _SAMPLES + 1
+    total = uniform_filter(np.where(known, values, np.float32(0)), size)
+    share = uniform_filter(known.astype(np.float32), size)
+    out = np.divide(total, share, out=np.ones_like(total), where=share > 1e-6)
+    return np.asarray(out, np.float32)
+
+
+def _sky(z: NDArray[np.float32]) -> NDArray[np.float32]:
+    share = np.sqrt(np.clip((z + np.float32(0.05)) * 2, 0, 1))[:, None]
+    return np.asarray(_HORIZON * (1 - share) + _ZENITH * share, np.float32)
+
+
+def _toned(colour: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Compress highlights and encode for a screen (colours above are linear light)."""
+    bright = colour * np.float32(1.2)
+    return np.asarray(np.sqrt(bright / (1 + np.float32(0.18) * bright)))

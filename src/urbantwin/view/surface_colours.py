@@ -1,0 +1,98 @@
+"""Colours of a mesh as daylight shows it: by class and material, buildings each a little apart."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.colors import to_rgb
+from numpy.typing import NDArray
+
+from urbantwin.geometry import LabelledMesh
+from urbantwin.taxonomy import material_id, semantic_id
+
+__all__ = ["surface_colours"]
+
+_BY_CLASS = {
+    "unlabelled": "#a0a0a0",
+    "car": "#3d6fb4",
+    "bus": "#d8a21b",
+    "truck": "#d9dcdf",
+    "motorcycle": "#35373b",
+    "motorcyclist": "#8c2f3f",
+    "bicyclist": "#c2477f",
+    "pedestrian": "#d9483b",
+    "road": "#5d6166",
+    "parking": "#6d7074",
+    "sidewalk": "#b9b4aa",
+    "other-ground": "#9aa178",
+    "building": "#d9cfbf",
+    "fence": "#8a8378",
+    "other-structure": "#a7a39b",
+    "vegetation": "#5e8a3f",
+    "trunk": "#6e5238",
+    "terrain": "#8aa35f",
+    "pole": "#565d64",
+    "traffic-sign": "#c8302a",
+    "other-object": "#8f8578",
+}
+#: A material that says more than the class does, where it does.
+_BY_CLASS_AND_MATERIAL = {
+    ("building", "brick"): "#b06a4c",
+    ("building", "plaster"): "#e3d8c4",
+    ("building", "concrete"): "#c4c1b9",
+    ("building", "glass"): "#6f8ea6",
+    ("building", "roofing"): "#94614c",
+    ("building", "metal-painted"): "#a9b0b6",
+    ("building", "wood"): "#a5805a",
+    ("other-ground", "asphalt"): "#6a6d71",
+    ("other-ground", "concrete"): "#b3afa5",
+    ("other-ground", "paving"): "#b3a999",
+    ("terrain", "soil"): "#a08a68",
+    ("road", "retroreflector"): "#f3f1e8",
+    ("terrain", "paving"): "#b3a999",
+    ("sidewalk", "concrete"): "#c6c2b9",
+}
+#: Materials that look the same on every actor.
+_ON_ACTORS = {
+    "glass": "#27323c",
+    "rubber": "#1f2123",
+    "metal-dark": "#2e3135",
+    "retroreflector": "#f4f1e6",
+    "skin": "#d9a583",
+}
+_ACTORS = ("car", "bus", "truck", "motorcycle", "motorcyclist", "bicyclist", "pedestrian")
+#: Paints of cars and coats of people, from part to part.
+_PAINTS = ("#2f6db5", "#b9322c", "#e6e7e8", "#25282c", "#8d949b", "#c9ccd0", "#2c6e5b", "#d6a431")
+
+
+def surface_colours(mesh: LabelledMesh) -> NDArray[np.float64]:
+    """Return the colour (F, 3) of every triangle, linear light, 0..1."""
+    colours = np.full((len(mesh.faces), 3), 0.4)
+    for name, colour in _BY_CLASS.items():
+        colours[mesh.semantic == semantic_id(name)] = _linear(colour)
+    for (name, material), colour in _BY_CLASS_AND_MATERIAL.items():
+        chosen = (mesh.semantic == semantic_id(name)) & (mesh.material == material_id(material))
+        colours[chosen] = _linear(colour)
+    actor = np.isin(mesh.semantic, [semantic_id(name) for name in _ACTORS])
+    paints = np.array([_linear(paint) for paint in _PAINTS])
+    painted = actor & np.isin(mesh.material, [material_id("metal-painted"), material_id("cloth")])
+    colours[painted] = paints[_scattered(mesh.part[painted]) % len(paints)]
+    for material, colour in _ON_ACTORS.items():
+        colours[actor & (mesh.material == material_id(material))] = _linear(colour)
+
+    building = mesh.semantic == semantic_id("building")
+    spread = (_scattered(mesh.part[building]) % 1000) / 1000.0 - 0.5
+    tint = 1 + spread[:, None] * np.array([0.16, 0.20, 0.26])
+    colours[building] = np.clip(colours[building] * tint, 0, 1)
+    plant = mesh.semantic == semantic_id("vegetation")
+    spread = (_scattered(mesh.part[plant]) % 1000) / 1000.0 - 0.5
+    colours[plant] *= 1 + spread[:, None] * np.array([0.5, 0.3, 0.3])
+    return colours
+
+
+def _linear(colour: str) -> NDArray[np.float64]:
+    return np.asarray(to_rgb(colour), np.float64) ** 2.2
+
+
+def _scattered(parts: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Return numbers that differ much between neighbouring parts (Knuth's multiplicative hash)."""
+    return ((parts.astype(np.int64) + 1) * 2654435761 % 2**32) >> 8
