@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Out, Quiet
+from urbantwin.cli.options import AsJson, Out, Pictures, Quiet
 
 __all__ = ["EXAMPLES", "build"]
 
@@ -21,13 +21,16 @@ urbantwin build site.yaml -o twin/ --json | jq .counts
 def build(
     site: Annotated[Path, typer.Argument(help="A site.yaml.")],
     out: Out,
+    pictures: Pictures = True,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """Build a site's twin: ground, roads and labelled scene."""
-    from urbantwin.cli.stages import build_stage, site_with_known_sensors
+    from urbantwin.cli.stages import build_stage, site_with_known_sensors, twin_pictures_stage
     from urbantwin.cli.summary import summary
 
     console = Console(quiet=quiet, as_json=as_json)
-    build_stage(site_with_known_sensors(site), out, console)
+    twin = build_stage(site_with_known_sensors(site), out, console)
+    if pictures:
+        twin_pictures_stage(twin, console)
     console.result(summary(out))

@@ -7,12 +7,15 @@ from typing import Annotated
 
 import typer
 
-__all__ = ["AsJson", "Out", "Quiet", "Seed", "Workers"]
+__all__ = ["AsJson", "Out", "Pictures", "Quiet", "Seed", "Workers"]
 
 Out = Annotated[Path, typer.Option("--out", "-o", metavar="FOLDER", help="The folder to write.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 AsJson = Annotated[
     bool, typer.Option("--json", help="Print one JSON document on stdout and nothing else there.")
+]
+Pictures = Annotated[
+    bool, typer.Option("--pictures/--no-pictures", help="Draw pictures, which takes a while.")
 ]
 Seed = Annotated[
     int | None,

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Out, Quiet, Seed, Workers
+from urbantwin.cli.options import AsJson, Out, Pictures, Quiet, Seed, Workers
 
 __all__ = ["EXAMPLES", "record"]
 
@@ -34,20 +34,21 @@ def record(
     ] = None,
     workers: Workers = None,
     seed: Seed = None,
+    pictures: Pictures = True,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """Record labelled LiDAR frames. Run again after an interruption, it goes on from there."""
-    from urbantwin.cli.stages import pictures_stage, record_stage
+    from urbantwin.cli.stages import dataset_pictures_stage, record_stage
     from urbantwin.cli.summary import summary
     from urbantwin.traffic import Motion
     from urbantwin.twin import load_twin
 
     console = Console(quiet=quiet, as_json=as_json)
-    loaded = load_twin(twin)
+    loaded, driven = load_twin(twin), Motion.load(motion)
     record_stage(
         loaded,
-        Motion.load(motion),
+        driven,
         rig,
         out,
         console,
@@ -56,5 +57,6 @@ def record(
         start_s=start,
         stop_s=stop,
     )
-    pictures_stage(loaded, out, console)
+    if pictures:
+        dataset_pictures_stage(out, loaded, driven, console)
     console.result(summary(out))

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Out, Quiet, Workers
+from urbantwin.cli.options import AsJson, Out, Pictures, Quiet, Workers
 
 __all__ = ["EXAMPLES", "run"]
 
@@ -22,6 +22,7 @@ def run(
     site: Annotated[Path, typer.Argument(help="A site.yaml.")],
     out: Out,
     workers: Workers = None,
+    pictures: Pictures = True,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -29,4 +30,5 @@ def run(
     from urbantwin.cli.stages import site_with_known_sensors, whole_line
 
     console = Console(quiet=quiet, as_json=as_json)
-    console.result(whole_line(site_with_known_sensors(site), out, console, workers=workers))
+    checked = site_with_known_sensors(site)
+    console.result(whole_line(checked, out, console, workers=workers, pictures=pictures))

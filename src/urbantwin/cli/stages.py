@@ -21,12 +21,13 @@ if TYPE_CHECKING:
 
 __all__ = [
     "build_stage",
+    "dataset_pictures_stage",
     "new_folder",
-    "pictures_stage",
     "placed_rig",
     "record_stage",
     "site_with_known_sensors",
     "traffic_stage",
+    "twin_pictures_stage",
     "whole_line",
 ]
 
@@ -136,23 +137,42 @@ def record_stage(
         )
 
 
-def pictures_stage(twin: Twin, dataset: Path, console: Console) -> list[Path]:
-    """Draw a recorded frame and the points of each class."""
-    return []
+def twin_pictures_stage(twin: Twin, console: Console) -> list[Path]:
+    """Draw a twin's plan and scene into its ``pictures/``."""
+    from urbantwin.view.pictures import pictures_of_twin
+
+    with console.stage("pictures") as progress:
+        return pictures_of_twin(twin, twin.folder / "pictures", progress=progress)
 
 
-def whole_line(site: Site, out: Path, console: Console, *, workers: int | None) -> dict[str, Any]:
+def dataset_pictures_stage(
+    dataset: Path, twin: Twin, motion: Motion, console: Console
+) -> list[Path]:
+    """Draw a recorded frame and the points of each class into the dataset's ``pictures/``."""
+    from urbantwin.view.pictures import pictures_of_dataset
+
+    with console.stage("pictures") as progress:
+        return pictures_of_dataset(dataset, twin=twin, motion=motion, progress=progress)
+
+
+def whole_line(
+    site: Site, out: Path, console: Console, *, workers: int | None, pictures: bool = True
+) -> dict[str, Any]:
     """Go from a site to a dataset with pictures, and say where everything is."""
     with new_folder(out):
         twin = build_stage(site, out / "twin", console)
         motion = traffic_stage(twin, out / "motion", console, seconds=None, seed=None)
         record_stage(twin, motion, None, out / "dataset", console, workers=workers)
-        pictures = pictures_stage(twin, out / "dataset", console)
+        drawn: list[Path] = []
+        if pictures:
+            drawn += twin_pictures_stage(twin, console)
+            drawn += dataset_pictures_stage(out / "dataset", twin, motion, console)
     return {
         "twin": str(out / "twin"),
         "motion": str(out / "motion"),
         "dataset": str(out / "dataset"),
-        "pictures": [str(picture) for picture in pictures],
+        "attribution": list(dict.fromkeys(item["attribution"] for item in site.inputs())),
+        "pictures": [str(picture) for picture in drawn],
     }
 
 

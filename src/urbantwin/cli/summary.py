@@ -165,7 +165,8 @@ def _extract(path: Path) -> dict[str, Any]:
 
     extract = read_extract(path)
     longitudes, latitudes = zip(*extract.nodes.values(), strict=True)
-    tagged = [item.tags for item in (*extract.ways.values(), *extract.relations.values())]
+    tagged = [way.tags for way in extract.ways.values()]
+    tagged += [relation.tags for relation in extract.relations.values()]
     nodes = list(extract.node_tags.values())
     return {
         "kind": "osm",

@@ -1,0 +1,180 @@
+"""The whole line on the example, with small settings: every command, and what it leaves."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+import yaml
+
+Run = Callable[..., Any]
+
+PER_HOUR = {"car": 1800, "bus": 200, "truck": 200, "bicycle": 400, "pedestrian": 900}
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory, two_avenues: Path) -> Path:
+    folder = tmp_path_factory.mktemp("site") / "two-avenues"
+    shutil.copytree(two_avenues, folder)
+    fields = yaml.safe_load((folder / "site.yaml").read_text())
+    fields["traffic"] |= {"per_hour": PER_HOUR, "duration_s": 1.5, "warmup_s": 25}
+    fields["rig"]["sensors"][0]["columns"] = 512
+    (folder / "site.yaml").write_text(yaml.safe_dump(fields))
+    return folder / "site.yaml"
+
+
+@pytest.fixture(scope="module")
+def made(site: Path, run_program: Run, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What ``urbantwin run`` leaves."""
+    out = tmp_path_factory.mktemp("run") / "out"
+    outcome = run_program("run", site, "-o", out, "--workers", "1", "--json")
+    assert outcome.code == 0, outcome.err
+    told = json.loads(outcome.out)
+    assert {Path(told[kind]) for kind in ("twin", "motion", "dataset")} == set(out.iterdir())
+    assert len(told["pictures"]) == 6
+    assert all(Path(picture).stat().st_size > 10_000 for picture in told["pictures"])
+    return out
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+def test_run_leaves_the_files_of_the_document(made: Path) -> None:
+    document = (Path(__file__).parents[2] / "docs" / "architecture.md").read_text()
+    assert sorted(path.name for path in (made / "twin").iterdir()) == sorted(
+        ["twin.json", "site.yaml", "rig.yaml", "elevation.npz", "roads.json", "network.net.xml",
+         "scene.npz", "pictures"]
+    )  # fmt: skip
+    for folder in ("twin", "motion", "dataset"):
+        for path in (made / folder).iterdir():
+            assert path.name in document
+
+
+def test_the_dataset_is_what_openpcdet_reads(made: Path) -> None:
+    dataset = made / "dataset"
+    named = [
+        name
+        for part in ("train", "val")
+        for name in (dataset / "ImageSets" / f"{part}.txt").read_text().split()
+    ]
+    assert len(named) == len(set(named)) == 8  # 15 steps of 0.1 s end at 1.4 s: 0, 0.2, ... 1.4
+    for name in named:
+        points = np.load(dataset / "points" / f"{name}.npy")
+        assert points.dtype == np.float32
+        assert points.shape[1] == 4
+        assert (points[:, 3] >= 0).all()
+        assert (points[:, 3] <= 1).all()
+        semantic = np.fromfile(dataset / "semantic" / f"{name}.label", np.uint32)
+        assert len(semantic) == len(points) == len(np.load(dataset / "rays" / f"{name}.npy"))
+        for line in (dataset / "labels" / f"{name}.txt").read_text().splitlines():
+            *numbers, category = line.split()
+            assert len([float(number) for number in numbers]) == 7
+            assert category in PER_HOUR
+    boxes = pq.read_table(dataset / "boxes.parquet")
+    lines = sum(len(path.read_text().splitlines()) for path in (dataset / "labels").iterdir())
+    assert boxes.num_rows == lines > 0
+
+
+def test_nothing_names_this_machine_or_the_time(made: Path, site: Path) -> None:
+    for name, content in files(made).items():
+        if name.endswith((".json", ".yaml", ".xml", ".txt")):
+            assert str(site.parent.parent).encode() not in content, name
+            assert str(made).encode() not in content, name
+
+
+def test_each_stage_alone_gives_the_bytes_of_run(
+    made: Path, site: Path, run_program: Run, tmp_path: Path
+) -> None:
+    twin, motion, dataset = (tmp_path / name for name in ("twin", "motion", "dataset"))
+    rig = tmp_path / "rig.yaml"
+    rig.write_text(yaml.safe_dump(yaml.safe_load(site.read_text())["rig"]))
+    for arguments in (
+        ("build", site, "-o", twin, "--no-pictures"),
+        ("traffic", twin, "-o", motion, "--seconds", "1.5", "--seed", "1"),
+        ("record", twin, motion, "--rig", rig, "-o", dataset, "--workers", "2", "--no-pictures"),
+    ):
+        outcome = run_program(*arguments, "--quiet")
+        assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
+    for folder in (twin, motion, dataset):
+        mine = files(folder)
+        theirs = {
+            name: content
+            for name, content in files(made / folder.name).items()
+            if not name.startswith("pictures/")
+        }
+        assert mine.keys() == theirs.keys()
+        assert [name for name in mine if mine[name] != theirs[name]] == []
+
+
+def test_another_seed_gives_other_noise(made: Path, run_program: Run, tmp_path: Path) -> None:
+    arguments = ("--seed", "2", "--stop", "0", "--workers", "1", "--no-pictures")
+    folders = (made / "twin", made / "motion", "-o", tmp_path / "other")
+    outcome = run_program("record", *folders, *arguments)
+    assert outcome.code == 0, outcome.err
+    ours = np.load(tmp_path / "other" / "points" / "000000.npy")
+    theirs = np.load(made / "dataset" / "points" / "000000.npy")
+    assert ours.shape != theirs.shape or not np.array_equal(ours, theirs)
+    assert abs(len(ours) - len(theirs)) < 0.02 * len(theirs)
+
+
+@pytest.mark.parametrize("kind", ["twin", "motion", "dataset"])
+def test_inspect_agrees_with_the_files(made: Path, run_here: Run, kind: str) -> None:
+    told = json.loads(run_here("inspect", made / kind, "--json").out)
+    assert told["kind"] == kind
+    if kind == "twin":
+        with np.load(made / "twin" / "scene.npz") as scene:
+            assert told["triangles"] == len(scene["faces"])
+        assert sum(told["triangles_by_class"].values()) == told["triangles"]
+    elif kind == "motion":
+        table = pq.read_table(made / "motion" / "actors.parquet")
+        assert told["poses"] == table.num_rows
+        assert sum(told["actors"].values()) == len(table["track"].unique())
+    else:
+        points = [np.load(path) for path in (made / "dataset" / "points").iterdir()]
+        assert told["points"] == sum(map(len, points))
+        assert told["frames"] == len(points)
+    assert run_here("inspect", made / kind).out.startswith(f"path: {made / kind}\nkind: {kind}\n")
+
+
+def test_inspect_tells_a_whole_run(made: Path, run_here: Run) -> None:
+    told = json.loads(run_here("inspect", made, "--json").out)
+    assert told["kind"] == "run"
+    assert {"twin", "motion", "dataset"} <= told.keys()
+
+
+def test_a_changed_twin_is_refused(made: Path, run_here: Run, tmp_path: Path) -> None:
+    twin = tmp_path / "twin"
+    shutil.copytree(made / "twin", twin)
+    (twin / "network.net.xml").write_text("<net/>")
+    outcome = run_here("traffic", twin, "-o", tmp_path / "motion")
+    assert outcome.code == 2
+    assert outcome.err.startswith(f"error: {twin / 'network.net.xml'}: ")
+    assert not (tmp_path / "motion").exists()
+
+
+def test_compare_finds_a_dataset_nearest_to_itself(
+    made: Path, run_here: Run, tmp_path: Path
+) -> None:
+    points = np.load(made / "dataset" / "points" / "000000.npy")[::40]
+    for name, shift in (("real", 0.0), ("same", 0.0), ("moved", 3.0)):
+        (tmp_path / name).mkdir()
+        np.save(tmp_path / name / "0.npy", points + np.array([shift, 0, 0, 0], np.float32))
+    real, same, moved = (tmp_path / name for name in ("real", "same", "moved"))
+    outcome = run_here(
+        "compare", real, same, "-o", tmp_path / "report", "--arbitrary", moved, "--json"
+    )
+    assert outcome.code == 0, outcome.err
+    figures = json.loads(outcome.out)["mean_over_frames"]
+    assert figures["hausdorff_p95_m"]["synthetic"] == 0.0
+    # A shift of 3 m moves no point farther than 3 m from where another was.
+    assert 0.0 < figures["hausdorff_p95_m"]["arbitrary"] <= 3.0 + 1e-4
+    assert (tmp_path / "report" / "report.png").stat().st_size > 10_000
