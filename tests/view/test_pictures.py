@@ -293,6 +293,21 @@ def test_colours_are_the_taxonomys_or_lighter():
         assert colour @ [0.299, 0.587, 0.114] >= 89.9
 
 
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("Moosacher Straße / Ñ", "Moosacher Straße / Ñ"),
+        ("Советская улица", "Советская улица"),
+        ("中山北路 / 南京西路", ""),
+        ("16 中山 Road", "16 Road"),
+    ],
+)
+def test_text_without_glyphs_is_left_out(text, shown, tmp_path):
+    assert style.legible(text) == shown
+    # matplotlib warns of a missing glyph, and warnings are errors here.
+    birdseye(frame_of_one_car(), tmp_path / "a.png", title=text, attribution=[text, text])
+
+
 def block(x, y, size, height):
     """A closed box standing on z = 0."""
     s = size / 2

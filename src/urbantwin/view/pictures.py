@@ -20,6 +20,7 @@ from urbantwin.view.markings import markings
 from urbantwin.view.plan import plan
 from urbantwin.view.range_image import range_image
 from urbantwin.view.scene import scene_picture
+from urbantwin.view.style import legible
 
 __all__ = ["actor_meshes", "pictures_of_dataset", "pictures_of_twin"]
 
@@ -36,7 +37,7 @@ def pictures_of_twin(twin: Twin, out: Path, *, progress: Progress | None = None)
     """
     tell = progress or (lambda fraction, what: None)
     out.mkdir(parents=True, exist_ok=True)
-    name = str(twin.manifest.get("name") or "Digital twin")
+    name = _name(twin)
     sources = _attributions(twin.manifest)
     tell(0.0, "drawing the plan")
     sensors = [(one.name, one.east_m, one.north_m) for one in twin.rig_spec().sensors]
@@ -126,7 +127,7 @@ def pictures_of_dataset(
             scene_picture(
                 LabelledMesh.concatenate(parts),
                 out / "scene.png",
-                title=str(twin.manifest.get("name") or "Digital twin"),
+                title=_name(twin),
                 below=f"frame {frame.name}   {frame.time_s:.1f} s",
                 attribution=sources,
             )
@@ -147,6 +148,13 @@ def actor_meshes(rows: Rows) -> list[LabelledMesh]:
             )
         )
     return meshes
+
+
+def _name(twin: Twin) -> str:
+    """Return the twin's name, or where it is if the name cannot be written."""
+    where = f"{abs(twin.frame.latitude):.4f}° {'N' if twin.frame.latitude >= 0 else 'S'}, "
+    where += f"{abs(twin.frame.longitude):.4f}° {'E' if twin.frame.longitude >= 0 else 'W'}"
+    return legible(str(twin.manifest.get("name") or "")) or f"Intersection at {where}"
 
 
 def _attributions(manifest: dict[str, Any]) -> list[str]:

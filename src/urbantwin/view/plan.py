@@ -241,7 +241,7 @@ def _street_names(axes: Axes, network: RoadNetwork, region: shapely.Polygon) -> 
     lanes = network.lane_by_id
     named: dict[str, list[shapely.LineString]] = {}
     for road in network.roads:
-        if road.name and road.lanes:
+        if road.lanes and road.name and style.legible(road.name) == road.name:
             line = shapely.LineString(lanes[road.lanes[-1]].centre[:, :2])
             inside = shapely.intersection(line, region.buffer(-4))
             parts = [p for p in shapely.get_parts(inside) if p.geom_type == "LineString"]

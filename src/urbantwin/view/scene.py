@@ -79,14 +79,12 @@ class Camera:
         right /= np.linalg.norm(right)
         up = np.cross(right, forward)
         half = np.tan(np.radians(self.field_deg) / 2)
-        x = (np.arange(width) + 0.5) / width * 2 - 1
-        y = (1 - (np.arange(height) + 0.5) / height * 2) * height / width
-        out = (
-            forward
-            + half * x[None, :, None] * right[None, None, :]
-            + half * y[:, None, None] * up[None, None, :]
-        )
-        out /= np.linalg.norm(out, axis=2, keepdims=True)
+        x = half * ((np.arange(width) + 0.5) / width * 2 - 1)
+        y = half * (1 - (np.arange(height) + 0.5) / height * 2) * height / width
+        across = (x[:, None] * right).astype(np.float32)
+        upward = (forward + y[:, None] * up).astype(np.float32)
+        out = upward[:, None, :] + across[None, :, :]
+        out /= np.sqrt(np.einsum("ijk,ijk->ij", out, out))[..., None]
         return np.asarray(out, np.float32)
 
 
@@ -95,7 +93,7 @@ def scene_picture(
     path: Path,
     *,
     camera: Camera | None = None,
-    size: tuple[int, int] = (1600, 900),
+    size: tuple[int, int] = (1440, 810),
     title: str = "",
     below: str = "",
     attribution: str | Iterable[str] = (),
@@ -125,12 +123,12 @@ def scene_picture(
         axes.set_xlim(-0.5, width - 0.5)
         axes.set_ylim(height - 0.5, -0.5)
         style.title(figure, title, below, x=0.025, top=0.965, colour=style.INK)
-    sources = [attribution] if isinstance(attribution, str) else dict.fromkeys(attribution)
-    if any(sources):
+    sources = style.joined(attribution)
+    if sources:
         figure.text(
             0.988,
             0.014,
-            " · ".join(sources),
+            sources,
             color=style.INK,
             fontsize=9,
             ha="right",
@@ -242,15 +240,16 @@ def _look(
     lit = np.flatnonzero(facing > 0)
     _, to_sun = caster.first(place[lit], np.tile(sun, (len(lit), 1)))
     facing[lit[np.isfinite(to_sun)]] = 0
-    _, around = caster.first(place, _scattered_about(normal, seed=band.start))
-
+    # One of a pixel's sub-pixels looks into the open: its neighbours' average is what is used.
     shape = seen.face[band].shape
+    column, row = hit % shape[1], hit // shape[1]
+    few = np.flatnonzero((column % _SAMPLES == 0) & (row % _SAMPLES == 0))
+    _, around = caster.first(place[few], _scattered_about(normal[few], seed=band.start))
+
     seen.face[band] = face.reshape(shape)
     seen.distance[band] = distance.reshape(shape)
-    for target, values in ((seen.sun, facing), (seen.sky, (around >= _AMBIENT_M))):
-        flat = np.full(len(directions), np.nan, np.float32)
-        flat[hit] = values
-        target[band] = flat.reshape(shape)
+    seen.sun[band].ravel()[hit] = facing
+    seen.sky[band].ravel()[hit[few]] = around >= _AMBIENT_M
 
 
 def _shade(
@@ -323,7 +322,7 @@ def _scattered_about(normal: NDArray[np.float32], seed: int) -> NDArray[np.float
 def _smoothed(values: NDArray[np.float32]) -> NDArray[np.float32]:
     """Average noisy values over neighbouring sub-pixels that hit something."""
     known = np.isfinite(values)
-    size = 5 * _SAMPLES + 1
+    size = 7 * _SAMPLES + 1
     total = uniform_filter(np.where(known, values, np.float32(0)), size)
     share = uniform_filter(known.astype(np.float32), size)
     out = np.divide(total, share, out=np.ones_like(total), where=share > 1e-6)

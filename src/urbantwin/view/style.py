@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cache
 from pathlib import Path
 
 import matplotlib as mpl
@@ -10,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.font_manager import get_font
 from matplotlib.patches import Polygon, Rectangle
 from numpy.typing import ArrayLike, NDArray
 
@@ -24,6 +26,8 @@ __all__ = [
     "actor_colour",
     "bare",
     "class_colours",
+    "joined",
+    "legible",
     "new_figure",
     "north_arrow",
     "save",
@@ -51,6 +55,24 @@ def save(figure: Figure, path: Path) -> Path:
     with mpl.rc_context({"savefig.bbox": None, "savefig.facecolor": "auto"}):
         figure.savefig(path, format="png", metadata={"Software": None})
     return path
+
+
+@cache
+def _glyphs() -> frozenset[int]:
+    """Return the characters of the font that comes with matplotlib, which every machine has."""
+    path = Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
+    return frozenset(get_font(str(path)).get_charmap())
+
+
+def legible(text: str) -> str:
+    """Return the text without characters that would be drawn as empty boxes.
+
+    The font has Latin, Greek, Cyrillic, Arabic and more, but not Chinese, Japanese or Korean.
+    What is left of a text that has no letter or digit left is the empty text.
+    """
+    kept = "".join(one for one in text if ord(one) in _glyphs())
+    kept = " ".join(kept.split())
+    return kept if any(one.isalnum() for one in kept) else ""
 
 
 def class_colours(semantic: ArrayLike) -> NDArray[np.float64]:
@@ -95,14 +117,20 @@ def title(
 ) -> None:
     """Write a title and a line below it at the top left."""
     inch = 1.0 / figure.get_figheight()
-    figure.text(x, top, text, color=INK, fontsize=17, weight="bold", va="top")
+    figure.text(x, top, legible(text), color=INK, fontsize=17, weight="bold", va="top")
     if below:
-        figure.text(x, top - 0.34 * inch, below, color=colour, fontsize=11, va="top")
+        figure.text(x, top - 0.34 * inch, legible(below), color=colour, fontsize=11, va="top")
+
+
+def joined(sources: str | Iterable[str]) -> str:
+    """Return attributions as one line, each once."""
+    several = [sources] if isinstance(sources, str) else sources
+    return " · ".join(one for one in dict.fromkeys(map(legible, several)) if one)
 
 
 def written_attribution(figure: Figure, sources: str | Iterable[str]) -> None:
     """Write whose data the picture shows at the lower right."""
-    text = sources if isinstance(sources, str) else " · ".join(dict.fromkeys(sources))
+    text = joined(sources)
     if text:
         inch = 1.0 / figure.get_figheight()
         figure.text(0.985, 0.1 * inch, text, color=MUTED, fontsize=8.5, ha="right", va="bottom")
