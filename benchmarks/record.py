@@ -5,7 +5,7 @@ An OS1-128 at 2048 columns over a static world of about 480,000 triangles with 5
 is timed for what people write without us: all triangles, static and moving, put into a new
 `RaycastingScene` and all rays cast, each frame, with every processor; no labels, no files.
 
-    python benchmarks/record.py --frames 300 --workers 2
+    python benchmarks/record.py --frames 600 --workers 2
 """
 
 from __future__ import annotations
@@ -120,7 +120,9 @@ def circling_motion(twin: Twin, count: int, frames: int) -> Motion:
     # Three fifths are cars, as on a street.
     kinds = [classes[0] if n % 5 < 3 else classes[n // 5 % len(classes)] for n in range(count)]
     actors = [asset(asset_names(kind)[n % len(asset_names(kind))]) for n, kind in enumerate(kinds)]
-    radius, speed = 8.0 + (REACH_M - 8.0) * number / count, 8.0
+    # As many on every square metre of the ring from 8 m to the reach.
+    radius = np.sqrt(8.0**2 + (REACH_M**2 - 8.0**2) * number / count)
+    speed = 8.0
     steps = []
     for frame in range(frames):
         angle = 2.4 * number + speed * frame / RATE_HZ / radius
@@ -198,7 +200,9 @@ def time_open3d(twin: Twin, motion: Motion, rig: Rig, frames: list[int]) -> floa
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--frames", type=int, default=300, help="frames that are recorded")
+    parser.add_argument(
+        "--frames", type=int, default=600, help="frames that are recorded: a minute"
+    )
     parser.add_argument("--recast", type=int, default=20, help="of them, how many Open3D recasts")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--actors", type=int, default=50)
