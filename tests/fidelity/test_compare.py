@@ -29,11 +29,11 @@ def sweeps(shared_data, tmp_path_factory):
     for name, frames in (("real", clouds), ("other", clouds[::-1])):
         (root / name).mkdir()
         for index, frame in enumerate(frames):
-            np.save(root / name / f"{index}.npy", thin(frame, 0.3, index))
+            np.save(root / name / f"{index}.npy", thin(frame, 0.12, index))
     (root / "elsewhere").mkdir()
-    kitti = np.fromfile(shared_data / "lidar/kitti/000008.bin", np.float32)
+    kitti = np.fromfile(shared_data / "lidar/kitti/000008.bin", np.float32).reshape(-1, 4)
     for index in range(2):
-        kitti.tofile(root / "elsewhere" / f"{index}.bin")
+        thin(kitti, 0.4, index).tofile(root / "elsewhere" / f"{index}.bin")
     return root
 
 
@@ -52,7 +52,9 @@ def test_real_is_near_real_and_far_from_another_site(sweeps, tmp_path):
     assert twin["point_to_mesh_median_m"].mean < 0.15
     assert twin["js_range"].mean < 0.02
     assert twin["js_height"].mean < 0.02
-    for name in ("hausdorff_p95_m", "point_to_mesh_mean_m", "js_mean"):
+    # The median and not the mean of point to mesh: of clouds thinned to an eighth, the mean is
+    # set by far points that have no neighbour left (their held-out mean is 0.25 m as well).
+    for name in ("hausdorff_p95_m", "point_to_mesh_median_m", "js_mean"):
         assert control[name].mean > 5 * twin[name].mean
         assert report.reduction_percent[name] == pytest.approx(
             (1 - twin[name].mean / control[name].mean) * 100
