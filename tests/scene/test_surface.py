@@ -20,6 +20,8 @@ PLACES = {
     "neukolln": (52.47328, 13.439643),
     "quad_intersection": (47.644172, -122.303614),
     "perth_stretched_lights": (-31.974855, 115.897588),
+    # Two lanes here coincide so nearly that exact set operations fail.
+    "West-Oakland": (37.8070776, -122.3025247),
 }
 
 
@@ -131,7 +133,7 @@ def test_real_places_have_no_hole_and_no_overlap(name, hilly, shared_data, tmp_p
     x, y = np.meshgrid(axis, axis)
     wavy = Elevation(-140.0, -140.0, 1.0, 0.04 * x + 1.5 * np.sin(y / 20) * np.cos(x / 25))
     elevation = wavy if hilly else Elevation.flat()
-    extract = read_extract(shared_data / "osm" / f"{name}.osm")
+    extract = read_extract(next((shared_data / "osm").glob(f"{name}.osm*")))
     built = build_roads(
         extract, frame, REGION, elevation,
         driving_side=driving_side(*PLACES[name]), out=tmp_path / "n.net.xml",

@@ -1,5 +1,12 @@
-"""Frames, poses, boxes and labelled triangle meshes. Knows nothing of cities."""
+"""Frames, poses, boxes, areas in plan and labelled triangle meshes. Knows nothing of cities."""
 
+from urbantwin.geometry.area import (
+    area_difference,
+    area_intersection,
+    area_union,
+    areas_of,
+    grown,
+)
 from urbantwin.geometry.box import bounding_box, box_corners, points_in_box
 from urbantwin.geometry.frame import SiteFrame
 from urbantwin.geometry.mesh import LabelledMesh
@@ -11,8 +18,13 @@ __all__ = [
     "LabelledMesh",
     "Pose",
     "SiteFrame",
+    "area_difference",
+    "area_intersection",
+    "area_union",
+    "areas_of",
     "bounding_box",
     "box_corners",
+    "grown",
     "points_in_box",
     "rotation_from_ypr",
     "ypr_from_rotation",

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.artefact import read_json, write_json
 from urbantwin.errors import InputError
+from urbantwin.geometry import area_difference, area_union
 
 __all__ = ["Junction", "Lane", "Road", "RoadNetwork", "SignalHead", "SignalProgram"]
 
@@ -161,13 +162,11 @@ class RoadNetwork:
     def area_of(self, kinds: Iterable[str], level: int) -> shapely.Geometry:
         """Return the union in plan of all lanes of some kinds on a level."""
         wanted = set(kinds)
-        return shapely.union_all(
-            [lane.polygon for lane in self.lanes if lane.kind in wanted and lane.level == level]
-        )
+        return area_union([x.polygon for x in self.lanes if x.kind in wanted and x.level == level])
 
     def footway(self, level: int) -> shapely.Geometry:
         """Return sidewalks and walking areas in plan, less the carriageway."""
-        return shapely.difference(self.area_of(FOOTWAY_KINDS, level), self.carriageway(level))
+        return area_difference(self.area_of(FOOTWAY_KINDS, level), self.carriageway(level))
 
     def carriageway(self, level: int) -> shapely.Geometry:
         """Return where vehicles drive, in plan: lanes, crossings and junctions.
@@ -175,10 +174,10 @@ class RoadNetwork:
         A junction's outline includes the walking areas at its corners; they are not driven on
         unless a lane or a turn runs there.
         """
-        junctions = shapely.union_all([j.polygon for j in self.junctions if j.level == level])
-        core = shapely.difference(junctions, self.area_of(FOOTWAY_KINDS, level))
+        junctions = area_union([j.polygon for j in self.junctions if j.level == level])
+        core = area_difference(junctions, self.area_of(FOOTWAY_KINDS, level))
         driven = self.area_of((*CARRIAGEWAY_KINDS, "connection", "crossing"), level)
-        return shapely.union_all([core, driven])
+        return area_union([core, driven])
 
     @property
     def levels(self) -> tuple[int, ...]:

@@ -20,6 +20,8 @@ __all__ = ["PARTS", "Spacing", "surface_mesh"]
 
 #: ``part`` numbers of the ground's triangles; other objects come after ``FIRST_OBJECT``.
 PARTS = {"terrain": 0, "carriageway": 1, "footway": 2, "island": 3, "paved": 4, "curb": 5}
+#: How far from every zone a triangle may lie and still belong to the ground.
+SPECK_M = 0.1
 #: Vertices are snapped to this grid, so that zones that touch share their vertices.
 GRID_M = 0.01
 #: Over this distance the terrain leaves a road's height and comes back to the ground's.
@@ -121,13 +123,14 @@ def _zone_of(zones: Sequence[Zone], points: NDArray[np.float64]) -> NDArray[np.i
         shapely.prepare(zone.area)
         inside = shapely.intersects_xy(zone.area, points[:, 0], points[:, 1])
         found[inside & (found < 0)] = number
-    # Snapping moves borders by millimetres: a sliver that no zone claims goes to the nearest.
+    # Snapping moves borders by millimetres and specks are left out of zones: what no zone claims
+    # goes to the nearest.
     missing = np.flatnonzero(found < 0)
     if len(missing):
         areas = np.array([zone.area for zone in zones])
         distance = shapely.distance(shapely.points(points[missing])[:, None], areas[None, :])
         nearest = distance.argmin(axis=1)
-        close = distance.min(axis=1) < 2 * GRID_M
+        close = distance.min(axis=1) < SPECK_M
         found[missing[close]] = nearest[close]
     return found
 

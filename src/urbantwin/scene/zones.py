@@ -7,6 +7,13 @@ from dataclasses import dataclass
 
 import shapely
 
+from urbantwin.geometry import (
+    area_difference,
+    area_intersection,
+    area_union,
+    areas_of,
+    grown,
+)
 from urbantwin.roads import RoadNetwork
 from urbantwin.site.extract import OsmFeature
 from urbantwin.taxonomy import material_id, semantic_id
@@ -66,27 +73,27 @@ def ground_zones(
 ) -> list[Zone]:
     """Return the zones of the ground level; together they tile the region and its margin."""
     carriageway = _closed(network.carriageway(0), SEAM_M)
-    footway = _less(_closed(network.footway(0), SEAM_M), carriageway)
-    paved = shapely.union(carriageway, footway)
-    gaps = _less(_closed(paved, MEDIAN_M), paved)
+    footway = area_difference(_closed(network.footway(0), SEAM_M), carriageway)
+    paved = area_union([carriageway, footway])
+    gaps = area_difference(_closed(paved, MEDIAN_M), paved)
     islands = _opened(gaps, SEAM_M)
     # What is too narrow for an island is asphalt between lanes.
-    slits = _less(_areas(shapely.intersection(_closed(paved, 2 * SEAM_M), gaps)), islands)
-    carriageway = _areas(shapely.union(carriageway, slits))
-    taken = _areas(shapely.union_all([carriageway, footway, islands]))
-    everything = shapely.union(shapely.buffer(region, MARGIN_M, join_style="mitre"), taken)
+    slits = area_difference(area_intersection(_closed(paved, 2 * SEAM_M), gaps), islands)
+    carriageway = area_union([carriageway, slits])
+    taken = area_union([carriageway, footway, islands])
+    everything = area_union([shapely.buffer(region, MARGIN_M, join_style="mitre"), taken])
     zones = [
         _zone("carriageway", carriageway, "road", "asphalt"),
         _zone("footway", footway, "sidewalk", "paving"),
         _zone("island", islands, "other-ground", "concrete"),
     ]
     for area, semantic, material in _flush_areas(features):
-        free = _less(_areas(shapely.intersection(area, everything)), taken)
+        free = area_difference(area_intersection(area, everything), taken)
         if not free.is_empty:
             kind = "terrain" if semantic == "terrain" else "paved"
             zones.append(_zone(kind, free, semantic, material))
-            taken = _areas(shapely.union(taken, free))
-    rest = _less(everything, taken)
+            taken = area_union([taken, free])
+    rest = area_difference(everything, taken)
     zones.append(_zone("terrain", rest, "terrain", "soil"))
     return [zone for zone in zones if not zone.area.is_empty]
 
@@ -94,15 +101,15 @@ def ground_zones(
 def deck_zones(network: RoadNetwork, level: int) -> list[Zone]:
     """Return the zones of the decks of one level above the ground."""
     carriageway = _closed(network.carriageway(level), SEAM_M)
-    footway = _less(_closed(network.footway(level), SEAM_M), carriageway)
+    footway = area_difference(_closed(network.footway(level), SEAM_M), carriageway)
     return [
-        _zone("carriageway", _areas(carriageway), "road", "asphalt"),
-        _zone("footway", _areas(footway), "sidewalk", "paving"),
+        _zone("carriageway", areas_of(carriageway), "road", "asphalt"),
+        _zone("footway", areas_of(footway), "sidewalk", "paving"),
     ]
 
 
 def _zone(kind: str, area: shapely.Geometry, semantic: str, material: str) -> Zone:
-    return Zone(kind, _areas(area), semantic_id(semantic), material_id(material))
+    return Zone(kind, areas_of(area), semantic_id(semantic), material_id(material))
 
 
 def _flush_areas(
@@ -126,7 +133,7 @@ def _flush_areas(
             groups.setdefault(("terrain", "grass"), []).append(shape)
     order = ["road", "parking", "sidewalk", "other-ground", "terrain"]
     return [
-        (_closed(shapely.union_all(groups[key]), SEAM_M), *key)
+        (_closed(area_union(groups[key]), SEAM_M), *key)
         for key in sorted(groups, key=lambda key: (order.index(key[0]), key[1]))
     ]
 
@@ -138,26 +145,11 @@ def way_below(tags: dict[str, str]) -> bool:
     return tags.get("layer", "0").startswith("-") or tags.get("location") == "underground"
 
 
-def _areas(shape: shapely.Geometry) -> shapely.Geometry:
-    """Drop lines and points that set operations leave behind, and specks under 0.01 m2."""
-    parts = [p for p in shapely.get_parts(shape) if p.geom_type == "Polygon" and p.area > 0.01]
-    return shapely.multipolygons(parts) if parts else shapely.MultiPolygon()
-
-
-def _less(shape: shapely.Geometry, other: shapely.Geometry) -> shapely.Geometry:
-    """Return one area without another."""
-    return _areas(shapely.difference(shape, other))
-
-
 def _closed(shape: shapely.Geometry, width: float) -> shapely.Geometry:
     """Fill slits up to ``width`` wide."""
-    grown = shapely.buffer(shape, width / 2, join_style="mitre", mitre_limit=2)
-    shrunk = shapely.buffer(grown, -width / 2, join_style="mitre", mitre_limit=2)
-    return _areas(shapely.union(shape, shrunk))
+    return area_union([shape, grown(grown(shape, width / 2), -width / 2)])
 
 
 def _opened(shape: shapely.Geometry, width: float) -> shapely.Geometry:
     """Remove what is narrower than ``width``."""
-    shrunk = shapely.buffer(shape, -width / 2, join_style="mitre", mitre_limit=2)
-    grown = shapely.buffer(shrunk, width / 2, join_style="mitre", mitre_limit=2)
-    return _areas(shapely.intersection(shape, grown))
+    return area_intersection(shape, grown(grown(shape, -width / 2), width / 2))
