@@ -139,8 +139,9 @@ def test_real_places_have_no_hole_and_no_overlap(name, hilly, shared_data, tmp_p
         driving_side=driving_side(*PLACES[name]), out=tmp_path / "n.net.xml",
     )  # fmt: skip
     zones = ground_zones(built.network, REGION, extract.features(frame, REGION))
+    # Borders are snapped to a millimetre: neighbours may share slivers of that width.
     together = shapely.union_all([zone.area for zone in zones]).area
-    assert sum(zone.area.area for zone in zones) == pytest.approx(together, rel=1e-7)
+    assert sum(zone.area.area for zone in zones) == pytest.approx(together, abs=0.2)
     mesh = surface_mesh(
         zones,
         road_height=lambda xy: elevation.smooth_at(xy) + built.lift.at(xy, 0),
