@@ -71,7 +71,8 @@ def legible(text: str) -> str:
     What is left of a text that has no letter or digit left is the empty text.
     """
     kept = "".join(one for one in text if ord(one) in _glyphs())
-    kept = " ".join(kept.split())
+    if len(kept) < len(text):
+        kept = " ".join(kept.split())
     return kept if any(one.isalnum() for one in kept) else ""
 
 
