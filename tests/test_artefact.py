@@ -1,3 +1,5 @@
+import pickle
+
 import pytest
 
 from urbantwin.artefact import read_json, replaced_folder, sha256_of, write_json
@@ -40,6 +42,7 @@ def test_what_is_not_ours_is_never_replaced(tmp_path, other):
 def test_errors_are_one_line(tmp_path):
     error = InputError("is\nbad", file="a.yaml", place="x.y", expected="better")
     assert str(error) == "a.yaml: x.y: is bad; expected better"
+    assert str(pickle.loads(pickle.dumps(error))) == str(error)
     (tmp_path / "a.json").write_text("{")
     for path in (tmp_path / "a.json", tmp_path / "b.json"):
         with pytest.raises(InputError) as caught:

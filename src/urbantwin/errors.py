@@ -44,12 +44,22 @@ class InputError(UrbanTwinError):
         self.expected = expected
         super().__init__(problem, self.file, place, expected)
 
+    def __reduce__(self) -> tuple[object, ...]:
+        """Let the error travel from a worker process to the one that tells it."""
+        return (_input_error, self.args)
+
     def __str__(self) -> str:
         """Return the one line that a person reads."""
         text = ": ".join(part for part in (self.file, self.place, self.problem) if part)
         if self.expected:
             text += f"; expected {self.expected}"
         return " ".join(text.split())
+
+
+def _input_error(
+    problem: str, file: str | None, place: str | None, expected: str | None
+) -> InputError:
+    return InputError(problem, file=file, place=place, expected=expected)
 
 
 class StageError(UrbanTwinError):

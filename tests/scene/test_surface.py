@@ -50,7 +50,7 @@ def hits_per_column(mesh, points):
 
 def edge_uses(mesh):
     """Number of triangles at each edge, vertices at one place counted as one."""
-    _, same = np.unique(np.round(mesh.vertices * 2e3).astype(int), axis=0, return_inverse=True)
+    _, same = np.unique(np.round(mesh.vertices * 1e4).astype(int), axis=0, return_inverse=True)
     edges = np.sort(same.ravel()[mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)], axis=1)
     edges = edges[edges[:, 0] != edges[:, 1]]
     return np.unique(edges, axis=0, return_counts=True)
@@ -100,7 +100,7 @@ def test_the_only_open_edges_are_the_outer_border():
     )
     edges, uses = edge_uses(mesh)
     assert uses.max() == 2
-    _, first = np.unique(np.round(mesh.vertices * 2e3).astype(int), axis=0, return_index=True)
+    _, first = np.unique(np.round(mesh.vertices * 1e4).astype(int), axis=0, return_index=True)
     ends = mesh.vertices[first][edges[uses == 1]]
     on_border = (
         np.isclose(ends[:, :, 0], 0) | np.isclose(ends[:, :, 0], 40)
@@ -152,7 +152,10 @@ def test_real_places_have_no_hole_and_no_overlap(name, hilly, shared_data, tmp_p
     points = grid.reshape(-1, 2) + 0.0123
     points = points[np.hypot(*points.T) < 99]
     assert (hits_per_column(mesh, points) == 1).all()
-    assert edge_uses(mesh)[1].max() == 2
+    # Four curbs may meet where two raised corners touch at a point; nothing else is shared so.
+    edges, uses = edge_uses(mesh)
+    assert set(uses.tolist()) <= {1, 2, 4}
+    assert (uses == 4).sum() <= 4
     # Paved area against the lane model: what joins lanes may add 1 %, rounding takes away less.
     area = plan_areas(mesh)
     carriageway = area[mesh.part == PARTS["carriageway"]].sum()

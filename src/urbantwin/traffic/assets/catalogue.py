@@ -120,7 +120,7 @@ def asset_mesh(name: str, phase: int = 0) -> LabelledMesh:
         raise InputError(
             f"{name} has no phase {phase}", expected=f"0 to {max(phases - 1, standing)}"
         )
-    solids = _solids(entry, phase, halted=phase == standing > 0)
+    solids = _solids(name, phase, halted=phase == standing > 0)
     return labelled(solids, semantic_id(ACTOR_SEMANTICS[entry["class"]]))
 
 
@@ -136,13 +136,17 @@ def _phases(entry: dict[str, Any]) -> tuple[int, int]:
             return 1, 0
 
 
-def _solids(entry: dict[str, Any], phase: int, *, halted: bool) -> list[Solid]:
+def _solids(name: str, phase: int, *, halted: bool) -> list[Solid]:
+    entry = _entry(name)
     match entry["builder"]:
         case "walker":
             return walker(Figure(**entry["figure"]), None if halted else phase)
         case "two-wheeler":
-            first = two_wheeler(entry)
-            now = two_wheeler(entry, 0 if halted else phase, halted=halted)
+            first = _first_phase(name)
+            if phase == 0 and not halted:
+                now = first
+            else:
+                now = two_wheeler(entry, 0 if halted else phase, halted=halted)
             return fitted(now, entry["size"], like=first)
         case "truck":
             solids = truck(entry)
@@ -154,9 +158,17 @@ def _solids(entry: dict[str, Any], phase: int, *, halted: bool) -> list[Solid]:
 
 
 @cache
+def _first_phase(name: str) -> list[Solid]:
+    """Return the solids of a two-wheeler in phase 0: it sizes all phases."""
+    return two_wheeler(_entry(name))
+
+
+@cache
 def _entries() -> dict[str, dict[str, Any]]:
     text = files(__package__).joinpath("assets.yaml").read_text()
-    entries: dict[str, dict[str, Any]] = yaml.safe_load(text)
+    entries: dict[str, dict[str, Any]] = yaml.load(
+        text, getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    )
     return entries
 
 

@@ -77,11 +77,17 @@ def walker(figure: Figure, phase: int | None) -> list[Solid]:
     The pelvis keeps its place over the ground in all of them, the lowest point is at z = 0, and
     the bounds of phase 0 are centred on the origin.
     """
+    posture = standing(figure) if phase is None else walking(figure, phase_part(figure, phase))
+    centred = [-_middle(figure), 0.0, 0.0]
+    return [solid.moved(centred) for solid in _grounded(figure, posture)]
+
+
+@cache
+def _middle(figure: Figure) -> float:
+    """Return x of the middle of the bounds in phase 0."""
     first = _grounded(figure, walking(figure, 0.0))
     x = np.concatenate([solid.vertices[:, 0] for solid in first])
-    posture = standing(figure) if phase is None else walking(figure, phase_part(figure, phase))
-    centred = [-(x.min() + x.max()) / 2, 0.0, 0.0]
-    return [solid.moved(centred) for solid in _grounded(figure, posture)]
+    return float((x.min() + x.max()) / 2)
 
 
 def _grounded(figure: Figure, posture: Posture) -> list[Solid]:

@@ -35,12 +35,11 @@ class Solid:
     def build(cls, vertices: ArrayLike, faces: ArrayLike, material: str | list[str]) -> Solid:
         """Build from anything array-like; ``material`` is one name or one name per triangle."""
         triangles = np.asarray(faces, np.int32).reshape(-1, 3)
-        names = [material] * len(triangles) if isinstance(material, str) else material
-        return cls(
-            np.asarray(vertices, np.float64).reshape(-1, 3),
-            triangles,
-            np.array([material_id(name) for name in names], np.uint8),
-        )
+        if isinstance(material, str):
+            numbers = np.full(len(triangles), material_id(material), np.uint8)
+        else:
+            numbers = np.array([material_id(name) for name in material], np.uint8)
+        return cls(np.asarray(vertices, np.float64).reshape(-1, 3), triangles, numbers)
 
     def moved(self, offset: ArrayLike) -> Solid:
         """Return the solid shifted by (3,) metres."""
