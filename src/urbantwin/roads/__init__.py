@@ -1,6 +1,6 @@
 """The lane network: netconvert's topology read into our own lane model, with heights."""
 
-from urbantwin.roads.build import NETWORK_CLASSES, BuiltRoads, build_roads
+from urbantwin.roads.build import BuiltRoads, build_roads
 from urbantwin.roads.driving_side import driving_side
 from urbantwin.roads.levels import Lift
 from urbantwin.roads.netconvert import sumo_binary, sumo_environment, sumo_home
@@ -14,7 +14,6 @@ from urbantwin.roads.network import (
 )
 
 __all__ = [
-    "NETWORK_CLASSES",
     "BuiltRoads",
     "Junction",
     "Lane",
