@@ -39,7 +39,7 @@ def imported_packages(module: Path) -> Iterator[tuple[str, int]]:
 
 
 def test_the_document_lists_every_package_and_no_other() -> None:
-    on_disk = {path.stem for path in SOURCE.glob("*.py")} - {"__init__"}
+    on_disk = {path.stem for path in SOURCE.glob("*.py")} - {"__init__", "__main__"}
     on_disk |= {path.parent.name for path in SOURCE.glob("*/__init__.py")}
     assert sorted(floors()) == sorted(on_disk)
 
@@ -51,6 +51,8 @@ def test_a_package_imports_only_packages_above_it(module: Path) -> None:
     if here == "__init__":
         assert not list(imported_packages(module))
         return
+    if here == "__main__":  # ``python -m urbantwin``
+        here = "cli"
     for package, line in imported_packages(module):
         assert package in order, f"{module}:{line}: no such package {package}"
         assert order.index(package) <= order.index(here), (
@@ -59,8 +61,10 @@ def test_a_package_imports_only_packages_above_it(module: Path) -> None:
 
 
 def test_only_the_command_line_prints_and_exits() -> None:
+    # SUMO's worker is a program of its own: its stdout is how it speaks to us.
+    programs = {SOURCE / "__main__.py", SOURCE / "traffic" / "sumo_worker.py"}
     for module in MODULES:
-        if module.is_relative_to(SOURCE / "cli"):
+        if module.is_relative_to(SOURCE / "cli") or module in programs:
             continue
         for node in ast.walk(ast.parse(module.read_text())):
             if isinstance(node, ast.Call):

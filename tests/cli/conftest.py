@@ -12,7 +12,6 @@ import pytest
 from urbantwin.cli import main
 
 ROOT = Path(__file__).parents[2]
-PROGRAM = "import sys; from urbantwin.cli import main; sys.exit(main())"
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,7 @@ def run_program() -> Callable[..., Outcome]:
 
     def run(*arguments: str | Path) -> Outcome:
         done = subprocess.run(
-            [sys.executable, "-c", PROGRAM, *map(str, arguments)],
+            [sys.executable, "-m", "urbantwin", *map(str, arguments)],
             capture_output=True,
             text=True,
             check=False,

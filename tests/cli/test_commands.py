@@ -113,8 +113,7 @@ def test_an_unknown_sensor_names_the_nearest(run_here: Run) -> None:
 
 
 def test_a_closed_pipe_is_quiet(tmp_path: Path) -> None:
-    program = "import sys; from urbantwin.cli import main; sys.exit(main())"
-    command = f"{sys.executable} -c '{program}' sensors OS1-128 | head -n 1"
+    command = f"{sys.executable} -m urbantwin sensors OS1-128 | head -n 1"
     done = subprocess.run(
         ["bash", "-o", "pipefail", "-c", command], capture_output=True, text=True, check=False
     )

@@ -21,8 +21,9 @@ def site(tmp_path_factory: pytest.TempPathFactory, two_avenues: Path) -> Path:
     folder = tmp_path_factory.mktemp("site") / "two-avenues"
     shutil.copytree(two_avenues, folder)
     fields = yaml.safe_load((folder / "site.yaml").read_text())
-    fields["traffic"] |= {"per_hour": PER_HOUR, "duration_s": 1.5, "warmup_s": 25}
-    fields["rig"]["sensors"][0]["columns"] = 512
+    fields["traffic"] |= {"per_hour": PER_HOUR, "duration_s": 0.5, "warmup_s": 20}
+    fields["rig"]["sensors"][0] |= {"model": "OS1-64", "columns": 512}
+    fields["rig"]["sensors"][1]["model"] = "VLP-16"
     (folder / "site.yaml").write_text(yaml.safe_dump(fields))
     return folder / "site.yaml"
 
@@ -66,7 +67,7 @@ def test_the_dataset_is_what_openpcdet_reads(made: Path) -> None:
         for part in ("train", "val")
         for name in (dataset / "ImageSets" / f"{part}.txt").read_text().split()
     ]
-    assert len(named) == len(set(named)) == 8  # 15 steps of 0.1 s end at 1.4 s: 0, 0.2, ... 1.4
+    assert len(named) == len(set(named)) == 3  # 5 steps of 0.1 s end at 0.4 s: 0, 0.2, 0.4 s
     for name in named:
         points = np.load(dataset / "points" / f"{name}.npy")
         assert points.dtype == np.float32
@@ -99,7 +100,7 @@ def test_each_stage_alone_gives_the_bytes_of_run(
     rig.write_text(yaml.safe_dump(yaml.safe_load(site.read_text())["rig"]))
     for arguments in (
         ("build", site, "-o", twin, "--no-pictures"),
-        ("traffic", twin, "-o", motion, "--seconds", "1.5", "--seed", "1"),
+        ("traffic", twin, "-o", motion, "--seconds", "0.5", "--seed", "1"),
         ("record", twin, motion, "--rig", rig, "-o", dataset, "--workers", "2", "--no-pictures"),
     ):
         outcome = run_program(*arguments, "--quiet")
@@ -113,17 +114,6 @@ def test_each_stage_alone_gives_the_bytes_of_run(
         }
         assert mine.keys() == theirs.keys()
         assert [name for name in mine if mine[name] != theirs[name]] == []
-
-
-def test_another_seed_gives_other_noise(made: Path, run_program: Run, tmp_path: Path) -> None:
-    arguments = ("--seed", "2", "--stop", "0", "--workers", "1", "--no-pictures")
-    folders = (made / "twin", made / "motion", "-o", tmp_path / "other")
-    outcome = run_program("record", *folders, *arguments)
-    assert outcome.code == 0, outcome.err
-    ours = np.load(tmp_path / "other" / "points" / "000000.npy")
-    theirs = np.load(made / "dataset" / "points" / "000000.npy")
-    assert ours.shape != theirs.shape or not np.array_equal(ours, theirs)
-    assert abs(len(ours) - len(theirs)) < 0.02 * len(theirs)
 
 
 @pytest.mark.parametrize("kind", ["twin", "motion", "dataset"])

@@ -57,7 +57,8 @@ def init(
     from urbantwin.site.init import init_site
 
     if (lat is None) != (lon is None):
-        raise InputError("is alone", place="--lat" if lon is None else "--lon", expected="both")
+        given, lacking = ("--lat", "--lon") if lon is None else ("--lon", "--lat")
+        raise InputError("is alone", place=given, expected=f"{lacking} beside it")
     if at_junction and lat is not None:
         raise InputError(
             "is given with coordinates", place="--at-junction", expected="one of the two"

@@ -1,0 +1,49 @@
+"""The demo's place, and what is said where its map is missing."""
+
+import importlib.util
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from urbantwin.cli.demo import LATITUDE, LONGITUDE, RADIUS_M, helsinki_extract
+from urbantwin.geometry import SiteFrame
+from urbantwin.site import read_extract
+from urbantwin.twin import load_twin
+
+Run = Callable[..., Any]
+
+
+def test_the_place_has_mapped_signals_and_the_twin_has_them_too(
+    run_here: Run, tmp_path: Path
+) -> None:
+    extract = read_extract(helsinki_extract())
+    mapped = [
+        extract.nodes[node]
+        for node, tags in extract.node_tags.items()
+        if tags.get("highway") == "traffic_signals"
+    ]
+    away = np.linalg.norm(SiteFrame(LATITUDE, LONGITUDE).site_from_lonlat(mapped), axis=1)
+    assert (away < 40.0).sum() >= 3
+
+    place = ("--lat", LATITUDE, "--lon", LONGITUDE, "--radius", RADIUS_M)
+    assert run_here("init", tmp_path / "site", "--osm", helsinki_extract(), *place).code == 0
+    site = tmp_path / "site" / "site.yaml"
+    assert run_here("build", site, "-o", tmp_path / "twin", "--no-pictures").code == 0
+    signals = load_twin(tmp_path / "twin").roads.signals
+    places = np.array([(signal.x, signal.y) for signal in signals])
+    assert (np.linalg.norm(places, axis=1) < 50.0).sum() >= 3
+
+
+def test_a_missing_map_is_one_line(
+    run_here: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    outcome = run_here("demo", "-o", tmp_path / "demo")
+    assert outcome.code == 2
+    assert outcome.err == (
+        "error: the map of Helsinki is not installed; expected pip install 'urbantwin[demo]'\n"
+    )
+    assert not list(tmp_path.iterdir())
