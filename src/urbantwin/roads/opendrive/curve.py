@@ -1,0 +1,246 @@
+"""Reference lines: lines, arcs and parametric cubics, end to end, without a kink."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
+from scipy.spatial import cKDTree
+
+__all__ = ["Curve", "Piece", "filleted", "splined"]
+
+#: How far a fillet may leave the corner that it rounds, metres.
+FILLET_DEVIATION_M = 0.02
+#: Corners blunter than this are noise of the map's coordinates, radians.
+STRAIGHT = math.radians(0.02)
+#: Lanes on the inside of a bend keep at least this radius, metres.
+INNER_RADIUS_M = 1.0
+#: Length of the parametric cubics that a spline is written as, metres.
+CUBIC_M = 2.0
+#: Spacing of the samples that stations are first looked up by, metres.
+SAMPLE_M = 0.25
+#: Nodes of Gauss-Legendre quadrature on [0, 1], for the length of a cubic.
+_ROOTS, _WEIGHTS = np.polynomial.legendre.leggauss(8)
+NODES, WEIGHTS = (_ROOTS + 1) / 2, _WEIGHTS / 2
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One ``<geometry>``: a line, an arc (``curvature`` 1/m) or a cubic.
+
+    A cubic's ``u`` and ``v`` (4,) are the coefficients of its place along and across the
+    heading at its start, over a parameter that runs from 0 to 1.
+    """
+
+    x: float
+    y: float
+    heading: float
+    length: float
+    curvature: float = 0.0
+    u: tuple[float, ...] = ()
+    v: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A chain of pieces; ``s`` runs from 0 to ``length``."""
+
+    pieces: tuple[Piece, ...]
+
+    @cached_property
+    def starts(self) -> NDArray[np.float64]:
+        """Where each piece begins, and the end (K + 1,)."""
+        return np.concatenate([[0.0], np.cumsum([piece.length for piece in self.pieces])])
+
+    @property
+    def length(self) -> float:
+        """Length in plan, metres."""
+        return float(self.starts[-1])
+
+    def at(self, s: ArrayLike) -> NDArray[np.float64]:
+        """Return x, y, heading (N, 3) at stations ``s``."""
+        stations = np.clip(np.atleast_1d(np.asarray(s, np.float64)), 0.0, self.length)
+        table = self._table
+        which = np.searchsorted(self.starts[1:-1], stations, side="right")
+        x, y, heading, length, curvature = table[which, :5].T
+        ds = stations - self.starts[which]
+        turn = curvature * ds
+        along = ds * np.sinc(turn / np.pi)
+        across = ds * np.sin(turn / 2) * np.sinc(turn / (2 * np.pi))
+        cubic = np.flatnonzero(table[which, 6])
+        if len(cubic):
+            p = (ds[cubic] / length[cubic])[:, None] ** np.arange(4)
+            u, v = table[which[cubic], 5:9], table[which[cubic], 9:13]
+            along[cubic], across[cubic] = (p * u).sum(axis=1), (p * v).sum(axis=1)
+            slope = p[:, :3] * [1, 2, 3]
+            turn[cubic] = np.arctan2((slope * v[:, 1:]).sum(axis=1), (slope * u[:, 1:]).sum(axis=1))
+        c, sn = np.cos(heading), np.sin(heading)
+        return np.column_stack(
+            [x + along * c - across * sn, y + along * sn + across * c, heading + turn]
+        )
+
+    @cached_property
+    def _table(self) -> NDArray[np.float64]:
+        """A row a piece: x, y, heading, length, curvature, u, v."""
+        none = (0.0,) * 4
+        return np.array(
+            [
+                (p.x, p.y, p.heading, p.length, p.curvature, *(p.u or none), *(p.v or none))
+                for p in self.pieces
+            ]
+        )
+
+    def beside(self, s: ArrayLike, t: ArrayLike) -> NDArray[np.float64]:
+        """Return points (N, 2) at stations ``s``, ``t`` metres to the left."""
+        pose = self.at(s)
+        normal = np.column_stack([-np.sin(pose[:, 2]), np.cos(pose[:, 2])])
+        return np.asarray(pose[:, :2] + np.reshape(np.asarray(t, np.float64), (-1, 1)) * normal)
+
+    def locate(self, xy: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return station and offset to the left (N,), (N,) of points (N, 2).
+
+        Points before the start or beyond the end are measured on the straight continuation: their
+        stations are negative or exceed the length.
+        """
+        points = np.asarray(xy, np.float64).reshape(-1, 2)
+        samples, stations = self._samples
+        s = stations[cKDTree(samples).query(points)[1]]
+        t = np.zeros(len(points))
+        for _ in range(6):
+            pose = self.at(s)
+            over = s - np.clip(s, 0.0, self.length)
+            c, sn = np.cos(pose[:, 2]), np.sin(pose[:, 2])
+            gap = points - pose[:, :2] - over[:, None] * np.column_stack([c, sn])
+            t = gap[:, 1] * c - gap[:, 0] * sn
+            s = s + gap[:, 0] * c + gap[:, 1] * sn
+        return s, t
+
+    @cached_property
+    def _samples(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        stations = np.linspace(0.0, self.length, max(3, int(self.length / SAMPLE_M) + 2))
+        return self.at(stations)[:, :2], stations
+
+    @cached_property
+    def line(self) -> shapely.LineString:
+        """The curve as a polyline of half-metre steps."""
+        steps = max(3, int(self.length / 0.5) + 2)
+        return shapely.LineString(self.at(np.linspace(0.0, self.length, steps))[:, :2])
+
+    def between(self, first: float, last: float) -> Curve:
+        """Return the part from one station to another; only lines and arcs can be cut."""
+        pieces = []
+        for piece, start in zip(self.pieces, self.starts, strict=False):
+            a, b = max(first, start), min(last, start + piece.length)
+            if b - a > 1e-6:
+                x, y, heading = (float(v) for v in self.at(a)[0])
+                pieces.append(Piece(x, y, heading, float(b - a), piece.curvature))
+        return Curve(tuple(pieces))
+
+
+def filleted(points: NDArray[np.float64], *, left: float, right: float) -> Curve:
+    """Return a polyline as lines joined by arcs.
+
+    Each corner is rounded so that the arc stays within ``FILLET_DEVIATION_M`` of it, but never so
+    tightly that lanes on the inside would fold over, and never beyond the middle of a segment.
+
+    Args:
+        points: (N, 2), N >= 2.
+        left: how far lanes reach to the left of the line, metres.
+        right: how far they reach to the right.
+    """
+    step = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    points = points[np.concatenate([[True], step > 1e-3])]
+    leg = np.diff(points, axis=0)
+    length = np.linalg.norm(leg, axis=1)
+    heading = np.unwrap(np.arctan2(leg[:, 1], leg[:, 0]))
+    turn = np.diff(heading)
+    room = 0.5 * np.minimum(length[:-1], length[1:])
+    half = np.abs(turn) / 2
+    inner = np.where(turn > 0, left, right) + INNER_RADIUS_M
+    sag = np.maximum(1 / np.cos(np.minimum(half, 1.5)) - 1, 1e-12)
+    radius = np.maximum(FILLET_DEVIATION_M / sag, inner)
+    tangent = np.minimum(radius * np.tan(half), 0.98 * room)
+    tangent[half < STRAIGHT / 2] = 0.0
+    pieces: list[Piece] = []
+    before = 0.0
+    for k in range(len(leg)):
+        after = float(tangent[k]) if k < len(tangent) else 0.0
+        straight = float(length[k]) - before - after
+        x, y = points[k] + leg[k] / length[k] * before
+        if straight > 1e-9:
+            pieces.append(Piece(float(x), float(y), float(heading[k]), straight))
+        if after > 0:
+            x, y = points[k + 1] - leg[k] / length[k] * after
+            curvature = math.tan(float(turn[k]) / 2) / after
+            arc = abs(float(turn[k]) / curvature)
+            pieces.append(Piece(float(x), float(y), float(heading[k]), arc, curvature))
+        before = after
+    return Curve(tuple(pieces))
+
+
+def splined(points: NDArray[np.float64], start: float, end: float) -> Curve:
+    """Return a smooth curve through points as cubics, continuous in heading and curvature.
+
+    Args:
+        points: (N, 2), N >= 2.
+        start: heading at the first point, radians.
+        end: heading at the last.
+    """
+    chord = np.sqrt(np.linalg.norm(np.diff(points, axis=0), axis=1))
+    # Centripetal spacing keeps the spline from looping where points lie close together.
+    knots = np.concatenate([[0.0], np.cumsum(chord)])
+    first, last = (
+        np.array([math.cos(h), math.sin(h)]) * speed
+        for h, speed in ((start, chord[0]), (end, chord[-1]))
+    )
+    spline = CubicSpline(knots, points, bc_type=((1, first), (1, last)))
+    fine = np.linspace(0.0, knots[-1], 40 * len(points) + 1)
+    xy = spline(fine)
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(xy, axis=0), axis=1))])
+    count = max(1, math.ceil(along[-1] / CUBIC_M))
+    at = np.interp(np.linspace(0.0, along[-1], count + 1), along, fine)
+    tangent = spline(at, 1)
+    tangent[0], tangent[-1] = first, last
+    heading = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
+    return _cubics(spline(at), heading, float(along[-1]) / count)
+
+
+def _cubics(xy: NDArray[np.float64], heading: NDArray[np.float64], reach: float) -> Curve:
+    """Join places and headings by Hermite cubics of about unit speed over ``reach`` metres."""
+    pieces = []
+    for k in range(len(xy) - 1):
+        c, s = math.cos(heading[k]), math.sin(heading[k])
+        gap = xy[k + 1] - xy[k]
+        du, dv = gap[0] * c + gap[1] * s, gap[1] * c - gap[0] * s
+        turn = heading[k + 1] - heading[k]
+        eu, ev = reach * math.cos(turn), reach * math.sin(turn)
+        u = (0.0, reach, 3 * du - 2 * reach - eu, reach + eu - 2 * du)
+        v = (0.0, 0.0, 3 * dv - ev, ev - 2 * dv)
+        length = _length(u, v)
+        pieces.append(
+            Piece(
+                float(xy[k, 0]),
+                float(xy[k, 1]),
+                float(heading[k]),
+                length,
+                u=tuple(map(float, u)),
+                v=tuple(map(float, v)),
+            )
+        )
+    return Curve(tuple(pieces))
+
+
+def _length(u: Sequence[float], v: Sequence[float]) -> float:
+    speed = np.hypot(
+        *(
+            np.polynomial.polynomial.polyval(NODES, np.polynomial.polynomial.polyder(c))
+            for c in (u, v)
+        )
+    )
+    return float((speed * WEIGHTS).sum())

@@ -1,0 +1,327 @@
+"""Manoeuvres: every way through a junction from one lane to another, as a curve of its own."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.roads.network import Lane, Road, RoadNetwork
+from urbantwin.roads.opendrive.curve import Curve, splined
+from urbantwin.roads.opendrive.profile import Profile, fitted
+from urbantwin.roads.opendrive.street import Street, Strip, vehicle_lanes
+
+__all__ = ["Manoeuvre", "Route", "Topology", "build_manoeuvres", "find_topology"]
+
+#: Edges shorter than this between junctions are part of one larger junction, metres.
+WITHIN_JUNCTION_M = 3.0
+#: Room that lanes get to meet each other: roads are cut back where a junction leaves less, metres.
+ROOM_M = 3.0
+#: The same at a signal, whose stop line should keep its place.
+ROOM_AT_SIGNAL_M = 1.0
+#: Largest share of an edge that is cut off at one end.
+TRIM_SHARE = 0.25
+#: Points of a way closer than this are thinned, so that a spline through them is calm, metres.
+SPACING_M = 1.5
+HEIGHT_TOLERANCE_M = 0.004
+
+
+@dataclass(frozen=True)
+class Route:
+    """A way through a junction: lanes of the model from ``start`` over ``via`` to ``end``."""
+
+    start: str
+    via: tuple[str, ...]
+    end: str
+
+
+@dataclass(frozen=True)
+class Topology:
+    """What becomes a road, what a manoeuvre, and which junctions are one.
+
+    Attributes:
+        edges: edges that become roads.
+        routes: ways between their lanes.
+        junction: id of a junction of the lane model -> id of the one that stands for its group.
+        trims: (edge id, ``start`` or ``end``) -> metres of the edge left to the junction.
+        merges: routes that the lane model lacks: a lane that ends and joins its neighbour's way.
+    """
+
+    edges: tuple[Road, ...]
+    routes: tuple[Route, ...]
+    junction: Mapping[str, str]
+    trims: Mapping[tuple[str, str], float]
+    merges: int
+
+
+@dataclass(frozen=True)
+class Manoeuvre:
+    """A connecting road: one lane, one way, its reference line in the lane's middle.
+
+    Attributes:
+        number: id in OpenDRIVE.
+        side: number of its lane: -1 where lanes lie to the right of their reference line, else 1.
+        route: the lanes that it stands for.
+        junction: id of its junction.
+        entry, exit: the roads that it joins, and
+        start, end: the lanes there.
+        kind: ``driving``, ``bus`` or ``bicycle``.
+        speed_limit: m/s.
+        curve: the middle of its lane.
+        elevation: height of that line.
+        bank: superelevation, radians.
+    """
+
+    number: int
+    side: int
+    route: Route
+    junction: str
+    entry: Street
+    exit: Street
+    start: Strip
+    end: Strip
+    kind: str
+    speed_limit: float
+    curve: Curve
+    elevation: Profile
+    bank: Profile
+
+
+def find_topology(network: RoadNetwork) -> Topology:
+    """Return which lanes of the lane model become roads and which become manoeuvres."""
+    kind_of = {junction.id: junction.kind for junction in network.junctions}
+    border = {name for name, kind in kind_of.items() if kind == "dead_end"}
+    within = {
+        edge.id
+        for edge in network.roads
+        if min(lane.length for lane in vehicle_lanes(network, edge)) < WITHIN_JUNCTION_M
+        and not {edge.from_junction, edge.to_junction} & border
+    }
+    group = _groups(network, within)
+    # What runs from such a junction back into it lies within it too.
+    within |= {
+        edge.id
+        for edge in network.roads
+        if edge.from_junction != edge.to_junction
+        and group[edge.from_junction] == group[edge.to_junction]
+    }
+    edges = tuple(edge for edge in network.roads if edge.id not in within)
+    edge_of = {name: edge for edge in network.roads for name in edge.lanes}
+    routes: dict[tuple[str, str], Route] = {}
+    for edge in edges:
+        for lane in vehicle_lanes(network, edge):
+            for route in _routes(network, lane, within, edge_of):
+                routes.setdefault((route.start, route.end), route)
+    merges = _merges(network, edges, routes, border, group)
+    every = tuple(routes.values()) + merges
+    return Topology(edges, every, group, _trims(network, every, edge_of), len(merges))
+
+
+def _groups(network: RoadNetwork, within: set[str]) -> dict[str, str]:
+    parent: dict[str, str] = {}
+
+    def top(name: str) -> str:
+        while parent.setdefault(name, name) != name:
+            name = parent[name]
+        return name
+
+    for edge in network.roads:
+        a, b = top(edge.from_junction), top(edge.to_junction)
+        if edge.id in within:
+            parent[max(a, b)] = min(a, b)
+    return {name: top(name) for name in sorted(parent)}
+
+
+def _routes(
+    network: RoadNetwork, lane: Lane, within: set[str], edge_of: Mapping[str, Road]
+) -> Iterable[Route]:
+    """Return the ways from a lane's end to the next lanes that are roads', shortest first."""
+    waiting: list[tuple[str, tuple[str, ...]]] = [(name, ()) for name in lane.successors]
+    while waiting:
+        name, via = waiting.pop(0)
+        following = network.lane_by_id.get(name)
+        if following is None or name in via:
+            continue
+        if following.kind in ("crossing", "walkingarea", "sidewalk"):
+            continue
+        if following.road and edge_of[name].id not in within:
+            yield Route(lane.id, via, name)
+            continue
+        waiting += [(after, (*via, name)) for after in following.successors]
+
+
+def _merges(
+    network: RoadNetwork,
+    edges: tuple[Road, ...],
+    routes: Mapping[tuple[str, str], Route],
+    border: set[str],
+    group: Mapping[str, str],
+) -> tuple[Route, ...]:
+    """Return ways for lanes of motor traffic that end at a junction without one.
+
+    They join the way of the nearest lane beside them that goes on, else the edge that leaves the
+    junction most nearly straight on.
+    """
+    onward: dict[str, list[Route]] = defaultdict(list)
+    for route in routes.values():
+        onward[route.start].append(route)
+    found = []
+    for edge in edges:
+        lanes = [lane for lane in vehicle_lanes(network, edge) if lane.kind != "bicycle"]
+        if edge.to_junction in border:
+            continue
+        for k, lane in enumerate(lanes):
+            if onward[lane.id]:
+                continue
+            beside = sorted((abs(k - j), j) for j, other in enumerate(lanes) if onward[other.id])
+            ends = [r.end for r in onward[lanes[beside[0][1]].id]] if beside else []
+            ends = ends or _straight_on(network, edges, edge, lane, group)
+            found += [Route(lane.id, (), end) for end in ends[:1]]
+    return tuple(found)
+
+
+def _straight_on(
+    network: RoadNetwork,
+    edges: tuple[Road, ...],
+    edge: Road,
+    lane: Lane,
+    group: Mapping[str, str],
+) -> list[str]:
+    ahead = lane.centre[-1, :2] - lane.centre[-2, :2]
+    best: list[tuple[float, str]] = []
+    for other in edges:
+        if group[other.from_junction] != group[edge.to_junction]:
+            continue
+        for start in vehicle_lanes(network, other):
+            leg = start.centre[1, :2] - start.centre[0, :2]
+            cosine = ahead @ leg / np.linalg.norm(ahead) / np.linalg.norm(leg)
+            if start.kind == "driving" and cosine > -0.5:
+                best.append((-round(float(cosine), 6), start.id))
+    return [name for _, name in sorted(best)]
+
+
+def _trims(
+    network: RoadNetwork, routes: Iterable[Route], edge_of: Mapping[str, Road]
+) -> dict[tuple[str, str], float]:
+    signalled = {edge_of[head.lane].id for head in network.signals if head.lane in edge_of}
+    trims: dict[tuple[str, str], float] = defaultdict(float)
+    for route in routes:
+        chain = [network.lane_by_id[name] for name in route.via]
+        first, last = network.lane_by_id[route.start], network.lane_by_id[route.end]
+        way = sum(lane.length for lane in chain)
+        way = way or float(np.linalg.norm(last.centre[0, :2] - first.centre[-1, :2]))
+        before, after = edge_of[route.start], edge_of[route.end]
+        # The stop line keeps its place; what it cannot give, the other side gives.
+        give = ROOM_AT_SIGNAL_M if before.id in signalled else ROOM_M
+        keys = (((before.id, "end"), give, first), ((after.id, "start"), ROOM_M, last))
+        for key, room, lane in keys:
+            want = min(max(0.0, room - way) / 2, TRIM_SHARE * lane.length)
+            trims[key] = max(trims[key], want)
+    return dict(trims)
+
+
+def build_manoeuvres(
+    network: RoadNetwork, streets: tuple[Street, ...], topology: Topology, *, side: int
+) -> tuple[Manoeuvre, ...]:
+    """Return a connecting road for every route; ``side`` as in ``build_streets``."""
+    street_of = {name: street for street in streets for name in street.strip_of}
+    number = len(streets)
+    result = []
+    for route in topology.routes:
+        entry, leave = street_of[route.start], street_of[route.end]
+        start, end = entry.strip_of[route.start], leave.strip_of[route.end]
+        chain = [network.lane_by_id[name] for name in route.via]
+        edge_junction = entry.edge.to_junction if start.forward else entry.edge.from_junction
+        number += 1
+        curve, elevation, bank = _shape(entry, start, leave, end, chain)
+        result.append(
+            Manoeuvre(
+                number,
+                side,
+                route,
+                topology.junction[edge_junction],
+                entry,
+                leave,
+                start,
+                end,
+                _kind(start.lane, end.lane, chain),
+                min([lane.speed_limit for lane in chain] or [start.lane.speed_limit]),
+                curve,
+                elevation,
+                bank,
+            )
+        )
+    return tuple(result)
+
+
+def _kind(start: Lane, end: Lane, chain: list[Lane]) -> str:
+    kinds = {start.kind, end.kind}
+    if "bicycle" in kinds or (chain and not {"car", "bus"} & set(chain[0].allowed)):
+        return "bicycle"
+    if "bus" in kinds or (chain and "car" not in chain[0].allowed):
+        return "bus"
+    return "driving"
+
+
+def _shape(
+    entry: Street, start: Strip, leave: Street, end: Strip, chain: list[Lane]
+) -> tuple[Curve, Profile, Profile]:
+    s0, s1 = entry.end_of(start, leaving=True), leave.end_of(end, leaving=False)
+    first, last = entry.place(s0, start.t)[0], leave.place(s1, end.t)[0]
+    headings = [
+        float(street.curve.at(s)[0, 2]) + (0.0 if strip.forward else np.pi)
+        for street, s, strip in ((entry, s0, start), (leave, s1, end))
+    ]
+    way = np.vstack(
+        [
+            first[None],
+            _after(start.lane.centre, first),
+            *(lane.centre for lane in chain),
+            _after(end.lane.centre[::-1], last)[::-1],
+            last[None],
+        ]
+    )
+    curve = splined(_calm(way[:, :2]), *headings)
+    station = np.maximum.accumulate(np.clip(curve.locate(way[:, :2])[0], 0.0, curve.length))
+    station[[0, -1]] = 0.0, curve.length
+    s = np.linspace(0.0, curve.length, max(2, int(np.ceil(curve.length)) + 1))
+    sign = [1.0 if strip.forward else -1.0 for strip in (start, end)]
+    slopes = (
+        sign[0] * entry.slope(s0, start.t),
+        sign[1] * leave.slope(s1, end.t),
+    )
+    keep = np.concatenate([[True], np.diff(station) > 1e-3])
+    keep[-1] = True
+    z = np.interp(s, station[keep], way[keep, 2])
+    z[[0, -1]] = first[2], last[2]
+    elevation = fitted(s, z, tolerance=HEIGHT_TOLERANCE_M, slopes=slopes)
+    banks = [
+        sign[0] * float(entry.bank.at(s0)[0]),
+        sign[1] * float(leave.bank.at(s1)[0]),
+    ]
+    ends = np.array([0.0, curve.length])
+    bank = fitted(ends, np.array(banks), tolerance=1.0, slopes=(0.0, 0.0))
+    return curve, elevation, bank
+
+
+def _after(points: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the points of a polyline that come after a place beside it."""
+    line = shapely.LineString(points[:, :2])
+    at = line.project(shapely.Point(place[:2]))
+    along = np.concatenate(
+        [[0.0], np.cumsum(np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1))]
+    )
+    return np.asarray(points[along > at + 0.05])
+
+
+def _calm(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Thin points that lie closer together than ``SPACING_M``; the ends stay."""
+    kept = [points[0]]
+    for point in points[1:-1]:
+        if min(np.linalg.norm(point - kept[-1]), np.linalg.norm(point - points[-1])) > SPACING_M:
+            kept.append(point)
+    return np.array([*kept, points[-1]])

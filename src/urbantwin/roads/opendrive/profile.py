@@ -1,0 +1,72 @@
+"""Profiles along a road: elevation and superelevation as cubics without a step or a kink."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicHermiteSpline
+
+__all__ = ["Profile", "fitted"]
+
+#: Lengths of cubics that are tried, from coarse to fine, metres.
+STEPS_M = (1e9, 32.0, 16.0, 8.0, 4.0, 2.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Cubics a + b ds + c ds^2 + d ds^3; ``start`` (K,) ascending, ``abcd`` (K, 4)."""
+
+    start: NDArray[np.float64]
+    abcd: NDArray[np.float64]
+
+    def at(self, s: ArrayLike) -> NDArray[np.float64]:
+        """Return values (N,) at stations."""
+        ds, abcd = self._piece(s)
+        return np.asarray((abcd * ds[:, None] ** np.arange(4)).sum(axis=1))
+
+    def slope(self, s: ArrayLike) -> NDArray[np.float64]:
+        """Return derivatives (N,) at stations."""
+        ds, abcd = self._piece(s)
+        return np.asarray((abcd[:, 1:] * [1, 2, 3] * ds[:, None] ** np.arange(3)).sum(axis=1))
+
+    def _piece(self, s: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        stations = np.atleast_1d(np.asarray(s, np.float64))
+        k = np.clip(np.searchsorted(self.start, stations, side="right") - 1, 0, None)
+        return stations - self.start[k], self.abcd[k]
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether it is nowhere different from zero by more than rounding."""
+        return bool(np.abs(self.abcd).max(initial=0.0) < 1e-6)
+
+
+def fitted(
+    s: NDArray[np.float64],
+    value: NDArray[np.float64],
+    *,
+    tolerance: float,
+    slopes: tuple[float, float] | None = None,
+) -> Profile:
+    """Return the coarsest profile that stays within a tolerance of samples.
+
+    Args:
+        s: (N,) ascending stations, the first 0.
+        value: (N,) values there; the profile meets the first and the last exactly.
+        tolerance: largest difference at a sample.
+        slopes: the derivative at both ends; else the samples' own.
+    """
+    length = float(s[-1])
+    for step in STEPS_M:
+        count = max(1, int(np.ceil(length / step)))
+        knots = np.linspace(0.0, length, count + 1)
+        reach = min(length / count / 2, 2.0)
+        ahead, back = np.minimum(knots + reach, length), np.maximum(knots - reach, 0.0)
+        slope = (np.interp(ahead, s, value) - np.interp(back, s, value)) / (ahead - back)
+        if slopes is not None:
+            slope[0], slope[-1] = slopes
+        spline = CubicHermiteSpline(knots, np.interp(knots, s, value), slope)
+        if np.abs(spline(s) - value).max() <= tolerance:
+            break
+    return Profile(knots[:-1], spline.c[::-1].T.copy())

@@ -1,0 +1,245 @@
+"""Streets: which edges of the lane model share a road, its reference line and its profiles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
+
+from urbantwin.roads.network import Lane, Road, RoadNetwork
+from urbantwin.roads.opendrive.curve import Curve, filleted
+from urbantwin.roads.opendrive.profile import Profile, fitted
+
+__all__ = ["Street", "Strip", "build_streets", "vehicle_lanes"]
+
+#: Two directions share a road where their inner borders lie closer than this, metres.
+PAIRED_M = 0.3
+#: Largest difference between the profiles and the lanes' heights, metres.
+HEIGHT_TOLERANCE_M = 0.004
+#: The shortest road that is left where its ends are cut back for the junctions, metres.
+SHORTEST_M = 0.5
+
+
+@dataclass(frozen=True)
+class Strip:
+    """A lane as part of an OpenDRIVE road.
+
+    Attributes:
+        lane: the lane of the lane model.
+        id: number in OpenDRIVE: negative to the right of the reference line, positive to the left.
+        t: offset of its middle from the reference line, metres to the left.
+        forward: whether traffic runs along the reference line.
+    """
+
+    lane: Lane
+    id: int
+    t: float
+    forward: bool
+
+
+@dataclass(frozen=True)
+class Street:
+    """A road outside junctions.
+
+    Attributes:
+        number: id in OpenDRIVE.
+        edge: the edge of the lane model that runs along the reference line.
+        strips: its lanes, from left to right.
+        curve: the reference line.
+        elevation: height of the reference line, metres.
+        bank: superelevation, radians: positive where the left side is higher.
+    """
+
+    number: int
+    edge: Road
+    strips: tuple[Strip, ...]
+    curve: Curve
+    elevation: Profile
+    bank: Profile
+
+    @cached_property
+    def strip_of(self) -> Mapping[str, Strip]:
+        """Lane id -> strip."""
+        return {strip.lane.id: strip for strip in self.strips}
+
+    @property
+    def is_two_way(self) -> bool:
+        """Whether lanes run both ways."""
+        return len({strip.forward for strip in self.strips}) == 2
+
+    def place(self, s: ArrayLike, t: ArrayLike) -> NDArray[np.float64]:
+        """Return points (N, 3) of the road's surface at stations and offsets."""
+        s = np.atleast_1d(np.asarray(s, np.float64))
+        t = np.broadcast_to(np.asarray(t, np.float64), s.shape)
+        angle = self.bank.at(s)
+        xy = self.curve.beside(s, t * np.cos(angle))
+        return np.column_stack([xy, self.elevation.at(s) + t * np.sin(angle)])
+
+    def end_of(self, strip: Strip, *, leaving: bool) -> float:
+        """Return the station where a lane ends (``leaving``) or begins."""
+        return self.curve.length if strip.forward == leaving else 0.0
+
+    def slope(self, s: float, t: float) -> float:
+        """Return dz/ds of the surface at a place, along the reference line."""
+        angle = float(self.bank.at(s)[0])
+        return float(self.elevation.slope(s)[0] + t * np.cos(angle) * self.bank.slope(s)[0])
+
+
+def vehicle_lanes(network: RoadNetwork, edge: Road) -> list[Lane]:
+    """Return the lanes of an edge that are not for people on foot, from the kerb inwards."""
+    lanes = [network.lane_by_id[name] for name in edge.lanes]
+    return [lane for lane in lanes if lane.kind != "sidewalk"] or lanes
+
+
+def build_streets(
+    network: RoadNetwork,
+    edges: list[Road],
+    trims: Mapping[tuple[str, str], float],
+    *,
+    pair: bool,
+    side: int,
+) -> tuple[Street, ...]:
+    """Make roads of edges.
+
+    Args:
+        network: the lane model.
+        edges: what becomes roads.
+        trims: (edge id, ``start`` or ``end``) -> metres left to the junction there.
+        pair: whether two directions of an undivided street share one road.
+        side: -1: lanes along the reference line lie to its right; 1: to its left.
+    """
+    streets: list[Street] = []
+    done: set[str] = set()
+    partner = _partners(network, edges, side) if pair else {}
+    for edge in sorted(edges, key=lambda e: (e.id.startswith("-"), e.id)):
+        if edge.id in done:
+            continue
+        other = partner.get(edge.id)
+        done |= {edge.id} | ({other.id} if other else set())
+        streets.append(_street(network, len(streets) + 1, edge, other, trims, (pair, side)))
+    return tuple(streets)
+
+
+def _partners(network: RoadNetwork, edges: list[Road], side: int) -> dict[str, Road]:
+    found: dict[str, Road] = {}
+    by_ends: dict[tuple[str, str], list[Road]] = {}
+    for edge in edges:
+        by_ends.setdefault((edge.from_junction, edge.to_junction), []).append(edge)
+    for edge in edges:
+        for other in by_ends.get((edge.to_junction, edge.from_junction), []):
+            if {edge.id, other.id} & found.keys() or other.id == edge.id:
+                continue
+            borders = [_inner_border(network, e, side) for e in (edge, other)]
+            shorter, longer = sorted(borders, key=lambda line: float(line.length))
+            if _furthest(shorter, longer) < PAIRED_M:
+                found[edge.id], found[other.id] = other, edge
+    return found
+
+
+def _inner_border(network: RoadNetwork, edge: Road, side: int) -> shapely.LineString:
+    lane = network.lane_by_id[edge.lanes[-1]]
+    return shapely.LineString(_beside(lane.centre[:, :2], -side * lane.width / 2))
+
+
+def _furthest(line: shapely.LineString, other: shapely.LineString) -> float:
+    inner = line.segmentize(2.0)
+    return float(shapely.distance(shapely.points(shapely.get_coordinates(inner)), other).max())
+
+
+def _beside(points: NDArray[np.float64], offset: float) -> NDArray[np.float64]:
+    """Return a polyline moved to the left, its corners mitred."""
+    leg = np.diff(points, axis=0)
+    normal = np.column_stack([-leg[:, 1], leg[:, 0]])
+    normal /= np.maximum(np.linalg.norm(leg, axis=1, keepdims=True), 1e-9)
+    corner = np.vstack([normal[:1], normal[:-1] + normal[1:], normal[-1:]])
+    scale = 2.0 / np.maximum((corner * corner).sum(axis=1, keepdims=True), 0.5)
+    scale[[0, -1]] = 1.0
+    return np.asarray(points + offset * corner * scale)
+
+
+def _street(
+    network: RoadNetwork,
+    number: int,
+    edge: Road,
+    other: Road | None,
+    trims: Mapping[tuple[str, str], float],
+    layout: tuple[bool, int],
+) -> Street:
+    pair, side = layout
+    own = [network.lane_by_id[name] for name in edge.lanes]
+    # From the reference line outwards; left-hand traffic that is written as right-hand traffic has
+    # its kerb, not its middle, on the left.
+    outwards = own[::-1] if pair or network.driving_side == "right" else own
+    strips = _strips(outwards, side, forward=True)
+    if other is not None:
+        against = [network.lane_by_id[name] for name in other.lanes[::-1]]
+        strips += _strips(against, -side, forward=False)
+    base = next((s for s in strips if s.forward and s.lane.kind != "sidewalk"), strips[0])
+    line = _beside(_thinned(base.lane.centre[:, :2]), -base.t)
+    reach = [strip.t + strip.lane.width / 2 for strip in strips]
+    reach += [strip.t - strip.lane.width / 2 for strip in strips]
+    whole = filleted(line, left=max(reach), right=-min(reach))
+    first, last = _extent(whole, strips)
+    first += max(trims.get((edge.id, "start"), 0.0), _trim(trims, other, "end"))
+    last -= max(trims.get((edge.id, "end"), 0.0), _trim(trims, other, "start"))
+    if last - first < SHORTEST_M:
+        middle = float(np.clip((first + last) / 2, SHORTEST_M, whole.length - SHORTEST_M))
+        first, last = middle - SHORTEST_M / 2, middle + SHORTEST_M / 2
+    curve = whole.between(first, last)
+    strips = sorted(strips, key=lambda strip: -strip.t)
+    elevation, bank = _profiles(curve, strips)
+    return Street(number, edge, tuple(strips), curve, elevation, bank)
+
+
+def _trim(trims: Mapping[tuple[str, str], float], edge: Road | None, end: str) -> float:
+    return trims.get((edge.id, end), 0.0) if edge is not None else 0.0
+
+
+def _strips(lanes: list[Lane], side: int, *, forward: bool) -> list[Strip]:
+    result = []
+    inner = 0.0
+    for number, lane in enumerate(lanes, start=1):
+        result.append(Strip(lane, side * number, side * (inner + lane.width / 2), forward))
+        inner += lane.width
+    return result
+
+
+def _thinned(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Drop points that lie on the line between others, to 2 mm."""
+    return np.asarray(shapely.get_coordinates(shapely.LineString(points).simplify(0.002)))
+
+
+def _extent(curve: Curve, strips: list[Strip]) -> tuple[float, float]:
+    """Return between which stations every lane for vehicles exists."""
+    vehicles = [strip for strip in strips if strip.lane.kind != "sidewalk"] or strips
+    first, last = 0.0, curve.length
+    for strip in vehicles:
+        ends = curve.locate(strip.lane.centre[[0, -1], :2])[0]
+        first, last = max(first, float(ends.min())), min(last, float(ends.max()))
+    return first, last
+
+
+def _profiles(curve: Curve, strips: list[Strip]) -> tuple[Profile, Profile]:
+    """Fit height and superelevation to the heights of all lanes."""
+    s = np.linspace(0.0, curve.length, max(2, int(np.ceil(curve.length)) + 1))
+    heights = np.full((len(strips), len(s)), np.nan)
+    for row, strip in zip(heights, strips, strict=True):
+        station = curve.locate(strip.lane.centre[:, :2])[0]
+        order = np.argsort(station, kind="stable")
+        row[:] = np.interp(s, station[order], strip.lane.centre[order, 2])
+        row[(s < station.min() - 0.5) | (s > station.max() + 0.5)] = np.nan
+    t = np.array([strip.t for strip in strips])
+    known = np.isfinite(heights)
+    count = known.sum(axis=0)
+    mean_t = (known * t[:, None]).sum(axis=0) / count
+    mean_z = np.nansum(heights, axis=0) / count
+    spread = known * (t[:, None] - mean_t)
+    slope = (spread * np.where(known, heights - mean_z, 0.0)).sum(axis=0)
+    slope = slope / np.maximum((spread**2).sum(axis=0), 1e-9)
+    bank = fitted(s, np.arctan(slope), tolerance=HEIGHT_TOLERANCE_M / max(1.0, np.abs(t).max()))
+    level = mean_z - mean_t * np.sin(bank.at(s))
+    return fitted(s, level, tolerance=HEIGHT_TOLERANCE_M), bank
