@@ -139,15 +139,18 @@ def test_the_streets_are_populated_from_the_first_step(actors: np.recarray) -> N
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_seed_another_motion(
-    crossing_twin: Twin, folder: Path, motion: Motion, tmp_path: Path
+    crossing_twin: Twin, tmp_path: Path
 ) -> None:
-    again = run_traffic(crossing_twin, tmp_path / "again")
-    for name in ("actors.parquet", "signals.parquet", "motion.json"):
-        assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes()
-    assert again.sha256() == motion.sha256()
-    other = run_traffic(crossing_twin, tmp_path / "other", seed=2)
-    assert other.sha256() != motion.sha256()
-    assert not other.actors.equals(motion.actors)
+    seeds = {"one": 1, "again": 1, "other": 2}
+    made = {
+        name: run_traffic(crossing_twin, tmp_path / name, seconds=5, seed=seed)
+        for name, seed in seeds.items()
+    }
+    for file in ("actors.parquet", "signals.parquet", "motion.json"):
+        assert (tmp_path / "again" / file).read_bytes() == (tmp_path / "one" / file).read_bytes()
+    assert made["again"].sha256() == made["one"].sha256()
+    assert made["other"].sha256() != made["one"].sha256()
+    assert not made["other"].actors.equals(made["one"].actors)
 
 
 def test_wheels_touch_the_slope(actors: np.recarray, slope: np.ndarray) -> None:
@@ -233,18 +236,14 @@ def test_tracks_and_times_are_in_order(motion: Motion, actors: np.recarray) -> N
     assert len({(row.time_s, row.track) for row in actors}) == len(actors)
 
 
-def test_progress_is_told(crossing_twin: Twin, tmp_path: Path) -> None:
+def test_progress_is_told_and_sumo_says_nothing_on_our_streams(
+    crossing_twin: Twin, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     told: list[float] = []
     run_traffic(crossing_twin, tmp_path / "m", seconds=1, progress=lambda f, _: told.append(f))
     assert (told[0], told[-1]) == (0.0, 1.0)
     assert told == sorted(told)
     assert len(told) > 20
-
-
-def test_sumo_says_nothing_on_our_streams(
-    crossing_twin: Twin, tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
-    run_traffic(crossing_twin, tmp_path / "m", seconds=1)
     assert capfd.readouterr() == ("", "")
 
 

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+import scipy.signal
 
-from urbantwin.traffic.trajectory import smoothed
+from urbantwin.traffic.trajectory import _fitted, _hat, smoothed
 
 STEP_S = 0.1
 
@@ -79,3 +80,10 @@ def test_a_short_life_is_no_problem(count: int) -> None:
     out, _, _, _ = driven(*circle(20.0), np.full(count, 9.0))
     assert out.xy.shape == (count, 2)
     assert np.isfinite(out.xy).all()
+
+
+@pytest.mark.parametrize(("window", "degree"), [(5, 1), (27, 1), (61, 2), (200 - 1, 2)])
+def test_local_fits_are_those_of_scipy(window: int, degree: int) -> None:
+    values = np.random.default_rng(5).normal(size=200)
+    expected = scipy.signal.savgol_filter(values, window, degree, mode="interp")
+    np.testing.assert_allclose(_fitted(values, _hat(window, degree)), expected, atol=1e-12)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -64,12 +64,12 @@ def actor_table(
     trip = trip[order]
     driven, track = np.unique(trip, return_inverse=True)
     size = np.array([_size(asset(names[number])) for number in driven]).reshape(-1, 3)[track]
-    classes = np.array([trip.actor_class for trip in demand.trips], object)
+    classes = [trip.actor_class for trip in demand.trips]
     values = {
         "time_s": step_times(steps, step_s)[columns["step"][order]],
         "track": track + 1,
-        "class": classes[trip],
-        "asset": names[trip],
+        "class": _texts(classes, trip),
+        "asset": _texts(names.tolist(), trip),
         "phase": phase[order],
         "x": columns["xy"][order, 0],
         "y": columns["xy"][order, 1],
@@ -81,7 +81,7 @@ def actor_table(
         "width": size[:, 1],
         "height": size[:, 2],
         "speed": columns["speed"][order],
-        "lane": np.array(simulated.lanes, object)[columns["lane"][order]],
+        "lane": _texts(simulated.lanes, columns["lane"][order]),
     }
     arrays = [pa.array(values[field.name], field.type) for field in ACTOR_SCHEMA]
     return pa.table(arrays, schema=ACTOR_SCHEMA), int(np.isnan(z).sum())
@@ -122,6 +122,12 @@ def _poses(
         "speed": simulated.speed[order][kept],
         "lane": simulated.lane[order][kept],
     }
+
+
+def _texts(names: Sequence[str], index: NDArray[Any]) -> pa.Array:
+    """Return ``names[index]`` as a column, without a Python object per row."""
+    indices = pa.array(index.astype(np.int32))
+    return pa.DictionaryArray.from_arrays(indices, pa.array(names, pa.string())).cast(pa.string())
 
 
 def _size(asset: Asset) -> tuple[float, float, float]:

@@ -93,8 +93,10 @@ class Motion:
         first, last = np.searchsorted(column, times[nearest] + np.array([-1e-6, 1e-6]))
         part = self.actors.slice(int(first), int(last - first))
         rows = np.empty(part.num_rows, _ROW)
-        for name in part.column_names:
-            rows[name] = part[name].to_numpy()
+        for field in ACTOR_SCHEMA:
+            column = part[field.name]
+            text = pa.types.is_string(field.type)
+            rows[field.name] = column.to_pylist() if text else column.to_numpy()
         return rows
 
     @property

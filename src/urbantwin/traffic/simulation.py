@@ -28,7 +28,9 @@ __all__ = ["Simulated", "simulate"]
 _WORKER = Path(__file__).with_name("sumo_worker.py")
 _LARGEST_STEP_MS = 100  # SUMO's car following and sublane movement are smooth at this step
 MARGIN_S = 3.0  # seen before the first and after the last step, to know where everybody is heading
-_STUCK_S = 300  # how long a vehicle may wait for a gap before SUMO takes it out
+_STUCK_S = (
+    180  # longer than any red; a vehicle that waits so long is in a deadlock and is taken out
+)
 _SUBLANE_M = 0.8  # two-wheelers pass each other and cars within a lane
 
 
@@ -131,7 +133,6 @@ def _options(net_path: Path, routes: Path, sumo_step_ms: int, seed: int) -> list
         "seed": seed % 2**31,
         "lateral-resolution": _SUBLANE_M,
         "time-to-teleport": _STUCK_S,
-        "time-to-teleport.remove": "true",
         # Told, not acted upon: SUMO's own way out is to lift the vehicle off the road.
         "collision.action": "warn",
         "collision.check-junctions": "true",

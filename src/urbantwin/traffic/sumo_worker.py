@@ -35,8 +35,11 @@ class Recorder:
         self.departed: set[int] = set()
 
     def count_incidents(self) -> None:
-        """Count what went wrong in the step just made."""
-        self.teleports += libsumo.simulation.getStartingTeleportNumber()
+        """Count what went wrong in the step just made, and take out who was stuck."""
+        for name in libsumo.simulation.getStartingTeleportIDList():
+            # SUMO would set it down elsewhere; for the onlooker it is gone.
+            libsumo.vehicle.remove(name)
+            self.teleports += 1
         for collision in libsumo.simulation.getCollisions():
             self.collisions.add((collision.collider, collision.victim))
         self.departed |= {int(name) for name in libsumo.simulation.getDepartedIDList()}
@@ -89,7 +92,8 @@ def simulate(job: dict[str, Any]) -> None:
         if step >= first and rest == 0:
             recorder.record(step)
         if made % max(total // 100, 1) == 0:
-            print(f"progress {made / total:.3f}", flush=True)
+            sys.stdout.write(f"progress {made / total:.3f}\n")
+            sys.stdout.flush()
     recorder.write(Path(job["arrays"]), Path(job["texts"]))
     libsumo.close()
 

@@ -10,6 +10,7 @@ moves backwards.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +18,10 @@ from numpy.typing import NDArray
 __all__ = ["Trajectory", "smoothed"]
 
 _GRID_M = 0.1
-_WINDOW_M = {"vehicle": 6.0, "person": 3.0}
+#: Vehicles follow their curves (local parabolas); people cut the corners of walking areas, where
+#: SUMO sends them to and fro by a metre (local lines).
+_WINDOW_M = {"vehicle": 6.0, "person": 2.6}
+_DEGREE = {"vehicle": 2, "person": 1}
 _SHORT_M = 0.5  # who moved less than this has no direction of travel
 
 
@@ -47,7 +51,7 @@ def smoothed(
 ) -> Trajectory:
     """Return the trajectory of one actor whose samples follow each other without a gap.
 
-    Position and heading are fitted by local parabolas over the distance travelled (Savitzky and
+    Position and heading are fitted by local polynomials over the distance travelled (Savitzky and
     Golay, Analytical Chemistry 36, 1964), which keep curves and level leaps. Vehicles keep SUMO's
     heading, from the rear to the front along the lane; people face where they walk.
 
@@ -68,14 +72,14 @@ def smoothed(
         ahead = np.column_stack([np.cos(heading), np.sin(heading)])
         return Trajectory(point + ahead * (start - length_m / 2)[:, None], heading, distance)
     grid = np.linspace(0.0, total, max(int(np.ceil(total / _GRID_M)), 3) + 1)
-    spacing = grid[1]
+    kind, spacing = "person" if walks else "vehicle", float(grid[1])
     x, y, heading = (
-        _level(np.interp(grid, *_by_distance(distance, values)), spacing, walks=walks)
+        _level(np.interp(grid, *_by_distance(distance, values)), spacing, kind)
         for values in (front[:, 0], front[:, 1], yaw)
     )
     if walks:
-        heading = np.unwrap(np.arctan2(np.gradient(y), np.gradient(x)))
-        heading += 2 * np.pi * np.round((yaw[0] - heading[0]) / (2 * np.pi))
+        course = (_level(np.gradient(values), spacing, kind) for values in (y, x))
+        heading = np.unwrap(np.arctan2(*course))
     at_x, at_y, at_yaw = (np.interp(distance, grid, values) for values in (x, y, heading))
     back = length_m / 2
     return Trajectory(
@@ -93,12 +97,24 @@ def _by_distance(
     return distinct, np.bincount(group, values) / np.bincount(group)
 
 
-def _level(values: NDArray[np.float64], spacing: float, *, walks: bool) -> NDArray[np.float64]:
-    """Fit local parabolas twice, so that the result bends without corners."""
-    import scipy.signal  # half a second, which only the simulation should pay
-
-    wanted = round(_WINDOW_M["person" if walks else "vehicle"] / spacing / 2) * 2 + 1
-    window = min(wanted, len(values) - 1 + len(values) % 2)
+def _level(values: NDArray[np.float64], spacing: float, kind: str) -> NDArray[np.float64]:
+    """Fit local polynomials twice, so that the result bends without corners."""
+    wanted = round(_WINDOW_M[kind] / spacing / 2) * 2 + 1
+    hat = _hat(min(wanted, len(values) - 1 + len(values) % 2), _DEGREE[kind])
     for _ in range(2):
-        values = scipy.signal.savgol_filter(values, window, 2)
+        values = _fitted(values, hat)
     return values
+
+
+@cache
+def _hat(window: int, degree: int) -> NDArray[np.float64]:
+    """Return the matrix (window, window) from values to those of the polynomial fitted to them."""
+    powers = np.vander(np.linspace(-1, 1, window), degree + 1)
+    return np.asarray(powers @ np.linalg.pinv(powers))
+
+
+def _fitted(values: NDArray[np.float64], hat: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return each value by the fit to the window around it; near the ends, to the last window."""
+    window, half = len(hat), len(hat) // 2
+    inner = np.convolve(values, hat[half][::-1], "valid")
+    return np.concatenate([hat[:half] @ values[:window], inner, hat[half + 1 :] @ values[-window:]])
