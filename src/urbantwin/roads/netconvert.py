@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import re
 import subprocess
 import tempfile
 from collections.abc import Iterable
@@ -29,6 +30,7 @@ OPTIONS = {
     "tls.discard-simple": "true",
     "tls.join": "true",
     "tls.default-type": "static",
+    "tls.left-green.time": "12",
     "osm.sidewalks": "true",
     "osm.turn-lanes": "true",
     "osm.lane-access": "true",
@@ -41,6 +43,8 @@ OPTIONS = {
     "output.street-names": "true",
     "keep-edges.by-vclass": "passenger,bus,bicycle,pedestrian",
 }
+#: What netconvert says of a cluster that it does not join because too many roads meet there.
+TOO_MANY = re.compile(r"Not joining junctions ([\w:,#-]+) \(\d+ incoming edges\)")
 TYPE_FILES = ("osmNetconvert.typ.xml", "osmNetconvertBicycle.typ.xml")
 
 
@@ -109,14 +113,28 @@ def sumo_network(
             command += ["--geometry.remove.keep-edges.explicit", ",".join(apart)]
         for key, value in OPTIONS.items():
             command += [f"--{key}", value]
-        done = subprocess.run(
-            command, capture_output=True, text=True, check=False, env=sumo_environment()
-        )
-        lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
-        if done.returncode or not raw.exists():
-            errors = [line for line in lines if line.startswith("Error")] or lines[-1:]
-            raise StageError(f"netconvert failed: {' '.join(errors[:2]) or 'no message'}")
+        warnings = _run(command, raw)
+        clusters = [found[1] for line in warnings if (found := TOO_MANY.search(line))]
+        if clusters:
+            # One junction of many nodes, which netconvert by itself leaves in pieces: each with
+            # signals of its own, so that traffic locks up between them.
+            joins = Path(scratch) / "joins.nod.xml"
+            rows = "".join(f'<join nodes="{ids.replace(",", " ")}"/>' for ids in clusters)
+            joins.write_text(f"<nodes>{rows}</nodes>")
+            warnings = _run([*command, "--node-files", str(joins)], raw)
         root = etree.parse(raw, etree.XMLParser(remove_comments=True)).getroot()
     etree.indent(root, space=" ")
     out.write_bytes(etree.tostring(root, xml_declaration=True, encoding="UTF-8") + b"\n")
+    return warnings
+
+
+def _run(command: list[str], raw: Path) -> list[str]:
+    """Run netconvert and return its warnings."""
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, env=sumo_environment()
+    )
+    lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
+    if done.returncode or not raw.exists():
+        errors = [line for line in lines if line.startswith("Error")] or lines[-1:]
+        raise StageError(f"netconvert failed: {' '.join(errors[:2]) or 'no message'}")
     return [line.removeprefix("Warning: ") for line in lines if line.startswith("Warning")]
