@@ -20,7 +20,7 @@ urbantwin demo -o /tmp/helsinki --workers 2
 """
 
 #: Unioninkatu, Liisankatu and Kaisaniemenkatu: five arms, signals, a bicycle lane, a park.
-LATITUDE, LONGITUDE, RADIUS_M = 60.17409, 24.95014, 130.0
+LATITUDE, LONGITUDE, RADIUS_M = 60.174, 24.9503, 130.0
 
 
 def demo(
