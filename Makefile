@@ -5,6 +5,9 @@ PYTHON ?= python3
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 
+# The judges of exported OpenDRIVE: ASAM's checker and CARLA's map. The checker needs numpy 1.
+JUDGES := .venv-judges
+
 INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 RUNTIME     := $(VENV)/.runtime-installed
@@ -13,20 +16,21 @@ DEVELOPMENT := $(VENV)/.development-installed
 # What the wheels of SUMO link to and do not carry (README, "Debian packages").
 DEBIAN_PACKAGES := libatomic1 libexpat1 libgl1 libxext6 libxrender1
 
-.PHONY: demo test lint bench lock clean help
+.PHONY: demo test lint bench judges lock clean help
 
 help:
 	@echo "make demo    create .venv, install, run the demo (writes urbantwin-demo/)"
 	@echo "make test    create .venv, install, check style and types, run the tests"
 	@echo "make lint    style and types only"
 	@echo "make bench   the benchmarks"
+	@echo "make judges  create .venv-judges with what judges exported OpenDRIVE (300 MB)"
 	@echo "make lock    resolve the dependencies anew into the lock files"
 	@echo "make clean   remove .venv, caches and the demo's output"
 
 demo: $(RUNTIME)
 	$(BIN)/urbantwin demo -o urbantwin-demo
 
-test: lint
+test: lint judges
 	$(BIN)/pytest
 
 lint: $(DEVELOPMENT)
@@ -60,6 +64,16 @@ $(DEVELOPMENT): requirements-dev.lock $(RUNTIME)
 	@$(INSTALL) -r requirements-dev.lock
 	@touch $@
 
+judges: $(JUDGES)/.installed
+
+# CARLA has wheels for some Pythons only: without them its tests skip, and say so.
+$(JUDGES)/.installed: requirements-judges.lock | $(BIN)/python
+	@echo "installing the judges of OpenDRIVE into $(JUDGES)"
+	@{ $(PYTHON) -m venv $(JUDGES) \
+	  && $(JUDGES)/bin/python -m pip install --quiet --disable-pip-version-check -r $< \
+	  && touch $@; } \
+	  || { rm -rf $(JUDGES); echo "the judges cannot be installed here: their tests will skip" >&2; }
+
 # uv resolves for every Python and platform at once. hatchling and editables build this package.
 UV_COMPILE = uv pip compile pyproject.toml - --universal --python-version 3.11 \
   --no-header --no-annotate --no-emit-index-url --upgrade --quiet
@@ -70,4 +84,4 @@ lock:
 	  --constraint requirements.lock -o requirements-dev.lock
 
 clean:
-	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis urbantwin-demo
+	rm -rf $(VENV) $(JUDGES) .mypy_cache .ruff_cache .pytest_cache .hypothesis urbantwin-demo

@@ -187,7 +187,8 @@ def test_crosswalks_lie_where_people_cross(exported):
         for item in element.iterfind("objects/object[@type='crosswalk']"):
             s = float(item.get("s"))
             assert 0 <= s <= road.length
-            x, y, heading = road.reference(s)
+            heading = road.reference(s)[2] + float(item.get("hdg"))
+            x, y = road.place(s, float(item.get("t")))[:2]
             z = road.place(s, 0)[2]
             corners = []
             for corner in item.iter("cornerLocal"):
@@ -204,7 +205,7 @@ def test_crosswalks_lie_where_people_cross(exported):
         ]
         corners = found[int(np.argmax(shares))]
         assert max(shares) > 0.999
-        assert corners[:, 2] == pytest.approx(network.height(lane.id, corners[:, :2]), abs=1e-6)
+        assert corners[:, 2] == pytest.approx(network.height(lane.id, corners[:, :2]), abs=1e-4)
 
 
 def test_signals_stand_at_stop_lines_and_their_controllers_know_them(exported):

@@ -17,8 +17,8 @@ __all__ = ["Curve", "Piece", "filleted", "splined"]
 
 #: How far a fillet may leave the corner that it rounds, metres.
 FILLET_DEVIATION_M = 0.02
-#: Corners blunter than this are noise of the map's coordinates, radians.
-STRAIGHT = math.radians(0.02)
+#: Corners blunter than this are no corners, radians.
+STRAIGHT = 1e-6
 #: Lanes on the inside of a bend keep at least this radius, metres.
 INNER_RADIUS_M = 1.0
 #: Length of the parametric cubics that a spline is written as, metres.
@@ -166,7 +166,7 @@ def filleted(points: NDArray[np.float64], *, left: float, right: float) -> Curve
     sag = np.maximum(1 / np.cos(np.minimum(half, 1.5)) - 1, 1e-12)
     radius = np.maximum(FILLET_DEVIATION_M / sag, inner)
     tangent = np.minimum(radius * np.tan(half), 0.98 * room)
-    tangent[half < STRAIGHT / 2] = 0.0
+    tangent[half < STRAIGHT] = 0.0
     pieces: list[Piece] = []
     before = 0.0
     for k in range(len(leg)):

@@ -23,11 +23,21 @@ __all__ = ["Area", "Controller", "Furniture", "Signal", "furnish"]
 VEHICLE_LIGHTS, WALKER_LIGHTS = "1000001", "1000002"
 #: Width of a stop line along the road, metres (US MUTCD 3B.16: 0.3 to 0.6 m).
 STOP_LINE_M = 0.4
+#: How far before the end of a road a crossing may lie, metres.
+_REACH_M = 12.0
 
 
 @dataclass(frozen=True)
 class Area:
-    """A painted area: ``corners`` (N, 3) in the frame of the road at ``s`` (ahead, left, up)."""
+    """A painted area.
+
+    Attributes:
+        number: id in OpenDRIVE.
+        road: the road that it lies on.
+        kind, name: type and name in OpenDRIVE.
+        s: its origin, on the reference line.
+        corners: (N, 3) outline in the road's frame there: ahead, left, up.
+    """
 
     number: int
     road: int
@@ -90,6 +100,7 @@ class _Host:
     elevation: Profile
     junction: str
     level: int
+    line: shapely.LineString  # in plan, drawn out straight where a crossing may lie before its end
 
 
 def furnish(
@@ -104,9 +115,8 @@ def furnish(
     for manoeuvre in manoeuvres:
         for name in manoeuvre.route.via:
             through[name].append(manoeuvre)
-    hosts = _hosts(streets, manoeuvres, network)
+    hosts = _hosts(streets, topology)
     areas: list[Area] = []
-    crossing_host: dict[str, _Host] = {}
     unplaced: list[str] = []
     first = len(streets) + len(manoeuvres) + 1
     for lane in network.lanes:
@@ -116,7 +126,6 @@ def furnish(
         if host is None:
             unplaced.append(lane.id)
             continue
-        crossing_host[lane.id] = host
         areas.append(_crosswalk(first + len(areas), network, lane, host))
     signals: list[Signal] = []
     of_program: dict[str, list[Signal]] = defaultdict(list)
@@ -125,7 +134,8 @@ def furnish(
     for head in network.signals:
         junction = _junction(network, head, topology)
         within = through[head.lane] or [m for m in manoeuvres if m.junction == junction]
-        place = _place(head, street_of, within, crossing_host)
+        walkers = network.lane_by_id[head.lane].kind == "crossing"
+        place = _place(head, street_of, within, walkers=walkers)
         if place is None:
             unplaced.append(head.lane)
             continue
@@ -149,49 +159,48 @@ def furnish(
     return Furniture(tuple(areas), tuple(signals), controllers, tuple(unplaced))
 
 
-def _hosts(
-    streets: Sequence[Street], manoeuvres: Sequence[Manoeuvre], network: RoadNetwork
-) -> list[_Host]:
-    level = {lane.id: lane.level for lane in network.lanes}
-    roads = [
-        _Host(m.number, m.curve, m.elevation, m.junction, level[m.route.start])
-        for m in manoeuvres
-        if m.kind != "bicycle"
-    ]
-    return roads + [
-        _Host(s.number, s.curve, s.elevation, "", s.strips[0].lane.level) for s in streets
-    ]
+def _hosts(streets: Sequence[Street], topology: Topology) -> list[_Host]:
+    roads = []
+    for street in streets:
+        level = street.strips[0].lane.level
+        for station, name in ((0.0, street.start), (street.curve.length, street.end)):
+            ahead = _REACH_M if station else -_REACH_M
+            x, y, heading = street.curve.at(station)[0]
+            outer = (x + ahead * math.cos(heading), y + ahead * math.sin(heading))
+            inner = street.curve.at(float(np.clip(station - ahead, 0.0, street.curve.length)))[0]
+            line = shapely.LineString([inner[:2], (x, y), outer])
+            junction = topology.junction.get(name, name)
+            roads.append(
+                _Host(street.number, street.curve, street.elevation, junction, level, line)
+            )
+    return roads
 
 
 def _crossed(lane: Lane, hosts: Sequence[_Host], topology: Topology) -> _Host | None:
-    """Return the road that a crossing lies across: squarely, and within the road's length."""
-    corners = _corners(lane)
+    """Return the road whose end a crossing lies across, as squarely as possible.
+
+    Not a connecting road: there CARLA measures from the lane offset, and the standard does not.
+    """
     middle = shapely.LineString(lane.centre[:, :2])
+    chord = lane.centre[-1, :2] - lane.centre[0, :2]
+    junction = topology.junction.get(lane.junction, lane.junction)
     best: tuple[float, int] | None = None
     for k, host in enumerate(hosts):
-        if host.level != lane.level:
+        if host.level != lane.level or host.junction != junction:
             continue
-        distance = float(host.curve.line.distance(middle))
-        if distance > 6.0:
-            continue
-        at = _meeting(host.curve, middle)
-        heading = float(host.curve.at(at)[0, 2])
-        chord = lane.centre[-1, :2] - lane.centre[0, :2]
-        square = abs(math.sin(math.atan2(chord[1], chord[0]) - heading))
-        stations = host.curve.locate(corners[:, :2])[0]
-        over = max(0.0, -float(stations.min())) + max(
-            0.0, float(stations.max()) - host.curve.length
-        )
-        same = topology.junction.get(lane.junction, lane.junction) == host.junction
-        cost = distance + over + 4.0 * (1.0 - square) + (0.0 if same else 1.0)
+        leg = np.diff(np.array(host.line.coords)[[0, -1]], axis=0)[0]
+        angle = math.atan2(chord[1], chord[0]) - math.atan2(leg[1], leg[0])
+        cost = float(host.line.distance(middle)) + 4.0 * (1.0 - abs(math.sin(angle)))
         if best is None or cost < best[0] - 1e-9:
             best = (cost, k)
     return None if best is None else hosts[best[1]]
 
 
-def _meeting(curve: Curve, other: shapely.LineString) -> float:
-    point = shapely.get_coordinates(shapely.shortest_line(curve.line, other))[0]
-    return float(np.clip(curve.locate(point[None])[0][0], 0.0, curve.length))
+def _meeting(host: _Host, lane: Lane) -> float:
+    """Return the station of a road where a crossing lies, or of the end that it lies before."""
+    other = shapely.LineString(lane.centre[:, :2])
+    point = shapely.get_coordinates(shapely.shortest_line(host.line, other))[0]
+    return float(np.clip(host.curve.locate(point[None])[0][0], 0.0, host.curve.length))
 
 
 def _corners(lane: Lane) -> NDArray[np.float64]:
@@ -205,16 +214,10 @@ def _corners(lane: Lane) -> NDArray[np.float64]:
 
 def _crosswalk(number: int, network: RoadNetwork, lane: Lane, host: _Host) -> Area:
     xy = _corners(lane)
-    at = _meeting(host.curve, shapely.LineString(lane.centre[:, :2]))
+    at = _meeting(host, lane)
     z = network.height(lane.id, xy)
-    return Area(
-        number,
-        host.number,
-        "crosswalk",
-        "crosswalk",
-        at,
-        _local(host.curve, host.elevation, at, np.column_stack([xy, z])),
-    )
+    corners = _local(host.curve, host.elevation, at, np.column_stack([xy, z]))
+    return Area(number, host.number, "crosswalk", "crosswalk", at, corners)
 
 
 def _local(
@@ -250,7 +253,8 @@ def _place(
     head: SignalHead,
     street_of: Mapping[str, Street],
     within: Sequence[Manoeuvre],
-    crossing_host: Mapping[str, _Host],
+    *,
+    walkers: bool,
 ) -> tuple[int, str, float, float, str, tuple[int, ...]] | None:
     """Return road, type, s, t, orientation and lanes of a signal."""
     xy = np.array([[head.x, head.y]])
@@ -260,15 +264,14 @@ def _place(
         s = float(np.clip(street.curve.locate(xy)[0][0], 0.0, street.curve.length))
         sign = "+" if strip.forward else "-"
         return street.number, VEHICLE_LIGHTS, s, strip.t, sign, (strip.id,)
-    if head.lane in crossing_host:
-        host = crossing_host[head.lane]
-        s, t = (float(v[0]) for v in host.curve.locate(xy))
-        return host.number, WALKER_LIGHTS, min(max(s, 0.0), host.curve.length), t, "none", ()
     if within:
-        # The lane lies within a junction: the manoeuvre over it, else the nearest, carries it.
+        # What lies within a junction stands on the manoeuvre over it, else on the nearest.
         point = shapely.Point(head.x, head.y)
         manoeuvre = min(within, key=lambda m: (round(m.curve.line.distance(point), 3), m.number))
-        s = float(np.clip(manoeuvre.curve.locate(xy)[0][0], 0.0, manoeuvre.curve.length))
+        s, t = (float(v[0]) for v in manoeuvre.curve.locate(xy))
+        s = float(np.clip(s, 0.0, manoeuvre.curve.length))
+        if walkers:
+            return manoeuvre.number, WALKER_LIGHTS, s, t, "none", ()
         return manoeuvre.number, VEHICLE_LIGHTS, s, 0.0, "+", (manoeuvre.side,)
     return None
 

@@ -67,6 +67,16 @@ class Street:
         return {strip.lane.id: strip for strip in self.strips}
 
     @property
+    def start(self) -> str:
+        """The junction at station 0."""
+        return self.edge.from_junction
+
+    @property
+    def end(self) -> str:
+        """The junction at the last station."""
+        return self.edge.to_junction
+
+    @property
     def is_two_way(self) -> bool:
         """Whether lanes run both ways."""
         return len({strip.forward for strip in self.strips}) == 2
