@@ -17,7 +17,7 @@ import yaml
 from urbantwin import __version__
 
 Run = Callable[..., Any]
-COMMANDS = ("build", "compare", "demo", "init", "inspect", "record", "run", "sensors", "traffic")
+COMMANDS = tuple("build compare demo export init inspect record run sensors traffic".split())
 
 
 def test_help_lists_every_command_and_is_quick(run_program: Run) -> None:

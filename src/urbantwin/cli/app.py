@@ -11,7 +11,18 @@ from typing import Annotated
 import typer
 
 from urbantwin import __version__
-from urbantwin.cli import build, compare, demo, init, inspect, record, run, sensors, traffic
+from urbantwin.cli import (
+    build,
+    compare,
+    demo,
+    export,
+    init,
+    inspect,
+    record,
+    run,
+    sensors,
+    traffic,
+)
 from urbantwin.cli.console import error_line
 from urbantwin.errors import InputError, UrbanTwinError
 
@@ -64,6 +75,7 @@ for command, examples in (
     (traffic.traffic, traffic.EXAMPLES),
     (record.record, record.EXAMPLES),
     (compare.compare, compare.EXAMPLES),
+    (export.export, export.EXAMPLES),
     (inspect.inspect, inspect.EXAMPLES),
     (sensors.sensors, sensors.EXAMPLES),
 ):

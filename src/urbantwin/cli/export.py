@@ -1,0 +1,52 @@
+"""``urbantwin export``: a twin in other programs' formats."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from urbantwin.cli.console import Console
+from urbantwin.cli.options import AsJson, Quiet
+
+__all__ = ["EXAMPLES", "export"]
+
+EXAMPLES = """
+urbantwin export twin/ --to opendrive -o map.xodr
+urbantwin export twin/ --to opendrive --version 1.4 -o carla.xodr
+urbantwin export twin/ --to geojson -o lanes.geojson
+urbantwin export twin/ --to sumo -o sumo/ && sumo-gui -c sumo/twin.sumocfg
+"""
+
+
+def export(
+    twin: Annotated[Path, typer.Argument(help="A twin.")],
+    to: Annotated[
+        str,
+        typer.Option(
+            "--to", metavar="FORMAT", help="opendrive, geojson (for QGIS) or sumo (a folder)."
+        ),
+    ],
+    version: Annotated[
+        str | None,
+        typer.Option("--version", help="Of OpenDRIVE: 1.8, or 1.4 for CARLA.  [default: 1.8]"),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="PATH",
+            help="The file or folder to write.  [default: named after the twin]",
+        ),
+    ] = None,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Write a twin's roads for other programs: OpenDRIVE, GeoJSON, SUMO."""
+    from urbantwin.export import export_twin
+    from urbantwin.twin import load_twin
+
+    written = export_twin(load_twin(twin), to, out, version=version)
+    Console(quiet=quiet, as_json=as_json).result({"format": to, "written": str(written)})

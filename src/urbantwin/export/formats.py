@@ -1,0 +1,92 @@
+"""The formats that a twin is exported to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from urbantwin.errors import InputError
+from urbantwin.export.geojson import write_geojson
+from urbantwin.export.sumo import write_sumo
+from urbantwin.roads.opendrive import VERSIONS, write_opendrive
+from urbantwin.twin import Twin
+
+__all__ = ["FORMATS", "Format", "export_twin", "format_named"]
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format.
+
+    Attributes:
+        name: what people call it.
+        ending: of the file's name; empty where a folder is written.
+        versions: those of the format's standard that can be asked for, the default first.
+        write: writes a twin, whole or not at all: twin, path, version.
+    """
+
+    name: str
+    ending: str
+    versions: tuple[str, ...]
+    write: Callable[[Twin, Path, str], None]
+
+
+def _opendrive(twin: Twin, path: Path, version: str) -> None:
+    name = str(twin.manifest["name"])
+    write_opendrive(twin.roads, twin.frame, path, version=version, name=name)
+
+
+FORMATS: Mapping[str, Format] = {
+    entry.name: entry
+    for entry in (
+        Format("opendrive", ".xodr", VERSIONS, _opendrive),
+        Format("geojson", ".geojson", (), lambda twin, path, _: write_geojson(twin, path)),
+        Format("sumo", "", (), lambda twin, path, _: write_sumo(twin, path)),
+    )
+}
+
+
+def format_named(name: str) -> Format:
+    """Return a format.
+
+    Raises:
+        InputError: there is none of that name.
+    """
+    if name not in FORMATS:
+        raise InputError(
+            f"{name!r} is not a format", place="--to", expected=f"one of {', '.join(FORMATS)}"
+        )
+    return FORMATS[name]
+
+
+def export_twin(
+    twin: Twin, name: str, out: Path | None = None, *, version: str | None = None
+) -> Path:
+    """Write a twin in another format, whole or not at all.
+
+    Args:
+        twin: the twin.
+        name: the format.
+        out: the file or folder to write; by default one named after the twin, here.
+        version: of the format's standard, where it has versions.
+
+    Returns:
+        What was written.
+
+    Raises:
+        InputError: the format, the version or ``out`` cannot be used.
+    """
+    wanted = format_named(name)
+    if version is not None and version not in wanted.versions:
+        raise InputError(
+            f"{name} has no version {version!r}",
+            place="--version",
+            expected=f"one of {', '.join(wanted.versions)}" if wanted.versions else "none",
+        )
+    path = out or Path(f"{twin.manifest['name']}{wanted.ending or '-' + name}")
+    if wanted.ending and path.is_dir():
+        raise InputError("is a folder", file=path, expected=f"a file, such as map{wanted.ending}")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    wanted.write(twin, path, version or next(iter(wanted.versions), ""))
+    return path
