@@ -32,7 +32,8 @@ from urbantwin.traffic.motion import ACTOR_SCHEMA
 from urbantwin.traffic.signals import SIGNAL_SCHEMA
 from urbantwin.twin import Twin, load_twin
 
-REACH_M = 60.0
+#: As far as an OS1 sees a car, and two thirds of the way to the border of the world below.
+REACH_M = 100.0
 HALF_M = 150.0
 RATE_HZ = 10.0
 GRID = 480
@@ -153,7 +154,8 @@ def circling_motion(twin: Twin, count: int, frames: int) -> Motion:
         "step_s": 1 / RATE_HZ,
         "twin_sha256": twin.sha256,
     }
-    return Motion(manifest, pa.concat_tables(steps).combine_chunks(), SIGNAL_SCHEMA.empty_table())
+    actors = pa.concat_tables(steps).combine_chunks()
+    return Motion(manifest, actors, SIGNAL_SCHEMA.empty_table()).with_meshes()
 
 
 def touch_memory(folder: Path, size: int) -> None:

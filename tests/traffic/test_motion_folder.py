@@ -1,6 +1,7 @@
 """The motion folder: what is saved is what is read, and nothing else is."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,10 @@ import pyarrow.parquet as pq
 import pytest
 
 from urbantwin.errors import InputError
+from urbantwin.geometry import LabelledMesh
 from urbantwin.roads import SignalHead
 from urbantwin.traffic import Motion, describe
+from urbantwin.traffic.assets import asset_mesh
 from urbantwin.traffic.motion import ACTOR_SCHEMA, MOTION_VERSION
 from urbantwin.traffic.signals import SIGNAL_SCHEMA, signal_table
 
@@ -49,9 +52,26 @@ def test_a_motion_comes_back_as_it_was(motion: Motion, tmp_path: Path) -> None:
     assert pq.read_schema(tmp_path / "m" / "actors.parquet").equals(ACTOR_SCHEMA)
     assert sorted(path.name for path in (tmp_path / "m").iterdir()) == [
         "actors.parquet",
+        "meshes.npz",
         "motion.json",
         "signals.parquet",
     ]
+
+
+def test_a_motion_keeps_the_meshes_of_its_actors(motion: Motion, tmp_path: Path) -> None:
+    box = LabelledMesh.build([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]], 10, 12)
+    own = replace(motion, meshes={("my-car", 3): box})
+    own.save(tmp_path / "m")
+    again = Motion.load(tmp_path / "m")
+    assert list(again.meshes) == [("my-car", 3)]
+    for name in ("vertices", "faces", "semantic", "material", "part"):
+        np.testing.assert_array_equal(getattr(again.mesh("my-car", 3), name), getattr(box, name))
+    assert again.sha256() == own.sha256() != motion.sha256()
+    # What the motion does not have comes from the catalogue.
+    assert again.mesh("car-sedan", 0) is asset_mesh("car-sedan", 0)
+    (tmp_path / "m" / "meshes.npz").write_bytes(b"PK")
+    with pytest.raises(InputError, match=r"meshes\.npz: does not hold meshes"):
+        Motion.load(tmp_path / "m")
 
 
 def test_a_change_of_one_number_changes_the_hash(motion: Motion) -> None:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
@@ -18,6 +18,7 @@ from urbantwin.dataset.moment import Rows, posed_actors
 from urbantwin.errors import StageError
 from urbantwin.geometry import LabelledMesh
 from urbantwin.lidar import Rig, Scanner
+from urbantwin.traffic.assets import asset_mesh
 
 __all__ = ["Recipe", "Task", "record_frames", "usable_processors"]
 
@@ -44,6 +45,7 @@ class Recipe:
         folder: where the files go; it has every folder of ``layout.FOLDERS``.
         done: where the mark of every finished frame goes; written last, so a frame that has its
             mark is whole.
+        meshes: by asset and phase; what is not here comes from the catalogue.
     """
 
     static: LabelledMesh
@@ -51,12 +53,17 @@ class Recipe:
     seed: int
     folder: Path
     done: Path
+    meshes: Mapping[tuple[str, int], LabelledMesh] = field(default_factory=dict)
 
 
 class _Recorder:
     def __init__(self, recipe: Recipe) -> None:
         self._recipe = recipe
-        self._scanner = Scanner(recipe.static, recipe.rig, recipe.seed)
+        self._scanner = Scanner(recipe.static, recipe.rig, recipe.seed, meshes=self._mesh)
+
+    def _mesh(self, asset: str, phase: int) -> LabelledMesh:
+        own = self._recipe.meshes.get((asset, phase))
+        return asset_mesh(asset, phase) if own is None else own
 
     def record(self, task: Task) -> int:
         frame = self._scanner.scan(task.index, posed_actors(task.rows))

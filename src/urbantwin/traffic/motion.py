@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import zipfile
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +18,17 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact import read_json, replaced_folder, write_json
 from urbantwin.errors import InputError
+from urbantwin.geometry import LabelledMesh
+from urbantwin.traffic.assets import asset_mesh
 from urbantwin.traffic.signals import SIGNAL_SCHEMA
 
 __all__ = ["ACTOR_SCHEMA", "MOTION_VERSION", "Motion", "describe"]
 
 MOTION_VERSION = 1
+
+#: Name of an asset and its phase.
+MeshKey = tuple[str, int]
+_MESH_FIELDS = tuple(item.name for item in fields(LabelledMesh))
 
 ACTOR_SCHEMA = pa.schema(
     [
@@ -45,8 +53,8 @@ ACTOR_SCHEMA = pa.schema(
 
 _ROW = np.dtype(
     [
-        (field.name, object if pa.types.is_string(field.type) else field.type.to_pandas_dtype())
-        for field in ACTOR_SCHEMA
+        (kind.name, object if pa.types.is_string(kind.type) else kind.type.to_pandas_dtype())
+        for kind in ACTOR_SCHEMA
     ]
 )
 
@@ -59,11 +67,15 @@ class Motion:
         manifest: ``motion.json``: seed, step, duration, counts per class, teleports, collisions.
         actors: ``actors.parquet``, columns of ``ACTOR_SCHEMA``, sorted by time, then track.
         signals: ``signals.parquet``, columns of ``signals.SIGNAL_SCHEMA``.
+        meshes: ``meshes.npz``: mesh of each asset and phase that the actors show. With them a
+            motion stays what it is when the catalogue of actors changes, and recording need not
+            make them again.
     """
 
     manifest: dict[str, Any]
     actors: pa.Table
     signals: pa.Table
+    meshes: Mapping[MeshKey, LabelledMesh] = field(default_factory=dict)
 
     @property
     def step_s(self) -> float:
@@ -93,10 +105,10 @@ class Motion:
         first, last = np.searchsorted(column, times[nearest] + np.array([-1e-6, 1e-6]))
         part = self.actors.slice(int(first), int(last - first))
         rows = np.empty(part.num_rows, _ROW)
-        for field in ACTOR_SCHEMA:
-            column = part[field.name]
-            text = pa.types.is_string(field.type)
-            rows[field.name] = column.to_pylist() if text else column.to_numpy()
+        for kind in ACTOR_SCHEMA:
+            column = part[kind.name]
+            text = pa.types.is_string(kind.type)
+            rows[kind.name] = column.to_pylist() if text else column.to_numpy()
         return rows
 
     @property
@@ -108,7 +120,26 @@ class Motion:
         digest = hashlib.sha256(json.dumps(self.manifest, sort_keys=True).encode())
         for table in (self.actors, self.signals):
             digest.update(_parquet(table))
+        for key, mesh in sorted(self.meshes.items()):
+            digest.update(repr(key).encode())
+            for name in _MESH_FIELDS:
+                digest.update(np.ascontiguousarray(getattr(mesh, name)).tobytes())
         return digest.hexdigest()
+
+    def mesh(self, asset: str, phase: int) -> LabelledMesh:
+        """Return the mesh of an asset in a phase: the motion's own, else the catalogue's.
+
+        Raises:
+            InputError: neither has it.
+        """
+        own = self.meshes.get((asset, phase))
+        return asset_mesh(asset, phase) if own is None else own
+
+    def with_meshes(self) -> Motion:
+        """Return the motion with the mesh of every asset and phase that its actors show."""
+        shown = self.actors.select(["asset", "phase"]).group_by(["asset", "phase"]).aggregate([])
+        keys = zip(shown["asset"].to_pylist(), shown["phase"].to_pylist(), strict=True)
+        return replace(self, meshes={key: self.mesh(*key) for key in sorted(keys)})
 
     def save(self, folder: Path) -> None:
         """Write the folder, whole or not at all; the same motion gives the same bytes.
@@ -119,6 +150,7 @@ class Motion:
         with replaced_folder(folder, kind="motion") as scratch:
             (scratch / "actors.parquet").write_bytes(_parquet(self.actors))
             (scratch / "signals.parquet").write_bytes(_parquet(self.signals))
+            _write_meshes(scratch / "meshes.npz", self.meshes)
             write_json(scratch / "motion.json", self.manifest)
 
     @classmethod
@@ -143,6 +175,7 @@ class Motion:
             manifest,
             _read_table(folder / "actors.parquet", ACTOR_SCHEMA),
             _read_table(folder / "signals.parquet", SIGNAL_SCHEMA),
+            _read_meshes(folder / "meshes.npz"),
         )
 
 
@@ -178,6 +211,32 @@ def describe(folder: Path) -> dict[str, Any]:
     }
 
 
+def _write_meshes(path: Path, meshes: Mapping[MeshKey, LabelledMesh]) -> None:
+    np.savez_compressed(
+        path,
+        allow_pickle=False,
+        **{
+            f"{asset}/{phase}/{name}": getattr(mesh, name)
+            for (asset, phase), mesh in sorted(meshes.items())
+            for name in _MESH_FIELDS
+        },
+    )
+
+
+def _read_meshes(path: Path) -> dict[MeshKey, LabelledMesh]:
+    try:
+        with np.load(path) as data:
+            parts: dict[MeshKey, dict[str, NDArray[Any]]] = {}
+            for name in data.files:
+                asset, phase, field_name = name.rsplit("/", 2)
+                parts.setdefault((asset, int(phase)), {})[field_name] = data[name]
+        return {key: LabelledMesh(**arrays) for key, arrays in parts.items()}
+    except FileNotFoundError:
+        raise InputError("not found", file=path, expected="the meshes of the motion") from None
+    except (ValueError, TypeError, OSError, zipfile.BadZipFile) as error:
+        raise InputError(f"does not hold meshes ({error})", file=path) from None
+
+
 def _parquet(table: pa.Table) -> bytes:
     """Return a table as a Parquet file's bytes; the same rows give the same bytes."""
     stream = pa.BufferOutputStream()
@@ -197,6 +256,6 @@ def _read_table(path: Path, schema: pa.Schema) -> pa.Table:
         raise InputError(
             "has other columns",
             file=path,
-            expected=", ".join(f"{field.name} ({field.type})" for field in schema),
+            expected=", ".join(f"{kind.name} ({kind.type})" for kind in schema),
         )
     return table.combine_chunks()

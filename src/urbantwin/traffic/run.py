@@ -101,7 +101,8 @@ def run_traffic(
         "collisions": simulated.collisions,
         "poses_outside_ground": outside,
     }
-    motion = Motion(manifest, actors, signals)
+    told(0.9, "meshes of the actors")
+    motion = Motion(manifest, actors, signals).with_meshes()
     told(0.95, "writing the motion")
     motion.save(out)
     told(1.0, "done")
