@@ -1,0 +1,73 @@
+"""What the package imports is what it declares, and the lock files hold all of it."""
+
+import ast
+import re
+import sys
+import tomllib
+from importlib.metadata import packages_distributions
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+#: Not imported: run as a program, or only its files are read.
+ONLY_FILES = {"eclipse-sumo", "tzdata"}
+#: The package itself, and pydantic's other half, of which pydantic names the one version it needs.
+NOT_DECLARED = {"urbantwin", "pydantic_core"}
+
+
+def plain(name: str) -> str:
+    """A distribution's name as PyPI compares it (PEP 503)."""
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def named(requirements: list[str]) -> set[str]:
+    return {plain(re.split(r"[^A-Za-z0-9._-]", line)[0]) for line in requirements}
+
+
+def imported() -> dict[str, str]:
+    """Top-level modules that the package imports, and a file that does."""
+    found = {}
+    for path in sorted((ROOT / "src").rglob("*.py")):
+        tree = ast.parse(path.read_text())
+        for node in ast.walk(tree):
+            if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
+                node.body = []  # what only the type checker reads
+        for node in ast.walk(tree):
+            names = []
+            if isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            elif isinstance(node, ast.ImportFrom):
+                names = [node.module or ""]
+            found |= {name.split(".")[0]: path.name for name in names}
+    return found
+
+
+def test_every_import_is_declared() -> None:
+    declared = named(PROJECT["dependencies"])
+    owners = packages_distributions()
+    for module, path in imported().items():
+        if module in sys.stdlib_module_names or module in NOT_DECLARED:
+            continue
+        distributions = {plain(name) for name in owners.get(module, [module])}
+        assert distributions & declared, f"{path} imports {module}, of {distributions}"
+
+
+def test_every_declared_dependency_is_imported() -> None:
+    owners = packages_distributions()
+    used = {plain(name) for module in imported() for name in owners.get(module, [])}
+    assert named(PROJECT["dependencies"]) - used <= ONLY_FILES
+
+
+@pytest.mark.parametrize(
+    ("lock", "extras"),
+    [("requirements.lock", ("demo",)), ("requirements-dev.lock", ("demo", "dev"))],
+)
+def test_the_lock_files_hold_every_dependency(lock: str, extras: tuple[str, ...]) -> None:
+    lines = (ROOT / lock).read_text().splitlines()
+    assert all(re.match(r"^[a-z0-9.-]+==[^ ]+( ; .+)?$", line) for line in lines)
+    wanted = named(PROJECT["dependencies"])
+    for extra in extras:
+        wanted |= named(PROJECT["optional-dependencies"][extra])
+    assert wanted <= named(lines)
