@@ -192,7 +192,7 @@ def draw_buildings(drawing: Drawing) -> None:
 
 
 def draw_furniture(drawing: Drawing) -> None:
-    """Draw street lamps, trees, a wall and a fence."""
+    """Draw street lamps, lawns, trees, a wall and a fence."""
     for x in np.arange(-126.0, 127.0, 28.0):
         for sign in (-1, 1):
             if abs(x) > 20.0:
@@ -202,6 +202,8 @@ def draw_furniture(drawing: Drawing) -> None:
     for x in np.arange(-112.0, 113.0, 14.0):
         if abs(x) > 30.0:
             drawing.node((float(x), 0.0), natural="tree", height="7", leaf_type="broadleaved")
+    for lawn in (rectangle(-74.0, 18.0, -12.0, 74.0), rectangle(14.0, -80.0, 80.0, -18.0)):
+        drawing.area(lawn, landuse="grass")
     for y in (46.0, 56.0, 66.0):
         drawing.node((-12.0, y), natural="tree", height="9", leaf_type="broadleaved")
     drawing.way([(-70.0, 46.0), (-22.0, 46.0)], natural="tree_row")

@@ -112,7 +112,7 @@ def _lines_of(value: Mapping[str, Any], indent: str = "") -> Iterator[str]:
         elif isinstance(item, list) and len(item) > 1 and all(isinstance(x, str) for x in item):
             yield f"{indent}{key}:"
             yield from (f"{indent}  {one}" for one in item)
-        elif item is not None:
+        elif item not in (None, []):
             yield f"{indent}{key}: {_inline(item)}"
 
 
