@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -51,18 +53,18 @@ def write_frame(folder: Path, index: int, frame: LabelledFrame) -> dict[str, Any
         box).
     """
     name = frame_name(index)
-    np.save(folder / "points" / f"{name}.npy", frame.points)
+    _save(folder / "points" / f"{name}.npy", frame.points)
     (folder / "labels" / f"{name}.txt").write_text(label_lines(frame.boxes))
 
     labels = frame.instance.astype("<u4")
     labels <<= 16
     labels |= frame.semantic
-    labels.tofile(folder / "semantic" / f"{name}.label")
+    _write(folder / "semantic" / f"{name}.label", b"", labels)
 
     rays = np.empty(len(frame.points), RAY_TYPE)
     for field in RAY_TYPE.names or ():
         rays[field] = getattr(frame, field)
-    np.save(folder / "rays" / f"{name}.npy", rays)
+    _save(folder / "rays" / f"{name}.npy", rays)
 
     counts = np.bincount(frame.semantic)
     return {
@@ -71,6 +73,28 @@ def write_frame(folder: Path, index: int, frame: LabelledFrame) -> dict[str, Any
         "semantic": {str(number): int(counts[number]) for number in np.flatnonzero(counts)},
         "boxes": [_row(one) for one in frame.boxes],
     }
+
+
+def _save(path: Path, array: NDArray[Any]) -> None:
+    """Write what ``np.save`` writes."""
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, np.lib.format.header_data_from_array_1_0(array))
+    _write(path, header.getvalue(), array)
+
+
+def _write(path: Path, header: bytes, array: NDArray[Any]) -> None:
+    """Write a file through to the disk and give its memory back.
+
+    A frame that is marked as finished is then really there after a loss of power. And where the
+    machine is a virtual one, the next frame finds memory that it has already: with fresh pages
+    for every frame, writing takes five times as long.
+    """
+    with path.open("wb", buffering=0) as stream:
+        stream.write(header)
+        stream.write(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data)
+        os.fdatasync(stream.fileno())
+        if hasattr(os, "posix_fadvise"):
+            os.posix_fadvise(stream.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
 
 
 def read_json_or_none(path: Path) -> Any:  # noqa: ANN401

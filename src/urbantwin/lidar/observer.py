@@ -4,23 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar.actors import ActorShape, cast_actors, nearest
+from urbantwin.lidar.gather import StaticReturns, gather
 from urbantwin.lidar.labels import BOX_MARGIN_M, outside, spans_in_box
 from urbantwin.lidar.pattern import beam_directions
 from urbantwin.lidar.rectangle import RayGrid
-from urbantwin.lidar.returns import Draws, ReturnModel, standard_noise, truncated_noise
+from urbantwin.lidar.returns import (
+    Draws,
+    ReturnModel,
+    standard_noise,
+    standard_quantiles,
+    truncated_noise,
+)
 from urbantwin.lidar.rig import MountedSensor
 from urbantwin.lidar.static import cast_static
 
 __all__ = ["Observation", "Observer"]
-
-_Value = TypeVar("_Value", bound=np.generic)
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,18 +73,21 @@ class Observer:
         # Component by component: numpy multiplies long rows many times as fast as short ones.
         self._directions = (dataset_SE3_site.rotation @ in_site.T).astype(np.float32)
         self._origin = dataset_SE3_site.apply(self._pose.translation[None])[0]
-        number = np.arange(len(beams))
-        self._ring = (number // mounted.columns).astype(np.uint16)
-        self._column = (number % mounted.columns).astype(np.uint16)
-
         hits = cast_static(static, self._pose.translation, in_site)
-        self._semantic = hits.semantic
         self._range_m = hits.range_m
         # What no ray hit has no level, so its range never counts: any finite number will do.
         finite = np.where(np.isfinite(hits.range_m), hits.range_m, np.float32(1e6))
         self._level = self._model.detection_level(hits.backscatter, finite)
-        self._sigma = self._model.sigma(hits.backscatter, finite)
-        self._intensity = self._model.intensity(hits.backscatter)
+        self._static = StaticReturns(
+            self._directions,
+            self._origin.astype(np.float32),
+            finite.astype(np.float32),
+            self._model.sigma(hits.backscatter, finite),
+            self._model.intensity(hits.backscatter),
+            hits.semantic,
+            self._model.step_m,
+            mounted.columns,
+        )
 
     @property
     def rays(self) -> int:
@@ -105,33 +112,31 @@ class Observer:
         would_return = draws.detection[hits.ray] < hit_level
         alone = np.bincount(hits.actor[would_return], minlength=len(actors))
 
-        front = nearest(hits, self._range_m)
-        ray, scatter, at = hits.ray[front], hits.backscatter[front], hits.range_m[front]
-        level = _patched(self._level, ray, hit_level[front])
-        range_m = _patched(self._range_m, ray, at)
-        sigma = _patched(self._sigma, ray, self._model.sigma(scatter, at))
-        intensity = _patched(self._intensity, ray, self._model.intensity(scatter))
-        actor = np.full(self.rays, -1, np.int32)
-        actor[ray] = hits.actor[front]
+        chosen = nearest(hits, self._range_m)
+        ray = hits.ray[chosen]
+        level = self._level.copy()
+        level[ray] = hit_level[chosen]
+        front = np.full(self.rays, -1, np.int32)
+        front[ray] = chosen
+        back = gather(self._static, level, front, draws, standard_quantiles())
 
-        back = np.flatnonzero(draws.detection < level)
-        actor = actor.take(back)
-        directions = self._directions.take(back, axis=1)
+        moving = np.flatnonzero(back.front >= 0)
+        hit, ray_hit = back.front[moving], back.ray[moving]
+        actor = np.full(len(back.front), -1, np.int32)
+        actor[moving] = hits.actor[hit]
+        directions = self._directions.take(ray_hit, axis=1)
+        scatter, at = hits.backscatter[hit], hits.range_m[hit]
         measured = self._measured(
-            directions, range_m.take(back), sigma.take(back), draws.noise.take(back), actor, boxes
+            directions,
+            at,
+            self._model.sigma(scatter, at),
+            draws.noise[ray_hit],
+            boxes.T.take(hits.actor[hit], axis=1),
         )
-        points = np.empty((len(back), 4), np.float32)
-        for axis in range(3):
-            points[:, axis] = directions[axis] * measured + np.float32(self._origin[axis])
-        points[:, 3] = intensity.take(back)
-        return Observation(
-            points,
-            actor,
-            self._semantic.take(back),
-            self._ring.take(back),
-            self._column.take(back),
-            alone,
-        )
+        points = back.points
+        points[moving, :3] = (directions * measured + self._static.origin[:, None]).T
+        points[moving, 3] = self._model.intensity(scatter)
+        return Observation(points, actor, back.semantic, back.ring, back.column, alone)
 
     def _measured(
         self,
@@ -139,31 +144,16 @@ class Observer:
         range_m: NDArray[np.float32],
         sigma: NDArray[np.float32],
         noise: NDArray[np.uint16],
-        actor: NDArray[np.int32],
-        boxes: NDArray[np.float64],
+        box: NDArray[np.float64],
     ) -> NDArray[np.float32]:
-        """Return the ranges that the sensor reports: noisy, quantised, actors' in their boxes."""
+        """Return the ranges (M,) reported of actors: noisy, in their boxes (7, M), quantised."""
         measured = range_m + sigma * standard_noise(noise)
-        moved = np.flatnonzero((actor >= 0) & (sigma > 0))
-        aim = directions.take(moved, axis=1).astype(np.float64)
-        box = boxes.T.take(actor.take(moved), axis=1)
-        places = self._origin[:, None] + aim * measured.take(moved)
-        leaves = np.flatnonzero(outside(places, box, self._margin_m))
+        places = self._origin[:, None] + directions.astype(np.float64) * measured
+        leaves = np.flatnonzero(outside(places, box, self._margin_m) & (sigma > 0))
         if len(leaves):
-            astray = moved.take(leaves)
-            span = spans_in_box(
-                self._origin, aim.take(leaves, axis=1), box.take(leaves, axis=1), self._margin_m
-            )
-            low, high = ((end - range_m[astray]) / sigma[astray] for end in span)
-            kept = truncated_noise(noise[astray], np.minimum(low, 0), np.maximum(high, 0))
-            measured[astray] = range_m[astray] + sigma[astray] * kept
+            aim = directions.take(leaves, axis=1).astype(np.float64)
+            span = spans_in_box(self._origin, aim, box.take(leaves, axis=1), self._margin_m)
+            low, high = ((end - range_m[leaves]) / sigma[leaves] for end in span)
+            kept = truncated_noise(noise[leaves], np.minimum(low, 0), np.maximum(high, 0))
+            measured[leaves] = range_m[leaves] + sigma[leaves] * kept
         return self._model.quantised(measured)
-
-
-def _patched(
-    everywhere: NDArray[_Value], ray: NDArray[np.int64], value: NDArray[_Value]
-) -> NDArray[_Value]:
-    """Return a copy of values by ray with some of them replaced."""
-    patched = everywhere.copy()
-    patched[ray] = value
-    return patched

@@ -43,6 +43,7 @@ __all__ = [
     "backscatter_of_materials",
     "draw",
     "standard_noise",
+    "standard_quantiles",
     "truncated_noise",
 ]
 
@@ -84,7 +85,7 @@ def draw(seed: int, sensor: int, frame: int, rays: int) -> Draws:
 
 def standard_noise(noise: NDArray[np.uint16]) -> Floats:
     """Return standard normal numbers (N,) of draws: the middles of 65,536 equal shares."""
-    return _quantiles().take(noise)
+    return standard_quantiles().take(noise)
 
 
 def truncated_noise(
@@ -111,7 +112,8 @@ def truncated_noise(
 
 
 @cache
-def _quantiles() -> Floats:
+def standard_quantiles() -> Floats:
+    """Return the standard normal number of each of the 65,536 draws."""
     return np.asarray(ndtri((np.arange(_LEVELS) + 0.5) / _LEVELS), np.float32)
 
 
@@ -166,12 +168,16 @@ class ReturnModel:
         ratio = np.interp(np.log(strength), np.log(_SIGMA_STRENGTH), np.log(_SIGMA_RATIO))
         return np.asarray(self._sigma_m * np.exp(ratio), np.float32)
 
+    @property
+    def step_m(self) -> np.float32:
+        """The step that ranges are rounded to; 0 without noise."""
+        return np.float32(self._resolution_m if self._noise else 0.0)
+
     def quantised(self, range_m: Floats) -> Floats:
         """Return ranges in the sensor's steps; unchanged without noise."""
-        if not self._noise or self._resolution_m == 0:
+        if self.step_m == 0:
             return range_m
-        step = np.float32(self._resolution_m)
-        return np.asarray(np.rint(range_m / step) * step)
+        return np.asarray(np.rint(range_m / self.step_m) * self.step_m)
 
     @staticmethod
     def intensity(backscatter: Floats) -> Floats:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from urbantwin.taxonomy import ACTOR_SEMANTICS, semantic_id
 __all__ = ["Scanner"]
 
 _MOST_TRACKS = 0xFFFF
+_Value = TypeVar("_Value", bound=np.generic)
 
 
 class Scanner:
@@ -71,8 +73,8 @@ class Scanner:
         self, actors: Sequence[PosedActor], boxes: NDArray[np.float64], seen: Sequence[Observation]
     ) -> LabelledFrame:
         """Fuse the sensors' returns and give every point and actor its labels."""
-        actor = np.concatenate([one.actor for one in seen])
-        semantic = np.concatenate([one.semantic for one in seen])
+        actor = _joined([one.actor for one in seen])
+        semantic = _joined([one.semantic for one in seen])
         instance = np.zeros(len(actor), np.uint16)
         hit = np.flatnonzero(actor >= 0)
         classes = [semantic_id(ACTOR_SEMANTICS[one.actor_class]) for one in actors]
@@ -82,12 +84,12 @@ class Scanner:
         alone = np.sum([one.alone for one in seen], axis=0)
         rotation = self._rig.dataset_SE3_site.rotation
         return LabelledFrame(
-            np.concatenate([one.points for one in seen]),
+            _joined([one.points for one in seen]),
             semantic,
             instance,
             np.repeat(np.arange(len(seen), dtype=np.uint8), [len(one.actor) for one in seen]),
-            np.concatenate([one.ring for one in seen]),
-            np.concatenate([one.column for one in seen]),
+            _joined([one.ring for one in seen]),
+            _joined([one.column for one in seen]),
             tuple(
                 BoxLabel(
                     one.track,
@@ -110,3 +112,8 @@ class Scanner:
         if key not in self._shapes:
             self._shapes[key] = ActorShape(self._meshes(*key))
         return self._shapes[key]
+
+
+def _joined(parts: Sequence[NDArray[_Value]]) -> NDArray[_Value]:
+    """Join the sensors' arrays; one sensor's is taken as it is."""
+    return parts[0] if len(parts) == 1 else np.concatenate(parts)
