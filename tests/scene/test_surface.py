@@ -153,7 +153,7 @@ def test_real_places_have_no_hole_and_no_overlap(name, hilly, shared_data, tmp_p
     points = points[np.hypot(*points.T) < 99]
     assert (hits_per_column(mesh, points) == 1).all()
     # Four curbs may meet where two raised corners touch at a point; nothing else is shared so.
-    edges, uses = edge_uses(mesh)
+    _edges, uses = edge_uses(mesh)
     assert set(uses.tolist()) <= {1, 2, 4}
     assert (uses == 4).sum() <= 4
     # Paved area against the lane model: what joins lanes may add 1 %, rounding takes away less.
