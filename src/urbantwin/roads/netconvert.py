@@ -27,6 +27,7 @@ OPTIONS = {
     "junctions.corner-detail": "5",
     "ramps.guess": "true",
     "tls.guess-signals": "true",
+    "tls.guess-signals.dist": "40",  # signals are mapped at stop lines, well before wide junctions
     "tls.discard-simple": "true",
     "tls.join": "true",
     "tls.default-type": "static",
