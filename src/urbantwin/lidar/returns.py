@@ -8,8 +8,8 @@ datasheet's range. Glass passes most of the light, so a ray that hits it mostly 
 what stands behind glass is not looked for.
 
 Detection. ``p = 1 / (1 + (half / strength)^k)``: `DETECTION_AT_REFERENCE` at strength 1 and one
-half at strength `HALF_STRENGTH`. The makers that say what they mean by "range" mean 90 %
-(Ouster gives a second range for 50 %, about 1.2 times the first: ``1.2^-2 = 0.69`` in strength).
+half at strength `HALF_STRENGTH`. We read a datasheet's range as the one with 90 % of returns, and
+assume half of them at 1.2 times that range: ``1.2^-2 = 0.69`` in strength.
 
 Range noise. Ouster's OS1 datasheet gives one standard deviation of 1.5, 3 and 10 cm at a
 signal-to-noise ratio above 250, of 100 and of 12. We take that shape for every sensor: strength
