@@ -70,6 +70,7 @@ def recipe_of(
         },
         "scene_sha256": _mesh_sha256(twin.mesh),
         "motion_sha256": _table_sha256(motion.actors),
+        "meshes_sha256": _meshes_sha256(motion.meshes),
         "inputs": twin.manifest["inputs"],
         "start_s": next(iter(times_s.values())),
         "frames": [frame_name(index) for index in times_s],
@@ -144,6 +145,12 @@ def _mesh_sha256(mesh: LabelledMesh) -> str:
         digest.update(f"{field.name} {array.dtype.str} {array.shape}".encode())
         digest.update(array.data)
     return digest.hexdigest()
+
+
+def _meshes_sha256(meshes: Mapping[tuple[str, int], LabelledMesh]) -> str:
+    """Return the SHA-256 of the actors' meshes by asset and phase."""
+    parts = [(*key, _mesh_sha256(mesh)) for key, mesh in sorted(meshes.items())]
+    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
 
 
 def _table_sha256(table: pa.Table) -> str:

@@ -103,8 +103,8 @@ def deck_zones(network: RoadNetwork, level: int) -> list[Zone]:
     carriageway = _closed(network.carriageway(level), SEAM_M)
     footway = area_difference(_closed(network.footway(level), SEAM_M), carriageway)
     return [
-        _zone("carriageway", areas_of(carriageway), "road", "asphalt"),
-        _zone("footway", areas_of(footway), "sidewalk", "paving"),
+        _zone("carriageway", carriageway, "road", "asphalt"),
+        _zone("footway", footway, "sidewalk", "paving"),
     ]
 
 
@@ -119,7 +119,7 @@ def _flush_areas(
     groups: dict[tuple[str, str], list[shapely.Geometry]] = {}
     for feature in features:
         tags, shape = feature.tags, feature.geometry
-        if way_below(tags):
+        if _is_below(tags):
             continue
         is_area = shape.geom_type in ("Polygon", "MultiPolygon")
         highway = tags.get("highway", "")
@@ -138,7 +138,7 @@ def _flush_areas(
     ]
 
 
-def way_below(tags: dict[str, str]) -> bool:
+def _is_below(tags: dict[str, str]) -> bool:
     """Return whether a feature lies under the ground."""
     if tags.get("tunnel") not in (None, "no", "building_passage"):
         return True
