@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from urbantwin.roads.opendrive.curve import filleted, splined
-from urbantwin.roads.opendrive.profile import fitted
+from urbantwin.roads.model.curve import filleted, splined
+from urbantwin.roads.model.profile import fitted
 
 
 def joints(curve):

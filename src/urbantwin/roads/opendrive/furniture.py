@@ -11,10 +11,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from urbantwin.roads.model.curve import Curve
+from urbantwin.roads.model.profile import Profile
 from urbantwin.roads.network import Lane, RoadNetwork, SignalHead, SignalProgram
-from urbantwin.roads.opendrive.curve import Curve
 from urbantwin.roads.opendrive.manoeuvre import Manoeuvre, Topology
-from urbantwin.roads.opendrive.profile import Profile
 from urbantwin.roads.opendrive.street import Street
 
 __all__ = ["Area", "Controller", "Furniture", "Signal", "furnish"]

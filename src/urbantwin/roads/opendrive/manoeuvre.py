@@ -10,9 +10,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from urbantwin.roads.model.curve import Curve, splined
+from urbantwin.roads.model.profile import Profile, fitted
 from urbantwin.roads.network import Lane, Road, RoadNetwork
-from urbantwin.roads.opendrive.curve import Curve, splined
-from urbantwin.roads.opendrive.profile import Profile, fitted
 from urbantwin.roads.opendrive.street import Street, Strip, vehicle_lanes
 
 __all__ = ["Manoeuvre", "Route", "Topology", "build_manoeuvres", "find_topology"]

@@ -10,9 +10,9 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
+from urbantwin.roads.model.curve import Curve, filleted
+from urbantwin.roads.model.profile import Profile, fitted
 from urbantwin.roads.network import Lane, Road, RoadNetwork
-from urbantwin.roads.opendrive.curve import Curve, filleted
-from urbantwin.roads.opendrive.profile import Profile, fitted
 
 __all__ = ["Street", "Strip", "build_streets", "vehicle_lanes"]
 

@@ -36,6 +36,17 @@ class Profile:
         k = np.clip(np.searchsorted(self.start, stations, side="right") - 1, 0, None)
         return stations - self.start[k], self.abcd[k]
 
+    @classmethod
+    def constant(cls, value: float) -> Profile:
+        """Return a profile of one value everywhere."""
+        return cls(np.zeros(1), np.array([[value, 0.0, 0.0, 0.0]]))
+
+    @classmethod
+    def ramp(cls, first: float, last: float, length: float) -> Profile:
+        """Return a cubic from one value to another over a length, level at both ends."""
+        grow = (last - first) / max(length, 1e-9) ** 2
+        return cls(np.zeros(1), np.array([[first, 0.0, 3 * grow, -2 * grow / max(length, 1e-9)]]))
+
     @property
     def is_zero(self) -> bool:
         """Whether it is nowhere different from zero by more than rounding."""

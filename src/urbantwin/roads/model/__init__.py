@@ -1,0 +1,30 @@
+"""The lane model: roads of reference lines, profiles and lane sections, joined at junctions."""
+
+from urbantwin.roads.model.curve import Curve, Piece, filleted, splined
+from urbantwin.roads.model.furniture import RoadArea, RoadSignal, SignalController
+from urbantwin.roads.model.junction import Connection, ModelJunction
+from urbantwin.roads.model.model import LaneModel
+from urbantwin.roads.model.profile import Profile, fitted
+from urbantwin.roads.model.road import ModelRoad, RoadLink
+from urbantwin.roads.model.section import LANE_KINDS, RAISED_KINDS, LaneSection, SectionLane
+
+__all__ = [
+    "LANE_KINDS",
+    "RAISED_KINDS",
+    "Connection",
+    "Curve",
+    "LaneModel",
+    "LaneSection",
+    "ModelJunction",
+    "ModelRoad",
+    "Piece",
+    "Profile",
+    "RoadArea",
+    "RoadLink",
+    "RoadSignal",
+    "SectionLane",
+    "SignalController",
+    "filleted",
+    "fitted",
+    "splined",
+]

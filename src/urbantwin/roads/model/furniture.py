@@ -1,0 +1,100 @@
+"""What stands on and is painted on roads: crosswalks, stop lines, islands, signals, signs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Phase", "RoadArea", "RoadSignal", "SignalController"]
+
+#: A phase of a fixed-time program: seconds, and one character of state per link, as SUMO writes it.
+Phase = tuple[float, str]
+
+
+@dataclass(frozen=True)
+class RoadArea:
+    """An area on a road: a crosswalk, a stop line, a traffic island.
+
+    Attributes:
+        id: its id, unique among everything on roads.
+        road: the road that it lies on.
+        kind: as OpenDRIVE names it: crosswalk, roadMark, trafficIsland.
+        name: ``crosswalk``, ``StopLine``, ...
+        s: station of its origin, on the reference line.
+        corners: (N, 3) outline in the road's frame there: ahead, left, up; not closed.
+        height: how far it stands above the carriageway, metres.
+        strip: id of the crossing in ``RoadNetwork``; empty for all else.
+    """
+
+    id: int
+    road: int
+    kind: str
+    name: str
+    s: float
+    corners: NDArray[np.float64]
+    height: float = 0.0
+    strip: str = ""
+
+
+@dataclass(frozen=True)
+class RoadSignal:
+    """A signal head or a sign on a road.
+
+    Attributes:
+        id: its id, unique among everything on roads.
+        road: the road that it is for.
+        name: for people.
+        dynamic: whether it changes: a traffic light.
+        country, type, subtype: its number in a catalogue (``OpenDRIVE`` or ISO 3166 code).
+        value, unit: what a sign says (``50``, ``km/h``); nan and empty where nothing.
+        s, t: its place.
+        z: height of its middle above the road, metres.
+        orientation: ``+``, ``-`` or ``none``: the traffic that it is for.
+        lanes: ids of the lanes that it governs; empty for all.
+        program: id of its signal program; empty for signs.
+        links: what it shows: indices into the program's states.
+        strip: id of the strip that it governs; empty if unknown.
+    """
+
+    id: int
+    road: int
+    name: str
+    dynamic: bool
+    country: str
+    type: str
+    subtype: str
+    value: float
+    unit: str
+    s: float
+    t: float
+    z: float
+    orientation: str
+    lanes: tuple[int, ...] = ()
+    program: str = ""
+    links: tuple[int, ...] = ()
+    strip: str = ""
+    height: float = 0.9
+    width: float = 0.3
+
+
+@dataclass(frozen=True)
+class SignalController:
+    """What switches signals together.
+
+    Attributes:
+        id: its id, unique among everything on roads.
+        name: id of the signal program.
+        signals: ids of its signals.
+        junctions: ids of the junctions where they stand.
+        offset: seconds by which the program starts late.
+        phases: its fixed-time program; empty where it is not known.
+    """
+
+    id: int
+    name: str
+    signals: tuple[int, ...]
+    junctions: tuple[int, ...]
+    offset: float = 0.0
+    phases: tuple[Phase, ...] = ()

@@ -1,0 +1,46 @@
+"""Junctions of the lane model: which roads lead through, and what joins what."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Connection", "ModelJunction"]
+
+
+@dataclass(frozen=True)
+class Connection:
+    """A way through a junction.
+
+    Attributes:
+        incoming: the road that traffic comes from.
+        connecting: the road that leads through the junction.
+        contact: the end of the connecting road that meets the incoming one: ``start`` or ``end``.
+        links: pairs of lanes: of the incoming road, of the connecting road.
+    """
+
+    incoming: int
+    connecting: int
+    contact: str
+    links: tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True)
+class ModelJunction:
+    """Where roads meet.
+
+    Attributes:
+        id: its id, unique among junctions.
+        name: id of the junction in the SUMO network and in ``RoadNetwork``; empty if none yet.
+        connections: every way through.
+        outline: (M, 2) its border in plan; empty where unknown.
+        level: 0 on the ground, 1, 2, ... above other roads.
+    """
+
+    id: int
+    name: str
+    connections: tuple[Connection, ...]
+    outline: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
+    level: int = 0

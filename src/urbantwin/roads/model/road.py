@@ -1,0 +1,121 @@
+"""Roads of the lane model: a reference line, profiles, and lane sections."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from urbantwin.roads.model.curve import Curve
+from urbantwin.roads.model.profile import Profile
+from urbantwin.roads.model.section import LaneSection, SectionLane
+
+__all__ = ["ModelRoad", "RoadLink"]
+
+
+@dataclass(frozen=True)
+class RoadLink:
+    """What a road is joined to at one end.
+
+    Attributes:
+        element: ``road`` or ``junction``.
+        id: its id.
+        contact: which end of the other road: ``start`` or ``end``; empty for a junction.
+    """
+
+    element: str
+    id: int
+    contact: str = ""
+
+
+@dataclass(frozen=True)
+class ModelRoad:
+    """A street between two junctions, or one way through a junction.
+
+    The surface at station s, t metres to the left of the reference line, lies at
+    ``elevation(s) + t sin(bank(s)) - crown(s) |t|``; its place in plan is t cos(bank(s)) to the
+    left (ASAM OpenDRIVE 1.8, 10.5).
+
+    Attributes:
+        id: its id, unique among roads.
+        name: the street's name.
+        kind: class of the street in OpenStreetMap's words (``residential``); empty if unknown.
+        ways: ids of the ways of the map that it was made from.
+        junction: id of the junction that it leads through; -1 for a street.
+        curve: the reference line, site frame.
+        offset: how far the lanes are moved to the left of the reference line, metres.
+        elevation: height of the reference line, metres.
+        bank: superelevation, radians, positive where the left side is higher.
+        crown: fall of the surface away from the reference line to both sides, as a fraction.
+        sections: lane sections, the first at 0.
+        predecessor: what the start is joined to.
+        successor: what the end is joined to.
+        level: 0 on the ground, 1, 2, ... above other roads.
+    """
+
+    id: int
+    name: str
+    kind: str
+    ways: tuple[int, ...]
+    junction: int
+    curve: Curve
+    offset: Profile
+    elevation: Profile
+    bank: Profile
+    crown: Profile
+    sections: tuple[LaneSection, ...]
+    predecessor: RoadLink | None = None
+    successor: RoadLink | None = None
+    level: int = 0
+
+    @property
+    def length(self) -> float:
+        """Length of the reference line, metres."""
+        return self.curve.length
+
+    @cached_property
+    def section_ends(self) -> tuple[float, ...]:
+        """Where each section ends."""
+        return (*(section.s for section in self.sections[1:]), self.length)
+
+    def section_at(self, s: float) -> LaneSection:
+        """Return the section at a station; at a border, the one that begins there."""
+        starts = [section.s for section in self.sections]
+        return self.sections[max(0, int(np.searchsorted(starts, s + 1e-9, side="right")) - 1)]
+
+    def place(self, s: ArrayLike, t: ArrayLike) -> NDArray[np.float64]:
+        """Return points (N, 3) of the road's surface at stations and offsets to the left (N,)."""
+        s = np.atleast_1d(np.asarray(s, np.float64))
+        t = np.broadcast_to(np.asarray(t, np.float64), s.shape)
+        angle = self.bank.at(s)
+        xy = self.curve.beside(s, t * np.cos(angle))
+        z = self.elevation.at(s) + t * np.sin(angle) - self.crown.at(s) * np.abs(t)
+        return np.column_stack([xy, z])
+
+    def heights(self, s: ArrayLike, t: ArrayLike) -> NDArray[np.float64]:
+        """Return heights (N,) of the surface where the offset in plan is ``t``."""
+        s = np.atleast_1d(np.asarray(s, np.float64))
+        angle = self.bank.at(s)
+        across = np.asarray(t, np.float64) / np.cos(angle)
+        return np.asarray(
+            self.elevation.at(s) + across * np.sin(angle) - self.crown.at(s) * np.abs(across)
+        )
+
+    def border(
+        self, section: LaneSection, lane: SectionLane, s: ArrayLike, *, outer: bool
+    ) -> NDArray[np.float64]:
+        """Return the offset t (N,) of a lane's inner or outer border at stations of its section."""
+        s = np.atleast_1d(np.asarray(s, np.float64))
+        between = [*section.inwards(lane), *([lane] if outer else [])]
+        t = self.offset.at(s)
+        sign = 1.0 if lane.id > 0 else -1.0
+        for other in between:
+            t = t + sign * other.width.at(s - section.s)
+        return np.asarray(t)
+
+    def middle(self, section: LaneSection, lane: SectionLane, s: ArrayLike) -> NDArray[np.float64]:
+        """Return the offset t (N,) of a lane's middle."""
+        inner = self.border(section, lane, s, outer=False)
+        return np.asarray((inner + self.border(section, lane, s, outer=True)) / 2)

@@ -1,0 +1,90 @@
+"""Lane sections: the lanes of a road side by side, with widths that change along it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import cached_property
+
+from urbantwin.roads.model.profile import Profile
+
+__all__ = ["LANE_KINDS", "RAISED_KINDS", "LaneSection", "SectionLane"]
+
+#: Kinds of lanes. ``connection`` lanes of junctions are of the kind of what drives on them.
+LANE_KINDS = (
+    "driving",
+    "bus",
+    "bicycle",
+    "parking",
+    "shoulder",
+    "sidewalk",
+    "curb",
+    "median",
+    "island",
+    "none",
+)
+#: Kinds of lanes that stand above the carriageway.
+RAISED_KINDS = ("sidewalk", "curb", "median", "island")
+
+
+@dataclass(frozen=True)
+class SectionLane:
+    """One lane within one lane section.
+
+    Attributes:
+        id: negative to the right of the reference line, positive to its left, counted outwards
+            from 1; never 0 (ASAM OpenDRIVE 1.8, 11.2).
+        kind: one of ``LANE_KINDS``.
+        width: metres, over the distance from the start of the section.
+        forward: whether traffic runs along the reference line.
+        speed_limit: m/s; 0 where nothing drives.
+        allowed: classes of actors that may use it.
+        strip: id of the lane in the SUMO network and of the strip in ``RoadNetwork``; empty where
+            it has none yet. Sections of one road share it where the lane goes on.
+        predecessor: id of the lane that it continues at the section's start, in the section before
+            or in the road linked there; ``None`` where there is none or a junction.
+        successor: the same at the section's end.
+        height: how far it stands above the carriageway, metres.
+        mark: the line on its outer border, as OpenDRIVE names it: none, solid, broken, curb, ...
+        change: who may change lanes over that line: none, both, increase, decrease.
+    """
+
+    id: int
+    kind: str
+    width: Profile
+    forward: bool
+    speed_limit: float = 0.0
+    allowed: tuple[str, ...] = ()
+    strip: str = ""
+    predecessor: int | None = None
+    successor: int | None = None
+    height: float = 0.0
+    mark: str = "none"
+    change: str = "none"
+
+
+@dataclass(frozen=True)
+class LaneSection:
+    """The lanes of a road from station ``s`` to the next section.
+
+    Attributes:
+        s: where it begins, metres along the reference line.
+        lanes: from left to right.
+        centre_mark: the line on the reference line itself.
+        centre_change: who may change lanes over it.
+    """
+
+    s: float
+    lanes: tuple[SectionLane, ...]
+    centre_mark: str = "none"
+    centre_change: str = "none"
+
+    @cached_property
+    def by_id(self) -> dict[int, SectionLane]:
+        """Lanes by their ids."""
+        return {lane.id: lane for lane in self.lanes}
+
+    def inwards(self, lane: SectionLane) -> Iterable[SectionLane]:
+        """Return the lanes between a lane and the reference line, from the line outwards."""
+        step = 1 if lane.id > 0 else -1
+        return (self.by_id[k] for k in range(step, lane.id, step))
