@@ -13,10 +13,10 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.roads.model.curve import Curve
 from urbantwin.roads.model.profile import Profile
 from urbantwin.roads.opendrive.digits import abcd, number, numbers
-from urbantwin.roads.opendrive.furniture import Area, Controller, Furniture, Signal
 from urbantwin.roads.opendrive.lanes import connecting_lane, street_lanes
-from urbantwin.roads.opendrive.manoeuvre import Manoeuvre
-from urbantwin.roads.opendrive.street import Street
+from urbantwin.roads.streets.furniture import Area, Controller, Furniture, Signal
+from urbantwin.roads.streets.manoeuvre import Manoeuvre
+from urbantwin.roads.streets.street import Street
 
 __all__ = ["Map", "document"]
 

@@ -7,8 +7,8 @@ from collections.abc import Iterable
 from lxml import etree
 
 from urbantwin.roads.opendrive.digits import abcd, number, numbers
-from urbantwin.roads.opendrive.manoeuvre import Manoeuvre
-from urbantwin.roads.opendrive.street import Street, Strip
+from urbantwin.roads.streets.manoeuvre import Manoeuvre
+from urbantwin.roads.streets.street import Street, Strip
 
 __all__ = ["CURB_M", "connecting_lane", "street_lanes"]
 

@@ -8,9 +8,9 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.network import RoadNetwork
 from urbantwin.roads.opendrive.document import Map, document
-from urbantwin.roads.opendrive.furniture import furnish
-from urbantwin.roads.opendrive.manoeuvre import build_manoeuvres, find_topology
-from urbantwin.roads.opendrive.street import build_streets
+from urbantwin.roads.streets.furniture import furnish
+from urbantwin.roads.streets.manoeuvre import build_manoeuvres, find_topology
+from urbantwin.roads.streets.street import build_streets
 
 __all__ = ["VERSIONS", "opendrive_map", "write_opendrive"]
 

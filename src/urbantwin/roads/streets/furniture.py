@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from urbantwin.roads.model.curve import Curve
 from urbantwin.roads.model.profile import Profile
 from urbantwin.roads.network import Lane, RoadNetwork, SignalHead, SignalProgram
-from urbantwin.roads.opendrive.manoeuvre import Manoeuvre, Topology
-from urbantwin.roads.opendrive.street import Street
+from urbantwin.roads.streets.manoeuvre import Manoeuvre, Topology
+from urbantwin.roads.streets.street import Street
 
 __all__ = ["Area", "Controller", "Furniture", "Signal", "furnish"]
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from urbantwin.roads.model.curve import Curve, splined
 from urbantwin.roads.model.profile import Profile, fitted
 from urbantwin.roads.network import Lane, Road, RoadNetwork
-from urbantwin.roads.opendrive.street import Street, Strip, vehicle_lanes
+from urbantwin.roads.streets.street import Street, Strip, vehicle_lanes
 
 __all__ = ["Manoeuvre", "Route", "Topology", "build_manoeuvres", "find_topology"]
 

@@ -1,0 +1,1 @@
+"""From netconvert's network to roads of the lane model."""
