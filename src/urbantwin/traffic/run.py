@@ -21,7 +21,7 @@ from urbantwin.traffic.signals import signal_table
 from urbantwin.traffic.simulation import Simulated, simulate
 from urbantwin.twin import Twin
 
-__all__ = ["run_traffic"]
+__all__ = ["demand_of", "run_traffic"]
 
 
 def run_traffic(
@@ -54,14 +54,7 @@ def run_traffic(
     chosen_seed = _seed(asked["seed"] if seed is None else seed)
 
     told(0.0, "planning trips")
-    demand = plan_demand(
-        StreetNetwork(twin.net_path, twin.region),
-        asked["per_hour"],
-        warmup_s=warmup_s,
-        duration_s=steps * step_s,
-        seed=chosen_seed,
-        asset_names=asset_names,
-    )
+    demand = demand_of(twin, duration_s=steps * step_s, seed=chosen_seed)
     simulated = simulate(
         twin.net_path,
         demand,
@@ -107,6 +100,19 @@ def run_traffic(
     motion.save(out)
     told(1.0, "done")
     return motion
+
+
+def demand_of(twin: Twin, *, duration_s: float, seed: int) -> Demand:
+    """Return who sets out in a twin, as its site asks for, over warm-up and duration."""
+    asked = twin.site["traffic"]
+    return plan_demand(
+        StreetNetwork(twin.net_path, twin.region),
+        asked["per_hour"],
+        warmup_s=float(asked["warmup_s"]),
+        duration_s=duration_s,
+        seed=seed,
+        asset_names=asset_names,
+    )
 
 
 def _silent(_fraction: float, _what: str) -> None:

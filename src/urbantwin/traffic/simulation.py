@@ -23,7 +23,7 @@ from urbantwin.traffic.actor_kind import ACTOR_KINDS
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand import Demand
 
-__all__ = ["Simulated", "simulate"]
+__all__ = ["Simulated", "simulate", "sumo_options", "sumo_substeps", "write_routes"]
 
 _WORKER = Path(__file__).with_name("sumo_worker.py")
 _LARGEST_STEP_MS = 100  # SUMO's car following and sublane movement are smooth at this step
@@ -94,24 +94,15 @@ def simulate(
         InputError: the step is not a whole number of milliseconds, SUMO's resolution of time.
         StageError: SUMO failed; the message holds SUMO's first error.
     """
-    step_ms = round(step_s * 1000)
-    if step_ms < 1 or abs(step_ms - step_s * 1000) > 1e-6:
-        raise InputError(
-            f"{step_s:g} s is not a step that SUMO can make",
-            place="traffic.step_s",
-            expected="a whole number of milliseconds, 0.001 or more",
-        )
-    substeps = next(
-        n for n in range(1, step_ms + 1) if step_ms % n == 0 and step_ms / n <= _LARGEST_STEP_MS
-    )
+    step_ms, substeps = sumo_substeps(step_s)
     warmup_steps = math.ceil(warmup_s * 1000 / step_ms)
     margin = math.ceil(MARGIN_S * 1000 / step_ms)
     with tempfile.TemporaryDirectory(prefix="urbantwin-traffic-") as scratch:
         folder = Path(scratch)
         routes = folder / "demand.rou.xml"
-        _write_routes(routes, demand, asset)
+        write_routes(routes, demand, asset)
         job = {
-            "options": _options(net_path, routes, step_ms // substeps, seed),
+            "options": _command_line(net_path, routes, step_ms // substeps, seed),
             "warmup_substeps": warmup_steps * substeps,
             "first_step": -min(margin, warmup_steps),
             "last_step": steps - 1 + margin,
@@ -124,11 +115,33 @@ def simulate(
         return _read(folder / "rows.npy", folder / "outcome.json")
 
 
-def _options(net_path: Path, routes: Path, sumo_step_ms: int, seed: int) -> list[str]:
-    """Return SUMO's command line."""
-    options: dict[str, object] = {
-        "net-file": net_path.resolve(),
-        "route-files": routes,
+def sumo_substeps(step_s: float) -> tuple[int, int]:
+    """Return a motion's step in milliseconds, and how many of SUMO's own steps make it.
+
+    Raises:
+        InputError: the step is not a whole number of milliseconds, SUMO's resolution of time.
+    """
+    step_ms = round(step_s * 1000)
+    if step_ms < 1 or abs(step_ms - step_s * 1000) > 1e-6:
+        raise InputError(
+            f"{step_s:g} s is not a step that SUMO can make",
+            place="traffic.step_s",
+            expected="a whole number of milliseconds, 0.001 or more",
+        )
+    substeps = next(
+        n for n in range(1, step_ms + 1) if step_ms % n == 0 and step_ms / n <= _LARGEST_STEP_MS
+    )
+    return step_ms, substeps
+
+
+def sumo_options(sumo_step_ms: int, seed: int) -> dict[str, object]:
+    """Return how SUMO simulates a twin's traffic: its options and their values.
+
+    Args:
+        sumo_step_ms: SUMO's own step.
+        seed: of SUMO's random choices.
+    """
+    return {
         "step-length": sumo_step_ms / 1000,
         "seed": seed % 2**31,
         "lateral-resolution": _SUBLANE_M,
@@ -137,6 +150,15 @@ def _options(net_path: Path, routes: Path, sumo_step_ms: int, seed: int) -> list
         "collision.action": "warn",
         "collision.check-junctions": "true",
         "intermodal-collision.action": "warn",
+    }
+
+
+def _command_line(net_path: Path, routes: Path, sumo_step_ms: int, seed: int) -> list[str]:
+    """Return SUMO's command line."""
+    options: dict[str, object] = {
+        "net-file": net_path.resolve(),
+        "route-files": routes,
+        **sumo_options(sumo_step_ms, seed),
         "no-step-log": "true",
         "duration-log.disable": "true",
         "xml-validation": "never",
@@ -146,7 +168,7 @@ def _options(net_path: Path, routes: Path, sumo_step_ms: int, seed: int) -> list
     return [text for name, value in options.items() for text in (f"--{name}", str(value))]
 
 
-def _write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> None:
+def write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> None:
     """Write the demand as SUMO reads it: one vehicle type per mesh, then the trips."""
     root = etree.Element("routes")
     for actor_class, name in sorted({(trip.actor_class, trip.asset) for trip in demand.trips}):
