@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
+from urbantwin.roads.heights import with_heights
 from urbantwin.roads.levels import (
     Crossing,
     Lift,
@@ -22,10 +24,16 @@ from urbantwin.roads.levels import (
     lift_of_network,
     way_layer,
 )
+from urbantwin.roads.model import LaneModel
 from urbantwin.roads.netconvert import sumo_network
 from urbantwin.roads.network import RoadNetwork
 from urbantwin.roads.reading import read_sumo_network
+from urbantwin.roads.redraw import redraw_sumo_network
 from urbantwin.roads.sidewalk import sidewalk_sides
+from urbantwin.roads.signals.mapped import mapped_signals
+from urbantwin.roads.streets.furniture import furnished
+from urbantwin.roads.streets.planar import planar_model
+from urbantwin.roads.strips import network_of_model
 from urbantwin.site.extract import Extract, Way
 
 __all__ = ["NETWORK_CLASSES", "BuiltRoads", "build_roads"]
@@ -44,8 +52,16 @@ SIDEPATHS = {("foot", "use_sidepath"), ("bicycle", "use_sidepath")}
 
 @dataclass(frozen=True)
 class BuiltRoads:
-    """The lane network, how far its roads are lifted off the ground, and what was left out."""
+    """The roads of a site.
 
+    Attributes:
+        model: the lane model, the source of all else.
+        network: its lanes as strips.
+        lift: how far its roads are lifted off the ground.
+        notes: counts, and what was left out.
+    """
+
+    model: LaneModel
     network: RoadNetwork
     lift: Lift
     notes: dict[str, object]
@@ -93,30 +109,51 @@ def build_roads(
         if region.intersects(shapely.Point(crossing.point))
     ]
     level_of_way = levels_of_ways(crossings)
+    signals = mapped_signals(extract, ways, frame)
     with tempfile.TemporaryDirectory() as scratch:
         osm = Path(scratch) / "network.osm"
         clipped = extract.write_clipped(
-            osm, frame, region, _with_sidepaths(ways, lines, driving_side)
+            osm, frame, region, _with_sidepaths(ways, lines, driving_side), signals.tags
         )
         apart = sorted(p for p, way in clipped.origin.items() if way in level_of_way)
         warnings = sumo_network(osm, frame, driving_side=driving_side, keep_apart=apart, out=out)
-    network = read_sumo_network(
+    raw = read_sumo_network(
         out, driving_side=driving_side, level_of_way=level_of_way, origin=clipped.origin
     )
-    if not network.roads:
+    if not raw.roads:
         raise InputError(
             "has no streets that traffic could use within the region", file=extract.path
         )
-    lift = _lift(network, crossings)
+    lift = _lift(raw, crossings)
+
+    def height(xy: NDArray[np.float64], level: int) -> NDArray[np.float64]:
+        return np.asarray(elevation.smooth_at(xy) + lift.at(xy, level))
+
+    model = with_heights(planar_model(raw), elevation, lift)
+    model = furnished(model, raw, height)
+    network = network_of_model(model, raw, height)
+    redraw_sumo_network(out, network)
     notes: dict[str, object] = {
         "roads": len(network.roads),
         "junctions": len(network.junctions),
         "signal_programs": len(network.programs),
+        "signals_inferred_from_stop_lines_and_crossings": _within(
+            extract, frame, region, signals.inferred
+        ),
+        "mid_block_signals_left_out": _within(extract, frame, region, signals.mid_block),
         "lifted_ways": len(level_of_way),
         "left_out_tunnels": len(tunnels),
         "netconvert_warnings": len(warnings),
     }
-    return BuiltRoads(_with_heights(network, elevation, lift), lift, notes)
+    return BuiltRoads(model, network, lift, notes)
+
+
+def _within(
+    extract: Extract, frame: SiteFrame, region: shapely.Polygon, nodes: Sequence[int]
+) -> int:
+    """Return how many nodes lie in the region."""
+    xy = frame.site_from_lonlat([extract.nodes[node] for node in nodes]).reshape(-1, 2)
+    return int(shapely.contains_xy(region, xy[:, 0], xy[:, 1]).sum())
 
 
 def _network_ways(
@@ -173,12 +210,3 @@ def _lift(network: RoadNetwork, crossings: list[Crossing]) -> Lift:
         ends = (road.from_junction, road.to_junction)
         roads.append((lane.centre[:, :2], lane.level, frozenset(road.ways), ends))
     return lift_of_network(roads, crossings)
-
-
-def _with_heights(network: RoadNetwork, elevation: Elevation, lift: Lift) -> RoadNetwork:
-    lanes = []
-    for lane in network.lanes:
-        xy = shapely.get_coordinates(shapely.LineString(lane.centre[:, :2]).segmentize(4.0))
-        z = elevation.smooth_at(xy) + lift.at(xy, lane.level)
-        lanes.append(dataclasses.replace(lane, centre=np.column_stack([xy, z])))
-    return dataclasses.replace(network, lanes=tuple(lanes))

@@ -26,8 +26,6 @@ OPTIONS = {
     "junctions.join": "true",
     "junctions.corner-detail": "5",
     "ramps.guess": "true",
-    "tls.guess-signals": "true",
-    "tls.guess-signals.dist": "40",  # signals are mapped at stop lines, well before wide junctions
     "tls.discard-simple": "true",
     "tls.join": "true",
     "tls.default-type": "static",

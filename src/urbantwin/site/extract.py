@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from xml.etree import ElementTree
@@ -146,7 +146,12 @@ class Extract:
         return _valid_area(shapely.difference(outer, inner))
 
     def write_clipped(
-        self, path: Path, frame: SiteFrame, area: shapely.Polygon, ways: Iterable[Way]
+        self,
+        path: Path,
+        frame: SiteFrame,
+        area: shapely.Polygon,
+        ways: Iterable[Way],
+        node_tags: Mapping[int, Mapping[str, str]] | None = None,
     ) -> ClippedWays:
         """Write ``ways``, cut where they leave ``area``, as OSM XML.
 
@@ -158,6 +163,7 @@ class Extract:
             frame: the site frame.
             area: where to cut, site frame.
             ways: which ways to write.
+            node_tags: node -> tags that are written instead of its own.
         """
         clipped = ClippedWays()
         root = ElementTree.Element("osm", version="0.6", generator="urbantwin")
@@ -190,7 +196,8 @@ class Extract:
             element = ElementTree.SubElement(
                 root, "node", id=str(identity), lat=f"{lat:.9f}", lon=f"{lon:.9f}", version="1"
             )
-            _add_tags(element, self.node_tags.get(identity, {}))
+            own = self.node_tags.get(identity, {})
+            _add_tags(element, (node_tags or {}).get(identity, own))
         for identity, ids, way in pieces:
             element = ElementTree.SubElement(root, "way", id=str(identity), version="1")
             for node in ids:
@@ -307,7 +314,7 @@ def _polygons(lines: list[shapely.LineString]) -> list[shapely.Geometry]:
     return [_valid_area(p) for p in shapely.get_parts(shapely.polygonize(lines))]
 
 
-def _add_tags(element: ElementTree.Element, tags: dict[str, str]) -> None:
+def _add_tags(element: ElementTree.Element, tags: Mapping[str, str]) -> None:
     for key, value in sorted(tags.items()):
         ElementTree.SubElement(element, "tag", k=key, v=value)
 

@@ -1,0 +1,1 @@
+"""Traffic signals and signs: which junctions have them, their programs and where they stand."""
