@@ -34,7 +34,7 @@ class Format:
 
 def _opendrive(twin: Twin, path: Path, version: str) -> None:
     name = str(twin.manifest["name"])
-    write_opendrive(twin.roads, twin.frame, path, version=version, name=name)
+    write_opendrive(twin.lane_model, twin.frame, path, version=version, name=name)
 
 
 FORMATS: Mapping[str, Format] = {

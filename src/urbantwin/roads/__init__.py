@@ -3,6 +3,7 @@
 from urbantwin.roads.build import BuiltRoads, build_roads
 from urbantwin.roads.driving_side import driving_side
 from urbantwin.roads.levels import Lift
+from urbantwin.roads.model import LaneModel
 from urbantwin.roads.netconvert import sumo_binary, sumo_environment, sumo_home
 from urbantwin.roads.network import (
     Junction,
@@ -17,6 +18,7 @@ __all__ = [
     "BuiltRoads",
     "Junction",
     "Lane",
+    "LaneModel",
     "Lift",
     "Road",
     "RoadNetwork",

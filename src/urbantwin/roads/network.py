@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -17,10 +17,10 @@ from urbantwin.geometry import area_difference, area_union
 
 __all__ = ["Junction", "Lane", "Road", "RoadNetwork", "SignalHead", "SignalProgram"]
 
-#: Kinds of lanes that vehicles drive on at the height of the carriageway.
-CARRIAGEWAY_KINDS = ("driving", "bus", "bicycle")
+#: Kinds of lanes that vehicles drive or stand on, at the height of the carriageway.
+CARRIAGEWAY_KINDS = ("driving", "bus", "bicycle", "parking", "shoulder")
 #: Kinds of lanes for people on foot, raised behind a curb.
-FOOTWAY_KINDS = ("sidewalk", "walkingarea")
+FOOTWAY_KINDS = ("sidewalk", "walkingarea", "curb")
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,8 @@ class Lane:
     Attributes:
         id: as in the SUMO network.
         road: id of the road it belongs to; empty for what lies inside a junction.
-        kind: driving, bus, bicycle, sidewalk; inside junctions also connection (a turn),
-            crossing, walkingarea.
+        kind: driving, bus, bicycle, sidewalk, parking, shoulder, median, island, curb; inside
+            junctions also connection (a turn), crossing, walkingarea.
         width: metres.
         speed_limit: m/s.
         centre: (N, 3) points from start to end, site frame.
@@ -40,6 +40,7 @@ class Lane:
         allowed: classes of actors that may use it.
         successors: ids of the lanes that follow, through a junction's connection.
         junction: id of the junction it lies in; empty outside junctions.
+        widths: (N,) width at each point of the centre where it changes, else empty.
     """
 
     id: str
@@ -53,12 +54,15 @@ class Lane:
     allowed: tuple[str, ...]
     successors: tuple[str, ...]
     junction: str
+    widths: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
 
     @cached_property
     def polygon(self) -> shapely.Polygon:
         """The strip's area in plan."""
         if len(self.outline) >= 3:
             return shapely.make_valid(shapely.Polygon(self.outline))
+        if len(self.widths):
+            return _tapered(self.centre[:, :2], self.widths)
         line = shapely.LineString(self.centre[:, :2])
         return line.buffer(self.width / 2, cap_style="flat", join_style="mitre", mitre_limit=2)
 
@@ -190,6 +194,7 @@ class RoadNetwork:
         for lane in value["lanes"]:
             lane["centre"] = np.round(lane["centre"], 4).tolist()
             lane["outline"] = np.round(lane["outline"], 4).tolist()
+            lane["widths"] = np.round(lane["widths"], 4).tolist()
         for junction in value["junctions"]:
             junction["outline"] = np.round(junction["outline"], 4).tolist()
         write_json(path, {"kind": "roads", **value})
@@ -226,10 +231,23 @@ class RoadNetwork:
             ) from None
 
 
+def _tapered(centre: NDArray[np.float64], widths: NDArray[np.float64]) -> shapely.Geometry:
+    """Return the area of a strip whose width changes from point to point."""
+    leg = np.diff(centre, axis=0)
+    normal = np.column_stack([-leg[:, 1], leg[:, 0]])
+    normal /= np.maximum(np.linalg.norm(leg, axis=1, keepdims=True), 1e-9)
+    corner = np.vstack([normal[:1], normal[:-1] + normal[1:], normal[-1:]])
+    corner *= 2.0 / np.maximum((corner * corner).sum(axis=1, keepdims=True), 0.5)
+    corner[[0, -1]] = normal[[0, -1]]
+    side = corner * widths[:, None] / 2
+    return shapely.make_valid(shapely.Polygon(np.vstack([centre + side, (centre - side)[::-1]])))
+
+
 def _lane(row: dict[str, object]) -> Lane:
     fields = dict(row)
     fields["centre"] = np.array(row["centre"], np.float64).reshape(-1, 3)
     fields["outline"] = np.array(row["outline"], np.float64).reshape(-1, 2)
+    fields["widths"] = np.array(row["widths"], np.float64)
     fields["allowed"] = tuple(row["allowed"])  # type: ignore[arg-type]
     fields["successors"] = tuple(row["successors"])  # type: ignore[arg-type]
     return Lane(**fields)  # type: ignore[arg-type]

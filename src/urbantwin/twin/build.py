@@ -56,6 +56,7 @@ def build_twin(site: Site, out: Path, progress: Progress | None = None) -> Twin:
             driving_side=side,
             out=folder / "network.net.xml",
         )
+        roads.model.save(folder / "lane_model.json")
         roads.network.save(folder / "roads.json")
         tell(0.4, "scene")
         features = extract.features(site.frame, site.region)

@@ -15,7 +15,7 @@ from urbantwin.artefact import read_json, sha256_of
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, SiteFrame
 from urbantwin.ground import Elevation
-from urbantwin.roads import RoadNetwork
+from urbantwin.roads import LaneModel, RoadNetwork
 from urbantwin.site import RigSpec, load_rig_spec
 from urbantwin.taxonomy import semantic_id
 
@@ -59,6 +59,11 @@ class Twin:
         classes = [semantic_id(name) for name in GROUND_CLASSES]
         level = self.mesh.normals()[:, 2] > 0.1
         return self.mesh.select(np.isin(self.mesh.semantic, classes) & level)
+
+    @cached_property
+    def lane_model(self) -> LaneModel:
+        """The lane model: what the strips, the mesh and OpenDRIVE are made from."""
+        return LaneModel.load(self._file("lane_model.json"))
 
     @cached_property
     def roads(self) -> RoadNetwork:

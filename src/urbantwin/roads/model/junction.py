@@ -37,6 +37,7 @@ class ModelJunction:
         connections: every way through.
         outline: (M, 2) its border in plan; empty where unknown.
         level: 0 on the ground, 1, 2, ... above other roads.
+        members: ids of all junctions of the SUMO network that are one here, with ``name``.
     """
 
     id: int
@@ -44,3 +45,4 @@ class ModelJunction:
     connections: tuple[Connection, ...]
     outline: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
     level: int = 0
+    members: tuple[str, ...] = ()

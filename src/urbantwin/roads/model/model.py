@@ -143,5 +143,5 @@ def _junction(row: dict[str, Any]) -> ModelJunction:
         for item in row["connections"]
     )
     return ModelJunction(
-        **{**row, "connections": connections, "outline": _points(row, "outline", 2)}
+        **{**_tuples(row), "connections": connections, "outline": _points(row, "outline", 2)}
     )

@@ -1,10 +1,20 @@
-"""Numbers as text: the same on every machine."""
+"""Numbers as text, the same on every machine, and cubics as records."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
-__all__ = ["abcd", "number", "numbers"]
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.roads.model import Profile
+
+__all__ = ["abcd", "number", "numbers", "records"]
+
+#: Coefficients that differ less than this count as equal for ASAM's checker.
+SAME = 1e-6
+#: How far a profile may move where a record is left out as redundant, metres or radians.
+LEFT_OUT = 1e-6
 
 
 def number(value: float) -> str:
@@ -20,3 +30,39 @@ def numbers(**values: float) -> dict[str, str]:
 def abcd(values: Iterable[float]) -> dict[str, str]:
     """Return the four coefficients of a cubic as attributes."""
     return {letter: number(value) for letter, value in zip("abcd", values, strict=True)}
+
+
+def records(profile: Profile, length: float) -> Iterator[tuple[float, NDArray[np.float64]]]:
+    """Return start and coefficients of every record that a profile needs over a length.
+
+    Records beyond the end, and those that only go on with the cubic before them, are left out
+    (ASAM's rule ``performance.avoid_redundant_info``).
+    """
+    ends = np.append(profile.start[1:], max(length, float(profile.start[-1]) + 1e-3))
+    kept: tuple[float, NDArray[np.float64]] | None = None
+    for start, row, end in zip(profile.start, profile.abcd, ends, strict=True):
+        if kept is not None and (start >= length - 1e-9 or _goes_on(kept, start, row, end)):
+            continue
+        kept = (float(start), row)
+        yield kept
+
+
+def _goes_on(
+    kept: tuple[float, NDArray[np.float64]], start: float, row: NDArray[np.float64], end: float
+) -> bool:
+    before = _moved(kept[1], start - kept[0])
+    away = np.abs(_moved(before - row, np.linspace(0.0, end - start, 5))[..., 0])
+    if away.max() > LEFT_OUT:
+        return False
+    apart = _moved(kept[1], -kept[0]) - _moved(row, -start)
+    return bool(np.abs(apart).max() < SAME) or bool(np.abs(before - row).max() < 1e-12)
+
+
+def _moved(row: NDArray[np.float64], by: float | NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the coefficients of a cubic about a place that lies ``by`` ahead."""
+    a, b, c, d = row
+    x = np.asarray(by, np.float64)
+    return np.stack(
+        [a + x * (b + x * (c + x * d)), b + x * (2 * c + 3 * d * x), c + 3 * d * x, d + 0 * x],
+        axis=-1,
+    )

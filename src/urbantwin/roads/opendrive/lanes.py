@@ -1,82 +1,136 @@
-"""Lanes of a road as OpenDRIVE writes them: widths, marks, speed limits, access, raised curbs."""
+"""Lane sections as OpenDRIVE writes them: links, widths, marks, speeds, access, raised lanes."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from dataclasses import dataclass
 
 from lxml import etree
 
-from urbantwin.roads.opendrive.digits import abcd, number, numbers
-from urbantwin.roads.streets.manoeuvre import Manoeuvre
-from urbantwin.roads.streets.street import Street, Strip
+from urbantwin.roads.model import LaneModel, LaneSection, ModelRoad, Profile, SectionLane
+from urbantwin.roads.opendrive.digits import abcd, number, numbers, records
+from urbantwin.roads.opendrive.vocabulary import (
+    ACCESS,
+    DRIVEN,
+    KIND_OF_TYPE,
+    LANE_TYPES,
+    usual_users,
+)
 
-__all__ = ["CURB_M", "connecting_lane", "street_lanes"]
+__all__ = ["lane_links", "write_lanes"]
 
-#: Height of a raised sidewalk over the carriageway, metres.
-CURB_M = 0.15
 #: Width of painted lines, metres (US MUTCD 3A.06: 4 to 6 inches).
 LINE_M = 0.12
-LANE_TYPES = {
-    "1.8": {"driving": "driving", "bus": "bus", "bicycle": "biking", "sidewalk": "sidewalk"},
-    # 1.4 has no lanes for buses only.
-    "1.4": {"driving": "driving", "bus": "driving", "bicycle": "biking", "sidewalk": "sidewalk"},
-}
+#: A lane narrower than this at the end of a section is not linked there (ASAM's rules
+#: ``road.lane.link.zero_width_at_start`` and ``new_lane_appear``).
+NO_WIDTH_M = 1e-5
 
 
-def street_lanes(lanes: etree._Element, street: Street, version: str) -> None:
-    """Write the lanes of a road outside junctions, from left to right."""
-    section = etree.SubElement(lanes, "laneSection", s="0")
-    left = [strip for strip in street.strips if strip.id > 0]
-    right = [strip for strip in street.strips if strip.id < 0]
-    if left:
-        _side(etree.SubElement(section, "left"), left, street, version)
-    _centre(section, *_middle_mark(street))
-    if right:
-        _side(etree.SubElement(section, "right"), right, street, version)
+@dataclass(frozen=True)
+class _Place:
+    """A lane section of a road, and what holds for the whole map."""
+
+    model: LaneModel
+    road: ModelRoad
+    index: int
+    version: str
+
+    @property
+    def section(self) -> LaneSection:
+        return self.road.sections[self.index]
+
+    @property
+    def length(self) -> float:
+        return self.road.section_ends[self.index] - self.section.s
 
 
-def connecting_lane(lanes: etree._Element, manoeuvre: Manoeuvre, version: str) -> None:
-    """Write the one lane of a connecting road; the reference line runs in its middle."""
-    side, length = manoeuvre.side, manoeuvre.curve.length
-    first, last = manoeuvre.start.lane.width, manoeuvre.end.lane.width
-    grow = last - first
-    width = (first, 0.0, 3 * grow / length**2, -2 * grow / length**3)
-    offset = [-side * value / 2 for value in width]
-    etree.SubElement(lanes, "laneOffset", s="0", **abcd(offset))
-    section = etree.SubElement(lanes, "laneSection", s="0")
-    if side < 0:
-        _centre(section, "none", "none")
-    parent = etree.SubElement(section, "left" if side > 0 else "right")
-    lane = _lane(parent, side, manoeuvre.kind, version)
-    link = etree.SubElement(lane, "link")
-    etree.SubElement(link, "predecessor", id=str(manoeuvre.start.id))
-    etree.SubElement(link, "successor", id=str(manoeuvre.end.id))
-    etree.SubElement(lane, "width", sOffset="0", **abcd(width))
-    _mark(lane, "none", "none")
-    _rules(lane, manoeuvre.kind, manoeuvre.speed_limit, version)
-    if side > 0:
-        _centre(section, "none", "none")
+def write_lanes(road_item: etree._Element, model: LaneModel, road: ModelRoad, version: str) -> None:
+    """Write ``<lanes>`` of a road.
+
+    Args:
+        road_item: the ``<road>``.
+        model: the map, for what the lanes are linked to.
+        road: the road.
+        version: ``1.8`` or ``1.4``.
+    """
+    lanes = etree.SubElement(road_item, "lanes")
+    if not _is_nothing(road.offset):
+        for start, row in records(road.offset, road.length):
+            etree.SubElement(lanes, "laneOffset", s=number(start), **abcd(row))
+    for index, section in enumerate(road.sections):
+        place = _Place(model, road, index, version)
+        item = etree.SubElement(lanes, "laneSection", s=number(section.s))
+        ordered = sorted(section.lanes, key=lambda lane: -lane.id)
+        for side, group in (
+            ("left", [lane for lane in ordered if lane.id > 0]),
+            ("center", None),
+            ("right", [lane for lane in ordered if lane.id < 0]),
+        ):
+            if group is None:
+                centre = etree.SubElement(
+                    etree.SubElement(item, side), "lane", id="0", type="none", level="false"
+                )
+                _mark(centre, section.centre_mark, section.centre_change)
+            elif group:
+                parent = etree.SubElement(item, side)
+                for lane in group:
+                    _lane(parent, lane, place)
 
 
-def _side(parent: etree._Element, strips: Iterable[Strip], street: Street, version: str) -> None:
-    for strip in strips:
-        lane = _lane(parent, strip.id, strip.lane.kind, version)
-        etree.SubElement(lane, "width", sOffset="0", **abcd((strip.lane.width, 0, 0, 0)))
-        _mark(lane, *_outer_mark(street, strip))
-        _rules(lane, strip.lane.kind, strip.lane.speed_limit, version)
+def lane_links(
+    incoming: ModelRoad, connecting: ModelRoad, contact: str
+) -> dict[tuple[int, int], bool]:
+    """Return which lanes of two roads that meet at a junction have a width there.
+
+    Args:
+        incoming: the road that leads to the junction.
+        connecting: the road through the junction.
+        contact: the end of the connecting road that meets the incoming one.
+
+    Returns:
+        (lane of the incoming road, lane of the connecting road) -> whether both are open.
+    """
+    link = connecting.predecessor if contact == "start" else connecting.successor
+    end = link.contact if link is not None and link.id == incoming.id else ""
+    mine = _widths(connecting, contact)
+    theirs = _widths(incoming, end) if end else {}
+    return {
+        (a, b): width > NO_WIDTH_M and other > NO_WIDTH_M
+        for a, other in theirs.items()
+        for b, width in mine.items()
+    }
 
 
-def _lane(parent: etree._Element, identity: int, kind: str, version: str) -> etree._Element:
-    return etree.SubElement(
-        parent, "lane", id=str(identity), type=LANE_TYPES[version][kind], level="false"
-    )
+def _is_nothing(profile: Profile) -> bool:
+    return not profile.abcd.any()
 
 
-def _centre(section: etree._Element, mark: str, change: str) -> None:
-    lane = etree.SubElement(
-        etree.SubElement(section, "center"), "lane", id="0", type="none", level="false"
-    )
-    _mark(lane, mark, change)
+def _lane(parent: etree._Element, lane: SectionLane, place: _Place) -> None:
+    kind = LANE_TYPES[place.version][lane.kind]
+    item = etree.SubElement(parent, "lane", id=str(lane.id), type=kind, level="false")
+    along = (lane.id < 0) == (place.model.driving_side == "right")
+    reversed_ = lane.kind in DRIVEN and lane.forward != along
+    if reversed_ and place.version != "1.4":
+        item.set("direction", "reversed")
+    _links(item, lane, place)
+    for start, row in records(lane.width, place.length):
+        etree.SubElement(item, "width", sOffset=number(start), **abcd(row))
+    _mark(item, lane.mark, lane.change)
+    if lane.speed_limit > 0 and lane.kind in DRIVEN:
+        etree.SubElement(
+            item, "speed", sOffset="0", max=number(round(lane.speed_limit, 3)), unit="m/s"
+        )
+    if place.version != "1.4" and lane.allowed and set(lane.allowed) != set(usual_users(lane.kind)):
+        access = etree.SubElement(item, "access", sOffset="0", rule="allow")
+        for name in lane.allowed:
+            etree.SubElement(access, "restriction", type=ACCESS[name])
+    if lane.height:
+        etree.SubElement(
+            item, "height", **numbers(sOffset=0, inner=lane.height, outer=lane.height)
+        )
+    if KIND_OF_TYPE[kind] != lane.kind:
+        etree.SubElement(item, "userData", code="kind", value=lane.kind)
+    if reversed_ and place.version == "1.4":
+        etree.SubElement(item, "userData", code="direction", value="reversed")
 
 
 def _mark(lane: etree._Element, kind: str, change: str) -> None:
@@ -92,31 +146,56 @@ def _mark(lane: etree._Element, kind: str, change: str) -> None:
     )
 
 
-def _middle_mark(street: Street) -> tuple[str, str]:
-    """Two ways: broken where there is one lane each way, else solid. One way: the edge's."""
-    if not street.is_two_way:
-        first = min(street.strips, key=lambda strip: abs(strip.id))
-        return ("none" if first.lane.kind == "sidewalk" else "solid"), "none"
-    driven = [strip for strip in street.strips if strip.lane.kind in ("driving", "bus")]
-    return ("solid" if len(driven) > 2 else "broken"), "none"
+def _links(item: etree._Element, lane: SectionLane, place: _Place) -> None:
+    found = {
+        tag: there
+        for tag, there in (
+            ("predecessor", _linked(lane, place, ahead=False)),
+            ("successor", _linked(lane, place, ahead=True)),
+        )
+        if there is not None
+    }
+    if found:
+        links = etree.SubElement(item, "link")
+        for tag, there in found.items():
+            etree.SubElement(links, tag, id=str(there))
 
 
-def _outer_mark(street: Street, strip: Strip) -> tuple[str, str]:
-    """Return the mark on the border away from the reference line, and who may change lanes."""
-    outer = next((s for s in street.strips if s.id == strip.id + (1 if strip.id > 0 else -1)), None)
-    kinds = {strip.lane.kind, outer.lane.kind if outer else "none"}
-    if "sidewalk" in kinds:
-        return ("none" if "none" in kinds else "curb"), "none"
-    if kinds == {"driving"}:
-        return "broken", "both"
-    return "solid", "none"
+def _linked(lane: SectionLane, place: _Place, *, ahead: bool) -> int | None:
+    """Return the id of the lane that a lane goes on as, if both have a width and both say so."""
+    other = lane.successor if ahead else lane.predecessor
+    if other is None:
+        return None
+    road, index = place.road, place.index
+    within = float(lane.width.at(place.length if ahead else 0.0)[0])
+    inner = index + (1 if ahead else -1)
+    mutual = True
+    if 0 <= inner < len(road.sections):
+        section, end = road.sections[inner], "start" if ahead else "end"
+        extent = road.section_ends[inner] - section.s
+    else:
+        link = road.successor if ahead else road.predecessor
+        if link is None or link.element != "road" or link.id not in place.model.road_by_id:
+            return None
+        there = place.model.road_by_id[link.id]
+        end = link.contact
+        section = there.sections[0 if end == "start" else -1]
+        extent = there.section_ends[0 if end == "start" else -1] - section.s
+        # Ends of streets at a junction have no links of their own.
+        mutual = road.junction == there.junction
+    partner = section.by_id.get(other)
+    if partner is None:
+        return None
+    beyond = float(partner.width.at(0.0 if end == "start" else extent)[0])
+    back = partner.predecessor if end == "start" else partner.successor
+    if min(within, beyond) <= NO_WIDTH_M or (mutual and back != lane.id):
+        return None
+    return other
 
 
-def _rules(lane: etree._Element, kind: str, speed: float, version: str) -> None:
-    if kind != "sidewalk":
-        etree.SubElement(lane, "speed", sOffset="0", max=number(round(speed, 3)), unit="m/s")
-    if kind == "bus" and version != "1.4":
-        access = etree.SubElement(lane, "access", sOffset="0", rule="allow")
-        etree.SubElement(access, "restriction", type="bus")
-    if kind == "sidewalk":
-        etree.SubElement(lane, "height", **numbers(sOffset=0, inner=CURB_M, outer=CURB_M))
+def _widths(road: ModelRoad, end: str) -> dict[int, float]:
+    """Return the width of every lane at one end of a road."""
+    index = 0 if end == "start" else -1
+    section = road.sections[index]
+    at = 0.0 if end == "start" else road.section_ends[index] - section.s
+    return {lane.id: float(lane.width.at(at)[0]) for lane in section.lanes}

@@ -1,192 +1,155 @@
-"""What stands on and is painted on roads: crosswalks, stop lines, signals and their controllers."""
+"""What is on the roads: crosswalks, stop lines, signals and their controllers."""
 
 from __future__ import annotations
 
 import math
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.roads.model.curve import Curve
-from urbantwin.roads.model.profile import Profile
-from urbantwin.roads.network import Lane, RoadNetwork, SignalHead, SignalProgram
-from urbantwin.roads.streets.manoeuvre import Manoeuvre, Topology
-from urbantwin.roads.streets.street import Street
+from urbantwin.roads.model import (
+    LaneModel,
+    LaneSection,
+    ModelRoad,
+    RoadArea,
+    RoadSignal,
+    SectionLane,
+    SignalController,
+)
+from urbantwin.roads.network import Lane, RoadNetwork, SignalHead
+from urbantwin.roads.strips import SurfaceHeight
 
-__all__ = ["Area", "Controller", "Furniture", "Signal", "furnish"]
+__all__ = ["furnished"]
 
 #: Types of signals in OpenDRIVE's own catalogue: three lights for vehicles, two for people on foot.
 VEHICLE_LIGHTS, WALKER_LIGHTS = "1000001", "1000002"
+#: Height of a signal's lights over the road, metres (clearance of US MUTCD 4D.15: 4.6 m and more).
+LIGHTS_M = {VEHICLE_LIGHTS: 5.0, WALKER_LIGHTS: 2.2}
 #: Width of a stop line along the road, metres (US MUTCD 3B.16: 0.3 to 0.6 m).
 STOP_LINE_M = 0.4
 #: How far before the end of a road a crossing may lie, metres.
-_REACH_M = 12.0
-
-
-@dataclass(frozen=True)
-class Area:
-    """A painted area.
-
-    Attributes:
-        number: id in OpenDRIVE.
-        road: the road that it lies on.
-        kind, name: type and name in OpenDRIVE.
-        s: its origin, on the reference line.
-        corners: (N, 3) outline in the road's frame there: ahead, left, up.
-    """
-
-    number: int
-    road: int
-    kind: str
-    name: str
-    s: float
-    corners: NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Signal:
-    """A signal on a road.
-
-    Attributes:
-        number: id in OpenDRIVE.
-        road: the road that it stands on.
-        type: its type in OpenDRIVE's catalogue.
-        s, t: its place.
-        orientation: ``+``, ``-`` or ``none``: which traffic it is for.
-        lanes: the lanes that it governs, as ids; empty for a crossing.
-        links: what it shows: indices into the program's states.
-    """
-
-    number: int
-    road: int
-    type: str
-    s: float
-    t: float
-    orientation: str
-    lanes: tuple[int, ...]
-    links: tuple[int, ...]
-
-
-@dataclass(frozen=True)
-class Controller:
-    """What switches signals together; ``junctions`` are those where they stand."""
-
-    number: int
-    program: SignalProgram
-    signals: tuple[int, ...]
-    junctions: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Furniture:
-    """Everything on the roads, and the crossings and heads that found no road."""
-
-    areas: tuple[Area, ...]
-    signals: tuple[Signal, ...]
-    controllers: tuple[Controller, ...]
-    unplaced: tuple[str, ...]
+REACH_M = 12.0
 
 
 @dataclass(frozen=True)
 class _Host:
-    """A road as something to stand on."""
+    """An end of a street as something that a crossing lies across."""
 
-    number: int
-    curve: Curve
-    elevation: Profile
-    junction: str
-    level: int
-    line: shapely.LineString  # in plan, drawn out straight where a crossing may lie before its end
+    road: ModelRoad
+    junction: int
+    line: shapely.LineString  # in plan, drawn out straight where a crossing may lie beyond the end
 
 
-def furnish(
-    network: RoadNetwork,
-    streets: Sequence[Street],
-    manoeuvres: Sequence[Manoeuvre],
-    topology: Topology,
-) -> Furniture:
-    """Place crosswalks, stop lines and signals on roads."""
-    street_of = {name: street for street in streets for name in street.strip_of}
-    through: dict[str, list[Manoeuvre]] = defaultdict(list)
-    for manoeuvre in manoeuvres:
-        for name in manoeuvre.route.via:
-            through[name].append(manoeuvre)
-    hosts = _hosts(streets, topology)
-    areas: list[Area] = []
-    unplaced: list[str] = []
-    first = len(streets) + len(manoeuvres) + 1
-    for lane in network.lanes:
-        if lane.kind != "crossing":
-            continue
-        host = _crossed(lane, hosts, topology)
-        if host is None:
-            unplaced.append(lane.id)
-            continue
-        areas.append(_crosswalk(first + len(areas), network, lane, host))
-    signals: list[Signal] = []
-    of_program: dict[str, list[Signal]] = defaultdict(list)
-    near: dict[str, set[str]] = defaultdict(set)
-    first_signal = first + len(areas) + len(network.signals)
-    for head in network.signals:
-        junction = _junction(network, head, topology)
-        within = through[head.lane] or [m for m in manoeuvres if m.junction == junction]
-        walkers = network.lane_by_id[head.lane].kind == "crossing"
-        place = _place(head, street_of, within, walkers=walkers)
-        if place is None:
-            unplaced.append(head.lane)
-            continue
-        signal = Signal(first_signal + len(signals), *place, head.links)
+@dataclass(frozen=True)
+class _Place:
+    """A lane of the model where it ends."""
+
+    road: ModelRoad
+    section: LaneSection
+    lane: SectionLane
+
+    @property
+    def end(self) -> float:
+        return self.road.length if self.lane.forward else 0.0
+
+
+def furnished(model: LaneModel, raw: RoadNetwork, height: SurfaceHeight) -> LaneModel:
+    """Return the lane model with crosswalks, stop lines and signals on it.
+
+    Args:
+        model: the lane model, with heights.
+        raw: the network that it was made from: crossings, signal heads, programs.
+        height: the surface.
+    """
+    junction_of = {name: j.id for j in model.junctions for name in j.members}
+    places = _places(model)
+    areas: list[RoadArea] = []
+    hosts = _hosts(model)
+    first = model.next_id
+    for lane in raw.lanes:
+        host = _crossed(lane, hosts, junction_of) if lane.kind == "crossing" else None
+        if host is not None:
+            areas.append(_crosswalk(first + len(areas), lane, host, height))
+    first_signal = first + len(areas) + len(raw.signals)
+    signals: list[RoadSignal] = []
+    of_program: dict[str, list[RoadSignal]] = defaultdict(list)
+    near: dict[str, set[int]] = defaultdict(set)
+    to_junction = {road.id: road.to_junction for road in raw.roads}
+    for head in raw.signals:
+        lane = raw.lane_by_id[head.lane]
+        junction = junction_of.get(to_junction.get(lane.road, lane.junction), -1)
+        place = places.get(head.lane)
+        number = first_signal + len(signals)
+        if place is not None and place.road.junction < 0:
+            signal = _at_stop_line(number, place, head)
+            areas.append(_stop_line(first + len(areas), place))
+        else:
+            found = _within(number, model, junction, head, walkers=lane.kind == "crossing")
+            if found is None:
+                continue
+            signal = found
         signals.append(signal)
         of_program[head.program].append(signal)
         near[head.program].add(junction)
-        street = street_of.get(head.lane)
-        if street is not None:
-            areas.append(_stop_line(first + len(areas), street, head, signal))
-    number = first_signal + len(signals)
+    first_controller = first_signal + len(signals)
+    programs = [program for program in raw.programs if of_program[program.id]]
     controllers = tuple(
-        Controller(
-            number + k,
-            program,
-            tuple(signal.number for signal in of_program[program.id]),
-            tuple(sorted(near[program.id] - {""})),
+        SignalController(
+            first_controller + k,
+            program.id,
+            tuple(signal.id for signal in of_program[program.id]),
+            tuple(sorted(near[program.id] - {-1})),
+            program.offset,
+            program.phases,
         )
-        for k, program in enumerate(p for p in network.programs if of_program[p.id])
+        for k, program in enumerate(programs)
     )
-    return Furniture(tuple(areas), tuple(signals), controllers, tuple(unplaced))
+    return replace(model, areas=tuple(areas), signals=tuple(signals), controllers=controllers)
 
 
-def _hosts(streets: Sequence[Street], topology: Topology) -> list[_Host]:
-    roads = []
-    for street in streets:
-        level = street.strips[0].lane.level
-        for station, name in ((0.0, street.start), (street.curve.length, street.end)):
-            ahead = _REACH_M if station else -_REACH_M
-            x, y, heading = street.curve.at(station)[0]
+def _places(model: LaneModel) -> dict[str, _Place]:
+    """Return strip -> the lane where traffic leaves its road."""
+    found: dict[str, _Place] = {}
+    for road in model.roads:
+        for section in road.sections:
+            for lane in section.lanes:
+                for name in lane.strip.split():
+                    if name not in found or lane.forward:
+                        found[name] = _Place(road, section, lane)
+    return found
+
+
+def _hosts(model: LaneModel) -> list[_Host]:
+    hosts = []
+    for road in model.roads:
+        if road.junction >= 0:
+            continue
+        for station, link in ((0.0, road.predecessor), (road.length, road.successor)):
+            ahead = REACH_M if station else -REACH_M
+            x, y, heading = road.curve.at(station)[0]
             outer = (x + ahead * math.cos(heading), y + ahead * math.sin(heading))
-            inner = street.curve.at(float(np.clip(station - ahead, 0.0, street.curve.length)))[0]
+            inner = road.curve.at(float(np.clip(station - ahead, 0.0, road.length)))[0]
             line = shapely.LineString([inner[:2], (x, y), outer])
-            junction = topology.junction.get(name, name)
-            roads.append(
-                _Host(street.number, street.curve, street.elevation, junction, level, line)
-            )
-    return roads
+            at_junction = link is not None and link.element == "junction"
+            hosts.append(_Host(road, link.id if link and at_junction else -1, line))
+    return hosts
 
 
-def _crossed(lane: Lane, hosts: Sequence[_Host], topology: Topology) -> _Host | None:
+def _crossed(lane: Lane, hosts: Sequence[_Host], junction_of: Mapping[str, int]) -> _Host | None:
     """Return the road whose end a crossing lies across, as squarely as possible.
 
     Not a connecting road: there CARLA measures from the lane offset, and the standard does not.
     """
     middle = shapely.LineString(lane.centre[:, :2])
     chord = lane.centre[-1, :2] - lane.centre[0, :2]
-    junction = topology.junction.get(lane.junction, lane.junction)
+    junction = junction_of.get(lane.junction)
     best: tuple[float, int] | None = None
     for k, host in enumerate(hosts):
-        if host.level != lane.level or host.junction != junction:
+        if host.road.level != lane.level or host.junction != junction:
             continue
         leg = np.diff(np.array(host.line.coords)[[0, -1]], axis=0)[0]
         angle = math.atan2(chord[1], chord[0]) - math.atan2(leg[1], leg[0])
@@ -196,11 +159,14 @@ def _crossed(lane: Lane, hosts: Sequence[_Host], topology: Topology) -> _Host | 
     return None if best is None else hosts[best[1]]
 
 
-def _meeting(host: _Host, lane: Lane) -> float:
-    """Return the station of a road where a crossing lies, or of the end that it lies before."""
+def _crosswalk(number: int, lane: Lane, host: _Host, height: SurfaceHeight) -> RoadArea:
+    road = host.road
     other = shapely.LineString(lane.centre[:, :2])
     point = shapely.get_coordinates(shapely.shortest_line(host.line, other))[0]
-    return float(np.clip(host.curve.locate(point[None])[0][0], 0.0, host.curve.length))
+    s = float(np.clip(road.curve.locate(point[None])[0][0], 0.0, road.length))
+    xy = _corners(lane)
+    corners = _local(road, s, np.column_stack([xy, height(xy, lane.level)]))
+    return RoadArea(number, road.id, "crosswalk", "crosswalk", s, corners, strip=lane.id)
 
 
 def _corners(lane: Lane) -> NDArray[np.float64]:
@@ -212,73 +178,89 @@ def _corners(lane: Lane) -> NDArray[np.float64]:
     return np.asarray(shapely.get_coordinates(outline))[:-1]
 
 
-def _crosswalk(number: int, network: RoadNetwork, lane: Lane, host: _Host) -> Area:
-    xy = _corners(lane)
-    at = _meeting(host, lane)
-    z = network.height(lane.id, xy)
-    corners = _local(host.curve, host.elevation, at, np.column_stack([xy, z]))
-    return Area(number, host.number, "crosswalk", "crosswalk", at, corners)
-
-
-def _local(
-    curve: Curve, elevation: Profile, s: float, points: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    x, y, heading = curve.at(s)[0]
-    gap = points - [x, y, float(elevation.at(s)[0])]
+def _local(road: ModelRoad, s: float, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    x, y, heading = road.curve.at(s)[0]
+    gap = points - [x, y, float(road.elevation.at(s)[0])]
     c, sn = math.cos(heading), math.sin(heading)
     return np.column_stack(
         [gap[:, 0] * c + gap[:, 1] * sn, gap[:, 1] * c - gap[:, 0] * sn, gap[:, 2]]
     )
 
 
-def _stop_line(number: int, street: Street, head: SignalHead, signal: Signal) -> Area:
-    strip = street.strip_of[head.lane]
-    back = -STOP_LINE_M if strip.forward else STOP_LINE_M
-    half = strip.lane.width / 2
-    s = np.clip([signal.s + back, signal.s + back, signal.s, signal.s], 0.0, street.curve.length)
-    place = street.place(s, strip.t + np.array([half, -half, -half, half]))
-    if not strip.forward:
-        place = place[::-1]
-    return Area(
+def _stop_line(number: int, place: _Place) -> RoadArea:
+    road, lane, end = place.road, place.lane, place.end
+    back = -STOP_LINE_M if lane.forward else STOP_LINE_M
+    s = np.clip([end + back, end + back, end, end], 0.0, road.length)
+    inner = road.border(place.section, lane, s, outer=False)
+    outer = road.border(place.section, lane, s, outer=True)
+    left, right = np.maximum(inner, outer), np.minimum(inner, outer)
+    t = np.array([left[0], right[1], right[2], left[3]])
+    corners = road.place(s, t)
+    if not lane.forward:
+        corners = corners[::-1]
+    return RoadArea(
         number,
-        street.number,
+        road.id,
         "roadMark",
         "StopLine",
-        signal.s,
-        _local(street.curve, street.elevation, signal.s, place),
+        end,
+        _local(road, end, corners),
+        strip=lane.strip,
     )
 
 
-def _place(
+def _at_stop_line(number: int, place: _Place, head: SignalHead) -> RoadSignal:
+    t = float(place.road.middle(place.section, place.lane, place.end)[0])
+    sign = "+" if place.lane.forward else "-"
+    return _signal(number, place.road, VEHICLE_LIGHTS, place.end, t, sign, (place.lane.id,), head)
+
+
+def _within(
+    number: int, model: LaneModel, junction: int, head: SignalHead, *, walkers: bool
+) -> RoadSignal | None:
+    """Place what lies within a junction on the way over it, else on the nearest."""
+    roads = [road for road in model.roads if road.junction >= 0 and road.junction == junction]
+    if not roads:
+        return None
+    through = [r for r in roads if head.lane in r.sections[0].lanes[0].strip.split()]
+    point = shapely.Point(head.x, head.y)
+    road = min(
+        through or roads, key=lambda r: (round(float(r.curve.line.distance(point)), 3), r.id)
+    )
+    s, t = (float(v[0]) for v in road.curve.locate([[head.x, head.y]]))
+    s = float(np.clip(s, 0.0, road.length))
+    if walkers:
+        return _signal(number, road, WALKER_LIGHTS, s, t, "none", (), head)
+    lane = road.sections[0].lanes[0].id
+    return _signal(number, road, VEHICLE_LIGHTS, s, 0.0, "+", (lane,), head)
+
+
+def _signal(
+    number: int,
+    road: ModelRoad,
+    kind: str,
+    s: float,
+    t: float,
+    orientation: str,
+    lanes: tuple[int, ...],
     head: SignalHead,
-    street_of: Mapping[str, Street],
-    within: Sequence[Manoeuvre],
-    *,
-    walkers: bool,
-) -> tuple[int, str, float, float, str, tuple[int, ...]] | None:
-    """Return road, type, s, t, orientation and lanes of a signal."""
-    xy = np.array([[head.x, head.y]])
-    if head.lane in street_of:
-        street = street_of[head.lane]
-        strip = street.strip_of[head.lane]
-        s = float(np.clip(street.curve.locate(xy)[0][0], 0.0, street.curve.length))
-        sign = "+" if strip.forward else "-"
-        return street.number, VEHICLE_LIGHTS, s, strip.t, sign, (strip.id,)
-    if within:
-        # What lies within a junction stands on the manoeuvre over it, else on the nearest.
-        point = shapely.Point(head.x, head.y)
-        manoeuvre = min(within, key=lambda m: (round(m.curve.line.distance(point), 3), m.number))
-        s, t = (float(v[0]) for v in manoeuvre.curve.locate(xy))
-        s = float(np.clip(s, 0.0, manoeuvre.curve.length))
-        if walkers:
-            return manoeuvre.number, WALKER_LIGHTS, s, t, "none", ()
-        return manoeuvre.number, VEHICLE_LIGHTS, s, 0.0, "+", (manoeuvre.side,)
-    return None
-
-
-def _junction(network: RoadNetwork, head: SignalHead, topology: Topology) -> str:
-    lane = network.lane_by_id[head.lane]
-    name = lane.junction
-    if lane.road:
-        name = next(road.to_junction for road in network.roads if road.id == lane.road)
-    return topology.junction.get(name, name)
+) -> RoadSignal:
+    return RoadSignal(
+        id=number,
+        road=road.id,
+        name="links " + " ".join(map(str, head.links)),
+        dynamic=True,
+        country="OpenDRIVE",
+        type=kind,
+        subtype="-1",
+        value=-1.0,
+        unit="",
+        s=s,
+        t=t,
+        z=LIGHTS_M[kind],
+        orientation=orientation,
+        lanes=lanes,
+        program=head.program,
+        links=head.links,
+        strip=head.lane,
+    )

@@ -11,7 +11,6 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.roads.model.curve import Curve, splined
-from urbantwin.roads.model.profile import Profile, fitted
 from urbantwin.roads.network import Lane, Road, RoadNetwork
 from urbantwin.roads.streets.street import Street, Strip, vehicle_lanes
 
@@ -27,7 +26,6 @@ ROOM_AT_SIGNAL_M = 1.0
 TRIM_SHARE = 0.25
 #: Points of a way closer than this are thinned, so that a spline through them is calm, metres.
 SPACING_M = 1.5
-HEIGHT_TOLERANCE_M = 0.004
 
 
 @dataclass(frozen=True)
@@ -63,7 +61,7 @@ class Manoeuvre:
     """A connecting road: one lane, one way, its reference line in the lane's middle.
 
     Attributes:
-        number: id in OpenDRIVE.
+        number: id of the road.
         side: number of its lane: -1 where lanes lie to the right of their reference line, else 1.
         route: the lanes that it stands for.
         junction: id of its junction.
@@ -72,8 +70,6 @@ class Manoeuvre:
         kind: ``driving``, ``bus`` or ``bicycle``.
         speed_limit: m/s.
         curve: the middle of its lane.
-        elevation: height of that line.
-        bank: superelevation, radians.
     """
 
     number: int
@@ -87,8 +83,6 @@ class Manoeuvre:
     kind: str
     speed_limit: float
     curve: Curve
-    elevation: Profile
-    bank: Profile
 
 
 def find_topology(network: RoadNetwork) -> Topology:
@@ -237,7 +231,6 @@ def build_manoeuvres(
         chain = [network.lane_by_id[name] for name in route.via]
         edge_junction = entry.edge.to_junction if start.forward else entry.edge.from_junction
         number += 1
-        curve, elevation, bank = _shape(entry, start, leave, end, chain)
         result.append(
             Manoeuvre(
                 number,
@@ -250,9 +243,7 @@ def build_manoeuvres(
                 end,
                 _kind(start.lane, end.lane, chain),
                 min([lane.speed_limit for lane in chain] or [start.lane.speed_limit]),
-                curve,
-                elevation,
-                bank,
+                _curve(entry, start, leave, end, chain),
             )
         )
     return tuple(result)
@@ -267,11 +258,9 @@ def _kind(start: Lane, end: Lane, chain: list[Lane]) -> str:
     return "driving"
 
 
-def _shape(
-    entry: Street, start: Strip, leave: Street, end: Strip, chain: list[Lane]
-) -> tuple[Curve, Profile, Profile]:
+def _curve(entry: Street, start: Strip, leave: Street, end: Strip, chain: list[Lane]) -> Curve:
     s0, s1 = entry.end_of(start, leaving=True), leave.end_of(end, leaving=False)
-    first, last = entry.place(s0, start.t)[0], leave.place(s1, end.t)[0]
+    first, last = entry.curve.beside(s0, start.t)[0], leave.curve.beside(s1, end.t)[0]
     headings = [
         float(street.curve.at(s)[0, 2]) + (0.0 if strip.forward else np.pi)
         for street, s, strip in ((entry, s0, start), (leave, s1, end))
@@ -279,42 +268,19 @@ def _shape(
     way = np.vstack(
         [
             first[None],
-            _after(start.lane.centre, first),
-            *(lane.centre for lane in chain),
-            _after(end.lane.centre[::-1], last)[::-1],
+            _after(start.lane.centre[:, :2], first),
+            *(lane.centre[:, :2] for lane in chain),
+            _after(end.lane.centre[::-1, :2], last)[::-1],
             last[None],
         ]
     )
-    curve = splined(_calm(way[:, :2]), *headings)
-    station = np.maximum.accumulate(np.clip(curve.locate(way[:, :2])[0], 0.0, curve.length))
-    station[[0, -1]] = 0.0, curve.length
-    s = np.linspace(0.0, curve.length, max(2, int(np.ceil(curve.length)) + 1))
-    sign = [1.0 if strip.forward else -1.0 for strip in (start, end)]
-    slopes = (
-        sign[0] * entry.slope(s0, start.t),
-        sign[1] * leave.slope(s1, end.t),
-    )
-    keep = np.concatenate([[True], np.diff(station) > 1e-3])
-    keep[-1] = True
-    z = np.interp(s, station[keep], way[keep, 2])
-    z[[0, -1]] = first[2], last[2]
-    elevation = fitted(s, z, tolerance=HEIGHT_TOLERANCE_M, slopes=slopes)
-    banks = [
-        sign[0] * float(entry.bank.at(s0)[0]),
-        sign[1] * float(leave.bank.at(s1)[0]),
-    ]
-    ends = np.array([0.0, curve.length])
-    bank = fitted(ends, np.array(banks), tolerance=1.0, slopes=(0.0, 0.0))
-    return curve, elevation, bank
+    return splined(_calm(way), *headings)
 
 
 def _after(points: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the points of a polyline that come after a place beside it."""
-    line = shapely.LineString(points[:, :2])
-    at = line.project(shapely.Point(place[:2]))
-    along = np.concatenate(
-        [[0.0], np.cumsum(np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1))]
-    )
+    at = shapely.LineString(points).project(shapely.Point(place))
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     return np.asarray(points[along > at + 0.05])
 
 

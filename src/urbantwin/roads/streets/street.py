@@ -1,4 +1,4 @@
-"""Streets: which edges of the lane model share a road, its reference line and its profiles."""
+"""Streets: which edges of the network share a road, and its reference line."""
 
 from __future__ import annotations
 
@@ -8,29 +8,26 @@ from functools import cached_property
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from urbantwin.roads.model.curve import Curve, filleted
-from urbantwin.roads.model.profile import Profile, fitted
 from urbantwin.roads.network import Lane, Road, RoadNetwork
 
 __all__ = ["Street", "Strip", "build_streets", "vehicle_lanes"]
 
 #: Two directions share a road where their inner borders lie closer than this, metres.
 PAIRED_M = 0.3
-#: Largest difference between the profiles and the lanes' heights, metres.
-HEIGHT_TOLERANCE_M = 0.004
 #: The shortest road that is left where its ends are cut back for the junctions, metres.
 SHORTEST_M = 0.5
 
 
 @dataclass(frozen=True)
 class Strip:
-    """A lane as part of an OpenDRIVE road.
+    """A lane as part of a road.
 
     Attributes:
-        lane: the lane of the lane model.
-        id: number in OpenDRIVE: negative to the right of the reference line, positive to the left.
+        lane: the lane of the network.
+        id: negative to the right of the reference line, positive to the left.
         t: offset of its middle from the reference line, metres to the left.
         forward: whether traffic runs along the reference line.
     """
@@ -46,20 +43,18 @@ class Street:
     """A road outside junctions.
 
     Attributes:
-        number: id in OpenDRIVE.
-        edge: the edge of the lane model that runs along the reference line.
+        number: id of the road.
+        edge: the edge of the network that runs along the reference line.
         strips: its lanes, from left to right.
         curve: the reference line.
-        elevation: height of the reference line, metres.
-        bank: superelevation, radians: positive where the left side is higher.
+        ways: ids of the ways of the map.
     """
 
     number: int
     edge: Road
     strips: tuple[Strip, ...]
     curve: Curve
-    elevation: Profile
-    bank: Profile
+    ways: tuple[int, ...]
 
     @cached_property
     def strip_of(self) -> Mapping[str, Strip]:
@@ -81,22 +76,9 @@ class Street:
         """Whether lanes run both ways."""
         return len({strip.forward for strip in self.strips}) == 2
 
-    def place(self, s: ArrayLike, t: ArrayLike) -> NDArray[np.float64]:
-        """Return points (N, 3) of the road's surface at stations and offsets."""
-        s = np.atleast_1d(np.asarray(s, np.float64))
-        t = np.broadcast_to(np.asarray(t, np.float64), s.shape)
-        angle = self.bank.at(s)
-        xy = self.curve.beside(s, t * np.cos(angle))
-        return np.column_stack([xy, self.elevation.at(s) + t * np.sin(angle)])
-
     def end_of(self, strip: Strip, *, leaving: bool) -> float:
         """Return the station where a lane ends (``leaving``) or begins."""
         return self.curve.length if strip.forward == leaving else 0.0
-
-    def slope(self, s: float, t: float) -> float:
-        """Return dz/ds of the surface at a place, along the reference line."""
-        angle = float(self.bank.at(s)[0])
-        return float(self.elevation.slope(s)[0] + t * np.cos(angle) * self.bank.slope(s)[0])
 
 
 def vehicle_lanes(network: RoadNetwork, edge: Road) -> list[Lane]:
@@ -110,7 +92,6 @@ def build_streets(
     edges: list[Road],
     trims: Mapping[tuple[str, str], float],
     *,
-    pair: bool,
     side: int,
 ) -> tuple[Street, ...]:
     """Make roads of edges.
@@ -119,18 +100,17 @@ def build_streets(
         network: the lane model.
         edges: what becomes roads.
         trims: (edge id, ``start`` or ``end``) -> metres left to the junction there.
-        pair: whether two directions of an undivided street share one road.
         side: -1: lanes along the reference line lie to its right; 1: to its left.
     """
     streets: list[Street] = []
     done: set[str] = set()
-    partner = _partners(network, edges, side) if pair else {}
+    partner = _partners(network, edges, side)
     for edge in sorted(edges, key=lambda e: (e.id.startswith("-"), e.id)):
         if edge.id in done:
             continue
         other = partner.get(edge.id)
         done |= {edge.id} | ({other.id} if other else set())
-        streets.append(_street(network, len(streets) + 1, edge, other, trims, (pair, side)))
+        streets.append(_street(network, len(streets) + 1, edge, other, trims, side))
     return tuple(streets)
 
 
@@ -177,13 +157,9 @@ def _street(
     edge: Road,
     other: Road | None,
     trims: Mapping[tuple[str, str], float],
-    layout: tuple[bool, int],
+    side: int,
 ) -> Street:
-    pair, side = layout
-    own = [network.lane_by_id[name] for name in edge.lanes]
-    # From the reference line outwards; left-hand traffic that is written as right-hand traffic has
-    # its kerb, not its middle, on the left.
-    outwards = own[::-1] if pair or network.driving_side == "right" else own
+    outwards = [network.lane_by_id[name] for name in edge.lanes[::-1]]
     strips = _strips(outwards, side, forward=True)
     if other is not None:
         against = [network.lane_by_id[name] for name in other.lanes[::-1]]
@@ -197,12 +173,14 @@ def _street(
     first += max(trims.get((edge.id, "start"), 0.0), _trim(trims, other, "end"))
     last -= max(trims.get((edge.id, "end"), 0.0), _trim(trims, other, "start"))
     if last - first < SHORTEST_M:
-        middle = float(np.clip((first + last) / 2, SHORTEST_M, whole.length - SHORTEST_M))
-        first, last = middle - SHORTEST_M / 2, middle + SHORTEST_M / 2
+        # Too short to give anything away: the middle, or all that there is.
+        half = min(SHORTEST_M, whole.length) / 2
+        middle = float(np.clip((first + last) / 2, half, whole.length - half))
+        first, last = middle - half, middle + half
     curve = whole.between(first, last)
     strips = sorted(strips, key=lambda strip: -strip.t)
-    elevation, bank = _profiles(curve, strips)
-    return Street(number, edge, tuple(strips), curve, elevation, bank)
+    ways = {*edge.ways, *(other.ways if other else ())}
+    return Street(number, edge, tuple(strips), curve, tuple(sorted(ways)))
 
 
 def _trim(trims: Mapping[tuple[str, str], float], edge: Road | None, end: str) -> float:
@@ -231,25 +209,3 @@ def _extent(curve: Curve, strips: list[Strip]) -> tuple[float, float]:
         ends = curve.locate(strip.lane.centre[[0, -1], :2])[0]
         first, last = max(first, float(ends.min())), min(last, float(ends.max()))
     return first, last
-
-
-def _profiles(curve: Curve, strips: list[Strip]) -> tuple[Profile, Profile]:
-    """Fit height and superelevation to the heights of all lanes."""
-    s = np.linspace(0.0, curve.length, max(2, int(np.ceil(curve.length)) + 1))
-    heights = np.full((len(strips), len(s)), np.nan)
-    for row, strip in zip(heights, strips, strict=True):
-        station = curve.locate(strip.lane.centre[:, :2])[0]
-        order = np.argsort(station, kind="stable")
-        row[:] = np.interp(s, station[order], strip.lane.centre[order, 2])
-        row[(s < station.min() - 0.5) | (s > station.max() + 0.5)] = np.nan
-    t = np.array([strip.t for strip in strips])
-    known = np.isfinite(heights)
-    count = known.sum(axis=0)
-    mean_t = (known * t[:, None]).sum(axis=0) / count
-    mean_z = np.nansum(heights, axis=0) / count
-    spread = known * (t[:, None] - mean_t)
-    slope = (spread * np.where(known, heights - mean_z, 0.0)).sum(axis=0)
-    slope = slope / np.maximum((spread**2).sum(axis=0), 1e-9)
-    bank = fitted(s, np.arctan(slope), tolerance=HEIGHT_TOLERANCE_M / max(1.0, np.abs(t).max()))
-    level = mean_z - mean_t * np.sin(bank.at(s))
-    return fitted(s, level, tolerance=HEIGHT_TOLERANCE_M), bank

@@ -1,0 +1,144 @@
+"""Roads of the lane model as the edges that SUMO knows: one direction, the same lanes all along."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+
+from urbantwin.roads.model import LaneModel, LaneSection, ModelRoad, SectionLane
+
+__all__ = ["TRAFFIC_KINDS", "Edge", "carries_traffic", "edges_of_model", "edges_of_road"]
+
+#: Kinds of lanes that traffic follows, people on foot included, and the least width of a lane of
+#: that kind, metres: what is narrower all along a section is a taper that has not opened yet.
+TRAFFIC_KINDS = {"driving": 1.5, "bus": 1.5, "bicycle": 0.5, "sidewalk": 0.5}
+
+
+@dataclass(frozen=True)
+class Edge:
+    """A stretch of a road in one direction, along which the lanes stay the same.
+
+    Attributes:
+        id: ``12`` along the reference line of road 12, ``-12`` against it; ``12#1`` where the road
+            is of several stretches.
+        road: the road.
+        sections: indices of its sections, in the order of the reference line.
+        lanes: for each lane, from the kerb inwards, its id in each of the sections.
+        forward: whether it runs along the reference line.
+    """
+
+    id: str
+    road: ModelRoad
+    sections: tuple[int, ...]
+    lanes: tuple[tuple[int, ...], ...]
+    forward: bool
+
+    @property
+    def start(self) -> float:
+        """Station where the stretch begins, on the reference line."""
+        return self.road.sections[self.sections[0]].s
+
+    @property
+    def end(self) -> float:
+        """Station where the stretch ends."""
+        return self.road.section_ends[self.sections[-1]]
+
+    def strip(self, index: int) -> str:
+        """Return the id of a lane in the SUMO network."""
+        return f"{self.id}_{index}"
+
+    def lane(self, index: int, position: int = 0) -> SectionLane:
+        """Return a lane as it is in the first (0) or last (-1) of the sections."""
+        return self.road.sections[self.sections[position]].by_id[self.lanes[index][position]]
+
+
+def carries_traffic(road: ModelRoad, number: int, lane: SectionLane) -> bool:
+    """Whether traffic follows a lane of a section: by its kind, and wide enough somewhere."""
+    least = TRAFFIC_KINDS.get(lane.kind)
+    if least is None:
+        return False
+    length = road.section_ends[number] - road.sections[number].s
+    return float(lane.width.at([0.0, length / 2, length]).max()) >= least
+
+
+def edges_of_model(model: LaneModel, borders: Iterable[tuple[int, int]] = ()) -> tuple[Edge, ...]:
+    """Return the edges of every road outside junctions, in the order of the roads.
+
+    Args:
+        model: the lane model.
+        borders: (road, section): where a stretch begins although the lanes go on unchanged.
+    """
+    forced = set(borders)
+    found: list[Edge] = []
+    for road in model.roads:
+        if road.junction < 0:
+            cuts = {number for identity, number in forced if identity == road.id}
+            found += edges_of_road(road, model.driving_side, cuts)
+    return tuple(found)
+
+
+def edges_of_road(road: ModelRoad, side: str, cuts: Iterable[int] = ()) -> list[Edge]:
+    """Return the edges of a road; both directions are cut at the same stations.
+
+    Args:
+        road: a road outside junctions.
+        side: on which side people drive, which is where the kerb is: ``right`` or ``left``.
+        cuts: indices of sections where a stretch begins in any case.
+    """
+    both = [
+        tuple(_lanes(road, number, side, forward=forward) for forward in (True, False))
+        for number in range(len(road.sections))
+    ]
+    stretches: list[list[int]] = [[0]]
+    cuts = set(cuts)
+    for before, number in pairwise(range(len(road.sections))):
+        goes_on = number not in cuts and all(
+            _go_on(road.sections[before], a, road.sections[number], b)
+            for a, b in zip(both[before], both[number], strict=True)
+        )
+        if goes_on:
+            stretches[-1].append(number)
+        else:
+            stretches.append([number])
+    found = []
+    for k, sections in enumerate(stretches):
+        for direction, sign in ((0, ""), (1, "-")):
+            lanes = tuple(zip(*(both[number][direction] for number in sections), strict=True))
+            if lanes:
+                name = f"{sign}{road.id}" + (f"#{k}" if len(stretches) > 1 else "")
+                found.append(Edge(name, road, tuple(sections), lanes, direction == 0))
+    return found
+
+
+def _lanes(road: ModelRoad, number: int, side: str, *, forward: bool) -> tuple[int, ...]:
+    """Return the ids of a section's lanes in one direction, from the kerb inwards."""
+    # The kerb is on the right of the traffic, or on its left where people drive on the left.
+    kerb = -1 if (side == "right") == forward else 1
+    lanes = [
+        lane.id
+        for lane in road.sections[number].lanes
+        if carries_traffic(road, number, lane)
+        # People on foot walk both ways: a sidewalk belongs to the traffic beside it.
+        and (lane.id * kerb > 0 if lane.kind == "sidewalk" else lane.forward == forward)
+    ]
+    return tuple(sorted(lanes, key=lambda identity: -kerb * identity))
+
+
+def _go_on(
+    before: LaneSection, first: tuple[int, ...], after: LaneSection, second: tuple[int, ...]
+) -> bool:
+    """Whether every lane of a section goes on in the next, as it is, and nothing is added."""
+    return len(first) == len(second) and all(
+        linked(before.by_id[a], after.by_id[b]) and _alike(before.by_id[a], after.by_id[b])
+        for a, b in zip(first, second, strict=True)
+    )
+
+
+def linked(before: SectionLane, after: SectionLane) -> bool:
+    """Whether a lane goes on as another one in the next section of its road."""
+    return before.successor == after.id or after.predecessor == before.id
+
+
+def _alike(a: SectionLane, b: SectionLane) -> bool:
+    return (a.kind, a.speed_limit, a.allowed) == (b.kind, b.speed_limit, b.allowed)

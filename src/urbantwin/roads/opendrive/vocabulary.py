@@ -1,0 +1,78 @@
+"""The words of OpenDRIVE and ours: kinds of lanes, classes of actors, units."""
+
+from __future__ import annotations
+
+from urbantwin.taxonomy import ACTOR_CLASSES
+
+__all__ = [
+    "ACCESS",
+    "DRIVEN",
+    "KIND_OF_TYPE",
+    "LANE_TYPES",
+    "METRES_PER_SECOND",
+    "ROAD_TYPES",
+    "usual_users",
+]
+
+#: Kinds of lanes that something drives on.
+DRIVEN = ("driving", "bus", "bicycle")
+_TYPES = {
+    "driving": "driving",
+    "bus": "bus",
+    "bicycle": "biking",
+    "parking": "parking",
+    "shoulder": "shoulder",
+    "sidewalk": "sidewalk",
+    "curb": "curb",
+    "median": "median",
+    # No version has islands; a median is what is raised between lanes.
+    "island": "median",
+    "none": "none",
+}
+#: Kind of lane -> type in a version. 1.4H knows neither bus lanes nor curbs: a border is its hard
+#: edge of the carriageway. Kinds that the type does not tell are written beside it as ``userData``.
+LANE_TYPES = {"1.8": _TYPES, "1.4": {**_TYPES, "bus": "driving", "curb": "border"}}
+#: Type of lane in any version (1.1 to 1.8) -> kind. What no road vehicle uses is ``none``.
+KIND_OF_TYPE = {
+    **{kind: kind for kind in ("driving", "bus", "parking", "shoulder", "sidewalk", "curb")},
+    **{kind: kind for kind in ("median", "none")},
+    **dict.fromkeys(
+        (
+            *("entry", "exit", "onRamp", "offRamp", "connectingRamp", "mwyEntry", "mwyExit"),
+            *("slipLane", "bidirectional", "shared", "taxi", "HOV"),
+        ),
+        "driving",
+    ),
+    "biking": "bicycle",
+    "walking": "sidewalk",
+    **dict.fromkeys(("stop", "border", "restricted", "roadWorks"), "shoulder"),
+    **dict.fromkeys(("tram", "rail", "special1", "special2", "special3"), "none"),
+}
+#: Class of the street in OpenStreetMap's words -> type of road; all others are ``town``.
+ROAD_TYPES = {
+    "": "unknown",
+    "motorway": "motorway",
+    "motorway_link": "motorway",
+    "living_street": "lowSpeed",
+    "pedestrian": "pedestrian",
+    "footway": "pedestrian",
+    "cycleway": "bicycle",
+}
+#: Class of actor -> its name in ``<access>``.
+ACCESS = {
+    "car": "passengerCar",
+    "truck": "truck",
+    "bus": "bus",
+    "motorcycle": "motorcycle",
+    "bicycle": "bicycle",
+    "pedestrian": "pedestrian",
+}
+#: Unit of speed -> m/s. Files before 1.4 give none: they mean m/s.
+METRES_PER_SECOND = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704, "": 1.0}
+
+
+def usual_users(kind: str) -> tuple[str, ...]:
+    """Return the classes of actors that use a kind of lane where nothing else is said."""
+    if kind == "driving":
+        return tuple(name for name in ACTOR_CLASSES if name != "pedestrian")
+    return {"bus": ("bus",), "bicycle": ("bicycle",), "sidewalk": ("pedestrian",)}.get(kind, ())

@@ -1,0 +1,227 @@
+"""Strips: the lanes of the lane model as polylines, for traffic to follow and the mesh to show."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.roads.model import LaneModel, LaneSection, ModelRoad, SectionLane
+from urbantwin.roads.network import Junction, Lane, RoadNetwork, SignalHead
+
+__all__ = ["SurfaceHeight", "network_of_model"]
+
+#: How far a polyline may leave the curve that it stands for, metres.
+CHORD_M = 0.005
+#: Longest step where heights or widths change, metres.
+STEP_M = 2.0
+#: Footways are drawn on to where netconvert's corners begin, up to this far, metres.
+REACH_M = 8.0
+#: Height of the carriageway (N,) at points (N, 2) of a level.
+SurfaceHeight = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Run:
+    """A lane along its whole road: stations, offsets and widths, in the order of travel."""
+
+    road: ModelRoad
+    lane: SectionLane
+    s: NDArray[np.float64]
+    t: NDArray[np.float64]
+    width: NDArray[np.float64]
+
+    @property
+    def points(self) -> NDArray[np.float64]:
+        return self.road.place(self.s, self.t)
+
+
+def network_of_model(model: LaneModel, raw: RoadNetwork, height: SurfaceHeight) -> RoadNetwork:
+    """Return the network with every lane where the lane model has it.
+
+    Args:
+        model: the lane model, with heights.
+        raw: the network as netconvert wrote it: topology, crossings, walking areas, programs.
+        height: the surface, for what the lane model does not know: crossings and corners.
+    """
+    known = raw.lane_by_id
+    placed: dict[str, Lane] = {}
+    for run in _runs(model):
+        for name, piece in _named(run, known).items():
+            if name not in placed:
+                placed[name] = _lane(name, piece, known.get(name))
+    lanes = [placed.pop(lane.id, None) or _ground(lane, height) for lane in raw.lanes]
+    outlines = {junction.name: junction.outline for junction in model.junctions}
+    every = {lane.id: lane for lane in (*lanes, *placed.values())}
+    return dataclasses.replace(
+        raw,
+        lanes=tuple(every.values()),
+        junctions=_outlined(raw.junctions, outlines),
+        signals=tuple(_moved(head, every[head.lane]) for head in raw.signals),
+    )
+
+
+def _outlined(
+    junctions: tuple[Junction, ...], outlines: Mapping[str, NDArray[np.float64]]
+) -> tuple[Junction, ...]:
+    return tuple(
+        dataclasses.replace(junction, outline=outlines[junction.id])
+        if junction.id in outlines
+        else junction
+        for junction in junctions
+    )
+
+
+def _runs(model: LaneModel) -> list[_Run]:
+    """Return every lane of the model, those of one strip joined over the sections of a road."""
+    found: list[_Run] = []
+    for road in model.roads:
+        ends = road.section_ends
+        stations = _stations(road)
+        parts: dict[str, list[_Run]] = {}
+        for k, (section, end) in enumerate(zip(road.sections, ends, strict=True)):
+            inner = stations[(stations > section.s + 1e-6) & (stations < end - 1e-6)]
+            s = np.concatenate([[section.s], inner, [end]])
+            for lane in section.lanes:
+                if lane.kind == "none":
+                    continue
+                name = lane.strip or f"{road.id}:{k}:{lane.id}"
+                parts.setdefault(name, []).append(_part(road, section, lane, s, name))
+        found += [_joined(pieces) for pieces in parts.values()]
+    return found
+
+
+def _part(
+    road: ModelRoad,
+    section: LaneSection,
+    lane: SectionLane,
+    s: NDArray[np.float64],
+    name: str,
+) -> _Run:
+    lane = dataclasses.replace(lane, strip=name)
+    t = road.middle(section, lane, s)
+    return _Run(road, lane, s, t, np.maximum(lane.width.at(s - section.s), 0.0))
+
+
+def _joined(parts: list[_Run]) -> _Run:
+    first = parts[0]
+    s, t, width = (
+        np.concatenate([getattr(first, key), *(getattr(p, key)[1:] for p in parts[1:])])
+        for key in ("s", "t", "width")
+    )
+    if not first.lane.forward:
+        s, t, width = s[::-1], t[::-1], width[::-1]
+    return _Run(first.road, first.lane, s, t, width)
+
+
+def _stations(road: ModelRoad) -> NDArray[np.float64]:
+    """Return stations close enough that chords between them stay near the road's lines."""
+    curve = road.curve
+    reach = max(
+        (
+            float(np.abs(road.border(section, lane, section.s, outer=True)).max())
+            for section in road.sections
+            for lane in section.lanes
+        ),
+        default=0.0,
+    )
+    stations: list[NDArray[np.float64]] = [np.array([0.0, curve.length])]
+    for piece, start in zip(curve.pieces, curve.starts, strict=False):
+        steps = 1
+        if piece.curvature:
+            radius = 1 / abs(piece.curvature) + reach
+            steps = int(np.ceil(piece.length / np.sqrt(8 * CHORD_M * radius)))
+        elif piece.u:
+            ends = curve.at([start, start + piece.length / 2, start + piece.length])[:, 2]
+            turn = max(float(np.abs(np.diff(np.unwrap(ends))).max()) * 2, 1e-6)
+            radius = piece.length / turn + reach
+            steps = int(np.ceil(piece.length / np.sqrt(8 * CHORD_M * radius)))
+        stations.append(np.linspace(start, start + piece.length, max(1, steps) + 1))
+    uneven = len(road.elevation.start) > 1 or np.abs(road.elevation.abcd[:, 2:]).max() > 1e-9
+    uneven |= not road.bank.is_zero or len(road.crown.start) > 1 or len(road.offset.start) > 1
+    uneven |= any(
+        len(lane.width.start) > 1 or np.abs(lane.width.abcd[:, 1:]).max() > 1e-9
+        for section in road.sections
+        for lane in section.lanes
+    )
+    if uneven:
+        stations.append(np.linspace(0, curve.length, int(np.ceil(curve.length / STEP_M)) + 1))
+    merged = np.unique(np.round(np.concatenate(stations), 6))
+    keep = np.concatenate([[True], np.diff(merged) > 1e-3])
+    return np.asarray(merged[keep])
+
+
+def _named(run: _Run, known: Mapping[str, Lane]) -> dict[str, _Run]:
+    """Return the run cut into the lanes of the network that it stands for, in their order.
+
+    A way through a junction may be several lanes there, one after another; they share its length
+    as they do in the network.
+    """
+    names = run.lane.strip.split()
+    if len(names) == 1:
+        return {names[0]: run}
+    share = np.cumsum([max(known[name].length, 1e-3) for name in names])
+    cuts = np.concatenate([[0.0], share / share[-1]]) * run.road.length
+    at = run.s if run.lane.forward else run.road.length - run.s
+    found = {}
+    for name, a, b in zip(names, cuts, cuts[1:], strict=False):
+        inner = at[(at > a + 1e-3) & (at < b - 1e-3)]
+        where = np.concatenate([[a], inner, [b]])
+        s, t, width = (np.interp(where, at, value) for value in (run.s, run.t, run.width))
+        found[name] = dataclasses.replace(run, s=s, t=t, width=width)
+    return found
+
+
+def _lane(name: str, run: _Run, raw: Lane | None) -> Lane:
+    centre, widths = run.points, run.width
+    if raw is not None and raw.kind == "sidewalk":
+        centre, widths = _to_corners(centre, widths, raw)
+    constant = float(np.ptp(widths)) < 1e-3
+    within = run.road.junction >= 0
+    kind = "connection" if within else run.lane.kind
+    return Lane(
+        id=name,
+        road="" if raw is None else raw.road,
+        kind=kind if raw is None else raw.kind,
+        width=float(widths.mean()),
+        speed_limit=run.lane.speed_limit if raw is None else raw.speed_limit,
+        centre=centre,
+        outline=np.zeros((0, 2)),
+        level=run.road.level,
+        allowed=run.lane.allowed if raw is None else raw.allowed,
+        successors=() if raw is None else raw.successors,
+        junction="" if raw is None else raw.junction,
+        widths=np.zeros(0) if constant else widths,
+    )
+
+
+def _to_corners(
+    centre: NDArray[np.float64], widths: NDArray[np.float64], raw: Lane
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Draw a footway on to its ends in the network: roads are cut back there, corners are not."""
+    for end in (0, -1):
+        inner = centre[1] if end == 0 else centre[-2]
+        gap = raw.centre[end, :2] - centre[end, :2]
+        ahead = (centre[end] - inner)[:2] @ gap
+        if ahead > 0.0 and 0.02 < np.linalg.norm(gap) < REACH_M:
+            point = np.append(raw.centre[end, :2], centre[end, 2])
+            centre = np.vstack([point, centre] if end == 0 else [centre, point])
+            widths = np.insert(widths, 0 if end == 0 else len(widths), widths[end])
+    return centre, widths
+
+
+def _ground(lane: Lane, height: SurfaceHeight) -> Lane:
+    xy = shapely.get_coordinates(shapely.LineString(lane.centre[:, :2]).segmentize(4.0))
+    return dataclasses.replace(lane, centre=np.column_stack([xy, height(xy, lane.level)]))
+
+
+def _moved(head: SignalHead, lane: Lane) -> SignalHead:
+    """Return a signal with its stop line where the lane now ends (or its crossing starts)."""
+    if lane.kind == "crossing":
+        return head
+    before, at = lane.centre[-2, :2], lane.centre[-1, :2]
+    yaw = float(np.arctan2(*(at - before)[::-1]))
+    return dataclasses.replace(head, x=float(at[0]), y=float(at[1]), yaw=yaw)
