@@ -76,9 +76,7 @@ def _header(
         etree.SubElement(header, "offset", **numbers(x=0, y=0, z=0, hdg=0))
 
 
-def _road(
-    root: etree._Element, road: ModelRoad, model: LaneModel, version: str
-) -> etree._Element:
+def _road(root: etree._Element, road: ModelRoad, model: LaneModel, version: str) -> etree._Element:
     item = etree.SubElement(
         root,
         "road",
@@ -97,9 +95,7 @@ def _road(
     if links:
         parent = etree.SubElement(item, "link")
         for tag, link in links:
-            there = etree.SubElement(
-                parent, tag, elementType=link.element, elementId=str(link.id)
-            )
+            there = etree.SubElement(parent, tag, elementType=link.element, elementId=str(link.id))
             if link.element == "road":
                 there.set("contactPoint", link.contact)
     kind = etree.SubElement(item, "type", s="0", type=ROAD_TYPES.get(road.kind, "town"))

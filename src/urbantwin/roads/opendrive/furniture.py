@@ -4,8 +4,8 @@ The standard knows which signals are switched together, not when. Programs are w
 ``userData`` of a controller: ``code="offset"``, the seconds by which the program starts late, and
 ``code="phases"``, its phases in order, joined by ``", "``, each as seconds, a space, and one letter
 per link in SUMO's alphabet (``G`` and ``g`` green, ``y`` amber, ``r`` red, ``s`` stop and go,
-``u`` red with amber, ``o`` and ``O`` off). ``userData`` ``code="links"`` of a signal lists which of these
-letters it shows.
+``u`` red with amber, ``o`` and ``O`` off). ``userData`` ``code="links"`` of a signal lists which of
+these letters it shows.
 """
 
 from __future__ import annotations

@@ -124,9 +124,7 @@ def _lane(parent: etree._Element, lane: SectionLane, place: _Place) -> None:
         for name in lane.allowed:
             etree.SubElement(access, "restriction", type=ACCESS[name])
     if lane.height:
-        etree.SubElement(
-            item, "height", **numbers(sOffset=0, inner=lane.height, outer=lane.height)
-        )
+        etree.SubElement(item, "height", **numbers(sOffset=0, inner=lane.height, outer=lane.height))
     if KIND_OF_TYPE[kind] != lane.kind:
         etree.SubElement(item, "userData", code="kind", value=lane.kind)
     if reversed_ and place.version == "1.4":
