@@ -59,7 +59,8 @@ def main() -> None:
         side = driving_side(site.latitude, site.longitude)
         streets = [w for w in extract.highways() if w.tags["highway"] in NETWORK_CLASSES]
         osm = folder / "streets.osm"
-        extract.write_clipped(osm, site.frame, site.region, streets)
+        pieces = extract.clipped(site.frame, site.region, streets)
+        extract.write_pieces(osm, site.frame, pieces)
         began = time.perf_counter()
         sumo_network(
             osm, site.frame, driving_side=side, keep_apart=(), out=folder / "streets.net.xml"

@@ -156,15 +156,16 @@ def test_clipped_ways_are_what_lies_inside(shared_data: Path, tmp_path: Path, na
     longitude, latitude = np.median([extract.nodes[w.nodes[0]] for w in highways], axis=0)
     frame = SiteFrame(float(latitude), float(longitude))
     area = shapely.Point(0, 0).buffer(120.0)
-    clipped = extract.write_clipped(tmp_path / "cut.osm", frame, area, highways)
+    clipped = {piece.id: piece for piece in extract.clipped(frame, area, highways)}
+    extract.write_pieces(tmp_path / "cut.osm", frame, list(clipped.values()))
     written = read_back(tmp_path / "cut.osm")
-    assert written.keys() == clipped.origin.keys() == clipped.lines.keys()
+    assert written.keys() == clipped.keys()
     pieces: dict[int, list[shapely.LineString]] = {}
     for identity, lonlat in written.items():
         line = shapely.LineString(frame.site_from_lonlat(lonlat))
         assert area.buffer(0.01).contains(line)
-        np.testing.assert_allclose(clipped.lines[identity], line.coords, atol=1e-3)
-        pieces.setdefault(clipped.origin[identity], []).append(line)
+        np.testing.assert_allclose(clipped[identity].points, line.coords, atol=1e-3)
+        pieces.setdefault(clipped[identity].way, []).append(line)
     for way in highways:
         line = shapely.LineString(extract.way_line(way, frame))
         # The sum over the way's own segments, which counts a stretch that is driven twice twice.
@@ -186,10 +187,10 @@ def test_way_that_comes_back_becomes_two(tmp_path: Path) -> None:
             shapely.box(-99, 20, 99, 40),
         ]
     )
-    clipped = extract.write_clipped(tmp_path / "cut.osm", FRAME, rooms, [extract.ways[11]])
-    assert sorted(clipped.origin.values()) == [11, 11]
-    assert len(set(clipped.origin)) == 2
-    lengths = [shapely.LineString(line).length for line in clipped.lines.values()]
+    clipped = extract.clipped(FRAME, rooms, [extract.ways[11]])
+    assert [piece.way for piece in clipped] == [11, 11]
+    assert len({piece.id for piece in clipped}) == 2
+    lengths = [shapely.LineString(piece.points).length for piece in clipped]
     assert lengths == pytest.approx([50.0, 50.0], abs=0.01)
 
 
@@ -197,9 +198,6 @@ def test_way_with_unknown_nodes_is_cut_without_them(tmp_path: Path) -> None:
     (tmp_path / "map.osm").write_text(OSM)
     extract = read_extract(tmp_path / "map.osm")
     ragged = Way(12, (99, 4, 98, 1, 5, 97), {"highway": "residential"})
-    clipped = extract.write_clipped(
-        tmp_path / "cut.osm", FRAME, shapely.Point(0, 0).buffer(100), [ragged]
-    )
-    assert [shapely.LineString(line).length for line in clipped.lines.values()] == pytest.approx(
-        [200.0], abs=0.1
-    )
+    clipped = extract.clipped(FRAME, shapely.Point(0, 0).buffer(100), [ragged])
+    lengths = [shapely.LineString(piece.points).length for piece in clipped]
+    assert lengths == pytest.approx([200.0], abs=0.1)

@@ -112,13 +112,15 @@ def build_roads(
     signals = mapped_signals(extract, ways, frame)
     with tempfile.TemporaryDirectory() as scratch:
         osm = Path(scratch) / "network.osm"
-        clipped = extract.write_clipped(
-            osm, frame, region, _with_sidepaths(ways, lines, driving_side), signals.tags
-        )
-        apart = sorted(p for p, way in clipped.origin.items() if way in level_of_way)
+        pieces = extract.clipped(frame, region, _with_sidepaths(ways, lines, driving_side))
+        extract.write_pieces(osm, frame, pieces, node_tags=signals.tags)
+        apart = sorted(piece.id for piece in pieces if piece.way in level_of_way)
         warnings = sumo_network(osm, frame, driving_side=driving_side, keep_apart=apart, out=out)
     raw = read_sumo_network(
-        out, driving_side=driving_side, level_of_way=level_of_way, origin=clipped.origin
+        out,
+        driving_side=driving_side,
+        level_of_way=level_of_way,
+        origin={piece.id: piece.way for piece in pieces},
     )
     if not raw.roads:
         raise InputError(

@@ -104,6 +104,7 @@ def _ways(edge: etree._Element, origin: dict[int, int]) -> tuple[int, ...]:
                 if word.lstrip("-").isdigit():
                     piece = abs(int(word))
                     found.add(origin.get(piece, piece))
+    found.discard(0)  # what the map does not have
     return tuple(sorted(found))
 
 

@@ -1,14 +1,13 @@
 """What a person says about a place: the site, its rig, its OpenStreetMap extract, its DEM."""
 
 from urbantwin.site.dem import DemGrid, check_dem, read_heights
-from urbantwin.site.extract import ClippedWays, Extract, OsmFeature, Relation, Way, read_extract
+from urbantwin.site.extract import Extract, OsmFeature, Relation, Way, WayPiece, read_extract
 from urbantwin.site.init import init_site
 from urbantwin.site.junction import JunctionProposal, propose_junction
 from urbantwin.site.rig import Effects, RigSpec, SensorSpec, load_rig_spec
 from urbantwin.site.site import InputFile, Site, TrafficSpec, check_extract, load_site
 
 __all__ = [
-    "ClippedWays",
     "DemGrid",
     "Effects",
     "Extract",
@@ -21,6 +20,7 @@ __all__ = [
     "Site",
     "TrafficSpec",
     "Way",
+    "WayPiece",
     "check_dem",
     "check_extract",
     "init_site",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 
-__all__ = ["ClippedWays", "Extract", "OsmFeature", "Relation", "Way", "read_extract"]
+__all__ = ["Extract", "OsmFeature", "Relation", "Way", "WayPiece", "read_extract"]
 
 SUFFIXES = (".osm", ".osm.bz2", ".osm.gz", ".osm.pbf", ".pbf", ".xml")
 
@@ -56,17 +56,23 @@ class OsmFeature:
     geometry: shapely.Geometry
 
 
-@dataclass(frozen=True)
-class ClippedWays:
-    """What ``Extract.write_clipped`` wrote: pieces of ways by their new id.
+@dataclass(frozen=True, eq=False)
+class WayPiece:
+    """A way, or a part of one that was cut out of it.
 
     Attributes:
-        origin: id of each written piece -> id of the way that it was cut from.
-        lines: id of each written piece -> (N, 2) site-frame points.
+        id: its own id.
+        way: id of the way of the map that it is a part of; 0 for what the map does not have.
+        nodes: ids of its nodes.
+        points: (N, 2) where they are, site frame.
+        tags: the way's tags.
     """
 
-    origin: dict[int, int] = field(default_factory=dict)
-    lines: dict[int, NDArray[np.float64]] = field(default_factory=dict)
+    id: int
+    way: int
+    nodes: tuple[int, ...]
+    points: NDArray[np.float64]
+    tags: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -145,32 +151,22 @@ class Extract:
         inner = shapely.union_all(_polygons(rings["inner"]))
         return _valid_area(shapely.difference(outer, inner))
 
-    def write_clipped(
-        self,
-        path: Path,
-        frame: SiteFrame,
-        area: shapely.Polygon,
-        ways: Iterable[Way],
-        node_tags: Mapping[int, Mapping[str, str]] | None = None,
-    ) -> ClippedWays:
-        """Write ``ways``, cut where they leave ``area``, as OSM XML.
+    def clipped(
+        self, frame: SiteFrame, area: shapely.Polygon, ways: Iterable[Way]
+    ) -> tuple[WayPiece, ...]:
+        """Return ``ways``, cut where they leave ``area``.
 
-        A way that leaves the area and comes back becomes several, each with an id of its own.
-        Turn restrictions follow the piece that meets their via node.
+        A way that leaves the area and comes back becomes several pieces, each with an id of its
+        own; where it was cut, there is a new node.
 
         Args:
-            path: the file to write.
             frame: the site frame.
             area: where to cut, site frame.
-            ways: which ways to write.
-            node_tags: node -> tags that are written instead of its own.
+            ways: which ways to cut.
         """
-        clipped = ClippedWays()
-        root = ElementTree.Element("osm", version="0.6", generator="urbantwin")
         new_node = max(self.nodes, default=0) + 1
         new_way = max(self.ways, default=0) + 1
-        kept_nodes: dict[int, tuple[float, float]] = {}
-        pieces: list[tuple[int, list[int], Way]] = []
+        pieces: list[WayPiece] = []
         for way in ways:
             known = [n for n in way.nodes if n in self.nodes]
             if len(known) < 2:
@@ -180,40 +176,72 @@ class Extract:
                 identity = way.id if number == 0 else new_way
                 new_way += number > 0
                 ids = []
-                for index, point in piece:
-                    if index is not None:
-                        ids.append(known[index])
-                        kept_nodes[known[index]] = self.nodes[known[index]]
-                    else:
-                        lon, lat = frame.lonlat_from_site(point)[0]
-                        kept_nodes[new_node] = (float(lon), float(lat))
+                for index, _ in piece:
+                    if index is None:
                         ids.append(new_node)
                         new_node += 1
-                clipped.origin[identity] = way.id
-                clipped.lines[identity] = np.array([point for _, point in piece])
-                pieces.append((identity, ids, way))
-        for identity, (lon, lat) in sorted(kept_nodes.items()):
+                    else:
+                        ids.append(known[index])
+                points = np.array([point for _, point in piece])
+                pieces.append(WayPiece(identity, way.id, tuple(ids), points, way.tags))
+        return tuple(pieces)
+
+    def write_pieces(
+        self,
+        path: Path,
+        frame: SiteFrame,
+        pieces: Sequence[WayPiece],
+        *,
+        node_tags: Mapping[int, Mapping[str, str]] | None = None,
+        no_turns: Iterable[tuple[int, int, int]] = (),
+    ) -> None:
+        """Write pieces of ways as OSM XML.
+
+        Turn restrictions of the map follow the piece that meets their via node.
+
+        Args:
+            path: the file to write.
+            frame: the site frame.
+            pieces: what to write.
+            node_tags: node -> tags that are written instead of its own.
+            no_turns: further forbidden turns: from one piece, over a node, to another piece.
+        """
+        root = ElementTree.Element("osm", version="0.6", generator="urbantwin")
+        place = {
+            node: (float(x), float(y))
+            for piece in pieces
+            for node, (x, y) in zip(piece.nodes, piece.points, strict=True)
+        }
+        lonlat = frame.lonlat_from_site(np.array(list(place.values())).reshape(-1, 2))
+        for identity, cut in sorted(zip(place, lonlat.tolist(), strict=True)):
+            lon, lat = self.nodes.get(identity, cut)
             element = ElementTree.SubElement(
                 root, "node", id=str(identity), lat=f"{lat:.9f}", lon=f"{lon:.9f}", version="1"
             )
             own = self.node_tags.get(identity, {})
             _add_tags(element, (node_tags or {}).get(identity, own))
-        for identity, ids, way in pieces:
-            element = ElementTree.SubElement(root, "way", id=str(identity), version="1")
-            for node in ids:
+        for piece in pieces:
+            element = ElementTree.SubElement(root, "way", id=str(piece.id), version="1")
+            for node in piece.nodes:
                 ElementTree.SubElement(element, "nd", ref=str(node))
-            _add_tags(element, way.tags)
-        self._add_restrictions(root, pieces)
+            _add_tags(element, piece.tags)
+        for identity, members, tags in self._restrictions(pieces):
+            _add_restriction(root, identity, members, tags)
+        first = max(self.relations, default=0) + 1
+        for number, (start, via, end) in enumerate(no_turns):
+            turn = [("way", start, "from"), ("node", via, "via"), ("way", end, "to")]
+            tags = {"type": "restriction", "restriction": "no_u_turn"}
+            _add_restriction(root, first + number, turn, tags)
         ElementTree.indent(root)
         ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
-        return clipped
 
-    def _add_restrictions(
-        self, root: ElementTree.Element, pieces: list[tuple[int, list[int], Way]]
-    ) -> None:
-        by_way: dict[int, list[tuple[int, list[int]]]] = {}
-        for identity, ids, way in pieces:
-            by_way.setdefault(way.id, []).append((identity, ids))
+    def _restrictions(
+        self, pieces: Sequence[WayPiece]
+    ) -> Iterator[tuple[int, list[tuple[str, int, str]], dict[str, str]]]:
+        """Return id, members and tags of the map's turn restrictions that concern pieces."""
+        by_way: dict[int, list[WayPiece]] = {}
+        for piece in pieces:
+            by_way.setdefault(piece.way, []).append(piece)
         for identity, relation in sorted(self.relations.items()):
             if relation.tags.get("type") != "restriction":
                 continue
@@ -224,17 +252,13 @@ class Extract:
                     members.append(("node", ref, role))
                 elif kind == "w" and role in ("from", "to"):
                     members += [
-                        ("way", piece, role)
-                        for piece, ids in by_way.get(ref, [])
-                        if via[0:1] and via[0] in ids
+                        ("way", piece.id, role)
+                        for piece in by_way.get(ref, [])
+                        if via[0:1] and via[0] in piece.nodes
                     ]
             roles = [role for _, _, role in members]
-            if not all(role in roles for role in ("from", "via", "to")):
-                continue
-            element = ElementTree.SubElement(root, "relation", id=str(identity), version="1")
-            for kind, ref, role in members:
-                ElementTree.SubElement(element, "member", type=kind, ref=str(ref), role=role)
-            _add_tags(element, relation.tags)
+            if all(role in roles for role in ("from", "via", "to")):
+                yield identity, members, relation.tags
 
 
 def read_extract(path: Path) -> Extract:
@@ -317,6 +341,18 @@ def _polygons(lines: list[shapely.LineString]) -> list[shapely.Geometry]:
 def _add_tags(element: ElementTree.Element, tags: Mapping[str, str]) -> None:
     for key, value in sorted(tags.items()):
         ElementTree.SubElement(element, "tag", k=key, v=value)
+
+
+def _add_restriction(
+    root: ElementTree.Element,
+    identity: int,
+    members: Iterable[tuple[str, int, str]],
+    tags: Mapping[str, str],
+) -> None:
+    element = ElementTree.SubElement(root, "relation", id=str(identity), version="1")
+    for kind, ref, role in members:
+        ElementTree.SubElement(element, "member", type=kind, ref=str(ref), role=role)
+    _add_tags(element, tags)
 
 
 def _cut(
