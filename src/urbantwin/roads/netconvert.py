@@ -15,7 +15,14 @@ from lxml import etree
 from urbantwin.errors import StageError
 from urbantwin.geometry import SiteFrame
 
-__all__ = ["sumo_binary", "sumo_environment", "sumo_home", "sumo_network"]
+__all__ = [
+    "run_netconvert",
+    "sumo_binary",
+    "sumo_environment",
+    "sumo_home",
+    "sumo_network",
+    "write_network",
+]
 
 OPTIONS = {
     "offset.disable-normalization": "true",  # keep the site frame
@@ -95,12 +102,10 @@ def sumo_network(
     with tempfile.TemporaryDirectory() as scratch:
         raw = Path(scratch) / "raw.net.xml"
         command = [
-            str(sumo_binary("netconvert")),
             *("--osm-files", str(osm)),
             *("--type-files", types),
             *("--proj", frame.proj),
             *("--lefthand", "true" if driving_side == "left" else "false"),
-            *("--output-file", str(raw)),
         ]
         apart = [
             f"{sign}{way}{piece}"
@@ -112,7 +117,7 @@ def sumo_network(
             command += ["--geometry.remove.keep-edges.explicit", ",".join(apart)]
         for key, value in OPTIONS.items():
             command += [f"--{key}", value]
-        warnings = _run(command, raw)
+        warnings = run_netconvert(command, raw)
         clusters = [found[1] for line in warnings if (found := TOO_MANY.search(line))]
         if clusters:
             # One junction of many nodes, which netconvert by itself leaves in pieces: each with
@@ -120,15 +125,32 @@ def sumo_network(
             joins = Path(scratch) / "joins.nod.xml"
             rows = "".join(f'<join nodes="{ids.replace(",", " ")}"/>' for ids in clusters)
             joins.write_text(f"<nodes>{rows}</nodes>")
-            warnings = _run([*command, "--node-files", str(joins)], raw)
-        root = etree.parse(raw, etree.XMLParser(remove_comments=True)).getroot()
-    etree.indent(root, space=" ")
-    out.write_bytes(etree.tostring(root, xml_declaration=True, encoding="UTF-8") + b"\n")
+            warnings = run_netconvert([*command, "--node-files", str(joins)], raw)
+        write_network(raw, out)
     return warnings
 
 
-def _run(command: list[str], raw: Path) -> list[str]:
-    """Run netconvert and return its warnings."""
+def write_network(raw: Path, out: Path) -> None:
+    """Write a network that netconvert wrote once more, without comments, dates and paths."""
+    root = etree.parse(raw, etree.XMLParser(remove_comments=True)).getroot()
+    etree.indent(root, space=" ")
+    out.write_bytes(etree.tostring(root, xml_declaration=True, encoding="UTF-8") + b"\n")
+
+
+def run_netconvert(options: list[str], raw: Path) -> list[str]:
+    """Run netconvert.
+
+    Args:
+        options: its options.
+        raw: the network to write.
+
+    Returns:
+        Its warnings, one a line, in the order given.
+
+    Raises:
+        StageError: it failed.
+    """
+    command = [str(sumo_binary("netconvert")), *options, "--output-file", str(raw)]
     done = subprocess.run(
         command, capture_output=True, text=True, check=False, env=sumo_environment()
     )
