@@ -47,6 +47,16 @@ class Profile:
         grow = (last - first) / max(length, 1e-9) ** 2
         return cls(np.zeros(1), np.array([[first, 0.0, 3 * grow, -2 * grow / max(length, 1e-9)]]))
 
+    def between(self, first: float, last: float) -> Profile:
+        """Return the profile from one station to another, with its stations counted from there."""
+        keep = [k for k, s in enumerate(self.start) if first + 1e-9 < s < last - 1e-9]
+        ds, ((a, b, c, d),) = self._piece(first)
+        h = float(ds[0])
+        head = [a + h * (b + h * (c + h * d)), b + h * (2 * c + 3 * h * d), c + 3 * h * d, d]
+        return Profile(
+            np.concatenate([[0.0], self.start[keep] - first]), np.vstack([head, self.abcd[keep]])
+        )
+
     @property
     def is_zero(self) -> bool:
         """Whether it is nowhere different from zero by more than rounding."""
