@@ -5,6 +5,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 
 
 def cubic(records, s, key="s"):
@@ -19,15 +20,25 @@ def cubic(records, s, key="s"):
 
 
 class Road:
+    """A road; ``lanes`` and the methods without a section are those of its first section."""
+
     def __init__(self, element):
         self.element = element
         self.id, self.junction = element.get("id"), element.get("junction")
         self.length = float(element.get("length"))
         self.geometry = element.findall("planView/geometry")
-        self.lanes = {int(lane.get("id")): lane for lane in element.iter("lane")}
+        self.sections = element.findall("lanes/laneSection")
+        self.starts = [float(section.get("s")) for section in self.sections]
+        self.ends = [*self.starts[1:], self.length]
+        self.lanes = self.lanes_of(0)
         self.forward = {  # 1.8: the traffic rule says on which side traffic runs along s
-            lane: (lane < 0) == (element.get("rule", "RHT") == "RHT") for lane in self.lanes
+            lane: ((lane < 0) == (element.get("rule", "RHT") == "RHT"))
+            != (item.get("direction") == "reversed")
+            for lane, item in self.lanes.items()
         }
+
+    def lanes_of(self, k):
+        return {int(lane.get("id")): lane for lane in self.sections[k].iter("lane")}
 
     def reference(self, s):
         """x, y, heading of the reference line (ASAM OpenDRIVE 1.8, 9.2 to 9.6)."""
@@ -43,42 +54,77 @@ class Road:
         elif shape.tag == "arc":
             k = float(shape.get("curvature"))
             u, v, turn = math.sin(k * d) / k, (1 - math.cos(k * d)) / k, k * d
+        elif shape.tag == "spiral":
+            first, last = (float(shape.get(k)) for k in ("curvStart", "curvEnd"))
+
+            def angle(q):
+                return first * q + (last - first) / length * q * q / 2
+
+            u, v = (
+                quad(lambda q, f=f: f(angle(q)), 0, d, limit=400)[0] for f in (math.cos, math.sin)
+            )
+            turn = angle(d)
         else:
             assert shape.tag == "paramPoly3"
-            assert shape.get("pRange") == "normalized"
-            p = d / length
+            p = d / length if shape.get("pRange") == "normalized" else d
             cu, cv = ([float(shape.get(c + axis)) for c in "abcd"] for axis in "UV")
             u, v = (sum(c[k] * p**k for k in range(4)) for c in (cu, cv))
             turn = math.atan2(*(sum(k * c[k] * p ** (k - 1) for k in (1, 2, 3)) for c in (cv, cu)))
         c, sn = math.cos(heading), math.sin(heading)
         return x + u * c - v * sn, y + u * sn + v * c, heading + turn
 
-    def border(self, s, lane):
+    def border(self, s, lane, section=0):
         """t of a lane's border away from the reference line."""
         t = cubic(self.element.findall("lanes/laneOffset"), s)
         step = 1 if lane > 0 else -1
+        lanes = self.lanes_of(section)
         for inner in range(step, lane + step, step) if lane else ():
-            t += step * cubic(self.lanes[inner].findall("width"), s, "sOffset")
+            widths = lanes[inner].findall("width")
+            t += step * cubic(widths, s - self.starts[section], "sOffset")
         return t
+
+    def shape(self, s, t):
+        """Height of the cross section over the plane of the superelevation (1.8, 10.5.3)."""
+        rows = self.element.findall("lateralProfile/shape")
+        stations = sorted({float(row.get("s")) for row in rows})
+        if not stations:
+            return 0.0
+
+        def height(at):
+            return cubic([row for row in rows if float(row.get("s")) == at], t, "t")
+
+        after = next((k for k, at in enumerate(stations) if at > s), len(stations))
+        a, b = stations[max(after - 1, 0)], stations[min(after, len(stations) - 1)]
+        share = (s - a) / (b - a) if b > a else 0.0
+        return (1 - share) * height(a) + share * height(b)
+
+    def fall(self, s, t):
+        """Height lost by the crossfall of 1.4 (5.3.5.2)."""
+        rows = self.element.findall("lateralProfile/crossfall")
+        sides = ("both", "left" if t > 0 else "right")
+        rows = [row for row in rows if row.get("side", "both") in sides]
+        return abs(t) * math.tan(cubic(rows, s))
 
     def place(self, s, t):
         x, y, heading = self.reference(s)
         roll = cubic(self.element.findall("lateralProfile/superelevation"), s)
         z = cubic(self.element.findall("elevationProfile/elevation"), s) + t * math.sin(roll)
+        z += self.shape(s, t) - self.fall(s, t)
         across = t * math.cos(roll)
         return np.array([x - across * math.sin(heading), y + across * math.cos(heading), z])
 
-    def borders(self, s, lane):
+    def borders(self, s, lane, section=0):
         """Inner and outer border points (3,) of a lane."""
         step = 1 if lane > 0 else -1
-        return self.place(s, self.border(s, lane - step)), self.place(s, self.border(s, lane))
+        inner, outer = (self.border(s, k, section) for k in (lane - step, lane))
+        return self.place(s, inner), self.place(s, outer)
 
-    def middle(self, s, lane):
-        return sum(self.borders(s, lane)) / 2
+    def middle(self, s, lane, section=0):
+        return sum(self.borders(s, lane, section)) / 2
 
 
 @pytest.fixture(scope="session")
-def read_opendrive():
+def ruler():
     """Return a function: path -> the root element and {id: Road}."""
 
     def read(path):

@@ -1,6 +1,6 @@
 """The lane model: roads of reference lines, profiles and lane sections, joined at junctions."""
 
-from urbantwin.roads.model.curve import Curve, Piece, filleted, splined
+from urbantwin.roads.model.curve import Curve, Piece, filleted, splined, turned
 from urbantwin.roads.model.furniture import RoadArea, RoadSignal, SignalController
 from urbantwin.roads.model.junction import Connection, ModelJunction
 from urbantwin.roads.model.model import LaneModel
@@ -27,4 +27,5 @@ __all__ = [
     "filleted",
     "fitted",
     "splined",
+    "turned",
 ]

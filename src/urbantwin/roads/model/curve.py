@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
-__all__ = ["Curve", "Piece", "filleted", "splined"]
+__all__ = ["Curve", "Piece", "filleted", "splined", "turned"]
 
 #: How far a fillet may leave the corner that it rounds, metres.
-FILLET_DEVIATION_M = 0.02
+FILLET_DEVIATION_M = 0.2
 #: Corners blunter than this are no corners, radians.
 STRAIGHT = 1e-6
 #: Lanes on the inside of a bend keep at least this radius, metres.
@@ -25,6 +25,8 @@ INNER_RADIUS_M = 1.0
 CUBIC_M = 2.0
 #: Spacing of the samples that stations are first looked up by, metres.
 SAMPLE_M = 0.25
+#: Speeds at the ends of a turn that are tried, in its chord.
+TURN_SPEEDS = np.linspace(0.4, 2.8, 25)
 #: Nodes of Gauss-Legendre quadrature on [0, 1], for the length of a cubic.
 _ROOTS, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 NODES, WEIGHTS = (_ROOTS + 1) / 2, _WEIGHTS / 2
@@ -133,14 +135,35 @@ class Curve:
         return shapely.LineString(self.at(np.linspace(0.0, self.length, steps))[:, :2])
 
     def between(self, first: float, last: float) -> Curve:
-        """Return the part from one station to another; only lines and arcs can be cut."""
+        """Return the part from one station to another; stations keep their distances."""
         pieces = []
         for piece, start in zip(self.pieces, self.starts, strict=False):
             a, b = max(first, start), min(last, start + piece.length)
             if b - a > 1e-6:
-                x, y, heading = (float(v) for v in self.at(a)[0])
-                pieces.append(Piece(x, y, heading, float(b - a), piece.curvature))
+                x, y, heading = (float(v) for v in self.at([a])[0])
+                length = float(b - a)
+                if not piece.u:
+                    pieces.append(Piece(x, y, heading, length, piece.curvature))
+                else:
+                    part = (float(a - start) / piece.length, float(b - start) / piece.length)
+                    pieces.append(_part(piece, part, (x, y, heading), length))
         return Curve(tuple(pieces))
+
+
+def _part(
+    piece: Piece, part: tuple[float, float], pose: tuple[float, float, float], length: float
+) -> Piece:
+    """Return the part of a cubic between two values of its parameter."""
+    low, high = part
+    polynomials = [np.polynomial.Polynomial(c) for c in (piece.u, piece.v)]
+    within = np.polynomial.Polynomial([low, high - low])
+    along, across = (np.pad(f(within).coef, (0, 4))[:4] for f in polynomials)
+    turn = piece.heading - pose[2]
+    c, s = math.cos(turn), math.sin(turn)
+    u, v = along * c - across * s, along * s + across * c
+    # It begins at its own origin and straight ahead, to the last digit.
+    u[0] = v[0] = v[1] = 0.0
+    return Piece(*pose, length, u=tuple(map(float, u)), v=tuple(map(float, v)))
 
 
 def filleted(points: NDArray[np.float64], *, left: float, right: float) -> Curve:
@@ -209,6 +232,77 @@ def splined(points: NDArray[np.float64], start: float, end: float) -> Curve:
     tangent[0], tangent[-1] = first, last
     heading = np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
     return _cubics(spline(at), heading, float(along[-1]) / count)
+
+
+def turned(
+    start: NDArray[np.float64], end: NDArray[np.float64], *, directness: float = 1.0
+) -> Curve:
+    """Return a way from one pose to another, straight at both ends, as gently bent as possible.
+
+    A quintic whose curvature starts and ends at zero; of the speeds at its ends those are taken
+    that keep the tightest radius largest, and the way short.
+
+    Args:
+        start: x, y, heading (3,) where it begins.
+        end: where it ends.
+        directness: what a detour of one chord costs, in curvature of one over the chord.
+    """
+    gap = end[:2] - start[:2]
+    reach = max(float(np.linalg.norm(gap)), 1e-6)
+    c, s = math.cos(start[2]), math.sin(start[2])
+    x, y = np.array([gap[0] * c + gap[1] * s, gap[1] * c - gap[0] * s]) / reach
+    turn = float(end[2] - start[2])
+    first, last = (grid.ravel() for grid in np.meshgrid(TURN_SPEEDS, TURN_SPEEDS))
+    zero = np.zeros_like(first)
+    u = _quintic(x, first, zero, last * math.cos(turn))
+    v = _quintic(y, zero, zero, last * math.sin(turn))
+    p = np.linspace(0.0, 1.0, 33)
+    du, dv = _derivative(u, p, 1), _derivative(v, p, 1)
+    speed = np.maximum(np.hypot(du, dv), 1e-9)
+    bend = np.abs(du * _derivative(v, p, 2) - dv * _derivative(u, p, 2)) / speed**3
+    cost = bend.max(axis=1) + directness * speed.mean(axis=1)
+    best = int(np.argmin(np.round(cost, 9)))
+    fine = np.linspace(0.0, 1.0, 129)
+    u, v = u[best : best + 1], v[best : best + 1]
+    speed = np.hypot(_derivative(u, fine, 1), _derivative(v, fine, 1))[0]
+    along = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 / 128)]) * reach
+    count = max(1, math.ceil(along[-1] / CUBIC_M))
+    at = np.interp(np.linspace(0.0, along[-1], count + 1), along, fine)
+    local = np.column_stack([_derivative(u, at, 0)[0], _derivative(v, at, 0)[0]]) * reach
+    heading = np.unwrap(np.arctan2(_derivative(v, at, 1)[0], _derivative(u, at, 1)[0])) + start[2]
+    heading[0] = start[2]
+    heading[-1] = end[2] + 2 * np.pi * round((heading[-1] - end[2]) / (2 * np.pi))
+    xy = start[:2] + np.column_stack(
+        [local[:, 0] * c - local[:, 1] * s, local[:, 0] * s + local[:, 1] * c]
+    )
+    xy[-1] = end[:2]
+    return _cubics(xy, heading, float(along[-1]) / count)
+
+
+def _quintic(
+    to: float, first: NDArray[np.float64], zero: NDArray[np.float64], last: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return coefficients (N, 6) of quintics from 0 to ``to``, unaccelerated at both ends."""
+    rest = to - first
+    change = last - first
+    return np.column_stack(
+        [
+            zero,
+            first,
+            zero,
+            10 * rest - 4 * change,
+            -15 * rest + 7 * change,
+            6 * rest - 3 * change,
+        ]
+    )
+
+
+def _derivative(
+    coefficients: NDArray[np.float64], p: NDArray[np.float64], order: int
+) -> NDArray[np.float64]:
+    """Return values (N, P) of the derivatives of polynomials (N, K) at parameters (P,)."""
+    values = np.polynomial.polynomial.polyder(coefficients.T, order) if order else coefficients.T
+    return np.asarray(np.polynomial.polynomial.polyval(p, values))
 
 
 def _cubics(xy: NDArray[np.float64], heading: NDArray[np.float64], reach: float) -> Curve:

@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.roads.model.curve import Curve, splined
+from urbantwin.roads.model.curve import Curve, splined, turned
 from urbantwin.roads.network import Lane, Road, RoadNetwork
 from urbantwin.roads.streets.street import Street, Strip, vehicle_lanes
 
@@ -22,10 +22,17 @@ WITHIN_JUNCTION_M = 3.0
 ROOM_M = 3.0
 #: The same at a signal, whose stop line should keep its place.
 ROOM_AT_SIGNAL_M = 1.0
+#: Lanes that go on to one side do so no more tightly than this, where there is room, metres.
+SHIFT_RADIUS_M = 25.0
+#: Lanes that turn by more than this do not go straight on, radians.
+SHIFT_TURN = 0.35
 #: Largest share of an edge that is cut off at one end.
 TRIM_SHARE = 0.25
 #: Points of a way closer than this are thinned, so that a spline through them is calm, metres.
 SPACING_M = 1.5
+#: Directness of the curves that are tried in turn, and how far each may lie from netconvert's way,
+#: in metres and tenths of its length.
+DIRECTNESS = ((1.0, 1.0), (4.0, 1.0), (12.0, 3.0))
 
 
 @dataclass(frozen=True)
@@ -209,13 +216,28 @@ def _trims(
         way = sum(lane.length for lane in chain)
         way = way or float(np.linalg.norm(last.centre[0, :2] - first.centre[-1, :2]))
         before, after = edge_of[route.start], edge_of[route.end]
-        # The stop line keeps its place; what it cannot give, the other side gives.
-        give = ROOM_AT_SIGNAL_M if before.id in signalled else ROOM_M
-        keys = (((before.id, "end"), give, first), ((after.id, "start"), ROOM_M, last))
-        for key, room, lane in keys:
-            want = min(max(0.0, room - way) / 2, TRIM_SHARE * lane.length)
-            trims[key] = max(trims[key], want)
+        lacking = max(0.0, max(ROOM_M, _room_to_shift(first, last)) - way)
+        give = lacking / 2
+        if before.id in signalled:
+            # The stop line keeps its place; what it cannot give, the other side gives.
+            give = max(0.0, ROOM_AT_SIGNAL_M - way) / 2
+        keys = ((before.id, "end", give, first), (after.id, "start", lacking - give, last))
+        for edge, end, want, lane in keys:
+            trims[edge, end] = max(trims[edge, end], min(want, TRIM_SHARE * lane.length))
     return dict(trims)
+
+
+def _room_to_shift(first: Lane, last: Lane) -> float:
+    """Return how long a way must be that moves sideways from one lane to another ahead of it."""
+    legs = first.centre[-1, :2] - first.centre[-2, :2], last.centre[1, :2] - last.centre[0, :2]
+    a, b = (leg / max(float(np.linalg.norm(leg)), 1e-9) for leg in legs)
+    if a @ b < np.cos(SHIFT_TURN):
+        return 0.0
+    gap = last.centre[0, :2] - first.centre[-1, :2]
+    ahead = (a + b) / np.linalg.norm(a + b)
+    aside = abs(float(ahead[0] * gap[1] - ahead[1] * gap[0]))
+    # Two arcs that meet in the middle: aside = length^2 / (4 radius).
+    return float(np.sqrt(4 * SHIFT_RADIUS_M * aside))
 
 
 def build_manoeuvres(
@@ -259,22 +281,31 @@ def _kind(start: Lane, end: Lane, chain: list[Lane]) -> str:
 
 
 def _curve(entry: Street, start: Strip, leave: Street, end: Strip, chain: list[Lane]) -> Curve:
-    s0, s1 = entry.end_of(start, leaving=True), leave.end_of(end, leaving=False)
-    first, last = entry.curve.beside(s0, start.t)[0], leave.curve.beside(s1, end.t)[0]
-    headings = [
-        float(street.curve.at(s)[0, 2]) + (0.0 if strip.forward else np.pi)
-        for street, s, strip in ((entry, s0, start), (leave, s1, end))
-    ]
+    """Return the gentlest way; where the map leads far round something, the map's own way."""
+    poses = []
+    for street, strip, leaving in ((entry, start, True), (leave, end, False)):
+        s = street.end_of(strip, leaving=leaving)
+        heading = float(street.curve.at(s)[0, 2]) + (0.0 if strip.forward else np.pi)
+        poses.append(np.append(street.curve.beside(s, strip.t)[0], heading))
+    first, last = poses
+    gap = last[2] - first[2]
+    last[2] = first[2] + (gap + np.pi) % (2 * np.pi) - np.pi
     way = np.vstack(
         [
-            first[None],
-            _after(start.lane.centre[:, :2], first),
+            first[None, :2],
+            _after(start.lane.centre[:, :2], first[:2]),
             *(lane.centre[:, :2] for lane in chain),
-            _after(end.lane.centre[::-1, :2], last)[::-1],
-            last[None],
+            _after(end.lane.centre[::-1, :2], last[:2])[::-1],
+            last[None, :2],
         ]
     )
-    return splined(_calm(way), *headings)
+    mapped = shapely.LineString(way)
+    for directness, tolerance in DIRECTNESS:
+        curve = turned(first, last, directness=directness)
+        away = shapely.hausdorff_distance(mapped, curve.line)
+        if not chain or away <= tolerance * (1.0 + 0.1 * mapped.length):
+            return curve
+    return splined(_calm(way), first[2], last[2])
 
 
 def _after(points: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:

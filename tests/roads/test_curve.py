@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
-from urbantwin.roads.model.curve import filleted, splined
+from urbantwin.roads.model.curve import FILLET_DEVIATION_M, filleted, splined, turned
 from urbantwin.roads.model.profile import fitted
 
 
@@ -43,7 +43,8 @@ def test_rounded_polylines_have_no_kink_and_stay_near(legs):
     assert curve.at(0)[0, :2] == pytest.approx(points[0], abs=1e-9)
     assert curve.at(curve.length)[0, :2] == pytest.approx(points[-1], abs=1e-6)
     sharpest = max((abs(turn) for _, turn in legs), default=0)
-    allowed = max(0.02, 5.0 * (1 / math.cos(sharpest / 2) - 1))  # the arc that lanes inside need
+    inner = 5.0 * (1 / math.cos(sharpest / 2) - 1)  # the arc that lanes inside need
+    allowed = max(FILLET_DEVIATION_M, inner)
     near = curve.at(curve.locate(points)[0])[:, :2]
     assert np.linalg.norm(near - points, axis=1).max() <= allowed + 1e-6
 
@@ -57,6 +58,42 @@ def test_a_spline_through_a_circle_is_that_circle():
     assert curve.length == pytest.approx(12 * math.pi / 2, abs=0.003)
     for before, after in joints(curve):
         assert np.abs(before - after).max() < 1e-5
+
+
+def curvature(curve):
+    s = np.linspace(0, curve.length, 2000)
+    return np.gradient(np.unwrap(curve.at(s)[:, 2]), s)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(-1.9, 1.9), st.floats(6, 40), st.floats(6, 40))
+def test_a_turn_meets_both_ends_without_a_jump_of_curvature(turn, before, after):
+    corner = before * np.array([1.0, 0.0])
+    end = corner + after * np.array([math.cos(turn), math.sin(turn)])
+    curve = turned(np.zeros(3), np.array([*end, turn]))
+    assert curve.at(0)[0] == pytest.approx([0, 0, 0], abs=1e-9)
+    assert curve.at(curve.length)[0] == pytest.approx([*end, turn], abs=1e-6)
+    bend = curvature(curve)
+    # Straight where it meets the lanes, up to what cubics of two metres can say.
+    assert abs(bend[[0, -1]]).max() < 0.3 * np.abs(bend).max() + 0.01
+    for joint, (left, right) in enumerate(joints(curve)):
+        assert np.abs(left - right).max() < 1e-5, joint
+    # No detour: hardly longer than the two straight legs that it cuts across.
+    assert curve.length <= 1.1 * (before + after)
+
+
+def test_a_right_turn_is_nearly_as_wide_as_the_arc_that_fits():
+    curve = turned(np.zeros(3), np.array([12.0, -12.0, -math.pi / 2]))
+    # The circle through both ends has 12 m; without a jump of curvature it must be tighter inside.
+    assert 1 / np.abs(curvature(curve)).max() > 0.6 * 12.0
+
+
+def test_a_straight_way_is_straight():
+    curve = turned(
+        np.array([3.0, 4.0, 0.7]), np.array([3 + 20 * math.cos(0.7), 4 + 20 * math.sin(0.7), 0.7])
+    )
+    assert curve.length == pytest.approx(20.0, abs=1e-6)
+    assert np.abs(curvature(curve)).max() < 1e-6
 
 
 def test_the_length_of_a_cubic_is_its_arc_length():
