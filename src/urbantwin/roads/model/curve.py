@@ -25,6 +25,8 @@ INNER_RADIUS_M = 1.0
 CUBIC_M = 2.0
 #: Spacing of the samples that stations are first looked up by, metres.
 SAMPLE_M = 0.25
+#: Fewest cubics of a turn: enough that its curvature starts near zero.
+TURN_CUBICS = 10
 #: Speeds at the ends of a turn that are tried, in its chord.
 TURN_SPEEDS = np.linspace(0.4, 2.8, 25)
 #: Nodes of Gauss-Legendre quadrature on [0, 1], for the length of a cubic.
@@ -266,7 +268,7 @@ def turned(
     u, v = u[best : best + 1], v[best : best + 1]
     speed = np.hypot(_derivative(u, fine, 1), _derivative(v, fine, 1))[0]
     along = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 / 128)]) * reach
-    count = max(1, math.ceil(along[-1] / CUBIC_M))
+    count = max(TURN_CUBICS, math.ceil(along[-1] / CUBIC_M))
     at = np.interp(np.linspace(0.0, along[-1], count + 1), along, fine)
     local = np.column_stack([_derivative(u, at, 0)[0], _derivative(v, at, 0)[0]]) * reach
     heading = np.unwrap(np.arctan2(_derivative(v, at, 1)[0], _derivative(u, at, 1)[0])) + start[2]
