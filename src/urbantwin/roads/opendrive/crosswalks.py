@@ -41,7 +41,8 @@ def for_carla(model: LaneModel) -> LaneModel:
         for link in (road.predecessor, road.successor):
             if link is not None and link.element == "junction" and link.id in streets:
                 streets[link.id].add(road.id)
-    areas, carriers = [], []
+    areas: list[RoadArea] = []
+    carriers: list[ModelRoad] = []
     for area in model.areas:
         road = model.road_by_id[area.road]
         if area.kind != "crosswalk" or _is_open(road, area.s):

@@ -14,7 +14,7 @@ __all__ = ["abcd", "number", "numbers", "records"]
 #: Coefficients that differ less than this count as equal for ASAM's checker.
 SAME = 1e-6
 #: How far a profile may move where a record is left out as redundant, metres or radians.
-LEFT_OUT = 1e-6
+LEFT_OUT = 2e-5
 
 
 def number(value: float) -> str:
