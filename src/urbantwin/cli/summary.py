@@ -71,6 +71,7 @@ def _folder(folder: Path) -> dict[str, Any]:
 def _twin(folder: Path) -> dict[str, Any]:
     from collections import Counter
 
+    from urbantwin.roads.signals.programs import described_signals
     from urbantwin.taxonomy import semantic_classes
     from urbantwin.twin import load_twin
 
@@ -87,6 +88,7 @@ def _twin(folder: Path) -> dict[str, Any]:
         "driving_side": twin.manifest["driving_side"],
         "triangles": len(twin.mesh.faces),
         "triangles_by_class": dict(triangles.most_common()),
+        "signals": described_signals(folder / "network.net.xml"),
         "notes": twin.manifest["notes"],
         "inputs": [
             {key: item[key] for key in ("name", "licence", "attribution")}

@@ -31,10 +31,12 @@ from urbantwin.roads.reading import read_sumo_network
 from urbantwin.roads.redraw import redraw_sumo_network
 from urbantwin.roads.sidewalk import sidewalk_sides
 from urbantwin.roads.signals.mapped import mapped_signals
+from urbantwin.roads.signals.programs import set_programs
 from urbantwin.roads.streets.furniture import furnished
 from urbantwin.roads.streets.planar import planar_model
 from urbantwin.roads.strips import network_of_model
 from urbantwin.site.extract import Extract, Way
+from urbantwin.site.signals import SignalPlan
 
 __all__ = ["NETWORK_CLASSES", "BuiltRoads", "build_roads"]
 
@@ -75,6 +77,7 @@ def build_roads(
     *,
     driving_side: str,
     out: Path,
+    plans: Sequence[SignalPlan] = (),
 ) -> BuiltRoads:
     """Build the lane network of a region and write SUMO's network beside it.
 
@@ -85,9 +88,10 @@ def build_roads(
         elevation: the ground.
         driving_side: ``right`` or ``left``.
         out: the ``.net.xml`` to write.
+        plans: programs of signals to use instead of netconvert's.
 
     Raises:
-        InputError: the region holds no roads.
+        InputError: the region holds no roads, or a plan for signals cannot be used.
         StageError: netconvert failed.
     """
     ways, tunnels = _network_ways(extract, frame, region)
@@ -116,6 +120,7 @@ def build_roads(
         extract.write_pieces(osm, frame, pieces, node_tags=signals.tags)
         apart = sorted(piece.id for piece in pieces if piece.way in level_of_way)
         warnings = sumo_network(osm, frame, driving_side=driving_side, keep_apart=apart, out=out)
+    planned = set_programs(out, plans, frame)
     raw = read_sumo_network(
         out,
         driving_side=driving_side,
@@ -139,6 +144,7 @@ def build_roads(
         "roads": len(network.roads),
         "junctions": len(network.junctions),
         "signal_programs": len(network.programs),
+        "signal_programs_set": planned,
         "signals_inferred_from_stop_lines_and_crossings": _within(
             extract, frame, region, signals.inferred
         ),

@@ -37,6 +37,7 @@ OPTIONS = {
     "tls.join": "true",
     "tls.default-type": "static",
     "tls.left-green.time": "12",
+    "tls.allred.time": "2",  # to clear the junction (RiLSA 2015, 2.5); netconvert's own is none
     "osm.sidewalks": "true",
     "osm.turn-lanes": "true",
     "osm.lane-access": "true",
@@ -45,6 +46,7 @@ OPTIONS = {
     "walkingareas": "true",
     "default.sidewalk-width": "2.5",
     "no-turnarounds": "true",
+    "no-turnarounds.except-deadend": "true",
     "output.original-names": "true",
     "output.street-names": "true",
     "keep-edges.by-vclass": "passenger,bus,bicycle,pedestrian",
@@ -81,7 +83,13 @@ def sumo_environment() -> dict[str, str]:
 
 
 def sumo_network(
-    osm: Path, frame: SiteFrame, *, driving_side: str, keep_apart: Iterable[int], out: Path
+    osm: Path,
+    frame: SiteFrame,
+    *,
+    driving_side: str,
+    keep_apart: Iterable[int],
+    keep_nodes: Iterable[int] = (),
+    out: Path,
 ) -> list[str]:
     """Run netconvert on OSM XML and write a network without comments, dates and paths.
 
@@ -89,7 +97,9 @@ def sumo_network(
         osm: OSM XML with the ways of the network only, cut to the region.
         frame: the site frame, which the network's coordinates are in.
         driving_side: ``right`` or ``left``.
-        keep_apart: ids of ways (bridges) that stay roads of their own, not joined to the next.
+        keep_apart: ids of ways (bridges, outer roads) that stay roads of their own, not joined to
+            the next.
+        keep_nodes: ids of nodes that are not merged with others into one junction.
         out: the ``.net.xml`` to write.
 
     Returns:
@@ -115,6 +125,8 @@ def sumo_network(
         ]
         if apart:
             command += ["--geometry.remove.keep-edges.explicit", ",".join(apart)]
+        if nodes := ",".join(str(node) for node in keep_nodes):
+            command += ["--junctions.join-exclude", nodes]
         for key, value in OPTIONS.items():
             command += [f"--{key}", value]
         warnings = run_netconvert(command, raw)

@@ -26,6 +26,7 @@ from urbantwin.site.region import (
     read_geojson,
 )
 from urbantwin.site.rig import RigSpec, load_rig_spec, rig_spec_from
+from urbantwin.site.signals import SignalPlan, SignalSpec
 from urbantwin.taxonomy import ACTOR_CLASSES
 
 __all__ = ["DEFAULT_PER_HOUR", "InputFile", "Site", "TrafficSpec", "check_extract", "load_site"]
@@ -49,6 +50,7 @@ def _known_class(name: str) -> str:
 
 ActorClass = Annotated[str, AfterValidator(_known_class)]
 PerHour = Annotated[float, Field(ge=0.0, le=100_000.0, allow_inf_nan=False)]
+Metres = Annotated[float, Field(ge=-1e8, le=1e8, allow_inf_nan=False)]
 Seconds = Annotated[float, Field(le=86400.0, allow_inf_nan=False)]
 
 
@@ -136,16 +138,33 @@ class _OsmFile(_File):
 
 
 class _Roads(_Strict):
+    file: Annotated[str, Field(min_length=1)] | None = None
+    licence: str = "not stated"
+    attribution: str = "not stated"
+    anchor_m: Annotated[list[Metres], Field(min_length=2, max_length=2)] | None = None
     driving_side: Literal["auto", "left", "right"] = "auto"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _plain_name(cls, value: Any) -> Any:  # noqa: ANN401
+        return {"file": value} if isinstance(value, str) else value
+
+    @model_validator(mode="after")
+    def _of_a_file(self) -> _Roads:
+        given = self.model_fields_set & {"licence", "attribution", "anchor_m"}
+        if self.file is None and given:
+            raise wrong(f"has {min(given)} without a file", "file: a map of the roads")
+        return self
 
 
 class _SiteFile(_Strict):
     name: Annotated[str, Field(min_length=1)] = "site"
     anchor: _Anchor = Field(description="latitude and longitude of the junction")
     region: _Region = _Region(radius_m=150.0)
-    osm: _OsmFile = Field(description="an OpenStreetMap extract")
+    osm: _OsmFile | None = None
     dem: _File | None = None
     roads: _Roads = _Roads()
+    signals: list[SignalSpec] = []
     traffic: TrafficSpec = TrafficSpec()
     rig: str | dict[str, Any] = Field(description="the sensors, or the name of a rig's file")
 
@@ -177,12 +196,16 @@ class Site:
         longitude: of the anchor, degrees, WGS84.
         region: region of interest, site frame, metres.
         radius_m: the region's radius where it is a circle.
-        osm: the OpenStreetMap extract.
+        osm: the OpenStreetMap extract; ``None`` only where there is a map of the roads.
         dem: the elevation model, if there is one.
-        driving_side: ``left`` or ``right``, or ``auto`` to tell it by the place.
+        driving_side: ``left`` or ``right``, or ``auto`` to tell it by the map of the roads, or else
+            by the place.
         traffic: how much traffic, for how long.
         rig: the sensors.
         rig_file: the file that the rig was written in.
+        signals: programs of signals that are set instead of assumed.
+        roads: a map of the roads, OpenDRIVE or Lanelet2, that is used instead of the extract's.
+        anchor_m: that map's own x, y of the anchor, where it has no georeference.
     """
 
     file: Path
@@ -191,12 +214,15 @@ class Site:
     longitude: float
     region: shapely.Polygon
     radius_m: float | None
-    osm: InputFile
+    osm: InputFile | None
     dem: InputFile | None
     driving_side: Literal["auto", "left", "right"]
     traffic: TrafficSpec
     rig: RigSpec
     rig_file: Path
+    signals: tuple[SignalPlan, ...] = ()
+    roads: InputFile | None = None
+    anchor_m: tuple[float, float] | None = None
 
     #: How coordinates of a region are rounded in what we write: 1e-9 degrees are 0.1 mm.
     _DECIMALS: ClassVar[int] = 9
@@ -220,20 +246,28 @@ class Site:
             "name": self.name,
             "anchor": {"latitude": self.latitude, "longitude": self.longitude},
             "region": region,
-            "osm": _file_entry(self.osm),
         }
-        if self.dem:
-            value["dem"] = _file_entry(self.dem)
+        for kind, item in (("osm", self.osm), ("dem", self.dem)):
+            if item:
+                value[kind] = _file_entry(item)
+        roads: dict[str, Any] = _file_entry(self.roads) if self.roads else {}
+        if self.anchor_m:
+            roads["anchor_m"] = list(self.anchor_m)
         return {
             **value,
-            "roads": {"driving_side": self.driving_side},
+            "roads": {**roads, "driving_side": self.driving_side},
+            **self._signals(),
             "traffic": self.traffic.model_dump(),
             "rig": self.rig.model_dump(),
         }
 
+    def _signals(self) -> dict[str, Any]:
+        plans = [plan.spec.model_dump(exclude_none=True) for plan in self.signals]
+        return {"signals": plans} if plans else {}
+
     def inputs(self) -> list[dict[str, str]]:
         """Return what the site is made from: kind, name, sha256, licence and attribution."""
-        files = [("osm", self.osm)] + ([("dem", self.dem)] if self.dem else [])
+        files = (("osm", self.osm), ("roads", self.roads), ("dem", self.dem))
         return [
             {
                 "kind": kind,
@@ -243,6 +277,7 @@ class Site:
                 "attribution": item.attribution,
             }
             for kind, item in files
+            if item
         ]
 
 
@@ -261,7 +296,16 @@ def load_site(path: Path) -> Site:
     raw = document.validated(_SiteFile)
     frame = SiteFrame(raw.anchor.latitude, raw.anchor.longitude)
     region = _region(document, raw.region, frame)
-    osm = _input_file(document, "osm", raw.osm, "an OpenStreetMap extract")
+    if raw.osm is None and raw.roads.file is None:
+        expected = "an OpenStreetMap extract, or else a map of the roads (roads.file)"
+        raise document.error("is missing", ("osm",), expected)
+    osm = _input_file(document, "osm", raw.osm, "an OpenStreetMap extract") if raw.osm else None
+    roads = None
+    if raw.roads.file is not None:
+        given = _File(
+            file=raw.roads.file, licence=raw.roads.licence, attribution=raw.roads.attribution
+        )
+        roads = _input_file(document, "roads", given, "a map of the roads (.xodr, or Lanelet2 .osm)")
     dem = _input_file(document, "dem", raw.dem, "a DEM as GeoTIFF") if raw.dem else None
     if dem:
         check_dem(dem.path, frame, region)
@@ -285,6 +329,9 @@ def load_site(path: Path) -> Site:
         traffic=raw.traffic,
         rig=rig,
         rig_file=rig_file,
+        signals=tuple(SignalPlan(spec, document, k) for k, spec in enumerate(raw.signals)),
+        roads=roads,
+        anchor_m=(raw.roads.anchor_m[0], raw.roads.anchor_m[1]) if raw.roads.anchor_m else None,
     )
 
 

@@ -55,6 +55,7 @@ def build_twin(site: Site, out: Path, progress: Progress | None = None) -> Twin:
             elevation,
             driving_side=side,
             out=folder / "network.net.xml",
+            plans=site.signals,
         )
         roads.model.save(folder / "lane_model.json")
         roads.network.save(folder / "roads.json")

@@ -1,0 +1,148 @@
+"""Putting planned signal programs into a SUMO network, and telling what there is to plan."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from lxml import etree
+
+from urbantwin.geometry import SiteFrame
+from urbantwin.roads.signals.layout import COMPASS, Signalised, signalised_junctions
+from urbantwin.roads.signals.plan import planned
+from urbantwin.roads.signals.words import approaches
+from urbantwin.site.signals import SignalPlan
+
+__all__ = ["described_signals", "set_programs"]
+
+#: A place that a person gives may be this far from the junction that is meant, metres.
+NEAREST_M = 100.0
+
+
+def set_programs(net: Path, plans: Sequence[SignalPlan], frame: SiteFrame) -> int:
+    """Set the programs that a site plans in its SUMO network.
+
+    Args:
+        net: the ``.net.xml``, rewritten if anything is planned.
+        plans: what ``site.yaml`` says.
+        frame: the site frame.
+
+    Returns:
+        How many programs were set.
+
+    Raises:
+        InputError: a junction is not there or not unique, or a plan cannot be used.
+    """
+    if not plans:
+        return 0
+    tree = etree.parse(net)
+    there = signalised_junctions(tree.getroot())
+    logics = {item.get("id"): item for item in tree.getroot().iter("tlLogic")}
+    done: dict[str, int] = {}
+    for number, plan in enumerate(plans):
+        junction = _meant(plan, there, frame)
+        if junction.program in done:
+            raise plan.error(
+                f"is the junction of signals[{done[junction.program]}] again",
+                ("junction",),
+                "each junction once",
+            )
+        done[junction.program] = number
+        offset, phases = planned(junction, plan)
+        logic = logics[junction.program]
+        for phase in list(logic.iter("phase")):
+            logic.remove(phase)
+        logic.set("offset", f"{offset:g}")
+        logic.set("type", "static")
+        for seconds, state in phases:
+            etree.SubElement(logic, "phase", duration=f"{seconds:g}", state=state)
+        etree.indent(logic, space=" ", level=1)
+    text = etree.tostring(tree.getroot(), xml_declaration=True, encoding="UTF-8")
+    net.write_bytes(text + b"\n")
+    return len(done)
+
+
+def described_signals(net: Path) -> dict[str, dict[str, Any]]:
+    """Return program -> what it controls and shows, in the words that plans are written in.
+
+    Args:
+        net: the ``.net.xml``.
+    """
+    junctions = signalised_junctions(etree.parse(net).getroot())
+    return {item.program: _described(item) for item in junctions}
+
+
+def _described(junction: Signalised) -> dict[str, Any]:
+    arms = [f"{arm} ({street})" if street else arm for arm, street in approaches(junction)]
+    return {
+        "streets": " / ".join(junction.streets),
+        "junctions": ", ".join(junction.junctions),
+        "east_m": round(float(junction.xy[0]), 1),
+        "north_m": round(float(junction.xy[1]), 1),
+        "approaches": ", ".join(arms),
+        "cycle": junction.cycle,
+        "offset": junction.offset,
+        "phases": [
+            {"seconds": seconds, "shows": _shown(junction, state), "state": state}
+            for seconds, state in junction.phases
+        ],
+    }
+
+
+def _shown(junction: Signalised, state: str) -> str:
+    """Return a state in words: ``green east, west left; walk north``."""
+    said = []
+    for word, letters, walk in (
+        ("green", "Gg", False),
+        ("yellow", "yY", False),
+        ("walk", "Gg", True),
+    ):
+        arms = []
+        for arm in COMPASS:
+            links = [x for x in junction.links if x.arm == arm and (x.movement == "walk") == walk]
+            lit = [x for x in links if state[x.index] in letters]
+            turns = sorted({x.movement for x in lit} - {"walk"})
+            if lit and len({x.movement for x in links}) == len({x.movement for x in lit}):
+                arms.append(arm)
+            elif lit:
+                arms.append(f"{arm} {'+'.join(turns)}")
+        if arms:
+            said.append(f"{word} {', '.join(arms)}")
+    return "; ".join(said) or "all red"
+
+
+def _meant(plan: SignalPlan, there: Sequence[Signalised], frame: SiteFrame) -> Signalised:
+    """Return the junction that a plan is for."""
+    spec = plan.spec
+    listed = "; ".join(map(_named, there))
+    expected = f"one of {listed}" if there else "no signals: the region has no signalised junction"
+    if spec.place is not None:
+        xy = frame.site_from_lonlat([spec.place[::-1]])[0]
+        away = [float(np.hypot(*(item.xy - xy))) for item in there]
+        if not away or min(away) > NEAREST_M:
+            problem = f"has no signalised junction within {NEAREST_M:g} m"
+            raise plan.error(problem, ("junction",), expected)
+        return there[int(np.argmin(away))]
+    name = str(spec.junction).strip()
+    found = [item for item in there if name == item.program or name in item.junctions]
+    if not found:
+        wanted = {street.casefold() for street in spec.streets}
+        found = [
+            item
+            for item in there
+            if wanted and wanted <= {street.casefold() for street in item.streets}
+        ]
+    if len(found) == 1:
+        return found[0]
+    problem = f"{name!r} is no signalised junction"
+    if found:
+        problem = f"{name!r} is {len(found)} signalised junctions"
+        expected = f"one of the ids {', '.join(item.program for item in found)}"
+    raise plan.error(problem, ("junction",), expected)
+
+
+def _named(junction: Signalised) -> str:
+    streets = " / ".join(junction.streets)
+    return f"{junction.program} ({streets})" if streets else junction.program
