@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
+from collections import Counter
 from collections.abc import Callable, Mapping
 
 import numpy as np
@@ -49,10 +51,15 @@ def network_of_model(model: LaneModel, raw: RoadNetwork, height: SurfaceHeight) 
     """
     known = raw.lane_by_id
     placed: dict[str, Lane] = {}
-    for run in _runs(model):
-        for name, piece in _named(run, known).items():
+    chains = []
+    for run in sorted(_runs(model), key=_turn):
+        pieces = _named(run, known)
+        chains.append(list(pieces))
+        for name, piece in pieces.items():
+            # Where several ways share a lane, it is the straightest one's.
             if name not in placed:
                 placed[name] = _lane(name, piece, known.get(name))
+    _join(placed, chains)
     lanes = [placed.pop(lane.id, None) or _ground(lane, height) for lane in raw.lanes]
     outlines = {junction.name: junction.outline for junction in model.junctions}
     every = {lane.id: lane for lane in (*lanes, *placed.values())}
@@ -62,6 +69,27 @@ def network_of_model(model: LaneModel, raw: RoadNetwork, height: SurfaceHeight) 
         junctions=_outlined(raw.junctions, outlines),
         signals=tuple(_moved(head, every[head.lane]) for head in raw.signals),
     )
+
+
+def _turn(run: _Run) -> float:
+    if run.road.junction < 0:
+        return 0.0
+    first, last = run.road.curve.at([0.0, run.road.length])[:, 2]
+    return round(abs(float(last - first)), 3)
+
+
+def _join(placed: dict[str, Lane], chains: list[list[str]]) -> None:
+    """Let lanes begin where those before them end, though another way's curve was taken there."""
+    shared = Counter(name for chain in chains for name in chain)
+    for chain in chains:
+        for before, name in itertools.pairwise(chain):
+            lane = placed[name]
+            gap = placed[before].centre[-1] - lane.centre[0]
+            if shared[name] > 1 or np.linalg.norm(gap) < 1e-3:
+                continue
+            step = np.linalg.norm(np.diff(lane.centre[:, :2], axis=0), axis=1)
+            left = 1.0 - np.concatenate([[0.0], np.cumsum(step)]) / max(step.sum(), 1e-9)
+            placed[name] = dataclasses.replace(lane, centre=lane.centre + left[:, None] * gap)
 
 
 def _outlined(
@@ -128,18 +156,24 @@ def _stations(road: ModelRoad) -> NDArray[np.float64]:
         ),
         default=0.0,
     )
-    stations: list[NDArray[np.float64]] = [np.array([0.0, curve.length])]
-    for piece, start in zip(curve.pieces, curve.starts, strict=False):
-        steps = 1
-        if piece.curvature:
-            radius = 1 / abs(piece.curvature) + reach
-            steps = int(np.ceil(piece.length / np.sqrt(8 * CHORD_M * radius)))
-        elif piece.u:
-            ends = curve.at([start, start + piece.length / 2, start + piece.length])[:, 2]
-            turn = max(float(np.abs(np.diff(np.unwrap(ends))).max()) * 2, 1e-6)
-            radius = piece.length / turn + reach
-            steps = int(np.ceil(piece.length / np.sqrt(8 * CHORD_M * radius)))
-        stations.append(np.linspace(start, start + piece.length, max(1, steps) + 1))
+    starts = curve.starts
+    middle = (starts[:-1] + starts[1:]) / 2
+    heading = np.unwrap(
+        curve.at(np.concatenate([starts[:-1] + 1e-9, middle, starts[1:] - 1e-9]))[:, 2].reshape(
+            3, -1
+        ),
+        axis=0,
+    )
+    # The tighter half of a piece counts for all of it; lines need no steps at all.
+    turn = 2 * np.abs(np.diff(heading, axis=0)).max(axis=0)
+    length = np.diff(starts)
+    radius = length / np.maximum(turn, 1e-9) + reach
+    # The sagitta of a chord over an angle a of a circle is radius x a^2 / 8.
+    steps = np.where(turn > 1e-6, np.ceil(turn * np.sqrt(radius / (8 * CHORD_M))), 1)
+    stations = [
+        np.linspace(a, b, int(count) + 1)
+        for a, b, count in zip(starts, starts[1:], steps, strict=False)
+    ]
     uneven = len(road.elevation.start) > 1 or np.abs(road.elevation.abcd[:, 2:]).max() > 1e-9
     uneven |= not road.bank.is_zero or len(road.crown.start) > 1 or len(road.offset.start) > 1
     uneven |= any(

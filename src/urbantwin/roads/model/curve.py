@@ -23,8 +23,10 @@ STRAIGHT = 1e-6
 INNER_RADIUS_M = 1.0
 #: Length of the parametric cubics that a spline is written as, metres.
 CUBIC_M = 2.0
+#: Stations are found to this, metres.
+LOCATED_M = 1e-7
 #: Spacing of the samples that stations are first looked up by, metres.
-SAMPLE_M = 0.25
+SAMPLE_M = 0.5
 #: Fewest cubics of a turn: enough that its curvature starts near zero.
 TURN_CUBICS = 10
 #: Speeds at the ends of a turn that are tried, in its chord.
@@ -113,8 +115,8 @@ class Curve:
         stations are negative or exceed the length.
         """
         points = np.asarray(xy, np.float64).reshape(-1, 2)
-        samples, stations = self._samples
-        s = stations[cKDTree(samples).query(points)[1]]
+        tree, stations = self._samples
+        s = stations[tree.query(points)[1]]
         t = np.zeros(len(points))
         for _ in range(6):
             pose = self.at(s)
@@ -122,13 +124,16 @@ class Curve:
             c, sn = np.cos(pose[:, 2]), np.sin(pose[:, 2])
             gap = points - pose[:, :2] - over[:, None] * np.column_stack([c, sn])
             t = gap[:, 1] * c - gap[:, 0] * sn
-            s = s + gap[:, 0] * c + gap[:, 1] * sn
+            step = gap[:, 0] * c + gap[:, 1] * sn
+            s = s + step
+            if np.abs(step).max(initial=0.0) < LOCATED_M:
+                break
         return s, t
 
     @cached_property
-    def _samples(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _samples(self) -> tuple[cKDTree, NDArray[np.float64]]:
         stations = np.linspace(0.0, self.length, max(3, int(self.length / SAMPLE_M) + 2))
-        return self.at(stations)[:, :2], stations
+        return cKDTree(self.at(stations)[:, :2]), stations
 
     @cached_property
     def line(self) -> shapely.LineString:
@@ -242,7 +247,7 @@ def turned(
     """Return a way from one pose to another, straight at both ends, as gently bent as possible.
 
     A quintic whose curvature starts and ends at zero; of the speeds at its ends those are taken
-    that keep the tightest radius largest, and the way short.
+    that keep the way short, the tightest radius large, and the bends few.
 
     Args:
         start: x, y, heading (3,) where it begins.
@@ -261,8 +266,10 @@ def turned(
     p = np.linspace(0.0, 1.0, 33)
     du, dv = _derivative(u, p, 1), _derivative(v, p, 1)
     speed = np.maximum(np.hypot(du, dv), 1e-9)
-    bend = np.abs(du * _derivative(v, p, 2) - dv * _derivative(u, p, 2)) / speed**3
-    cost = bend.max(axis=1) + directness * speed.mean(axis=1)
+    bend = (du * _derivative(v, p, 2) - dv * _derivative(u, p, 2)) / speed**3
+    # Up and down again: the largest curvature where there is one bend, more where there are more.
+    swing = np.abs(np.diff(bend, axis=1)).sum(axis=1) / 2
+    cost = swing + directness * speed.mean(axis=1)
     best = int(np.argmin(np.round(cost, 9)))
     fine = np.linspace(0.0, 1.0, 129)
     u, v = u[best : best + 1], v[best : best + 1]
@@ -302,41 +309,36 @@ def _quintic(
 def _derivative(
     coefficients: NDArray[np.float64], p: NDArray[np.float64], order: int
 ) -> NDArray[np.float64]:
-    """Return values (N, P) of the derivatives of polynomials (N, K) at parameters (P,)."""
-    values = np.polynomial.polynomial.polyder(coefficients.T, order) if order else coefficients.T
-    return np.asarray(np.polynomial.polynomial.polyval(p, values))
+    """Return values (N, P) of the derivatives of quintics (N, 6) at parameters (P,)."""
+    power = np.arange(order, 6)
+    factor = np.array([math.perm(int(k), order) for k in power], np.float64)
+    return np.asarray((coefficients[:, order:] * factor) @ p ** (power - order)[:, None])
 
 
 def _cubics(xy: NDArray[np.float64], heading: NDArray[np.float64], reach: float) -> Curve:
     """Join places and headings by Hermite cubics of about unit speed over ``reach`` metres."""
-    pieces = []
-    for k in range(len(xy) - 1):
-        c, s = math.cos(heading[k]), math.sin(heading[k])
-        gap = xy[k + 1] - xy[k]
-        du, dv = gap[0] * c + gap[1] * s, gap[1] * c - gap[0] * s
-        turn = heading[k + 1] - heading[k]
-        eu, ev = reach * math.cos(turn), reach * math.sin(turn)
-        u = (0.0, reach, 3 * du - 2 * reach - eu, reach + eu - 2 * du)
-        v = (0.0, 0.0, 3 * dv - ev, ev - 2 * dv)
-        length = _length(u, v)
-        pieces.append(
-            Piece(
-                float(xy[k, 0]),
-                float(xy[k, 1]),
-                float(heading[k]),
-                length,
-                u=tuple(map(float, u)),
-                v=tuple(map(float, v)),
+    c, s = np.cos(heading[:-1]), np.sin(heading[:-1])
+    gap, turn = np.diff(xy, axis=0), np.diff(heading)
+    du, dv = gap[:, 0] * c + gap[:, 1] * s, gap[:, 1] * c - gap[:, 0] * s
+    eu, ev = reach * np.cos(turn), reach * np.sin(turn)
+    zero = np.zeros_like(du)
+    u = np.column_stack([zero, zero + reach, 3 * du - 2 * reach - eu, reach + eu - 2 * du])
+    v = np.column_stack([zero, zero, 3 * dv - ev, ev - 2 * dv])
+    return Curve(
+        tuple(
+            Piece(*place, length, u=tuple(along), v=tuple(across))
+            for place, length, along, across in zip(
+                np.column_stack([xy, heading])[:-1].tolist(),
+                cubic_lengths(u, v).tolist(),
+                u.tolist(),
+                v.tolist(),
+                strict=True,
             )
         )
-    return Curve(tuple(pieces))
-
-
-def _length(u: Sequence[float], v: Sequence[float]) -> float:
-    speed = np.hypot(
-        *(
-            np.polynomial.polynomial.polyval(NODES, np.polynomial.polynomial.polyder(c))
-            for c in (u, v)
-        )
     )
-    return float((speed * WEIGHTS).sum())
+
+
+def cubic_lengths(u: NDArray[np.float64], v: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the lengths (N,) of cubics with coefficients (N, 4) over parameters from 0 to 1."""
+    powers = NODES ** np.arange(3)[:, None] * np.array([1, 2, 3])[:, None]
+    return np.asarray(np.hypot(u[:, 1:] @ powers, v[:, 1:] @ powers) @ WEIGHTS)

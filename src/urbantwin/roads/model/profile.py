@@ -23,18 +23,20 @@ class Profile:
 
     def at(self, s: ArrayLike) -> NDArray[np.float64]:
         """Return values (N,) at stations."""
-        ds, abcd = self._piece(s)
-        return np.asarray((abcd * ds[:, None] ** np.arange(4)).sum(axis=1))
+        ds, (a, b, c, d) = self._piece(s)
+        return np.asarray(a + ds * (b + ds * (c + ds * d)))
 
     def slope(self, s: ArrayLike) -> NDArray[np.float64]:
         """Return derivatives (N,) at stations."""
-        ds, abcd = self._piece(s)
-        return np.asarray((abcd[:, 1:] * [1, 2, 3] * ds[:, None] ** np.arange(3)).sum(axis=1))
+        ds, (_, b, c, d) = self._piece(s)
+        return np.asarray(b + ds * (2 * c + 3 * ds * d))
 
     def _piece(self, s: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         stations = np.atleast_1d(np.asarray(s, np.float64))
-        k = np.clip(np.searchsorted(self.start, stations, side="right") - 1, 0, None)
-        return stations - self.start[k], self.abcd[k]
+        if len(self.start) == 1:
+            return stations - self.start[0], self.abcd[0]
+        k = np.maximum(np.searchsorted(self.start, stations, side="right") - 1, 0)
+        return stations - self.start[k], self.abcd[k].T
 
     @classmethod
     def constant(cls, value: float) -> Profile:
@@ -50,8 +52,8 @@ class Profile:
     def between(self, first: float, last: float) -> Profile:
         """Return the profile from one station to another, with its stations counted from there."""
         keep = [k for k, s in enumerate(self.start) if first + 1e-9 < s < last - 1e-9]
-        ds, ((a, b, c, d),) = self._piece(first)
-        h = float(ds[0])
+        k = max(int(np.searchsorted(self.start, first, side="right")) - 1, 0)
+        h, (a, b, c, d) = first - float(self.start[k]), self.abcd[k]
         head = [a + h * (b + h * (c + h * d)), b + h * (2 * c + 3 * h * d), c + 3 * h * d, d]
         return Profile(
             np.concatenate([[0.0], self.start[keep] - first]), np.vstack([head, self.abcd[keep]])

@@ -204,8 +204,7 @@ def _thinned(points: NDArray[np.float64]) -> NDArray[np.float64]:
 def _extent(curve: Curve, strips: list[Strip]) -> tuple[float, float]:
     """Return between which stations every lane for vehicles exists."""
     vehicles = [strip for strip in strips if strip.lane.kind != "sidewalk"] or strips
-    first, last = 0.0, curve.length
-    for strip in vehicles:
-        ends = curve.locate(strip.lane.centre[[0, -1], :2])[0]
-        first, last = max(first, float(ends.min())), min(last, float(ends.max()))
-    return first, last
+    xy = np.vstack([strip.lane.centre[[0, -1], :2] for strip in vehicles])
+    ends = curve.locate(xy)[0].reshape(-1, 2)
+    first, last = float(ends.min(axis=1).max()), float(ends.max(axis=1).min())
+    return max(0.0, first), min(curve.length, last)
