@@ -305,7 +305,7 @@ def load_site(path: Path) -> Site:
         given = _File(
             file=raw.roads.file, licence=raw.roads.licence, attribution=raw.roads.attribution
         )
-        roads = _input_file(document, "roads", given, "a map of the roads (.xodr, or Lanelet2 .osm)")
+        roads = _input_file(document, "roads", given, "a map of the roads (.xodr, Lanelet2 .osm)")
     dem = _input_file(document, "dem", raw.dem, "a DEM as GeoTIFF") if raw.dem else None
     if dem:
         check_dem(dem.path, frame, region)

@@ -11,10 +11,19 @@ import yaml
 
 from urbantwin import __version__
 from urbantwin.artefact import replaced_folder, sha256_of, write_json
+from urbantwin.errors import InputError
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads, driving_side
+from urbantwin.roads.imported import ImportedMap, build_imported_roads, prepared_map, read_map
 from urbantwin.scene import build_scene
-from urbantwin.site import Site, check_extract, read_extract, read_heights
+from urbantwin.site import (
+    Extract,
+    OsmFeature,
+    Site,
+    check_extract,
+    read_extract,
+    read_heights,
+)
 from urbantwin.twin.twin import Twin, load_twin
 
 __all__ = ["build_twin"]
@@ -39,28 +48,37 @@ def build_twin(site: Site, out: Path, progress: Progress | None = None) -> Twin:
     """
     tell = progress or (lambda share, text: None)
     tell(0.0, "reading the map")
-    extract = read_extract(site.osm.path)
-    check_extract(site, extract)
-    mapped = driving_side(site.latitude, site.longitude)
-    side = mapped if site.driving_side == "auto" else site.driving_side
+    extract = read_extract(site.osm.path) if site.osm else None
+    imported = read_map(site.roads.path, site.frame, site.anchor_m) if site.roads else None
+    features = _features(site, extract)
+    side = _driving_side(site, imported)
     with replaced_folder(out, kind="twin") as folder:
         tell(0.1, "ground")
         elevation, ground_notes = _elevation(site)
+        net = folder / "network.net.xml"
+        if imported:
+            prepared = prepared_map(imported, site.region, elevation if site.dem else None)
+            elevation = prepared.elevation
+            if site.dem is None and not elevation.is_flat:
+                ground_notes = {"source": "no DEM: the heights of the map's roads, joined up"}
+            tell(0.2, "roads")
+            roads = build_imported_roads(prepared, site.frame, out=net, plans=site.signals)
+        else:
+            assert extract is not None
+            tell(0.2, "roads")
+            roads = build_roads(
+                extract,
+                site.frame,
+                site.region,
+                elevation,
+                driving_side=side,
+                out=net,
+                plans=site.signals,
+            )
         elevation.save(folder / "elevation.npz")
-        tell(0.2, "roads")
-        roads = build_roads(
-            extract,
-            site.frame,
-            site.region,
-            elevation,
-            driving_side=side,
-            out=folder / "network.net.xml",
-            plans=site.signals,
-        )
         roads.model.save(folder / "lane_model.json")
         roads.network.save(folder / "roads.json")
         tell(0.4, "scene")
-        features = extract.features(site.frame, site.region)
         scene = build_scene(roads.network, roads.lift, elevation, site.region, features)
         scene.mesh.save(folder / "scene.npz")
         tell(0.9, "writing")
@@ -91,6 +109,46 @@ def build_twin(site: Site, out: Path, progress: Progress | None = None) -> Twin:
         )
     tell(1.0, "done")
     return load_twin(out)
+
+
+def _features(site: Site, extract: Extract | None) -> list[OsmFeature]:
+    """Return what is mapped in the region besides the roads.
+
+    Raises:
+        InputError: the extract has nothing there.
+    """
+    if extract is None:
+        return []
+    if site.roads is None:
+        check_extract(site, extract)
+    features = extract.features(site.frame, site.region)
+    if not features:
+        raise InputError(
+            f"has nothing within the region of {site.file.name}",
+            file=extract.path,
+            expected=f"an extract around {site.latitude:.6f}, {site.longitude:.6f}",
+        )
+    return features
+
+
+def _driving_side(site: Site, imported: ImportedMap | None) -> str:
+    """Return the side that people drive on: as the site says, the map of the roads, or the place.
+
+    Raises:
+        InputError: the site and the map of the roads say different things.
+    """
+    if imported is None:
+        mapped = driving_side(site.latitude, site.longitude)
+        return mapped if site.driving_side == "auto" else site.driving_side
+    mapped = imported.model.driving_side
+    if site.driving_side not in ("auto", mapped):
+        raise InputError(
+            f"is {site.driving_side}, and in {imported.path.name} people drive on the {mapped}",
+            file=site.file,
+            place="roads.driving_side",
+            expected="auto",
+        )
+    return mapped
 
 
 def _elevation(site: Site) -> tuple[Elevation, dict[str, object]]:

@@ -1,0 +1,192 @@
+"""From a map that somebody made to the lane network of a site."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+from urbantwin.geometry import SiteFrame
+from urbantwin.ground import Elevation
+from urbantwin.roads.build import BuiltRoads
+from urbantwin.roads.heights import with_heights
+from urbantwin.roads.imported.crop import cropped, has_traffic, main_part
+from urbantwin.roads.imported.heights import (
+    ModelSurface,
+    elevation_of_model,
+    is_flat,
+    raised,
+    with_levels,
+)
+from urbantwin.roads.imported.read import ImportedMap
+from urbantwin.roads.imported.sumo import sumo_network_of_model
+from urbantwin.roads.levels import Lift
+from urbantwin.roads.model import LaneModel
+from urbantwin.roads.reading import read_sumo_network
+from urbantwin.roads.redraw import redraw_sumo_network
+from urbantwin.roads.signals.programs import set_programs
+from urbantwin.roads.strips import network_of_model
+from urbantwin.site.signals import SignalPlan
+
+__all__ = ["PreparedMap", "build_imported_roads", "check_meets", "prepared_map"]
+
+_NOT_LIFTED = Lift(np.zeros((0, 2)), np.zeros(0, np.int64), np.zeros(0))
+
+
+@dataclass(frozen=True)
+class PreparedMap:
+    """A map cut to the region, with heights of the site, and the ground that goes with it.
+
+    Attributes:
+        model: the lane model, site frame.
+        elevation: the ground.
+        notes: what was left out and assumed.
+    """
+
+    model: LaneModel
+    elevation: Elevation
+    notes: dict[str, object]
+
+
+def prepared_map(
+    imported: ImportedMap, region: shapely.Polygon, elevation: Elevation | None
+) -> PreparedMap:
+    """Cut a map to a region, leave out what is not joined to the rest, and settle its heights.
+
+    A map that has heights keeps them, moved up or down as a whole: so that the road nearest to the
+    anchor is at zero, or, where there is a DEM, so that the median of roads less ground is zero.
+    One that has none takes the DEM's, if there is one.
+
+    Args:
+        imported: the map, site frame.
+        region: where to build.
+        elevation: the ground, from a DEM; ``None`` without one.
+
+    Raises:
+        InputError: the map has no lanes to drive on, or none in the region.
+    """
+    check_meets(imported, region)
+    whole = imported.model
+    model, left = main_part(cropped(whole, region))
+    if not has_traffic(model):
+        raise InputError(
+            "has no lanes that traffic could use within the region",
+            file=imported.path,
+            expected="lanes of the type driving",
+        )
+    flat = is_flat(model)
+    notes: dict[str, object] = {
+        **imported.notes,
+        "roads_of_the_map": sum(road.junction < 0 for road in whole.roads),
+        "heights": "none in the map" if flat else "the map's own",
+    }
+    if flat:
+        model = raised(model, -_first_height(model))
+        if elevation is not None:
+            model = with_heights(model, elevation, _NOT_LIFTED)
+            notes["heights"] = "the DEM's: the map has none"
+        ground = elevation or Elevation.flat()
+    else:
+        model = with_levels(model)
+        shift = _shift(model, elevation)
+        model = raised(model, shift)
+        notes["heights_moved_by_m"] = round(shift, 3)
+        ground = elevation or elevation_of_model(model, region)
+    notes["left_out"] = [item.as_note() for item in left]
+    return PreparedMap(model, ground, notes)
+
+
+def build_imported_roads(
+    prepared: PreparedMap,
+    frame: SiteFrame,
+    *,
+    out: Path,
+    plans: Sequence[SignalPlan] = (),
+) -> BuiltRoads:
+    """Build the lane network of a prepared map and write SUMO's network beside it.
+
+    Args:
+        prepared: the map.
+        frame: the site frame.
+        out: the ``.net.xml`` to write.
+        plans: programs of signals to use instead of the map's or netconvert's.
+
+    Raises:
+        InputError: a plan for signals cannot be used.
+        StageError: netconvert failed.
+    """
+    sumo = sumo_network_of_model(prepared.model, out)
+    planned = set_programs(out, plans, frame)
+    model = sumo.model
+    raw = read_sumo_network(
+        out,
+        driving_side=model.driving_side,
+        level_of_way={road.id: road.level for road in model.roads},
+        origin={},
+    )
+    surface = ModelSurface(model)
+
+    def height(xy: NDArray[np.float64], level: int) -> NDArray[np.float64]:
+        return surface(xy, level)
+
+    network = network_of_model(model, raw, height)
+    redraw_sumo_network(out, network)
+    notes: dict[str, object] = {
+        "roads": len(network.roads),
+        "junctions": len(network.junctions),
+        "signal_programs": len(network.programs),
+        "signal_programs_set": planned,
+        **prepared.notes,
+        **sumo.notes,
+        "netconvert_warnings": len(sumo.warnings),
+    }
+    return BuiltRoads(model, network, _NOT_LIFTED, notes)
+
+
+def check_meets(imported: ImportedMap, region: shapely.Polygon) -> None:
+    """Check that a map has a road in a region.
+
+    Raises:
+        InputError: it has none; the error says how far away the nearest is.
+    """
+    streets = [road for road in imported.model.roads if road.junction < 0]
+    if not has_traffic(imported.model):
+        raise InputError(
+            "holds no lanes that traffic could use",
+            file=imported.path,
+            expected="roads with lanes of the type driving",
+        )
+    lines = np.array([road.curve.line for road in streets], dtype=object)
+    nearest = float(shapely.distance(lines, region).min())
+    if nearest > 0.0:
+        away = f"{nearest / 1000:.1f} km" if nearest >= 1000 else f"{nearest:.0f} m"
+        raise InputError(
+            f"has no road within the region: the nearest is {away} away",
+            file=imported.path,
+            expected="an anchor on the map",
+        )
+
+
+def _first_height(model: LaneModel) -> float:
+    return float(model.roads[0].elevation.at([0.0])[0])
+
+
+def _shift(model: LaneModel, elevation: Elevation | None) -> float:
+    """Return how far a map with heights is moved up."""
+    on_ground = [road for road in model.roads if road.level == 0] or list(model.roads)
+    points = np.vstack(
+        [
+            road.place(s, 0.0)
+            for road in on_ground
+            for s in [np.linspace(0.0, road.length, max(2, int(road.length) + 1))]
+        ]
+    )
+    if elevation is None:
+        nearest = int(np.argmin(np.linalg.norm(points[:, :2], axis=1)))
+        return -float(points[nearest, 2])
+    return float(np.median(elevation.raw_at(points[:, :2]) - points[:, 2]))

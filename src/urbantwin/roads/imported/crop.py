@@ -1,0 +1,337 @@
+"""A lane model cut to the region, and to its main component."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import defaultdict
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.roads.component import LeftOut, Part, main_component
+from urbantwin.roads.imported.cut import loosened, part_of_road
+from urbantwin.roads.imported.edges import carries_traffic
+from urbantwin.roads.model import (
+    Connection,
+    LaneModel,
+    ModelJunction,
+    ModelRoad,
+    RoadLink,
+)
+
+__all__ = ["cropped", "main_part"]
+
+#: Stations that are tried for being inside, metres apart; a border is then found to a millimetre.
+STEP_M = 0.5
+#: What a street keeps at the least where it leaves a junction that is kept, metres.
+STUB_M = 15.0
+#: Shorter pieces that reach no junction are not kept, metres.
+LEAST_M = 5.0
+#: What stands this close to a piece of road belongs to it, metres.
+SLACK_M = 2.0
+
+Interval = tuple[float, float]
+
+
+def cropped(model: LaneModel, region: shapely.Polygon) -> LaneModel:
+    """Return the part of a lane model that lies in a region.
+
+    Streets are cut at the region's border. A junction is kept whole, with a stub of each of its
+    streets, if its middle is in the region.
+
+    Args:
+        model: the lane model.
+        region: site frame.
+    """
+    shapely.prepare(region)
+    kept = {
+        junction.id
+        for junction in model.junctions
+        if region.contains(shapely.Point(middle_of_junction(model, junction)))
+    }
+    number = model.next_id
+    pieces: dict[int, list[tuple[int, Interval]]] = {}
+    for road in model.roads:
+        if road.junction >= 0:
+            continue
+        found: list[tuple[int, Interval]] = []
+        for interval in _intervals(road, region, kept):
+            found.append((number if found else road.id, interval))
+            number += len(found) > 1
+        pieces[road.id] = found
+    return _of_pieces(model, pieces, kept)
+
+
+def main_part(model: LaneModel) -> tuple[LaneModel, list[LeftOut]]:
+    """Return the main component of a lane model, and what was left out."""
+    joints: dict[int, set[tuple[int, int]]] = defaultdict(set)
+    for road in model.roads:
+        if road.junction >= 0:
+            joints[road.id].add((road.junction, -1))
+        for link in (road.predecessor, road.successor):
+            if link and link.element == "junction":
+                joints[road.id].add((link.id, -1))
+            elif link:
+                pair = (min(road.id, link.id), max(road.id, link.id))
+                joints[road.id].add(pair)
+                joints[link.id].add(pair)
+    for junction in model.junctions:
+        for connection in junction.connections:
+            joints[connection.incoming].add((junction.id, -1))
+            joints[connection.connecting].add((junction.id, -1))
+    parts = {
+        road.id: Part(road.name, road.curve.line, _motor_lanes(road), frozenset(joints[road.id]))
+        for road in model.roads
+    }
+    kept, left = main_component(parts)
+    if not left:
+        return model, []
+    junctions = {road.junction for road in model.roads if road.id in kept and road.junction >= 0}
+    junctions |= {
+        link.id
+        for road in model.roads
+        for link in (road.predecessor, road.successor)
+        if road.id in kept and link and link.element == "junction"
+    }
+    pieces = {
+        road.id: [(road.id, (0.0, road.length))] if road.id in kept else []
+        for road in model.roads
+        if road.junction < 0
+    }
+    return _of_pieces(model, pieces, junctions), left
+
+
+def middle_of_junction(model: LaneModel, junction: ModelJunction) -> NDArray[np.float64]:
+    """Return a place amid the ways through a junction (2,); nan where it has none."""
+    places = [
+        road.curve.at([road.length / 2])[0, :2]
+        if road.junction >= 0
+        else road.curve.at([0.0 if connection.contact == "start" else road.length])[0, :2]
+        for connection in junction.connections
+        if (road := model.road_by_id.get(connection.connecting))
+    ]
+    if not places:
+        return np.full(2, np.nan)
+    points = np.array(places)
+    return np.asarray((points.min(axis=0) + points.max(axis=0)) / 2)
+
+
+def _motor_lanes(road: ModelRoad) -> float:
+    if road.junction >= 0:
+        return 1e-6  # a network is measured by its streets
+    return float(
+        np.mean(
+            [
+                sum(lane.kind in ("driving", "bus") for lane in section.lanes)
+                for section in road.sections
+            ]
+        )
+    )
+
+
+def _intervals(road: ModelRoad, region: shapely.Polygon, kept: set[int]) -> list[Interval]:
+    """Return the stretches of a street that are kept, from start to end."""
+    s = np.linspace(0.0, road.length, max(2, int(road.length / STEP_M) + 2))
+    inside = _inside(road, region, s)
+    turns = np.flatnonzero(inside[1:] != inside[:-1])
+    borders = [_border(road, region, s[k], s[k + 1]) for k in turns]
+    cuts = [*([0.0] if inside[0] else []), *borders, *([road.length] if inside[-1] else [])]
+    found = list(zip(cuts[::2], cuts[1::2], strict=True))
+    ends = []
+    for link, stub in (
+        (road.predecessor, (0.0, min(STUB_M, road.length))),
+        (road.successor, (max(0.0, road.length - STUB_M), road.length)),
+    ):
+        if link and link.element == "junction" and link.id in kept:
+            ends.append(stub)
+    merged: list[Interval] = []
+    for a, b in sorted([*found, *ends]):
+        if merged and a <= merged[-1][1] + LEAST_M:
+            merged[-1] = (merged[-1][0], max(b, merged[-1][1]))
+        else:
+            merged.append((a, b))
+    return [
+        (a, b)
+        for a, b in merged
+        if b - a >= LEAST_M or a == 0.0 or b == road.length or (a, b) in ends
+    ]
+
+
+def _inside(road: ModelRoad, region: shapely.Polygon, s: NDArray[np.float64]) -> NDArray[np.bool_]:
+    xy = road.curve.at(s)[:, :2]
+    return np.asarray(shapely.intersects_xy(region, xy[:, 0], xy[:, 1]))
+
+
+def _border(road: ModelRoad, region: shapely.Polygon, low: float, high: float) -> float:
+    """Return the station between two where a road crosses the region's border."""
+    begins_inside = bool(_inside(road, region, np.array([low]))[0])
+    for _ in range(10):
+        middle = (low + high) / 2
+        if bool(_inside(road, region, np.array([middle]))[0]) == begins_inside:
+            low = middle
+        else:
+            high = middle
+    return low if begins_inside else high
+
+
+def _of_pieces(
+    model: LaneModel, pieces: dict[int, list[tuple[int, Interval]]], kept: set[int]
+) -> LaneModel:
+    """Return the model of pieces of its streets, and of the junctions that are kept."""
+    streets: dict[int, ModelRoad] = {}
+    at_end: dict[tuple[int, str], int] = {}
+    for identity, found in pieces.items():
+        road = model.road_by_id[identity]
+        for new, (a, b) in found:
+            piece = part_of_road(road, a, b, new)
+            streets[new] = piece
+            if piece.length >= road.length - 1e-9 or a <= 1e-3:
+                at_end[identity, "start"] = new
+            if b >= road.length - 1e-3:
+                at_end[identity, "end"] = new
+    ways = {
+        road.id: road
+        for road in model.roads
+        if road.junction in kept
+        and all(
+            link is None
+            or link.element != "road"
+            or (link.id, link.contact) in at_end
+            or link.id not in pieces
+            for link in (road.predecessor, road.successor)
+        )
+    }
+    # A way through a junction may lead on to another such way.
+    roads = {
+        road.id: _relinked(road, at_end, kept, ways) for road in (*streets.values(), *ways.values())
+    }
+    order = {road.id: k for k, road in enumerate(model.roads)}
+    junctions = tuple(
+        _of_junction(model, junction, roads, at_end)
+        for junction in model.junctions
+        if junction.id in kept
+    )
+    junctions = tuple(junction for junction in junctions if junction.connections)
+    named = {junction.id for junction in junctions}
+    ordered = sorted(roads.values(), key=lambda road: (order.get(road.id, len(order)), road.id))
+    result = dataclasses.replace(
+        model,
+        roads=tuple(_unjoined(road, named) for road in ordered),
+        junctions=junctions,
+    )
+    return _furnished(model, result, pieces)
+
+
+def _relinked(
+    road: ModelRoad,
+    at_end: dict[tuple[int, str], int],
+    kept: set[int],
+    ways: dict[int, ModelRoad],
+) -> ModelRoad:
+    """Return a road joined to what is left of its neighbours."""
+
+    def link(old: RoadLink | None) -> RoadLink | None:
+        if old is None or old.element == "junction":
+            return old if old and old.id in kept else None
+        if old.id in ways:
+            return old
+        new = at_end.get((old.id, old.contact))
+        return None if new is None else dataclasses.replace(old, id=new)
+
+    before, after = link(road.predecessor), link(road.successor)
+    sections = list(road.sections)
+    if before is None and road.predecessor:
+        sections[0] = loosened(sections[0], "predecessor")
+    if after is None and road.successor:
+        sections[-1] = loosened(sections[-1], "successor")
+    return dataclasses.replace(road, predecessor=before, successor=after, sections=tuple(sections))
+
+
+def _unjoined(road: ModelRoad, junctions: set[int]) -> ModelRoad:
+    """Return a road without links to junctions of which nothing is left."""
+    before, after = (
+        None if link and link.element == "junction" and link.id not in junctions else link
+        for link in (road.predecessor, road.successor)
+    )
+    return dataclasses.replace(road, predecessor=before, successor=after)
+
+
+def _of_junction(
+    model: LaneModel,
+    junction: ModelJunction,
+    roads: dict[int, ModelRoad],
+    at_end: dict[tuple[int, str], int],
+) -> ModelJunction:
+    found: list[Connection] = []
+    for connection in junction.connections:
+        road = roads.get(connection.connecting)
+        incoming = model.road_by_id.get(connection.incoming)
+        if incoming is None:
+            continue
+        if model.road_by_id[connection.connecting].junction < 0:  # a direct junction
+            new = at_end.get((connection.connecting, connection.contact))
+            road = roads.get(new) if new is not None else None
+        if road is None:
+            continue
+        old = model.road_by_id[connection.connecting]
+        link = old.predecessor if connection.contact == "start" else old.successor
+        end = link.contact if link and link.id == incoming.id and link.element == "road" else ""
+        if not end:
+            after = incoming.successor
+            end = "end" if after == RoadLink("junction", junction.id) else "start"
+        if (incoming.id, end) in at_end:
+            found.append(
+                dataclasses.replace(
+                    connection, incoming=at_end[incoming.id, end], connecting=road.id
+                )
+            )
+    return dataclasses.replace(junction, connections=tuple(found))
+
+
+def _furnished(
+    old: LaneModel, new: LaneModel, pieces: dict[int, list[tuple[int, Interval]]]
+) -> LaneModel:
+    """Return the new model with what stood on the old one, where it is left."""
+
+    def place(road: int, s: float) -> tuple[int, float] | None:
+        if road not in pieces:
+            return (road, s) if road in new.road_by_id else None
+        for identity, (a, b) in pieces[road]:
+            if a - SLACK_M <= s <= b + SLACK_M and identity in new.road_by_id:
+                return identity, float(np.clip(s - a, 0.0, b - a))
+        return None
+
+    areas = tuple(
+        dataclasses.replace(item, road=found[0], s=found[1])
+        for item in old.areas
+        if (found := place(item.road, item.s))
+    )
+    signals = tuple(
+        dataclasses.replace(item, road=found[0], s=found[1])
+        for item in old.signals
+        if (found := place(item.road, item.s))
+    )
+    standing = {signal.id for signal in signals}
+    there = {junction.id for junction in new.junctions}
+    controllers = tuple(
+        dataclasses.replace(
+            item,
+            signals=tuple(x for x in item.signals if x in standing),
+            junctions=tuple(x for x in item.junctions if x in there),
+        )
+        for item in old.controllers
+        if standing & set(item.signals)
+    )
+    return dataclasses.replace(new, areas=areas, signals=signals, controllers=controllers)
+
+
+def has_traffic(model: LaneModel) -> bool:
+    """Whether a lane model has a lane that motor traffic drives on."""
+    return any(
+        lane.kind in ("driving", "bus") and carries_traffic(road, number, lane)
+        for road in model.roads
+        if road.junction < 0
+        for number, section in enumerate(road.sections)
+        for lane in section.lanes
+    )

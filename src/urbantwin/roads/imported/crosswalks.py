@@ -1,0 +1,139 @@
+"""Which street a mapped crosswalk crosses, and at which end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.roads.imported.edges import Edge
+from urbantwin.roads.imported.nodes import Nodes
+from urbantwin.roads.model import LaneModel, RoadArea
+
+__all__ = ["Crosswalk", "crosswalks_of_model"]
+
+#: How far from the end of a street its crosswalk may lie: back along it, and into the junction.
+BACK_M, BEYOND_M = 25.0, 20.0
+#: Share of the carriageway's width that a crosswalk across it covers at least.
+ACROSS = 0.5
+
+
+@dataclass(frozen=True)
+class Crosswalk:
+    """A crosswalk over all lanes of a street, at one of its ends.
+
+    Attributes:
+        area: id of the area in the lane model.
+        node: the node beside it.
+        edges: ids of the edges that it crosses.
+        line: (2, 2) its middle, from kerb to kerb.
+        width: of the crosswalk, metres.
+    """
+
+    area: int
+    node: str
+    edges: tuple[str, ...]
+    line: NDArray[np.float64]
+    width: float
+
+
+@dataclass(frozen=True)
+class _Arm:
+    """The end of a street: its edges, and where its carriageway ends, seen from the junction."""
+
+    node: str
+    edges: tuple[str, ...]
+    place: NDArray[np.float64]
+    outwards: NDArray[np.float64]
+    left: float
+    right: float
+
+
+def crosswalks_of_model(model: LaneModel, edges: tuple[Edge, ...], nodes: Nodes) -> list[Crosswalk]:
+    """Return, for each mapped crosswalk, the streets that it crosses; one item a street."""
+    arms = _arms(edges, nodes)
+    found: dict[tuple[str, ...], Crosswalk] = {}
+    for area in model.areas:
+        if area.kind != "crosswalk" or area.road not in model.road_by_id:
+            continue
+        outline = area_in_plan(model, area)
+        candidates = [
+            (distance, crosswalk)
+            for arm in arms
+            if (crosswalk := _over(arm, area.id, outline))
+            for distance in [abs(float((crosswalk.line.mean(axis=0) - arm.place) @ arm.outwards))]
+        ]
+        if not candidates:
+            continue
+        nearest = min(candidates, key=lambda item: item[0])[1]
+        for _, crosswalk in candidates:
+            if crosswalk.node == nearest.node:
+                found.setdefault(crosswalk.edges, crosswalk)
+    return list(found.values())
+
+
+def area_in_plan(model: LaneModel, area: RoadArea) -> NDArray[np.float64]:
+    """Return the outline of an area on a road (N, 2), site frame."""
+    x, y, heading = model.road_by_id[area.road].curve.at(area.s)[0]
+    ahead, left = area.corners[:, 0], area.corners[:, 1]
+    c, s = np.cos(heading), np.sin(heading)
+    return np.column_stack([x + c * ahead - s * left, y + s * ahead + c * left])
+
+
+def _arms(edges: tuple[Edge, ...], nodes: Nodes) -> list[_Arm]:
+    grouped: dict[tuple[str, int, str], list[Edge]] = {}
+    for edge in edges:
+        if all(edge.lane(index).kind == "sidewalk" for index in range(len(edge.lanes))):
+            continue
+        first, last = edge.sections[0] == 0, edge.sections[-1] == len(edge.road.sections) - 1
+        for whole, end in ((first, "start"), (last, "end")):
+            node = nodes.of_end[edge.road.id, end]
+            if whole and node in nodes.junctions:
+                grouped.setdefault((node, edge.road.id, end), []).append(edge)
+    return [_arm(node, end, group) for (node, _, end), group in sorted(grouped.items())]
+
+
+def _arm(node: str, end: str, edges: list[Edge]) -> _Arm:
+    road = edges[0].road
+    s = 0.0 if end == "start" else road.length
+    section = road.sections[0 if end == "start" else -1]
+    borders = [
+        float(road.border(section, edge.lane(k, 0 if end == "start" else -1), s, outer=outer)[0])
+        for edge in edges
+        for k in range(len(edge.lanes))
+        if edge.lane(k).kind != "sidewalk"
+        for outer in (False, True)
+    ]
+    x, y, heading = road.curve.at(s)[0]
+    sign = 1.0 if end == "start" else -1.0
+    outwards = sign * np.array([np.cos(heading), np.sin(heading)])
+    left, right = max(borders) * sign, min(borders) * sign
+    names = tuple(edge.id for edge in edges)
+    return _Arm(node, names, np.array([x, y]), outwards, max(left, right), min(left, right))
+
+
+def _over(arm: _Arm, area: int, outline: NDArray[np.float64]) -> Crosswalk | None:
+    """Return the crosswalk over one street's end, if it crosses it."""
+    normal = np.array([-arm.outwards[1], arm.outwards[0]])
+    gap = outline - arm.place
+    local = shapely.Polygon(np.column_stack([gap @ arm.outwards, gap @ normal])).buffer(0)
+    lane = shapely.box(-BEYOND_M, arm.right, BACK_M, arm.left)
+    common = shapely.intersection(local, lane)
+    if common.is_empty or common.geom_type != "Polygon":
+        return None
+    low, right, high, left = common.bounds
+    across = left - right
+    if across < ACROSS * (arm.left - arm.right) or across < high - low:
+        return None
+    # The middle at either kerb: half way through the outline there.
+    ends = []
+    for t in (arm.right, arm.left):
+        inner = np.clip(t, right + 0.05, left - 0.05)
+        cut = shapely.intersection(
+            common, shapely.LineString([(low - 1, inner), (high + 1, inner)])
+        )
+        a, _, b, _ = cut.bounds
+        ends.append(arm.place + arm.outwards * (a + b) / 2 + normal * t)
+    return Crosswalk(area, arm.node, arm.edges, np.array(ends), max(common.area / across, 1.0))

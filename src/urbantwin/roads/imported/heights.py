@@ -1,0 +1,198 @@
+"""The heights that a map brings along: brought to the site, and made into ground between roads."""
+
+from __future__ import annotations
+
+import dataclasses
+from functools import cached_property
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.interpolate import LinearNDInterpolator
+from scipy.spatial import QhullError, cKDTree
+
+from urbantwin.ground import Elevation
+from urbantwin.roads.model import LaneModel, ModelRoad
+
+__all__ = ["ModelSurface", "elevation_of_model", "is_flat", "raised", "with_levels"]
+
+#: A map whose heights differ by less than this has none, metres.
+FLAT_M = 0.05
+#: Spacing of samples along roads, metres.
+STEP_M = 2.0
+#: A road so far above another one passes over it, metres (least clearance that trucks need is 4 m;
+#: maps draw bridges of less).
+OVER_M = 2.5
+#: The ground is not drawn up to a bridge this close to what it passes over, metres.
+UNDER_M = 6.0
+#: Cell of the ground's grid, and the most cells that it may have, beyond which cells grow.
+GRID_M, MOST_CELLS = 1.0, 1_500_000
+#: The grid reaches beyond the region by this, metres.
+RIM_M = 10.0
+
+
+def is_flat(model: LaneModel) -> bool:
+    """Whether a map has no heights: the same height and no tilt everywhere."""
+    heights = [road.elevation.at(np.linspace(0.0, road.length, 9)) for road in model.roads]
+    level = not heights or float(np.ptp(np.concatenate(heights))) < FLAT_M
+    return level and all(road.bank.is_zero and road.crown.is_zero for road in model.roads)
+
+
+def raised(model: LaneModel, by: float) -> LaneModel:
+    """Return the model with every road higher by some metres."""
+    step = np.array([by, 0.0, 0.0, 0.0])
+    return model.with_roads(
+        tuple(
+            dataclasses.replace(
+                road,
+                elevation=dataclasses.replace(road.elevation, abcd=road.elevation.abcd + step),
+            )
+            for road in model.roads
+        )
+    )
+
+
+def with_levels(model: LaneModel) -> LaneModel:
+    """Return the model with each road's level: one more than that of what it passes over.
+
+    A way through a junction is on its junction's level, which is that of its lowest way.
+    """
+    samples = {road.id: _samples(road) for road in model.roads}
+    over: dict[int, set[int]] = {road.id: set() for road in model.roads}
+    areas = [shapely.MultiPoint(samples[road.id][:, :2]).convex_hull for road in model.roads]
+    tree = shapely.STRtree(areas)
+    beside = _joined(model)
+    for a, b in tree.query(areas, predicate="intersects").T.tolist():
+        upper, lower = model.roads[a], model.roads[b]
+        if a == b or upper.id in beside.get(lower.id, ()):
+            continue
+        mine, other = samples[upper.id], samples[lower.id]
+        gap, nearest = cKDTree(other[:, :2]).query(mine[:, :2])
+        rise = mine[:, 2] - other[nearest, 2]
+        if bool(((gap < STEP_M) & (rise > OVER_M)).any()):
+            over[upper.id].add(lower.id)
+    level = dict.fromkeys(over, 0)
+    for _ in range(8):  # no place has more roads than this above each other
+        before = dict(level)
+        for upper, lowers in over.items():
+            level[upper] = max([level[upper], *(level[lower] + 1 for lower in lowers)])
+        if level == before:
+            break
+    of_junction = {
+        junction.id: min(
+            (level[c.connecting] for c in junction.connections if c.connecting in level), default=0
+        )
+        for junction in model.junctions
+    }
+    roads = tuple(
+        dataclasses.replace(road, level=of_junction.get(road.junction, level[road.id]))
+        for road in model.roads
+    )
+    junctions = tuple(
+        dataclasses.replace(junction, level=of_junction[junction.id])
+        for junction in model.junctions
+    )
+    return dataclasses.replace(model, roads=roads, junctions=junctions)
+
+
+class ModelSurface:
+    """Heights of the roads' surface everywhere: between roads interpolated, beyond them as nearest.
+
+    Args:
+        model: the lane model, with levels.
+        bridges: whether roads above others count only where they pass over nothing.
+    """
+
+    def __init__(self, model: LaneModel, *, bridges: bool = True) -> None:
+        self.model, self._bridges = model, bridges
+
+    def __call__(self, xy: NDArray[np.float64], level: int) -> NDArray[np.float64]:
+        """Return heights (N,) at points (N, 2) on a level."""
+        points = self._of_level.get(level, self._of_level[min(self._of_level)])
+        return _interpolated(points, xy)
+
+    def ground(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return heights (N,) of the ground that the roads lie on, under bridges too."""
+        return _interpolated(self._ground, xy)
+
+    @cached_property
+    def _samples(self) -> list[tuple[ModelRoad, NDArray[np.float64]]]:
+        return [(road, _samples(road)) for road in self.model.roads]
+
+    @cached_property
+    def _of_level(self) -> dict[int, NDArray[np.float64]]:
+        levels = sorted({road.level for road, _ in self._samples})
+        return {k: np.vstack([p for road, p in self._samples if road.level == k]) for k in levels}
+
+    @cached_property
+    def _ground(self) -> NDArray[np.float64]:
+        low = [points for road, points in self._samples if road.level == 0]
+        high = [points for road, points in self._samples if road.level > 0]
+        if not low:
+            return np.vstack(high)
+        kept = [np.vstack(low)]
+        tree = cKDTree(kept[0][:, :2])
+        for points in high:
+            away, _ = tree.query(points[:, :2])
+            kept.append(points[away > UNDER_M])
+        return np.vstack(kept)
+
+
+def elevation_of_model(model: LaneModel, region: shapely.Polygon) -> Elevation:
+    """Return the ground that a map's roads imply: on them their own height, between them a slope.
+
+    Heights are interpolated linearly over the Delaunay triangulation of points on the roads; what
+    lies outside of all roads is as high as the nearest of them.
+
+    Args:
+        model: the lane model, with heights and levels.
+        region: the area to cover, site frame.
+    """
+    west, south, east, north = region.buffer(RIM_M).bounds
+    step = max(GRID_M, float(np.sqrt((east - west) * (north - south) / MOST_CELLS)))
+    x = np.arange(np.floor(west), east + step, step)
+    y = np.arange(np.floor(south), north + step, step)
+    grid = np.column_stack([axis.ravel() for axis in np.meshgrid(x, y)])
+    heights = ModelSurface(model).ground(grid).reshape(len(y), len(x))
+    return Elevation(float(x[0]), float(y[0]), step, heights)
+
+
+def _samples(road: ModelRoad) -> NDArray[np.float64]:
+    """Return points (N, 3) on the borders of a road's lanes."""
+    points = []
+    for section, end in zip(road.sections, road.section_ends, strict=True):
+        s = np.linspace(section.s, end, max(2, int((end - section.s) / STEP_M) + 2))
+        borders = [road.offset.at(s)]
+        borders += [road.border(section, lane, s, outer=True) for lane in section.lanes]
+        points += [road.place(s, t / np.cos(road.bank.at(s))) for t in borders]
+    return np.vstack(points)
+
+
+def _interpolated(points: NDArray[np.float64], xy: NDArray[np.float64]) -> NDArray[np.float64]:
+    xy = np.asarray(xy, np.float64).reshape(-1, 2)
+    keys = np.unique(np.round(points[:, :2], 2), axis=0, return_index=True)[1]
+    points = points[keys]
+    if float(np.ptp(points[:, 2])) < 1e-9:
+        return np.full(len(xy), points[0, 2])
+    # Where all heights are those of the nearest point, the triangles' own plane is not needed.
+    nearest = points[cKDTree(points[:, :2]).query(xy)[1], 2]
+    try:
+        found = LinearNDInterpolator(points[:, :2], points[:, 2])(xy)
+    except QhullError:  # all on one line
+        return np.asarray(nearest)
+    return np.where(np.isnan(found), nearest, found)
+
+
+def _joined(model: LaneModel) -> dict[int, set[int]]:
+    """Return each road's neighbours: what it is joined to, and the ways of its own junction."""
+    found: dict[int, set[int]] = {road.id: set() for road in model.roads}
+    for road in model.roads:
+        for link in (road.predecessor, road.successor):
+            if link and link.element == "road" and link.id in found:
+                found[road.id].add(link.id)
+                found[link.id].add(road.id)
+    for junction in model.junctions:
+        ways = {c.connecting for c in junction.connections} & set(found)
+        for way in ways:
+            found[way] |= ways
+    return found

@@ -1,0 +1,303 @@
+"""A lane model as SUMO's plain XML: nodes, edges and connections, every one as the map has it."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import shapely
+from lxml import etree
+from numpy.typing import NDArray
+
+from urbantwin.geometry import area_union
+from urbantwin.roads.imported.crosswalks import Crosswalk
+from urbantwin.roads.imported.edges import Edge
+from urbantwin.roads.imported.links import LaneLink, Place
+from urbantwin.roads.imported.nodes import Nodes
+from urbantwin.roads.model import LaneModel, ModelRoad, SectionLane
+
+__all__ = ["PlainNetwork", "write_plain"]
+
+#: SUMO's vehicle classes of each of our classes of actors, with those that drive where it does.
+VEHICLE_CLASSES = {
+    "car": "passenger private emergency authority army vip hov taxi custom1 custom2 evehicle",
+    "truck": "truck trailer delivery",
+    "bus": "bus coach",
+    "motorcycle": "motorcycle moped",
+    "bicycle": "bicycle",
+    "pedestrian": "pedestrian",
+}
+#: Who uses a lane where the map does not say, by the lane's kind.
+USUAL = {
+    "driving": ("car", "truck", "bus", "motorcycle", "bicycle"),
+    "bus": ("bus", "bicycle"),
+    "bicycle": ("bicycle",),
+    "sidewalk": ("pedestrian",),
+}
+#: Where the map states no speed limit: the usual one in towns, and of bicycles, m/s.
+TOWN_MS, BICYCLE_MS, WALKING_MS = 50 / 3.6, 25 / 3.6, 1.39
+#: Streets of more than this are no place for bicycles on the carriageway, m/s.
+FAST_MS = 75 / 3.6
+#: Right of way by class of the street; netconvert compares these numbers.
+PRIORITY = {
+    "motorway": 14, "motorway_link": 13, "trunk": 12, "trunk_link": 11, "primary": 10,
+    "primary_link": 9, "secondary": 8, "secondary_link": 7, "tertiary": 6, "tertiary_link": 5,
+    "unclassified": 4, "residential": 3, "living_street": 2, "service": 1,
+}  # fmt: skip
+#: Largest distance of a chord from a lane's middle, metres, and step where it is curved.
+CHORD_M, STEP_M = 0.01, 0.5
+
+
+@dataclass(frozen=True)
+class PlainNetwork:
+    """What the plain XML is written from.
+
+    Attributes:
+        model: the lane model.
+        edges: its edges.
+        nodes: where they meet.
+        links: which lane leads to which.
+        lights: node -> id of the traffic light there.
+        crosswalks: where people cross, by the map.
+    """
+
+    model: LaneModel
+    edges: tuple[Edge, ...]
+    nodes: Nodes
+    links: list[LaneLink]
+    lights: Mapping[str, str]
+    crosswalks: list[Crosswalk]
+
+
+def write_plain(folder: Path, plain: PlainNetwork) -> list[str]:
+    """Write ``map.nod.xml``, ``map.edg.xml`` and ``map.con.xml``; return netconvert's options."""
+    for kind, root in (
+        ("nod", _nodes(plain)),
+        ("edg", _edges(plain)),
+        ("con", _connections(plain)),
+    ):
+        etree.ElementTree(root).write(str(folder / f"map.{kind}.xml"), encoding="utf-8")
+    return [
+        *("--node-files", str(folder / "map.nod.xml")),
+        *("--edge-files", str(folder / "map.edg.xml")),
+        *("--connection-files", str(folder / "map.con.xml")),
+    ]
+
+
+def lane_line(road: ModelRoad, number: int, lane: SectionLane) -> NDArray[np.float64]:
+    """Return the middle of a lane in one section (N, 2), in the order of the reference line."""
+    start, end = road.sections[number].s, road.section_ends[number]
+    s = np.linspace(start, end, max(2, int((end - start) / STEP_M) + 2))
+    xy = road.place(s, road.middle(road.sections[number], lane, s))[:, :2]
+    line = shapely.simplify(shapely.LineString(xy), CHORD_M)
+    return np.asarray(shapely.get_coordinates(line))
+
+
+def edge_lane_line(edge: Edge, index: int) -> NDArray[np.float64]:
+    """Return the middle of an edge's lane (N, 2), in the order of travel."""
+    parts = [
+        lane_line(edge.road, number, edge.road.sections[number].by_id[lane])
+        for number, lane in zip(edge.sections, edge.lanes[index], strict=True)
+    ]
+    line = _chained(parts)
+    return line if edge.forward else line[::-1]
+
+
+def path_line(model: LaneModel, path: tuple[Place, ...]) -> NDArray[np.float64]:
+    """Return the middle of a way through a junction (N, 2), in the order of travel."""
+    parts = []
+    for identity, number, lane in path:
+        road = model.road_by_id[identity]
+        found = road.sections[number].by_id[lane]
+        line = lane_line(road, number, found)
+        parts.append(line if found.forward else line[::-1])
+    return _chained(parts)
+
+
+def allowed(lane: SectionLane) -> tuple[str, ...]:
+    """Return the classes of actors that use a lane: as the map says, else as usual."""
+    if lane.allowed:
+        return lane.allowed
+    usual = USUAL.get(lane.kind, ())
+    return tuple(x for x in usual if x != "bicycle" or lane.speed_limit <= FAST_MS)
+
+
+def speed(lane: SectionLane) -> float:
+    """Return a lane's speed limit: as the map says, else as usual."""
+    usual = {"sidewalk": WALKING_MS, "bicycle": BICYCLE_MS}.get(lane.kind, TOWN_MS)
+    return lane.speed_limit or usual
+
+
+def _chained(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    points = np.vstack(parts)
+    step = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    return np.asarray(points[np.concatenate([[True], step > 1e-3])])
+
+
+def _nodes(plain: PlainNetwork) -> etree._Element:
+    """A node lies amid the ends of its lanes; a junction's outline is what its ways cover."""
+    ends: dict[str, list[NDArray[np.float64]]] = defaultdict(list)
+    for edge in plain.edges:
+        start, end = plain.nodes.of_edge(edge)
+        for index in range(len(edge.lanes)):
+            line = edge_lane_line(edge, index)
+            ends[start].append(line[0])
+            ends[end].append(line[-1])
+    root = etree.Element("nodes")
+    for node, points in sorted(ends.items()):
+        x, y = np.mean(points, axis=0)
+        item = etree.SubElement(root, "node", id=node, x=f"{x:.3f}", y=f"{y:.3f}")
+        junction = plain.nodes.junctions.get(node)
+        if junction is not None:
+            outline = junction_outline(plain.model, junction)
+            if len(outline) > 2:
+                item.set("shape", _shape(outline))
+        item.set("type", "traffic_light" if node in plain.lights else "priority")
+        if node in plain.lights:
+            item.set("tl", plain.lights[node])
+    return root
+
+
+def junction_outline(model: LaneModel, identity: int) -> NDArray[np.float64]:
+    """Return a junction's outline (M, 2): as the map has it, else what its roads cover."""
+    junction = model.junction_by_id[identity]
+    if len(junction.outline) > 2:
+        return junction.outline
+    areas = []
+    for connection in junction.connections:
+        road = model.road_by_id.get(connection.connecting)
+        if road is not None and road.junction >= 0:
+            areas += [_covered(road, number) for number in range(len(road.sections))]
+    whole = area_union(areas)
+    # A sliver between two turns is no part of the outside.
+    whole = whole.buffer(0.5, join_style="mitre").buffer(-0.5, join_style="mitre")
+    if whole.geom_type != "Polygon":
+        whole = shapely.convex_hull(whole)
+    if whole.is_empty or whole.geom_type != "Polygon":
+        return np.zeros((0, 2))
+    return np.asarray(shapely.get_coordinates(shapely.simplify(whole.exterior, 0.02))[:-1])
+
+
+def _covered(road: ModelRoad, number: int) -> shapely.Geometry:
+    section = road.sections[number]
+    driven = [x for x in section.lanes if x.kind in ("driving", "bus", "bicycle", "shoulder")]
+    if not driven:
+        return shapely.Polygon()
+    start, end = section.s, road.section_ends[number]
+    s = np.linspace(start, end, max(2, int(end - start) + 2))
+    borders = np.array(
+        [road.border(section, x, s, outer=outer) for x in driven for outer in (False, True)]
+    )
+    left, right = (road.place(s, t)[:, :2] for t in (borders.max(axis=0), borders.min(axis=0)))
+    return shapely.make_valid(shapely.Polygon(np.vstack([left, right[::-1]])))
+
+
+def _edges(plain: PlainNetwork) -> etree._Element:
+    root = etree.Element("edges")
+    for edge in plain.edges:
+        start, end = plain.nodes.of_edge(edge)
+        lanes = [edge.lane(index) for index in range(len(edge.lanes))]
+        lines = [edge_lane_line(edge, index) for index in range(len(lanes))]
+        item = etree.SubElement(
+            root,
+            "edge",
+            {
+                "id": edge.id,
+                "from": start,
+                "to": end,
+                "numLanes": str(len(lanes)),
+                "priority": str(_priority(edge, lanes)),
+                "spreadType": "center",
+                "shape": _shape(_middle(lines)),
+            },
+        )
+        if edge.road.name:
+            item.set("name", edge.road.name)
+        if edge.road.kind:
+            item.set("type", f"highway.{edge.road.kind}")
+        for index, (lane, line) in enumerate(zip(lanes, lines, strict=True)):
+            row = etree.SubElement(
+                item,
+                "lane",
+                index=str(index),
+                speed=f"{speed(lane):.2f}",
+                width=f"{_width(edge, index):.2f}",
+                allow=" ".join(VEHICLE_CLASSES[name] for name in allowed(lane)),
+                shape=_shape(line),
+            )
+            etree.SubElement(row, "param", key="origId", value=str(edge.road.id))
+    return root
+
+
+def _priority(edge: Edge, lanes: list[SectionLane]) -> int:
+    if edge.road.kind in PRIORITY:
+        return PRIORITY[edge.road.kind]
+    driven = [lane for lane in lanes if lane.kind in ("driving", "bus")]
+    # Without classes, more lanes and more speed go before fewer and less.
+    return len(driven) + round(max((speed(lane) for lane in driven), default=0.0) / 5.0)
+
+
+def _width(edge: Edge, index: int) -> float:
+    """Return a lane's usual width, metres: the median along it."""
+    widths = []
+    for number, identity in zip(edge.sections, edge.lanes[index], strict=True):
+        length = edge.road.section_ends[number] - edge.road.sections[number].s
+        lane = edge.road.sections[number].by_id[identity]
+        widths += [lane.width.at(np.linspace(0.0, length, max(2, int(length) + 1)))]
+    return max(float(np.median(np.concatenate(widths))), 0.5)
+
+
+def _middle(lines: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return the line amid lanes side by side."""
+    share = np.linspace(0.0, 1.0, max(len(line) for line in lines) * 2)
+    first, last = (
+        shapely.get_coordinates(
+            shapely.line_interpolate_point(shapely.LineString(line), share, normalized=True)
+        )
+        for line in (lines[0], lines[-1])
+    )
+    middle = shapely.simplify(shapely.LineString((first + last) / 2), CHORD_M)
+    return np.asarray(shapely.get_coordinates(middle))
+
+
+def _connections(plain: PlainNetwork) -> etree._Element:
+    root = etree.Element("connections")
+    lead_on = set()
+    for link in plain.links:
+        (start, i), (end, j) = link.start, link.end
+        lead_on.add(start.id)
+        item = etree.SubElement(
+            root,
+            "connection",
+            {"from": start.id, "to": end.id, "fromLane": str(i), "toLane": str(j)},
+        )
+        if link.path:
+            road, number, lane = link.path[0]
+            found = plain.model.road_by_id[road].sections[number].by_id[lane]
+            if found.speed_limit:
+                item.set("speed", f"{found.speed_limit:.2f}")
+            item.set("shape", _shape(path_line(plain.model, link.path)))
+    for edge in plain.edges:
+        if edge.id not in lead_on:
+            # Without this, netconvert makes up ways on.
+            etree.SubElement(root, "connection", {"from": edge.id})
+    for crosswalk in plain.crosswalks:
+        etree.SubElement(
+            root,
+            "crossing",
+            {
+                "node": crosswalk.node,
+                "edges": " ".join(crosswalk.edges),
+                "width": f"{crosswalk.width:.2f}",
+                "priority": "true",
+                "shape": _shape(crosswalk.line),
+            },
+        )
+    return root
+
+
+def _shape(points: NDArray[np.float64]) -> str:
+    return " ".join(f"{x:.3f},{y:.3f}" for x, y in points)

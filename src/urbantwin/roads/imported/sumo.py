@@ -1,0 +1,177 @@
+"""SUMO's network of a lane model, by netconvert, and the names that its lanes have there."""
+
+from __future__ import annotations
+
+import dataclasses
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from lxml import etree
+
+from urbantwin.roads.imported.crosswalks import Crosswalk, crosswalks_of_model
+from urbantwin.roads.imported.edges import edges_of_model
+from urbantwin.roads.imported.lights import lights_of_model
+from urbantwin.roads.imported.links import Lanes, Place, lane_links
+from urbantwin.roads.imported.loops import without_loops
+from urbantwin.roads.imported.nodes import Nodes
+from urbantwin.roads.imported.plain import PlainNetwork, junction_outline, write_plain
+from urbantwin.roads.model import LaneModel, ModelRoad
+from urbantwin.roads.netconvert import run_netconvert, write_network
+
+__all__ = ["SumoNetwork", "sumo_network_of_model"]
+
+OPTIONS = {
+    "offset.disable-normalization": "true",  # keep the site frame
+    "precision": "3",
+    "geometry.max-grade": "1000",  # heights are ours, netconvert sees a flat world
+    "roundabouts.guess": "true",
+    "tls.default-type": "static",
+    "tls.left-green.time": "12",
+    "walkingareas": "true",
+    "no-turnarounds": "true",
+    "output.street-names": "true",
+}
+
+
+@dataclass(frozen=True)
+class SumoNetwork:
+    """What netconvert made of a lane model.
+
+    Attributes:
+        model: the lane model, with the names of lanes, junctions and crossings in the network.
+        warnings: what netconvert said.
+        notes: what was counted.
+    """
+
+    model: LaneModel
+    warnings: list[str]
+    notes: dict[str, object]
+
+
+def sumo_network_of_model(model: LaneModel, out: Path) -> SumoNetwork:
+    """Run netconvert on a lane model and write its network.
+
+    Args:
+        model: the lane model, site frame.
+        out: the ``.net.xml`` to write.
+
+    Raises:
+        StageError: netconvert failed.
+    """
+    model, borders = without_loops(model)
+    nodes = Nodes(model)
+    edges = edges_of_model(model, borders)
+    links = lane_links(Lanes(model, edges))
+    lights = lights_of_model(model, nodes)
+    crosswalks = crosswalks_of_model(model, edges, nodes)
+    plain = PlainNetwork(model, edges, nodes, links, lights, crosswalks)
+    mapped = any(area.kind == "crosswalk" for area in model.areas)
+    options = {
+        **OPTIONS,
+        "lefthand": "true" if model.driving_side == "left" else "false",
+        "crossings.guess": "false" if mapped else "true",
+    }
+    with tempfile.TemporaryDirectory() as scratch:
+        raw = Path(scratch) / "raw.net.xml"
+        files = write_plain(Path(scratch), plain)
+        settings = [text for key, value in options.items() for text in (f"--{key}", value)]
+        warnings = run_netconvert([*files, *settings], raw)
+        write_network(raw, out)
+    root = etree.parse(out).getroot()
+    named = _named(plain, root)
+    notes: dict[str, object] = {
+        "edges": len(edges),
+        "connections": len(links),
+        "traffic_lights": len(set(lights.values())),
+        "crosswalks": len({item.area for item in crosswalks}),
+    }
+    return SumoNetwork(named, warnings, notes)
+
+
+def _named(plain: PlainNetwork, root: etree._Element) -> LaneModel:
+    """Return the model with the names that netconvert gave."""
+    strips: dict[Place, str] = {
+        (edge.road.id, number, lane): edge.strip(index)
+        for edge in plain.edges
+        for index, lanes in enumerate(edge.lanes)
+        for number, lane in zip(edge.sections, lanes, strict=True)
+    }
+    ways = _ways(root)
+    for link in plain.links:
+        (start, i), (end, j) = link.start, link.end
+        for place in link.path:
+            strips.setdefault(place, ways.get((start.strip(i), end.strip(j)), ""))
+    junctions = tuple(
+        dataclasses.replace(
+            junction, name=node, members=(node,), outline=junction_outline(plain.model, junction.id)
+        )
+        if (node := _node(plain.nodes, junction.id))
+        else junction
+        for junction in plain.model.junctions
+    )
+    crossings = _crossings(root)
+    over = {item.area: item for item in plain.crosswalks}
+    areas = tuple(
+        dataclasses.replace(area, strip=_crossing(over.get(area.id), crossings))
+        for area in plain.model.areas
+    )
+    roads = tuple(_with_strips(road, strips) for road in plain.model.roads)
+    return dataclasses.replace(plain.model, roads=roads, junctions=junctions, areas=areas)
+
+
+def _node(nodes: Nodes, junction: int) -> str:
+    return next((node for node, found in nodes.junctions.items() if found == junction), "")
+
+
+def _with_strips(road: ModelRoad, strips: Mapping[Place, str]) -> ModelRoad:
+    sections = tuple(
+        dataclasses.replace(
+            section,
+            lanes=tuple(
+                dataclasses.replace(lane, strip=strips.get((road.id, number, lane.id), ""))
+                for lane in section.lanes
+            ),
+        )
+        for number, section in enumerate(road.sections)
+    )
+    return dataclasses.replace(road, sections=sections)
+
+
+def _ways(root: etree._Element) -> dict[tuple[str, str], str]:
+    """Return (lane, following lane) -> the lanes in between, in order, with blanks between them."""
+    onward = {
+        f"{item.get('from')}_{item.get('fromLane')}": item.get("via")
+        for item in root.iterfind("connection")
+        if item.get("from").startswith(":") and item.get("via")
+    }
+    found = {}
+    for item in root.iterfind("connection"):
+        if item.get("from").startswith(":") or not item.get("via"):
+            continue
+        chain = [item.get("via")]
+        while chain[-1] in onward and onward[chain[-1]] not in chain:
+            chain.append(onward[chain[-1]])
+        start = f"{item.get('from')}_{item.get('fromLane')}"
+        found[start, f"{item.get('to')}_{item.get('toLane')}"] = " ".join(chain)
+    return found
+
+
+def _crossings(root: etree._Element) -> dict[tuple[str, frozenset[str]], str]:
+    """Return (node, edges crossed) -> the crossing's lane."""
+    found = {}
+    for edge in root.iterfind("edge"):
+        if edge.get("function") == "crossing":
+            node = edge.get("id")[1:].rsplit("_", 1)[0]
+            crossed = frozenset(edge.get("crossingEdges", "").split())
+            found[node, crossed] = edge.find("lane").get("id")
+    return found
+
+
+def _crossing(
+    crosswalk: Crosswalk | None, crossings: Mapping[tuple[str, frozenset[str]], str]
+) -> str:
+    if crosswalk is None:
+        return ""
+    return crossings.get((crosswalk.node, frozenset(crosswalk.edges)), "")
