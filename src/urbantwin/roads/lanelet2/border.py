@@ -1,0 +1,166 @@
+"""Borders of lanes as the map draws them, measured from a reference line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.roads.model import Curve, Profile
+
+__all__ = ["Border", "Measured", "profile_of", "stations_between"]
+
+#: Widths and offsets are fitted this well, metres; the errors of lanes side by side add up.
+TOLERANCE_M = 5e-4
+#: Stations closer than this are one, metres.
+SAME_M = 1e-3
+
+
+@dataclass(frozen=True)
+class Border:
+    """A polyline (N, 3) along a road."""
+
+    points: NDArray[np.float64]
+
+    def along(self, curve: Curve) -> Measured:
+        """Return the border as stations of a curve; where it turns back, points are left out."""
+        s, _ = curve.locate(self.points[:, :2])
+        keep = [0]
+        for k in range(1, len(s)):
+            if s[k] > s[keep[-1]] + 1e-6:
+                keep.append(k)
+        if len(keep) == 1:
+            # It stands still or runs back: what can be drawn is a step of a millimetre.
+            far = len(s) - 1
+            return Measured(
+                curve, self.points[[0, far]], np.array([s[0], s[0] + SAME_M]), len(s) - 2
+            )
+        return Measured(curve, self.points[keep], s[keep], len(s) - len(keep))
+
+    def room(self, curve: Curve) -> float:
+        """Return the least share of the curve's length that the border keeps in its bends.
+
+        Negative where the border would fold or turn back.
+        """
+        measured = self.along(curve)
+        s = np.linspace(0.0, curve.length, max(8, int(curve.length / 0.5) + 2))
+        turn = np.gradient(np.unwrap(curve.at(s)[:, 2]), s)
+        t, _ = measured.at(s)
+        return float(np.min(1.0 - turn * t)) - 10.0 * measured.dropped
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A border beside a curve.
+
+    Attributes:
+        curve: the reference line.
+        points: (N, 3) its corners.
+        s: (N,) their stations, ascending.
+        dropped: how many corners were left out because the border turns back there.
+    """
+
+    curve: Curve
+    points: NDArray[np.float64]
+    s: NDArray[np.float64]
+    dropped: int
+
+    def at(self, s: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return offset to the left and height (M,), (M,) where the curve's normals meet it.
+
+        Before its start and beyond its end it stays as far from the curve as there.
+        """
+        s = np.clip(s, self.s[0], self.s[-1])
+        pose = self.curve.at(s)
+        over = s - np.clip(s, 0.0, self.curve.length)
+        c, sn = np.cos(pose[:, 2]), np.sin(pose[:, 2])
+        k = np.clip(np.searchsorted(self.s, s, side="right") - 1, 0, len(self.s) - 2)
+        a, b = self.points[k], self.points[k + 1]
+        leg, gap = b - a, a[:, :2] - pose[:, :2] - over[:, None] * np.column_stack([c, sn])
+        forward = leg[:, 0] * c + leg[:, 1] * sn
+        share = -(gap[:, 0] * c + gap[:, 1] * sn) / np.where(np.abs(forward) < 1e-9, 1e-9, forward)
+        # Rounding of stations must not carry a point far along a line across the road.
+        place = a + np.clip(share, 0.0, 1.0)[:, None] * leg
+        off = place[:, :2] - pose[:, :2]
+        return off[:, 1] * c - off[:, 0] * sn, place[:, 2]
+
+    def window(self, first: float, last: float) -> Border:
+        """Return the corners between two stations and one more on either side."""
+        a = max(int(np.searchsorted(self.s, first)) - 1, 0)
+        b = min(int(np.searchsorted(self.s, last, side="right")) + 1, len(self.s))
+        a, b = min(a, len(self.s) - 2), max(b, min(a, len(self.s) - 2) + 2)
+        return Border(self.points[a:b])
+
+    def beyond(self, s: float) -> NDArray[np.float64]:
+        """Return the corners (N, 3) beyond a station, the nearest first."""
+        return self.points[self.s > s + SAME_M]
+
+    def before(self, s: float) -> NDArray[np.float64]:
+        """Return the corners (N, 3) before a station, the nearest first."""
+        return self.points[self.s < s - SAME_M][::-1]
+
+
+def stations_between(first: float, last: float, borders: list[Measured]) -> NDArray[np.float64]:
+    """Return where cubics may begin and end: at corners of borders, and every two metres."""
+    corners = np.concatenate([[first, last], *[border.s for border in borders]])
+    grid = np.linspace(first, last, max(2, int((last - first) / 2.0) + 2))
+    s = np.unique(np.concatenate([corners, grid]))
+    s = s[(s > first + SAME_M) & (s < last - SAME_M)]
+    if len(s):
+        s = s[np.concatenate([[True], np.diff(s) > SAME_M])]
+    return np.concatenate([[first], s, [last]])
+
+
+def profile_of(
+    knots: NDArray[np.float64], fine: NDArray[np.float64], value: NDArray[np.float64]
+) -> Profile:
+    """Return the longest cubics that meet values within ``TOLERANCE_M``, joined without a step.
+
+    Args:
+        knots: (K,) where cubics may begin and end.
+        fine: (M,) stations of the values, the knots among them, ascending.
+        value: (M,) the values.
+    """
+    at = np.searchsorted(fine, knots)
+    start, rows = [], []
+    k = 0
+    while k < len(knots) - 1:
+        end = k + 1
+        best = _cubic(fine[at[k] : at[end] + 1], value[at[k] : at[end] + 1])[0]
+        step = 1
+        while end < len(knots) - 1:
+            # Reach out in growing steps, and in single ones after the first failure.
+            reach = min(end + step, len(knots) - 1)
+            row, error = _cubic(fine[at[k] : at[reach] + 1], value[at[k] : at[reach] + 1])
+            if error <= TOLERANCE_M:
+                best, end, step = row, reach, step * 2
+            elif step == 1:
+                break
+            else:
+                step = 1
+        start.append(knots[k] - knots[0])
+        rows.append(best)
+        k = end
+    return Profile(np.array(start), np.array(rows))
+
+
+def _cubic(
+    s: NDArray[np.float64], value: NDArray[np.float64]
+) -> tuple[tuple[float, float, float, float], float]:
+    """Return the cubic that meets the first and the last value and is nearest to the others."""
+    length = s[-1] - s[0]
+    x = (s - s[0]) / length
+    rise = value[-1] - value[0]
+    rest = value - value[0] - rise * x
+    bow = x * (1 - x)
+    basis = np.column_stack([bow, bow * x])
+    p, q = np.linalg.lstsq(basis[1:-1], rest[1:-1], rcond=None)[0] if len(s) > 3 else (0.0, 0.0)
+    error = float(np.abs(basis @ [p, q] - rest).max())
+    # value[0] + rise x + p (x - x^2) + q (x^2 - x^3)
+    return (
+        float(value[0]),
+        float((rise + p) / length),
+        float((q - p) / length**2),
+        float(-q / length**3),
+    ), error

@@ -1,0 +1,157 @@
+"""Streets and ways through junctions: planned, built, and planned anew where a street fails."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+from urbantwin.errors import StageError
+from urbantwin.roads.lanelet2.group import Member, groups_of
+from urbantwin.roads.lanelet2.lanelet import Lanelet
+from urbantwin.roads.lanelet2.passage import Gate, Passage, gates_of, passage_of, routes
+from urbantwin.roads.lanelet2.plan import Plan, planned
+from urbantwin.roads.lanelet2.profiles import Row
+from urbantwin.roads.lanelet2.street import Street, StreetTooShort, street_of
+from urbantwin.roads.lanelet2.topology import Topology
+
+__all__ = ["Built", "LaneAt", "built"]
+
+#: Road, number of the section, lane.
+LaneAt = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class Built:
+    """All roads, not yet linked."""
+
+    streets: tuple[Street, ...]
+    passages: tuple[Passage, ...]
+    topology: Topology
+    plan: Plan
+
+    @cached_property
+    def lanes(self) -> dict[int, tuple[LaneAt, ...]]:
+        """Lanelet -> the lanes that were made from it."""
+        found: dict[int, list[LaneAt]] = {}
+        for street in self.streets:
+            for number, (lanes, span) in enumerate(zip(street.lanes, street.spans, strict=True)):
+                for track, identity in lanes.items():
+                    for group in span:
+                        lanelet = track.member(group).lanelet.id
+                        found.setdefault(lanelet, []).append((street.road.id, number, identity))
+        for passage in self.passages:
+            for lanelet in passage.lanelets:
+                lane = passage.road.sections[0].lanes[0].id
+                found.setdefault(lanelet, []).append((passage.road.id, 0, lane))
+        return {i: tuple(rows) for i, rows in found.items()}
+
+    @cached_property
+    def approaches(self) -> dict[int, tuple[tuple[int, int], ...]]:
+        """Lanelet -> (street, lane) that leads to where it ends.
+
+        For a lanelet within a junction that is the lane where ways over it begin.
+        """
+        found: dict[int, dict[tuple[int, int], None]] = {}
+        for street in self.streets:
+            for number, span in enumerate(street.spans):
+                for track, identity in street.lanes[number].items():
+                    for group in span:
+                        lanelet = track.member(group).lanelet.id
+                        found.setdefault(lanelet, {})[street.road.id, identity] = None
+        for passage in self.passages:
+            for lanelet in passage.lanelets:
+                gate = passage.start
+                found.setdefault(lanelet, {})[gate.street.road.id, gate.lane] = None
+        return {i: tuple(rows) for i, rows in found.items()}
+
+
+def built(
+    lanelets: Mapping[int, Lanelet],
+    side: str,
+    facts: Callable[[Member], Row],
+    ways: Mapping[int, dict[str, str]],
+) -> Built:
+    """Build every street and every way through a junction.
+
+    Args:
+        lanelets: the map.
+        side: on which side people drive.
+        facts: what is known of a lanelet, seen along its road.
+        ways: tags of the map's ways.
+
+    Raises:
+        StageError: no plan works out.
+    """
+    lanes = {i: n for i, n in lanelets.items() if n.kind not in ("", "crosswalk")}
+    drives = {i: n for i, n in lanes.items() if n.drives}
+    forced: frozenset[int] = frozenset()
+    apart: frozenset[int] = frozenset()
+    barred: frozenset[int] = frozenset()
+    # Every round takes a lanelet out of a group or of a kind of use, for good.
+    for _ in range(3 * len(drives) + 1):
+        groups = [g for g in groups_of(lanes, apart) if any(m.lanelet.drives for m in g.members)]
+        topology = Topology(drives, groups)
+        plan = planned(topology, forced, barred)
+        streets, failed = _streets(topology, plan, side, facts, ways)
+        if failed is not None:
+            through = all(topology.is_through(k) for k in plan.chains[failed].numbers)
+            ids = frozenset(i for group in plan.chains[failed].groups for i in group.ids)
+            if through and not ids & barred:
+                forced |= ids
+            else:
+                apart |= ids
+            continue
+        passages = _passages(streets, topology, plan, side, facts, ways)
+        missed = plan.inner - {i for passage in passages for i in passage.lanelets}
+        if not missed:
+            return Built(tuple(streets), tuple(passages), topology, plan)
+        # First what nothing leads to or from: what comes after it may then be reached.
+        before = {k for following in topology.successors.values() for k in following}
+        ends = {i for i in missed if i not in before or not topology.successors[i]}
+        barred |= ends or missed
+        apart |= ends or missed
+    raise StageError("the lanelets cannot be told apart into streets and junctions")
+
+
+def _streets(
+    topology: Topology,
+    plan: Plan,
+    side: str,
+    facts: Callable[[Member], Row],
+    ways: Mapping[int, dict[str, str]],
+) -> tuple[list[Street], int | None]:
+    """Return the streets, or the number of a chain that makes none."""
+
+    def follows(a: int, b: int) -> bool:
+        return b in topology.successors[a]
+
+    streets: list[Street] = []
+    for number, chain in enumerate(plan.chains):
+        try:
+            streets.append(street_of(1 + number, chain, follows, side, facts, ways))
+        except StreetTooShort:
+            return [], number
+    return streets, None
+
+
+def _passages(
+    streets: list[Street],
+    topology: Topology,
+    plan: Plan,
+    side: str,
+    facts: Callable[[Member], Row],
+    ways: Mapping[int, dict[str, str]],
+) -> list[Passage]:
+    gates = [gate for street in streets for gate in gates_of(street)]
+    exits: dict[int, Gate] = {gate.lanelet: gate for gate in gates if not gate.inward}
+    passages: list[Passage] = []
+    for gate in gates:
+        if not gate.inward:
+            continue
+        for way, last in routes(gate.lanelet, topology.successors, plan.inner):
+            if last in exits:
+                members = [Member(topology.lanelets[i], forward=True) for i in way]
+                number = 1 + len(streets) + len(passages)
+                passages.append(passage_of(number, gate, members, exits[last], side, facts, ways))
+    return passages

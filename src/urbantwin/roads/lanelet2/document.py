@@ -1,0 +1,170 @@
+"""The file of a Lanelet2 map: nodes, ways and relations of OpenStreetMap's XML.
+
+Source: Poggenhans et al., "Lanelet2: a high-definition map framework for the future of automated
+driving", ITSC 2018, and the format's description, ``lanelet2_io/doc`` and
+``lanelet2_core/doc/LaneletAndAreaTagging.md``.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from lxml import etree
+
+from urbantwin.errors import InputError
+
+__all__ = ["EXPECTED", "Document", "Node", "Relation", "Way", "is_lanelet2", "read_document"]
+
+EXPECTED = "a Lanelet2 map: OSM XML with relations of type=lanelet"
+#: How a relation says that it is a lanelet.
+_LANELET = re.compile(rb"""<tag\s+(?:k=['"]type['"]\s+v=['"]lanelet['"]|v=['"]lanelet['"]\s+k=)""")
+_CHUNK = 1 << 20
+
+
+@dataclass(frozen=True)
+class Node:
+    """A point: degrees (nan where the file says none) and its tags."""
+
+    latitude: float
+    longitude: float
+    tags: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Way:
+    """A line string: ids of its nodes, and its tags."""
+
+    nodes: tuple[int, ...]
+    tags: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Relation:
+    """Members as (``node`` | ``way`` | ``relation``, id, role), and tags."""
+
+    members: tuple[tuple[str, int, str], ...]
+    tags: dict[str, str]
+
+    def of_role(self, role: str, kind: str = "way") -> list[int]:
+        """Return ids of the members of a role."""
+        return [ref for what, ref, name in self.members if what == kind and name == role]
+
+
+@dataclass(frozen=True)
+class Document:
+    """A whole file; ids as the file has them."""
+
+    path: Path
+    nodes: dict[int, Node]
+    ways: dict[int, Way]
+    relations: dict[int, Relation]
+
+    def error(self, problem: str, relation: int | None = None) -> InputError:
+        """Return an error that names the file and a relation."""
+        place = None if relation is None else f"relation {relation}"
+        return InputError(problem, file=self.path, place=place, expected=EXPECTED)
+
+
+def is_lanelet2(path: Path) -> bool:
+    """Return whether a file holds a lanelet: looks for the tag, reads nothing else.
+
+    A missing file, a folder and a packed extract are none.
+    """
+    try:
+        with path.open("rb") as file:
+            rest = b""
+            while chunk := file.read(_CHUNK):
+                text = rest + chunk
+                if _LANELET.search(text):
+                    return True
+                rest = text[-256:]
+    except OSError:
+        return False
+    return False
+
+
+def read_document(path: Path) -> Document:
+    """Read nodes, ways and relations that are not deleted.
+
+    Raises:
+        InputError: not found, not XML, with a document type or entities, not OSM, an id that is no
+            number, or without lanelets.
+    """
+    root = _root(path)
+    nodes: dict[int, Node] = {}
+    ways: dict[int, Way] = {}
+    relations: dict[int, Relation] = {}
+    for item in root:
+        if not isinstance(item.tag, str) or item.get("action") == "delete":
+            continue
+        if item.get("visible") == "false":
+            continue
+        if item.tag == "node":
+            degrees = _degrees(item.get("lat"), 90.0), _degrees(item.get("lon"), 180.0)
+            nodes[_id(path, item, "id")] = Node(*degrees, _tags(item))
+        elif item.tag == "way":
+            refs = tuple(_id(path, nd, "ref") for nd in item.iterfind("nd"))
+            ways[_id(path, item, "id")] = Way(refs, _tags(item))
+        elif item.tag == "relation":
+            members = tuple(
+                (m.get("type", ""), _id(path, m, "ref"), m.get("role", ""))
+                for m in item.iterfind("member")
+            )
+            relations[_id(path, item, "id")] = Relation(members, _tags(item))
+    document = Document(path, nodes, ways, relations)
+    if not any(r.tags.get("type") == "lanelet" for r in relations.values()):
+        streets = any("highway" in way.tags for way in ways.values())
+        raise document.error(
+            "is a street map of OpenStreetMap, without lanelets" if streets else "has no lanelets"
+        )
+    return document
+
+
+def _root(path: Path) -> etree._Element:
+    if not path.is_file():
+        problem = "not found" if not path.exists() else "is a folder"
+        raise InputError(problem, file=path, expected=EXPECTED)
+    # A file of a stranger: nothing is fetched, no entity is opened, depth is limited.
+    parser = etree.XMLParser(
+        resolve_entities=False, no_network=True, load_dtd=False, remove_comments=True
+    )
+    try:
+        tree = etree.parse(str(path), parser)
+    except (etree.XMLSyntaxError, OSError) as error:
+        text = str(error).splitlines()[0] if str(error) else "it is empty"
+        raise InputError(f"is not XML ({text})", file=path, expected=EXPECTED) from None
+    if tree.docinfo.internalDTD is not None:
+        raise InputError("declares a document type or entities", file=path, expected=EXPECTED)
+    root = tree.getroot()
+    if root.tag != "osm":
+        raise InputError(f"is XML, but <{root.tag}>, not <osm>", file=path, expected=EXPECTED)
+    return root
+
+
+def _id(path: Path, item: etree._Element, key: str) -> int:
+    text = item.get(key, "")
+    try:
+        return int(text)
+    except ValueError:
+        owner = item if key == "id" else item.getparent()
+        raise InputError(
+            f"<{item.tag}> has {key}={text!r}",
+            file=path,
+            place=f"{owner.tag} {owner.get('id')}, line {item.sourceline}",
+            expected="a whole number",
+        ) from None
+
+
+def _tags(item: etree._Element) -> dict[str, str]:
+    return {tag.get("k", ""): tag.get("v", "") for tag in item.iterfind("tag")}
+
+
+def _degrees(text: str | None, most: float) -> float:
+    try:
+        value = float(text or "nan")
+    except ValueError:
+        return math.nan
+    return value if abs(value) <= most else math.nan

@@ -1,0 +1,124 @@
+"""Lanelets side by side: neighbours share the way of a bound."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.roads.lanelet2.lanelet import Lanelet
+
+__all__ = ["Group", "Member", "groups_of"]
+
+
+@dataclass(frozen=True)
+class Member:
+    """A lanelet in a group; ``forward``: whether it runs the way that the group is looked along."""
+
+    lanelet: Lanelet
+    forward: bool
+
+    @property
+    def left(self) -> NDArray[np.float64]:
+        """The border on the group's left (N, 3), along the group."""
+        return self.lanelet.left if self.forward else self.lanelet.right[::-1]
+
+    @property
+    def right(self) -> NDArray[np.float64]:
+        """The border on the group's right."""
+        return self.lanelet.right if self.forward else self.lanelet.left[::-1]
+
+    @property
+    def flipped(self) -> Member:
+        """The same seen from the other end."""
+        return Member(self.lanelet, not self.forward)
+
+
+@dataclass(frozen=True)
+class Group:
+    """Lanelets beside each other, from left to right."""
+
+    members: tuple[Member, ...]
+
+    @property
+    def flipped(self) -> Group:
+        """The same seen from the other end."""
+        return Group(tuple(member.flipped for member in reversed(self.members)))
+
+    @property
+    def ids(self) -> tuple[int, ...]:
+        """The lanelets."""
+        return tuple(member.lanelet.id for member in self.members)
+
+    @property
+    def length(self) -> float:
+        """The mean length of its lanelets, metres."""
+        return float(np.mean([member.lanelet.centre.length for member in self.members]))
+
+    @property
+    def area(self) -> shapely.Geometry:
+        """What it covers in plan."""
+        return shapely.union_all([member.lanelet.polygon for member in self.members])
+
+
+def groups_of(lanelets: Mapping[int, Lanelet], apart: frozenset[int]) -> tuple[Group, ...]:
+    """Return groups of lanelets that share bounds, looked along the way that most of them run.
+
+    Sidewalks close a group; where more than one lanelet lies on the same side of a way they
+    overlap, and none is a neighbour.
+
+    Args:
+        lanelets: what may be grouped.
+        apart: lanelets that shall stand alone.
+    """
+    beside = _beside(lanelets)
+    seen: set[int] = set()
+    groups = []
+    for identity in sorted(lanelets, key=lambda i: (not lanelets[i].drives, i)):
+        if identity in seen:
+            continue
+        first = lanelets[identity]
+        seen.add(identity)
+        row = [Member(first, forward=True)]
+        if identity not in apart and first.drives:
+            for turn in (False, True):
+                # Walk to the right, then turn round and walk to the other side.
+                row = [member.flipped for member in reversed(row)] if turn else row
+                while row[-1].lanelet.drives or len(row) == 1:
+                    other = _right_of(row[-1], beside, lanelets)
+                    if other is None or other.lanelet.id in seen or other.lanelet.id in apart:
+                        break
+                    row.append(other)
+                    seen.add(other.lanelet.id)
+        group = Group(tuple(row))
+        ahead = sum(m.forward if m.forward else -1 for m in row if m.lanelet.drives)
+        tie = next((m.forward for m in row if m.lanelet.id == identity), True)
+        groups.append(group if ahead > 0 or (ahead == 0 and tie) else group.flipped)
+    return tuple(groups)
+
+
+def _beside(lanelets: Mapping[int, Lanelet]) -> dict[tuple[int, bool], list[int]]:
+    """Return (way, whether on the left of the way as it is drawn) -> lanelets there."""
+    found = defaultdict(list)
+    for lanelet in lanelets.values():
+        for k in (0, 1):
+            # A lanelet lies to the right of its left bound, to the left of its right one.
+            found[lanelet.ways[k], (k == 1) != lanelet.turned[k]].append(lanelet.id)
+    return found
+
+
+def _right_of(
+    member: Member, beside: Mapping[tuple[int, bool], list[int]], lanelets: Mapping[int, Lanelet]
+) -> Member | None:
+    k = 1 if member.forward else 0
+    way = member.lanelet.ways[k]
+    here = (k == 1) != member.lanelet.turned[k]
+    if len(beside[way, here]) != 1 or len(beside.get((way, not here), ())) != 1:
+        return None
+    other = lanelets[beside[way, not here][0]]
+    # Seen along the group the shared bound is its left one.
+    return Member(other, forward=other.ways[0] == way)

@@ -1,0 +1,99 @@
+"""Junctions: ways that meet at an end of a street, or lie over each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import shapely
+
+from urbantwin.roads.lanelet2.passage import Passage
+from urbantwin.roads.lanelet2.street import Street
+from urbantwin.roads.model import Connection, ModelJunction, ModelRoad, RoadLink
+
+__all__ = ["junctions_of"]
+
+#: Ways that lie over each other by more than this belong to one junction, square metres.
+OVERLAP_M2 = 0.5
+#: Ways that pass so far above each other do not meet, metres.
+CLEARANCE_M = 2.5
+
+
+def junctions_of(
+    streets: Sequence[Street], passages: Sequence[Passage], first: int
+) -> tuple[tuple[ModelRoad, ...], tuple[ModelJunction, ...]]:
+    """Return all roads, linked to each other and to junctions, and the junctions.
+
+    Args:
+        streets: the streets.
+        passages: the ways through junctions.
+        first: id of the first junction.
+    """
+    number = _clusters(passages)
+    identity = {k: first + n for n, k in enumerate(dict.fromkeys(number))}
+    at: dict[tuple[int, bool], int] = {}
+    rows: dict[int, list[Connection]] = {i: [] for i in identity.values()}
+    roads = []
+    for passage, cluster in zip(passages, number, strict=True):
+        junction = identity[cluster]
+        for gate in (passage.start, passage.end):
+            at[gate.street.road.id, gate.end] = junction
+        road = replace(passage.road, junction=junction)
+        lane = road.sections[0].lanes[0].id
+        rows[junction].append(
+            Connection(
+                passage.start.street.road.id, road.id, "start", ((passage.start.lane, lane),)
+            )
+        )
+        roads.append(road)
+    linked = [
+        replace(
+            street.road,
+            predecessor=_link(at.get((street.road.id, False))),
+            successor=_link(at.get((street.road.id, True))),
+        )
+        for street in streets
+    ]
+    junctions = tuple(ModelJunction(i, "", tuple(rows[i])) for i in sorted(rows))
+    return (*linked, *roads), junctions
+
+
+def _link(junction: int | None) -> RoadLink | None:
+    return None if junction is None else RoadLink("junction", junction)
+
+
+def _clusters(passages: Sequence[Passage]) -> list[int]:
+    """Return for each way the number of the first way of its junction."""
+    parent = list(range(len(passages)))
+
+    def root(k: int) -> int:
+        while parent[k] != k:
+            k = parent[k]
+        return k
+
+    def join(a: int, b: int) -> None:
+        a, b = root(a), root(b)
+        parent[max(a, b)] = min(a, b)
+
+    first: dict[tuple[int, bool], int] = {}
+    for k, passage in enumerate(passages):
+        for gate in (passage.start, passage.end):
+            join(k, first.setdefault((gate.street.road.id, gate.end), k))
+    areas = [passage.area for passage in passages]
+    tree = shapely.STRtree(areas)
+    for a, b in zip(*tree.query(areas, predicate="intersects"), strict=True):
+        if a < b and root(a) != root(b):
+            common = shapely.intersection(areas[a], areas[b])
+            if common.area > OVERLAP_M2 and _level(passages[a], passages[b], common):
+                join(int(a), int(b))
+    return [root(k) for k in range(len(passages))]
+
+
+def _level(a: Passage, b: Passage, common: shapely.Geometry) -> bool:
+    point = np.array(common.representative_point().coords)[:, :2]
+    heights = []
+    for road in (a.road, b.road):
+        s, t = road.curve.locate(point)
+        heights.append(float(road.heights(np.clip(s, 0.0, road.length), t)[0]))
+    return abs(heights[0] - heights[1]) < CLEARANCE_M

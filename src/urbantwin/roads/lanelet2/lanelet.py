@@ -1,0 +1,177 @@
+"""Lanelets: two bounds that run the same way, what they are for, and who may use them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.roads.lanelet2.document import Document, Relation
+from urbantwin.roads.lanelet2.places import Places
+from urbantwin.roads.lanelet2.rules import allowed_of, kind_of
+
+__all__ = ["Lanelet", "bounds_of", "lanelets_of"]
+
+
+@dataclass(frozen=True)
+class Lanelet:
+    """A lanelet, its bounds in its direction of travel.
+
+    Attributes:
+        id: of its relation.
+        tags: its tags.
+        ways: ids of the left and of the right bound's way.
+        turned: whether each way runs against the lanelet.
+        nodes: ids of the nodes of the left and of the right bound.
+        left: (N, 3) left bound, site frame.
+        right: (M, 3) right bound.
+        regulations: ids of its regulatory elements.
+    """
+
+    id: int
+    tags: dict[str, str]
+    ways: tuple[int, int]
+    turned: tuple[bool, bool]
+    nodes: tuple[tuple[int, ...], tuple[int, ...]]
+    left: NDArray[np.float64]
+    right: NDArray[np.float64]
+    regulations: tuple[int, ...]
+
+    @cached_property
+    def kind(self) -> str:
+        """A kind of lane, ``crosswalk``, or empty for what is no lane."""
+        return kind_of(self.tags)
+
+    @cached_property
+    def allowed(self) -> tuple[str, ...]:
+        """Classes of actors that may use it."""
+        return allowed_of(self.tags)
+
+    @property
+    def drives(self) -> bool:
+        """Whether wheels belong on it."""
+        return self.kind not in ("", "sidewalk", "crosswalk")
+
+    @property
+    def start(self) -> tuple[int, int]:
+        """First node of the left and of the right bound."""
+        return self.nodes[0][0], self.nodes[1][0]
+
+    @property
+    def end(self) -> tuple[int, int]:
+        """Last node of the left and of the right bound."""
+        return self.nodes[0][-1], self.nodes[1][-1]
+
+    @cached_property
+    def centre(self) -> shapely.LineString:
+        """The line halfway between the bounds."""
+        share = np.linspace(0.0, 1.0, 33)
+        both = [
+            shapely.get_coordinates(
+                shapely.line_interpolate_point(shapely.LineString(bound), share, normalized=True),
+                include_z=True,
+            )
+            for bound in (self.left, self.right)
+        ]
+        return shapely.LineString((both[0] + both[1]) / 2)
+
+    @cached_property
+    def polygon(self) -> shapely.Geometry:
+        """The area between the bounds, in plan."""
+        ring = np.vstack([self.left[:, :2], self.right[::-1, :2]])
+        return shapely.make_valid(shapely.Polygon(ring))
+
+
+def bounds_of(document: Document, identity: int, relation: Relation) -> tuple[int, int]:
+    """Return the ways of a lanelet's left and right bound.
+
+    Raises:
+        InputError: a bound is missing, is there twice, or refers to what the file lacks.
+    """
+    found = []
+    for role in ("left", "right"):
+        ways = relation.of_role(role)
+        if len(ways) != 1:
+            many = "no" if not ways else str(len(ways))
+            raise document.error(f"has {many} ways of role {role}, not one", identity)
+        way = document.ways.get(ways[0])
+        if way is None:
+            raise document.error(f"refers to way {ways[0]}, which the file lacks", identity)
+        missing = next((n for n in way.nodes if n not in document.nodes), None)
+        if missing is not None:
+            raise document.error(
+                f"way {ways[0]} refers to node {missing}, which the file lacks", identity
+            )
+        if len(set(way.nodes)) < 2:
+            raise document.error(f"way {ways[0]} has fewer than two points", identity)
+        found.append(ways[0])
+    if found[0] == found[1]:
+        raise document.error(f"way {found[0]} is its left and its right bound", identity)
+    return found[0], found[1]
+
+
+def lanelets_of(
+    document: Document, bounds: Mapping[int, tuple[int, int]], places: Places
+) -> dict[int, Lanelet]:
+    """Return every lanelet, its bounds turned so that left is left and right is right.
+
+    A way may be drawn either way round: a bound is turned where the other one's middle does not
+    lie on its side.
+    """
+    found = {}
+    for identity, ways in bounds.items():
+        relation = document.relations[identity]
+        nodes = [_distinct(document.ways[way].nodes, places) for way in ways]
+        lines = [np.array([places[n] for n in ids]) for ids in nodes]
+        if any(len(line) < 2 for line in lines):
+            raise document.error("has a bound without length", identity)
+        turned = [False, False]
+        for k, sign in ((0, -1.0), (1, 1.0)):
+            if sign * _side(lines[k][:, :2], _middle(lines[1 - k][:, :2])) <= 0:
+                turned[k] = True
+                lines[k], nodes[k] = lines[k][::-1], nodes[k][::-1]
+        found[identity] = Lanelet(
+            identity,
+            relation.tags,
+            ways,
+            (turned[0], turned[1]),
+            (nodes[0], nodes[1]),
+            lines[0],
+            lines[1],
+            tuple(relation.of_role("regulatory_element", "relation")),
+        )
+    return found
+
+
+def _distinct(nodes: tuple[int, ...], places: Places) -> tuple[int, ...]:
+    """Drop nodes that repeat the place before them, but never an end."""
+    kept = [nodes[0]]
+    for n in nodes[1:]:
+        if np.linalg.norm(places[n][:2] - places[kept[-1]][:2]) > 1e-4:
+            kept.append(n)
+        elif n == nodes[-1]:
+            kept[-1] = n if len(kept) > 1 else kept[-1]
+    return tuple(kept)
+
+
+def _middle(line: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(line[len(line) // 2] if len(line) > 2 else line.mean(axis=0))
+
+
+def _side(line: NDArray[np.float64], point: NDArray[np.float64]) -> float:
+    """Return the distance of a point to the left of a polyline; negative to the right."""
+    leg = np.diff(line, axis=0)
+    gap = point - line[:-1]
+    share = np.clip((gap * leg).sum(axis=1) / (leg**2).sum(axis=1), 0.0, 1.0)
+    off = gap - share[:, None] * leg
+    distance = np.linalg.norm(off, axis=1)
+    k = int(np.argmin(distance))
+    # At a corner two segments are equally near: the one that the point lies more squarely beside.
+    equal = np.flatnonzero(distance < distance[k] + 1e-9)
+    cross = leg[equal, 0] * gap[equal, 1] - leg[equal, 1] * gap[equal, 0]
+    best = cross[np.argmax(np.abs(cross) / np.linalg.norm(leg[equal], axis=1))]
+    return float(np.copysign(distance[k], best))

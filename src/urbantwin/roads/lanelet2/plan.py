@@ -1,0 +1,176 @@
+"""Which lanelets become streets, and which become ways through junctions.
+
+A group of lanelets is a street unless lanes branch, merge or cross on it. Where a group leaves a
+fork, the part of it that still lies over its siblings is cut off and becomes a way through the
+junction; what is left is a street. Groups that are left with nothing, and those that others cross,
+lie within the junction altogether.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from urbantwin.roads.lanelet2.group import Group
+from urbantwin.roads.lanelet2.topology import End, Topology
+
+__all__ = ["Chain", "Plan", "planned"]
+
+#: A way through a junction that is cut off a street is at least so long, metres.
+LEAST_CUT_M = 5.0
+#: What is left between two junctions is a street if it is at least so long, metres.
+LEAST_STREET_M = 10.0
+#: Longer groups stay streets even where others cross them, metres.
+LONGEST_INNER_M = 120.0
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Groups one after another that make one street.
+
+    Attributes:
+        groups: all looked along the same way.
+        numbers: their places among the groups of the topology.
+        cuts: metres to leave to the junction at both ends; ``None`` where nothing is joined.
+    """
+
+    groups: tuple[Group, ...]
+    numbers: tuple[int, ...]
+    cuts: tuple[float | None, float | None]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Streets, the lanelets within junctions, and those that cross without one."""
+
+    chains: tuple[Chain, ...]
+    inner: frozenset[int]
+    crossed: tuple[tuple[int, int], ...]
+
+
+def planned(topology: Topology, forced: frozenset[int], barred: frozenset[int]) -> Plan:
+    """Return what becomes of each group.
+
+    Args:
+        topology: what leads where.
+        forced: lanelets that turned out too short for a street of their own.
+        barred: lanelets that no way through a junction leads over: they must be streets.
+    """
+    inner = {
+        k
+        for k in _crossed_or_tagged(topology, forced)
+        if not barred.intersection(topology.groups[k].ids)
+    }
+    while True:
+        cuts = _cuts(topology, inner)
+        more = set()
+        for k, group in enumerate(topology.groups):
+            mine = [cuts.get((k, e)) for e in (0, 1)]
+            given = sum(cut or 0.0 for cut in mine)
+            if k in inner or not given:
+                continue
+            short = group.length - given < (LEAST_STREET_M if all(mine) else 1.0)
+            if short and topology.is_through(k) and not barred.intersection(group.ids):
+                more.add(k)
+            elif given > 0.6 * group.length:
+                for e in (0, 1):
+                    if (k, e) in cuts:
+                        cuts[k, e] *= 0.6 * group.length / given
+        if not more:
+            break
+        inner |= more
+    lanelets = frozenset(i for k in inner for i in topology.groups[k].ids)
+    outside = tuple(
+        pair for pair in topology.crossing if not all(lanelet in lanelets for lanelet in pair)
+    )
+    return Plan(_chains(topology, inner, cuts), lanelets, outside)
+
+
+def _crossed_or_tagged(topology: Topology, forced: frozenset[int]) -> set[int]:
+    crossed = {i for pair in topology.crossing for i in pair}
+    inner = set()
+    for k, group in enumerate(topology.groups):
+        if not topology.is_through(k):
+            continue
+        ids = set(group.ids)
+        turns = any("turn_direction" in member.lanelet.tags for member in group.members)
+        if ids & forced or ((turns or ids & crossed) and group.length <= LONGEST_INNER_M):
+            inner.add(k)
+    return inner
+
+
+def _cuts(topology: Topology, inner: set[int]) -> dict[End, float]:
+    """Return what is cut off groups where the next one is no way through a junction either."""
+    chosen: dict[End, float] = {}
+    links = sorted({(e, f) for e, f, _, _ in topology.links})
+    for e, f in links:
+        if e[0] in inner or f[0] in inner or e in chosen or f in chosen:
+            continue
+        if topology.is_plain(e) and _joins(topology, e, f):
+            continue
+        # The end that most others meet stays whole; among equals the one that comes first.
+        cut = f if len(topology.partners[e]) >= len(topology.partners[f]) else e
+        chosen[cut] = max(LEAST_CUT_M, topology.overlap(cut) + 1.0)
+    return chosen
+
+
+def _joins(topology: Topology, e: End, f: End) -> bool:
+    """Whether the lanes of two ends go on into each other in the same order."""
+    pairs = {}
+    for a, b, one, two in topology.links:
+        if {a, b} == {e, f}:
+            first, second = (one, two) if a == e else (two, one)
+            if first in pairs:
+                return False
+            pairs[first] = second
+    seen = [pairs[i] for i in topology.groups[e[0]].ids if i in pairs]
+    order = topology.groups[f[0]].ids
+    places = [order.index(i) for i in seen]
+    if e[1] == f[1]:
+        places = places[::-1]
+    return places == sorted(set(places)) and bool(places)
+
+
+def _chains(topology: Topology, inner: set[int], cuts: dict[End, float]) -> tuple[Chain, ...]:
+    seen: set[int] = set()
+    chains = []
+
+    def following(end: End) -> End | None:
+        if not topology.is_plain(end):
+            return None
+        other = next(iter(topology.partners[end]))
+        free = other[0] not in inner and end not in cuts and other not in cuts
+        return other if free else None
+
+    for k in range(len(topology.groups)):
+        if k in inner or k in seen:
+            continue
+        row: list[tuple[int, bool]] = [(k, True)]
+        seen.add(k)
+        for end in (1, 0):
+            # First onwards, then, from the start, backwards.
+            at: End = (k, end)
+            while (other := following(at)) is not None and other[0] not in seen:
+                seen.add(other[0])
+                same = (other[1] == 0) == (end == 1)
+                row.insert(len(row) if end else 0, (other[0], same))
+                at = (other[0], 1 - other[1])
+        ends = [
+            (row[0][0], 0 if row[0][1] else 1),
+            (row[-1][0], 1 if row[-1][1] else 0),
+        ]
+        chains.append(
+            Chain(
+                tuple(_looked(topology.groups, number, same) for number, same in row),
+                tuple(number for number, _ in row),
+                (
+                    cuts.get(ends[0], 0.0) if topology.partners.get(ends[0]) else None,
+                    cuts.get(ends[1], 0.0) if topology.partners.get(ends[1]) else None,
+                ),
+            )
+        )
+    return tuple(chains)
+
+
+def _looked(groups: Sequence[Group], number: int, same: bool) -> Group:
+    return groups[number] if same else groups[number].flipped

@@ -1,0 +1,178 @@
+"""From a Lanelet2 map to the lane model."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import shapely
+
+from urbantwin.geometry import SiteFrame
+from urbantwin.roads.driving_side import driving_side
+from urbantwin.roads.lanelet2.build import Built, LaneAt, built
+from urbantwin.roads.lanelet2.document import Document, read_document
+from urbantwin.roads.lanelet2.facts import facts_of
+from urbantwin.roads.lanelet2.junction import junctions_of
+from urbantwin.roads.lanelet2.lanelet import Lanelet, bounds_of, lanelets_of
+from urbantwin.roads.lanelet2.lights import controllers_of, sign_ways, signals_of
+from urbantwin.roads.lanelet2.paint import areas_of, hosts_of, island_ways, stop_lines
+from urbantwin.roads.lanelet2.places import Places, places_of
+from urbantwin.roads.lanelet2.rules import PAINTED
+from urbantwin.roads.model import LaneModel, ModelRoad
+from urbantwin.roads.model.marks import marked
+
+__all__ = ["Translation", "read_lanelet2", "translate"]
+
+
+@dataclass(frozen=True)
+class Translation:
+    """A lane model and where each lanelet is in it.
+
+    Attributes:
+        model: the lane model.
+        lanes: lanelet -> (road, number of the section, lane) that were made from it. Where a road
+            ends obliquely, the rest of a lane is in the roads that it is joined to.
+        notes: counts, what was assumed and what was left out.
+    """
+
+    model: LaneModel
+    lanes: Mapping[int, tuple[LaneAt, ...]]
+    notes: dict[str, object]
+
+
+def read_lanelet2(path: Path, frame: SiteFrame) -> tuple[LaneModel, dict[str, object]]:
+    """Read a Lanelet2 map (OSM XML) as a lane model in the site frame.
+
+    Lanelets that share bounds lie on one road; both directions where they share the line between
+    them. Bounds become borders of lanes within a few millimetres; where roads end obliquely, what
+    is missing of a lane belongs to the ways through the junction. ``ways`` of roads are the ids of
+    lanelets.
+
+    Returns:
+        The model, and notes: counts, what was assumed and what was left out.
+
+    Raises:
+        InputError: not a Lanelet2 map; a lanelet without bounds; a bound or a point that is
+            missing or has no place; a map far from the anchor.
+        StageError: the lanelets make no roads.
+    """
+    translation = translate(path, frame)
+    return translation.model, translation.notes
+
+
+def translate(path: Path, frame: SiteFrame) -> Translation:
+    """Do what ``read_lanelet2`` does, and say where each lanelet is in the model."""
+    document = read_document(path)
+    notes: dict[str, object] = {}
+    lanelets, places = _lanelets(document, frame, notes)
+    side = driving_side(frame.latitude, frame.longitude)
+    ways = {identity: way.tags for identity, way in document.ways.items()}
+    if not any(n.drives for n in lanelets.values()):
+        raise document.error("has no lanelets that vehicles may use")
+    parts = built(lanelets, side, facts_of(document), ways)
+    first = 1 + len(parts.streets) + len(parts.passages)
+    roads, junctions = junctions_of(parts.streets, parts.passages, first)
+    if not any(tags.get("type") in PAINTED for tags in ways.values()):
+        roads = tuple(_painted(road) for road in roads)
+        notes["lines_between_lanes"] = "assumed: the map has none"
+    hosts = hosts_of(roads)
+    first += len(junctions)
+    areas = areas_of(document, places, lanelets, parts.approaches, hosts, first, notes)
+    first += len(areas)
+    signals = signals_of(document, places, lanelets, parts.approaches, hosts, first, notes)
+    signals, controllers = controllers_of(signals, hosts, first + len(signals))
+    _note(notes, document, lanelets, parts)
+    model = LaneModel(side, roads, junctions, areas, signals, controllers)
+    return Translation(model, parts.lanes, notes)
+
+
+def _lanelets(
+    document: Document, frame: SiteFrame, notes: dict[str, object]
+) -> tuple[dict[int, Lanelet], Places]:
+    bounds = {
+        identity: bounds_of(document, identity, relation)
+        for identity, relation in sorted(document.relations.items())
+        if relation.tags.get("type") == "lanelet"
+    }
+    needs: dict[int, int] = {way: i for i, pair in bounds.items() for way in pair}
+    for identity, relation in document.relations.items():
+        if relation.tags.get("type") == "regulatory_element":
+            ways = [*sign_ways(relation), *relation.of_role("ref_line")]
+            needs.update((way, identity) for way in ways if way not in needs)
+    for identity, relation in island_ways(document).items():
+        needs.update((way, identity) for way in relation.of_role("outer") if way not in needs)
+    for way in stop_lines(document):
+        needs.setdefault(way, next(iter(bounds)))
+    used: dict[int, int] = {}
+    for way, identity in needs.items():
+        if way not in document.ways:
+            raise document.error(f"refers to way {way}, which the file lacks", identity)
+        for node in document.ways[way].nodes:
+            if node not in document.nodes:
+                raise document.error(
+                    f"way {way} refers to node {node}, which the file lacks", identity
+                )
+            used.setdefault(node, identity)
+        if not document.ways[way].nodes:
+            raise document.error(f"way {way} has no points", identity)
+    places = places_of(document, frame, used, notes)
+    return lanelets_of(document, bounds, places), places
+
+
+def _painted(road: ModelRoad) -> ModelRoad:
+    """Return a road with the lines that are usual; none where ways through a junction overlap."""
+    if road.junction >= 0:
+        return road
+    return replace(road, sections=tuple(marked(section) for section in road.sections))
+
+
+def _note(
+    notes: dict[str, object],
+    document: Document,
+    lanelets: Mapping[int, Lanelet],
+    parts: Built,
+) -> None:
+    """Count what was read, and what was left out or looks wrong."""
+    counts: Counter[str] = Counter()
+    counts["lanelets"] = len(lanelets)
+    for identity, lanelet in lanelets.items():
+        if lanelet.kind != "crosswalk" and identity not in parts.lanes:
+            subtype = lanelet.tags.get("subtype", "")
+            name = f"{subtype}s_apart_from_streets" if lanelet.kind else f"of_subtype_{subtype}"
+            counts[f"left_out_lanelets_{name}"] += 1
+        if lanelet.drives and lanelet.tags.get("one_way", "yes") == "no":
+            counts["lanelets_for_both_directions_used_in_one"] += 1
+        counts["missing_regulatory_elements"] += sum(
+            i not in document.relations for i in lanelet.regulations
+        )
+    for identity, relation in document.relations.items():
+        if relation.tags.get("type") == "multipolygon" and identity not in island_ways(document):
+            counts["left_out_areas_of_subtype_" + relation.tags.get("subtype", "")] += 1
+    counts["crossings_without_a_junction"] = len(parts.plan.crossed)
+    counts["corners_of_borders_that_turn_back"] = sum(
+        [*(s.dropped for s in parts.streets), *(p.dropped for p in parts.passages)]
+    )
+    notes.update({key: n for key, n in counts.items() if n})
+    loose = _loose(parts)
+    if loose:
+        notes["lanelets_that_end_on_others_without_sharing_points"] = loose
+
+
+def _loose(parts: Built) -> list[int]:
+    """Return lanelets that nothing follows although they end within another one."""
+    drives = parts.topology.lanelets
+    ids = list(drives)
+    tree = shapely.STRtree([drives[i].polygon for i in ids])
+    found = []
+    for i, lanelet in drives.items():
+        if parts.topology.successors[i]:
+            continue
+        line = lanelet.centre
+        end = shapely.line_interpolate_point(line, line.length - min(0.5, line.length / 2))
+        mine = parts.topology.place[i][0]
+        hits = tree.query(end, predicate="intersects")
+        if any(parts.topology.place[ids[k]][0] != mine for k in hits):
+            found.append(i)
+    return found

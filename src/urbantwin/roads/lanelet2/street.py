@@ -1,0 +1,343 @@
+"""Streets: chains of groups of lanelets as roads of the lane model."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.roads.lanelet2.border import Border, Measured
+from urbantwin.roads.lanelet2.group import Group, Member
+from urbantwin.roads.lanelet2.plan import Chain
+from urbantwin.roads.lanelet2.profiles import Row, heights_of, section_of
+from urbantwin.roads.lanelet2.reference import smooth_curve, trimmed
+from urbantwin.roads.model import Curve, LaneSection, ModelRoad, Profile
+
+__all__ = ["Street", "StreetTooShort", "Track", "street_of"]
+
+#: What is left of a street between its junctions is at least so long, metres.
+LEAST_M = 1.0
+#: A lane section is at least so long, metres.
+LEAST_SECTION_M = 0.2
+#: Over this length the direction of a border at its end is measured, metres.
+END_M = 3.0
+
+
+class StreetTooShort(Exception):  # noqa: N818 - not an error: the chain is planned anew
+    """A chain has no station where all its borders are there."""
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A lane that goes on through several groups.
+
+    Attributes:
+        first: number of the first group in the chain.
+        members: one lanelet for each group from there on.
+        left: its left border along the chain (N, 3).
+        right: its right border.
+    """
+
+    first: int
+    members: tuple[Member, ...]
+    left: NDArray[np.float64]
+    right: NDArray[np.float64]
+
+    def member(self, group: int) -> Member:
+        """Return its lanelet in a group of the chain."""
+        return self.members[group - self.first]
+
+
+@dataclass(frozen=True, eq=False)
+class Street:
+    """A road, and how it was measured.
+
+    Attributes:
+        road: the road.
+        chain: what it was made from.
+        tracks: its lanes.
+        lanes: for each section: track -> id of the lane.
+        spans: for each section: the groups of the chain that it holds.
+        whole: for each track, both borders on the reference line as it was before it was cut.
+        reach: stations of that line where the road begins and ends.
+        dropped: corners of borders that turn back.
+    """
+
+    road: ModelRoad
+    chain: Chain
+    tracks: tuple[Track, ...]
+    lanes: tuple[dict[Track, int], ...]
+    spans: tuple[tuple[int, ...], ...]
+    whole: dict[Track, tuple[Measured, Measured]]
+    reach: tuple[float, float]
+    dropped: int
+
+
+def street_of(
+    identity: int,
+    chain: Chain,
+    follows: Callable[[int, int], bool],
+    side: str,
+    rules: Callable[[Member], Row],
+    ways: Mapping[int, dict[str, str]],
+) -> Street:
+    """Return a chain of groups as a road.
+
+    Args:
+        identity: id of the road.
+        chain: the groups.
+        follows: whether one lanelet leads to another.
+        side: on which side people drive.
+        rules: what is known of a lane.
+        ways: tags of the map's ways, for the lines between lanes.
+
+    Raises:
+        StreetTooShort: its ends are so oblique that nothing is left between them.
+    """
+    tracks = _tracks(chain.groups, follows)
+    borders = [Border(line) for track in tracks for line in (track.left, track.right)]
+    whole_curve = smooth_curve(_middle_line(chain, side), borders)
+    whole = {
+        track: (Border(track.left).along(whole_curve), Border(track.right).along(whole_curve))
+        for track in tracks
+    }
+    first, last = _reach(chain, tracks, whole)
+    if last - first < LEAST_M:
+        raise StreetTooShort
+    curve = trimmed(whole_curve, first, last)
+    measured = {
+        track: (_again(pair[0], first, last, curve), _again(pair[1], first, last, curve))
+        for track, pair in whole.items()
+    }
+    spans, stations = _sections(chain, tracks, curve, rules)
+    orders = [_across(chain, tracks, span[0], measured) for span in spans]
+    elevation, bank = heights_of(curve, stations, orders)
+    sections: list[LaneSection] = []
+    lanes: list[dict[Track, int]] = []
+    offsets: list[Profile] = []
+    for span, start, order in zip(spans, stations[:-1], orders, strict=True):
+        here = [track for track, _ in order]
+        split = divider(Group(tuple(track.member(span[0]) for track in here)), side)
+        ids = {t: split - j if j < split else split - j - 1 for j, t in enumerate(here)}
+        end = stations[len(sections) + 1]
+        rows = [rules(track.member(span[0])) for track in here]
+        section, offset = section_of(
+            (start, end), [pair for _, pair in order], split, rows, bank, ways
+        )
+        sections.append(section)
+        offsets.append(offset)
+        lanes.append(ids)
+    linked = _linked(sections, lanes)
+    members = [member for group in chain.groups for member in group.members]
+    road = ModelRoad(
+        identity,
+        _said(members, "name"),
+        _said(members, "highway") or _class(members),
+        tuple(member.lanelet.id for member in members),
+        -1,
+        curve,
+        Profile(
+            np.concatenate([p.start + s for p, s in zip(offsets, stations, strict=False)]),
+            np.vstack([p.abcd for p in offsets]),
+        ),
+        elevation,
+        bank,
+        Profile.constant(0.0),
+        linked,
+    )
+    dropped = sum(border.dropped for pair in measured.values() for border in pair)
+    return Street(road, chain, tracks, tuple(lanes), spans, whole, (first, last), dropped)
+
+
+def divider(group: Group, side: str) -> int:
+    """Return how many lanes lie to the left of the reference line.
+
+    On the right people drive: all before the first lane that runs along the group. On the left:
+    all up to the last one that does.
+    """
+    ahead = [k for k, m in enumerate(group.members) if m.lanelet.drives and m.forward]
+    if not ahead:
+        return 0 if side == "right" else len(group.members)
+    return ahead[0] if side == "right" else ahead[-1] + 1
+
+
+def joined(lines: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return polylines as one, without points that repeat the one before."""
+    points = np.vstack(lines)
+    step = np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1)
+    kept = points[np.concatenate([[True], step > 1e-4])]
+    return kept if len(kept) > 1 else points[[0, -1]]
+
+
+def _tracks(groups: Sequence[Group], follows: Callable[[int, int], bool]) -> tuple[Track, ...]:
+    open_: list[tuple[int, list[Member]]] = []
+    done: list[tuple[int, list[Member]]] = []
+    for k, group in enumerate(groups):
+        still = []
+        waiting = list(open_)
+        for member in group.members:
+            row = next((row for row in waiting if _goes_on(row[1][-1], member, follows)), None)
+            if row is None:
+                row = (k, [])
+            else:
+                waiting.remove(row)
+            row[1].append(member)
+            still.append(row)
+        done += waiting
+        open_ = still
+    return tuple(
+        Track(
+            first,
+            tuple(members),
+            joined([m.left for m in members]),
+            joined([m.right for m in members]),
+        )
+        for first, members in done + open_
+    )
+
+
+def _goes_on(a: Member, b: Member, follows: Callable[[int, int], bool]) -> bool:
+    if not a.lanelet.drives or not b.lanelet.drives:
+        ends = np.vstack([a.left[-1] - b.left[0], a.right[-1] - b.right[0]])
+        return a.lanelet.kind == b.lanelet.kind and bool(np.abs(ends).max() < 1e-6)
+    if a.forward != b.forward:
+        return False
+    one, two = (a, b) if a.forward else (b, a)
+    return follows(one.lanelet.id, two.lanelet.id)
+
+
+def _middle_line(chain: Chain, side: str) -> NDArray[np.float64]:
+    """Return the border (N, 2) between directions, drawn out until no border reaches farther."""
+    lines = []
+    for group in chain.groups:
+        k = divider(group, side)
+        lines.append(group.members[k].left if k < len(group.members) else group.members[-1].right)
+    line = joined(lines)[:, :2]
+    for k, group in ((0, chain.groups[0]), (-1, chain.groups[-1])):
+        if k == 0:
+            line = line[::-1]
+        back = np.linalg.norm(line - line[-1], axis=1) > END_M
+        before = line[np.flatnonzero(back)[-1]] if back.any() else line[0]
+        ahead = (line[-1] - before) / np.linalg.norm(line[-1] - before)
+        ends = np.array([p[k][:2] for m in group.members for p in (m.left, m.right)])
+        reach = max(0.0, float(((ends - line[-1]) @ ahead).max())) + 1.0
+        line = np.vstack([line, line[-1] + reach * ahead])
+        if k == 0:
+            line = line[::-1]
+    return line
+
+
+def _reach(
+    chain: Chain, tracks: Sequence[Track], whole: Mapping[Track, tuple[Measured, Measured]]
+) -> tuple[float, float]:
+    """Return where the road begins and ends.
+
+    Where something is joined, where the last border begins, so that all lanes are there across
+    the road; at the border of the map, where the first does.
+    """
+    last = len(chain.groups) - 1
+    starts = [
+        b.s[0] for t in tracks if t.first == 0 and t.members[0].lanelet.drives for b in whole[t]
+    ]
+    ends = [
+        b.s[-1]
+        for t in tracks
+        if t.first + len(t.members) - 1 == last and t.members[-1].lanelet.drives
+        for b in whole[t]
+    ]
+    head, tail = chain.cuts
+    first = min(starts) if head is None else max(starts) + head
+    end = max(ends) if tail is None else min(ends) - tail
+    if head is None or tail is None:
+        # There is no other road that could have what is missing.
+        short = max(0.0, LEAST_M + 1e-6 - (end - first))
+        first, end = (first - short, end) if head is None else (first, end + short)
+    return max(float(first), 0.0), min(float(end), next(iter(whole.values()))[0].curve.length)
+
+
+def _again(border: Measured, first: float, last: float, curve: Curve) -> Measured:
+    return border.window(first - 1.0, last + 1.0).along(curve)
+
+
+def _sections(
+    chain: Chain,
+    tracks: Sequence[Track],
+    curve: Curve,
+    rules: Callable[[Member], Row],
+) -> tuple[tuple[tuple[int, ...], ...], list[float]]:
+    """Return the groups of each lane section, and the stations between them with both ends."""
+    spans, stations = [[0]], [0.0]
+    for k in range(1, len(chain.groups)):
+        before = [t for t in tracks if t.first <= k - 1 < t.first + len(t.members)]
+        after = [t for t in tracks if t.first <= k < t.first + len(t.members)]
+        same = len(before) == len(after) and all(t in after for t in before)
+        if same and all(rules(t.member(k - 1)) == rules(t.member(k)) for t in after):
+            spans[-1].append(k)
+            continue
+        seams = [
+            curve.locate(point[None, :2])[0][0]
+            for t in after
+            for point in (t.member(k).left[0], t.member(k).right[0])
+            if t.member(k).lanelet.drives
+        ]
+        at = float(np.mean(seams))
+        if at < stations[-1] + LEAST_SECTION_M:
+            # The section before it was cut off: this one begins where that one did.
+            spans[-1] = [k]
+        elif at < curve.length - LEAST_SECTION_M:
+            spans.append([k])
+            stations.append(at)
+        else:
+            break
+    return tuple(map(tuple, spans)), [*stations, curve.length]
+
+
+def _across(
+    chain: Chain,
+    tracks: Sequence[Track],
+    group: int,
+    measured: Mapping[Track, tuple[Measured, Measured]],
+) -> list[tuple[Track, tuple[Measured, Measured]]]:
+    """Return the tracks of a group from left to right with their borders."""
+    of = {t.member(group).lanelet.id: t for t in tracks if 0 <= group - t.first < len(t.members)}
+    row = [of[member.lanelet.id] for member in chain.groups[group].members]
+    return [(track, measured[track]) for track in row]
+
+
+def _linked(
+    sections: Sequence[LaneSection], lanes: Sequence[Mapping[Track, int]]
+) -> tuple[LaneSection, ...]:
+    found = []
+    for k, section in enumerate(sections):
+        track_of = {identity: track for track, identity in lanes[k].items()}
+        before = lanes[k - 1] if k else {}
+        after = lanes[k + 1] if k + 1 < len(lanes) else {}
+        found.append(
+            replace(
+                section,
+                lanes=tuple(
+                    replace(
+                        lane,
+                        predecessor=before.get(track_of[lane.id]),
+                        successor=after.get(track_of[lane.id]),
+                    )
+                    for lane in section.lanes
+                ),
+            )
+        )
+    return tuple(found)
+
+
+def _said(members: Sequence[Member], key: str) -> str:
+    """Return what most lanelets say; among equals the first."""
+    said = [m.lanelet.tags[key] for m in members if m.lanelet.tags.get(key)]
+    return max(said, key=said.count, default="")
+
+
+def _class(members: Sequence[Member]) -> str:
+    subtypes = {m.lanelet.tags.get("subtype") for m in members}
+    if "highway" in subtypes:
+        return "motorway"
+    return "living_street" if "play_street" in subtypes else ""

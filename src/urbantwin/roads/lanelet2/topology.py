@@ -1,0 +1,134 @@
+"""Which lanelets follow each other, where groups meet, and where they cross."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+
+from urbantwin.roads.lanelet2.group import Group
+from urbantwin.roads.lanelet2.lanelet import Lanelet
+
+__all__ = ["End", "Topology"]
+
+#: Number of a group, and which end of it: 0 start, 1 end.
+End = tuple[int, int]
+#: Ways that pass each other at least so far above are on different levels, metres.
+CLEARANCE_M = 2.5
+
+
+@dataclass(frozen=True)
+class Topology:
+    """What leads where.
+
+    Attributes:
+        lanelets: those that wheels use, by id.
+        groups: lanelets side by side; sidewalks among them have no part in the topology.
+    """
+
+    lanelets: Mapping[int, Lanelet]
+    groups: Sequence[Group]
+
+    @cached_property
+    def successors(self) -> dict[int, tuple[int, ...]]:
+        """Lanelet -> those whose bounds begin with the points that its own end with."""
+        starts = defaultdict(list)
+        for lanelet in self.lanelets.values():
+            starts[lanelet.start].append(lanelet.id)
+        return {
+            i: tuple(sorted(k for k in starts[lanelet.end] if k != i))
+            for i, lanelet in self.lanelets.items()
+        }
+
+    @cached_property
+    def place(self) -> dict[int, tuple[int, bool]]:
+        """Lanelet -> its group and whether it runs along the group."""
+        return {
+            member.lanelet.id: (k, member.forward)
+            for k, group in enumerate(self.groups)
+            for member in group.members
+        }
+
+    @cached_property
+    def links(self) -> list[tuple[End, End, int, int]]:
+        """Every step from a lanelet to the next: the ends that meet there, and the two."""
+        rows = []
+        for a, following in self.successors.items():
+            for b in following:
+                (ga, fa), (gb, fb) = self.place[a], self.place[b]
+                rows.append(((ga, 1 if fa else 0), (gb, 0 if fb else 1), a, b))
+        return rows
+
+    @cached_property
+    def partners(self) -> dict[End, set[End]]:
+        """End -> the ends that lanelets of it lead to or come from."""
+        found: dict[End, set[End]] = defaultdict(set)
+        for e, f, _, _ in self.links:
+            found[e].add(f)
+            found[f].add(e)
+        return found
+
+    def is_through(self, group: int) -> bool:
+        """Whether something is joined to both ends of a group."""
+        return bool(self.partners.get((group, 0))) and bool(self.partners.get((group, 1)))
+
+    def is_plain(self, end: End) -> bool:
+        """Whether an end meets exactly one other, of another group, that meets nothing else."""
+        mine = self.partners.get(end, set())
+        if len(mine) != 1:
+            return False
+        other = next(iter(mine))
+        return self.partners[other] == {end} and other[0] != end[0]
+
+    @cached_property
+    def crossing(self) -> list[tuple[int, int]]:
+        """Pairs of lanelets whose middles cross at the same height, without sharing an end."""
+        ids = list(self.lanelets)
+        lines = [self.lanelets[i].centre for i in ids]
+        tree = shapely.STRtree(lines)
+        found = []
+        for a, b in zip(*tree.query(lines, predicate="intersects"), strict=True):
+            one, two = self.lanelets[ids[a]], self.lanelets[ids[b]]
+            if a >= b or one.start == two.start or one.end == two.end:
+                continue
+            if one.end == two.start or two.end == one.start:
+                continue
+            if self.place[ids[a]][0] == self.place[ids[b]][0]:
+                continue
+            common = shapely.intersection(lines[a], lines[b])
+            point = shapely.Point(shapely.get_coordinates(common)[0])
+            heights = [_height(line, point) for line in (lines[a], lines[b])]
+            if abs(heights[0] - heights[1]) < CLEARANCE_M:
+                found.append((ids[a], ids[b]))
+        return found
+
+    def overlap(self, end: End) -> float:
+        """Return how far from an end a group lies over those that leave from the same place."""
+        group = self.groups[end[0]]
+        siblings = {e for p in self.partners[end] for e in self.partners[p]} - {end}
+        reach = 0.0
+        for other, _ in siblings - {(end[0], 1 - end[1])}:
+            common = shapely.intersection(group.area, self.groups[other].area)
+            common = common.buffer(-0.05)
+            if common.is_empty:
+                continue
+            corners = shapely.points(shapely.get_coordinates(common))
+            for member in group.members:
+                line = member.lanelet.centre
+                along = shapely.line_locate_point(line, corners)
+                beside = shapely.distance(line, corners) < 3.0
+                if not beside.any():
+                    continue
+                ahead = member.forward == (end[1] == 0)
+                far = along[beside] if ahead else line.length - along[beside]
+                reach = max(reach, float(np.max(far)))
+        return reach
+
+
+def _height(line: shapely.LineString, point: shapely.Point) -> float:
+    at = shapely.line_interpolate_point(line, shapely.line_locate_point(line, point))
+    return float(shapely.get_z(at))
