@@ -45,7 +45,6 @@ OPTIONS = {
     "crossings.guess": "true",
     "walkingareas": "true",
     "default.sidewalk-width": "2.5",
-    "no-turnarounds": "true",
     "no-turnarounds.except-deadend": "true",
     "output.original-names": "true",
     "output.street-names": "true",

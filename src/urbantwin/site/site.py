@@ -165,6 +165,7 @@ class _SiteFile(_Strict):
     dem: _File | None = None
     roads: _Roads = _Roads()
     signals: list[SignalSpec] = []
+    closed_loop: bool = True
     traffic: TrafficSpec = TrafficSpec()
     rig: str | dict[str, Any] = Field(description="the sensors, or the name of a rig's file")
 
@@ -204,6 +205,8 @@ class Site:
         rig: the sensors.
         rig_file: the file that the rig was written in.
         signals: programs of signals that are set instead of assumed.
+        closed_loop: whether outer roads beyond the region lead every way out back to a way in, so
+            that the same vehicles circulate.
         roads: a map of the roads, OpenDRIVE or Lanelet2, that is used instead of the extract's.
         anchor_m: that map's own x, y of the anchor, where it has no georeference.
     """
@@ -221,6 +224,7 @@ class Site:
     rig: RigSpec
     rig_file: Path
     signals: tuple[SignalPlan, ...] = ()
+    closed_loop: bool = True
     roads: InputFile | None = None
     anchor_m: tuple[float, float] | None = None
 
@@ -257,6 +261,7 @@ class Site:
             **value,
             "roads": {**roads, "driving_side": self.driving_side},
             **self._signals(),
+            "closed_loop": self.closed_loop,
             "traffic": self.traffic.model_dump(),
             "rig": self.rig.model_dump(),
         }
@@ -330,6 +335,7 @@ def load_site(path: Path) -> Site:
         rig=rig,
         rig_file=rig_file,
         signals=tuple(SignalPlan(spec, document, k) for k, spec in enumerate(raw.signals)),
+        closed_loop=raw.closed_loop,
         roads=roads,
         anchor_m=(raw.roads.anchor_m[0], raw.roads.anchor_m[1]) if raw.roads.anchor_m else None,
     )

@@ -1,0 +1,165 @@
+"""The drawing board of outer roads: ways and nodes with ids of their own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
+
+import numpy as np
+import shapely
+
+from urbantwin.roads.loop.ends import lane_counts
+from urbantwin.roads.loop.layout import Ground, Points, unit
+from urbantwin.roads.loop.standard import half_width
+from urbantwin.site import WayPiece
+
+__all__ = ["Drawing", "Gate"]
+
+Choice = TypeVar("Choice")
+#: Overlaps smaller than this are none, square metres.
+ROOM_M2 = 1.0
+#: So many square metres of overlap weigh as much as one of road.
+SIZE_COST = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Gate:
+    """A place where a one-way outer road begins or ends.
+
+    Attributes:
+        node: id of the node.
+        point: (2,) where it is, site frame.
+        heading: outwards, radians.
+        street: number of the street that ends there; -1 on a drop.
+        tags: the street's tags.
+        lanes: how many lanes lead through.
+        joints: nodes on the way out, nearest first, where roads of other gates join.
+    """
+
+    node: int
+    point: Points
+    heading: float
+    street: int
+    tags: dict[str, str]
+    lanes: int
+    joints: list[tuple[int, Points]] = field(default_factory=list)
+
+    @property
+    def ahead(self) -> Points:
+        """The unit vector (2,) outwards."""
+        return unit(self.heading)
+
+
+class Drawing:
+    """Outer roads as they are laid out.
+
+    Args:
+        pieces: the streets of the region.
+        known: ids of nodes that are not free.
+        side: ``right`` or ``left``, the side that traffic keeps to.
+    """
+
+    def __init__(self, pieces: Sequence[WayPiece], known: Iterable[int], side: str) -> None:
+        self.pieces, self.side = list(pieces), side
+        self.outer: list[WayPiece] = []
+        self.no_turns: list[tuple[int, int, int]] = []
+        self.nodes: list[int] = []
+        self.overlaps = 0
+        every = [node for piece in pieces for node in piece.nodes]
+        self._next_node = max((*every, *known), default=0) + 1
+        self._next_way = max((piece.id for piece in pieces), default=0) + 1
+        widths = [half_width(sum(lane_counts(piece.tags)), piece.tags) for piece in pieces]
+        self.ground = Ground([piece.points for piece in pieces], widths)
+
+    @property
+    def turn(self) -> str:
+        """The side to which traffic turns round."""
+        return "left" if self.side == "right" else "right"
+
+    def new_node(self) -> int:
+        """Return an id that no node has yet."""
+        self._next_node += 1
+        return self._next_node - 1
+
+    def with_most_room(
+        self, choices: Iterable[Choice], area_of: Callable[[Choice], shapely.Geometry], *own: int
+    ) -> Choice:
+        """Return the first choice that has room, else the one that overlaps least for its size.
+
+        Args:
+            choices: where a road could lie, the best first.
+            area_of: the area that it would take.
+            own: streets that it may touch.
+        """
+        least = math.inf
+        crowded = True
+        for choice in choices:
+            area = area_of(choice)
+            overlap = self.ground.overlap(area, *own)
+            crowded = overlap > ROOM_M2
+            if not crowded or overlap + SIZE_COST * area.area < least:
+                best, least = choice, overlap + SIZE_COST * area.area
+            if not crowded:
+                break
+        self.overlaps += crowded
+        return best
+
+    def lengthen(self, street: int, node: int, point: Points, *, at_start: bool) -> None:
+        """Let a street go on to a new node."""
+        piece = self.pieces[street]
+        nodes, points = piece.nodes, piece.points
+        if at_start:
+            nodes, points = (node, *nodes), np.vstack([point, points])
+        else:
+            nodes, points = (*nodes, node), np.vstack([points, point])
+        self.pieces[street] = replace(piece, nodes=nodes, points=points)
+
+    def add_halves(
+        self,
+        points: Points,
+        tags: dict[str, str],
+        *,
+        first: int,
+        last: int,
+        joints: Mapping[int, int] | None = None,
+    ) -> None:
+        """Add an outer road as two ways that meet halfway; arguments as for ``add``.
+
+        In one piece, netconvert would cut a road off where it comes near its own beginning.
+        """
+        along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+        half = int(np.abs(along[1:-1] - along[-1] / 2).argmin()) + 1
+        known = dict(joints or {})
+        middle = known.get(half) or self.new_node()
+        before = {k: node for k, node in known.items() if k < half}
+        after = {k - half: node for k, node in known.items() if k > half}
+        self.add(points[: half + 1], tags, first=first, last=middle, joints=before)
+        self.add(points[half:], tags, first=middle, last=last, joints=after)
+
+    def add(
+        self,
+        points: Points,
+        tags: dict[str, str],
+        *,
+        first: int,
+        last: int,
+        joints: Mapping[int, int] | None = None,
+    ) -> int:
+        """Add an outer way and return its id.
+
+        Args:
+            points: (N, 2) its points.
+            tags: its tags.
+            first: the node at its first point.
+            last: the node at its last.
+            joints: nodes at points between, by the number of the point.
+        """
+        named = {0: first, len(points) - 1: last, **(joints or {})}
+        nodes = tuple(named[k] if k in named else self.new_node() for k in range(len(points)))
+        self.nodes += named.values()
+        way = self._next_way
+        self._next_way += 1
+        self.outer.append(WayPiece(way, 0, nodes, points, tags))
+        return way

@@ -1,0 +1,136 @@
+"""Ends of streets where traffic cannot go on: cut by the region's border, or ending in the map."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.site import WayPiece
+
+__all__ = ["LooseEnd", "directions", "lane_counts", "loose_ends"]
+
+#: The heading of an end is that of its last stretch of this length, metres.
+HEADING_M = 8.0
+#: Lanes of a direction where the map does not say, as netconvert's type map has them.
+DEFAULT_LANES = {"motorway": 2, "trunk": 2, "primary": 2, "secondary": 1}
+ONE_WAY_CLASSES = ("motorway", "motorway_link")
+
+
+@dataclass(frozen=True, eq=False)
+class LooseEnd:
+    """An end of a piece of a way, at a node that leads nowhere else.
+
+    Attributes:
+        piece: the piece.
+        node: the node.
+        at_start: whether it is the piece's first node, else its last.
+        point: (2,) where it is, site frame.
+        heading: from the street outwards, radians.
+        leaves: lanes on which traffic comes out of the street here.
+        enters: lanes on which traffic could go in.
+        cut: whether the region's border cut it, so that the street goes on in the map.
+    """
+
+    piece: WayPiece
+    node: int
+    at_start: bool
+    point: NDArray[np.float64]
+    heading: float
+    leaves: int
+    enters: int
+    cut: bool
+
+    @property
+    def ahead(self) -> NDArray[np.float64]:
+        """The unit vector (2,) outwards."""
+        return np.array([math.cos(self.heading), math.sin(self.heading)])
+
+
+def directions(tags: Mapping[str, str]) -> tuple[bool, bool]:
+    """Return whether cars may drive along a way, and against it (OSM wiki, "Key:oneway")."""
+    oneway = tags.get("oneway", "")
+    if oneway in ("-1", "reverse"):
+        return False, True
+    if oneway in ("yes", "1", "true"):
+        return True, False
+    if oneway in ("no", "0", "false"):
+        return True, True
+    round_about = tags.get("junction") in ("roundabout", "circular")
+    return True, not (round_about or tags.get("highway") in ONE_WAY_CLASSES)
+
+
+def lane_counts(tags: Mapping[str, str]) -> tuple[int, int]:
+    """Return how many lanes run along a way and against it (OSM wiki, "Key:lanes")."""
+    along, against = directions(tags)
+    default = DEFAULT_LANES.get(tags.get("highway", "").removesuffix("_link"), 1)
+    every = _count(tags.get("lanes"))
+    if not (along and against):
+        count = every or default
+        return (count, 0) if along else (0, count)
+    forward, backward = _count(tags.get("lanes:forward")), _count(tags.get("lanes:backward"))
+    if every and forward and not backward:
+        backward = max(every - forward, 1)
+    if every and backward and not forward:
+        forward = max(every - backward, 1)
+    if every and not (forward or backward):
+        forward = math.ceil(every / 2)
+        backward = max(every - forward, 1)
+    return forward or default, backward or default
+
+
+def loose_ends(pieces: Sequence[WayPiece], known: Iterable[int]) -> list[LooseEnd]:
+    """Return the ends at nodes that no other piece of a way has, in the order of the pieces.
+
+    Args:
+        pieces: the ways of the network, cut to the region.
+        known: ids of the nodes of the map; others are where the border cut a way.
+    """
+    arms: dict[int, int] = defaultdict(int)
+    for piece in pieces:
+        for k, node in enumerate(piece.nodes):
+            arms[node] += 1 if k in (0, len(piece.nodes) - 1) else 2
+    of_map = frozenset(known)
+    found = []
+    for piece in pieces:
+        along, against = lane_counts(piece.tags)
+        for at_start in (True, False):
+            node = piece.nodes[0 if at_start else -1]
+            if arms[node] != 1:
+                continue
+            points = piece.points if at_start else piece.points[::-1]
+            leaves, enters = (against, along) if at_start else (along, against)
+            found.append(
+                LooseEnd(
+                    piece,
+                    node,
+                    at_start,
+                    points[0],
+                    _outward(points),
+                    leaves,
+                    enters,
+                    node not in of_map,
+                )
+            )
+    return found
+
+
+def _outward(points: NDArray[np.float64]) -> float:
+    """Return the heading from inside a polyline to its first point."""
+    away = np.linalg.norm(points - points[0], axis=1)
+    far = np.flatnonzero(away >= HEADING_M)
+    other = points[far[0]] if len(far) else points[int(np.argmax(away))]
+    dx, dy = points[0] - other
+    return math.atan2(dy, dx)
+
+
+def _count(text: str | None) -> int:
+    """Return a number of lanes; 0 where the map says none or nothing that is a number."""
+    try:
+        return min(max(int(float(text or 0)), 0), 12)
+    except ValueError:
+        return 0
