@@ -88,6 +88,7 @@ def sumo_network(
     driving_side: str,
     keep_apart: Iterable[int],
     keep_nodes: Iterable[int] = (),
+    edges: Path | None = None,
     out: Path,
 ) -> list[str]:
     """Run netconvert on OSM XML and write a network without comments, dates and paths.
@@ -99,6 +100,7 @@ def sumo_network(
         keep_apart: ids of ways (bridges, outer roads) that stay roads of their own, not joined to
             the next.
         keep_nodes: ids of nodes that are not merged with others into one junction.
+        edges: what netconvert is told of edges that it makes of ways.
         out: the ``.net.xml`` to write.
 
     Returns:
@@ -124,6 +126,8 @@ def sumo_network(
         ]
         if apart:
             command += ["--geometry.remove.keep-edges.explicit", ",".join(apart)]
+        if edges is not None:
+            command += ["--edge-files", str(edges)]
         if nodes := ",".join(str(node) for node in keep_nodes):
             command += ["--junctions.join-exclude", nodes]
         for key, value in OPTIONS.items():

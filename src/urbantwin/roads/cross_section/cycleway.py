@@ -1,0 +1,116 @@
+"""Cycle lanes and tracks beside the lanes of motor traffic."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from urbantwin.roads.cross_section.quantity import metres
+from urbantwin.roads.cross_section.standard import Standard
+
+__all__ = ["Cycleway", "Cycleways", "cycleways"]
+
+#: Values that mean a lane on the carriageway, and a track beside it. A track that is mapped as a
+#: way of its own is a part of this street too: such ways are not in the network by themselves.
+LANE = frozenset({"lane", "yes", "opposite_lane"})
+TRACK = frozenset({"track", "opposite_track", "separate", "sidepath", "use_sidepath"})
+
+
+@dataclass(frozen=True)
+class Cycleway:
+    """A cycle lane, or a ``track`` apart from the carriageway; ``width`` in metres."""
+
+    width: float
+    track: bool
+
+
+@dataclass(frozen=True)
+class Cycleways:
+    """Cycleways of a road.
+
+    Attributes:
+        forward, backward: at the outer side of each direction.
+        inner: at the inner side of a one-way road, where cyclists ride with its traffic.
+    """
+
+    forward: Cycleway | None = None
+    backward: Cycleway | None = None
+    inner: Cycleway | None = None
+
+
+def cycleways(
+    tags: Mapping[str, str], way: str, driving_side: str, standard: Standard
+) -> Cycleways:
+    """Return the cycleways of a way (OSM wiki, "Key:cycleway").
+
+    Args:
+        tags: the way's tags.
+        way: ``forward``, ``backward`` or ``both``: which ways traffic runs.
+        driving_side: ``right`` or ``left``.
+        standard: widths where none are mapped.
+    """
+    sides = {side: _side(tags, side, way, driving_side, standard) for side in ("left", "right")}
+    other = "left" if driving_side == "right" else "right"
+    if way == "both":
+        return Cycleways(sides[driving_side], sides[other])
+    # Seen along the traffic, a road that runs against its way has its sides swapped.
+    outer, inner = (driving_side, other) if way == "forward" else (other, driving_side)
+    if sides[inner] is None or not _against(tags, inner):
+        against, same = None, sides[inner]
+    else:
+        against, same = sides[inner], None
+    if way == "forward":
+        return Cycleways(sides[outer], against, same)
+    return Cycleways(against, sides[outer], same)
+
+
+def _side(
+    tags: Mapping[str, str], side: str, way: str, driving_side: str, standard: Standard
+) -> Cycleway | None:
+    value = tags.get(f"cycleway:{side}", tags.get("cycleway:both"))
+    if value is None:
+        value = _general(tags, side, way, driving_side)
+    if value not in LANE | TRACK:
+        return None
+    width = next(
+        (
+            found
+            for key in (f"cycleway:{side}:width", "cycleway:both:width", "cycleway:width")
+            if (found := metres(tags.get(key))) is not None
+        ),
+        None,
+    )
+    advisory = "advisory" in (
+        tags.get(f"cycleway:{side}:lane"),
+        tags.get("cycleway:both:lane"),
+        tags.get("cycleway:lane"),
+    )
+    track = value in TRACK
+    usual = standard.cycle_track if track else standard.cycle_lane
+    if advisory and not track:
+        usual = standard.advisory_lane
+    return Cycleway(min(max(width or usual, 0.8), 5.0), track)
+
+
+def _general(tags: Mapping[str, str], side: str, way: str, driving_side: str) -> str | None:
+    """Return what tags without a side say of one."""
+    value = tags.get("cycleway")
+    sided = any(f"cycleway:{s}" in tags for s in ("left", "right", "both"))
+    if value is None and not sided and tags.get("bicycle") == "use_sidepath":
+        value = "track"
+    outer = (side == driving_side) == (way != "backward")
+    if value is None or way == "both":
+        return value
+    opposite = value.startswith("opposite")
+    return value if outer != opposite else None
+
+
+def _against(tags: Mapping[str, str], side: str) -> bool:
+    """Whether cyclists at the inner side of a one-way road ride against its traffic."""
+    own = tags.get(f"cycleway:{side}:oneway", tags.get("cycleway:both:oneway"))
+    if own is not None:
+        return own in ("-1", "no", "reverse")
+    values = (tags.get("cycleway"), tags.get(f"cycleway:{side}"))
+    return tags.get("oneway:bicycle") in ("no", "-1") or any(
+        value is not None and value.startswith("opposite") for value in values
+    )

@@ -1,0 +1,156 @@
+"""Where the lanes of ways lie in plan: the middle of every stretch of road, moved off its line."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.roads.cross_section.placement import centred_middle
+from urbantwin.roads.cross_section.section import CrossSection
+from urbantwin.roads.cross_section.stretch import Stretch
+
+__all__ = ["Middle", "middles_of"]
+
+#: Sharper corners than this are not mitred, as a ratio of the moved corner's distance.
+MITRE = 2.0
+#: An end of a stretch: its index, and whether it is the last node.
+End = tuple[int, bool]
+
+
+@dataclass(frozen=True, eq=False)
+class Middle:
+    """Where the middle of the road runs along a stretch.
+
+    Attributes:
+        points: (N, 2) the points of the way, site frame.
+        normal: (N, 2) mitred normals to their left.
+        offset: (N,) how far the middle lies to the left of each point, metres.
+    """
+
+    points: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    offset: NDArray[np.float64]
+
+    def beside(self, distance: float) -> NDArray[np.float64]:
+        """Return the line (N, 2) that many metres to the left of the middle."""
+        return np.asarray(self.points + (self.offset + distance)[:, None] * self.normal)
+
+
+def middles_of(stretches: Sequence[Stretch], sections: Sequence[CrossSection]) -> list[Middle]:
+    """Return where the middle of the road runs along each stretch.
+
+    Args:
+        stretches: parts of ways.
+        sections: their cross sections.
+    """
+    meeting: dict[int, list[End]] = defaultdict(list)
+    for k, stretch in enumerate(stretches):
+        meeting[stretch.piece.nodes[0]].append((k, False))
+        meeting[stretch.piece.nodes[-1]].append((k, True))
+    result = []
+    for k, stretch in enumerate(stretches):
+        section = sections[k]
+        first, last = (
+            _offset(k, at_end=at_end, stretches=stretches, sections=sections, meeting=meeting)
+            for at_end in (False, True)
+        )
+        if None not in section.middle:
+            # Of a way that is cut in parts every part has its share.
+            a, b = float(section.middle[0] or 0.0), float(section.middle[1] or 0.0)
+            first, last = a + (b - a) * stretch.first, a + (b - a) * stretch.last
+        points = stretch.piece.points
+        steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        along = np.concatenate([[0.0], np.cumsum(steps)]) / max(float(steps.sum()), 1e-9)
+        offset = first + (last - first) * along
+        normal = _normals(points)
+        for at_end, row in ((False, 0), (True, -1)):
+            other = _continuation(k, at_end, stretches, meeting)
+            if other is not None:
+                theirs = _end_direction(stretches[other[0]], other[1])
+                mine = _end_direction(stretch, at_end)
+                # Both directions lead away from the node; the road goes through it.
+                through = (theirs - mine) if not at_end else (mine - theirs)
+                normal[row] = _mitre(mine if at_end else -mine, through)
+        result.append(Middle(points, normal, offset))
+    return result
+
+
+def _offset(
+    k: int,
+    *,
+    at_end: bool,
+    stretches: Sequence[Stretch],
+    sections: Sequence[CrossSection],
+    meeting: Mapping[int, Sequence[End]],
+) -> float:
+    """Return the offset at an end; where the tags leave it open, that of the road that goes on."""
+    section = sections[k]
+    own = section.middle[int(at_end)]
+    usual = centred_middle(section.forward, section.backward, section.outward)
+    if own is not None:
+        return own
+    other = _continuation(k, at_end, stretches, meeting)
+    if other is None:
+        return usual
+    next_section = sections[other[0]]
+    theirs = next_section.middle[int(other[1])]
+    if theirs is None:
+        return usual
+    # A way that is drawn the other way round has its sides swapped.
+    same = other[1] != at_end
+    ahead, back = (
+        (next_section.forward, next_section.backward)
+        if same
+        else (next_section.backward, next_section.forward)
+    )
+    theirs = theirs if same else -theirs
+    extra = sum(x.width for x in ahead) - sum(x.width for x in section.forward)
+    if len(back) != len(section.backward) or abs(extra) < 1e-6 or not section.forward:
+        return theirs
+    wider = ahead if extra > 0 else section.forward
+    inner = "left" if section.driving_side == "right" else "right"
+    turning = any(inner in turn for turn in wider[0].turns) if wider else False
+    # A lane for a turn across the road opens at its inner side: the outer border runs on.
+    return theirs + (section.outward * extra if turning and not section.backward else 0.0)
+
+
+def _continuation(
+    k: int, at_end: bool, stretches: Sequence[Stretch], meeting: Mapping[int, Sequence[End]]
+) -> End | None:
+    """Return the one other stretch that meets an end; ``None`` at junctions and dead ends."""
+    node = stretches[k].piece.nodes[-1 if at_end else 0]
+    others = [end for end in meeting[node] if end != (k, at_end)]
+    return others[0] if len(others) == 1 else None
+
+
+def _end_direction(stretch: Stretch, at_end: bool) -> NDArray[np.float64]:
+    """Return the direction (2,) towards a stretch's end, unit length."""
+    points = stretch.piece.points
+    step = points[-1] - points[-2] if at_end else points[0] - points[1]
+    return np.asarray(step / max(float(np.linalg.norm(step)), 1e-9))
+
+
+def _normals(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return mitred normals (N, 2) to the left of a line's points."""
+    step = np.diff(points, axis=0)
+    step /= np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-9)
+    left = np.column_stack([-step[:, 1], step[:, 0]])
+    corner = np.vstack([left[:1], left[:-1] + left[1:], left[-1:]])
+    square = np.maximum((corner * corner).sum(axis=1, keepdims=True), 1e-9)
+    scale = 2.0 / square
+    scale[[0, -1]] = 1.0
+    normal = corner * scale
+    length = np.linalg.norm(normal, axis=1, keepdims=True)
+    return np.asarray(normal * np.minimum(1.0, MITRE / np.maximum(length, 1e-9)))
+
+
+def _mitre(direction: NDArray[np.float64], through: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the normal at a node where one road goes through: the bisector of both sides."""
+    length = float(np.linalg.norm(through))
+    along = through / length if length > 1e-6 else direction
+    cosine = max(float(along @ direction), 1.0 / MITRE)
+    return np.array([-along[1], along[0]]) / cosine

@@ -1,0 +1,120 @@
+"""What lies beside the lanes: parking, shoulders and sidewalks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from urbantwin.roads.cross_section.quantity import metres
+from urbantwin.roads.cross_section.section import Parking, Roadside
+from urbantwin.roads.cross_section.standard import Standard
+
+__all__ = ["parking", "roadside"]
+
+ORIENTATIONS = ("parallel", "diagonal", "perpendicular")
+FORBIDDEN = frozenset({"no_parking", "no_stopping", "no_standing", "fire_lane"})
+#: Where cars stand, and how much of the depth of parking lies on the carriageway's side of the
+#: curb.
+POSITIONS = {
+    "lane": 1.0,
+    "yes": 1.0,
+    "street_side": 1.0,
+    "shoulder": 1.0,
+    "half_on_kerb": 0.5,
+    "on_kerb": 0.0,
+}
+#: Positions in the tags of before 2022.
+FORMER = {"on_street": "lane", "lay_by": "street_side", "painted_area_only": "lane"}
+#: A road of this class has shoulders where it is faster than this, m/s (70 km/h).
+FAST = 19.0
+NARROWEST_WALK_M, WIDEST_WALK_M = 0.8, 15.0
+
+
+def parking(tags: Mapping[str, str], side: str, standard: Standard) -> Parking | None:
+    """Return the parking of one side (OSM wiki, "Street parking"), also by the former scheme.
+
+    Parking that is mapped as an area of its own (``separate``) is none of the road's.
+    """
+    found = _present(tags, side) or _former(tags, side)
+    if found is None:
+        return None
+    position, orientation = found
+    share = POSITIONS.get(position)
+    if share is None:
+        return None
+    keys = (f"parking:{side}:width", "parking:both:width")
+    former = (f"parking:lane:{side}:width", "parking:lane:both:width")
+    width = _first_length(tags, (*keys, *former)) or standard.parking(orientation)
+    width = min(max(width, 1.5), 7.0) * share
+    return Parking(orientation, width, position) if width > 0 else None
+
+
+def roadside(
+    tags: Mapping[str, str],
+    side: str,
+    *,
+    sidewalk: bool,
+    outer: bool,
+    standard: Standard,
+    speed: float,
+) -> Roadside:
+    """Return what lies beside one side of a way.
+
+    Args:
+        tags: the way's tags.
+        side: ``left`` or ``right``, as seen along the way.
+        sidewalk: whether there is a sidewalk.
+        outer: whether it is the side that traffic keeps to, not the inner side of one direction.
+        standard: widths where none are mapped.
+        speed: the limit, m/s.
+    """
+    keys = (f"sidewalk:{side}:width", "sidewalk:both:width", "sidewalk:width")
+    width = _first_length(tags, keys) or standard.sidewalk
+    walk = min(max(width, NARROWEST_WALK_M), WIDEST_WALK_M) if sidewalk else 0.0
+    return Roadside(
+        parking(tags, side, standard),
+        _shoulder(tags, side, standard, speed if outer and not sidewalk else 0.0),
+        walk,
+    )
+
+
+def _present(tags: Mapping[str, str], side: str) -> tuple[str, str] | None:
+    value = tags.get(f"parking:{side}", tags.get("parking:both"))
+    if value is None or value in ("no", "separate"):
+        return None
+
+    def of(key: str) -> str | None:
+        return tags.get(f"parking:{side}:{key}", tags.get(f"parking:both:{key}"))
+
+    if of("restriction") in FORBIDDEN:
+        return None
+    orientation = of("orientation")
+    return value, orientation if orientation in ORIENTATIONS else "parallel"
+
+
+def _former(tags: Mapping[str, str], side: str) -> tuple[str, str] | None:
+    value = tags.get(f"parking:lane:{side}", tags.get("parking:lane:both"))
+    if value is None or value in ("no", "none", "separate") or value in FORBIDDEN:
+        return None
+    orientation = value if value in ORIENTATIONS else "parallel"
+    position = tags.get(
+        f"parking:lane:{side}:{orientation}", tags.get(f"parking:lane:both:{orientation}", "lane")
+    )
+    return FORMER.get(position, position), orientation
+
+
+def _shoulder(tags: Mapping[str, str], side: str, standard: Standard, speed: float) -> float:
+    whole = tags.get("shoulder:both", tags.get("shoulder"))
+    own = tags.get(f"shoulder:{side}")
+    if own is None and whole is not None:
+        own = {"both": "yes", "left": "no", "right": "no", side: "yes"}.get(whole, whole)
+    width = _first_length(tags, (f"shoulder:{side}:width", "shoulder:both:width", "shoulder:width"))
+    highway = tags.get("highway", "")
+    fast = highway in ("motorway", "motorway_link", "trunk") and speed > FAST
+    usual = standard.shoulder if highway in ("motorway", "trunk") else standard.minor_shoulder
+    if own is None:
+        return usual if fast else 0.0
+    return 0.0 if own in ("no", "none") else min(width or usual, 5.0)
+
+
+def _first_length(tags: Mapping[str, str], keys: tuple[str, ...]) -> float | None:
+    return next((found for key in keys if (found := metres(tags.get(key))) is not None), None)
