@@ -8,13 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads.build import BuiltRoads
-from urbantwin.roads.heights import with_heights
+from urbantwin.roads.heights import RoadSurface, with_heights
 from urbantwin.roads.imported.crop import cropped, has_traffic, main_part
 from urbantwin.roads.imported.heights import (
     ModelSurface,
@@ -129,12 +128,8 @@ def build_imported_roads(
         level_of_way={road.id: road.level for road in model.roads},
         origin={},
     )
-    surface = ModelSurface(model)
-
-    def height(xy: NDArray[np.float64], level: int) -> NDArray[np.float64]:
-        return surface(xy, level)
-
-    network = network_of_model(model, raw, height)
+    surface = RoadSurface(model, ModelSurface(model))
+    network = network_of_model(model, raw, surface.height)
     redraw_sumo_network(out, network)
     notes: dict[str, object] = {
         "roads": len(network.roads),
@@ -145,7 +140,7 @@ def build_imported_roads(
         **sumo.notes,
         "netconvert_warnings": len(sumo.warnings),
     }
-    return BuiltRoads(model, network, _NOT_LIFTED, notes)
+    return BuiltRoads(model, network, surface, notes)
 
 
 def check_meets(imported: ImportedMap, region: shapely.Polygon) -> None:

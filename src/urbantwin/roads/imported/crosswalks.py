@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from urbantwin.roads.imported.access import allowed
 from urbantwin.roads.imported.edges import Edge
 from urbantwin.roads.imported.nodes import Nodes
 from urbantwin.roads.model import LaneModel, RoadArea
@@ -16,6 +17,10 @@ __all__ = ["Crosswalk", "crosswalks_of_model"]
 
 #: How far from the end of a street its crosswalk may lie: back along it, and into the junction.
 BACK_M, BEYOND_M = 25.0, 20.0
+#: What reaches farther along a street than across it, and than this, is not across it, metres.
+BROAD_M = 6.0
+#: Cosine of the angle between streets that a crosswalk may cross together.
+PARALLEL = 0.7
 #: Share of the carriageway's width that a crosswalk across it covers at least.
 ACROSS = 0.5
 
@@ -54,23 +59,24 @@ class _Arm:
 def crosswalks_of_model(model: LaneModel, edges: tuple[Edge, ...], nodes: Nodes) -> list[Crosswalk]:
     """Return, for each mapped crosswalk, the streets that it crosses; one item a street."""
     arms = _arms(edges, nodes)
-    found: dict[tuple[str, ...], Crosswalk] = {}
+    found: dict[tuple[str, tuple[str, ...]], Crosswalk] = {}
     for area in model.areas:
         if area.kind != "crosswalk" or area.road not in model.road_by_id:
             continue
         outline = area_in_plan(model, area)
-        candidates = [
-            (distance, crosswalk)
-            for arm in arms
-            if (crosswalk := _over(arm, area.id, outline))
-            for distance in [abs(float((crosswalk.line.mean(axis=0) - arm.place) @ arm.outwards))]
-        ]
-        if not candidates:
-            continue
-        nearest = min(candidates, key=lambda item: item[0])[1]
-        for _, crosswalk in candidates:
-            if crosswalk.node == nearest.node:
-                found.setdefault(crosswalk.edges, crosswalk)
+        candidates = sorted(
+            (
+                (abs(float((over.line.mean(axis=0) - arm.place) @ arm.outwards)), k, arm, over)
+                for k, arm in enumerate(arms)
+                if (over := _over(arm, area.id, outline))
+            ),
+            key=lambda item: item[:2],
+        )
+        for _, _, arm, over in candidates:
+            # One crosswalk may lead over the two carriageways of a street: arms side by side.
+            beside = arm.outwards @ candidates[0][2].outwards > PARALLEL
+            if over.node == candidates[0][3].node and beside:
+                found.setdefault((over.node, over.edges), over)
     return list(found.values())
 
 
@@ -85,8 +91,9 @@ def area_in_plan(model: LaneModel, area: RoadArea) -> NDArray[np.float64]:
 def _arms(edges: tuple[Edge, ...], nodes: Nodes) -> list[_Arm]:
     grouped: dict[tuple[str, int, str], list[Edge]] = {}
     for edge in edges:
-        if all(edge.lane(index).kind == "sidewalk" for index in range(len(edge.lanes))):
-            continue
+        lanes = [edge.lane(index) for index in range(len(edge.lanes))]
+        if all("pedestrian" in allowed(lane) for lane in lanes):
+            continue  # who walks there needs no crossing, and netconvert makes none
         first, last = edge.sections[0] == 0, edge.sections[-1] == len(edge.road.sections) - 1
         for whole, end in ((first, "start"), (last, "end")):
             node = nodes.of_end[edge.road.id, end]
@@ -125,7 +132,7 @@ def _over(arm: _Arm, area: int, outline: NDArray[np.float64]) -> Crosswalk | Non
         return None
     low, right, high, left = common.bounds
     across = left - right
-    if across < ACROSS * (arm.left - arm.right) or across < high - low:
+    if across < ACROSS * (arm.left - arm.right) or high - low > max(across, BROAD_M):
         return None
     # The middle at either kerb: half way through the outline there.
     ends = []

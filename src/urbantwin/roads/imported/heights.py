@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from functools import cached_property
 
@@ -32,10 +33,9 @@ RIM_M = 10.0
 
 
 def is_flat(model: LaneModel) -> bool:
-    """Whether a map has no heights: the same height and no tilt everywhere."""
+    """Whether a map has no heights: the same all along every road, but for a crown."""
     heights = [road.elevation.at(np.linspace(0.0, road.length, 9)) for road in model.roads]
-    level = not heights or float(np.ptp(np.concatenate(heights))) < FLAT_M
-    return level and all(road.bank.is_zero and road.crown.is_zero for road in model.roads)
+    return not heights or float(np.ptp(np.concatenate(heights))) < FLAT_M
 
 
 def raised(model: LaneModel, by: float) -> LaneModel:
@@ -100,42 +100,60 @@ class ModelSurface:
 
     Args:
         model: the lane model, with levels.
-        bridges: whether roads above others count only where they pass over nothing.
     """
 
-    def __init__(self, model: LaneModel, *, bridges: bool = True) -> None:
-        self.model, self._bridges = model, bridges
+    def __init__(self, model: LaneModel) -> None:
+        self._samples = [(road, _samples(road)) for road in model.roads]
+        self._levels: dict[int, _Sheet] = {}
 
     def __call__(self, xy: NDArray[np.float64], level: int) -> NDArray[np.float64]:
         """Return heights (N,) at points (N, 2) on a level."""
-        points = self._of_level.get(level, self._of_level[min(self._of_level)])
-        return _interpolated(points, xy)
+        if level not in self._levels:
+            mine = [points for road, points in self._samples if road.level == level]
+            points = mine or [points for _, points in self._samples]
+            self._levels[level] = _Sheet(np.vstack(points))
+        return self._levels[level](xy)
 
     def ground(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return heights (N,) of the ground that the roads lie on, under bridges too."""
-        return _interpolated(self._ground, xy)
+        return self._ground(xy)
 
     @cached_property
-    def _samples(self) -> list[tuple[ModelRoad, NDArray[np.float64]]]:
-        return [(road, _samples(road)) for road in self.model.roads]
-
-    @cached_property
-    def _of_level(self) -> dict[int, NDArray[np.float64]]:
-        levels = sorted({road.level for road, _ in self._samples})
-        return {k: np.vstack([p for road, p in self._samples if road.level == k]) for k in levels}
-
-    @cached_property
-    def _ground(self) -> NDArray[np.float64]:
+    def _ground(self) -> _Sheet:
         low = [points for road, points in self._samples if road.level == 0]
         high = [points for road, points in self._samples if road.level > 0]
         if not low:
-            return np.vstack(high)
+            return _Sheet(np.vstack(high))
         kept = [np.vstack(low)]
         tree = cKDTree(kept[0][:, :2])
         for points in high:
             away, _ = tree.query(points[:, :2])
             kept.append(points[away > UNDER_M])
-        return np.vstack(kept)
+        return _Sheet(np.vstack(kept))
+
+
+class _Sheet:
+    """A surface through points (N, 3): linear between them, as the nearest beyond them."""
+
+    def __init__(self, points: NDArray[np.float64]) -> None:
+        places = np.unique(np.round(points[:, :2], 2), axis=0, return_index=True)[1]
+        points = points[np.sort(places)]
+        self._height = points[:, 2]
+        self._tree = cKDTree(points[:, :2])
+        self._planes = None
+        if float(np.ptp(points[:, 2])) > 1e-9:
+            # All on one line: there are no triangles, and the nearest point is as good.
+            with contextlib.suppress(QhullError):
+                self._planes = LinearNDInterpolator(points[:, :2], points[:, 2])
+
+    def __call__(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        xy = np.asarray(xy, np.float64).reshape(-1, 2)
+        if self._planes is None:
+            return np.asarray(self._height[self._tree.query(xy)[1]])
+        found = np.asarray(self._planes(xy))
+        beyond = np.isnan(found)
+        found[beyond] = self._height[self._tree.query(xy[beyond])[1]]
+        return found
 
 
 def elevation_of_model(model: LaneModel, region: shapely.Polygon) -> Elevation:
@@ -166,21 +184,6 @@ def _samples(road: ModelRoad) -> NDArray[np.float64]:
         borders += [road.border(section, lane, s, outer=True) for lane in section.lanes]
         points += [road.place(s, t / np.cos(road.bank.at(s))) for t in borders]
     return np.vstack(points)
-
-
-def _interpolated(points: NDArray[np.float64], xy: NDArray[np.float64]) -> NDArray[np.float64]:
-    xy = np.asarray(xy, np.float64).reshape(-1, 2)
-    keys = np.unique(np.round(points[:, :2], 2), axis=0, return_index=True)[1]
-    points = points[keys]
-    if float(np.ptp(points[:, 2])) < 1e-9:
-        return np.full(len(xy), points[0, 2])
-    # Where all heights are those of the nearest point, the triangles' own plane is not needed.
-    nearest = points[cKDTree(points[:, :2]).query(xy)[1], 2]
-    try:
-        found = LinearNDInterpolator(points[:, :2], points[:, 2])(xy)
-    except QhullError:  # all on one line
-        return np.asarray(nearest)
-    return np.where(np.isnan(found), nearest, found)
 
 
 def _joined(model: LaneModel) -> dict[int, set[int]]:

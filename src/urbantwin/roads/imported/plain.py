@@ -13,6 +13,7 @@ from lxml import etree
 from numpy.typing import NDArray
 
 from urbantwin.geometry import area_union
+from urbantwin.roads.imported.access import VEHICLE_CLASSES, allowed, speed
 from urbantwin.roads.imported.crosswalks import Crosswalk
 from urbantwin.roads.imported.edges import Edge
 from urbantwin.roads.imported.links import LaneLink, Place
@@ -21,26 +22,6 @@ from urbantwin.roads.model import LaneModel, ModelRoad, SectionLane
 
 __all__ = ["PlainNetwork", "write_plain"]
 
-#: SUMO's vehicle classes of each of our classes of actors, with those that drive where it does.
-VEHICLE_CLASSES = {
-    "car": "passenger private emergency authority army vip hov taxi custom1 custom2 evehicle",
-    "truck": "truck trailer delivery",
-    "bus": "bus coach",
-    "motorcycle": "motorcycle moped",
-    "bicycle": "bicycle",
-    "pedestrian": "pedestrian",
-}
-#: Who uses a lane where the map does not say, by the lane's kind.
-USUAL = {
-    "driving": ("car", "truck", "bus", "motorcycle", "bicycle"),
-    "bus": ("bus", "bicycle"),
-    "bicycle": ("bicycle",),
-    "sidewalk": ("pedestrian",),
-}
-#: Where the map states no speed limit: the usual one in towns, and of bicycles, m/s.
-TOWN_MS, BICYCLE_MS, WALKING_MS = 50 / 3.6, 25 / 3.6, 1.39
-#: Streets of more than this are no place for bicycles on the carriageway, m/s.
-FAST_MS = 75 / 3.6
 #: Right of way by class of the street; netconvert compares these numbers.
 PRIORITY = {
     "motorway": 14, "motorway_link": 13, "trunk": 12, "trunk_link": 11, "primary": 10,
@@ -115,20 +96,6 @@ def path_line(model: LaneModel, path: tuple[Place, ...]) -> NDArray[np.float64]:
         line = lane_line(road, number, found)
         parts.append(line if found.forward else line[::-1])
     return _chained(parts)
-
-
-def allowed(lane: SectionLane) -> tuple[str, ...]:
-    """Return the classes of actors that use a lane: as the map says, else as usual."""
-    if lane.allowed:
-        return lane.allowed
-    usual = USUAL.get(lane.kind, ())
-    return tuple(x for x in usual if x != "bicycle" or lane.speed_limit <= FAST_MS)
-
-
-def speed(lane: SectionLane) -> float:
-    """Return a lane's speed limit: as the map says, else as usual."""
-    usual = {"sidewalk": WALKING_MS, "bicycle": BICYCLE_MS}.get(lane.kind, TOWN_MS)
-    return lane.speed_limit or usual
 
 
 def _chained(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:

@@ -66,7 +66,8 @@ def read_map(
 
         if anchor_m is not None:
             raise _placed_twice(path)
-        return ImportedMap(path, read_lanelet2(path, frame), {"format": "Lanelet2"})
+        model, found = read_lanelet2(path, frame)
+        return ImportedMap(path, model, {"format": "Lanelet2", **found})
     from urbantwin.roads.opendrive.read import placed, read_opendrive
 
     model, projection, found = read_opendrive(path)

@@ -17,6 +17,7 @@ from urbantwin.roads.imported.links import Lanes, Place, lane_links
 from urbantwin.roads.imported.loops import without_loops
 from urbantwin.roads.imported.nodes import Nodes
 from urbantwin.roads.imported.plain import PlainNetwork, junction_outline, write_plain
+from urbantwin.roads.imported.programs import with_programs
 from urbantwin.roads.model import LaneModel, ModelRoad
 from urbantwin.roads.netconvert import run_netconvert, write_network
 
@@ -80,12 +81,13 @@ def sumo_network_of_model(model: LaneModel, out: Path) -> SumoNetwork:
         warnings = run_netconvert([*files, *settings], raw)
         write_network(raw, out)
     root = etree.parse(out).getroot()
-    named = _named(plain, root)
+    named, programs = with_programs(_named(plain, root), nodes, lights, out)
     notes: dict[str, object] = {
         "edges": len(edges),
         "connections": len(links),
         "traffic_lights": len(set(lights.values())),
         "crosswalks": len({item.area for item in crosswalks}),
+        **programs,
     }
     return SumoNetwork(named, warnings, notes)
 
@@ -112,7 +114,7 @@ def _named(plain: PlainNetwork, root: etree._Element) -> LaneModel:
         for junction in plain.model.junctions
     )
     crossings = _crossings(root)
-    over = {item.area: item for item in plain.crosswalks}
+    over = {item.area: item for item in reversed(plain.crosswalks)}
     areas = tuple(
         dataclasses.replace(area, strip=_crossing(over.get(area.id), crossings))
         for area in plain.model.areas
