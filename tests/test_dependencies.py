@@ -15,6 +15,8 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 ONLY_FILES = {"eclipse-sumo", "tzdata"}
 #: The package itself, and pydantic's other half, of which pydantic names the one version it needs.
 NOT_DECLARED = {"urbantwin", "pydantic_core"}
+#: Programs for another Python than ours: they import nothing of UrbanTwin, and it not them.
+OTHER_PROGRAMS = {"blender_fbx.py"}
 
 
 def plain(name: str) -> str:
@@ -30,6 +32,8 @@ def imported() -> dict[str, str]:
     """Top-level modules that the package imports, and a file that does."""
     found = {}
     for path in sorted((ROOT / "src").rglob("*.py")):
+        if path.name in OTHER_PROGRAMS:
+            continue
         tree = ast.parse(path.read_text())
         for node in ast.walk(tree):
             if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":

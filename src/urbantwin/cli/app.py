@@ -13,6 +13,7 @@ import typer
 from urbantwin import __version__
 from urbantwin.cli import (
     build,
+    carla,
     compare,
     demo,
     export,
@@ -76,6 +77,7 @@ for command, examples in (
     (record.record, record.EXAMPLES),
     (compare.compare, compare.EXAMPLES),
     (export.export, export.EXAMPLES),
+    (carla.carla, carla.EXAMPLES),
     (inspect.inspect, inspect.EXAMPLES),
     (sensors.sensors, sensors.EXAMPLES),
 ):

@@ -15,8 +15,10 @@ __all__ = ["EXAMPLES", "export"]
 EXAMPLES = """
 urbantwin export twin/ --to opendrive -o map.xodr
 urbantwin export twin/ --to opendrive --version 1.4 -o carla.xodr
-urbantwin export twin/ --to geojson -o lanes.geojson
+urbantwin export twin/ --to carla -o carla/
 urbantwin export twin/ --to sumo -o sumo/ && sumo-gui -c sumo/twin.sumocfg
+urbantwin export twin/ --to geojson -o layers/
+urbantwin export twin/ --to geojson -o lanes.geojson
 """
 
 
@@ -25,7 +27,10 @@ def export(
     to: Annotated[
         str,
         typer.Option(
-            "--to", metavar="FORMAT", help="opendrive, geojson (for QGIS) or sumo (a folder)."
+            "--to",
+            metavar="FORMAT",
+            help="opendrive, carla (a package of a map), sumo (a run that is set up) or "
+            "geojson (for QGIS: one file, or one per layer in a folder).",
         ),
     ],
     version: Annotated[
@@ -44,9 +49,11 @@ def export(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Write a twin's roads for other programs: OpenDRIVE, GeoJSON, SUMO."""
+    """Write a twin for other programs: OpenDRIVE, CARLA, SUMO, GeoJSON."""
     from urbantwin.export import export_twin
     from urbantwin.twin import load_twin
 
     written = export_twin(load_twin(twin), to, out, version=version)
-    Console(quiet=quiet, as_json=as_json).result({"format": to, "written": str(written)})
+    Console(quiet=quiet, as_json=as_json).result(
+        {"format": to, "written": str(written.path), "note": list(written.notes)}
+    )

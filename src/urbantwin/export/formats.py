@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from urbantwin.errors import InputError
+from urbantwin.export.carla import write_carla
 from urbantwin.export.geojson import write_geojson
 from urbantwin.export.sumo import write_sumo
 from urbantwin.roads.opendrive import VERSIONS, write_opendrive
 from urbantwin.twin import Twin
 
-__all__ = ["FORMATS", "Format", "export_twin", "format_named"]
+__all__ = ["FORMATS", "Exported", "Format", "export_twin", "format_named"]
 
 
 @dataclass(frozen=True)
@@ -23,13 +24,22 @@ class Format:
         name: what people call it.
         ending: of the file's name; empty where a folder is written.
         versions: those of the format's standard that can be asked for, the default first.
-        write: writes a twin, whole or not at all: twin, path, version.
+        write: writes a twin, whole or not at all: twin, path, version; returns what a person
+            should be told.
     """
 
     name: str
     ending: str
     versions: tuple[str, ...]
-    write: Callable[[Twin, Path, str], None]
+    write: Callable[[Twin, Path, str], Sequence[str] | None]
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What was written, and what a person should be told of it."""
+
+    path: Path
+    notes: tuple[str, ...] = ()
 
 
 def _opendrive(twin: Twin, path: Path, version: str) -> None:
@@ -43,6 +53,7 @@ FORMATS: Mapping[str, Format] = {
         Format("opendrive", ".xodr", VERSIONS, _opendrive),
         Format("geojson", ".geojson", (), lambda twin, path, _: write_geojson(twin, path)),
         Format("sumo", "", (), lambda twin, path, _: write_sumo(twin, path)),
+        Format("carla", "", (), lambda twin, path, _: write_carla(twin, path)),
     )
 }
 
@@ -62,7 +73,7 @@ def format_named(name: str) -> Format:
 
 def export_twin(
     twin: Twin, name: str, out: Path | None = None, *, version: str | None = None
-) -> Path:
+) -> Exported:
     """Write a twin in another format, whole or not at all.
 
     Args:
@@ -70,9 +81,6 @@ def export_twin(
         name: the format.
         out: the file or folder to write; by default one named after the twin, here.
         version: of the format's standard, where it has versions.
-
-    Returns:
-        What was written.
 
     Raises:
         InputError: the format, the version or ``out`` cannot be used.
@@ -85,8 +93,8 @@ def export_twin(
             expected=f"one of {', '.join(wanted.versions)}" if wanted.versions else "none",
         )
     path = out or Path(f"{twin.manifest['name']}{wanted.ending or '-' + name}")
-    if wanted.ending and path.is_dir():
+    if wanted.versions and path.is_dir():
         raise InputError("is a folder", file=path, expected=f"a file, such as map{wanted.ending}")
     path.parent.mkdir(parents=True, exist_ok=True)
-    wanted.write(twin, path, version or next(iter(wanted.versions), ""))
-    return path
+    notes = wanted.write(twin, path, version or next(iter(wanted.versions), ""))
+    return Exported(path, tuple(notes or ()))

@@ -9,68 +9,131 @@ from typing import Any
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
+from urbantwin.artefact import replaced_folder, write_json
+from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
-from urbantwin.roads import Lane, RoadNetwork
+from urbantwin.roads import Lane
 from urbantwin.twin import Twin
+from urbantwin.view.road_lines import islands, signs, stop_lines, turns
 
-__all__ = ["write_geojson"]
+__all__ = ["LAYERS", "write_geojson"]
 
+#: What is written, in the order of drawing: areas below lines below points.
+LAYERS = (
+    "lane",
+    "junction",
+    "crossing",
+    "island",
+    "centre_line",
+    "stop_line",
+    "signal",
+    "sign",
+)
+AREAS = frozenset({"lane", "junction", "crossing", "island"})
 #: A hundred-millionth of a degree is a millimetre.
 DECIMALS = 8
+ENDINGS = (".geojson", ".json")
+
+Feature = tuple[str, shapely.Geometry, dict[str, Any]]
 
 
 def write_geojson(twin: Twin, path: Path) -> None:
-    """Write lanes, junctions, crossings and signals in WGS84 degrees.
+    """Write lanes and what belongs to them in WGS84 degrees.
 
-    Each feature's ``layer`` is ``lane`` (a line in the lane's direction), ``junction``,
-    ``crossing`` (areas) or ``signal`` (a point at the stop line).
+    Where ``path`` ends in ``.geojson`` it is one file, each feature's layer in its property
+    ``layer``; else a folder with one file per layer, which QGIS opens as one layer each.
+    The layers are ``LAYERS``: ``lane``, ``junction``, ``crossing`` and ``island`` are areas,
+    ``centre_line`` runs in the lane's direction, ``stop_line`` across it, ``signal`` stands at the
+    stop line and ``sign`` at its pole. Headings are degrees clockwise from north, as maps have
+    them.
+
+    Raises:
+        InputError: the folder holds something else.
     """
-    document = {
-        "type": "FeatureCollection",
-        "name": twin.manifest["name"],
-        "features": list(_features(twin.roads, twin.frame)),
-    }
+    layers: dict[str, list[dict[str, Any]]] = {name: [] for name in LAYERS}
+    for layer, shape, properties in _features(twin):
+        kept = _polygons(shape) if layer in AREAS else shape
+        if not kept.is_empty:
+            layers[layer].append(_feature(twin.frame, kept, {"layer": layer, **properties}))
+    name = str(twin.manifest["name"])
+    if path.suffix.lower() in ENDINGS:
+        everything = [feature for features in layers.values() for feature in features]
+        _write(path, name, everything)
+        return
+    if path.is_file():
+        raise InputError("is a file", file=path, expected="a folder, or a name that ends .geojson")
+    with replaced_folder(path, kind="geojson") as scratch:
+        for layer, features in layers.items():
+            _write(scratch / f"{layer}.geojson", layer, features)
+        counts = {layer: len(features) for layer, features in layers.items()}
+        write_json(
+            scratch / "geojson.json",
+            {"kind": "geojson", "twin": name, "twin_sha256": twin.sha256, "features": counts},
+        )
+
+
+def _write(path: Path, name: str, features: list[dict[str, Any]]) -> None:
+    document = {"type": "FeatureCollection", "name": name, "features": features}
     scratch = path.with_name(f".{path.name}.part")
     scratch.write_text(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
     scratch.replace(path)
 
 
-def _features(network: RoadNetwork, frame: SiteFrame) -> Iterator[dict[str, Any]]:
-    name_of = {road.id: road.name for road in network.roads}
+def _features(twin: Twin) -> Iterator[Feature]:
+    network = twin.roads
+    model = getattr(twin, "lane_model", None)
+    street = {road.id: (road.name, road.kind) for road in network.roads}
     for lane in network.lanes:
-        if lane.kind == "walkingarea":
-            continue
-        shape: shapely.Geometry = shapely.LineString(lane.centre[:, :2])
+        properties = _of_lane(lane, *street.get(lane.road, ("", "")))
+        if lane.kind in ("driving", "bus", "bicycle"):
+            properties["turns"] = " ".join(turns(network, lane))
         if lane.kind == "crossing":
-            shape = lane.polygon
-        yield _feature(frame, shape, _of_lane(lane, name_of.get(lane.road, "")))
-    for junction in network.junctions:
-        if junction.polygon.is_empty:
+            yield "crossing", lane.polygon, properties
             continue
-        properties = {"layer": "junction", "id": junction.id, "kind": junction.kind}
-        yield _feature(frame, junction.polygon, {**properties, "level": junction.level})
+        yield "lane", lane.polygon, properties
+        if lane.kind != "walkingarea":
+            yield "centre_line", shapely.LineString(lane.centre[:, :2]), properties
+    for junction in network.junctions:
+        properties = {"id": junction.id, "kind": junction.kind, "level": junction.level}
+        yield "junction", junction.polygon, properties
+    for kind, area in islands(network, model):
+        yield "island", area, {"kind": kind}
+    for line in stop_lines(network, model):
+        properties = {"lane": line.lane, "program": line.signal, "level": line.level}
+        yield "stop_line", shapely.LineString(line.points), properties
     for head in network.signals:
         properties = {
-            "layer": "signal",
             "program": head.program,
             "links": " ".join(map(str, head.links)),
             "lane": head.lane,
+            "bearing_deg": _bearing(head.yaw),
         }
-        # Map makers turn clockwise from north.
-        bearing = round((90.0 - float(np.degrees(head.yaw))) % 360.0, 2)
-        yield _feature(frame, shapely.Point(head.x, head.y), {**properties, "bearing_deg": bearing})
+        yield "signal", shapely.Point(head.x, head.y), properties
+    for sign in signs(model):
+        properties = {
+            "name": sign.name,
+            "country": sign.country,
+            "type": sign.type,
+            "subtype": sign.subtype,
+            "value": sign.value if np.isfinite(sign.value) else None,
+            "unit": sign.unit,
+            "bearing_deg": _bearing(sign.yaw),
+        }
+        yield "sign", shapely.Point(sign.x, sign.y), properties
 
 
-def _of_lane(lane: Lane, name: str) -> dict[str, Any]:
+def _of_lane(lane: Lane, name: str, kind_of_road: str) -> dict[str, Any]:
     return {
-        "layer": "crossing" if lane.kind == "crossing" else "lane",
         "id": lane.id,
         "kind": lane.kind,
         "name": name,
+        "highway": kind_of_road,
         "road": lane.road,
         "junction": lane.junction,
-        "width_m": lane.width,
+        "width_m": round(lane.width, 3),
+        "length_m": round(lane.length, 2),
         "speed_limit_kmh": round(lane.speed_limit * 3.6, 1),
         "allowed": " ".join(lane.allowed),
         "successors": " ".join(lane.successors),
@@ -78,13 +141,28 @@ def _of_lane(lane: Lane, name: str) -> dict[str, Any]:
     }
 
 
+def _polygons(shape: shapely.Geometry) -> shapely.Geometry:
+    """Return the areas of a shape without the lines that a repair may have left beside them."""
+    parts = [p for p in shapely.get_parts(shape) if p.geom_type in ("Polygon", "MultiPolygon")]
+    areas = [piece for part in parts for piece in shapely.get_parts(part)]
+    return areas[0] if len(areas) == 1 else shapely.MultiPolygon(areas)
+
+
+def _bearing(yaw: float) -> float:
+    return round((90.0 - float(np.degrees(yaw))) % 360.0, 2)
+
+
 def _feature(
     frame: SiteFrame, shape: shapely.Geometry, properties: dict[str, Any]
 ) -> dict[str, Any]:
-    def degrees(xy: np.ndarray[Any, np.dtype[np.float64]]) -> np.ndarray[Any, np.dtype[np.float64]]:
+    def degrees(xy: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.round(frame.lonlat_from_site(xy), DECIMALS)
 
-    if shape.geom_type in ("Polygon", "MultiPolygon"):
-        shape = shapely.orient_polygons(shape)
-    geometry = shapely.geometry.mapping(shapely.transform(shape, degrees))
-    return {"type": "Feature", "geometry": geometry, "properties": properties}
+    placed = shapely.transform(shape, degrees)
+    if placed.geom_type in ("Polygon", "MultiPolygon"):
+        placed = shapely.orient_polygons(placed)
+    return {
+        "type": "Feature",
+        "geometry": shapely.geometry.mapping(placed),
+        "properties": properties,
+    }

@@ -1,36 +1,150 @@
-"""The network as SUMO opens it."""
+"""The twin as SUMO opens it: network, vehicle types, routes, buildings, a run that is set up."""
 
 from __future__ import annotations
 
 import shutil
 from pathlib import Path
 
+import numpy as np
+import shapely
 from lxml import etree
 
 from urbantwin.artefact import replaced_folder, write_json
+from urbantwin.geometry import LabelledMesh
+from urbantwin.taxonomy import semantic_id
+from urbantwin.traffic.assets import asset
+from urbantwin.traffic.run import demand_of
+from urbantwin.traffic.simulation import sumo_options, sumo_substeps, write_routes
 from urbantwin.twin import Twin
 
-__all__ = ["write_sumo"]
+__all__ = ["building_footprints", "write_sumo"]
+
+#: Footprints are drawn, not driven on: corners nearer to a line than this are left out, metres.
+SIMPLER_M = 0.1
+#: Milliseconds of real time per step in sumo-gui, so that one can follow it.
+DELAY_MS = 50
 
 
 def write_sumo(twin: Twin, folder: Path) -> None:
-    """Write a folder with the network and a configuration that ``sumo`` and ``sumo-gui`` open.
+    """Write a folder that ``sumo -c twin.sumocfg`` and ``sumo-gui -c twin.sumocfg`` run as it is.
+
+    ``network.net.xml`` is the twin's own network with its signal programs. ``types.add.xml`` and
+    ``demand.rou.xml`` are what the traffic stage gives to SUMO for the site's demand, duration and
+    seed, so the run is the twin's. ``buildings.add.xml`` and ``view.settings.xml`` are for the
+    eye. The first second of the motion is SUMO's second ``warmup_s``.
 
     Raises:
-        InputError: the folder holds something else.
+        InputError: the folder holds something else, or the step is none that SUMO can make.
     """
+    asked = twin.site["traffic"]
+    step_ms, substeps = sumo_substeps(float(asked["step_s"]))
+    seed, warmup_s = int(asked["seed"]), float(asked["warmup_s"])
+    steps = max(1, round(float(asked["duration_s"]) * 1000 / step_ms))
+    demand = demand_of(twin, duration_s=steps * step_ms / 1000, seed=seed)
     with replaced_folder(folder, kind="sumo") as scratch:
         shutil.copyfile(twin.net_path, scratch / "network.net.xml")
-        root = etree.Element("configuration")
-        etree.SubElement(etree.SubElement(root, "input"), "net-file", value="network.net.xml")
-        time = etree.SubElement(root, "time")
-        etree.SubElement(time, "begin", value="0")
-        etree.SubElement(time, "step-length", value=str(twin.site["traffic"]["step_s"]))
-        etree.indent(root, space=" ")
-        (scratch / "twin.sumocfg").write_bytes(
-            bytes(etree.tostring(root, xml_declaration=True, encoding="UTF-8")) + b"\n"
-        )
+        write_routes(scratch / "demand.rou.xml", demand, asset)
+        _split_types(scratch / "demand.rou.xml", scratch / "types.add.xml")
+        _write_buildings(scratch / "buildings.add.xml", twin.mesh)
+        _write_view(scratch / "view.settings.xml", twin)
+        end = warmup_s + steps * step_ms / 1000
+        _write_configuration(scratch / "twin.sumocfg", end, sumo_options(step_ms // substeps, seed))
+        counts = {
+            name: sum(trip.actor_class == name for trip in demand.trips)
+            for name in dict.fromkeys(trip.actor_class for trip in demand.trips)
+        }
         write_json(
             scratch / "sumo.json",
-            {"kind": "sumo", "twin": twin.manifest["name"], "twin_sha256": twin.sha256},
+            {
+                "kind": "sumo",
+                "twin": twin.manifest["name"],
+                "twin_sha256": twin.sha256,
+                "seed": seed,
+                "warmup_s": warmup_s,
+                "duration_s": steps * step_ms / 1000,
+                "trips": counts,
+            },
         )
+
+
+def building_footprints(mesh: LabelledMesh) -> dict[int, shapely.Geometry]:
+    """Return the area in plan of every building by its ``part``: what its roof covers."""
+    of_buildings = mesh.select(mesh.semantic == semantic_id("building"))
+    up = of_buildings.select(of_buildings.normals()[:, 2] > 0.05)
+    # A tenth of a millimetre closes the seams that rounding leaves between triangles.
+    triangles = shapely.buffer(shapely.polygons(up.triangles()[:, :, :2]), 1e-4, join_style="mitre")
+    order = np.argsort(up.part, kind="stable")
+    parts, starts = np.unique(up.part[order], return_index=True)
+    groups = np.split(triangles[order], starts[1:]) if len(parts) else []
+    return {
+        int(part): shapely.simplify(shapely.union_all(group), SIMPLER_M)
+        for part, group in zip(parts, groups, strict=True)
+    }
+
+
+def _split_types(routes: Path, types: Path) -> None:
+    """Move the vehicle types to a file of their own, which SUMO loads before the routes."""
+    root = etree.parse(routes).getroot()
+    moved = etree.Element("additional")
+    for kind in root.findall("vType"):
+        moved.append(kind)
+    _write(types, moved)
+    _write(routes, root)
+
+
+def _write_buildings(path: Path, mesh: LabelledMesh) -> None:
+    root = etree.Element("additional")
+    for part, footprint in building_footprints(mesh).items():
+        for number, piece in enumerate(shapely.get_parts(footprint)):
+            if piece.geom_type != "Polygon" or piece.is_empty:
+                continue
+            ring = shapely.get_coordinates(piece.exterior)
+            etree.SubElement(
+                root,
+                "poly",
+                id=f"building.{part}.{number}",
+                type="building",
+                color="150,150,158",
+                fill="1",
+                layer="-1.00",
+                shape=" ".join(f"{x:.2f},{y:.2f}" for x, y in ring),
+            )
+    _write(path, root)
+
+
+def _write_view(path: Path, twin: Twin) -> None:
+    """What sumo-gui shows first: the real world's colours, the anchor in the middle."""
+    root = etree.Element("viewsettings")
+    etree.SubElement(root, "scheme", name="real world")
+    middle = twin.region.centroid
+    etree.SubElement(root, "viewport", zoom="150", x=f"{middle.x:.2f}", y=f"{middle.y:.2f}")
+    _write(path, root)
+
+
+def _write_configuration(path: Path, end_s: float, options: dict[str, object]) -> None:
+    """Write the run's options, each in the section that SUMO's own documentation gives it."""
+    sections: dict[str, dict[str, object]] = {
+        "input": {
+            "net-file": "network.net.xml",
+            "route-files": "demand.rou.xml",
+            "additional-files": "types.add.xml,buildings.add.xml",
+        },
+        "time": {"begin": 0, "end": f"{end_s:g}", "step-length": options["step-length"]},
+        "processing": {
+            name: value for name, value in options.items() if name not in ("step-length", "seed")
+        },
+        "report": {"no-step-log": "true"},
+        "random_number": {"seed": options["seed"]},
+        "gui_only": {"gui-settings-file": "view.settings.xml", "delay": DELAY_MS},
+    }
+    root = etree.Element("sumoConfiguration")
+    for section, entries in sections.items():
+        element = etree.SubElement(root, section)
+        for name, value in entries.items():
+            etree.SubElement(element, name, value=str(value))
+    _write(path, root)
+
+
+def _write(path: Path, root: etree._Element) -> None:
+    etree.indent(root, space=" ")
+    path.write_bytes(etree.tostring(root, xml_declaration=True, encoding="UTF-8") + b"\n")
