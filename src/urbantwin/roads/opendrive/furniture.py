@@ -89,6 +89,11 @@ def write_signals(
                 item.set("unit", signal.unit)
         for first, last in _runs(signal.lanes):
             etree.SubElement(item, "validity", fromLane=str(first), toLane=str(last))
+        if signal.pose:
+            x, y, z, heading = signal.pose
+            lower = z - signal.height / 2
+            where = numbers(x=x, y=y, z=lower, hdg=heading, pitch=0, roll=0)
+            etree.SubElement(item, "positionInertial", **where)
         if signal.links:
             links = " ".join(map(str, signal.links))
             etree.SubElement(item, "userData", code="links", value=links)

@@ -25,6 +25,7 @@ from urbantwin.roads.model import (
     RoadLink,
     SectionLane,
 )
+from urbantwin.roads.opendrive.cubics import added
 from urbantwin.roads.opendrive.vocabulary import DRIVEN
 
 __all__ = ["right_handed"]
@@ -172,30 +173,17 @@ def _line(
 def _offset(part: _Part) -> Profile:
     """Return the lane offset to the border that the lanes of a part are counted from."""
     road = part.road
-    starts: list[float] = []
-    rows = []
+    starts, rows = [], []
     for section, end in zip(road.sections, road.section_ends, strict=True):
-        outwards = [lane for lane in section.lanes if part.has(lane)]
         # Along the reference line that is the left border, against it the right one.
         sign = 1.0 if part.along else -1.0
-        widths = [lane.width for lane in outwards if (lane.id > 0) == part.along]
-        knots = {section.s, *(s for s in road.offset.start if section.s < s < end)}
-        knots |= {section.s + s for w in widths for s in w.start if 0 < s < end - section.s}
-        for knot in sorted(knots):
-            row = _about(road.offset, knot)
-            for width in widths:
-                row = row + sign * _about(width, knot - section.s)
-            starts.append(float(knot))
-            rows.append(row)
-    return Profile(np.array(starts), np.array(rows))
-
-
-def _about(profile: Profile, s: float) -> np.ndarray:
-    """Return the coefficients of a profile's cubic about a station."""
-    k = max(0, int(np.searchsorted(profile.start, s + 1e-9, side="right")) - 1)
-    a, b, c, d = profile.abcd[k]
-    x = s - profile.start[k]
-    return np.array([a + x * (b + x * (c + x * d)), b + x * (2 * c + 3 * d * x), c + 3 * d * x, d])
+        beside = [lane for lane in section.lanes if part.has(lane)]
+        widths = [(sign, lane.width) for lane in beside if (lane.id > 0) == part.along]
+        offset = Profile(road.offset.start - section.s, road.offset.abcd)
+        profile = added([(1.0, offset), *widths], end - section.s)
+        starts.append(profile.start + section.s)
+        rows.append(profile.abcd)
+    return Profile(np.concatenate(starts), np.concatenate(rows))
 
 
 def _met(road: ModelRoad, k: int, model: LaneModel, *, ahead: bool) -> tuple[ModelRoad, int] | None:

@@ -1,0 +1,132 @@
+"""Taking numbers and words out of an OpenDRIVE file, and telling what is wrong with it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from lxml import etree
+
+from urbantwin.errors import InputError
+from urbantwin.roads.model import Profile
+
+__all__ = ["Log", "Spot", "whole_number"]
+
+#: Places that a remark lists before it only counts.
+LISTED = 5
+
+
+@dataclass
+class Log:
+    """What is to be said of a file.
+
+    Attributes:
+        path: the file.
+        remarks: what was assumed or left out -> where.
+    """
+
+    path: Path
+    remarks: dict[str, list[str]] = field(default_factory=dict)
+
+    def at(self, place: str) -> Spot:
+        """Return a spot in the file, to speak of."""
+        return Spot(self, place)
+
+    def lines(self) -> list[str]:
+        """Return the remarks, each with the first places that it holds for."""
+        found = []
+        for text, places in self.remarks.items():
+            unique = list(dict.fromkeys(place for place in places if place))
+            listed = ", ".join(unique[:LISTED])
+            if len(unique) > LISTED:
+                listed += f" and {len(unique) - LISTED} more"
+            found.append(f"{text} ({listed})" if listed else text)
+        return found
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A spot in a file: ``road 12``, ``road 12, lane -1``."""
+
+    log: Log
+    place: str
+
+    def within(self, part: str) -> Spot:
+        """Return a spot within this one."""
+        return Spot(self.log, f"{self.place}, {part}")
+
+    def error(self, problem: str, expected: str | None = None) -> InputError:
+        """Return the error that says what is wrong here."""
+        return InputError(problem, file=self.log.path, place=self.place, expected=expected)
+
+    def remark(self, text: str) -> None:
+        """Remember something that a reader of the map should know."""
+        self.log.remarks.setdefault(text, []).append(self.place)
+
+    def number(self, item: etree._Element, key: str, default: float | None = None) -> float:
+        """Return an attribute as a number.
+
+        Raises:
+            InputError: it is missing and has no default, or is not a finite number.
+        """
+        text = item.get(key)
+        if text is None and default is not None:
+            return default
+        try:
+            value = float(text) if text is not None else math.nan
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            name = f"<{item.tag}> {key}"
+            problem = f"{name} is missing" if text is None else f"{name} is {text[:40]!r}"
+            raise self.error(problem, expected="a number")
+        return value
+
+    def whole(self, item: etree._Element, key: str) -> int:
+        """Return an attribute as a whole number.
+
+        Raises:
+            InputError: it is missing or is none.
+        """
+        text = item.get(key)
+        try:
+            return int(text or "")
+        except ValueError:
+            problem = f"<{item.tag}> {key} is {'missing' if text is None else repr(text[:40])}"
+            raise self.error(problem, expected="a whole number") from None
+
+    def profile(self, items: Sequence[etree._Element], key: str = "s") -> Profile:
+        """Return records of cubics as a profile, zero if there are none.
+
+        Args:
+            items: elements with ``a``, ``b``, ``c``, ``d``.
+            key: the attribute that says where each begins: ``s`` or ``sOffset``.
+        """
+        if not items:
+            return Profile.constant(0.0)
+        rows: dict[float, list[float]] = {}
+        for item in items:
+            try:
+                start, *abcd = (float(item.get(k)) for k in (key, *"abcd"))
+            except (TypeError, ValueError):
+                start, *abcd = (self.number(item, k) for k in (key, *"abcd"))
+            rows[start] = abcd
+        starts = np.array(sorted(rows))
+        table = np.array([rows[s] for s in starts])
+        if not (np.isfinite(starts).all() and np.isfinite(table).all()):
+            for item in items:
+                for k in (key, *"abcd"):
+                    self.number(item, k)
+        if starts[0] > 1e-6:
+            # Before the first record the standard says nothing: its value holds.
+            starts = np.concatenate([[0.0], starts])
+            table = np.vstack([[table[0, 0], 0.0, 0.0, 0.0], table])
+        return Profile(starts, table)
+
+
+def whole_number(text: str) -> int | None:
+    """Return an id as a whole number, or ``None`` if it is none (or too large to be one)."""
+    return int(text) if text.isascii() and text.isdecimal() and len(text) < 16 else None
