@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,10 +10,10 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.geometry import SiteFrame
-from urbantwin.site.extract import Extract
+from urbantwin.site.extract import Extract, OsmFeature
 from urbantwin.site.junction import STREETS, meeting_nodes, way_lanes
 
-__all__ = ["PolePosition", "propose_pole"]
+__all__ = ["PolePosition", "features_around", "place_pole", "propose_pole"]
 
 #: Width of a lane with its share of the kerb strip, metres (a usual urban lane is 3.0-3.5 m).
 _LANE_M = 3.4
@@ -45,27 +46,35 @@ def propose_pole(extract: Extract, frame: SiteFrame) -> PolePosition:
     the streets leave room, in sight of the anchor, where buildings hide the least. Carriageways are
     taken as wide as their lanes.
     """
-    around = shapely.Point(0.0, 0.0).buffer(_FARTHEST_M + _VIEW_M)
+    features = features_around(extract, frame)
     lines: list[shapely.Geometry] = []
     widths: list[float] = []
-    walls: list[shapely.Geometry] = []
-    water: list[shapely.Geometry] = []
-    for item in extract.features(frame, around):
-        tags, shape = item.tags, item.geometry
-        if "Polygon" in shape.geom_type:
-            if "building" in tags or "building:part" in tags:
-                walls.append(shape)
-            elif tags.get("natural") == "water" or "waterway" in tags:
-                water.append(shape)
-        elif shape.geom_type == "LineString":
-            width = _half_width(tags, extract, item.id)
-            if width:
-                lines.append(shape)
-                widths.append(width)
+    for item in features:
+        width = _half_width(item.tags, extract, item.id)
+        if width and item.geometry.geom_type == "LineString":
+            lines.append(item.geometry)
+            widths.append(width)
     paved = shapely.union_all(shapely.buffer(np.array(lines, dtype=object), widths))
     paved = paved.buffer(_CORNER_M).buffer(-_CORNER_M)
     paved = shapely.union(paved, _crossing_area(extract, frame, paved))
-    buildings = shapely.union_all(walls)
+    return place_pole(paved, features)
+
+
+def features_around(extract: Extract, frame: SiteFrame) -> list[OsmFeature]:
+    """Return what is mapped as far as a sensor at the anchor's junction could see."""
+    return extract.features(frame, shapely.Point(0.0, 0.0).buffer(_FARTHEST_M + _VIEW_M))
+
+
+def place_pole(paved: shapely.Geometry, features: Iterable[OsmFeature]) -> PolePosition:
+    """Return the place of a pole at the junction around the anchor.
+
+    Args:
+        paved: what vehicles run on, site frame.
+        features: what is mapped around: buildings end the view, in water nothing stands.
+    """
+    areas = [item for item in features if "Polygon" in item.geometry.geom_type]
+    buildings = shapely.union_all([x.geometry for x in areas if _is_building(x.tags)])
+    water = shapely.union_all([x.geometry for x in areas if _is_water(x.tags)])
     distances = np.arange(_NEAREST_M, _FARTHEST_M + 0.5)
     angles = np.radians(np.arange(0.0, 360.0, 5.0))
     places = np.array(
@@ -76,7 +85,7 @@ def propose_pole(extract: Extract, frame: SiteFrame) -> PolePosition:
     free = ~shapely.dwithin(paved, points, _KERB_CLEARANCE_M)
     free &= ~shapely.dwithin(buildings, points, _WALL_CLEARANCE_M)
     free &= ~shapely.intersects(buildings, _sight_lines(places))
-    free &= ~shapely.intersects(shapely.union_all(water), points)
+    free &= ~shapely.intersects(water, points)
     # Nothing is free where a square is built over or paved all around: then beside the middle.
     choice = places[free] if free.any() else places
     away = np.linalg.norm(choice, axis=1)
@@ -88,6 +97,14 @@ def propose_pole(extract: Extract, frame: SiteFrame) -> PolePosition:
     east, north = nearest[int(np.argmin(np.round(cost, 6)))]
     yaw = float(np.degrees(np.arctan2(-north, -east)))
     return PolePosition(round(float(east), 2), round(float(north), 2), round(yaw, 1))
+
+
+def _is_building(tags: dict[str, str]) -> bool:
+    return "building" in tags or "building:part" in tags
+
+
+def _is_water(tags: dict[str, str]) -> bool:
+    return tags.get("natural") == "water" or "waterway" in tags
 
 
 def _crossing_area(extract: Extract, frame: SiteFrame, paved: shapely.Geometry) -> shapely.Geometry:

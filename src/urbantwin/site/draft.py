@@ -1,0 +1,237 @@
+"""The text of a first ``site.yaml``: commented, and complete enough to run as it is."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from urbantwin.artefact import sha256_of
+from urbantwin.errors import InputError
+from urbantwin.site.pole import PolePosition
+from urbantwin.site.region import FARTHEST_M
+from urbantwin.site.site import DEFAULT_PER_HOUR, load_site
+
+__all__ = ["CARS_PER_LANE", "SiteDraft", "checked_target", "usual_volumes", "write_draft"]
+
+#: Cars per hour that a lane into the region brings; about a quarter of a signalised lane's capacity
+#: (900 per hour: 1800 per hour of green, Highway Capacity Manual, for half of the time).
+CARS_PER_LANE = 220.0
+
+
+@dataclass(frozen=True)
+class SiteDraft:
+    """What is proposed for a site.
+
+    Attributes:
+        title: the site's name.
+        why: why the anchor is where it is, a sentence.
+        latitude: of the anchor, degrees, WGS84.
+        longitude: of the anchor, degrees, WGS84.
+        region: a GeoJSON file with the region's polygon, or the radius of a circle, metres.
+        osm: the OpenStreetMap extract, if there is one.
+        roads: the map of the roads, if there is one.
+        anchor_m: its own x, y of the anchor, where it has no georeference.
+        per_hour: actors per hour by class.
+        pole: where the sensor stands.
+    """
+
+    title: str
+    why: str
+    latitude: float
+    longitude: float
+    region: Path | float
+    osm: Path | None
+    roads: Path | None
+    anchor_m: tuple[float, float] | None
+    per_hour: Mapping[str, int]
+    pole: PolePosition
+
+
+def checked_target(
+    folder: Path, region: Path | None, radius_m: float | None, *, force: bool
+) -> None:
+    """Check where a site is to be written, and that its region is given once.
+
+    Raises:
+        InputError: there is a ``site.yaml`` already, the folder is none, or the region is wrong.
+    """
+    target = folder / "site.yaml"
+    if target.exists() and not force:
+        raise InputError("is there already", file=target, expected="a new folder, or --force")
+    if folder.exists() and not folder.is_dir():
+        raise InputError("is a file", file=folder, expected="a folder")
+    if region is not None and radius_m is not None:
+        raise InputError("is given with a radius", file=region, expected="one of the two")
+    if radius_m is not None and not 20.0 <= radius_m <= FARTHEST_M:
+        raise InputError(f"a radius of {radius_m:g} m", expected=f"20 to {FARTHEST_M:g} m")
+
+
+def usual_volumes(lanes: float) -> dict[str, int]:
+    """Return plausible volumes: cars by the lanes that lead in, the rest in usual proportions."""
+    cars = float(np.clip(lanes * CARS_PER_LANE, 200.0, 2000.0))
+    scale = cars / DEFAULT_PER_HOUR["car"]
+    return {
+        name: max(10, round(count * scale / 10) * 10) for name, count in DEFAULT_PER_HOUR.items()
+    }
+
+
+def write_draft(folder: Path, draft: SiteDraft, *, force: bool) -> Path:
+    """Write a draft as ``site.yaml`` and return its path.
+
+    Files that lie outside ``folder`` are copied into it, so that the folder can be passed on.
+
+    Raises:
+        InputError: another file of a name is there already.
+    """
+    target = folder / "site.yaml"
+    folder.mkdir(parents=True, exist_ok=True)
+    text = _text(folder, draft, force)
+    scratch = folder / ".site.yaml.part"
+    scratch.write_text(text, encoding="utf-8")
+    try:
+        load_site(scratch)
+        scratch.replace(target)
+    except InputError as error:
+        raise InputError(
+            error.problem, file=target, place=error.place, expected=error.expected
+        ) from None
+    finally:
+        scratch.unlink(missing_ok=True)
+    return target
+
+
+def _brought_in(file: Path, folder: Path, force: bool) -> str:
+    """Return the file's name relative to the folder, after copying it in where it is outside."""
+    if file.resolve().is_relative_to(folder.resolve()):
+        return file.resolve().relative_to(folder.resolve()).as_posix()
+    target = folder / file.name
+    if target.exists():
+        if target.is_file() and sha256_of(target) == sha256_of(file):
+            return file.name
+        if not force or not target.is_file():
+            raise InputError(
+                f"differs from {file}", file=target, expected="a new folder, or --force"
+            )
+    scratch = folder / f".{file.name}.part"
+    shutil.copyfile(file, scratch)
+    scratch.replace(target)
+    return file.name
+
+
+def _quoted(text: str) -> str:
+    # A JSON string is a YAML string, whatever is in it.
+    return json.dumps(text, ensure_ascii=not text.isprintable())
+
+
+def _inputs(folder: Path, draft: SiteDraft, force: bool) -> str:
+    """Return the lines that name the maps."""
+    text = ""
+    if draft.osm is not None:
+        text += f"""\
+# The map: .osm, .osm.bz2, .osm.gz or .osm.pbf. Whoever gets the twin is told its terms.
+osm:
+  file: {_quoted(_brought_in(draft.osm, folder, force))}
+  licence: ODbL-1.0
+  attribution: "© OpenStreetMap contributors"
+
+"""
+    elif draft.roads is not None:
+        text += """\
+# Buildings, trees and all else beside the roads, if you have it: an OpenStreetMap extract.
+# osm: map.osm
+
+"""
+    if draft.roads is not None:
+        anchor = ""
+        if draft.anchor_m is not None:
+            x, y = draft.anchor_m
+            anchor = f"""
+  # The map does not say where on earth it lies. Its own x (east), y (north) of the anchor:
+  anchor_m: [{x:g}, {y:g}]"""
+        text += f"""\
+# The roads: OpenDRIVE (.xodr) or Lanelet2 (.osm). Whoever gets the twin is told its terms.
+roads:
+  file: {_quoted(_brought_in(draft.roads, folder, force))}
+  licence: not stated
+  attribution: not stated{anchor}
+  driving_side: auto    # auto: as in the map
+
+"""
+    return text
+
+
+def _text(folder: Path, draft: SiteDraft, force: bool) -> str:
+    region, pole = draft.region, draft.pole
+    outline = (
+        f"polygon: {_quoted(_brought_in(region, folder, force))}"
+        if isinstance(region, Path)
+        else f"radius_m: {region:g}"
+    )
+    inputs = _inputs(folder, draft, force)
+    roads = ""
+    flat = "Flat without it." if draft.roads is None else "The map's own without it."
+    if draft.roads is None:
+        roads = """
+# The roads are made from the map. An OpenDRIVE or Lanelet2 map can take their place: file: map.xodr
+roads:
+  driving_side: auto    # auto, left or right
+"""
+    counts = "\n".join(f"    {name}: {count}" for name, count in draft.per_hour.items())
+    return f"""\
+# A site for UrbanTwin. It runs as it is: urbantwin run site.yaml -o out/
+# File names are relative to this file. Lengths in metres, angles in degrees, times in seconds.
+
+name: {_quoted(draft.title)}
+
+# The anchor: the origin of the site frame (x east, y north, z above the ground there), WGS84.
+# {draft.why}
+anchor:
+  latitude: {draft.latitude!r}
+  longitude: {draft.longitude!r}
+
+# What is built: a circle about the anchor (radius_m), or a polygon: the name of a GeoJSON file
+# with longitude, latitude (WGS84). It reaches at most 2000 m from the anchor.
+region:
+  {outline}
+
+{inputs}# Elevation, if you have it: a GeoTIFF of the bare earth that covers the region. {flat}
+# dem:
+#   file: dem.tif
+#   licence: CC-BY-4.0
+#   attribution: "who made it"
+{roads}
+traffic:
+  # How many set out per hour in the whole region. These are guesses from the number of lanes;
+  # put counts here if you have them. A class that is not listed has none.
+  per_hour:
+{counts}
+  duration_s: 20        # length of the recorded motion
+  warmup_s: 120         # simulated before it, so that the streets are not empty
+  step_s: 0.1           # between two steps of the simulation
+  seed: 1               # the same seed gives the same traffic
+
+# The sensors, or the name of a file that holds this mapping.
+rig:
+  rate_hz: 10           # frames per second
+  frame: level          # of the points: sensor, level (sensor's place and heading, upright) or site
+  sensors:
+    # A pole at a corner of the junction, looking at its middle. More sensors: more items.
+    - name: pole
+      model: OS1-128    # "urbantwin sensors" lists the models
+      columns: 1024     # per turn
+      east_m: {pole.east_m}
+      north_m: {pole.north_m}
+      # or, in place of east_m and north_m: latitude and longitude
+      height_m: 5.5     # above the ground there
+      yaw_deg: {pole.yaw_deg}    # heading, counter-clockwise from east
+      pitch_deg: 5.0    # positive looks down
+      roll_deg: 0.0
+      effects:
+        noise: true     # range noise as in the datasheet
+        dropout: true   # weak returns are lost
+"""
