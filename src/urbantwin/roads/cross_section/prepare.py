@@ -6,6 +6,9 @@ from collections import defaultdict
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from urbantwin.roads.cross_section.interpret import cross_section
 from urbantwin.roads.cross_section.layout import middles_of
 from urbantwin.roads.cross_section.section import CrossSection
@@ -15,7 +18,22 @@ from urbantwin.roads.cross_section.turn_signs import fitting_turns
 from urbantwin.roads.sidewalk import sidewalk_sides
 from urbantwin.site.extract import WayPiece
 
-__all__ = ["PreparedWays", "prepare_ways"]
+__all__ = ["MappedStretch", "PreparedWays", "prepare_ways"]
+
+
+@dataclass(frozen=True, eq=False)
+class MappedStretch:
+    """A part of a way of the map.
+
+    Attributes:
+        way: id of the way.
+        points: (N, 2) its line, site frame.
+        section: its cross section.
+    """
+
+    way: int
+    points: NDArray[np.float64]
+    section: CrossSection
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,13 +43,13 @@ class PreparedWays:
     Attributes:
         pieces: stretches between junctions, with normalised tags.
         edges: what netconvert is told of its edges.
-        section_of_way: way of the map -> its cross section.
+        stretches: the same stretches with their cross sections.
         parts: piece that was given -> the stretches that it was cut into.
     """
 
     pieces: tuple[WayPiece, ...]
     edges: tuple[SumoEdge, ...]
-    section_of_way: Mapping[int, CrossSection]
+    stretches: tuple[MappedStretch, ...]
     parts: Mapping[int, tuple[WayPiece, ...]]
 
     def turns(self, forbidden: Iterable[tuple[int, int, int]]) -> list[tuple[int, int, int]]:
@@ -77,11 +95,14 @@ def prepare_ways(
     for stretch, section, middle in zip(stretches, signed, middles, strict=True):
         prepared.append(_named(sumo_tags(stretch, section), stretch.piece.tags))
         edges += sumo_edges(stretch, section, middle)
-    section_of_way = {piece.way: section_of[piece.id] for piece in reversed(pieces)}
+    mapped = tuple(
+        MappedStretch(piece.way, piece.points, section)
+        for piece, section in zip(prepared, signed, strict=True)
+    )
     parts: dict[int, tuple[WayPiece, ...]] = defaultdict(tuple)
     for stretch, piece in zip(stretches, prepared, strict=True):
         parts[stretch.origin] += (piece,)
-    return PreparedWays(tuple(prepared), tuple(edges), section_of_way, parts)
+    return PreparedWays(tuple(prepared), tuple(edges), mapped, parts)
 
 
 def _named(piece: WayPiece, old: Mapping[str, str]) -> WayPiece:

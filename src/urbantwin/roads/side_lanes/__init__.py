@@ -1,0 +1,5 @@
+"""Side lanes: parking, shoulders and medians beside the lanes that traffic follows."""
+
+from urbantwin.roads.side_lanes.add import add_side_lanes
+
+__all__ = ["add_side_lanes"]

@@ -1,0 +1,70 @@
+"""Adding side lanes to the lane model."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import shapely
+
+from urbantwin.roads.cross_section import MappedStretch
+from urbantwin.roads.model import LaneModel, ModelRoad
+from urbantwin.roads.side_lanes.alongside import alongside, by_way
+from urbantwin.roads.side_lanes.beside import lanes_beside
+from urbantwin.roads.side_lanes.insertion import Renumbering, relinked, with_lanes
+from urbantwin.roads.side_lanes.median import medians
+from urbantwin.roads.side_lanes.room import Room
+
+__all__ = ["add_side_lanes"]
+
+
+def add_side_lanes(
+    model: LaneModel,
+    stretches: Iterable[MappedStretch],
+    *,
+    country: str = "",
+    obstacles: Sequence[shapely.Polygon] = (),
+) -> LaneModel:
+    """Return the model with parking lanes, shoulders and medians on its streets.
+
+    They lie between the carriageway and the sidewalk, which moves outwards along them, and between
+    the carriageways of dual streets. Junctions stay as they are: side lanes taper to nothing
+    before them. Ids are counted anew from the reference line outwards; strips stay.
+
+    Args:
+        model: roads in plan, before heights and before anything stands on them.
+        stretches: the ways that streets are made from, with their cross sections.
+        country: ISO 3166-1 alpha-2, for the law on parking; empty if unknown.
+        obstacles: areas that no road may grow into, such as buildings, site frame.
+    """
+    ways = by_way(stretches)
+    meeting: dict[int, set[int]] = defaultdict(set)
+    streets = [road for road in model.roads if road.junction < 0]
+    for road in streets:
+        for link in (road.predecessor, road.successor):
+            if link is not None and link.element == "junction":
+                meeting[link.id].add(road.id)
+    room = Room(model, obstacles)
+    between = medians(model)
+    changed: dict[int, Renumbering] = {}
+    roads: dict[int, ModelRoad] = {}
+    for road in streets:
+        meets = {}
+        for end, link in (("start", road.predecessor), ("end", road.successor)):
+            if link is None:
+                meets[end] = "nothing"
+            elif link.element == "junction" and len(meeting[link.id]) > 2:
+                meets[end] = "junction"
+            else:
+                meets[end] = "street"
+        parts = alongside(road, ways)
+        items = lanes_beside(road, parts, meets, room=room, country=country)
+        taken = {item.side for item in items}
+        items += [item for item in between.get(road.id, []) if item.side not in taken]
+        if items:
+            roads[road.id], changed[road.id] = with_lanes(road, items)
+    if not roads:
+        return model
+    wider = replace(model, roads=tuple(roads.get(road.id, road) for road in model.roads))
+    return relinked(wider, changed)

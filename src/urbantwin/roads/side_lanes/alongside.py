@@ -1,0 +1,77 @@
+"""Which way of the map runs along which part of a road."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from urbantwin.roads.cross_section import (
+    CarriagewayLane,
+    CrossSection,
+    MappedStretch,
+    Roadside,
+)
+from urbantwin.roads.model import ModelRoad
+
+__all__ = ["Alongside", "alongside", "by_way"]
+
+#: A way further from a road than this is not the way of this part of it, metres.
+OFF_M = 15.0
+#: Shorter parts are left out, metres.
+SHORTEST_M = 0.5
+
+
+@dataclass(frozen=True)
+class Alongside:
+    """A part of a road, from station ``first`` to ``last``, that is one way of the map.
+
+    ``aligned``: whether the way is drawn along the road's reference line.
+    """
+
+    first: float
+    last: float
+    section: CrossSection
+    aligned: bool
+
+    def roadside(self, side: int) -> Roadside:
+        """Return what lies to the left (1) or right (-1) of the road."""
+        return self.section.left if (side > 0) == self.aligned else self.section.right
+
+    def lanes(self, side: int) -> tuple[CarriagewayLane, ...]:
+        """Return the lanes on the left (1) or right (-1) of the middle of the road."""
+        forward = self.section.outward == (side if self.aligned else -side)
+        return self.section.lanes(forward=forward)
+
+
+def by_way(stretches: Iterable[MappedStretch]) -> dict[int, list[MappedStretch]]:
+    """Return stretches by the ids of their ways."""
+    found: dict[int, list[MappedStretch]] = {}
+    for stretch in stretches:
+        found.setdefault(stretch.way, []).append(stretch)
+    return found
+
+
+def alongside(road: ModelRoad, stretches: Mapping[int, Sequence[MappedStretch]]) -> list[Alongside]:
+    """Return the parts of a road by ways, from its start to its end, without gaps."""
+    found = []
+    for way in road.ways:
+        for stretch in stretches.get(way, ()):
+            s, t = road.curve.locate(stretch.points)
+            near = np.abs(t) < OFF_M
+            if not near.all():
+                continue
+            first, last = np.clip([min(s[0], s[-1]), max(s[0], s[-1])], 0.0, road.length)
+            if last - first >= min(SHORTEST_M, road.length / 2):
+                found.append(
+                    Alongside(float(first), float(last), stretch.section, bool(s[-1] > s[0]))
+                )
+    found.sort(key=lambda part: (part.first, part.last))
+    whole: list[Alongside] = []
+    for k, part in enumerate(found):
+        first = whole[-1].last if whole else 0.0
+        last = road.length if k == len(found) - 1 else part.last
+        if last > first:
+            whole.append(Alongside(first, last, part.section, part.aligned))
+    return whole
