@@ -15,6 +15,9 @@ __all__ = ["Border", "Measured", "profile_of", "stations_between"]
 TOLERANCE_M = 5e-4
 #: Stations closer than this are one, metres.
 SAME_M = 1e-3
+#: Stations are first looked up at this spacing, metres, from so far behind the corner before to so
+#: far ahead of where it should be.
+SAMPLE_M, BACK_M, AHEAD_M = 0.25, 3.0, 10.0
 
 
 @dataclass(frozen=True)
@@ -25,7 +28,7 @@ class Border:
 
     def along(self, curve: Curve) -> Measured:
         """Return the border as stations of a curve; where it turns back, points are left out."""
-        s, _ = curve.locate(self.points[:, :2])
+        s = _stations(curve, self.points[:, :2])
         keep = [0]
         for k in range(1, len(s)):
             if s[k] > s[keep[-1]] + 1e-6:
@@ -99,6 +102,40 @@ class Measured:
     def before(self, s: float) -> NDArray[np.float64]:
         """Return the corners (N, 3) before a station, the nearest first."""
         return self.points[self.s < s - SAME_M][::-1]
+
+
+def _stations(curve: Curve, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the stations (N,) of a polyline's corners, found one after another.
+
+    A curve may come back to where it was (a loop, a ring): each corner is looked for ahead of the
+    one before it, the first one as early as possible. Corners before the start or beyond the end
+    are measured on the straight continuation.
+    """
+    grid = np.linspace(0.0, curve.length, max(3, int(curve.length / SAMPLE_M) + 2))
+    poses = curve.at(grid)
+    samples, bend = poses[:, :2], np.gradient(np.unwrap(poses[:, 2]), grid)
+    s = np.empty(len(points))
+    away = np.linalg.norm(samples - points[0], axis=1)
+    s[0] = grid[np.argmax(away <= away.min() + 0.5)]
+    for k in range(1, len(points)):
+        leap = float(np.linalg.norm(points[k] - points[k - 1]))
+        a = np.searchsorted(grid, s[k - 1] - BACK_M)
+        b = np.searchsorted(grid, s[k - 1] + 2.0 * leap + AHEAD_M)
+        a = min(int(a), len(grid) - 2)
+        window = np.linalg.norm(samples[a : max(int(b), a + 2)] - points[k], axis=1)
+        s[k] = grid[a + int(np.argmin(window))]
+    for _ in range(20):
+        pose = curve.at(s)
+        over = s - np.clip(s, 0.0, curve.length)
+        c, sn = np.cos(pose[:, 2]), np.sin(pose[:, 2])
+        gap = points - pose[:, :2] - over[:, None] * np.column_stack([c, sn])
+        t = gap[:, 1] * c - gap[:, 0] * sn
+        turn = np.where(over == 0.0, np.interp(s, grid, bend), 0.0)
+        step = (gap[:, 0] * c + gap[:, 1] * sn) / np.maximum(1.0 - turn * t, 0.3)
+        s = s + step
+        if np.abs(step).max() < 1e-7:
+            break
+    return s
 
 
 def stations_between(first: float, last: float, borders: list[Measured]) -> NDArray[np.float64]:

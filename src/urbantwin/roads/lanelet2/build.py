@@ -10,7 +10,7 @@ from urbantwin.errors import StageError
 from urbantwin.roads.lanelet2.group import Member, groups_of
 from urbantwin.roads.lanelet2.lanelet import Lanelet
 from urbantwin.roads.lanelet2.passage import Gate, Passage, gates_of, passage_of, routes
-from urbantwin.roads.lanelet2.plan import Plan, planned
+from urbantwin.roads.lanelet2.plan import Chain, Plan, planned
 from urbantwin.roads.lanelet2.profiles import Row
 from urbantwin.roads.lanelet2.street import Street, StreetTooShort, street_of
 from urbantwin.roads.lanelet2.topology import Topology
@@ -94,13 +94,13 @@ def built(
         topology = Topology(drives, groups)
         plan = planned(topology, forced, barred)
         streets, failed = _streets(topology, plan, side, facts, ways)
-        if failed is not None:
-            through = all(topology.is_through(k) for k in plan.chains[failed].numbers)
-            ids = frozenset(i for group in plan.chains[failed].groups for i in group.ids)
-            if through and not ids & barred:
+        for chain in failed:
+            ids = frozenset(i for group in chain.groups for i in group.ids)
+            if all(topology.is_through(k) for k in chain.numbers) and not ids & barred:
                 forced |= ids
             else:
                 apart |= ids
+        if failed:
             continue
         passages = _passages(streets, topology, plan, side, facts, ways)
         missed = plan.inner - {i for passage in passages for i in passage.lanelets}
@@ -120,19 +120,20 @@ def _streets(
     side: str,
     facts: Callable[[Member], Row],
     ways: Mapping[int, dict[str, str]],
-) -> tuple[list[Street], int | None]:
-    """Return the streets, or the number of a chain that makes none."""
+) -> tuple[list[Street], list[Chain]]:
+    """Return the streets, and the chains that make none."""
 
     def follows(a: int, b: int) -> bool:
         return b in topology.successors[a]
 
     streets: list[Street] = []
+    failed: list[Chain] = []
     for number, chain in enumerate(plan.chains):
         try:
             streets.append(street_of(1 + number, chain, follows, side, facts, ways))
         except StreetTooShort:
-            return [], number
-    return streets, None
+            failed.append(chain)
+    return streets, failed
 
 
 def _passages(

@@ -80,7 +80,7 @@ def _clusters(passages: Sequence[Passage]) -> list[int]:
     for k, passage in enumerate(passages):
         for gate in (passage.start, passage.end):
             join(k, first.setdefault((gate.street.road.id, gate.end), k))
-    areas = [passage.area for passage in passages]
+    areas = np.array([passage.area for passage in passages], object)
     tree = shapely.STRtree(areas)
     for a, b in zip(*tree.query(areas, predicate="intersects"), strict=True):
         if a < b and root(a) != root(b):

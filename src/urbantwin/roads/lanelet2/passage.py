@@ -211,8 +211,7 @@ def _curve(
             (float(line[0, 0]), float(line[0, 1]), start.pose[2]),
             (float(line[-1, 0]), float(line[-1, 1]), end.pose[2]),
         )
-        curve = smooth_curve(line, borders, pins)
-        return curve, min(border.room(curve) for border in borders)
+        return smooth_curve(line, borders, pins)
 
     best, room = along(0.0 if side == "right" else 1.0)
     if room < LEAST_SHARE:

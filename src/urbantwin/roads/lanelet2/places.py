@@ -71,12 +71,14 @@ def places_of(
     if len(bad):
         node = ids[int(bad[0])]
         raise document.error(f"node {node} has no finite latitude and longitude", used[node])
-    near = int(np.argmin(np.linalg.norm(xy, axis=1)))
+    # Heights count from the ground: not from the lamps of traffic lights.
+    ground = [document.relations[used[i]].tags.get("type") == "lanelet" for i in ids]
+    near = int(np.argmin(np.where(ground, np.linalg.norm(xy, axis=1), np.inf)))
     away = float(np.linalg.norm(xy[near]))
     if away > FAR_M:
         raise document.error(f"lies {away / 1000:.0f} km from the site's anchor")
     z = _numbers(((n.tags.get("ele", "0"), "0") for n in nodes), 0.0)[:, 0]
-    if np.ptp(z) > 0 or z[near]:
+    if z[near]:
         notes["heights_count_from_metres"] = round(float(z[near]), 3)
     z = z - z[near]
     return {i: np.array([*point, h]) for i, point, h in zip(ids, xy, z, strict=True)}

@@ -101,7 +101,7 @@ def _crossed_or_tagged(topology: Topology, forced: frozenset[int]) -> set[int]:
 
 def _cuts(topology: Topology, inner: set[int]) -> dict[End, float]:
     """Return what is cut off groups where the next one is no way through a junction either."""
-    chosen: dict[End, float] = {}
+    chosen: dict[End, float] = dict.fromkeys(_rings(topology), LEAST_CUT_M)
     links = sorted({(e, f) for e, f, _, _ in topology.links})
     for e, f in links:
         if e[0] in inner or f[0] in inner or e in chosen or f in chosen:
@@ -112,6 +112,26 @@ def _cuts(topology: Topology, inner: set[int]) -> dict[End, float]:
         cut = f if len(topology.partners[e]) >= len(topology.partners[f]) else e
         chosen[cut] = max(LEAST_CUT_M, topology.overlap(cut) + 1.0)
     return chosen
+
+
+def _rings(topology: Topology) -> list[End]:
+    """Return two ends for every ring of groups that nothing leads into: there it is cut open."""
+    seen: set[int] = set()
+    found = []
+    for k in range(len(topology.groups)):
+        entered: list[End] = []
+        at: End = (k, 1)
+        while k not in seen and topology.is_plain(at):
+            other = next(iter(topology.partners[at]))
+            entered.append(other)
+            at = (other[0], 1 - other[1])
+            if other[0] == k:
+                found += [entered[-1], entered[(len(entered) - 1) // 2]]
+            if other[0] in seen or other[0] == k:
+                break
+            seen.add(other[0])
+        seen.add(k)
+    return found
 
 
 def _joins(topology: Topology, e: End, f: End) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
@@ -20,7 +19,7 @@ __all__ = ["Pose", "curve_through", "smooth_curve", "trimmed"]
 Pose = tuple[float, float, float]
 
 #: Bends shorter than these are smoothed away, metres; the first that lets no lane fold is taken.
-WAVELENGTHS_M = (10.0, 5.0, 20.0, 2.5, 40.0)
+WAVELENGTHS_M = (10.0, 5.0, 14.0, 20.0, 28.0, 40.0)
 STEP_M = 0.5
 MOST_POINTS = 4000
 #: A line straighter than this is written as a line, metres and radians.
@@ -29,19 +28,15 @@ STRAIGHT_M, STRAIGHT_RAD = 1e-3, 5e-5
 LEAST_SHARE = 0.12
 
 
-@dataclass(frozen=True)
-class _Fit:
-    points: NDArray[np.float64]
-    first: float
-    last: float
-
-
 def smooth_curve(
     line: NDArray[np.float64],
     beside: Sequence[Border],
-    pins: tuple[Pose, Pose] | None = None,
-) -> Curve:
+    pins: tuple[Pose, Pose],
+) -> tuple[Curve, float]:
     """Return a smooth curve that follows a polyline roughly, so that no lane beside it folds.
+
+    With it comes the least share of its length that borders keep in its bends: below
+    ``LEAST_SHARE`` no such curve was found, and this is the best.
 
     Points every half metre minimise the squared distance to the polyline plus the squared third
     derivative, weighted so that bends of a given wavelength are halved (a smoothing spline:
@@ -50,19 +45,18 @@ def smooth_curve(
     Args:
         line: (N, 2) what to follow.
         beside: borders of lanes; along the curve each must go on without turning back.
-        pins: where and how it shall begin and end, exactly; else as it comes.
+        pins: where and how it shall begin and end, exactly.
     """
     best: tuple[float, Curve] | None = None
     for wavelength in WAVELENGTHS_M:
-        fit = _fit(line, wavelength, pins)
-        curve = curve_through(fit.points, fit.first, fit.last)
+        curve = curve_through(_fit(line, wavelength, pins), pins[0][2], pins[1][2])
         room = min((border.room(curve) for border in beside), default=1.0)
         if best is None or room > best[0]:
             best = room, curve
         if room >= LEAST_SHARE:
             break
     assert best is not None
-    return best[1]
+    return best[1], best[0]
 
 
 def curve_through(points: NDArray[np.float64], first: float, last: float) -> Curve:
@@ -84,7 +78,9 @@ def trimmed(curve: Curve, first: float, last: float) -> Curve:
     return curve_through(pose[:, :2], float(pose[0, 2]), float(pose[-1, 2]))
 
 
-def _fit(line: NDArray[np.float64], wavelength: float, pins: tuple[Pose, Pose] | None) -> _Fit:
+def _fit(
+    line: NDArray[np.float64], wavelength: float, pins: tuple[Pose, Pose]
+) -> NDArray[np.float64]:
     along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
     length = float(along[-1])
     count = int(np.clip(math.ceil(length / STEP_M) + 1, 9, MOST_POINTS))
@@ -92,22 +88,13 @@ def _fit(line: NDArray[np.float64], wavelength: float, pins: tuple[Pose, Pose] |
     at = np.linspace(0.0, length, count)
     target = np.column_stack([np.interp(at, along, line[:, k]) for k in (0, 1)])
     weight = np.ones(count)
-    if pins is not None:
-        for pose, rows, sign in ((pins[0], (0, 1), 1.0), (pins[1], (-1, -2), -1.0)):
-            x, y, heading = pose
-            target[rows[0]] = x, y
-            target[rows[1]] = (
-                x + sign * step * math.cos(heading),
-                y + sign * step * math.sin(heading),
-            )
-            weight[list(rows)] = 1e6
+    for pose, rows, sign in ((pins[0], [0, 1], step), (pins[1], [-1, -2], -step)):
+        ahead = np.array([math.cos(pose[2]), math.sin(pose[2])])
+        target[rows] = pose[:2], pose[:2] + sign * ahead
+        weight[rows] = 1e6
     third = sp.diags([-1.0, 3.0, -3.0, 1.0], [0, 1, 2, 3], shape=(count - 3, count)) / step**3
     stiff = (wavelength / (2 * math.pi)) ** 6
     matrix = (sp.diags(weight) + stiff * third.T @ third).tocsc()
     points = np.asarray(spsolve(matrix, weight[:, None] * target))
-    if pins is not None:
-        points[0], points[-1] = pins[0][:2], pins[1][:2]
-        return _Fit(points, pins[0][2], pins[1][2])
-    ends = np.diff(points, axis=0)[[0, -1]]
-    first, last = (math.atan2(dy, dx) for dx, dy in ends)
-    return _Fit(points, first, last)
+    points[0], points[-1] = pins[0][:2], pins[1][:2]
+    return points

@@ -43,9 +43,9 @@ PARTICIPANTS = {
     "bicycle": ("bicycle",),
     "pedestrian": ("pedestrian",),
 }
-#: Lines that cannot be crossed and stand up.
 #: Types of ways that are painted lines.
 PAINTED = {"line_thin", "line_thick", "bike_marking", "pedestrian_marking"}
+#: Types of ways that cannot be crossed and stand up.
 CURBS = {"curbstone", "road_border", "guard_rail", "wall", "fence", "jersey_barrier"}
 #: Subtype of a painted line -> mark of OpenDRIVE, seen along the line, left first.
 PAINT = {

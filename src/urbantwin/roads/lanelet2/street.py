@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -12,7 +13,7 @@ from urbantwin.roads.lanelet2.border import Border, Measured
 from urbantwin.roads.lanelet2.group import Group, Member
 from urbantwin.roads.lanelet2.plan import Chain
 from urbantwin.roads.lanelet2.profiles import Row, heights_of, section_of
-from urbantwin.roads.lanelet2.reference import smooth_curve, trimmed
+from urbantwin.roads.lanelet2.reference import Pose, smooth_curve, trimmed
 from urbantwin.roads.model import Curve, LaneSection, ModelRoad, Profile
 
 __all__ = ["Street", "StreetTooShort", "Track", "street_of"]
@@ -98,7 +99,10 @@ def street_of(
     """
     tracks = _tracks(chain.groups, follows)
     borders = [Border(line) for track in tracks for line in (track.left, track.right)]
-    whole_curve = smooth_curve(_middle_line(chain, side), borders)
+    line = _middle_line(chain, side)
+    whole_curve, _ = smooth_curve(
+        line, borders, (_pose(line[0], line[1]), _pose(line[-1], 2 * line[-1] - line[-2]))
+    )
     whole = {
         track: (Border(track.left).along(whole_curve), Border(track.right).along(whole_curve))
         for track in tracks
@@ -227,6 +231,11 @@ def _middle_line(chain: Chain, side: str) -> NDArray[np.float64]:
         if k == 0:
             line = line[::-1]
     return line
+
+
+def _pose(point: NDArray[np.float64], ahead: NDArray[np.float64]) -> Pose:
+    dx, dy = ahead - point
+    return float(point[0]), float(point[1]), math.atan2(dy, dx)
 
 
 def _reach(
