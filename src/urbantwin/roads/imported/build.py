@@ -80,12 +80,12 @@ def prepared_map(
         )
     flat = is_flat(model)
     notes: dict[str, object] = {
-        **imported.notes,
+        "map": imported.notes,
         "roads_of_the_map": sum(road.junction < 0 for road in whole.roads),
         "heights": "none in the map" if flat else "the map's own",
     }
     if flat:
-        model = raised(model, -_first_height(model))
+        model = with_levels(raised(model, -_first_height(model)))
         if elevation is not None:
             model = with_heights(model, elevation, _NOT_LIFTED)
             notes["heights"] = "the DEM's: the map has none"

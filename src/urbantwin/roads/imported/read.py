@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-import dataclasses
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
-from urbantwin.roads.model import Curve, LaneModel
+from urbantwin.roads.lanelet2 import read_lanelet2
+from urbantwin.roads.lanelet2.places import anchor_of
+from urbantwin.roads.model import LaneModel
+from urbantwin.roads.opendrive.placed import placed, shifted
+from urbantwin.roads.opendrive.read import read_opendrive
 
-__all__ = ["ImportedMap", "map_format", "moved", "read_map"]
+__all__ = ["ImportedMap", "map_format", "read_map"]
 
 #: Endings of the files that we read, and what they hold.
 FORMATS = {".xodr": "OpenDRIVE", ".osm": "Lanelet2"}
@@ -62,43 +65,46 @@ def read_map(
             on earth it is.
     """
     if map_format(path) == "Lanelet2":
-        from urbantwin.roads.lanelet2 import read_lanelet2
-
-        if anchor_m is not None:
-            raise _placed_twice(path)
         model, found = read_lanelet2(path, frame)
+        if anchor_m is not None:
+            if is_placed(path):
+                raise _placed_twice(path)
+            model = shifted(model, (-anchor_m[0], -anchor_m[1], 0.0, 0.0))
         return ImportedMap(path, model, {"format": "Lanelet2", **found})
-    from urbantwin.roads.opendrive.read import placed, read_opendrive
-
     model, projection, found = read_opendrive(path)
     notes: dict[str, object] = {"format": "OpenDRIVE", **found}
     if projection is not None:
         if anchor_m is not None:
             raise _placed_twice(path)
-        return ImportedMap(path, placed(model, projection, frame), notes)
+        with said_of(path):
+            return ImportedMap(path, placed(model, projection, frame), notes)
     origin = anchor_m or (0.0, 0.0)
     notes["georeference"] = (
         f"none in the map: x east, y north, and {origin[0]:g}, {origin[1]:g} is the anchor"
     )
-    return ImportedMap(path, moved(model, (-origin[0], -origin[1])), notes)
+    return ImportedMap(path, shifted(model, (-origin[0], -origin[1], 0.0, 0.0)), notes)
 
 
-def moved(model: LaneModel, by: tuple[float, float]) -> LaneModel:
-    """Return a lane model moved in plan by x, y metres."""
-    if by == (0.0, 0.0):
-        return model
-    roads = []
-    for road in model.roads:
-        pieces = tuple(
-            dataclasses.replace(piece, x=piece.x + by[0], y=piece.y + by[1])
-            for piece in road.curve.pieces
-        )
-        roads.append(dataclasses.replace(road, curve=Curve(pieces)))
-    junctions = tuple(
-        dataclasses.replace(junction, outline=junction.outline + np.array(by))
-        for junction in model.junctions
-    )
-    return dataclasses.replace(model, roads=tuple(roads), junctions=junctions)
+@contextmanager
+def said_of(path: Path) -> Iterator[None]:
+    """Name the file in errors that do not."""
+    try:
+        yield
+    except InputError as error:
+        if error.file:
+            raise
+        raise InputError(
+            error.problem, file=path, place=error.place, expected=error.expected
+        ) from None
+
+
+def is_placed(path: Path) -> bool:
+    """Whether a Lanelet2 map has latitudes and longitudes."""
+    try:
+        anchor_of(path)
+    except InputError:
+        return False
+    return True
 
 
 def _placed_twice(path: Path) -> InputError:
