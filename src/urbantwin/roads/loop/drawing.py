@@ -70,7 +70,7 @@ class Drawing:
         every = [node for piece in pieces for node in piece.nodes]
         self._next_node = max((*every, *known), default=0) + 1
         self._next_way = max((piece.id for piece in pieces), default=0) + 1
-        widths = [half_width(sum(lane_counts(piece.tags)), piece.tags) for piece in pieces]
+        widths = [half_width(sum(lane_counts(piece.tags, side)), piece.tags) for piece in pieces]
         self.ground = Ground([piece.points for piece in pieces], widths)
 
     @property

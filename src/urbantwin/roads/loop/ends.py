@@ -10,15 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.roads.cross_section import cross_section
 from urbantwin.site import WayPiece
 
-__all__ = ["LooseEnd", "directions", "lane_counts", "loose_ends"]
+__all__ = ["LooseEnd", "lane_counts", "loose_ends"]
 
 #: The heading of an end is that of its last stretch of this length, metres.
 HEADING_M = 8.0
-#: Lanes of a direction where the map does not say, as netconvert's type map has them.
-DEFAULT_LANES = {"motorway": 2, "trunk": 2, "primary": 2, "secondary": 1}
-ONE_WAY_CLASSES = ("motorway", "motorway_link")
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,44 +49,28 @@ class LooseEnd:
         return np.array([math.cos(self.heading), math.sin(self.heading)])
 
 
-def directions(tags: Mapping[str, str]) -> tuple[bool, bool]:
-    """Return whether cars may drive along a way, and against it (OSM wiki, "Key:oneway")."""
-    oneway = tags.get("oneway", "")
-    if oneway in ("-1", "reverse"):
-        return False, True
-    if oneway in ("yes", "1", "true"):
-        return True, False
-    if oneway in ("no", "0", "false"):
-        return True, True
-    round_about = tags.get("junction") in ("roundabout", "circular")
-    return True, not (round_about or tags.get("highway") in ONE_WAY_CLASSES)
+def lane_counts(tags: Mapping[str, str], side: str) -> tuple[int, int]:
+    """Return how many lanes of motor traffic run along a way and against it.
+
+    Args:
+        tags: the way's tags, ``sidewalk`` filled in.
+        side: ``right`` or ``left``, the side that traffic keeps to.
+    """
+    section = cross_section(tags, driving_side=side, sidewalks=tags.get("sidewalk", "no"))
+    forward, backward = (
+        sum(lane.kind != "bicycle" and not lane.both_ways for lane in lanes)
+        for lanes in (section.forward, section.backward)
+    )
+    return forward, backward
 
 
-def lane_counts(tags: Mapping[str, str]) -> tuple[int, int]:
-    """Return how many lanes run along a way and against it (OSM wiki, "Key:lanes")."""
-    along, against = directions(tags)
-    default = DEFAULT_LANES.get(tags.get("highway", "").removesuffix("_link"), 1)
-    every = _count(tags.get("lanes"))
-    if not (along and against):
-        count = every or default
-        return (count, 0) if along else (0, count)
-    forward, backward = _count(tags.get("lanes:forward")), _count(tags.get("lanes:backward"))
-    if every and forward and not backward:
-        backward = max(every - forward, 1)
-    if every and backward and not forward:
-        forward = max(every - backward, 1)
-    if every and not (forward or backward):
-        forward = math.ceil(every / 2)
-        backward = max(every - forward, 1)
-    return forward or default, backward or default
-
-
-def loose_ends(pieces: Sequence[WayPiece], known: Iterable[int]) -> list[LooseEnd]:
+def loose_ends(pieces: Sequence[WayPiece], known: Iterable[int], side: str) -> list[LooseEnd]:
     """Return the ends at nodes that no other piece of a way has, in the order of the pieces.
 
     Args:
         pieces: the ways of the network, cut to the region.
         known: ids of the nodes of the map; others are where the border cut a way.
+        side: ``right`` or ``left``, the side that traffic keeps to.
     """
     arms: dict[int, int] = defaultdict(int)
     for piece in pieces:
@@ -97,7 +79,7 @@ def loose_ends(pieces: Sequence[WayPiece], known: Iterable[int]) -> list[LooseEn
     of_map = frozenset(known)
     found = []
     for piece in pieces:
-        along, against = lane_counts(piece.tags)
+        along, against = lane_counts(piece.tags, side)
         for at_start in (True, False):
             node = piece.nodes[0 if at_start else -1]
             if arms[node] != 1:
@@ -126,11 +108,3 @@ def _outward(points: NDArray[np.float64]) -> float:
     other = points[far[0]] if len(far) else points[int(np.argmax(away))]
     dx, dy = points[0] - other
     return math.atan2(dy, dx)
-
-
-def _count(text: str | None) -> int:
-    """Return a number of lanes; 0 where the map says none or nothing that is a number."""
-    try:
-        return min(max(int(float(text or 0)), 0), 12)
-    except ValueError:
-        return 0

@@ -71,7 +71,7 @@ def close_loop(
     turning: list[LooseEnd] = []
     exits: list[Gate] = []
     entries: list[Gate] = []
-    for end in loose_ends(drawing.pieces, of_map):
+    for end in loose_ends(drawing.pieces, of_map, drawing.side):
         street = number[end.piece.id]
         out = _way_out(drawing, end, street)
         lanes = max(end.leaves, end.enters)
@@ -130,7 +130,7 @@ def _blind_ends(drawing: Drawing, known: frozenset[int]) -> list[LooseEnd]:
     number = {piece.id: k for k, piece in enumerate(drawing.pieces)}
     return [
         end
-        for end in loose_ends(drawing.pieces, known)
+        for end in loose_ends(drawing.pieces, known, drawing.side)
         if not end.enters and _way_out(drawing, end, number[end.piece.id]) is None
     ]
 
