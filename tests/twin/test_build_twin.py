@@ -74,12 +74,12 @@ def test_the_example_has_what_it_was_drawn_with(twin):
 
 
 def test_the_ground_is_on_the_dem(twin):
-    """Roads lie on the smoothed DEM within 1 cm, whatever triangles they are made of."""
+    """Roads lie on the smoothed DEM within 3 cm, whatever triangles they are made of."""
     lanes = [lane for lane in twin.roads.lanes if lane.kind == "driving"]
     points = np.concatenate([lane.centre for lane in lanes])
     points = points[shapely.contains_xy(twin.region.buffer(-1), points[:, 0], points[:, 1])]
     height = DownwardProbe(twin.ground_mesh).height_below(points + [0, 0, 1.0])
-    assert np.abs(height - twin.elevation.smooth_at(points[:, :2])).max() < 0.01
+    assert np.abs(height - twin.elevation.smooth_at(points[:, :2])).max() < 0.03
     assert np.abs(height - points[:, 2]).max() < 0.02
 
 

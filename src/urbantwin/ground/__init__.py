@@ -1,5 +1,5 @@
 """The elevation of the bare earth, raw and smoothed."""
 
-from urbantwin.ground.elevation import Elevation
+from urbantwin.ground.elevation import SMOOTHING_M, Elevation
 
-__all__ = ["Elevation"]
+__all__ = ["SMOOTHING_M", "Elevation"]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-__all__ = ["Elevation"]
+__all__ = ["SMOOTHING_M", "Elevation"]
 
 #: Standard deviation of the filter that takes cars, curbs and noise out of what roads lie on.
 SMOOTHING_M = 5.0
@@ -28,12 +28,20 @@ class Elevation:
         west, south: position of the first cell's centre, site frame, metres.
         step: cell size, metres.
         raw: (rows from south to north, columns from west to east) float64, metres.
+        source_step: cell size of the model that the grid was resampled from, metres; 0 where the
+            grid is the source.
     """
 
     west: float
     south: float
     step: float
     raw: NDArray[np.float64]
+    source_step: float = 0.0
+
+    @property
+    def detail(self) -> float:
+        """Size of the smallest things that the heights can show, metres."""
+        return max(self.step, self.source_step)
 
     @classmethod
     def flat(cls) -> Elevation:
@@ -67,12 +75,14 @@ class Elevation:
     def save(self, path: Path) -> None:
         """Write a ``.npz``; the same grid gives the same bytes."""
         np.savez_compressed(
-            path, raw=self.raw, place=np.array([self.west, self.south, self.step], np.float64)
+            path,
+            raw=self.raw,
+            place=np.array([self.west, self.south, self.step, self.source_step], np.float64),
         )
 
     @classmethod
     def load(cls, path: Path) -> Elevation:
         """Read what ``save`` wrote."""
         with np.load(path) as data:
-            west, south, step = (float(v) for v in data["place"])
-            return cls(west, south, step, data["raw"])
+            west, south, step, *source = (float(v) for v in data["place"])
+            return cls(west, south, step, data["raw"], *source)

@@ -2,6 +2,7 @@
 
 from urbantwin.roads.build import BuiltRoads, build_roads
 from urbantwin.roads.driving_side import driving_side
+from urbantwin.roads.heights import RoadSurface
 from urbantwin.roads.levels import Lift
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.netconvert import sumo_binary, sumo_environment, sumo_home
@@ -22,6 +23,7 @@ __all__ = [
     "Lift",
     "Road",
     "RoadNetwork",
+    "RoadSurface",
     "SignalHead",
     "SignalProgram",
     "build_roads",

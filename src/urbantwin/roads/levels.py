@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import shapely
@@ -26,6 +27,11 @@ CLEARANCE_M = 5.5
 RAMP_GRADE = 0.06
 #: Spacing of the samples along roads.
 STEP_M = 4.0
+#: Lift between samples is a regression over this many of the nearest, weighted by a Gaussian of
+#: this standard deviation, metres; and how much is known across a line of samples, square metres.
+NEIGHBOURS, SMOOTHING_M, STIFFNESS = 12, 4.0, 0.5
+#: Where roads of different levels meet, as many samples of each count for the other.
+SHARED = 4
 
 
 @dataclass(frozen=True)
@@ -52,15 +58,40 @@ class Lift:
     height: NDArray[np.float64]
 
     def at(self, xy: NDArray[np.float64], level: int) -> NDArray[np.float64]:
-        """Return the lift (M,) at (M, 2) points of a level, by inverse distance of 3 samples."""
-        near = self.level == level
-        if not near.any() or not self.height[near].any():
-            return np.zeros(len(xy))
-        count = min(3, int(near.sum()))
-        distance, index = cKDTree(self.xy[near]).query(xy, k=count)
-        distance, index = distance.reshape(len(xy), count), index.reshape(len(xy), count)
-        weight = 1.0 / np.maximum(distance, 0.05) ** 2
-        return np.asarray((weight * self.height[near][index]).sum(axis=1) / weight.sum(axis=1))
+        """Return the lift (M,) at (M, 2) points of a level, by local linear regression."""
+        lift = np.zeros(len(xy))
+        known = self._of_level(level)
+        if known is None or not len(xy):
+            return lift
+        tree, height = known
+        near = np.arange(len(xy))
+        count = min(NEIGHBOURS, len(height))
+        distance, index = tree.query(xy[near], k=np.arange(1, count + 1))
+        risen = height[index].any(axis=1)
+        near, distance, index = near[risen], distance[risen], index[risen]
+        gap = tree.data[index] - xy[near, None]
+        # Weights fall off from the nearest sample on: far away its height is what counts.
+        weight = np.exp(-0.5 * (distance**2 - distance[:, :1] ** 2) / SMOOTHING_M**2)
+        design = np.concatenate([np.ones((*gap.shape[:2], 1)), gap], axis=2)
+        weighted = design * weight[..., None]
+        normal = np.einsum("mki,mkj->mij", weighted, design)
+        # Samples lie along roads: across them nothing is known, and the slope is none.
+        normal[:, [1, 2], [1, 2]] += STIFFNESS * weight.sum(axis=1)[:, None]
+        right = np.einsum("mki,mk->mi", weighted, height[index])
+        lift[near] = np.maximum(np.linalg.solve(normal, right[..., None])[:, 0, 0], 0.0)
+        return lift
+
+    def _of_level(self, level: int) -> tuple[cKDTree, NDArray[np.float64]] | None:
+        if level not in self._trees:
+            mine = self.level == level
+            lifted = bool(self.height[mine].any())
+            tree = cKDTree(self.xy[mine]) if lifted else None
+            self._trees[level] = None if tree is None else (tree, self.height[mine])
+        return self._trees[level]
+
+    @cached_property
+    def _trees(self) -> dict[int, tuple[cKDTree, NDArray[np.float64]] | None]:
+        return {}
 
 
 def way_layer(tags: Mapping[str, str]) -> int:
@@ -126,6 +157,7 @@ def lift_of_network(
     ends: dict[str, list[int]] = {}
     seeds: dict[int, float] = {}
     start = 0
+    starts: list[int] = []
     for centre, level, ways, junctions in lines:
         line = shapely.LineString(centre)
         along = np.linspace(0, line.length, max(2, int(line.length / STEP_M) + 1))
@@ -143,6 +175,7 @@ def lift_of_network(
                 for near in np.flatnonzero(gap < max(15.0, float(gap.min()) + STEP_M)):
                     key = int(index[near])
                     seeds[key] = max(seeds.get(key, 0.0), level * CLEARANCE_M)
+        starts.append(start)
         points.append(xy)
         levels.append(np.full(len(xy), level))
         start += len(xy)
@@ -163,4 +196,28 @@ def lift_of_network(
     graph = coo_matrix((costs + 1e-9, (rows, columns)), shape=(start + 1, start + 1)).tocsr()
     distance = dijkstra(graph, directed=False, indices=start)[:start]
     height = np.maximum(0.0, highest - RAMP_GRADE * distance)
-    return Lift(xy, np.concatenate(levels), height)
+    level_of = np.concatenate(levels)
+    extra = _shared(ends, level_of, starts)
+    index = np.concatenate([np.arange(start), [k for k, _ in extra]]).astype(np.int64)
+    level_of = np.concatenate([level_of, [level for _, level in extra]]).astype(np.int64)
+    return Lift(xy[index], level_of, height[index])
+
+
+def _shared(
+    ends: Mapping[str, list[int]], level: NDArray[np.int64], starts: list[int]
+) -> list[tuple[int, int]]:
+    """Return (sample, level) of samples that count for the level of a road that they lead to."""
+    found = []
+    bounds = [*starts, len(level)]
+    for samples in ends.values():
+        here = {int(level[k]) for k in samples}
+        for k in samples:
+            road = int(np.searchsorted(bounds, k, side="right")) - 1
+            first, last = bounds[road], bounds[road + 1]
+            mine = (
+                range(k, min(k + SHARED, last))
+                if k == first
+                else range(max(first, k - SHARED + 1), k + 1)
+            )
+            found += [(j, other) for other in here - {int(level[k])} for j in mine]
+    return sorted(set(found))

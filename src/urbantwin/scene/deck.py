@@ -7,8 +7,8 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh
-from urbantwin.roads import Lift, RoadNetwork
-from urbantwin.scene.surface import Heights, Spacing, surface_mesh
+from urbantwin.roads import RoadNetwork, RoadSurface
+from urbantwin.scene.surface import Spacing, surface_mesh
 from urbantwin.scene.zones import deck_zones
 from urbantwin.taxonomy import material_id, semantic_id
 
@@ -20,9 +20,7 @@ PARAPET_M = 1.1
 JOIN_M = 1.0
 
 
-def deck_mesh(
-    network: RoadNetwork, lift: Lift, elevation: Heights, spacing: Spacing
-) -> LabelledMesh:
+def deck_mesh(network: RoadNetwork, surface: RoadSurface, spacing: Spacing) -> LabelledMesh:
     """Return every deck above the ground: road, underside, sides and parapets."""
     meshes = []
     for level in network.levels[1:]:
@@ -31,10 +29,15 @@ def deck_mesh(
             continue
 
         def height(xy: NDArray[np.float64], level: int = level) -> NDArray[np.float64]:
-            return elevation(xy) + lift.at(xy, level)
+            return surface.height(xy, level)
 
-        top = surface_mesh(zones, road_height=height, terrain_height=height, spacing=spacing)
-        outline = shapely.union_all([zone.area for zone in zones])
+        top = surface_mesh(
+            zones,
+            road_height=height,
+            terrain_height=height,
+            spacing=spacing,
+            lines=surface.ridges(level),
+        )
         beside = shapely.union_all(
             [
                 shapely.union(network.carriageway(other), network.footway(other))
@@ -42,7 +45,7 @@ def deck_mesh(
                 if other != level
             ]
         )
-        meshes += [top, _underside(top), _sides(outline, beside, height, spacing)]
+        meshes += [top, _underside(top), _sides(top, beside)]
     return LabelledMesh.concatenate(meshes)
 
 
@@ -55,34 +58,35 @@ def _underside(top: LabelledMesh) -> LabelledMesh:
     )
 
 
-def _sides(
-    outline: shapely.Geometry, beside: shapely.Geometry, height: Heights, spacing: Spacing
-) -> LabelledMesh:
-    """Vertical faces round a deck, as high as the parapet where nothing continues the road."""
-    meshes = []
+def _sides(top: LabelledMesh, beside: shapely.Geometry) -> LabelledMesh:
+    """Vertical faces along a deck's border, as high as the parapet where no road goes on."""
+    a, b = _border(top)
     joined = shapely.buffer(beside, JOIN_M)
-    for polygon in shapely.get_parts(shapely.orient_polygons(outline)):
-        for ring in [polygon.exterior, *polygon.interiors]:
-            xy = shapely.get_coordinates(shapely.segmentize(ring, min(spacing.road, 4.0)))
-            z = height(xy)
-            open_end = shapely.contains_xy(joined, *((xy[1:] + xy[:-1]) / 2).T)
-            rise = np.where(open_end, 0.0, PARAPET_M)
-            count = len(xy) - 1
-            corners = [
-                np.column_stack([xy[:-1], z[:-1] - THICKNESS_M]),
-                np.column_stack([xy[1:], z[1:] - THICKNESS_M]),
-                np.column_stack([xy[1:], z[1:] + rise]),
-                np.column_stack([xy[:-1], z[:-1] + rise]),
+    open_end = shapely.contains_xy(joined, *((a + b)[:, :2] / 2).T)
+    up = np.column_stack([np.zeros((len(a), 2)), np.where(open_end, 0.0, PARAPET_M)])
+    down = [0.0, 0.0, THICKNESS_M]
+    i, count = np.arange(len(a)), len(a)
+    return LabelledMesh.build(
+        np.concatenate([a - down, b - down, b + up, a + up]),
+        np.concatenate(
+            [
+                np.column_stack([i, i + count, i + 2 * count]),
+                np.column_stack([i, i + 2 * count, i + 3 * count]),
             ]
-            i = np.arange(count)
-            first = np.column_stack([i, i + count, i + 2 * count])
-            second = np.column_stack([i, i + 2 * count, i + 3 * count])
-            meshes.append(
-                LabelledMesh.build(
-                    np.concatenate(corners),
-                    np.concatenate([first, second]),
-                    semantic_id("other-structure"),
-                    material_id("concrete"),
-                )
-            )
-    return LabelledMesh.concatenate(meshes)
+        ),
+        semantic_id("other-structure"),
+        material_id("concrete"),
+    )
+
+
+def _border(mesh: LabelledMesh) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return starts and ends (N, 3) of the edges with one triangle, the mesh on their left."""
+    keys = np.round(mesh.vertices * 1e4).astype(np.int64)
+    _, first, same = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    directed = same.ravel()[mesh.faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)]
+    directed = directed[directed[:, 0] != directed[:, 1]]
+    _, index, uses = np.unique(
+        np.sort(directed, axis=1), axis=0, return_index=True, return_counts=True
+    )
+    once = directed[np.sort(index[uses == 1])]
+    return mesh.vertices[first[once[:, 0]]], mesh.vertices[first[once[:, 1]]]

@@ -27,6 +27,14 @@ GRID_M = 0.01
 #: Over this distance the terrain leaves a road's height and comes back to the ground's.
 BLEND_M = 10.0
 
+#: How far an edge of a road's triangle may leave the road, and the shortest edge that is still
+#: split for it, metres.
+FIT_M, SHORTEST_M = 0.003, 0.4
+#: Rounds of splitting.
+ROUNDS = 10
+#: An edge's number: its lower vertex times this, plus the other.
+CODE = 1 << 31
+
 Heights = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 
@@ -39,25 +47,34 @@ class Spacing:
 
 
 def surface_mesh(
-    zones: Sequence[Zone], *, road_height: Heights, terrain_height: Heights, spacing: Spacing
+    zones: Sequence[Zone],
+    *,
+    road_height: Heights,
+    terrain_height: Heights,
+    spacing: Spacing,
+    lines: Sequence[shapely.LineString] = (),
 ) -> LabelledMesh:
     """Triangulate zones that tile an area into one surface.
 
     Neighbouring zones share their vertices in plan. Where two zones have different heights along
     an edge, a vertical strip (a curb) joins them, so the surface has no gap. Terrain takes the
-    road's height where it meets a road and returns to its own within about ``BLEND_M``.
+    road's height where it meets a road and returns to its own within about ``BLEND_M``. Roads are
+    as coarse as their height allows: triangles are split until none leaves it by more than a few
+    millimetres.
 
     Args:
         zones: what lies where, without overlaps.
         road_height: height of the carriageway at (N, 2) points, metres.
         terrain_height: height of the bare earth at (N, 2) points, metres.
         spacing: how fine the triangles are.
+        lines: ridges of roads, which triangles do not cross.
     """
-    xy, triangles = _triangulate(zones, spacing)
+    plan = _plan(zones, spacing, lines)
+    xy, triangles, road = _fitted(plan, zones, road_height)
     zone = _zone_of(zones, xy[triangles].mean(axis=1))
     triangles, zone = triangles[zone >= 0], zone[zone >= 0]
     step = np.array([np.nan if z.step is None else z.step for z in zones])[zone]
-    corner_z = _heights(xy, triangles, step, road_height(xy), terrain_height(xy))
+    corner_z = _heights(xy, triangles, step, road, terrain_height(xy))
     vertices, faces = _weld(xy, triangles, corner_z)
     part = np.array([PARTS[z.kind] for z in zones])[zone]
     semantic = np.array([z.semantic for z in zones])[zone]
@@ -66,11 +83,15 @@ def surface_mesh(
     return LabelledMesh.concatenate([ground, _curbs(xy, triangles, corner_z)])
 
 
-def _triangulate(
-    zones: Sequence[Zone], spacing: Spacing
+def _plan(
+    zones: Sequence[Zone], spacing: Spacing, lines: Sequence[shapely.LineString]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Constrained Delaunay triangulation of all borders at once; triangles counter-clockwise."""
-    borders = shapely.union_all([shapely.boundary(z.area) for z in zones], grid_size=GRID_M)
+    """Return points (N, 2), and the edges (E, 2) between them that triangles keep."""
+    paved = shapely.union_all([z.area for z in zones if z.step is not None])
+    ridges = shapely.intersection(shapely.union_all(list(lines)), paved)
+    borders = shapely.union_all(
+        [*(shapely.boundary(z.area) for z in zones), *_lines_of(ridges)], grid_size=GRID_M
+    )
     borders = shapely.segmentize(borders, spacing.road)
     parts = shapely.get_parts(borders)
     coordinates, line = shapely.get_coordinates(parts, return_index=True)
@@ -78,19 +99,93 @@ def _triangulate(
         np.round(coordinates / 1e-4).astype(np.int64), axis=0, return_inverse=True
     )
     index = index.ravel()
-    xy = keys * 1e-4
     joined = line[1:] == line[:-1]
     edges = np.sort(np.column_stack([index[:-1], index[1:]])[joined], axis=1)
     edges = np.unique(edges[edges[:, 0] != edges[:, 1]], axis=0)
-    inner = [
-        _grid_points(z.area, spacing.road if z.step is not None else spacing.terrain) for z in zones
-    ]
-    extra = np.concatenate(inner)
+    extra = np.concatenate(
+        [
+            _grid_points(z.area, spacing.road if z.step is not None else spacing.terrain)
+            for z in zones
+        ]
+    )
     shapely.prepare(borders)
     extra = extra[
         ~shapely.dwithin(shapely.points(extra), borders, min(spacing.road, spacing.terrain) / 4)
     ]
-    xy = np.concatenate([xy, extra])
+    return np.concatenate([keys * 1e-4, extra]), edges
+
+
+def _lines_of(shape: shapely.Geometry) -> list[shapely.Geometry]:
+    return [part for part in shapely.get_parts(shape) if part.geom_type == "LineString"]
+
+
+def _fitted(
+    plan: tuple[NDArray[np.float64], NDArray[np.int64]],
+    zones: Sequence[Zone],
+    road_height: Heights,
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+    """Split edges of roads' triangles until all lie on the road.
+
+    Returns:
+        points (N, 2), triangles (F, 3), and the road's height (N,) at the points.
+    """
+    xy, kept = plan
+    z = road_height(xy)
+    paved = shapely.union_all([zone.area for zone in zones if zone.step is not None])
+    shapely.prepare(paved)
+    good = np.zeros(0, np.int64)
+    for _ in range(ROUNDS):
+        xy, triangles = _triangulated(xy, kept)
+        if len(xy) > len(z):  # where edges that must stay cross, a point was added
+            z = np.concatenate([z, road_height(xy[len(z) :])])
+        middle = xy[triangles].mean(axis=1)
+        inside = triangles[shapely.contains_xy(paved, middle[:, 0], middle[:, 1])]
+        edges = np.sort(inside[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+        code = np.unique(edges[:, 0] * CODE + edges[:, 1])
+        code = code[~np.isin(code, good, assume_unique=True)]
+        a, b = code // CODE, code % CODE
+        length = np.linalg.norm(xy[b] - xy[a], axis=1)
+        long = length > SHORTEST_M
+        a, b, code = a[long], b[long], code[long]
+        off = np.zeros(len(a))
+        for share in (0.25, 0.5, 0.75):
+            there = road_height(xy[a] + share * (xy[b] - xy[a]))
+            off = np.maximum(off, np.abs(there - z[a] - share * (z[b] - z[a])))
+        bad = off > FIT_M
+        bad[bad] = _new(xy, (xy[a[bad]] + xy[b[bad]]) / 2)
+        good = np.union1d(good, code[~bad])
+        if not bad.any():
+            break
+        added = len(xy) + np.arange(int(bad.sum()))
+        middle = (xy[a[bad]] + xy[b[bad]]) / 2
+        xy, z = np.concatenate([xy, middle]), np.concatenate([z, road_height(middle)])
+        kept_code = kept.min(axis=1) * CODE + kept.max(axis=1)
+        order = np.argsort(code[bad])
+        at = np.searchsorted(code[bad][order], kept_code)
+        at = order[np.minimum(at, len(order) - 1)]
+        split = code[bad][at] == kept_code
+        halves = [np.column_stack([kept[split][:, end], added[at[split]]]) for end in (0, 1)]
+        kept = np.concatenate([kept[~split], *halves])
+    else:
+        xy, triangles = _triangulated(xy, kept)
+        if len(xy) > len(z):
+            z = np.concatenate([z, road_height(xy[len(z) :])])
+    return xy, triangles, z
+
+
+def _new(xy: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which points (N,) are not there yet, nor twice."""
+    keys = np.round(np.concatenate([xy, points]) / 1e-4).astype(np.int64)
+    _, first = np.unique(keys, axis=0, return_index=True)
+    new = np.zeros(len(keys), bool)
+    new[first] = True
+    return new[len(xy) :]
+
+
+def _triangulated(
+    xy: NDArray[np.float64], kept: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Constrained Delaunay triangulation; triangles counter-clockwise."""
     mesh = pythoncdt.Triangulation(
         pythoncdt.VertexInsertionOrder.AUTO,
         pythoncdt.IntersectingConstraintEdges.TRY_RESOLVE,
@@ -98,7 +193,7 @@ def _triangulate(
     )
     # numpy arrays are buffers; the stubs' Buffer is Python 3.12's, which mypy does not see here.
     mesh.insert_vertices(np.ascontiguousarray(xy))  # type: ignore[call-overload]
-    mesh.insert_edges(edges.astype(np.uint32))  # type: ignore[call-overload]
+    mesh.insert_edges(kept.astype(np.uint32))  # type: ignore[call-overload]
     mesh.erase_super_triangle()
     corners = mesh.vertices_array()
     triangles = mesh.triangles_array()["vertices"].astype(np.int64)

@@ -1,5 +1,6 @@
-"""Elevation and superelevation of roads."""
+"""Heights of roads: elevation, superelevation, crown, and the one surface that they lie in."""
 
-from urbantwin.roads.heights.fitted_ground import with_heights
+from urbantwin.roads.heights.blend import RoadSurface
+from urbantwin.roads.heights.heights import road_surface, with_heights
 
-__all__ = ["with_heights"]
+__all__ = ["RoadSurface", "road_surface", "with_heights"]

@@ -1,0 +1,108 @@
+"""Clashes: where carriageways overlap or touch outside junctions, and must share one surface."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.roads.heights.stations import Stations, stations_of
+from urbantwin.roads.model import ModelRoad
+
+__all__ = ["NO_CLASHES", "Clashes", "find_clashes"]
+
+#: Carriageways this close together are one area of asphalt, metres.
+SEAM_M = 0.6
+#: Spacing of the corners of carriageways, metres.
+STEP_M = 2.0
+#: Smaller overlaps are where roads touch, square metres.
+LEAST_M2 = 0.1
+#: A difference in height that matters, metres.
+STEP_UP_M = 0.005
+#: How far a clash is felt along a road, metres.
+AROUND_M = 2.0
+
+
+@dataclass(frozen=True)
+class Clashes:
+    """Where streets must lie as their neighbours do.
+
+    Attributes:
+        calm: id of a street -> stations between which it has no cross-fall of its own.
+        yielding: ids of streets that follow the surface of others.
+    """
+
+    calm: dict[int, list[tuple[float, float]]]
+    yielding: frozenset[int]
+
+
+#: Nothing overlaps.
+NO_CLASHES = Clashes({}, frozenset())
+
+
+def find_clashes(streets: Sequence[ModelRoad], ways: Sequence[ModelRoad]) -> Clashes:
+    """Return where streets, as they lie now, differ in height from what shares their asphalt.
+
+    Args:
+        streets: streets with heights.
+        ways: ways through junctions, which should not lie on streets, but now and then do.
+    """
+    roads = [*streets, *ways]
+    stations = stations_of(roads, STEP_M)
+    areas = _carriageways(stations, len(streets))
+    level = np.array([road.level for road in roads])
+    tree = shapely.STRtree(areas[: len(streets)])
+    first, second = tree.query(areas, predicate="intersects")
+    keep = (second < first) & (level[first] == level[second])
+    first, second = first[keep], second[keep]
+    shared = shapely.intersection(areas[first], areas[second])
+    big = shapely.area(shared) > LEAST_M2
+    calm: dict[int, list[tuple[float, float]]] = defaultdict(list)
+    yielding = set()
+    for a, b, area in zip(first[big], second[big], shared[big], strict=True):
+        one, two = roads[a], roads[b]
+        points = shapely.get_coordinates(area)
+        t, u = one.curve.locate(points), two.curve.locate(points)
+        if a >= len(streets):
+            # The way is fitted to the street: the street's crown would be a kink in it.
+            if not (two.crown.is_zero and _falls_little(two)):
+                calm[two.id].append(_interval(u[0]))
+            continue
+        gap = one.heights(np.clip(t[0], 0.0, one.length), t[1])
+        gap = gap - two.heights(np.clip(u[0], 0.0, two.length), u[1])
+        if np.abs(gap).max() > STEP_UP_M:
+            calm[one.id].append(_interval(t[0]))
+            calm[two.id].append(_interval(u[0]))
+            narrow = min((a, b), key=lambda k: (_width(stations, k), roads[k].length, k))
+            yielding.add(roads[narrow].id)
+    return Clashes(dict(calm), frozenset(yielding))
+
+
+def _carriageways(stations: Stations, streets: int) -> NDArray[np.object_]:
+    """Return the area of each road's carriageway; streets' reach half a seam beyond it."""
+    reach = np.where(stations.road < streets, SEAM_M / 2, -0.05)
+    sides = np.column_stack([stations.right - reach, stations.left + reach])
+    corners = stations.beside(sides)
+    found = []
+    for k in range(len(stations.roads)):
+        part = stations.of(k)
+        ring = shapely.Polygon(np.vstack([corners[part, 0], corners[part, 1][::-1]]))
+        found.append(ring if ring.is_valid else ring.buffer(0))
+    return np.array(found, object)
+
+
+def _falls_little(road: ModelRoad) -> bool:
+    return bool(np.abs(road.bank.at(np.linspace(0.0, road.length, 9))).max() < 1e-3)
+
+
+def _interval(s: NDArray[np.float64]) -> tuple[float, float]:
+    return float(s.min()) - AROUND_M, float(s.max()) + AROUND_M
+
+
+def _width(stations: Stations, k: int) -> float:
+    part = stations.of(k)
+    return round(float((stations.left[part] - stations.right[part]).mean()), 2)

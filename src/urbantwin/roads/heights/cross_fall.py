@@ -1,0 +1,200 @@
+"""Cross-fall: how carriageways lie across, as measured or as they are usually built."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from urbantwin.ground import Elevation
+from urbantwin.roads.heights.limits import Limits
+from urbantwin.roads.heights.stations import Stations
+from urbantwin.roads.model import ModelRoad
+
+__all__ = ["FINE_M", "RUN_OUT_M", "CrossFall", "cross_falls", "line_across", "run_out"]
+
+#: Fall of a paved carriageway that sheds water: from the crown of a two-way street to both sides,
+#: on a one-way carriageway to the outer side (AASHTO Green Book 2018, 4.2.2: 1.5 to 2 %).
+NORMAL_FALL = 0.02
+#: Over this distance before a junction the cross-fall turns into the junction's surface, metres.
+RUN_OUT_M = 15.0
+#: Ground of cells up to this size shows the cross-fall of a road, metres.
+FINE_M = 2.0
+#: A crown shows where this much of the carriageway lies on either side of the reference line, m.
+SIDE_M = 2.0
+#: What is nearer to the edge may be curb, metres.
+EDGE_M = 0.6
+#: Crowns beyond these are something else than a road: a hedge, a wall, a row of parked cars.
+CROWNS = (0.0, 0.05)
+#: Smoothing along the road of what is measured, standard deviation, metres.
+ALONG_M = 8.0
+#: Residuals beyond this weigh less in the measurement (Huber, 1964), metres.
+HUBER_M = 0.03
+ROUNDS = 4
+#: Offsets across that are sampled.
+SAMPLES = 9
+
+
+@dataclass(frozen=True)
+class CrossFall:
+    """How the ground, and the carriageways on it, lie across at stations.
+
+    Attributes:
+        ground: (M,) height of the ground at the reference line, from a line fitted across.
+        tilt: (M,) rise of the ground per metre to the left.
+        level: (M,) height at the reference line that the road should have.
+        bank: (M,) rise per metre to the left that the road should have.
+        crown: (R,) fall of the road to both sides, before it runs out towards junctions.
+        measured: (R,) whether the road's own cross-fall was seen in the ground.
+    """
+
+    ground: NDArray[np.float64]
+    tilt: NDArray[np.float64]
+    level: NDArray[np.float64]
+    bank: NDArray[np.float64]
+    crown: NDArray[np.float64]
+    measured: NDArray[np.bool_]
+
+
+def cross_falls(
+    stations: Stations,
+    t: NDArray[np.float64],
+    z: NDArray[np.float64],
+    elevation: Elevation,
+    limits: list[Limits],
+    lifted: NDArray[np.bool_],
+    share: NDArray[np.float64],
+) -> CrossFall:
+    """Return the cross-fall of streets.
+
+    Args:
+        stations: of the streets.
+        t: (M, K) offsets across the carriageway, metres to the left.
+        z: (M, K) smoothed ground there, with what lifts the road.
+        elevation: the ground, to measure from.
+        limits: of each street.
+        lifted: (R,) whether a street stands above the ground anywhere.
+        share: (M,) of its cross-fall that a street has (``run_out``).
+    """
+    ground, tilt = line_across(t, z)
+    side = np.array([_outer_side(road) for road in stations.roads], np.float64)
+    reach = np.minimum(stations.left, -stations.right)
+    sided = np.minimum.reduceat(reach, stations.first[:-1]) > SIDE_M
+    bridge = np.array([road.level > 0 for road in stations.roads])
+    crown = np.where(sided & (side == 0) & ~bridge, NORMAL_FALL, 0.0)
+    fall = np.where(bridge, 0.0, -side * NORMAL_FALL)[stations.road]
+    level, bank = ground, tilt + fall * share
+    width = np.minimum.reduceat(stations.left - stations.right, stations.first[:-1])
+    measured = (
+        ~lifted & (width > 2.5 * elevation.detail) & (elevation.detail <= FINE_M)
+        if not elevation.is_flat
+        else np.zeros(len(lifted), bool)
+    )
+    if measured.any():
+        seen = _measured(stations, elevation, ground, tilt, sided & (side == 0))
+        here = measured[stations.road]
+        level = np.where(here, ground + (seen[0] - ground) * share, level)
+        bank = np.where(here, tilt + (seen[1] - tilt) * share, bank)
+        crown = np.where(measured, seen[2], crown)
+    steepest = np.array([limit.bank for limit in limits])[stations.road]
+    # What is steeper than roads are built is turned about the carriageway's middle.
+    cut = (bank - np.clip(bank, -steepest, steepest)) * share
+    middle = (stations.left + stations.right) / 2
+    return CrossFall(ground, tilt, level + cut * middle, bank - cut, crown, measured)
+
+
+def run_out(
+    stations: Stations, calm: Mapping[int, Sequence[tuple[float, float]]]
+) -> NDArray[np.float64]:
+    """Return the share (M,) of its cross-fall that a street has: 0 where it joins others, else 1.
+
+    Args:
+        stations: of the streets.
+        calm: id of a street -> stations between which it has none.
+    """
+    length = np.array([road.length for road in stations.roads])[stations.road]
+    near = np.full(len(length), np.inf)
+    for k, road in enumerate(stations.roads):
+        part = stations.of(k)
+        s = stations.s[part]
+        spans = list(calm.get(road.id, ()))
+        spans += [(0.0, 0.0)] * (road.predecessor is not None)
+        spans += [(road.length, road.length)] * (road.successor is not None)
+        for first, last in spans:
+            near[part] = np.minimum(near[part], np.maximum(np.maximum(first - s, s - last), 0.0))
+    u = np.clip(near / np.minimum(RUN_OUT_M, length / 2), 0.0, 1.0)
+    return np.asarray(u * u * (3.0 - 2.0 * u))
+
+
+def line_across(
+    t: NDArray[np.float64], z: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return height at t = 0 and slope (M,) of least-squares lines through samples (M, K)."""
+    middle = t.mean(axis=1)
+    spread = t - middle[:, None]
+    slope = (spread * z).sum(axis=1) / np.maximum((spread**2).sum(axis=1), 1e-9)
+    return np.asarray(z.mean(axis=1) - slope * middle), np.asarray(slope)
+
+
+def _outer_side(road: ModelRoad) -> int:
+    """Return 0 for a two-way street, 1 where the outer side of a one-way road is its left."""
+    lanes = [lane for section in road.sections for lane in section.lanes if lane.allowed]
+    if len({lane.forward for lane in lanes}) == 2:
+        return 0
+    return int(np.sign(sum(np.sign(lane.id) for lane in lanes)))
+
+
+def _measured(
+    stations: Stations,
+    elevation: Elevation,
+    ground: NDArray[np.float64],
+    tilt: NDArray[np.float64],
+    crowned: NDArray[np.bool_],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return level (M,), bank (M,) and crown (R,) by robust local regression on the raw ground."""
+    half = (stations.left - stations.right) / 2
+    t = stations.across(SAMPLES, margin=np.minimum(EDGE_M, half / 3))
+    raw = elevation.raw_at(stations.beside(t).reshape(-1, 2)).reshape(t.shape)
+    # What the smoothed ground does along the road is taken out: the regression looks across.
+    raw = raw - ground[:, None] - tilt[:, None] * t
+    crown = np.zeros(len(stations.roads))
+    if crowned.any():
+        # The first fit finds one crown a street; the second the rest, with that crown given.
+        kink = _regressed(stations, raw, [np.ones_like(t), t, -np.abs(t)])[2]
+        for k in np.flatnonzero(crowned).tolist():
+            crown[k] = np.clip(np.median(kink[stations.of(k)]), *CROWNS)
+    flat = raw + crown[stations.road][:, None] * np.abs(t)
+    level, bank = _regressed(stations, flat, [np.ones_like(t), t])
+    return ground + level, tilt + bank, crown
+
+
+def _regressed(
+    stations: Stations, z: NDArray[np.float64], columns: list[NDArray[np.float64]]
+) -> NDArray[np.float64]:
+    """Fit z (M, K) by columns (M, K), locally along each road; return coefficients (C, M)."""
+    design = np.stack(columns, axis=-1)
+    count = design.shape[-1]
+    weight = np.ones_like(z)
+    found = np.zeros((len(z), count))
+    for _ in range(ROUNDS):
+        weighted = design * weight[..., None]
+        system = np.concatenate(
+            [
+                np.einsum("mki,mkj->mij", weighted, design).reshape(len(z), -1),
+                np.einsum("mki,mk->mi", weighted, z),
+            ],
+            axis=1,
+        )
+        for k, road in enumerate(stations.roads):
+            part = stations.of(k)
+            step = road.length / (part.stop - part.start - 1)
+            system[part] = gaussian_filter1d(system[part], ALONG_M / step, axis=0, mode="nearest")
+        normal = system[:, : count * count].reshape(-1, count, count)
+        normal = normal + 1e-6 * np.eye(count)
+        found = np.linalg.solve(normal, system[:, count * count :, None])[..., 0]
+        off = np.abs(z - np.einsum("mki,mi->mk", design, found))
+        weight = np.minimum(1.0, HUBER_M / np.maximum(off, 1e-9))
+    return found.T

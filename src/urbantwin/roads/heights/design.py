@@ -1,0 +1,183 @@
+"""Design profiles: smooth curves fitted to samples along roads, bounded by design limits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import solveh_banded
+
+from urbantwin.roads.heights.limits import Limits
+from urbantwin.roads.heights.stations import Stations
+
+__all__ = ["Pins", "designed", "profile_slopes", "smoothed"]
+
+#: Lengths over which profiles are smoothed, one after the other until the limits are met, metres.
+SMOOTHING_LENGTHS_M = (6.0, 12.0, 25.0, 50.0)
+#: How much steeper than the steepest ground along it a street may be.
+GRADE_TOLERANCE = 0.005
+#: Weight of what is pinned, relative to a sample.
+PINNED = 1e7
+
+
+@dataclass(frozen=True)
+class Pins:
+    """What roads must meet at their starts (row 0) and ends (row 1).
+
+    Attributes:
+        pinned: (2, R) whether an end is pinned at all.
+        value: (2, R) value there.
+        slope: (2, R) derivative along the road.
+    """
+
+    pinned: NDArray[np.bool_]
+    value: NDArray[np.float64]
+    slope: NDArray[np.float64]
+
+
+def smoothed(
+    stations: Stations, value: NDArray[np.float64], pins: Pins, length: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the smoothing splines of samples (M,) along many roads at once.
+
+    Each minimises sum (z - value)^2 + length^4 sum z''^2 (Whittaker 1923; Reinsch 1967) and meets
+    its pins. Waves much shorter than ``2 pi length`` are levelled out.
+
+    Args:
+        stations: where the samples are; evenly spaced on each road.
+        value: (M,) samples.
+        pins: what ends must meet.
+        length: (R,) smoothing length of each road, metres.
+    """
+    count = len(value)
+    ends = stations.edges()
+    step = _steps(stations)[stations.road]
+    stiff = (length[stations.road] / step) ** 4
+    bands = np.zeros((3, count))  # upper form: row 2 the diagonal, row 0 two off it
+    bands[2] = 1.0
+    right = value.astype(np.float64).copy()
+    inner = np.ones(count, bool)
+    inner[ends[0]] = inner[ends[1]] = False
+    k = np.flatnonzero(inner)
+    weight = stiff[k]
+    for shift, own in ((-1, 1.0), (0, -2.0), (1, 1.0)):
+        bands[2, k + shift] += weight * own * own
+    bands[1, k] += weight * -2.0
+    bands[1, k + 1] += weight * -2.0
+    bands[0, k + 1] += weight
+    for side, inwards in ((0, 1), (1, -1)):
+        at = ends[side][pins.pinned[side]]
+        bands[2, at] += PINNED
+        right[at] += PINNED * pins.value[side][pins.pinned[side]]
+        # The slope: a mirrored neighbour beyond the end, (z1 - z0) = step x slope.
+        rise = inwards * step[at] * pins.slope[side][pins.pinned[side]]
+        weight = 2.0 * stiff[at]
+        bands[2, at] += weight
+        bands[2, at + inwards] += weight
+        bands[1, np.maximum(at, at + inwards)] -= weight
+        right[at] -= weight * rise
+        right[at + inwards] += weight * rise
+    z = np.asarray(solveh_banded(bands, right, check_finite=False))
+    for side in (0, 1):
+        z[ends[side][pins.pinned[side]]] = pins.value[side][pins.pinned[side]]
+    return z
+
+
+def designed(
+    stations: Stations,
+    ground: NDArray[np.float64],
+    pins: Pins,
+    limits: list[Limits],
+    earthwork: float,
+) -> NDArray[np.float64]:
+    """Return the heights (M,) of streets' profiles.
+
+    Each is the ground's, smoothed no more than its class asks for: over the first of
+    ``SMOOTHING_LENGTHS_M`` at which grade and vertical curvature are within the limits, else the
+    one that leaves them least; never further off the ground than ``earthwork``. It is nowhere
+    steeper than the steepest ground along the street by more than ``GRADE_TOLERANCE``.
+
+    Args:
+        stations: where the ground was sampled.
+        ground: (M,) heights of the ground along the streets.
+        pins: heights and grades at junctions.
+        limits: of each street.
+        earthwork: largest cut or fill, metres.
+    """
+    step = _steps(stations)
+    grade, crest, sag = (
+        np.array([getattr(limit, name) for limit in limits]) for name in ("grade", "crest", "sag")
+    )
+    best = ground.astype(np.float64).copy()
+    least = np.full(len(step), np.inf)
+    for length in SMOOTHING_LENGTHS_M:
+        z = smoothed(stations, ground, pins, np.full(len(step), length))
+        rise, bend = _differences(stations, z)
+        beyond = np.maximum.reduce(
+            [
+                _largest(stations, np.abs(rise)) / grade,
+                _largest(stations, -bend) / crest,
+                _largest(stations, bend) / sag,
+            ]
+        )
+        # A second step must be worth it: where the ground itself is too steep, nothing helps.
+        better = (least > 1.0) & (beyond < 0.98 * least)
+        better &= _largest(stations, np.abs(z - ground)) < earthwork
+        best = np.where(better[stations.road], z, best)
+        least = np.where(better, beyond, least)
+        if (least <= 1.0).all():
+            break
+    return _no_steeper(stations, best, ground)
+
+
+def _no_steeper(
+    stations: Stations, z: NDArray[np.float64], ground: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return profiles moved towards the ground's until no grade exceeds the ground's."""
+    own, there = _differences(stations, z)[0], _differences(stations, ground)[0]
+    bound = _largest(stations, np.abs(there))[stations.road] + GRADE_TOLERANCE
+    share = np.where(
+        np.abs(own) > bound, (bound - np.abs(there)) / np.maximum(np.abs(own - there), 1e-12), 1.0
+    )
+    part = np.minimum.reduceat(share, stations.first[:-1]) if len(share) else share
+    part = np.clip(part, 0.0, 1.0)[stations.road]
+    return np.asarray(part * z + (1.0 - part) * ground)
+
+
+def profile_slopes(stations: Stations, z: NDArray[np.float64], pins: Pins) -> NDArray[np.float64]:
+    """Return derivatives (M,) of samples along roads: central, at the ends pinned or one-sided."""
+    step = _steps(stations)[stations.road]
+    slope = np.zeros(len(z))
+    slope[1:-1] = z[2:] - z[:-2]
+    slope /= 2.0 * step
+    for side, inwards in ((0, 1), (1, -1)):
+        at = stations.edges()[side]
+        one, two = z[at + inwards], z[at + 2 * inwards]
+        slope[at] = inwards * (-3.0 * z[at] + 4.0 * one - two) / (2.0 * step[at])
+        held = pins.pinned[side]
+        slope[at[held]] = pins.slope[side][held]
+    return slope
+
+
+def _steps(stations: Stations) -> NDArray[np.float64]:
+    """Return the spacing (R,) of each road's stations."""
+    return np.asarray(stations.s[stations.first[:-1] + 1])
+
+
+def _differences(
+    stations: Stations, z: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return grade (M,) to the next station and curvature (M,), 0 where there is none."""
+    step = _steps(stations)[stations.road]
+    rise, bend = np.zeros(len(z)), np.zeros(len(z))
+    rise[:-1] = np.diff(z) / step[:-1]
+    rise[stations.edges()[1]] = 0.0
+    bend[1:-1] = (z[2:] - 2.0 * z[1:-1] + z[:-2]) / step[1:-1] ** 2
+    for at in stations.edges():
+        bend[at] = 0.0
+    return rise, bend
+
+
+def _largest(stations: Stations, value: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(np.maximum.reduceat(value, stations.first[:-1]))

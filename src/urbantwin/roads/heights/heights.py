@@ -1,0 +1,163 @@
+"""From the ground to the heights of every road."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.ground import Elevation
+from urbantwin.roads.heights.base import RoadGround
+from urbantwin.roads.heights.blend import Base, RoadSurface
+from urbantwin.roads.heights.clash import NO_CLASHES, Clashes, find_clashes
+from urbantwin.roads.heights.cross_fall import FINE_M, cross_falls, line_across, run_out
+from urbantwin.roads.heights.design import Pins, designed, profile_slopes, smoothed
+from urbantwin.roads.heights.limits import limits_of
+from urbantwin.roads.heights.mouths import curvature_at
+from urbantwin.roads.heights.profiles import hermite_profiles
+from urbantwin.roads.heights.stations import Stations, stations_of
+from urbantwin.roads.heights.through import fitted_ways
+from urbantwin.roads.levels import Lift
+from urbantwin.roads.model import LaneModel, ModelRoad
+
+__all__ = ["ground_under", "road_surface", "with_heights"]
+
+#: Spacing of the stations that streets are designed at, metres.
+STEP_M = 2.5
+#: Offsets across a carriageway that the smoothed ground is sampled at.
+SAMPLES = 5
+#: Furthest that smoothing may take a street off the ground, metres: on a coarse DEM, which does not
+#: know of cuts and fills, and on one that shows them.
+EARTHWORK_M, EARTHWORK_SEEN_M = 0.5, 0.1
+#: Bank is smoothed over this length, metres.
+BANK_SMOOTHING_M = 8.0
+
+
+def with_heights(model: LaneModel, elevation: Elevation, lift: Lift) -> LaneModel:
+    """Return the model with elevation, superelevation and crown of every road.
+
+    Args:
+        model: the lanes in plan.
+        elevation: the ground.
+        lift: how far roads are lifted off it.
+    """
+    base = ground_under(model, elevation, lift)
+    streets = [road for road in model.roads if road.junction < 0]
+    ways = [road for road in model.roads if road.junction >= 0]
+    risen = {road.id: road for road in _streets(streets, elevation, base, NO_CLASHES)}
+    clashes = find_clashes(list(risen.values()), ways)
+    if clashes.calm:
+        again = [road for road in streets if road.id in clashes.calm]
+        first = [road for road in again if road.id not in clashes.yielding]
+        risen |= {road.id: road for road in _streets(first, elevation, base, clashes)}
+        others = tuple(r for r in risen.values() if r.id not in clashes.yielding)
+        surface = RoadSurface(model.with_roads(others), base)
+        last = [road for road in again if road.id in clashes.yielding]
+        risen |= {r.id: r for r in _streets(last, elevation, base, clashes, surface)}
+    surface = RoadSurface(model.with_roads(tuple(risen.values())), base)
+    risen |= {road.id: road for road in fitted_ways(ways, risen, surface)}
+    return model.with_roads(tuple(risen[road.id] for road in model.roads))
+
+
+def road_surface(model: LaneModel, elevation: Elevation, lift: Lift) -> RoadSurface:
+    """Return the surface of a model that ``with_heights`` made."""
+    return RoadSurface(model, ground_under(model, elevation, lift))
+
+
+def ground_under(model: LaneModel, elevation: Elevation, lift: Lift) -> RoadGround:
+    """Return the ground as a model's roads see it."""
+    roads = [road for road in model.roads if road.level == 0]
+    if elevation.is_flat or not roads:
+        return RoadGround(elevation, lift, np.zeros((0, 2)))
+    stations = stations_of(roads, 1.0)
+    count = np.ceil(stations.left - stations.right).astype(int) + 1
+    row = np.repeat(np.arange(len(count)), count)
+    share = (np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)) / np.maximum(
+        count[row] - 1, 1
+    )
+    t = stations.right[row] + share * (stations.left - stations.right)[row]
+    x, y, heading = stations.pose[row].T
+    return RoadGround(
+        elevation, lift, np.column_stack([x - t * np.sin(heading), y + t * np.cos(heading)])
+    )
+
+
+def _streets(
+    streets: Sequence[ModelRoad],
+    elevation: Elevation,
+    ground: RoadGround,
+    clashes: Clashes,
+    surface: RoadSurface | None = None,
+) -> list[ModelRoad]:
+    """Return streets with heights; on a surface of other streets, if there is one."""
+    if not streets:
+        return []
+    base: Base = surface.height if surface else ground
+    stations = stations_of(streets, STEP_M)
+    limits = [limits_of(road) for road in streets]
+    t = stations.across(SAMPLES)
+    z = _sampled(stations, t, base)
+    share = run_out(stations, clashes.calm)
+    lifted = _lifted(stations, ground)
+    cross = cross_falls(stations, t, z, elevation, limits, lifted, share)
+    ends = stations.edges()
+    held = np.array([(r.predecessor is not None, r.successor is not None) for r in streets]).T
+    grade = _grades(stations, t, base)
+    level = np.stack([cross.ground[at] for at in ends])
+    bend = np.array([[curvature_at(r, 0.0), curvature_at(r, r.length)] for r in streets]).T
+    tilt = np.stack([cross.tilt[at] for at in ends])
+    along, across = Pins(held, level, grade), Pins(held, tilt, -bend * grade)
+    earthwork = EARTHWORK_M if elevation.detail > FINE_M else EARTHWORK_SEEN_M
+    height = designed(stations, cross.level, along, limits, earthwork)
+    bank = smoothed(stations, cross.bank, across, np.full(len(streets), BANK_SMOOTHING_M))
+    elevations = hermite_profiles(stations, height, profile_slopes(stations, height, along))
+    turn = profile_slopes(stations, bank, across)
+    banks = hermite_profiles(stations, np.arctan(bank), turn / (1.0 + bank**2))
+    fall = cross.crown[stations.road] * share
+    level_ends = Pins(held, np.zeros(held.shape), np.zeros(held.shape))
+    crowns = hermite_profiles(stations, fall, profile_slopes(stations, fall, level_ends))
+    return [
+        replace(road, elevation=e, bank=b, crown=c)
+        for road, e, b, c in zip(streets, elevations, banks, crowns, strict=True)
+    ]
+
+
+def _sampled(stations: Stations, t: NDArray[np.float64], base: Base) -> NDArray[np.float64]:
+    """Return the base (M, K) at offsets (M, K) across streets."""
+    xy = stations.beside(t)
+    z = np.zeros(t.shape)
+    levels = np.array([road.level for road in stations.roads])[stations.road]
+    for level in np.unique(levels):
+        here = levels == level
+        z[here] = base(xy[here].reshape(-1, 2), int(level)).reshape(-1, t.shape[1])
+    return z
+
+
+def _grades(stations: Stations, t: NDArray[np.float64], base: Base) -> NDArray[np.float64]:
+    """Return the slope (2, R) of the ground along streets at their starts and ends."""
+    reach = 1.0
+    found = []
+    for at in stations.edges():
+        heading = stations.pose[at, 2]
+        ahead = np.stack([np.cos(heading), np.sin(heading)], -1)[:, None] * reach
+        xy = stations.beside(t)[at]
+        level = np.array([road.level for road in stations.roads])
+        rise = np.zeros(xy.shape[:2])
+        for number in np.unique(level):
+            here = level == number
+            before, after = (
+                base((xy[here] + sign * ahead[here]).reshape(-1, 2), int(number))
+                for sign in (-1.0, 1.0)
+            )
+            rise[here] = (after - before).reshape(-1, xy.shape[1])
+        found.append(line_across(t[at], rise / (2.0 * reach))[0])
+    return np.stack(found)
+
+
+def _lifted(stations: Stations, base: RoadGround) -> NDArray[np.bool_]:
+    """Return which roads (R,) stand above the ground somewhere."""
+    found = np.array([road.level > 0 for road in stations.roads])
+    lift = base.lift_at(stations.pose[:, :2], 0)
+    return found | (np.maximum.reduceat(lift, stations.first[:-1]) > 0.02)

@@ -1,0 +1,129 @@
+"""Stations along all roads at once, and how far the carriageway reaches to both sides there."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.roads.model import RAISED_KINDS, ModelRoad
+
+__all__ = ["Stations", "stations_of"]
+
+
+@dataclass(frozen=True)
+class Stations:
+    """Stations of many roads, one road after the other (M in all).
+
+    Attributes:
+        roads: the roads.
+        first: (R + 1,) index of each road's first station, and M.
+        road: (M,) index of the road.
+        s: (M,) metres along the reference line.
+        pose: (M, 3) x, y, heading of the reference line.
+        right, left: (M,) offsets between which the carriageway lies, metres to the left.
+        outer_right, outer_left: (M,) the same for everything, footways too.
+    """
+
+    roads: tuple[ModelRoad, ...]
+    first: NDArray[np.int64]
+    road: NDArray[np.int64]
+    s: NDArray[np.float64]
+    pose: NDArray[np.float64]
+    right: NDArray[np.float64]
+    left: NDArray[np.float64]
+    outer_right: NDArray[np.float64]
+    outer_left: NDArray[np.float64]
+
+    def of(self, k: int) -> slice:
+        """Return the stations of the ``k``-th road."""
+        return slice(int(self.first[k]), int(self.first[k + 1]))
+
+    def beside(self, t: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return points (M, K, 2) at offsets (M, K) to the left."""
+        heading = self.pose[:, 2, None]
+        return np.stack(
+            [self.pose[:, :1] - t * np.sin(heading), self.pose[:, 1:2] + t * np.cos(heading)], -1
+        )
+
+    def across(
+        self, count: int, *, margin: NDArray[np.float64] | float = 0.0
+    ) -> NDArray[np.float64]:
+        """Return offsets (M, count) spread evenly over the carriageway, less a margin (M,)."""
+        right, left = self.right + margin, self.left - margin
+        share = np.linspace(0.0, 1.0, count)
+        return np.asarray(right[:, None] + (left - right)[:, None] * share)
+
+    def edges(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the indices (R,) of the first and of the last station of each road."""
+        return self.first[:-1], self.first[1:] - 1
+
+
+def stations_of(roads: Sequence[ModelRoad], step: float, turn: float = math.inf) -> Stations:
+    """Return stations along roads, evenly spaced, at least three a road, both ends included.
+
+    Args:
+        roads: the roads.
+        step: largest spacing, metres.
+        turn: largest mean change of heading from one to the next, radians.
+    """
+    counts = [
+        max(3, math.ceil(road.length / step) + 1, math.ceil(_turning(road) / turn) + 1)
+        for road in roads
+    ]
+    first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    s = [np.linspace(0.0, road.length, n) for road, n in zip(roads, counts, strict=True)]
+    pose = [road.curve.at(x) for road, x in zip(roads, s, strict=True)]
+    reach = [_reach(road, x) for road, x in zip(roads, s, strict=True)]
+    empty = np.zeros((4, 0))
+    sides = np.concatenate([empty, *reach], axis=1)
+    return Stations(
+        tuple(roads),
+        first,
+        np.repeat(np.arange(len(counts)), counts),
+        np.concatenate([np.zeros(0), *s]),
+        np.concatenate([np.zeros((0, 3)), *pose]),
+        *sides,
+    )
+
+
+def _turning(road: ModelRoad) -> float:
+    """Return by how much the reference line turns in all, radians, give or take its last piece."""
+    pieces = road.curve.pieces
+    arcs = sum(abs(piece.curvature) * piece.length for piece in pieces)
+    cubics = [piece.heading for piece in pieces if piece.u]
+    return arcs + sum(abs(math.remainder(b - a, math.tau)) for a, b in itertools.pairwise(cubics))
+
+
+def _reach(road: ModelRoad, s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (4, N): the carriageway's right and left, and everything's."""
+    found = np.zeros((4, len(s)))
+    ends = road.section_ends
+    for k, (section, end) in enumerate(zip(road.sections, ends, strict=True)):
+        last = k == len(ends) - 1
+        inside = (s >= section.s) & ((s <= end) if last else (s < end))
+        if not inside.any():
+            continue
+        here = s[inside]
+        offset = road.offset.at(here)
+        found[:, inside] = offset
+        for side in (-1, 1):
+            t = offset
+            flat = offset
+            for number in range(side, side * (len(section.lanes) + 1), side):
+                lane = section.by_id.get(number)
+                if lane is None:
+                    break
+                t = t + side * np.maximum(lane.width.at(here - section.s), 0.0)
+                if lane.kind not in RAISED_KINDS and lane.kind != "none":
+                    flat = t
+            found[0 if side < 0 else 1, inside] = flat
+            found[2 if side < 0 else 3, inside] = t
+    # A road of footways alone is its own carriageway.
+    bare = found[1] - found[0] < 0.5
+    found[:2, bare] = found[2:, bare]
+    return found
