@@ -21,8 +21,8 @@ NARROWEST_M, WIDEST_M = 0.6, 8.0
 CURB_M = 0.15
 #: Shortest median, and the length of its noses, metres.
 SHORTEST_M, NOSE_M = 6.0, 2.0
-#: Two carriageways run against each other within this angle, as a cosine.
-AGAINST = -0.8
+#: Two carriageways run beside or against each other within this angle, as a cosine.
+PARALLEL = 0.8
 #: Largest difference between a median's width and half of the gap, metres.
 TOLERANCE_M = 0.05
 
@@ -30,18 +30,22 @@ TOLERANCE_M = 0.05
 def medians(model: LaneModel) -> dict[int, list[Insertion]]:
     """Return the median lanes of the streets of one direction, by road.
 
-    A median fills half of the gap to the carriageway against it, on the inner side; it narrows to
-    a nose before the junction.
+    A median lies on the inner side and fills half of the gap to a carriageway against it, all of
+    the gap to one beside it; it narrows to a nose before the junction.
     """
-    single = [road for road in model.roads if road.junction < 0 and _inner_side(road)]
-    shapes = [footprint(road) for road in single]
+    streets = [road for road in model.roads if road.junction < 0]
+    shapes = [footprint(road) for road in streets]
     tree = shapely.STRtree(shapes)
     found: dict[int, list[Insertion]] = {}
-    for road in single:
+    for road in streets:
         side = _inner_side(road)
+        if not side:
+            continue
         s = np.linspace(0.0, road.length, max(3, int(road.length / STEP_M) + 2))
-        gap = _gaps(road, side, s, single, shapes, tree)
-        items = [item for a, b in _spans(gap) if (item := _median(road, side, s[a:b], gap[a:b]))]
+        width = _widths(road, side, s, streets, shapes, tree)
+        items = [
+            item for a, b in _spans(width) if (item := _median(road, side, s[a:b], width[a:b]))
+        ]
         if items:
             found[road.id] = items
     return found
@@ -53,48 +57,52 @@ def _inner_side(road: ModelRoad) -> int:
     return 0 if len(ids) != 1 else (-1 if ids.pop() else 1)
 
 
-def _gaps(
+def _widths(
     road: ModelRoad,
     side: int,
     s: NDArray[np.float64],
-    single: Sequence[ModelRoad],
+    streets: Sequence[ModelRoad],
     shapes: Sequence[shapely.Geometry],
     tree: shapely.STRtree,
 ) -> NDArray[np.float64]:
-    """Return the distance (N,) to the carriageway against this one; nan where there is none."""
+    """Return how wide the median is (N,) at stations; nan where there is none."""
     pose = road.curve.at(s)
     near = road.curve.beside(s, side * 0.02 + road.offset.at(s))
     far = road.curve.beside(s, side * (WIDEST_M + 0.5) + road.offset.at(s))
     probes = shapely.linestrings(np.stack([near, far], axis=1))
-    gap = np.full(len(s), math.nan)
+    gap, share = np.full(len(s), math.inf), np.ones(len(s))
     for k, j in tree.query(probes, predicate="intersects").T.tolist():
-        other = single[j]
+        other = streets[j]
         if other.id == road.id or other.level != road.level:
             continue
         reach = float(shapely.distance(shapely.Point(near[k]), shapes[j] & probes[k])) + 0.02
-        if reach >= gap[k]:
-            continue
-        heading = float(other.curve.at(other.curve.locate(near[k])[0])[0, 2])
-        if math.cos(heading - float(pose[k, 2])) < AGAINST:
+        if reach < gap[k]:
+            heading = float(other.curve.at(other.curve.locate(near[k])[0])[0, 2])
+            along = math.cos(heading - float(pose[k, 2]))
             gap[k] = reach
+            # A carriageway against this one has a median of its own; one beside it has not.
+            share[k] = 0.5 if along < -PARALLEL and _inner_side(other) else 1.0
+            if abs(along) < PARALLEL:
+                share[k] = math.nan
     gap[(gap < NARROWEST_M) | (gap > WIDEST_M)] = math.nan
-    return gap
+    return gap * share
 
 
-def _spans(gap: NDArray[np.float64]) -> list[tuple[int, int]]:
-    """Return from and to of the stretches of known gaps."""
-    known = np.concatenate([[False], np.isfinite(gap), [False]])
+def _spans(width: NDArray[np.float64]) -> list[tuple[int, int]]:
+    """Return from and to of the stretches with a median."""
+    known = np.concatenate([[False], np.isfinite(width), [False]])
     change = np.flatnonzero(known[1:] != known[:-1])
     return [(int(a), int(b)) for a, b in change.reshape(-1, 2)]
 
 
 def _median(
-    road: ModelRoad, side: int, s: NDArray[np.float64], gap: NDArray[np.float64]
+    road: ModelRoad, side: int, s: NDArray[np.float64], width: NDArray[np.float64]
 ) -> Insertion | None:
     if len(s) < 3 or s[-1] - s[0] < SHORTEST_M:
         return None
     fine = np.linspace(0.0, float(s[-1] - s[0]), max(8, int((s[-1] - s[0]) / 0.5) + 1))
-    half = np.interp(fine, s - s[0], gap) / 2
+    whole = np.interp(fine, s - s[0], width)
     nose = np.clip(np.minimum(fine, fine[-1] - fine) / NOSE_M, 0.0, 1.0)
-    width = fitted(fine, half * nose**2 * (3 - 2 * nose), tolerance=TOLERANCE_M, slopes=(0.0, 0.0))
-    return Insertion(side, "reference", "median", float(s[0]), float(s[-1]), width, CURB_M)
+    shape = whole * nose**2 * (3 - 2 * nose)
+    profile = fitted(fine, shape, tolerance=TOLERANCE_M, slopes=(0.0, 0.0))
+    return Insertion(side, "reference", "median", float(s[0]), float(s[-1]), profile, CURB_M)
