@@ -174,7 +174,7 @@ def _text(folder: Path, draft: SiteDraft, force: bool) -> str:
     )
     inputs = _inputs(folder, draft, force)
     roads = ""
-    flat = "Flat without it." if draft.roads is None else "The map's own without it."
+    flat = " Flat without it." if draft.roads is None else ""
     if draft.roads is None:
         roads = """
 # The roads are made from the map. An OpenDRIVE or Lanelet2 map can take their place: file: map.xodr
@@ -199,7 +199,7 @@ anchor:
 region:
   {outline}
 
-{inputs}# Elevation, if you have it: a GeoTIFF of the bare earth that covers the region. {flat}
+{inputs}# Elevation, if you have it: a GeoTIFF of the bare earth that covers the region.{flat}
 # dem:
 #   file: dem.tif
 #   licence: CC-BY-4.0

@@ -1,6 +1,15 @@
 """Maps that somebody made, OpenDRIVE or Lanelet2, as the roads of a site."""
 
 from urbantwin.roads.imported.build import PreparedMap, build_imported_roads, prepared_map
-from urbantwin.roads.imported.read import ImportedMap, read_map
+from urbantwin.roads.imported.init import init_site_of_map
+from urbantwin.roads.imported.read import ImportedMap, is_map_of_roads, read_map
 
-__all__ = ["ImportedMap", "PreparedMap", "build_imported_roads", "prepared_map", "read_map"]
+__all__ = [
+    "ImportedMap",
+    "PreparedMap",
+    "build_imported_roads",
+    "init_site_of_map",
+    "is_map_of_roads",
+    "prepared_map",
+    "read_map",
+]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -15,10 +16,11 @@ from urbantwin.roads.model import LaneModel
 from urbantwin.roads.opendrive.placed import placed, shifted
 from urbantwin.roads.opendrive.read import read_opendrive
 
-__all__ = ["ImportedMap", "map_format", "read_map"]
+__all__ = ["ImportedMap", "is_map_of_roads", "is_placed", "map_format", "read_map", "said_of"]
 
 #: Endings of the files that we read, and what they hold.
 FORMATS = {".xodr": "OpenDRIVE", ".osm": "Lanelet2"}
+_LANELET = re.compile(rb"""v=["']lanelet["']""")
 EXPECTED = "an OpenDRIVE map (.xodr) or a Lanelet2 map (.osm)"
 
 
@@ -47,6 +49,19 @@ def map_format(path: Path) -> str:
     if found is None:
         raise InputError("has an unknown ending", file=path, expected=EXPECTED)
     return found
+
+
+def is_map_of_roads(path: Path) -> bool:
+    """Whether a file is OpenDRIVE or Lanelet2, and not an OpenStreetMap extract, by a first look.
+
+    Both kinds of ``.osm`` are the same XML; only Lanelet2 has relations of the type ``lanelet``.
+    """
+    if path.suffix.lower() != ".osm":
+        return path.suffix.lower() in FORMATS
+    try:
+        return bool(_LANELET.search(path.read_bytes()))
+    except OSError:
+        return False
 
 
 def read_map(

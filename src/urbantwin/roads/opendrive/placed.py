@@ -25,7 +25,7 @@ from urbantwin.roads.model import (
     RoadSignal,
 )
 
-__all__ = ["Similarity", "placed", "shifted"]
+__all__ = ["Similarity", "crs_of", "placed", "shifted"]
 
 #: A scale that moves nothing further than this over the whole map is none, metres.
 SCALE_M = 0.002
@@ -66,26 +66,13 @@ def placed(model: LaneModel, projection: str, frame: SiteFrame) -> LaneModel:
     Raises:
         InputError: the projection is not understood, or the map lies where it does not hold.
     """
-    try:
-        crs = CRS(_VERTICAL.sub("", projection) if "+proj" in projection else projection)
-    except CRSError:
-        raise InputError(
-            f"the map's georeference {projection[:80]!r} is not understood",
-            place="geoReference",
-            expected="PROJ or WKT",
-        ) from None
+    crs = crs_of(projection)
     xy = np.vstack([_samples(road.curve) for road in model.roads])
     xy = xy[:: max(1, len(xy) // PLACES)]
     middle = xy.mean(axis=0)
     around = middle + np.array([[0.0, 0], [10, 0], [0, 10], [-10, 0], [0, -10]])
     try:
         transformer = Transformer.from_crs(crs, CRS(frame.proj), always_xy=True)
-        if crs.is_geographic:
-            raise InputError(
-                "the map's georeference gives degrees, not metres",
-                place="geoReference",
-                expected="a projection",
-            )
         xy = np.vstack([xy, around])
         there = np.column_stack(transformer.transform(xy[:, 0], xy[:, 1]))
     except ProjError as error:
@@ -95,6 +82,29 @@ def placed(model: LaneModel, projection: str, frame: SiteFrame) -> LaneModel:
     if not np.isfinite(there).all():
         raise InputError("the map lies where its georeference does not hold", place="geoReference")
     return _moved(model, _fitted(xy, there))
+
+
+def crs_of(projection: str) -> CRS:
+    """Return what a map's coordinates are, in plan.
+
+    Raises:
+        InputError: it is not understood, or is no plane.
+    """
+    try:
+        crs = CRS(_VERTICAL.sub("", projection) if "+proj" in projection else projection)
+    except CRSError:
+        raise InputError(
+            f"the map's georeference {projection[:80]!r} is not understood",
+            place="geoReference",
+            expected="PROJ or WKT",
+        ) from None
+    if crs.is_geographic:
+        raise InputError(
+            "the map's georeference gives degrees, not metres",
+            place="geoReference",
+            expected="a projection",
+        )
+    return crs
 
 
 def shifted(model: LaneModel, offset: tuple[float, float, float, float]) -> LaneModel:
