@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import dataclasses
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +14,9 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
-from urbantwin.roads.heights import with_heights
+from urbantwin.roads.cross_section import prepare_ways, write_sumo_edges
+from urbantwin.roads.driving_side import country_of
+from urbantwin.roads.heights import RoadSurface, with_heights
 from urbantwin.roads.levels import (
     Crossing,
     Lift,
@@ -24,18 +25,22 @@ from urbantwin.roads.levels import (
     lift_of_network,
     way_layer,
 )
+from urbantwin.roads.loop import OuterRoads, close_loop
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.netconvert import sumo_network
 from urbantwin.roads.network import RoadNetwork
 from urbantwin.roads.reading import read_sumo_network
 from urbantwin.roads.redraw import redraw_sumo_network
-from urbantwin.roads.sidewalk import sidewalk_sides
+from urbantwin.roads.side_lanes import add_side_lanes, is_island
+from urbantwin.roads.signals.heads import stand_signals
 from urbantwin.roads.signals.mapped import mapped_signals
+from urbantwin.roads.signals.practice import practice_of
 from urbantwin.roads.signals.programs import set_programs
+from urbantwin.roads.signals.sign import add_signs
 from urbantwin.roads.streets.furniture import furnished
 from urbantwin.roads.streets.planar import planar_model
 from urbantwin.roads.strips import network_of_model
-from urbantwin.site.extract import Extract, Way
+from urbantwin.site.extract import Extract, Way, WayPiece
 from urbantwin.site.signals import SignalPlan
 
 __all__ = ["NETWORK_CLASSES", "BuiltRoads", "build_roads"]
@@ -48,10 +53,6 @@ NETWORK_CLASSES = frozenset(
 )
 
 
-#: Tags that send people to a path beside the road.
-SIDEPATHS = {("foot", "use_sidepath"), ("bicycle", "use_sidepath")}
-
-
 @dataclass(frozen=True)
 class BuiltRoads:
     """The roads of a site.
@@ -59,13 +60,13 @@ class BuiltRoads:
     Attributes:
         model: the lane model, the source of all else.
         network: its lanes as strips.
-        lift: how far its roads are lifted off the ground.
+        surface: height of its roads everywhere.
         notes: counts, and what was left out.
     """
 
     model: LaneModel
     network: RoadNetwork
-    lift: Lift
+    surface: RoadSurface
     notes: dict[str, object]
 
 
@@ -78,6 +79,7 @@ def build_roads(
     driving_side: str,
     out: Path,
     plans: Sequence[SignalPlan] = (),
+    closed_loop: bool = False,
 ) -> BuiltRoads:
     """Build the lane network of a region and write SUMO's network beside it.
 
@@ -89,6 +91,7 @@ def build_roads(
         driving_side: ``right`` or ``left``.
         out: the ``.net.xml`` to write.
         plans: programs of signals to use instead of netconvert's.
+        closed_loop: whether outer roads beyond the region lead every way out back to a way in.
 
     Raises:
         InputError: the region holds no roads, or a plan for signals cannot be used.
@@ -114,12 +117,39 @@ def build_roads(
     ]
     level_of_way = levels_of_ways(crossings)
     signals = mapped_signals(extract, ways, frame)
+    country = country_of(frame.latitude, frame.longitude)
     with tempfile.TemporaryDirectory() as scratch:
         osm = Path(scratch) / "network.osm"
-        pieces = extract.clipped(frame, region, _with_sidepaths(ways, lines, driving_side))
-        extract.write_pieces(osm, frame, pieces, node_tags=signals.tags)
-        apart = sorted(piece.id for piece in pieces if piece.way in level_of_way)
-        warnings = sumo_network(osm, frame, driving_side=driving_side, keep_apart=apart, out=out)
+        pieces = extract.clipped(frame, region, ways)
+        loop = OuterRoads(pieces)
+        if closed_loop:
+            loop = close_loop(pieces, extract.nodes, driving_side=driving_side)
+        prepared = prepare_ways(
+            loop.pieces,
+            signals=_signalised(extract, loop.pieces, signals.tags),
+            driving_side=driving_side,
+            country=country,
+        )
+        pieces = prepared.pieces
+        extract.write_pieces(
+            osm,
+            frame,
+            pieces,
+            node_tags=signals.tags,
+            no_turns=prepared.turns(loop.no_turns),
+        )
+        edges = Path(scratch) / "network.edg.xml"
+        write_sumo_edges(edges, frame, prepared.edges)
+        apart = [piece.id for piece in pieces if piece.way == 0 or piece.way in level_of_way]
+        warnings = sumo_network(
+            osm,
+            frame,
+            driving_side=driving_side,
+            keep_apart=sorted(apart),
+            keep_nodes=loop.nodes,
+            edges=edges,
+            out=out,
+        )
     planned = set_programs(out, plans, frame)
     raw = read_sumo_network(
         out,
@@ -132,13 +162,19 @@ def build_roads(
             "has no streets that traffic could use within the region", file=extract.path
         )
     lift = _lift(raw, crossings)
-
-    def height(xy: NDArray[np.float64], level: int) -> NDArray[np.float64]:
-        return np.asarray(elevation.smooth_at(xy) + lift.at(xy, level))
-
-    model = with_heights(planar_model(raw), elevation, lift)
-    model = furnished(model, raw, height)
-    network = network_of_model(model, raw, height)
+    model = add_side_lanes(
+        planar_model(raw),
+        prepared.stretches,
+        country=country,
+        obstacles=_buildings(extract, frame),
+        crossings=_crossings(extract, frame, pieces),
+        islands=_crossings(extract, frame, pieces, only=is_island),
+    )
+    model, surface = with_heights(model, elevation, lift)
+    model = furnished(model, raw, surface.height)
+    network = network_of_model(model, raw, surface.height)
+    model = stand_signals(model, network, practice_of(country), surface.height)
+    model, signs = add_signs(model, network, extract, frame, country)
     redraw_sumo_network(out, network)
     notes: dict[str, object] = {
         "roads": len(network.roads),
@@ -149,11 +185,14 @@ def build_roads(
             extract, frame, region, signals.inferred
         ),
         "mid_block_signals_left_out": _within(extract, frame, region, signals.mid_block),
+        "signal_heads": sum(signal.dynamic for signal in model.signals),
+        "signs": signs,
+        "closed_loop": loop.notes,
         "lifted_ways": len(level_of_way),
         "left_out_tunnels": len(tunnels),
         "netconvert_warnings": len(warnings),
     }
-    return BuiltRoads(model, network, lift, notes)
+    return BuiltRoads(model, network, surface, notes)
 
 
 def _within(
@@ -180,35 +219,44 @@ def _network_ways(
     return kept, tunnels
 
 
-def _with_sidepaths(
-    ways: list[Way], lines: dict[int, NDArray[np.float64]], driving_side: str
-) -> list[Way]:
-    one_way = ("yes", "1", "true")
-    others = [(way.tags, lines[way.id]) for way in ways if way.tags.get("oneway") in one_way]
-    result = []
-    for way in ways:
-        sides = sidewalk_sides(way.tags, lines[way.id], others, side=driving_side)
-        # Sides stand in one tag of ours; paths beside the road do not close the road.
-        tags = {
-            key: value
-            for key, value in way.tags.items()
-            if not key.startswith("sidewalk") and (key, value) not in SIDEPATHS
-        }
-        if way.tags.get("bicycle") == "use_sidepath" and not any(
-            key.startswith("cycleway") for key in tags
-        ):
-            # The cycleway is mapped as a way of its own: it becomes a lane of this road.
-            tags["cycleway"] = "track"
-        latin = tags.get("name:en", tags.get("int_name"))
-        if latin and not _is_alphabetic(tags.get("name", "")):
-            tags["name"] = latin
-        result.append(dataclasses.replace(way, tags={**tags, "sidewalk": sides}))
-    return result
+def _buildings(extract: Extract, frame: SiteFrame) -> list[shapely.Polygon]:
+    """Return the outlines of buildings on the ground, site frame."""
+    found = []
+    for way in extract.ways.values():
+        if "building" in way.tags and way.tags.get("layer", "0") == "0":
+            line = extract.way_line(way, frame)
+            if len(line) > 3:
+                found.append(shapely.make_valid(shapely.Polygon(line)))
+    return found
 
 
-def _is_alphabetic(name: str) -> bool:
-    """Whether a name is in Latin, Greek or Cyrillic letters, which every plot's font has."""
-    return all(ord(character) < 0x2000 for character in name)
+def _crossings(
+    extract: Extract,
+    frame: SiteFrame,
+    pieces: Sequence[WayPiece],
+    only: Callable[[Mapping[str, str]], bool] = lambda tags: True,
+) -> NDArray[np.float64]:
+    """Return where people cross streets (N, 2), site frame."""
+    nodes = sorted({node for piece in pieces for node in piece.nodes})
+    tags = {node: extract.node_tags.get(node, {}) for node in nodes}
+    found = [
+        extract.nodes[node]
+        for node in nodes
+        if (tags[node].get("highway") == "crossing" or is_island(tags[node])) and only(tags[node])
+    ]
+    return frame.site_from_lonlat(np.array(found).reshape(-1, 2))
+
+
+def _signalised(
+    extract: Extract, pieces: Sequence[WayPiece], told: Mapping[int, Mapping[str, str]]
+) -> list[int]:
+    """Return the nodes that netconvert puts signals at."""
+    found = []
+    for node in sorted({node for piece in pieces for node in piece.nodes}):
+        tags = told.get(node, extract.node_tags.get(node, {}))
+        if "traffic_signals" in (tags.get("highway"), tags.get("crossing")):
+            found.append(node)
+    return found
 
 
 def _lift(network: RoadNetwork, crossings: list[Crossing]) -> Lift:

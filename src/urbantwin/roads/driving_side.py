@@ -8,7 +8,7 @@ from importlib.resources import files
 
 import tzfpy
 
-__all__ = ["driving_side"]
+__all__ = ["country_of", "driving_side"]
 
 #: Countries and territories that drive on the left (ISO 3166-1 alpha-2).
 #: Source: Wikipedia, "Left- and right-hand traffic", table of countries.
@@ -29,7 +29,14 @@ def _country_of_zone() -> dict[str, str]:
     return {row[2]: row[0] for row in rows}
 
 
+def country_of(latitude: float, longitude: float) -> str:
+    """Return the country of a place in degrees (ISO 3166-1 alpha-2); empty where none is known.
+
+    By the place's time zone, offline; where countries share a zone, the largest is taken.
+    """
+    return _country_of_zone().get(tzfpy.get_tz(longitude, latitude), "")
+
+
 def driving_side(latitude: float, longitude: float) -> str:
     """Return ``left`` or ``right`` for a place in degrees; ``right`` where no country is known."""
-    country = _country_of_zone().get(tzfpy.get_tz(longitude, latitude))
-    return "left" if country in LEFT else "right"
+    return "left" if country_of(latitude, longitude) in LEFT else "right"

@@ -1,4 +1,4 @@
-"""Poles: traffic signals, street lamps, utility poles, traffic signs, bus stops, bollards."""
+"""Poles: street lamps, utility poles, traffic signs, bus stops, bollards."""
 
 from __future__ import annotations
 
@@ -22,9 +22,6 @@ KERB_M = 0.4
 BURIED_M = 0.3
 #: A pole mapped within a carriageway is moved to its side if that is nearer than this, metres.
 FARTHEST_M = 8.0
-#: Signals of one corner share a pole within this distance, metres, and a head within this angle.
-SHARED_POLE_M = 1.5
-SHARED_HEAD_RAD = np.radians(30)
 #: Lamps farther than this from any carriageway light a path: no arm, and a lower pole.
 ARM_REACH_M = 15.0
 
@@ -38,26 +35,22 @@ def pole_mesh(
     region: Polygon,
     ground_height: GroundHeight,
     carriageway: Geometry,
-    signals: Sequence[tuple[float, float, float]] = (),
 ) -> tuple[LabelledMesh, dict[str, int]]:
-    """Build what stands on poles.
+    """Build what stands on poles, traffic signals apart (``signal_pole``).
 
-    Traffic signals' heads are class ``other-object``, plates ``traffic-sign``, all else ``pole``.
+    Plates are class ``traffic-sign``, all else ``pole``.
 
     Args:
         features: the map's features, site frame.
         region: objects outside it are left out.
         ground_height: heights of the ground.
         carriageway: where no pole may stand; lamps reach toward it.
-        signals: x, y, metres, and the heading, radians, of the traffic that faces each traffic
-            signal; its head looks against that heading.
 
     Returns:
         The mesh, ``part`` 1, 2, ... per pole, and counts of what was built or left out.
     """
     notes: Counter[str] = Counter()
     assembly = Assembly()
-    _add_signals(assembly, signals, ground_height, carriageway, notes)
     kinds: dict[str, list[OsmFeature]] = {name: [] for name in _KINDS}
     for feature in features:
         name = _kind(feature.tags)
@@ -119,49 +112,6 @@ def _heights(
     """Return mapped heights, kept within what such a pole can have."""
     mapped = [length_m_of(t.get("height")) or default for t in tags]
     return np.asarray(np.clip(mapped, low, high), np.float64)
-
-
-def _add_signals(
-    assembly: Assembly,
-    signals: Sequence[tuple[float, float, float]],
-    ground_height: GroundHeight,
-    carriageway: Geometry,
-    notes: Counter[str],
-) -> None:
-    """Add a pole of 4.2 m per place, with a head of three lenses for each heading there."""
-    poles: list[tuple[NDArray[np.float64], list[float]]] = []
-    places = np.array([s[:2] for s in signals], np.float64).reshape(-1, 2)
-    places = beside_carriageway(places, carriageway, margin_m=KERB_M, farthest_m=2 * FARTHEST_M)
-    for place, (_, _, yaw) in zip(places, signals, strict=True):
-        if not np.isfinite(place[0]):
-            notes["signals far within carriageways, left out"] += 1
-            continue
-        near = [p for p in poles if np.hypot(*(p[0] - place)) < SHARED_POLE_M]
-        if not near:
-            poles.append((place, [yaw]))
-        elif all(np.cos(yaw - other) < np.cos(SHARED_HEAD_RAD) for other in near[0][1]):
-            near[0][1].append(yaw)
-    if not poles:
-        return
-    xy = np.array([place for place, _ in poles])
-    for foot, (_, yaws) in zip(grounded(xy, ground_height(xy)), poles, strict=True):
-        part = assembly.new_part()
-        pole = columns(foot - [0, 0, BURIED_M], 4.2 + BURIED_M, 0.09, 0.07)
-        assembly.add(pole, "pole", "metal-painted", part)
-        for yaw in yaws:
-            ahead = -np.array([np.cos(yaw), np.sin(yaw), 0.0])
-            middle = foot + [0, 0, 3.5]
-            plate = box(middle + 0.12 * ahead, [0.03, 0.65, 1.3], yaw)
-            head = box(middle + 0.26 * ahead, [0.25, 0.32, 0.98], yaw)
-            hoods = box(
-                [middle + 0.45 * ahead + [0, 0, up] for up in (-0.19, 0.13, 0.45)],
-                [0.16, 0.22, 0.02],
-                yaw,
-            )
-            for solid in (plate, head, hoods):
-                assembly.add(solid, "other-object", "metal-dark", part)
-        notes["traffic signals"] += 1
-        notes["traffic signal heads"] += len(yaws)
 
 
 def _add_lamps(

@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import DownwardProbe, LabelledMesh
 from urbantwin.ground import Elevation
-from urbantwin.roads import Lift, RoadNetwork
+from urbantwin.roads import RoadNetwork, RoadSurface
+from urbantwin.roads.signals import Head
 from urbantwin.scene.barrier import barrier_mesh
 from urbantwin.scene.building import building_mesh
 from urbantwin.scene.deck import deck_mesh
 from urbantwin.scene.pole import pole_mesh
-from urbantwin.scene.signal_place import signal_places
+from urbantwin.scene.signal_pole import signal_mesh
 from urbantwin.scene.surface import PARTS, Spacing, surface_mesh
 from urbantwin.scene.tree import tree_mesh
 from urbantwin.scene.zones import ground_zones
@@ -26,9 +27,9 @@ __all__ = ["FIRST_OBJECT", "Scene", "build_scene"]
 
 #: ``part`` numbers below this are the ground's (``surface.PARTS``), from here on objects'.
 FIRST_OBJECT = 16
-#: Vertices this close follow a hill; on a plain, triangles may be as long as streets.
-ON_A_HILL = Spacing(road=3.0, terrain=5.0)
-ON_A_PLAIN = Spacing(road=200.0, terrain=10.0)
+#: Largest triangles; roads are as fine as their height asks for, terrain on hills is finer.
+ON_A_HILL = Spacing(road=25.0, terrain=5.0)
+ON_A_PLAIN = Spacing(road=25.0, terrain=10.0)
 
 
 @dataclass(frozen=True)
@@ -41,31 +42,32 @@ class Scene:
 
 def build_scene(
     network: RoadNetwork,
-    lift: Lift,
+    surface: RoadSurface,
     elevation: Elevation,
     region: shapely.Polygon,
     features: Sequence[OsmFeature],
+    heads: Sequence[Head] = (),
 ) -> Scene:
     """Build ground, decks, buildings and street furniture.
 
     Args:
         network: the lanes.
-        lift: how far roads are lifted off the ground.
+        surface: height of the roads.
         elevation: the ground's heights.
         region: region of interest, site frame.
         features: the map's features that touch the region.
+        heads: signals and signs of the lane model, where they are.
     """
-    hilly = not elevation.is_flat or bool(lift.height.any())
-    spacing = ON_A_HILL if hilly else ON_A_PLAIN
-
-    def road_height(xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        return elevation.smooth_at(xy) + lift.at(xy, 0)
-
+    spacing = ON_A_PLAIN if elevation.is_flat and len(network.levels) == 1 else ON_A_HILL
     zones = ground_zones(network, region, features)
     ground = surface_mesh(
-        zones, road_height=road_height, terrain_height=elevation.raw_at, spacing=spacing
+        zones,
+        road_height=surface.height,
+        terrain_height=elevation.raw_at,
+        spacing=spacing,
+        lines=surface.ridges(0),
     )
-    decks = deck_mesh(network, lift, elevation.smooth_at, spacing)
+    decks = deck_mesh(network, surface, spacing)
     probe = DownwardProbe(ground)
 
     def ground_height(xy: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -74,17 +76,14 @@ def build_scene(
         return np.where(np.isnan(found), elevation.raw_at(xy), found)
 
     carriageway = shapely.union_all([z.area for z in zones if z.kind == "carriageway"])
-    signals = signal_places(network, carriageway)
+    inside = [head for head in heads if region.covers(shapely.Point(head.x, head.y))]
     objects: dict[str, tuple[LabelledMesh, dict[str, int]]] = {
         "buildings": building_mesh(
             features, region=region, ground_height=ground_height, carriageway=carriageway
         ),
+        "signals": signal_mesh(inside, ground_height=ground_height, carriageway=carriageway),
         "poles": pole_mesh(
-            features,
-            region=region,
-            ground_height=ground_height,
-            carriageway=carriageway,
-            signals=signals,
+            features, region=region, ground_height=ground_height, carriageway=carriageway
         ),
         "trees": tree_mesh(
             features, region=region, ground_height=ground_height, carriageway=carriageway

@@ -15,6 +15,7 @@ from urbantwin.errors import InputError
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads, driving_side
 from urbantwin.roads.imported import ImportedMap, build_imported_roads, prepared_map, read_map
+from urbantwin.roads.signals import heads_of
 from urbantwin.scene import build_scene
 from urbantwin.site import (
     Extract,
@@ -74,12 +75,14 @@ def build_twin(site: Site, out: Path, progress: Progress | None = None) -> Twin:
                 driving_side=side,
                 out=net,
                 plans=site.signals,
+                closed_loop=site.closed_loop,
             )
         elevation.save(folder / "elevation.npz")
         roads.model.save(folder / "lane_model.json")
         roads.network.save(folder / "roads.json")
         tell(0.4, "scene")
-        scene = build_scene(roads.network, roads.lift, elevation, site.region, features)
+        heads = heads_of(roads.model)
+        scene = build_scene(roads.network, roads.surface, elevation, site.region, features, heads)
         scene.mesh.save(folder / "scene.npz")
         tell(0.9, "writing")
         resolved = site.resolved()

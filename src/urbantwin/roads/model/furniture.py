@@ -55,7 +55,11 @@ class RoadSignal:
         lanes: ids of the lanes that it governs; empty for all.
         program: id of its signal program; empty for signs.
         links: what it shows: indices into the program's states.
-        strip: id of the strip that it governs; empty if unknown.
+        strip: ids of the strips that it governs, joined by spaces; empty if unknown.
+        height: of its lights or its plate, metres.
+        width: the same.
+        pose: where it does not stand at ``s``, ``t`` but elsewhere, beyond the junction: x, y, z of
+            its middle, metres, and the heading that it faces, radians, site frame; else empty.
     """
 
     id: int
@@ -77,6 +81,7 @@ class RoadSignal:
     strip: str = ""
     height: float = 0.9
     width: float = 0.3
+    pose: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from urbantwin.roads.model import (
     SectionLane,
 )
 
-__all__ = ["for_carla"]
+__all__ = ["CARRIER_M", "carrier", "for_carla"]
 
 #: Length and width of a road that only carries a crosswalk, metres.
 CARRIER_M = 1.0
@@ -55,7 +55,8 @@ def for_carla(model: LaneModel) -> LaneModel:
         if hosts:
             areas.append(min(hosts, key=lambda host: _distance(host.corners)))
             continue
-        carriers.append(_carrier(model.next_id + len(carriers), road, area.s, points))
+        heading = float(road.curve.at(area.s)[0, 2])
+        carriers.append(carrier(model.next_id + len(carriers), road.level, heading, points))
         moved = _local(points, carriers[-1], CARRIER_M / 2)
         areas.append(replace(area, road=carriers[-1].id, s=CARRIER_M / 2, corners=moved))
     return replace(model, roads=(*model.roads, *carriers), areas=tuple(areas))
@@ -97,10 +98,9 @@ def _placed(area: RoadArea, road: ModelRoad) -> NDArray[np.float64]:
     )
 
 
-def _carrier(number: int, road: ModelRoad, s: float, points: NDArray[np.float64]) -> ModelRoad:
-    """Return a short road in the middle of some points, along another road there."""
+def carrier(number: int, level: int, heading: float, points: NDArray[np.float64]) -> ModelRoad:
+    """Return a short road in the middle of some points (N, 3), on whose lane nothing drives."""
     x, y, z = points.mean(axis=0)
-    heading = float(road.curve.at(s)[0, 2])
     back = CARRIER_M / 2
     line = Piece(
         float(x) - back * math.cos(heading),
@@ -122,5 +122,5 @@ def _carrier(number: int, road: ModelRoad, s: float, points: NDArray[np.float64]
         bank=none,
         crown=none,
         sections=(LaneSection(0.0, (lane,)),),
-        level=road.level,
+        level=level,
     )

@@ -8,8 +8,9 @@ import numpy as np
 from lxml import etree
 
 from urbantwin.geometry import SiteFrame
-from urbantwin.roads.model import LaneModel, ModelJunction, ModelRoad
+from urbantwin.roads.model import LaneModel, ModelJunction, ModelRoad, RoadSignal
 from urbantwin.roads.opendrive.digits import number, numbers
+from urbantwin.roads.opendrive.elsewhere import on_their_roads
 from urbantwin.roads.opendrive.furniture import write_controller, write_objects, write_signals
 from urbantwin.roads.opendrive.lanes import lane_links, write_lanes
 from urbantwin.roads.opendrive.profiles import write_plan, write_profiles
@@ -32,18 +33,23 @@ def document(model: LaneModel, frame: SiteFrame, *, version: str, name: str) -> 
     """
     root = etree.Element("OpenDRIVE")
     _header(root, model, frame, version, name)
-    areas, signals = defaultdict(list), defaultdict(list)
+    referred: tuple[RoadSignal, ...] = ()
+    if version == "1.4":
+        model, referred = on_their_roads(model)
+    areas, signals, references = defaultdict(list), defaultdict(list), defaultdict(list)
     for area in model.areas:
         areas[area.road].append(area)
     for signal in model.signals:
         signals[signal.road].append(signal)
+    for signal in referred:
+        references[signal.road].append(signal)
     for road in model.roads:
         item = _road(root, road, model, version)
         write_plan(item, road.curve)
         write_profiles(item, road, version)
         write_lanes(item, model, road, version)
         write_objects(item, road, areas[road.id], version)
-        write_signals(item, road, signals[road.id])
+        write_signals(item, road, signals[road.id], references[road.id], version)
         _notes(item, road)
     for controller in model.controllers:
         if controller.signals:

@@ -19,6 +19,7 @@ from lxml import etree
 
 from urbantwin.roads.model import ModelRoad, RoadArea, RoadSignal, SignalController
 from urbantwin.roads.opendrive.digits import number, numbers
+from urbantwin.roads.opendrive.elsewhere import heading_offset
 
 __all__ = ["write_controller", "write_objects", "write_signals"]
 
@@ -61,13 +62,18 @@ def write_objects(
 
 
 def write_signals(
-    road_item: etree._Element, road: ModelRoad, signals: Sequence[RoadSignal]
+    road_item: etree._Element,
+    road: ModelRoad,
+    signals: Sequence[RoadSignal],
+    references: Sequence[RoadSignal],
+    version: str,
 ) -> None:
-    """Write ``<signals>`` of a road: heads and signs."""
-    if not signals:
+    """Write ``<signals>`` of a road: heads and signs, and those for it that stand elsewhere."""
+    if not signals and not references:
         return
     parent = etree.SubElement(road_item, "signals")
     for signal in signals:
+        turned = heading_offset(road, signal) if version == "1.4" else 0.0
         item = etree.SubElement(
             parent,
             "signal",
@@ -81,7 +87,7 @@ def write_signals(
             country=signal.country,
             type=signal.type,
             subtype=signal.subtype or "-1",
-            **numbers(height=signal.height, width=signal.width, hOffset=0, pitch=0, roll=0),
+            **numbers(height=signal.height, width=signal.width, hOffset=turned, pitch=0, roll=0),
         )
         if math.isfinite(signal.value):
             item.set("value", number(signal.value))
@@ -89,7 +95,7 @@ def write_signals(
                 item.set("unit", signal.unit)
         for first, last in _runs(signal.lanes):
             etree.SubElement(item, "validity", fromLane=str(first), toLane=str(last))
-        if signal.pose:
+        if signal.pose and version != "1.4":
             x, y, z, heading = signal.pose
             lower = z - signal.height / 2
             where = numbers(x=x, y=y, z=lower, hdg=heading, pitch=0, roll=0)
@@ -97,6 +103,16 @@ def write_signals(
         if signal.links:
             links = " ".join(map(str, signal.links))
             etree.SubElement(item, "userData", code="links", value=links)
+    for signal in references:
+        item = etree.SubElement(
+            parent,
+            "signalReference",
+            **numbers(s=min(max(signal.s, 0.0), road.length), t=signal.t),
+            id=str(signal.id),
+            orientation=signal.orientation,
+        )
+        for first, last in _runs(signal.lanes):
+            etree.SubElement(item, "validity", fromLane=str(first), toLane=str(last))
 
 
 def write_controller(root: etree._Element, controller: SignalController) -> None:

@@ -1,0 +1,195 @@
+"""The approaches of a lane model that signals stop, seen by the traffic on them."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from urbantwin.roads.model import LaneModel, ModelRoad, RoadSignal, SignalController
+
+__all__ = ["Approach", "Exit", "Frame", "Waiting", "approaches_of"]
+
+#: A way through the junction that turns less than this leads straight on, radians.
+STRAIGHT = math.radians(50.0)
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Places ahead of (u) and to the left of (v) a point, metres; ``heading`` radians."""
+
+    x: float
+    y: float
+    heading: float
+
+    def place(self, u: ArrayLike, v: ArrayLike) -> NDArray[np.float64]:
+        """Return points (N, 2) of the site frame."""
+        c, s = math.cos(self.heading), math.sin(self.heading)
+        u, v = np.broadcast_arrays(np.asarray(u, np.float64), np.asarray(v, np.float64))
+        return np.column_stack(
+            [self.x + np.ravel(u) * c - np.ravel(v) * s, self.y + np.ravel(u) * s + np.ravel(v) * c]
+        )
+
+    def locate(self, xy: ArrayLike) -> tuple[float, float]:
+        """Return u, v of a point of the site frame."""
+        dx, dy = np.asarray(xy, np.float64) - [self.x, self.y]
+        c, s = math.cos(self.heading), math.sin(self.heading)
+        return float(dx * c + dy * s), float(dy * c - dx * s)
+
+
+@dataclass(frozen=True)
+class Waiting:
+    """A lane that waits at a signal: its signal at the stop line, and where it lies.
+
+    Attributes:
+        signal: the lane's signal, as it stands at the stop line.
+        v: the lane's middle, metres to the left of the approach's frame.
+        half: half its width.
+        shown: what it sees over the program: equal for lanes that go together.
+    """
+
+    signal: RoadSignal
+    v: float
+    half: float
+    shown: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Exit:
+    """Where traffic that goes straight on leaves the junction: a frame, and its outermost lane."""
+
+    frame: Frame
+    outer: float
+
+
+@dataclass(frozen=True)
+class Approach:
+    """One direction of a street before a signalised junction.
+
+    Attributes:
+        program: id of its signal program.
+        road: the street.
+        forward: whether its traffic runs along the street's reference line.
+        frame: at the stop line on the reference line, in the direction of travel.
+        lanes: those that wait, from the kerb inwards.
+        outward: 1 where the kerb is on the left of traffic, else -1.
+        exit: straight on beyond the junction, if anything is there.
+    """
+
+    program: str
+    road: ModelRoad
+    forward: bool
+    frame: Frame
+    lanes: tuple[Waiting, ...]
+    outward: int
+    exit: Exit | None
+
+    @cached_property
+    def kerb(self) -> float:
+        """The border of the outermost lane, metres to the left of the frame."""
+        outer = self.lanes[0]
+        return outer.v + self.outward * outer.half
+
+    @property
+    def s(self) -> float:
+        """Station of the stop line."""
+        return self.road.length if self.forward else 0.0
+
+    @cached_property
+    def groups(self) -> list[list[Waiting]]:
+        """Lanes that see the same, from the kerb inwards."""
+        found: dict[tuple[str, ...], list[Waiting]] = defaultdict(list)
+        for lane in self.lanes:
+            found[lane.shown].append(lane)
+        return list(found.values())
+
+
+def approaches_of(model: LaneModel) -> list[Approach]:
+    """Return every approach of streets whose lanes have signals at their stop lines."""
+    outward = -1 if model.driving_side == "right" else 1
+    shows = {controller.name: controller for controller in model.controllers}
+    found: dict[tuple[str, int, str], list[RoadSignal]] = defaultdict(list)
+    for signal in model.signals:
+        road = model.road_by_id[signal.road]
+        if signal.dynamic and signal.lanes and road.junction < 0 and signal.orientation in "+-":
+            found[signal.program, signal.road, signal.orientation].append(signal)
+    result = []
+    for (program, number, sign), signals in sorted(found.items()):
+        road = model.road_by_id[number]
+        forward = sign == "+"
+        s = road.length if forward else 0.0
+        x, y, heading = road.curve.at(s)[0]
+        frame = Frame(float(x), float(y), float(heading) + (0.0 if forward else math.pi))
+        lanes = [_waiting(road, s, signal, forward, shows.get(program)) for signal in signals]
+        lanes.sort(key=lambda lane: -outward * lane.v)
+        exit_ = _exit(model, road, frame, forward, outward)
+        result.append(Approach(program, road, forward, frame, tuple(lanes), outward, exit_))
+    return result
+
+
+def _waiting(
+    road: ModelRoad, s: float, signal: RoadSignal, forward: bool, shows: SignalController | None
+) -> Waiting:
+    section = road.sections[-1 if forward else 0]
+    lane = section.by_id[signal.lanes[0]]
+    inner, outer = (float(road.border(section, lane, s, outer=o)[0]) for o in (False, True))
+    v = (inner + outer) / 2 * (1 if forward else -1)
+    return Waiting(signal, v, abs(outer - inner) / 2, _shown(signal, shows))
+
+
+def _shown(signal: RoadSignal, shows: SignalController | None) -> tuple[str, ...]:
+    """Return what a lane's main link shows over time: the link with the longest green."""
+    if shows is None or not shows.phases or not signal.links:
+        return ()
+
+    def green(link: int) -> float:
+        return sum(
+            seconds for seconds, state in shows.phases if state[link : link + 1] in ("G", "g")
+        )
+
+    main = max(signal.links, key=lambda link: (green(link), -link))
+    return tuple(state[main : main + 1].lower() for _, state in shows.phases)
+
+
+def _exit(
+    model: LaneModel, road: ModelRoad, frame: Frame, forward: bool, outward: int
+) -> Exit | None:
+    link = road.successor if forward else road.predecessor
+    junction = model.junction_by_id.get(link.id) if link and link.element == "junction" else None
+    if junction is None:
+        return None
+    best: tuple[float, Frame, ModelRoad] | None = None
+    for connection in junction.connections:
+        way = model.road_by_id.get(connection.connecting)
+        if connection.incoming != road.id or way is None:
+            continue
+        at = way.length if connection.contact == "start" else 0.0
+        x, y, heading = way.curve.at(at)[0]
+        end = Frame(float(x), float(y), float(heading) + (0.0 if at else math.pi))
+        turn = abs(math.remainder(end.heading - frame.heading, 2 * math.pi))
+        u, _ = frame.locate((x, y))
+        if turn < STRAIGHT and u > 3.0 and (best is None or turn < best[0] - 1e-6):
+            best = (turn, end, way)
+    if best is None:
+        return None
+    _, end, way = best
+    other = way.successor if way.predecessor and way.predecessor.id == road.id else way.predecessor
+    street = model.road_by_id.get(other.id) if other and other.element == "road" else None
+    if street is None:
+        return Exit(end, outward * 2.0)
+    at_start = other is not None and other.contact == "start"
+    section = street.sections[0 if at_start else -1]
+    s = 0.0 if at_start else street.length
+    borders = [
+        float(street.border(section, lane, s, outer=o)[0]) * (1 if at_start else -1)
+        for lane in section.lanes
+        if lane.kind in ("driving", "bus", "bicycle") and lane.forward == at_start
+        for o in (False, True)
+    ]
+    x, y, heading = street.curve.at(s)[0]
+    base = Frame(float(x), float(y), float(heading) + (0.0 if at_start else math.pi))
+    return Exit(base, max((outward * b for b in borders), default=2.0) * outward)

@@ -1,0 +1,297 @@
+"""Where signal heads stand: on poles at the kerb and on arms over the lanes, by country."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.roads.model import LaneModel, RoadSignal, SignalController
+from urbantwin.roads.network import RoadNetwork
+from urbantwin.roads.signals.approach import Approach, Frame, Waiting, approaches_of
+from urbantwin.roads.signals.practice import Practice
+from urbantwin.roads.strips import SurfaceHeight
+
+__all__ = ["CLEARANCE_M", "REACH_M", "stand_signals"]
+
+#: Distance of a pole's middle from the carriageway's edge (MUTCD 2009, 4D.16: 0.6 m).
+CLEARANCE_M = 0.6
+#: How far outwards a free place for a pole is looked for, metres.
+SEARCH_M = 12.0
+#: The longest arm (usual up to 15 m: MUTCD-based state standards, e.g. Caltrans ES-7), metres.
+REACH_M = 15.0
+#: A head beyond the junction is 12 to 55 m from the stop line (MUTCD 2009, 4D.14: 40 to 180 ft).
+NEAREST_M, FARTHEST_M = 12.0, 55.0
+#: Middles of heads: over lanes 5.2 m clear (MUTCD 2009, 4D.15: 4.6 to 7.8 m; RiLSA: 4.5 m), beside
+#: them 2.3 m clear (RiLSA 6.3: 2.1 m; MUTCD: 2.4 m), on foot 2.15 m clear (MUTCD 4E.05), metres.
+OVER_M, BESIDE_M, WALK_M = 5.7, 2.8, 2.45
+#: Heights and widths of heads of three and of two lights of 300 and 200 mm, metres.
+VEHICLE_SIZE, WALKER_SIZE = (1.0, 0.35), (0.6, 0.3)
+#: Heads side by side on one pole, metres.
+BESIDE_EACH_OTHER_M = 0.45
+#: Heads over lanes hang at least this far apart, metres.
+SPACING_M = 1.6
+#: No more heads than this over one approach.
+MOST_OVER = 5
+
+
+@dataclass(frozen=True)
+class _Ground:
+    """Where poles may stand."""
+
+    taken: dict[int, shapely.Geometry]
+
+    def free(self, points: NDArray[np.float64], level: int) -> NDArray[np.bool_]:
+        area = self.taken.get(level)
+        if area is None:
+            return np.ones(len(points), bool)
+        return np.asarray(~shapely.contains_xy(area, points[:, 0], points[:, 1]))
+
+
+def stand_signals(
+    model: LaneModel, network: RoadNetwork, practice: Practice, height: SurfaceHeight
+) -> LaneModel:
+    """Return the model with the heads that a country puts up instead of one over each stop line.
+
+    Lanes that always see the same share heads. A head beside or over its own street has its place
+    there; one beyond the junction keeps ``s`` at the stop line and has a ``pose``. Every lane that
+    had a signal has one afterwards.
+
+    Args:
+        model: the lane model with a signal at every stop line and crossing.
+        network: its lanes.
+        practice: the country's practice.
+        height: the surface.
+    """
+    ground = _Ground(
+        {
+            level: shapely.buffer(network.carriageway(level), CLEARANCE_M - 0.05)
+            for level in network.levels
+        }
+    )
+    for area in ground.taken.values():
+        shapely.prepare(area)
+    approaches = approaches_of(model)
+    standing: list[RoadSignal] = []
+    for approach in approaches:
+        standing += _heads(approach, practice, ground, height)
+    replaced = {lane.signal.id for approach in approaches for lane in approach.lanes}
+    for signal in model.signals:
+        lane = network.lane_by_id.get(signal.strip)
+        if signal.dynamic and lane is not None and lane.kind == "crossing":
+            replaced.add(signal.id)
+            standing += _walker_heads(model, signal, lane.centre, lane.width, ground, height)
+    kept = [signal for signal in model.signals if signal.id not in replaced]
+    first = model.next_id
+    numbered = [replace(signal, id=first + k) for k, signal in enumerate(standing)]
+    signals = (*kept, *numbered)
+    return replace(model, signals=signals, controllers=_controlled(model.controllers, signals))
+
+
+def _controlled(
+    controllers: Sequence[SignalController], signals: Sequence[RoadSignal]
+) -> tuple[SignalController, ...]:
+    of_program: dict[str, list[int]] = defaultdict(list)
+    for signal in signals:
+        if signal.dynamic and signal.program:
+            of_program[signal.program].append(signal.id)
+    return tuple(replace(item, signals=tuple(of_program[item.name])) for item in controllers)
+
+
+def _heads(
+    approach: Approach, practice: Practice, ground: _Ground, height: SurfaceHeight
+) -> list[RoadSignal]:
+    """Return the heads of an approach, those that drivers pass first coming first."""
+    over = len(approach.lanes) >= practice.arm_lanes
+    far = _far_pole(approach, ground) if practice.far else None
+    near = None
+    if practice.near or far is None:
+        near = _near_pole(approach, ground)
+    found: list[RoadSignal] = []
+    if near is not None:
+        found += _on_pole(approach, near, height, beyond=False)
+        if over and far is None:
+            found += _over_lanes(approach, near, practice, height, beyond=False)
+    if far is not None:
+        if over:
+            found += _over_lanes(approach, far, practice, height, beyond=True)
+        found += _on_pole(approach, far, height, beyond=True)
+    if not found:
+        # Nowhere to stand: over the stop line, as it was.
+        found = [replace(lane.signal, z=OVER_M) for lane in approach.lanes]
+    return found
+
+
+def _nearest_free(
+    frame: Frame, u: NDArray[np.float64], v: NDArray[np.float64], ground: _Ground, level: int
+) -> NDArray[np.float64] | None:
+    """Return the free place of a grid that is nearest to its first u and v, in the grid's frame."""
+    grid = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
+    cost = np.abs(grid[:, 1] - v[0]) + 1.01 * np.abs(grid[:, 0] - u[0])
+    free = ground.free(frame.place(grid[:, 0], grid[:, 1]), level)
+    if not free.any():
+        return None
+    return np.asarray(grid[np.argmin(np.where(free, cost, np.inf))])
+
+
+def _near_pole(approach: Approach, ground: _Ground) -> NDArray[np.float64] | None:
+    """Return u, v of a pole at the kerb beside the stop line."""
+    v = approach.kerb + approach.outward * np.arange(CLEARANCE_M, SEARCH_M, 0.2)
+    # Not past the stop line: who waits there must see it.
+    return _nearest_free(approach.frame, -np.arange(0.0, 8.0, 0.5), v, ground, approach.road.level)
+
+
+def _far_pole(approach: Approach, ground: _Ground) -> NDArray[np.float64] | None:
+    """Return u, v of a pole beyond the junction, at the kerb of what leads straight on."""
+    level = approach.road.level
+    if approach.exit is not None:
+        frame = approach.exit.frame
+        v = approach.exit.outer + approach.outward * np.arange(CLEARANCE_M, SEARCH_M, 0.2)
+        spot = _nearest_free(frame, np.arange(2.0, 12.0, 0.5), v, ground, level)
+        if spot is None:
+            return None
+        u, v_there = approach.frame.locate(frame.place(*spot)[0])
+        found = np.array([u, v_there])
+    else:
+        # A junction that ends here: opposite, where its carriageway ends.
+        middle = float(np.mean([lane.v for lane in approach.lanes]))
+        ahead = np.arange(NEAREST_M, FARTHEST_M, 0.25)
+        free = ground.free(approach.frame.place(ahead, middle), level)
+        if not free.any():
+            return None
+        found = np.array([float(ahead[np.argmax(free)]) + 0.3, middle])
+    return found if NEAREST_M <= found[0] <= FARTHEST_M else None
+
+
+def _on_pole(
+    approach: Approach, pole: NDArray[np.float64], height: SurfaceHeight, *, beyond: bool
+) -> list[RoadSignal]:
+    """Return a head for each group of lanes, side by side on a pole."""
+    found = []
+    for k, group in enumerate(approach.groups):
+        # Groups nearer to the middle of the road hang nearer to it.
+        v = pole[1] - approach.outward * BESIDE_EACH_OTHER_M * (k - (len(approach.groups) - 1) / 2)
+        found.append(_head(approach, group, pole[0], v, BESIDE_M, height, beyond=beyond))
+    return found
+
+
+def _over_lanes(
+    approach: Approach,
+    pole: NDArray[np.float64],
+    practice: Practice,
+    height: SurfaceHeight,
+    *,
+    beyond: bool,
+) -> list[RoadSignal]:
+    """Return a head over each lane that an arm from the pole reaches, at the pole's u."""
+    inward = -approach.outward
+    rows: list[tuple[float, list[Waiting]]] = [
+        (lane.v, [lane]) for lane in approach.lanes if lane.half > 1.0
+    ]
+    if len(rows) > MOST_OVER:
+        rows = [(float(np.mean([x.v for x in group])), group) for group in approach.groups]
+    found = []
+    last = -math.inf
+    for v, lanes in rows:
+        # Where lanes do not lie before the arm, its heads stand along it in their order.
+        reach = max(inward * (v - float(pole[1])), last + SPACING_M, 1.5)
+        if reach > REACH_M:
+            break
+        last = reach
+        where = float(pole[1]) + inward * reach
+        head = _head(approach, lanes, float(pole[0]), where, OVER_M, height, beyond=beyond)
+        if practice.horizontal:
+            head = replace(head, height=VEHICLE_SIZE[1], width=VEHICLE_SIZE[0])
+        found.append(head)
+    return found
+
+
+def _head(
+    approach: Approach,
+    lanes: Sequence[Waiting],
+    u: float,
+    v: float,
+    up: float,
+    height: SurfaceHeight,
+    *,
+    beyond: bool,
+) -> RoadSignal:
+    """Return a head at u, v of an approach's frame, ``up`` metres over the carriageway."""
+    model = lanes[0].signal
+    sign = 1.0 if approach.forward else -1.0
+    common = replace(
+        model,
+        name=" ".join(["links", *(str(link) for lane in lanes for link in lane.signal.links)]),
+        lanes=tuple(number for lane in lanes for number in lane.signal.lanes),
+        links=tuple(sorted({link for lane in lanes for link in lane.signal.links})),
+        strip=" ".join(lane.signal.strip for lane in lanes),
+        z=up,
+        height=VEHICLE_SIZE[0],
+        width=VEHICLE_SIZE[1],
+    )
+    if not beyond:
+        s = float(np.clip(approach.s + sign * u, 0.0, approach.road.length))
+        return replace(common, s=s, t=sign * v)
+    xy = approach.frame.place(u, v)
+    z = float(height(xy, approach.road.level)[0]) + up
+    facing = math.remainder(approach.frame.heading + math.pi, 2 * math.pi)
+    middle = float(np.mean([lane.v for lane in lanes]))
+    pose = (float(xy[0, 0]), float(xy[0, 1]), z, facing)
+    return replace(common, s=approach.s, t=sign * middle, pose=pose)
+
+
+def _walker_heads(
+    model: LaneModel,
+    signal: RoadSignal,
+    centre: NDArray[np.float64],
+    width: float,
+    ground: _Ground,
+    height: SurfaceHeight,
+) -> list[RoadSignal]:
+    """Return a head at each end of a crossing, which faces those who come from the other end."""
+    area = next((a for a in model.areas if a.strip == signal.strip), None)
+    road = model.road_by_id[area.road if area else signal.road]
+    found = []
+    for end, other in ((centre[0], centre[1]), (centre[-1], centre[-2])):
+        outward = math.atan2(end[1] - other[1], end[0] - other[0])
+        frame = Frame(float(end[0]), float(end[1]), outward)
+        side = width / 2 + 0.3
+        u, v = np.arange(0.3, 5.0, 0.2), np.concatenate([np.arange(side, side + 2, 0.2)] * 2)
+        v[len(v) // 2 :] *= -1
+        spot = _nearest_side(frame, u, v, ground, road.level)
+        if spot is None:
+            continue
+        xy = frame.place(*spot)
+        z = float(height(xy, road.level)[0]) + WALK_M
+        pose = (float(xy[0, 0]), float(xy[0, 1]), z, math.remainder(outward + math.pi, 2 * math.pi))
+        s, t = (float(value[0]) for value in road.curve.locate(xy))
+        found.append(
+            replace(
+                signal,
+                road=road.id,
+                s=float(np.clip(s, 0.0, road.length)),
+                t=t,
+                z=WALK_M,
+                orientation="none",
+                lanes=(),
+                height=WALKER_SIZE[0],
+                width=WALKER_SIZE[1],
+                pose=pose,
+            )
+        )
+    return found or [signal]
+
+
+def _nearest_side(
+    frame: Frame, u: NDArray[np.float64], v: NDArray[np.float64], ground: _Ground, level: int
+) -> NDArray[np.float64] | None:
+    """Return the free place nearest to the kerb, on either side of a crossing."""
+    grid = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
+    cost = grid[:, 0] + np.abs(grid[:, 1])
+    free = ground.free(frame.place(grid[:, 0], grid[:, 1]), level)
+    return np.asarray(grid[np.argmin(np.where(free, cost, np.inf))]) if free.any() else None

@@ -1,0 +1,55 @@
+"""Where signals and signs of a lane model really are, in the site frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from urbantwin.roads.model import LaneModel, RoadSignal
+
+__all__ = ["Head", "heads_of", "pose_of"]
+
+
+@dataclass(frozen=True)
+class Head:
+    """A signal or a sign where it is.
+
+    Attributes:
+        signal: what it is.
+        x, y, z: its middle, site frame, metres.
+        heading: where it faces, radians.
+        level: of its road, 0 on the ground.
+        inside: whether it is for traffic within a junction.
+    """
+
+    signal: RoadSignal
+    x: float
+    y: float
+    z: float
+    heading: float
+    level: int
+    inside: bool
+
+
+def pose_of(model: LaneModel, signal: RoadSignal) -> tuple[float, float, float, float]:
+    """Return x, y, z of a signal's middle, metres, and the heading that it faces, radians."""
+    if signal.pose:
+        x, y, z, heading = signal.pose
+        return x, y, z, heading
+    road = model.road_by_id[signal.road]
+    x, y, z = (float(v) for v in road.place(signal.s, signal.t)[0])
+    heading = float(road.curve.at(signal.s)[0, 2])
+    # A signal faces the traffic that it is for.
+    heading += 0.0 if signal.orientation == "-" else math.pi
+    return x, y, z + signal.z, math.atan2(math.sin(heading), math.cos(heading))
+
+
+def heads_of(model: LaneModel) -> list[Head]:
+    """Return every signal and sign of a model where it is, in the model's order."""
+    found = []
+    for signal in model.signals:
+        road = model.road_by_id[signal.road]
+        walkers = signal.orientation == "none"
+        inside = road.junction >= 0 and not signal.pose and not walkers
+        found.append(Head(signal, *pose_of(model, signal), road.level, inside))
+    return found

@@ -1,0 +1,179 @@
+"""Traffic signals and signs: poles at the kerb, arms over the lanes, heads, plates."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.geometry import LabelledMesh
+from urbantwin.roads.signals import Head, plate_of
+from urbantwin.scene.placement import grounded
+from urbantwin.scene.solids import Assembly, GroundHeight, Solid, box, columns, rods, sweep
+
+__all__ = ["signal_mesh"]
+
+#: Poles keep at least this far from carriageways and reach this far into the ground, metres.
+KERB_M, BURIED_M = 0.4, 0.3
+#: The longest arm, and how finely a place for its pole is looked for, metres.
+REACH_M, STEP_M = 18.0, 0.2
+#: Heads whose poles would stand this close share one, metres.
+SHARED_M = 1.0
+#: Heads of one pole stand off its axis by this, metres.
+OFF_AXIS_M = 0.12
+
+
+@dataclass
+class _Pole:
+    """A pole: its foot, and the heads that it carries, beside it or on arms."""
+
+    foot: NDArray[np.float64]
+    beside: list[Head] = field(default_factory=list)
+    over: list[Head] = field(default_factory=list)
+
+
+def signal_mesh(
+    heads: Sequence[Head], *, ground_height: GroundHeight, carriageway: shapely.Geometry
+) -> tuple[LabelledMesh, dict[str, int]]:
+    """Build the signals and signs of the ground level.
+
+    A head beside the carriageway has a pole of its own or shares one close by; a head over it
+    hangs from an arm that reaches across its traffic's direction from the nearest such pole, or
+    from a new one at the kerb. No pole stands on the carriageway. Lights are class
+    ``other-object``, plates ``traffic-sign``, the rest ``pole``.
+
+    Args:
+        heads: where signals and signs are.
+        ground_height: heights of the ground.
+        carriageway: where no pole may stand.
+
+    Returns:
+        The mesh, ``part`` 1, 2, ... per pole, and counts of what was built or left out.
+    """
+    notes: Counter[str] = Counter()
+    taken = shapely.buffer(carriageway, KERB_M - 0.05)
+    shapely.prepare(taken)
+    here = [head for head in heads if head.level == 0]
+    notes["signals and signs on bridges, left out"] = len(heads) - len(here)
+    poles: list[_Pole] = []
+    over = []
+    for head in here:
+        if shapely.contains_xy(taken, head.x, head.y):
+            over.append(head)
+        else:
+            _pole_at(poles, np.array([head.x, head.y])).beside.append(head)
+    for head in over:
+        pole = _pole_for_arm(poles, head, taken)
+        if pole is None:
+            notes["signals far within carriageways, left out"] += 1
+        else:
+            pole.over.append(head)
+    assembly = Assembly()
+    feet = np.array([pole.foot for pole in poles]).reshape(-1, 2)
+    for foot, pole in zip(grounded(feet, ground_height(feet)), poles, strict=True):
+        _add(assembly, foot, pole, notes)
+    return assembly.mesh(), {name: count for name, count in sorted(notes.items()) if count}
+
+
+def _pole_at(poles: list[_Pole], xy: NDArray[np.float64]) -> _Pole:
+    near = [(float(np.hypot(*(pole.foot - xy))), k) for k, pole in enumerate(poles)]
+    if near and min(near)[0] < SHARED_M:
+        return poles[min(near)[1]]
+    poles.append(_Pole(xy))
+    return poles[-1]
+
+
+def _pole_for_arm(poles: list[_Pole], head: Head, taken: shapely.Geometry) -> _Pole | None:
+    """Return the pole whose arm carries a head: one abreast of it, else a new one at the kerb."""
+    at = np.array([head.x, head.y])
+    ahead = np.array([math.cos(head.heading), math.sin(head.heading)])
+    across = np.array([-ahead[1], ahead[0]])
+    best: tuple[float, int] | None = None
+    for k, pole in enumerate(poles):
+        gap = pole.foot - at
+        away = abs(float(gap @ across))
+        if abs(float(gap @ ahead)) < SHARED_M and away < REACH_M and (not best or away < best[0]):
+            best = (away, k)
+    if best is not None:
+        return poles[best[1]]
+    steps = np.arange(STEP_M, REACH_M, STEP_M)
+    # To both sides at once, the nearer kerb first; the traffic's own before the other.
+    sides = np.stack([at + steps[:, None] * across * side for side in (1, -1)], axis=1)
+    points = sides.reshape(-1, 2)
+    free = ~shapely.contains_xy(taken, points[:, 0], points[:, 1])
+    return _pole_at(poles, points[np.argmax(free)]) if free.any() else None
+
+
+def _add(assembly: Assembly, foot: NDArray[np.float64], pole: _Pole, notes: Counter[str]) -> None:
+    part = assembly.new_part()
+    lit = [head for head in (*pole.beside, *pole.over) if head.signal.dynamic]
+    tops = [head.z + 0.35 + head.signal.height / 2 for head in pole.beside]
+    tops += [head.z + 0.25 for head in pole.over]
+    height = max(tops) - foot[2]
+    radius = 0.13 if pole.over else 0.07 if lit else 0.035
+    mast = columns(foot - [0, 0, BURIED_M], height + BURIED_M, radius, radius * 0.75)
+    assembly.add(mast, "pole", "metal-painted", part)
+    for head in pole.over:
+        _add_arm(assembly, foot, head, part)
+    for head in pole.beside:
+        if np.hypot(head.x - foot[0], head.y - foot[1]) > OFF_AXIS_M:
+            _add_arm(assembly, foot, head, part)
+    for head in (*pole.beside, *pole.over):
+        if head.signal.dynamic:
+            _add_lights(assembly, head, part)
+            notes["traffic signal heads"] += 1
+        else:
+            _add_plate(assembly, head, part)
+            notes["signs"] += 1
+    notes["traffic signals" if lit else "sign posts"] += 1
+    notes["arms over lanes"] += bool(pole.over)
+
+
+def _add_arm(assembly: Assembly, foot: NDArray[np.float64], head: Head, part: int) -> None:
+    """Add the arm to one head; those to farther heads of the same pole cover it."""
+    start = np.array([foot[0], foot[1], head.z])
+    behind = -OFF_AXIS_M * np.array([math.cos(head.heading), math.sin(head.heading), 0.0])
+    end = np.array([head.x, head.y, head.z]) + behind
+    thick, thin = (0.08, 0.05) if np.hypot(*(end - start)[:2]) > 1.0 else (0.03, 0.03)
+    assembly.add(rods([start], [end], thick, thin, 6), "pole", "metal-painted", part)
+
+
+def _add_lights(assembly: Assembly, head: Head, part: int) -> None:
+    """Add a housing with its visors; at the pole's axis it stands off to where it faces."""
+    ahead = np.array([math.cos(head.heading), math.sin(head.heading), 0.0])
+    across = np.array([-ahead[1], ahead[0], 0.0])
+    tall, wide = head.signal.height, head.signal.width
+    middle = np.array([head.x, head.y, head.z]) + OFF_AXIS_M * ahead
+    housing = box(middle + 0.1 * ahead, [0.2, wide, tall], head.heading)
+    along, length = ((0.0, 0.0, 1.0), tall) if tall >= wide else (tuple(across), wide)
+    lights = max(2, round(length / 0.33))
+    offsets = (np.arange(lights) - (lights - 1) / 2) * length / lights
+    tops = middle + 0.28 * ahead + offsets[:, None] * np.array(along) + [0.0, 0.0, 0.13]
+    visors = box(tops, [0.16, 0.24, 0.02], head.heading)
+    solids: list[Solid] = [housing, visors]
+    if length > 0.8:
+        margin = 0.15
+        solids.append(box(middle, [0.02, wide + 2 * margin, tall + 2 * margin], head.heading))
+    for solid in solids:
+        assembly.add(solid, "other-object", "metal-dark", part)
+
+
+def _add_plate(assembly: Assembly, head: Head, part: int) -> None:
+    """Add a sign's plate: a disc, an upright rectangle, an octagon or a triangle on its tip."""
+    ahead = np.array([math.cos(head.heading), math.sin(head.heading), 0.0])
+    middle = np.array([head.x, head.y, head.z]) + 0.05 * ahead
+    shape = plate_of(head.signal)
+    if shape == "upright":
+        plate = box(middle, [0.02, head.signal.width, head.signal.height], head.heading)
+    else:
+        corners, first = {"disc": (16, 0.0), "octagon": (8, 22.5), "triangle": (3, -90.0)}[shape]
+        angle = np.radians(first + np.arange(corners) * 360.0 / corners)
+        # Looking where the sign looks, left of it is to the left.
+        outline = head.signal.height / 2 * np.column_stack([np.cos(angle), np.sin(angle)])
+        plate = sweep([middle - 0.01 * ahead, middle + 0.01 * ahead], -outline * [1, -1])
+    assembly.add(plate, "traffic-sign", "retroreflector", part)
