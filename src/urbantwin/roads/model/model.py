@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -85,7 +86,7 @@ class LaneModel:
                 tuple(
                     RoadArea(**{**r, "corners": _points(r, "corners", 3)}) for r in value["areas"]
                 ),
-                tuple(RoadSignal(**_tuples(row)) for row in value["signals"]),
+                tuple(_signal(row) for row in value["signals"]),
                 tuple(
                     SignalController(**{**_tuples(r), "phases": tuple(map(tuple, r["phases"]))})
                     for r in value["controllers"]
@@ -104,7 +105,7 @@ def _plain(value: object) -> object:
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, tuple | list):
         return [_plain(item) for item in value]
-    return value
+    return None if isinstance(value, float) and math.isnan(value) else value
 
 
 def _tuples(row: dict[str, Any]) -> dict[str, Any]:
@@ -135,6 +136,12 @@ def _section(row: dict[str, Any]) -> LaneSection:
         SectionLane(**{**_tuples(lane), "width": _profile(lane["width"])}) for lane in row["lanes"]
     )
     return LaneSection(**{**row, "lanes": lanes})
+
+
+def _signal(row: dict[str, Any]) -> RoadSignal:
+    return RoadSignal(
+        **{**_tuples(row), "value": math.nan if row["value"] is None else row["value"]}
+    )
 
 
 def _junction(row: dict[str, Any]) -> ModelJunction:
