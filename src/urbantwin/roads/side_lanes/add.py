@@ -7,12 +7,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import shapely
+from numpy.typing import ArrayLike
 
 from urbantwin.roads.cross_section import MappedStretch
 from urbantwin.roads.model import LaneModel, ModelRoad
 from urbantwin.roads.side_lanes.alongside import alongside, by_way
 from urbantwin.roads.side_lanes.beside import lanes_beside
 from urbantwin.roads.side_lanes.insertion import Renumbering, relinked, with_lanes
+from urbantwin.roads.side_lanes.island import islands_on, moved_aside, stations_on
 from urbantwin.roads.side_lanes.median import medians
 from urbantwin.roads.side_lanes.room import Room
 
@@ -25,8 +27,10 @@ def add_side_lanes(
     *,
     country: str = "",
     obstacles: Sequence[shapely.Polygon] = (),
+    crossings: ArrayLike = (),
+    islands: ArrayLike = (),
 ) -> LaneModel:
-    """Return the model with parking lanes, shoulders and medians on its streets.
+    """Return the model with parking lanes, shoulders, medians and islands on its streets.
 
     They lie between the carriageway and the sidewalk, which moves outwards along them, and between
     the carriageways of dual streets. Junctions stay as they are: side lanes taper to nothing
@@ -37,6 +41,8 @@ def add_side_lanes(
         stretches: the ways that streets are made from, with their cross sections.
         country: ISO 3166-1 alpha-2, for the law on parking; empty if unknown.
         obstacles: areas that no road may grow into, such as buildings, site frame.
+        crossings: (N, 2) where people cross streets: nobody parks there.
+        islands: (N, 2) where they cross with a refuge in the middle.
     """
     ways = by_way(stretches)
     meeting: dict[int, set[int]] = defaultdict(set)
@@ -58,13 +64,17 @@ def add_side_lanes(
                 meets[end] = "junction"
             else:
                 meets[end] = "street"
+        refuges = islands_on(road, stations_on(road, islands), room)
         parts = alongside(road, ways)
-        items = lanes_beside(road, parts, meets, room=room, country=country)
+        clear = stations_on(road, crossings)
+        items = lanes_beside(road, parts, meets, clear, room=room, country=country)
         taken = {item.side for item in items}
         items += [item for item in between.get(road.id, []) if item.side not in taken]
+        items += refuges
         if items:
-            roads[road.id], changed[road.id] = with_lanes(road, items)
+            wider, changed[road.id] = with_lanes(road, items)
+            roads[road.id] = moved_aside(wider, refuges) if refuges else wider
     if not roads:
         return model
-    wider = replace(model, roads=tuple(roads.get(road.id, road) for road in model.roads))
-    return relinked(wider, changed)
+    whole = replace(model, roads=tuple(roads.get(road.id, road) for road in model.roads))
+    return relinked(whole, changed)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from urbantwin.roads.model import RAISED_KINDS, ModelRoad, Profile
 from urbantwin.roads.side_lanes.alongside import Alongside
@@ -28,6 +29,7 @@ def lanes_beside(
     road: ModelRoad,
     parts: Sequence[Alongside],
     meets: Mapping[str, str],
+    crossings: Sequence[float] | NDArray[np.float64],
     *,
     room: Room,
     country: str,
@@ -41,6 +43,7 @@ def lanes_beside(
         road: a street.
         parts: the ways that it is made from.
         meets: ``start`` and ``end`` -> ``junction``, ``street`` (it goes on) or ``nothing``.
+        crossings: stations where people cross the street.
         room: what stands beside the roads; what is added here is taken off it.
         country: ISO 3166-1 alpha-2; empty if unknown.
     """
@@ -51,7 +54,10 @@ def lanes_beside(
             ("shoulder", 0.0, SHOULDER_SLANT),
             ("parking", clear_of_junction(country), 1.0),
         ):
-            for first, last, width, track in _runs(parts, side, kind):
+            runs = _runs(parts, side, kind)
+            if kind == "parking":
+                runs = [free for run in runs for free in _clear_of(run, crossings, clear)]
+            for first, last, width, track in runs:
                 a, b, ramps = _ends(road, (first, last), meets, clear=clear, moved=walk)
                 taper = float(np.clip(slant * width, SHORTEST_TAPER_M, LONGEST_TAPER_M))
                 place = "before_track" if track else "outer"
@@ -94,6 +100,22 @@ def _runs(
         else:
             runs.append((part.first, part.last, width, track))
     return runs
+
+
+def _clear_of(
+    run: tuple[float, float, float, bool],
+    crossings: Sequence[float] | NDArray[np.float64],
+    clear: float,
+) -> list[tuple[float, float, float, bool]]:
+    """Return what is left of a run without the surroundings of crossings."""
+    first, last, width, track = run
+    found = []
+    for s in sorted(float(at) for at in crossings):
+        if first < s + clear and s - clear < last:
+            found.append((first, s - clear, width, track))
+            first = s + clear
+    found.append((first, last, width, track))
+    return [item for item in found if item[1] > item[0]]
 
 
 def _ends(

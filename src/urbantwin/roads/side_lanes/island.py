@@ -1,0 +1,99 @@
+"""Traffic islands: refuges in the middle of two-way streets where people cross."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from urbantwin.roads.model import RAISED_KINDS, ModelRoad, Profile
+from urbantwin.roads.side_lanes.insertion import Insertion
+from urbantwin.roads.side_lanes.median import CURB_M
+from urbantwin.roads.side_lanes.room import Room
+
+__all__ = ["is_island", "islands_on", "moved_aside", "stations_on"]
+
+#: Width of a refuge, metres (RASt 06, 6.1.8.2: at least 2.00 m; US MUTCD 3I: 6 ft).
+WIDTH_M = 2.0
+#: How far it reaches to both sides of the crossing, and the part of it over which traffic is led
+#: round it, metres.
+REACH_M, TAPER_M = 12.0, 9.0
+#: An island shorter than this is none; it ends this far before a road does, metres.
+SHORTEST_M, CLEAR_M = 12.0, 1.0
+#: A point of the map further from a street's middle than this is not on it, metres.
+OFF_M = 3.0
+
+
+def is_island(tags: Mapping[str, str]) -> bool:
+    """Return whether a node is a crossing with a refuge (OSM wiki, "Key:crossing:island")."""
+    return (
+        tags.get("crossing:island") == "yes"
+        or tags.get("traffic_calming") == "island"
+        or "island" in tags.get("crossing", "").split(";")
+    )
+
+
+def stations_on(road: ModelRoad, points: ArrayLike) -> NDArray[np.float64]:
+    """Return the stations of those of the points (N, 2) that lie on the middle of a road."""
+    xy = np.asarray(points, np.float64).reshape(-1, 2)
+    if not len(xy):
+        return np.zeros(0)
+    low, high = np.asarray(road.curve.line.bounds).reshape(2, 2)
+    xy = xy[((xy > low - OFF_M) & (xy < high + OFF_M)).all(axis=1)]
+    if not len(xy):
+        return np.zeros(0)
+    s, t = road.curve.locate(xy)
+    return np.asarray(s[(np.abs(t) < OFF_M) & (s > 0) & (s < road.length)])
+
+
+def islands_on(
+    road: ModelRoad, stations: Sequence[float] | NDArray[np.float64], room: Room
+) -> list[Insertion]:
+    """Return the islands of a street, where there is room for its lanes to go round them.
+
+    Args:
+        road: a street.
+        stations: where its crossings with refuges are.
+        room: what stands beside the roads; what is added here is taken off it.
+    """
+    lanes = [lane for section in road.sections for lane in section.lanes]
+    driven = [lane for lane in lanes if lane.kind not in RAISED_KINDS]
+    if len({lane.id > 0 for lane in driven}) != 2 or not road.offset.is_zero:
+        return []
+    found: list[Insertion] = []
+    taken = CLEAR_M
+    for s in sorted(float(at) for at in stations):
+        first, last = max(s - REACH_M, taken), min(s + REACH_M, road.length - CLEAR_M)
+        if last - first < SHORTEST_M:
+            continue
+        half = WIDTH_M / 2
+        if any(room.free(road, side, first, last, half) != [(first, last)] for side in (1, -1)):
+            continue
+        for side in (1, -1):
+            room.grow(road, side, first, last, half)
+        found.append(Insertion(-1, "reference", "island", first, last, _lens(last - first), CURB_M))
+        taken = last + CLEAR_M
+    return found
+
+
+def moved_aside(road: ModelRoad, islands: Sequence[Insertion]) -> ModelRoad:
+    """Return a road whose lanes make way to both sides of its islands alike."""
+    starts, rows = [0.0], [np.zeros(4)]
+    for item in islands:
+        starts += [item.first + float(s) for s in item.width.start]
+        rows += list(item.width.abcd / 2)
+        starts.append(item.last)
+        rows.append(np.zeros(4))
+    return replace(road, offset=Profile(np.array(starts), np.array(rows)))
+
+
+def _lens(length: float) -> Profile:
+    taper = min(TAPER_M, length / 2 - 1.0)
+    rows = [
+        Profile.ramp(0.0, WIDTH_M, taper).abcd[0],
+        np.array([WIDTH_M, 0.0, 0.0, 0.0]),
+        Profile.ramp(WIDTH_M, 0.0, taper).abcd[0],
+    ]
+    return Profile(np.array([0.0, taper, length - taper]), np.array(rows))
