@@ -11,7 +11,29 @@ from lxml import etree
 from urbantwin.roads.model import Connection, LaneSection, ModelRoad, RoadLink
 from urbantwin.roads.opendrive.parsing import Log, Spot
 
-__all__ = ["Node", "end_section", "pose", "read_connections", "read_node"]
+__all__ = ["Node", "Poses", "end_section", "read_connections", "read_node"]
+
+
+class Poses:
+    """Where the reference lines of roads start and end; each is looked up once."""
+
+    def __init__(self) -> None:
+        self._known: dict[int, dict[str, tuple[float, float, float]]] = {}
+
+    def at(self, road: ModelRoad, end: str) -> tuple[float, float, float]:
+        """Return x, y and heading at ``start`` or ``end`` of a road."""
+        if road.id not in self._known:
+            (x0, y0, h0), (x1, y1, h1) = road.curve.at([0.0, road.length]).tolist()
+            self._known[road.id] = {"start": (x0, y0, h0), "end": (x1, y1, h1)}
+        return self._known[road.id][end]
+
+    def gap(self, road: ModelRoad, end: str, other: ModelRoad, contact: str) -> float:
+        """Return how far the ends of two reference lines lie apart, metres."""
+        return math.dist(self.at(road, end)[:2], self.at(other, contact)[:2])
+
+    def nearer(self, road: ModelRoad, end: str, other: ModelRoad) -> str:
+        """Return which end of another road lies nearer to an end of a road."""
+        return min(("start", "end"), key=lambda contact: self.gap(road, end, other, contact))
 
 
 @dataclass(frozen=True)
@@ -46,6 +68,7 @@ def read_connections(
     junction: int,
     roads: Mapping[str, ModelRoad],
     by_id: dict[int, ModelRoad],
+    poses: Poses,
     log: Log,
 ) -> tuple[Connection, ...]:
     """Return the connections of a junction.
@@ -59,6 +82,7 @@ def read_connections(
         junction: its id in the model.
         roads: id in the file -> road.
         by_id: id in the model -> road.
+        poses: where roads start and end.
         log: the file.
 
     Raises:
@@ -75,11 +99,11 @@ def read_connections(
         incoming, connecting = (by_id[roads[name].id] for name in names)
         contact = item.get("contactPoint", "")
         if contact not in ("start", "end"):
-            contact = _contact(incoming, connecting)
+            contact = _contact(incoming, connecting, poses)
         end = (
             _end_at(incoming, junction)
             if direct
-            else _end_of_incoming(incoming, connecting, contact, by_id, here)
+            else _end_of_incoming((incoming, connecting), contact, by_id, poses, here)
         )
         first, second = end_section(incoming, end), end_section(connecting, contact)
         pairs = _lane_links(item, names, (first, second), here)
@@ -106,17 +130,18 @@ def _names(
 
 
 def _end_of_incoming(
-    incoming: ModelRoad,
-    connecting: ModelRoad,
+    roads: tuple[ModelRoad, ModelRoad],
     contact: str,
     by_id: dict[int, ModelRoad],
+    poses: Poses,
     spot: Spot,
 ) -> str:
-    """Return which end of the incoming road meets the connecting road."""
+    """Return which end of the incoming road (the first) meets the connecting road."""
+    incoming, connecting = roads
     link = connecting.predecessor if contact == "start" else connecting.successor
     if link is not None and link.id == incoming.id and link.element == "road":
         return link.contact
-    end = _nearer(incoming, pose(connecting, contact))
+    end = poses.nearer(connecting, contact, incoming)
     if link is None and connecting.junction >= 0:
         spot.remark("roads through junctions without links: connections tell them")
         told = RoadLink("road", incoming.id, end)
@@ -159,18 +184,17 @@ def _usual_links(
     return found
 
 
-def _contact(incoming: ModelRoad, connecting: ModelRoad) -> str:
+def _contact(incoming: ModelRoad, connecting: ModelRoad, poses: Poses) -> str:
+    """Return which end of a connecting road meets the incoming one, where it is not told."""
     for end, link in (("start", connecting.predecessor), ("end", connecting.successor)):
         if link is not None and link.element == "road" and link.id == incoming.id:
             return end
-    ends = [pose(incoming, end) for end in ("start", "end")]
     return min(
-        ("start", "end"), key=lambda end: min(math.dist(pose(connecting, end), p) for p in ends)
+        ("start", "end"),
+        key=lambda end: poses.gap(
+            connecting, end, incoming, poses.nearer(connecting, end, incoming)
+        ),
     )
-
-
-def _nearer(road: ModelRoad, place: tuple[float, float]) -> str:
-    return min(("start", "end"), key=lambda end: math.dist(pose(road, end), place))
 
 
 def _end_at(road: ModelRoad, junction: int) -> str:
@@ -179,12 +203,6 @@ def _end_at(road: ModelRoad, junction: int) -> str:
         if link is not None and link.element == "junction" and link.id == junction:
             return end
     return "end"
-
-
-def pose(road: ModelRoad, end: str) -> tuple[float, float]:
-    """Return where a reference line starts or ends."""
-    x, y, _ = road.curve.at(0.0 if end == "start" else road.length)[0]
-    return float(x), float(y)
 
 
 def end_section(road: ModelRoad, end: str) -> LaneSection:

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 from lxml import etree
-from numpy.typing import NDArray
 
 from urbantwin.roads.model import Profile
 from urbantwin.roads.opendrive.cubics import added, stepped
@@ -72,7 +71,8 @@ def _shape(
     )
     rows = []
     for s in stations:
-        height = _heights(spot.profile(by_station[s], "t"), across)
+        # Before its first record a section goes on as that one does.
+        height = spot.profile(by_station[s], "t").at(across)
         middle = height[7]
         # Least squares over both sides: z = lift + tilt t - crown |t|.
         basis = np.column_stack([across, -np.abs(across)])
@@ -82,8 +82,3 @@ def _shape(
         rows.append((middle, tilt, crown))
     lift, tilt, crown = zip(*rows, strict=True)
     return stepped(stations, lift), stepped(stations, tilt), stepped(stations, crown)
-
-
-def _heights(section: Profile, across: NDArray[np.float64]) -> NDArray[np.float64]:
-    # A section may begin to the right of what the lanes reach, or only at the reference line.
-    return np.where(across < section.start[0] - 1e-9, section.abcd[0, 0], section.at(across))

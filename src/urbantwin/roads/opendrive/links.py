@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 from lxml import etree
 
 from urbantwin.roads.model import LaneSection, ModelJunction, ModelRoad, RoadLink
-from urbantwin.roads.opendrive.junctions import Node, end_section, pose, read_connections
+from urbantwin.roads.opendrive.cubics import value
+from urbantwin.roads.opendrive.junctions import Node, Poses, end_section, read_connections
 from urbantwin.roads.opendrive.parsing import Log, Spot, whole_number
 
 __all__ = ["Joined", "Link", "joined", "read_links"]
@@ -93,6 +94,7 @@ def joined(
         InputError: something that is linked does not exist, or a road is linked to itself.
     """
     number = _numbers(nodes)
+    poses = Poses()
     for key, node in nodes.items():
         if node.is_midway:
             log.at(f"junction {key}").remark(
@@ -108,7 +110,7 @@ def joined(
             tag: (
                 _junction_link(tag, link, nodes, number, spot)
                 if link.element == "junction"
-                else _road_link(tag, link, key, roads, spot)
+                else _road_link(tag, link, key, roads, poses, spot)
             )
             for tag, link in links[key].items()
         }
@@ -126,10 +128,10 @@ def joined(
         for controller in node.controllers:
             programs.setdefault(controller, []).append(number[key])
         if not node.is_midway:
-            connections = read_connections(node, number[key], found, by_id, log)
+            connections = read_connections(node, number[key], found, by_id, poses, log)
             junctions.append(ModelJunction(number[key], node.name, connections))
     names = {road.id: key for key, road in found.items()}
-    final = [_linked_lanes(e, by_id, log.at(f"road {names[e.id]}")) for e in by_id.values()]
+    final = [_linked_lanes(e, by_id, poses, log.at(f"road {names[e.id]}")) for e in by_id.values()]
     switched = {key: tuple(where) for key, where in programs.items()}
     return Joined(tuple(final), tuple(junctions), switched)
 
@@ -152,7 +154,12 @@ def _junction_link(
 
 
 def _road_link(
-    tag: str, link: Link, key: str, roads: Mapping[str, ModelRoad], spot: Spot
+    tag: str,
+    link: Link,
+    key: str,
+    roads: Mapping[str, ModelRoad],
+    poses: Poses,
+    spot: Spot,
 ) -> RoadLink | None:
     if link.id not in roads:
         raise spot.error(f"has the {tag} road {link.id}, which does not exist")
@@ -160,26 +167,26 @@ def _road_link(
         spot.remark("roads that begin or end beside another: they are not joined to it")
         return None
     mine, other = roads[key], roads[link.id]
-    at = pose(mine, _END[tag])
-    ends = {end: math.dist(at, pose(other, end)) for end in ("start", "end")}
     contact = link.contact
     if link.id == key:
         contact = "end" if tag == "predecessor" else "start"
-        if ends[contact] > RING_M:
+        if poses.gap(mine, _END[tag], mine, contact) > RING_M:
             raise spot.error(
                 f"is its own {tag}", expected="another road, or an end that meets its start"
             )
-    if contact and contact not in ends:
+    if contact not in ("start", "end", ""):
         raise spot.error(
             f"meets its {tag} at {contact[:20]!r}", expected="contactPoint start or end"
         )
     if not contact:
         spot.remark("links without a contact point: the nearer end is taken")
-        contact = min(ends, key=lambda end: ends[end])
+        contact = poses.nearer(mine, _END[tag], other)
     return RoadLink("road", other.id, contact)
 
 
-def _linked_lanes(road: ModelRoad, by_id: Mapping[int, ModelRoad], spot: Spot) -> ModelRoad:
+def _linked_lanes(
+    road: ModelRoad, by_id: Mapping[int, ModelRoad], poses: Poses, spot: Spot
+) -> ModelRoad:
     """Return a road whose links of lanes lead to lanes that exist, or nowhere at a junction."""
     sections = []
     for k, section in enumerate(road.sections):
@@ -198,12 +205,12 @@ def _linked_lanes(road: ModelRoad, by_id: Mapping[int, ModelRoad], spot: Spot) -
     for end, link in (("start", road.predecessor), ("end", road.successor)):
         if link is not None and link.element == "road":
             there = by_id[link.id]
-            if _apart(linked, end, there, link.contact) > APART_M:
+            if _apart(linked, end, there, link.contact, poses) > APART_M:
                 spot.remark(f"linked lanes that end more than {APART_M:g} m apart")
     return linked
 
 
-def _apart(road: ModelRoad, end: str, other: ModelRoad, contact: str) -> float:
+def _apart(road: ModelRoad, end: str, other: ModelRoad, contact: str, poses: Poses) -> float:
     """Return how far linked lanes of two roads lie apart where the roads meet, metres."""
     pairs = [
         (lane.id, there)
@@ -212,19 +219,25 @@ def _apart(road: ModelRoad, end: str, other: ModelRoad, contact: str) -> float:
     ]
     if not pairs:
         return 0.0
-    mine, theirs = _middles(road, end), _middles(other, contact)
+    mine, theirs = _middles(road, end, poses), _middles(other, contact, poses)
     return max(math.dist(mine[a], theirs[b]) for a, b in pairs)
 
 
-def _middles(road: ModelRoad, end: str) -> dict[int, tuple[float, float]]:
+def _middles(road: ModelRoad, end: str, poses: Poses) -> dict[int, tuple[float, float]]:
     """Return where the middles of lanes lie at one end of a road."""
     section = end_section(road, end)
     s = 0.0 if end == "start" else road.length
-    x, y, heading = road.curve.at(s)[0]
+    x, y, heading = poses.at(road, end)
+    level = math.cos(value(road.bank, s))
+    left = (-math.sin(heading) * level, math.cos(heading) * level)
     found = {}
-    for lane in section.lanes:
-        t = float(road.middle(section, lane, s)[0]) * math.cos(float(road.bank.at(s)[0]))
-        found[lane.id] = (float(x) - t * math.sin(heading), float(y) + t * math.cos(heading))
+    for sign in (1, -1):
+        t = value(road.offset, s)
+        for lane in sorted((e for e in section.lanes if e.id * sign > 0), key=lambda e: abs(e.id)):
+            width = value(lane.width, s - section.s)
+            middle = t + sign * width / 2
+            found[lane.id] = (x + middle * left[0], y + middle * left[1])
+            t += sign * width
     return found
 
 

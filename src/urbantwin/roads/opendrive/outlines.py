@@ -54,9 +54,7 @@ def read_outlines(
         here = spot.within(f"object {item.get('id', '')}")
         s = here.number(item, "s")
         if not -BEYOND_M <= s <= curve.length + BEYOND_M:
-            raise here.error(
-                f"lies at s = {s:g}, beyond its road", expected=f"0 to {curve.length:.3f}"
-            )
+            here.remark("objects and signals beyond their road: they are put at its end")
         s = min(max(s, 0.0), curve.length)
         if item.find("repeat") is not None:
             here.remark("objects that repeat: only the first is read")

@@ -64,7 +64,7 @@ class Spot:
 
     def remark(self, text: str) -> None:
         """Remember something that a reader of the map should know."""
-        self.log.remarks.setdefault(text, []).append(self.place)
+        self.log.remarks.setdefault(text, []).append(self.place.partition(",")[0])
 
     def number(self, item: etree._Element, key: str, default: float | None = None) -> float:
         """Return an attribute as a number.
@@ -103,7 +103,7 @@ class Spot:
 
         Args:
             items: elements with ``a``, ``b``, ``c``, ``d``.
-            key: the attribute that says where each begins: ``s`` or ``sOffset``.
+            key: the attribute that says where each begins: ``s``, ``sOffset``, or ``t`` across.
         """
         if not items:
             return Profile.constant(0.0)
@@ -120,7 +120,7 @@ class Spot:
             for item in items:
                 for k in (key, *"abcd"):
                     self.number(item, k)
-        if starts[0] > 1e-6:
+        if starts[0] > 1e-6 and key != "t":
             # Before the first record the standard says nothing: its value holds.
             starts = np.concatenate([[0.0], starts])
             table = np.vstack([[table[0, 0], 0.0, 0.0, 0.0], table])

@@ -120,7 +120,13 @@ def shifted(model: LaneModel, offset: tuple[float, float, float, float]) -> Lane
         replace(road, elevation=Profile(road.elevation.start, road.elevation.abcd + up))
         for road in model.roads
     )
-    return replace(model, roads=roads)
+    signals = tuple(
+        replace(signal, pose=(*signal.pose[:2], signal.pose[2] + z, signal.pose[3]))
+        if signal.pose
+        else signal
+        for signal in model.signals
+    )
+    return replace(model, roads=roads, signals=signals)
 
 
 def _samples(curve: Curve) -> NDArray[np.float64]:
@@ -148,7 +154,7 @@ def _moved(model: LaneModel, how: Similarity) -> LaneModel:
         roads=tuple(_road(road, how) for road in model.roads),
         junctions=tuple(_junction(junction, how) for junction in model.junctions),
         areas=tuple(_area(area, how.scale) for area in model.areas),
-        signals=tuple(_signal(signal, how.scale) for signal in model.signals),
+        signals=tuple(_signal(signal, how) for signal in model.signals),
     )
 
 
@@ -200,5 +206,11 @@ def _area(area: RoadArea, k: float) -> RoadArea:
     return replace(area, s=area.s * k, corners=area.corners * [k, k, 1.0])
 
 
-def _signal(signal: RoadSignal, k: float) -> RoadSignal:
+def _signal(signal: RoadSignal, how: Similarity) -> RoadSignal:
+    k = how.scale
+    if signal.pose:
+        x, y, z, heading = signal.pose
+        there = how.apply(np.array([[x, y]]))[0]
+        pose = (float(there[0]), float(there[1]), z, heading + how.angle)
+        signal = replace(signal, pose=pose)
     return signal if k == 1.0 else replace(signal, s=signal.s * k, t=signal.t * k)

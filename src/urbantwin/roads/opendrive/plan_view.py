@@ -60,8 +60,13 @@ def read_curve(road: etree._Element, spot: Spot) -> Curve:
         if length > SHORTEST_M:
             pieces += _pieces(item, length, spot.within(f"geometry at s = {at:g}"))
         s += length
+    if not pieces and told <= LENGTH_M:
+        # Tools write manoeuvres straight across a border between two roads like this.
+        spot.remark("roads whose reference line has no length: a straight one is taken")
+        x, y, heading = (spot.number(items[0], key) for key in ("x", "y", "hdg"))
+        pieces, s = [Piece(x, y, heading, told)], told
     if not pieces:
-        raise spot.error("has a reference line of no length")
+        raise spot.error("has a reference line of no length", expected="more than 0 m")
     if abs(s - told) > LENGTH_M:
         raise spot.error(
             f"is {told:g} m long, but its reference line {s:.3f} m", expected="the same length"

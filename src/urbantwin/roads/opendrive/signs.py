@@ -40,6 +40,7 @@ class Sign:
     links: tuple[int, ...]
     height: float
     width: float
+    pose: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -67,9 +68,7 @@ def read_signs(item: etree._Element, road: ModelRoad, spot: Spot) -> Iterator[Si
         here = spot.within(f"signal {signal.get('id', '')}")
         s = here.number(signal, "s")
         if not -BEYOND_M <= s <= road.length + BEYOND_M:
-            raise here.error(
-                f"stands at s = {s:g}, beyond its road", expected=f"0 to {road.length:.3f}"
-            )
+            here.remark("objects and signals beyond their road: they are put at its end")
         s = min(max(s, 0.0), road.length)
         height = here.number(signal, "height", 0.0)
         height = height if height > 0 else HEIGHT_M
@@ -92,7 +91,17 @@ def read_signs(item: etree._Element, road: ModelRoad, spot: Spot) -> Iterator[Si
             links=tuple(_numbers(_note(signal, "links"))),
             height=height,
             width=width if width > 0 else WIDTH_M,
+            pose=_pose(signal, height, here),
         )
+
+
+def _pose(signal: etree._Element, height: float, spot: Spot) -> tuple[float, ...]:
+    """Return where a signal stands if the file says so in its own coordinates."""
+    item = signal.find("positionInertial")
+    if item is None:
+        return ()
+    x, y, z = (spot.number(item, key) for key in "xyz")
+    return x, y, z + height / 2, spot.number(item, "hdg", 0.0)
 
 
 def _value(signal: etree._Element) -> float:
