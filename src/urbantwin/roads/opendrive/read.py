@@ -22,6 +22,7 @@ from urbantwin.roads.opendrive.outlines import Outline, read_outlines
 from urbantwin.roads.opendrive.parsing import Log, Spot, whole_number
 from urbantwin.roads.opendrive.placed import placed, shifted
 from urbantwin.roads.opendrive.plan_view import read_curve
+from urbantwin.roads.opendrive.references import Reference, read_references, referred
 from urbantwin.roads.opendrive.signs import Program, Sign, read_program, read_signs
 from urbantwin.roads.opendrive.standing import standing
 
@@ -74,6 +75,7 @@ class _Content:
     programs: dict[str, Program] = field(default_factory=dict)
     outlines: list[tuple[str, Outline]] = field(default_factory=list)
     signs: list[tuple[str, Sign]] = field(default_factory=list)
+    references: list[tuple[str, Reference]] = field(default_factory=list)
     has_heights: bool = False
 
 
@@ -158,6 +160,7 @@ def _road(item: etree._Element, identity: str, content: _Content, spot: Spot) ->
     content.inside[identity] = item.get("junction") or "-1"
     content.outlines += [(identity, e) for e in read_outlines(item, curve, elevation, spot)]
     content.signs += [(identity, e) for e in read_signs(item, road, spot)]
+    content.references += [(identity, e) for e in read_references(item, road, spot)]
     content.has_heights |= item.find(".//lane/height") is not None
 
 
@@ -184,8 +187,9 @@ def _assembled(content: _Content, log: Log) -> ReadMap:
     else:
         log.at("").remark("ids of roads that are no whole numbers: roads are numbered")
     found = joined(content.roads, content.links, content.inside, content.nodes, log)
+    signs = referred(content.roads, content.signs, content.references, log)
     areas, signals, controllers = standing(
-        content.roads, content.outlines, content.signs, content.programs, found.programs, log
+        content.roads, content.outlines, signs, content.programs, found.programs, log
     )
     model = LaneModel(
         "left" if left else "right", found.roads, found.junctions, areas, signals, controllers

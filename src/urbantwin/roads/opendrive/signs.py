@@ -11,7 +11,7 @@ from lxml import etree
 from urbantwin.roads.model import ModelRoad
 from urbantwin.roads.opendrive.parsing import Spot
 
-__all__ = ["Program", "Sign", "read_program", "read_signs"]
+__all__ = ["Program", "Sign", "read_program", "read_signs", "read_validity"]
 
 #: Size of a head or a sign that has none, metres.
 HEIGHT_M, WIDTH_M = 0.9, 0.3
@@ -22,7 +22,10 @@ _UNITS = ("m", "km", "ft", "mile", "m/s", "mph", "km/h", "kg", "t", "%")
 
 @dataclass(frozen=True)
 class Sign:
-    """A signal or a sign; see ``RoadSignal``."""
+    """A signal or a sign; see ``RoadSignal``.
+
+    ``turned``: how far it is turned from facing the traffic of its orientation, radians.
+    """
 
     id: str
     name: str
@@ -41,6 +44,7 @@ class Sign:
     height: float
     width: float
     pose: tuple[float, ...] = ()
+    turned: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -62,8 +66,6 @@ def read_signs(item: etree._Element, road: ModelRoad, spot: Spot) -> Iterator[Si
         road: the same as far as it is read: its lanes are those that signals may hold for.
         spot: the road, to speak of.
     """
-    if item.find("signals/signalReference") is not None:
-        spot.remark("references to signals of other roads that are not read")
     for signal in item.findall("signals/signal"):
         here = spot.within(f"signal {signal.get('id', '')}")
         s = here.number(signal, "s")
@@ -87,11 +89,12 @@ def read_signs(item: etree._Element, road: ModelRoad, spot: Spot) -> Iterator[Si
             t=here.number(signal, "t"),
             z=here.number(signal, "zOffset", 0.0) + height / 2,
             orientation=orientation if orientation in ("+", "-") else "none",
-            lanes=_lanes(signal, road, s, here),
+            lanes=read_validity(signal, road, s, here),
             links=tuple(_numbers(_note(signal, "links"))),
             height=height,
             width=width if width > 0 else WIDTH_M,
             pose=_pose(signal, height, here),
+            turned=here.number(signal, "hOffset", 0.0),
         )
 
 
@@ -115,7 +118,8 @@ def _value(signal: etree._Element) -> float:
     return value
 
 
-def _lanes(signal: etree._Element, road: ModelRoad, s: float, spot: Spot) -> tuple[int, ...]:
+def read_validity(signal: etree._Element, road: ModelRoad, s: float, spot: Spot) -> tuple[int, ...]:
+    """Return the lanes of a road that a signal or a reference is valid for; empty for all."""
     present = sorted(road.section_at(s).by_id)
     found: list[int] = []
     for validity in signal.findall("validity"):

@@ -64,6 +64,7 @@ def standing(
             spot.remark("signals of the same id: they are numbered")
         number[sign.id] = ids.give(sign.id)
         values = {**asdict(sign), "id": number[sign.id], "road": roads[road].id}
+        del values["turned"]
         signals.append(RoadSignal(**values, program=program_of.get(sign.id, "")))
     controllers = []
     for key, program in programs.items():
