@@ -50,6 +50,7 @@ class DemGrid:
         heights: (ny, nx) float64, metres above the anchor's ground; row 0 is the southernmost.
         anchor_height_m: height of the anchor in the file's own vertical datum.
         missing_share: share of the area that had no height and took its nearest neighbour's.
+        source_step_m: size of the file's own cells, metres.
     """
 
     x0: float
@@ -58,6 +59,7 @@ class DemGrid:
     heights: NDArray[np.float64]
     anchor_height_m: float
     missing_share: float
+    source_step_m: float
 
 
 def check_dem(path: Path, frame: SiteFrame, region: shapely.Polygon) -> None:
@@ -98,6 +100,8 @@ def read_heights(path: Path, frame: SiteFrame, area: shapely.Polygon, step_m: fl
         _check_cover(raster, path, frame, area)
         source, transform = _window(raster, path, frame, (x[0], y[0], x[-1], y[-1]))
         crs = raster.crs
+        per_metre = np.diff(_pixels(raster, frame, np.array([[0.0, 0.0], [1.0, 0.0]])), axis=0)
+        source_step = 1.0 / float(np.linalg.norm(per_metre))
     grid = np.full((ny, nx), np.nan)
     reproject(
         source,
@@ -127,7 +131,7 @@ def read_heights(path: Path, frame: SiteFrame, area: shapely.Polygon, step_m: fl
         rows, columns = distance_transform_edt(missing, return_distances=False, return_indices=True)
         grid = grid[rows, columns]
     anchor = float(grid[-first[1], -first[0]])
-    return DemGrid(float(x[0]), float(y[0]), step_m, grid - anchor, anchor, share)
+    return DemGrid(float(x[0]), float(y[0]), step_m, grid - anchor, anchor, share, source_step)
 
 
 @contextmanager

@@ -162,8 +162,9 @@ def _elevation(site: Site) -> tuple[Elevation, dict[str, object]]:
         "source": site.dem.path.name,
         "anchor_height_m": round(grid.anchor_height_m, 3),
         "missing_share": round(grid.missing_share, 4),
+        "cell_m": round(grid.source_step_m, 3),
     }
-    return Elevation(grid.x0, grid.y0, grid.step_m, grid.heights), notes
+    return Elevation(grid.x0, grid.y0, grid.step_m, grid.heights, grid.source_step_m), notes
 
 
 def _write_yaml(path: Path, value: object) -> None:

@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
-from urbantwin.roads.heights.mouths import Mouths, mouths_of
+from urbantwin.roads.heights.mouths import Mouths, levels_at_ends, mouths_of
 from urbantwin.roads.heights.stations import Stations, stations_of
 from urbantwin.roads.model import LaneModel, ModelRoad
 
@@ -62,9 +62,16 @@ class RoadSurface:
     def __init__(self, model: LaneModel, base: Base) -> None:
         self._base = base
         streets = [road for road in model.roads if road.junction < 0]
+        stations = stations_of(streets, STEP_M)
+        at = np.stack(stations.edges())
+        ends = levels_at_ends(streets, {j.id: j.level for j in model.junctions})
+        mouths = mouths_of(streets, stations.outer_right[at], stations.outer_left[at], ends)
+        levels = {*mouths.level.tolist(), *(road.level for road in streets)}
         self._levels = {
-            level: self._level([road for road in streets if road.level == level], level)
-            for level in sorted({road.level for road in streets})
+            level: self._level(
+                [road for road in streets if road.level == level], mouths.of(level), level
+            )
+            for level in sorted(levels)
         }
 
     def height(self, xy: ArrayLike, level: int = 0) -> NDArray[np.float64]:
@@ -87,10 +94,8 @@ class RoadSurface:
         streets = known.streets if known else ()
         return [road.curve.line.simplify(0.003) for road in streets if not road.crown.is_zero]
 
-    def _level(self, streets: list[ModelRoad], level: int) -> _Level:
+    def _level(self, streets: list[ModelRoad], mouths: Mouths, level: int) -> _Level:
         stations = stations_of(streets, STEP_M)
-        ends = np.stack(stations.edges())
-        mouths = mouths_of(streets, stations.outer_right[ends], stations.outer_left[ends])
         middle = mouths.xy + ((mouths.right + mouths.left) / 2)[:, None] * np.column_stack(
             [-mouths.ahead[:, 1], mouths.ahead[:, 0]]
         )
@@ -103,8 +108,13 @@ class RoadSurface:
         areas = [shapely.Polygon(ring).buffer(0.05, quad_segs=1) for ring in rings]
         z = np.concatenate(
             [
-                road.heights(np.repeat(stations.s[part], 2), outer[part].ravel())
-                for road, part in zip(streets, map(stations.of, range(len(streets))), strict=True)
+                np.zeros(0),
+                *(
+                    road.heights(np.repeat(stations.s[part], 2), outer[part].ravel())
+                    for road, part in zip(
+                        streets, map(stations.of, range(len(streets))), strict=True
+                    )
+                ),
             ]
         )
         sides = borders.reshape(-1, 2)
@@ -114,7 +124,7 @@ class RoadSurface:
             shapely.STRtree(areas),
             mouths,
             cKDTree(middle),
-            float((mouths.left - mouths.right).max()),
+            float((mouths.left - mouths.right).max(initial=0.0)),
             sides,
             z - self._base(sides, level),
             cKDTree(sides),
@@ -170,7 +180,8 @@ class RoadSurface:
         if not len(points):
             return np.zeros(0)
         total, weight = np.zeros(len(points)), np.full(len(points), GROUND_WEIGHT)
-        count = min(ENDS, len(known.mouths.out))
+        # The end of a street counts, not its middle: half its width is added to the reach.
+        count = max(1, min(ENDS, len(known.mouths.out)))
         gap, which = known.mouth_tree.query(
             points, k=np.arange(1, count + 1), distance_upper_bound=REACH_M + known.widest
         )
@@ -183,7 +194,7 @@ class RoadSurface:
             offset = known.mouths.extended(end, u, t) - base[row]
             total += np.bincount(row, share * offset, minlength=len(points))
             weight += np.bincount(row, share, minlength=len(points))
-        count = min(SIDES, len(known.sides))
+        count = max(1, min(SIDES, len(known.sides)))
         gap, which = known.side_tree.query(
             points, k=np.arange(1, count + 1), distance_upper_bound=SIDE_REACH_M
         )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,14 +15,14 @@ from urbantwin.roads.heights.clash import NO_CLASHES, Clashes, find_clashes
 from urbantwin.roads.heights.cross_fall import FINE_M, cross_falls, line_across, run_out
 from urbantwin.roads.heights.design import Pins, designed, profile_slopes, smoothed
 from urbantwin.roads.heights.limits import limits_of
-from urbantwin.roads.heights.mouths import curvature_at
+from urbantwin.roads.heights.mouths import curvature_at, levels_at_ends
 from urbantwin.roads.heights.profiles import hermite_profiles
 from urbantwin.roads.heights.stations import Stations, stations_of
 from urbantwin.roads.heights.through import fitted_ways
 from urbantwin.roads.levels import Lift
 from urbantwin.roads.model import LaneModel, ModelRoad
 
-__all__ = ["ground_under", "road_surface", "with_heights"]
+__all__ = ["ground_under", "with_heights"]
 
 #: Spacing of the stations that streets are designed at, metres.
 STEP_M = 2.5
@@ -31,12 +31,16 @@ SAMPLES = 5
 #: Furthest that smoothing may take a street off the ground, metres: on a coarse DEM, which does not
 #: know of cuts and fills, and on one that shows them.
 EARTHWORK_M, EARTHWORK_SEEN_M = 0.5, 0.1
+#: Slopes of the ground are taken over this distance to both sides, metres.
+SLOPE_REACH_M = 1.0
 #: Bank is smoothed over this length, metres.
 BANK_SMOOTHING_M = 8.0
 
 
-def with_heights(model: LaneModel, elevation: Elevation, lift: Lift) -> LaneModel:
-    """Return the model with elevation, superelevation and crown of every road.
+def with_heights(
+    model: LaneModel, elevation: Elevation, lift: Lift
+) -> tuple[LaneModel, RoadSurface]:
+    """Return the model with elevation, superelevation and crown of every road, and its surface.
 
     Args:
         model: the lanes in plan.
@@ -44,26 +48,31 @@ def with_heights(model: LaneModel, elevation: Elevation, lift: Lift) -> LaneMode
         lift: how far roads are lifted off it.
     """
     base = ground_under(model, elevation, lift)
+    site = _Site(elevation, base, {junction.id: junction.level for junction in model.junctions})
     streets = [road for road in model.roads if road.junction < 0]
     ways = [road for road in model.roads if road.junction >= 0]
-    risen = {road.id: road for road in _streets(streets, elevation, base, NO_CLASHES)}
+    risen = {road.id: road for road in _streets(streets, site, NO_CLASHES)}
     clashes = find_clashes(list(risen.values()), ways)
     if clashes.calm:
         again = [road for road in streets if road.id in clashes.calm]
         first = [road for road in again if road.id not in clashes.yielding]
-        risen |= {road.id: road for road in _streets(first, elevation, base, clashes)}
+        risen |= {road.id: road for road in _streets(first, site, clashes)}
         others = tuple(r for r in risen.values() if r.id not in clashes.yielding)
         surface = RoadSurface(model.with_roads(others), base)
         last = [road for road in again if road.id in clashes.yielding]
-        risen |= {r.id: r for r in _streets(last, elevation, base, clashes, surface)}
+        risen |= {road.id: road for road in _streets(last, site, clashes, surface)}
     surface = RoadSurface(model.with_roads(tuple(risen.values())), base)
     risen |= {road.id: road for road in fitted_ways(ways, risen, surface)}
-    return model.with_roads(tuple(risen[road.id] for road in model.roads))
+    return model.with_roads(tuple(risen[road.id] for road in model.roads)), surface
 
 
-def road_surface(model: LaneModel, elevation: Elevation, lift: Lift) -> RoadSurface:
-    """Return the surface of a model that ``with_heights`` made."""
-    return RoadSurface(model, ground_under(model, elevation, lift))
+@dataclass(frozen=True)
+class _Site:
+    """The ground, as it is and as roads see it, and the levels of junctions by their ids."""
+
+    elevation: Elevation
+    ground: RoadGround
+    levels: dict[int, int]
 
 
 def ground_under(model: LaneModel, elevation: Elevation, lift: Lift) -> RoadGround:
@@ -86,29 +95,33 @@ def ground_under(model: LaneModel, elevation: Elevation, lift: Lift) -> RoadGrou
 
 def _streets(
     streets: Sequence[ModelRoad],
-    elevation: Elevation,
-    ground: RoadGround,
+    site: _Site,
     clashes: Clashes,
     surface: RoadSurface | None = None,
 ) -> list[ModelRoad]:
     """Return streets with heights; on a surface of other streets, if there is one."""
     if not streets:
         return []
-    base: Base = surface.height if surface else ground
+    base: Base = surface.height if surface else site.ground
+    elevation = site.elevation
     stations = stations_of(streets, STEP_M)
     limits = [limits_of(road) for road in streets]
     t = stations.across(SAMPLES)
-    z = _sampled(stations, t, base)
-    share = run_out(stations, clashes.calm)
-    lifted = _lifted(stations, ground)
-    cross = cross_falls(stations, t, z, elevation, limits, lifted, share)
     ends = stations.edges()
+    level = np.array([road.level for road in streets])[stations.road]
+    # Where a ramp meets a junction on the ground, it meets the ground's surface.
+    for at, number in zip(ends, levels_at_ends(streets, site.levels), strict=True):
+        level[at] = number
+    z = _sampled(stations.beside(t), level, base)
+    share = run_out(stations, clashes.calm)
+    lifted = _lifted(stations, site.ground)
+    cross = cross_falls(stations, t, z, elevation, limits, lifted, share)
     held = np.array([(r.predecessor is not None, r.successor is not None) for r in streets]).T
-    grade = _grades(stations, t, base)
-    level = np.stack([cross.ground[at] for at in ends])
+    grade = np.stack([_grades(stations, at, t, level, base) for at in ends])
+    height = np.stack([cross.ground[at] for at in ends])
     bend = np.array([[curvature_at(r, 0.0), curvature_at(r, r.length)] for r in streets]).T
     tilt = np.stack([cross.tilt[at] for at in ends])
-    along, across = Pins(held, level, grade), Pins(held, tilt, -bend * grade)
+    along, across = Pins(held, height, grade), Pins(held, tilt, -bend * grade)
     earthwork = EARTHWORK_M if elevation.detail > FINE_M else EARTHWORK_SEEN_M
     height = designed(stations, cross.level, along, limits, earthwork)
     bank = smoothed(stations, cross.bank, across, np.full(len(streets), BANK_SMOOTHING_M))
@@ -124,36 +137,28 @@ def _streets(
     ]
 
 
-def _sampled(stations: Stations, t: NDArray[np.float64], base: Base) -> NDArray[np.float64]:
-    """Return the base (M, K) at offsets (M, K) across streets."""
-    xy = stations.beside(t)
-    z = np.zeros(t.shape)
-    levels = np.array([road.level for road in stations.roads])[stations.road]
-    for level in np.unique(levels):
-        here = levels == level
-        z[here] = base(xy[here].reshape(-1, 2), int(level)).reshape(-1, t.shape[1])
+def _sampled(xy: NDArray[np.float64], level: NDArray[np.int64], base: Base) -> NDArray[np.float64]:
+    """Return the base (M, K) at points (M, K, 2) on levels (M,)."""
+    z = np.zeros(xy.shape[:2])
+    for number in np.unique(level):
+        here = level == number
+        z[here] = base(xy[here].reshape(-1, 2), int(number)).reshape(-1, xy.shape[1])
     return z
 
 
-def _grades(stations: Stations, t: NDArray[np.float64], base: Base) -> NDArray[np.float64]:
-    """Return the slope (2, R) of the ground along streets at their starts and ends."""
-    reach = 1.0
-    found = []
-    for at in stations.edges():
-        heading = stations.pose[at, 2]
-        ahead = np.stack([np.cos(heading), np.sin(heading)], -1)[:, None] * reach
-        xy = stations.beside(t)[at]
-        level = np.array([road.level for road in stations.roads])
-        rise = np.zeros(xy.shape[:2])
-        for number in np.unique(level):
-            here = level == number
-            before, after = (
-                base((xy[here] + sign * ahead[here]).reshape(-1, 2), int(number))
-                for sign in (-1.0, 1.0)
-            )
-            rise[here] = (after - before).reshape(-1, xy.shape[1])
-        found.append(line_across(t[at], rise / (2.0 * reach))[0])
-    return np.stack(found)
+def _grades(
+    stations: Stations,
+    at: NDArray[np.int64],
+    t: NDArray[np.float64],
+    level: NDArray[np.int64],
+    base: Base,
+) -> NDArray[np.float64]:
+    """Return the slope (R,) of the ground along streets at stations ``at``."""
+    heading = stations.pose[at, 2]
+    ahead = np.stack([np.cos(heading), np.sin(heading)], -1)[:, None] * SLOPE_REACH_M
+    xy = stations.beside(t)[at]
+    rise = _sampled(xy + ahead, level[at], base) - _sampled(xy - ahead, level[at], base)
+    return line_across(t[at], rise / (2.0 * SLOPE_REACH_M))[0]
 
 
 def _lifted(stations: Stations, base: RoadGround) -> NDArray[np.bool_]:

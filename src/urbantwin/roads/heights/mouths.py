@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.roads.model import ModelRoad
 
-__all__ = ["Mouths", "curvature_at", "mouths_of"]
+__all__ = ["Mouths", "curvature_at", "levels_at_ends", "mouths_of"]
 
 #: A street's end counts this far back into the street, metres.
 BACK_M = 1.0
@@ -25,7 +25,7 @@ class Mouths:
         ahead: (E, 2) its direction, along increasing stations.
         out: (E,) 1 where stations increase out of the street, -1 where they decrease.
         right, left: (E,) offsets between which the street lies.
-        level: (E,) level of the street.
+        level: (E,) level of what the street leads to there.
         height: (E, 3) height of the reference line, rise to the left, and fall to both sides.
         grade: (E, 3) how these change along the reference line.
         bend: (E,) curvature of the reference line, 1/m.
@@ -40,6 +40,11 @@ class Mouths:
     height: NDArray[np.float64]
     grade: NDArray[np.float64]
     bend: NDArray[np.float64]
+
+    def of(self, level: int) -> Mouths:
+        """Return the mouths at one level."""
+        here = self.level == level
+        return Mouths(*(getattr(self, field.name)[here] for field in fields(self)))
 
     def seen_from(
         self, which: NDArray[np.int64], xy: NDArray[np.float64]
@@ -77,8 +82,29 @@ class Mouths:
         return np.asarray((level + t * bank - np.abs(t) * crown) / shorter)
 
 
+def levels_at_ends(streets: Sequence[ModelRoad], levels: Mapping[int, int]) -> NDArray[np.int64]:
+    """Return the levels (2, R) of what streets lead to at their starts and ends, else their own.
+
+    Args:
+        streets: R streets.
+        levels: id of a junction -> its level.
+    """
+    links = [(road.predecessor, road.successor) for road in streets]
+    found = [
+        [
+            levels.get(link.id, road.level) if link and link.element == "junction" else road.level
+            for link in pair
+        ]
+        for road, pair in zip(streets, links, strict=True)
+    ]
+    return np.array(found, np.int64).reshape(-1, 2).T
+
+
 def mouths_of(
-    streets: Sequence[ModelRoad], right: NDArray[np.float64], left: NDArray[np.float64]
+    streets: Sequence[ModelRoad],
+    right: NDArray[np.float64],
+    left: NDArray[np.float64],
+    level: NDArray[np.int64],
 ) -> Mouths:
     """Return the mouths of streets.
 
@@ -86,6 +112,7 @@ def mouths_of(
         streets: R streets, with their profiles.
         right: (2, R) offset of their right border at their starts and ends, metres to the left.
         left: (2, R) the same of their left border.
+        level: (2, R) levels of what they lead to.
     """
     pose, height, grade, bend = [], [], [], []
     for side in (0, 1):
@@ -99,14 +126,13 @@ def mouths_of(
             grade.append((float(road.elevation.slope(s)[0]), turn / c**2, bow / c))
             bend.append(curvature_at(road, s))
     place = np.array(pose, np.float64).reshape(-1, 3)
-    level = np.array([road.level for road in streets], np.int64)
     return Mouths(
         place[:, :2],
         np.column_stack([np.cos(place[:, 2]), np.sin(place[:, 2])]),
         np.repeat([-1.0, 1.0], len(streets)),
         right.ravel(),
         left.ravel(),
-        np.concatenate([level, level]),
+        level.ravel(),
         np.array(height, np.float64).reshape(-1, 3),
         np.array(grade, np.float64).reshape(-1, 3),
         np.array(bend, np.float64),

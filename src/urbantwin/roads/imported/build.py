@@ -87,7 +87,7 @@ def prepared_map(
     if flat:
         model = with_levels(raised(model, -_first_height(model)))
         if elevation is not None:
-            model = with_heights(model, elevation, _NOT_LIFTED)
+            model, _ = with_heights(model, elevation, _NOT_LIFTED)
             notes["heights"] = "the DEM's: the map has none"
         ground = elevation or Elevation.flat()
     else:
