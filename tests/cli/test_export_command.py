@@ -79,7 +79,7 @@ def test_sumo_runs_the_exported_folder_as_it_is(twin, run_here, tmp_path):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--to", "collada"], "one of opendrive, geojson, sumo, carla"),
+        (["--to", "collada"], "one of opendrive, geojson, sumo, carla, plan"),
         (["--to", "opendrive", "--version", "1.6"], "one of 1.8, 1.4"),
         (["--to", "sumo", "--version", "1.4"], "expected none"),
         ([], "--to"),

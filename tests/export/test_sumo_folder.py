@@ -9,11 +9,11 @@ import shapely
 from lxml import etree
 
 from urbantwin.export import export_twin
-from urbantwin.export.sumo import building_footprints
 from urbantwin.roads.netconvert import sumo_binary, sumo_environment, sumo_home
 from urbantwin.traffic.assets import asset
 from urbantwin.traffic.run import demand_of
 from urbantwin.traffic.simulation import simulate
+from urbantwin.view.footprint import footprints
 
 
 def sumo(folder, *options):
@@ -97,7 +97,7 @@ def test_nothing_in_the_folder_names_another_folder(exported):
 
 def test_buildings_are_where_the_mesh_has_them(two_avenues_twin):
     mesh = two_avenues_twin.mesh
-    for part, footprint in building_footprints(mesh).items():
+    for part, footprint in footprints(mesh, "building").items():
         one = mesh.select(mesh.part == part)
         points = shapely.points(one.vertices[:, :2])
         assert shapely.distance(footprint, points).max() < 1.0  # eaves and walls

@@ -26,7 +26,8 @@ from urbantwin.view.labelled_frame import (
 )
 from urbantwin.view.markings import markings
 from urbantwin.view.pictures import pictures_of_dataset
-from urbantwin.view.plan import plan, zebra
+from urbantwin.view.plan import plan, plan_figure, zebra
+from urbantwin.view.plan_look import DARK
 from urbantwin.view.range_image import range_image, spread_rays
 from urbantwin.view.scene import Camera, render, scene_picture
 from urbantwin.view.sequence import sequence
@@ -247,25 +248,28 @@ def test_plan_shows_lanes_zebra_and_sensor(tmp_path):
         semantic_id("building"),
         material_id("brick"),
     )
-    path = plan(
-        street(), region, tmp_path / "a.png", mesh=house, sensors=[("s", 0.0, 12.0)], title="Here"
-    )
-    picture = imread(path)[..., :3]
-    # The region's 100 m are 1200 / 1.1 pixels wide, its middle at 48.5 % of the height.
-    scale, height, width = 1200 / 110, picture.shape[0], picture.shape[1]
+    given = {"mesh": house, "sensors": [("s", 0.0, 12.0)], "title": "Here"}
+    path = plan(street(), region, tmp_path / "a.png", **given)
+    figure = plan_figure(street(), region, **given)
 
     def at(x, y):
-        row = height - 1 - round(0.485 * height + y * scale)
-        return picture[row, round(width / 2 + x * scale)]
+        return pixels_of(path, figure, [(x, y)])[0]
 
-    assert near(at(-10, -3.9), "#79838f", 0.03)  # a lane beside its arrow
-    assert near(at(-30, -6.0), "#b9b3a6", 0.03)  # the sidewalk
-    assert near(at(30, 2.0), "#626b76", 0.03)  # the junction
-    assert near(at(20, 0.0), "#ffffff", 0.05)  # a stripe of the zebra
-    assert near(at(20, 0.5), "#626b76", 0.08)  # between two stripes
-    assert near(at(-10, 30), "#34404d", 0.03)  # the house
-    assert near(at(0.4, 12), style.ACCENT, 0.05)  # the sensor
-    assert near(at(-30, -30), "#18202a", 0.03)  # nothing
+    assert near(at(-10, -3.9), DARK.lanes["driving"], 0.03)  # a lane beside its arrow
+    assert near(at(-30, -6.0), DARK.lanes["sidewalk"], 0.03)
+    assert near(at(30, 2.0), DARK.lanes["junction"], 0.03)
+    assert near(at(20, 0.0), DARK.paint, 0.05)  # a stripe of the zebra
+    assert near(at(20, 0.5), DARK.lanes["junction"], 0.08)  # between two stripes
+    assert near(at(-10, 30), DARK.building, 0.03)
+    assert near(at(0.5, 12), DARK.sensor, 0.05)
+    assert near(at(-30, -30), DARK.ground, 0.03)  # nothing
+    assert near(at(17.0, -3.0), DARK.signal, 0.05)
+    # The border of the two lanes to the east is broken: three metres of line, six of gap.
+    border = near(
+        pixels_of(path, figure, [(x, -1.5) for x in np.arange(-39, 17, 0.25)]), "#ffffff", 0.3
+    )
+    assert 0.25 < border.mean() < 0.45
+    assert np.abs(np.diff(border.astype(int))).sum() == 14  # 7 dashes on 58 m
 
 
 def test_histogram_bars_have_lengths_of_their_logarithms(tmp_path):

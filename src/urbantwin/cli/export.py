@@ -19,6 +19,8 @@ urbantwin export twin/ --to carla -o carla/
 urbantwin export twin/ --to sumo -o sumo/ && sumo-gui -c sumo/twin.sumocfg
 urbantwin export twin/ --to geojson -o layers/
 urbantwin export twin/ --to geojson -o lanes.geojson
+urbantwin export twin/ --to plan -o plan/
+urbantwin export twin/ --to plan -o plan.svg
 """
 
 
@@ -30,7 +32,7 @@ def export(
             "--to",
             metavar="FORMAT",
             help="opendrive, carla (a package of a map), sumo (a run that is set up) or "
-            "geojson (for QGIS: one file, or one per layer in a folder).",
+            "geojson (for QGIS: one file, or one per layer in a folder) or plan (SVG, PNG).",
         ),
     ],
     version: Annotated[
@@ -49,7 +51,7 @@ def export(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Write a twin for other programs: OpenDRIVE, CARLA, SUMO, GeoJSON."""
+    """Write a twin for other programs: OpenDRIVE, CARLA, SUMO, GeoJSON, a plan."""
     from urbantwin.export import export_twin
     from urbantwin.twin import load_twin
 

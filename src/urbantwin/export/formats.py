@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,7 @@ from pathlib import Path
 from urbantwin.errors import InputError
 from urbantwin.export.carla import write_carla
 from urbantwin.export.geojson import write_geojson
+from urbantwin.export.plan import write_plan
 from urbantwin.export.sumo import write_sumo
 from urbantwin.roads.opendrive import VERSIONS, write_opendrive
 from urbantwin.twin import Twin
@@ -54,6 +56,7 @@ FORMATS: Mapping[str, Format] = {
         Format("geojson", ".geojson", (), lambda twin, path, _: write_geojson(twin, path)),
         Format("sumo", "", (), lambda twin, path, _: write_sumo(twin, path)),
         Format("carla", "", (), lambda twin, path, _: write_carla(twin, path)),
+        Format("plan", "", (), lambda twin, path, _: write_plan(twin, path)),
     )
 }
 
@@ -92,9 +95,14 @@ def export_twin(
             place="--version",
             expected=f"one of {', '.join(wanted.versions)}" if wanted.versions else "none",
         )
-    path = out or Path(f"{twin.manifest['name']}{wanted.ending or '-' + name}")
+    path = out or Path(f"{_file_name(str(twin.manifest['name']))}{wanted.ending or '-' + name}")
     if wanted.versions and path.is_dir():
         raise InputError("is a folder", file=path, expected=f"a file, such as map{wanted.ending}")
     path.parent.mkdir(parents=True, exist_ok=True)
     notes = wanted.write(twin, path, version or next(iter(wanted.versions), ""))
     return Exported(path, tuple(notes or ()))
+
+
+def _file_name(name: str) -> str:
+    """Return a name without what file systems do not take: "A / B" is "A-B"."""
+    return re.sub(r'[\s/\\:*?"<>|]*[/\\:*?"<>|\x00-\x1f]+\s*', "-", name).strip(" .-") or "twin"

@@ -5,22 +5,19 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-import numpy as np
 import shapely
 from lxml import etree
 
 from urbantwin.artefact import replaced_folder, write_json
 from urbantwin.geometry import LabelledMesh
-from urbantwin.taxonomy import semantic_id
 from urbantwin.traffic.assets import asset
 from urbantwin.traffic.run import demand_of
 from urbantwin.traffic.simulation import sumo_options, sumo_substeps, write_routes
 from urbantwin.twin import Twin
+from urbantwin.view.footprint import footprints
 
-__all__ = ["building_footprints", "write_sumo"]
+__all__ = ["write_sumo"]
 
-#: Footprints are drawn, not driven on: corners nearer to a line than this are left out, metres.
-SIMPLER_M = 0.1
 #: Milliseconds of real time per step in sumo-gui, so that one can follow it.
 DELAY_MS = 50
 
@@ -67,21 +64,6 @@ def write_sumo(twin: Twin, folder: Path) -> None:
         )
 
 
-def building_footprints(mesh: LabelledMesh) -> dict[int, shapely.Geometry]:
-    """Return the area in plan of every building by its ``part``: what its roof covers."""
-    of_buildings = mesh.select(mesh.semantic == semantic_id("building"))
-    up = of_buildings.select(of_buildings.normals()[:, 2] > 0.05)
-    # A tenth of a millimetre closes the seams that rounding leaves between triangles.
-    triangles = shapely.buffer(shapely.polygons(up.triangles()[:, :, :2]), 1e-4, join_style="mitre")
-    order = np.argsort(up.part, kind="stable")
-    parts, starts = np.unique(up.part[order], return_index=True)
-    groups = np.split(triangles[order], starts[1:]) if len(parts) else []
-    return {
-        int(part): shapely.simplify(shapely.union_all(group), SIMPLER_M)
-        for part, group in zip(parts, groups, strict=True)
-    }
-
-
 def _split_types(routes: Path, types: Path) -> None:
     """Move the vehicle types to a file of their own, which SUMO loads before the routes."""
     root = etree.parse(routes).getroot()
@@ -94,7 +76,7 @@ def _split_types(routes: Path, types: Path) -> None:
 
 def _write_buildings(path: Path, mesh: LabelledMesh) -> None:
     root = etree.Element("additional")
-    for part, footprint in building_footprints(mesh).items():
+    for part, footprint in footprints(mesh, "building").items():
         for number, piece in enumerate(shapely.get_parts(footprint)):
             if piece.geom_type != "Polygon" or piece.is_empty:
                 continue

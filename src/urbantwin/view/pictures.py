@@ -22,7 +22,13 @@ from urbantwin.view.range_image import range_image
 from urbantwin.view.scene import scene_picture
 from urbantwin.view.style import legible
 
-__all__ = ["actor_meshes", "pictures_of_dataset", "pictures_of_twin"]
+__all__ = [
+    "actor_meshes",
+    "attributions",
+    "pictures_of_dataset",
+    "pictures_of_twin",
+    "title_of",
+]
 
 Progress = Callable[[float, str], None]
 
@@ -37,14 +43,15 @@ def pictures_of_twin(twin: Twin, out: Path, *, progress: Progress | None = None)
     """
     tell = progress or (lambda fraction, what: None)
     out.mkdir(parents=True, exist_ok=True)
-    name = _name(twin)
-    sources = _attributions(twin.manifest)
+    name = title_of(twin)
+    sources = attributions(twin.manifest)
     tell(0.0, "drawing the plan")
     sensors = [(one.name, one.east_m, one.north_m) for one in twin.rig_spec().sensors]
     first = plan(
         twin.roads,
         twin.region,
         out / "plan.png",
+        model=twin.lane_model,
         mesh=twin.mesh,
         sensors=sensors,
         title=name,
@@ -93,7 +100,7 @@ def pictures_of_dataset(
         with_points, frames = counts["boxes_with_points"], counts["frames"]
     except (KeyError, TypeError) as error:
         raise InputError(f"lacks {error}", file=dataset / "dataset.json") from None
-    sources = _attributions(manifest)
+    sources = attributions(manifest)
     frame = read_labelled_points(dataset)
     out = dataset / "pictures" if out is None else out
     out.mkdir(parents=True, exist_ok=True)
@@ -127,7 +134,7 @@ def pictures_of_dataset(
             scene_picture(
                 LabelledMesh.concatenate(parts),
                 out / "scene.png",
-                title=_name(twin),
+                title=title_of(twin),
                 below=f"frame {frame.name}   {frame.time_s:.1f} s",
                 attribution=sources,
             )
@@ -150,14 +157,15 @@ def actor_meshes(rows: Rows) -> list[LabelledMesh]:
     return meshes
 
 
-def _name(twin: Twin) -> str:
+def title_of(twin: Twin) -> str:
     """Return the twin's name, or where it is if the name cannot be written."""
     where = f"{abs(twin.frame.latitude):.4f}° {'N' if twin.frame.latitude >= 0 else 'S'}, "
     where += f"{abs(twin.frame.longitude):.4f}° {'E' if twin.frame.longitude >= 0 else 'W'}"
     return legible(str(twin.manifest.get("name") or "")) or f"Intersection at {where}"
 
 
-def _attributions(manifest: dict[str, Any]) -> list[str]:
+def attributions(manifest: dict[str, Any]) -> list[str]:
+    """Return whose data an artefact was made from, each once."""
     found = [str(one.get("attribution") or "") for one in manifest.get("inputs", [])]
     return [one for one in dict.fromkeys(found) if one]
 

@@ -9,39 +9,29 @@ from typing import Any
 import numpy as np
 import shapely
 from matplotlib.axes import Axes
-from matplotlib.collections import PatchCollection, PolyCollection
-from matplotlib.patches import PathPatch
-from matplotlib.path import Path as Outline
-from numpy.typing import NDArray
+from matplotlib.figure import Figure
+from matplotlib.legend_handler import HandlerTuple
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Polygon, Rectangle
 
 from urbantwin.geometry import LabelledMesh
-from urbantwin.roads import Lane, RoadNetwork
-from urbantwin.taxonomy import semantic_id
+from urbantwin.roads import RoadNetwork
+from urbantwin.roads.model import LaneModel
 from urbantwin.view import style
+from urbantwin.view.plan_ground import draw_ground, draw_surfaces, fill
+from urbantwin.view.plan_labels import draw_labels, street_labels
+from urbantwin.view.plan_look import DARK, LANE_NAMES, Look
+from urbantwin.view.plan_marks import draw_marks, draw_signals, zebra
+from urbantwin.view.road_lines import islands, signs, stop_lines
 
-__all__ = ["plan", "zebra"]
+__all__ = ["plan", "plan_figure", "zebra"]
 
-_GROUND = "#18202a"
-_BUILDING, _GREEN = "#34404d", "#2f5a41"
-_FILLS = {
-    "driving": "#79838f",
-    "bus": "#8d7a52",
-    "bicycle": "#5b8071",
-    "connection": "#6b747f",
-    "sidewalk": "#b9b3a6",
-    "walkingarea": "#b9b3a6",
-}
-_NAMES = {
-    "driving": "lane",
-    "bus": "bus lane",
-    "bicycle": "bicycle lane",
-    "sidewalk": "sidewalk",
-}
-_JUNCTION = "#626b76"
-#: Stripes of a zebra crossing, metres: painted, and from one to the next.
-_STRIPE_M, _PERIOD_M = 0.5, 1.0
-#: A direction arrow at least every so many metres.
-_ARROW_EVERY_M = 30.0
+#: Size of the sheet, inches: title above the map, legend below it.
+WIDTH, TITLE, LEGEND = 12.0, 0.95, 0.75
+MARGIN = 0.35
+#: Sizes of text, points.
+NAMES, NOTES = 9.0, 9.0
+INCH_PER_POINT = 1 / 72
 
 
 def plan(
@@ -49,232 +39,190 @@ def plan(
     region: shapely.Polygon,
     path: Path,
     *,
+    model: LaneModel | None = None,
     mesh: LabelledMesh | None = None,
     sensors: Iterable[tuple[str, float, float]] = (),
     title: str = "Lane network",
     attribution: str | Iterable[str] = (),
 ) -> Path:
-    """Draw the lane network from above, north up.
+    """Draw the lane network from above, north up, as PNG or, by the file's name, as SVG.
 
-    Lanes by kind with arrows of their direction, crossings as zebras, junctions, signals with the
-    heading that they govern, street names, a scale and the region's border.
+    Lanes by kind with their markings, the turns that each may take at its stop line, zebras,
+    islands and curbs, signals with the direction that they face, signs, street names, north, a
+    scale, a legend and the region's border. The same twin gives the same bytes.
 
     Args:
         network: the lanes.
         region: the region of interest, site frame, metres.
-        path: the PNG to write.
-        mesh: the static world: its buildings and trees are drawn behind.
+        path: the ``.png`` or ``.svg`` to write.
+        model: the lane model: markings, islands, heads and signs are its own.
+        mesh: the static world: its buildings and plants are drawn behind.
         sensors: name, x and y of each, site frame, metres.
         title: of the picture.
         attribution: whose data it shows.
     """
-    figure = style.new_figure(12, 12.6)
-    axes = figure.add_axes((0, 0, 1, 1))
-    style.bare(axes)
-    # The region fills the width but for a margin, below the title; what is around it goes on.
-    x0, y0, x1, y1 = region.bounds
-    width = 1.1 * max(x1 - x0, y1 - y0)
-    left, bottom = (x0 + x1 - width) / 2, (y0 + y1) / 2 - 0.485 * 1.05 * width
-    axes.set_xlim(left, left + width)
-    axes.set_ylim(bottom, bottom + 1.05 * width)
-    axes.set_aspect("equal")
-    fill(axes, [region], _GROUND, zorder=0)
-    if mesh is not None:
-        _footprints(axes, mesh)
-    for level in network.levels:
-        _draw_level(axes, network, level, zorder=10 + 5 * level)
-    _arrows(axes, [lane for lane in network.lanes if lane.kind in ("driving", "bus", "bicycle")])
-    _signals(axes, network)
-    _street_names(axes, network, region)
-    for name, east, north in sensors:
-        axes.plot(east, north, "o", color=style.ACCENT, markersize=11, zorder=45)
-        axes.plot(east, north, "o", color=style.PAPER, markersize=4, zorder=46)
-        axes.annotate(
-            name,
-            (east, north),
-            xytext=(9, 6),
-            textcoords="offset points",
-            color=style.ACCENT,
-            fontsize=10,
-            weight="bold",
-            zorder=46,
-        )
-    fill(axes, [region], "none", zorder=40, edgecolor=style.MUTED, linewidth=1, linestyle="--")
-    style.scale_bar(axes)
-    style.north_arrow(axes)
-    style.title(figure, title, _counted(network))
-    _legend(axes, network, sensors=bool(list(sensors)))
-    style.written_attribution(figure, attribution)
+    figure = plan_figure(
+        network,
+        region,
+        model=model,
+        mesh=mesh,
+        sensors=sensors,
+        title=title,
+        attribution=attribution,
+    )
     return style.save(figure, path)
 
 
-def fill(
-    axes: Axes,
-    shapes: Iterable[shapely.Geometry],
-    colour: str,
-    **kwargs: Any,  # noqa: ANN401 - matplotlib's own keywords
-) -> None:
-    """Fill polygons and multipolygons, holes left open."""
-    patches = []
-    for shape in shapes:
-        for part in shapely.get_parts(shape):
-            if part.geom_type != "Polygon" or part.is_empty:
-                continue
-            rings = [part.exterior, *part.interiors]
-            outline = Outline.make_compound_path(
-                *[Outline(np.asarray(ring.coords)[:, :2], closed=True) for ring in rings]
-            )
-            patches.append(PathPatch(outline))
-    if patches:
-        given: dict[str, Any] = {"facecolor": colour, "edgecolor": "none", "linewidth": 0}
-        given.update(kwargs)
-        axes.add_collection(PatchCollection(patches, **given), autolim=False)
+def plan_figure(
+    network: RoadNetwork,
+    region: shapely.Polygon,
+    *,
+    model: LaneModel | None = None,
+    mesh: LabelledMesh | None = None,
+    sensors: Iterable[tuple[str, float, float]] = (),
+    title: str = "Lane network",
+    attribution: str | Iterable[str] = (),
+    look: Look = DARK,
+) -> Figure:
+    """Return a plan as a figure, in colours for a screen or for print; see ``plan``."""
+    side = WIDTH - 2 * MARGIN
+    height = TITLE + side + LEGEND
+    figure = style.new_figure(WIDTH, height, dpi=150, colour=look.page)
+    box = (MARGIN / WIDTH, LEGEND / height, side / WIDTH, side / height)
+    axes = figure.add_axes(box)
+    axes.set_facecolor(look.page)
+    axes.set_xticks([])
+    axes.set_yticks([])
+    for spine in axes.spines.values():
+        spine.set(color=look.muted, linewidth=0.8, zorder=70)
+    x0, y0, x1, y1 = region.bounds
+    width = 1.06 * max(x1 - x0, y1 - y0)
+    axes.set_xlim((x0 + x1 - width) / 2, (x0 + x1 + width) / 2)
+    axes.set_ylim((y0 + y1 - width) / 2, (y0 + y1 + width) / 2)
+    axes.set_aspect("equal")
+    metre_per_point = width / side * INCH_PER_POINT
 
-
-def zebra(lane: Lane) -> list[NDArray[np.float64]]:
-    """Return the stripes of a crossing, (4, 2) corners each, site frame, metres."""
-    line = shapely.LineString(lane.centre[:, :2])
-    if line.length < _STRIPE_M:
-        return []
-    count = int((line.length + _PERIOD_M - _STRIPE_M) // _PERIOD_M)
-    margin = (line.length - (count - 1) * _PERIOD_M - _STRIPE_M) / 2
-    stripes = []
-    for number in range(count):
-        at = margin + number * _PERIOD_M
-        a, b = (np.array(line.interpolate(d).coords[0]) for d in (at, at + _STRIPE_M))
-        across = np.array([a[1] - b[1], b[0] - a[0]])
-        across *= lane.width / 2 / np.linalg.norm(across)
-        stripes.append(np.array([a - across, b - across, b + across, a + across]))
-    return stripes
-
-
-def _footprints(axes: Axes, mesh: LabelledMesh) -> None:
-    """Draw buildings and trees as the triangles that look up."""
-    up = mesh.normals()[:, 2] > 0.05
-    triangles = mesh.triangles()[:, :, :2]
-    for name, colour, zorder in (("vegetation", _GREEN, 2), ("building", _BUILDING, 3)):
-        chosen = up & (mesh.semantic == semantic_id(name))
-        # Outlined in their own colour: the borders between triangles would shine through.
-        axes.add_collection(
-            PolyCollection(
-                list(triangles[chosen]),
-                facecolor=colour,
-                edgecolor=colour,
-                linewidth=1.0,
-                joinstyle="round",
-                zorder=zorder,
-            ),
-            autolim=False,
-        )
-
-
-def _draw_level(axes: Axes, network: RoadNetwork, level: int, zorder: float) -> None:
-    lanes = [lane for lane in network.lanes if lane.level == level]
-    if level:  # a deck hides what runs under it
-        shadow = [lane.polygon.buffer(0.8) for lane in lanes if lane.kind in _FILLS]
-        fill(axes, shadow, style.PAPER, zorder=zorder)
-    fill(axes, [network.footway(level)], _FILLS["sidewalk"], zorder=zorder + 0.2)
-    fill(axes, [network.carriageway(level)], _JUNCTION, zorder=zorder + 0.4)
-    for kind in ("driving", "bus", "bicycle"):
-        fill(
-            axes,
-            [lane.polygon for lane in lanes if lane.kind == kind],
-            _FILLS[kind],
-            zorder=zorder + 0.6,
-            edgecolor="#c9d0d8",
-            linewidth=0.5,
-        )
-    stripes = [stripe for lane in lanes if lane.kind == "crossing" for stripe in zebra(lane)]
-    axes.add_collection(
-        PolyCollection(stripes, facecolor="#ffffff", linewidth=0, zorder=zorder + 0.8),
-        autolim=False,
+    draw_ground(axes, region, mesh, look)
+    draw_surfaces(axes, network, model, look)
+    draw_marks(axes, network, model, look)
+    draw_signals(axes, network, model, look, size_m=max(1.8, 6.0 * metre_per_point))
+    fill(axes, [region], "none", zorder=35, edgecolor=look.muted, linewidth=0.9, linestyle="--")
+    taken = _north_and_scale(axes, look, metre_per_point)
+    sensors = list(sensors)
+    taken += _sensors(axes, sensors, look, metre_per_point)
+    labels = street_labels(
+        network,
+        shapely.box(*_bounds(axes)).buffer(-2 * metre_per_point),
+        taken,
+        letter_m=NAMES * metre_per_point,
     )
+    draw_labels(axes, labels, look, fontsize=NAMES)
 
-
-def _arrows(axes: Axes, lanes: list[Lane]) -> None:
-    shapes = []
-    for lane in lanes:
-        line = shapely.LineString(lane.centre[:, :2])
-        if line.length < 8:
-            continue
-        count = max(1, int(line.length // _ARROW_EVERY_M))
-        size = min(lane.width, 3.0) / 3.0
-        arrow = np.array(
-            [[2.2, 0], [0.6, 0.75], [0.6, 0.22], [-2.2, 0.22]]
-            + [[-2.2, -0.22], [0.6, -0.22], [0.6, -0.75]]
-        )
-        for number in range(count):
-            at = line.length * (number + 0.5) / count
-            a, b = (np.array(line.interpolate(at + d).coords[0]) for d in (-0.5, 0.5))
-            along = (b - a) / np.linalg.norm(b - a)
-            turn = np.array([along, [-along[1], along[0]]])
-            shapes.append(arrow * size @ turn + (a + b) / 2)
-    axes.add_collection(
-        PolyCollection(shapes, facecolor="#f2f5f8", linewidth=0, zorder=30), autolim=False
+    top = 1 - 0.32 / height
+    figure.text(
+        MARGIN / WIDTH,
+        top,
+        style.legible(title),
+        color=look.ink,
+        fontsize=16,
+        weight="bold",
+        va="top",
     )
+    figure.text(
+        MARGIN / WIDTH,
+        top - 0.3 / height,
+        _counted(network),
+        color=look.muted,
+        fontsize=10,
+        va="top",
+    )
+    _legend(figure, axes, network, model, look, sensors=bool(sensors))
+    figure.text(
+        1 - MARGIN / WIDTH,
+        0.1 / height,
+        style.joined(attribution),
+        color=look.muted,
+        fontsize=7.5,
+        ha="right",
+        va="bottom",
+    )
+    return figure
 
 
-def _signals(axes: Axes, network: RoadNetwork) -> None:
-    for head in network.signals:
-        along = np.array([np.cos(head.yaw), np.sin(head.yaw)])
-        across = np.array([-along[1], along[0]])
-        # A bar over the stop line and a spot, so that the head shows at any scale.
-        lane = network.lane_by_id.get(head.lane)
-        half = (lane.width if lane else 3.0) / 2
-        if lane is None or lane.kind != "crossing":
-            ends = np.array([head.x, head.y]) + np.outer([-half, half], across)
-            axes.plot(*ends.T, color="#ff5a4f", linewidth=2.2, zorder=37, solid_capstyle="butt")
-        axes.plot(
-            head.x,
-            head.y,
-            "o",
-            color="#ff5a4f",
-            markersize=4.5,
-            markeredgecolor=style.PAPER,
-            markeredgewidth=0.7,
-            zorder=38,
-        )
+def _bounds(axes: Axes) -> tuple[float, float, float, float]:
+    (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
+    return x0, y0, x1, y1
 
 
-def _street_names(axes: Axes, network: RoadNetwork, region: shapely.Polygon) -> None:
-    """Write each street's name once per 180 m of it, along its longest lanes in the region."""
-    lanes = network.lane_by_id
-    named: dict[str, list[shapely.LineString]] = {}
-    for road in network.roads:
-        if road.lanes and road.name and style.legible(road.name) == road.name:
-            line = shapely.LineString(lanes[road.lanes[-1]].centre[:, :2])
-            inside = shapely.intersection(line, region.buffer(-4))
-            parts = [p for p in shapely.get_parts(inside) if p.geom_type == "LineString"]
-            named.setdefault(road.name, []).extend(p for p in parts if p.length > 12)
-    written: list[tuple[str, float, float]] = []
-    for name, lines in named.items():
-        for line in sorted(lines, key=lambda one: -one.length):
-            a, b = (np.array(line.interpolate(s, normalized=True).coords[0]) for s in (0.4, 0.6))
-            x, y = (a + b) / 2
-            if any(n == name and np.hypot(x - u, y - v) < 180 for n, u, v in written):
-                continue
-            angle = np.degrees(np.arctan2(b[1] - a[1], b[0] - a[0]))
-            angle = (angle + 90) % 180 - 90
-            axes.text(
-                x,
-                y,
-                name,
-                color=style.INK,
-                fontsize=9.5,
-                rotation=angle,
-                rotation_mode="anchor",
-                ha="center",
-                va="center",
-                zorder=44,
-                clip_on=True,
-                bbox={
-                    "boxstyle": "round,pad=0.25",
-                    "facecolor": style.PAPER,
-                    "alpha": 0.72,
-                    "lw": 0,
-                },
+def _north_and_scale(axes: Axes, look: Look, metre_per_point: float) -> list[shapely.Geometry]:
+    """Draw an arrow to the north and a bar of a round length; return what they cover."""
+    x0, y0, x1, y1 = _bounds(axes)
+    unit = metre_per_point
+    round_lengths = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
+    length = max(m for m in round_lengths if m <= (x1 - x0) / 6 or m == 1)
+    ground: dict[str, Any] = {
+        "facecolor": look.page,
+        "edgecolor": look.muted,
+        "linewidth": 0.6,
+        "zorder": 60,
+    }
+    # The bar, on a ground of its own at the lower left.
+    left, low = x0 + 14 * unit, y0 + 14 * unit
+    wide = length + 30 * unit
+    axes.add_patch(Rectangle((x0 + 6 * unit, y0 + 6 * unit), wide, 30 * unit, **ground))
+    for k in range(4):
+        face = look.ink if k % 2 == 0 else look.page
+        axes.add_patch(
+            Rectangle(
+                (left + k * length / 4, low), length / 4, 4 * unit,
+                facecolor=face, edgecolor=look.ink, linewidth=0.7, zorder=61,
             )
-            written.append((name, x, y))
+        )  # fmt: skip
+    for at, text in ((0.0, "0"), (length / 2, f"{length / 2:g}"), (length, f"{length} m")):
+        axes.text(
+            left + at, low + 7 * unit, text, color=look.ink, fontsize=8,
+            ha="center", va="bottom", zorder=61,
+        )  # fmt: skip
+    # The arrow at the upper right.
+    size = 9 * unit
+    right, top = x1 - 6 * unit, y1 - 6 * unit
+    axes.add_patch(Rectangle((right - 30 * unit, top - 44 * unit), 30 * unit, 44 * unit, **ground))
+    shape = np.array([[0, 1.3], [0.55, -0.9], [0, -0.45], [-0.55, -0.9]]) * size
+    centre = np.array([right - 15 * unit, top - 30 * unit])
+    axes.add_patch(Polygon(shape + centre, facecolor=look.ink, linewidth=0, zorder=61))
+    axes.text(
+        centre[0], top - 9 * unit, "N", color=look.ink, fontsize=10, weight="bold",
+        ha="center", va="center", zorder=61,
+    )  # fmt: skip
+    return [
+        shapely.box(x0, y0, x0 + wide + 10 * unit, y0 + 40 * unit),
+        shapely.box(right - 34 * unit, top - 48 * unit, x1, y1),
+    ]
+
+
+def _sensors(
+    axes: Axes, sensors: list[tuple[str, float, float]], look: Look, metre_per_point: float
+) -> list[shapely.Geometry]:
+    """Draw sensors with their names; return what they cover."""
+    taken = []
+    for name, east, north in sensors:
+        axes.plot(east, north, "o", color=look.sensor, markersize=9, zorder=45)
+        axes.plot(east, north, "o", color=look.page, markersize=3.5, zorder=46)
+        axes.annotate(
+            style.legible(name),
+            (east, north),
+            xytext=(8, 5),
+            textcoords="offset points",
+            color=look.sensor,
+            fontsize=NOTES,
+            weight="bold",
+            zorder=46,
+            bbox={"boxstyle": "round,pad=0.15", "facecolor": look.halo, "alpha": 0.75, "lw": 0},
+        )
+        reach = (14 + 7 * len(name)) * metre_per_point
+        up = 18 * metre_per_point
+        taken.append(shapely.box(east - up / 2, north - up / 2, east + reach, north + up))
+    return taken
 
 
 def _counted(network: RoadNetwork) -> str:
@@ -290,28 +238,55 @@ def _counted(network: RoadNetwork) -> str:
     return "   ".join([*parts, f"traffic on the {network.driving_side}"])
 
 
-def _legend(axes: Axes, network: RoadNetwork, *, sensors: bool) -> None:
-    kinds = {lane.kind for lane in network.lanes}
-    rows = [(_NAMES[kind], _FILLS[kind], "s") for kind in _NAMES if kind in kinds]
-    if network.signals:
-        rows.append(("signal", "#ff5a4f", "o"))
-    if sensors:
-        rows.append(("sensor", style.ACCENT, "o"))
-    handles = [
-        axes.plot([], [], marker, color=colour, markersize=9, label=name)[0]
-        for name, colour, marker in rows
+def _legend(
+    figure: Figure,
+    axes: Axes,
+    network: RoadNetwork,
+    model: LaneModel | None,
+    look: Look,
+    *,
+    sensors: bool,
+) -> None:
+    """Explain what is on this plan, below the map."""
+    kinds = {lane.kind for lane in network.lanes} | {kind for kind, _ in islands(network, model)}
+    rows: list[tuple[object, str]] = [
+        (Patch(facecolor=look.lanes[kind], edgecolor=look.curb, linewidth=0.5), name)
+        for kind, name in LANE_NAMES.items()
+        if kind in kinds
     ]
-    legend = axes.legend(
-        handles=handles,
-        loc="lower right",
-        bbox_to_anchor=(0.99, 0.025),
-        ncols=len(handles),
-        frameon=True,
-        fontsize=10,
-        labelcolor=style.INK,
-        facecolor=style.PAPER,
-        edgecolor="none",
-        handletextpad=0.3,
-        columnspacing=1.2,
+    rows.append((Line2D([], [], color=look.curb, linewidth=1.2), "curb"))
+    road = Patch(facecolor=look.lanes["driving"])
+    if "crossing" in kinds:
+        stripes = Line2D([], [], color=look.paint, linewidth=5, linestyle=(0, (0.5, 0.5)))
+        rows.append(((road, stripes), "crossing"))
+    if stop_lines(network, model):
+        bar = Line2D([], [], color=look.paint, marker="|", markersize=9, markeredgewidth=3, ls="")
+        rows.append(((road, bar), "stop line"))
+    if network.signals:
+        lamp = Line2D([], [], marker="o", ls="", color=look.signal, markersize=6)
+        rows.append((lamp, "signal"))
+    if signs(model):
+        plate = Line2D([], [], marker="o", ls="", markerfacecolor="#ffffff", markersize=7)
+        plate.set(markeredgecolor=look.signal, markeredgewidth=1.3)
+        rows.append((plate, "sign"))
+    if sensors:
+        rows.append((Line2D([], [], marker="o", ls="", color=look.sensor, markersize=7), "sensor"))
+    height = figure.get_figheight()
+    legend = figure.legend(
+        handles=[handle for handle, _ in rows],
+        labels=[name for _, name in rows],
+        loc="upper left",
+        bbox_to_anchor=(MARGIN / WIDTH, (LEGEND - 0.08) / height),
+        borderaxespad=0.0,
+        borderpad=0.0,
+        ncols=len(rows),
+        frameon=False,
+        fontsize=9,
+        labelcolor=look.ink,
+        handletextpad=0.5,
+        columnspacing=1.3,
+        handlelength=1.8,
+        numpoints=1,
+        handler_map={tuple: HandlerTuple(ndivide=1, pad=0.0)},
     )
     legend.set_zorder(60)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
@@ -42,18 +43,22 @@ PAPER, INK, MUTED, FAINT, ACCENT = "#10161d", "#eef2f6", "#9aa7b4", "#2c3743", "
 _LEAST_LIGHT = 90.0
 
 
-def new_figure(width: float, height: float, dpi: int = 100) -> Figure:
+def new_figure(width: float, height: float, dpi: int = 100, colour: str = PAPER) -> Figure:
     """Return an empty figure of width x height inches with its own canvas, no global state."""
-    figure = Figure(figsize=(width, height), dpi=dpi, facecolor=PAPER)
+    figure = Figure(figsize=(width, height), dpi=dpi, facecolor=colour)
     FigureCanvasAgg(figure)
     return figure
 
 
 def save(figure: Figure, path: Path) -> Path:
-    """Write a PNG; the same figure gives the same bytes."""
+    """Write a PNG or, by the file's name, an SVG; the same figure gives the same bytes."""
     # A person's own matplotlibrc must not change what is drawn, nor crop it.
-    with mpl.rc_context({"savefig.bbox": None, "savefig.facecolor": "auto"}):
-        figure.savefig(path, format="png", metadata={"Software": None})
+    fixed: dict[Any, Any] = {"savefig.bbox": None, "savefig.facecolor": "auto"}
+    fixed |= {"svg.fonttype": "path", "svg.hashsalt": "urbantwin"}
+    vector = path.suffix.lower() == ".svg"
+    unsaid = {"Date": None, "Creator": None} if vector else {"Software": None}
+    with mpl.rc_context(fixed):
+        figure.savefig(path, format="svg" if vector else "png", metadata=unsaid)
     return path
 
 

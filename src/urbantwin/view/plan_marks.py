@@ -1,0 +1,232 @@
+"""Markings and furniture of a plan: lane marks, stop lines, zebras, arrows, signals, signs."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import shapely
+import shapely.ops
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.patches import Circle, Polygon
+from numpy.typing import NDArray
+from shapely.affinity import affine_transform
+
+from urbantwin.roads import Lane, RoadNetwork
+from urbantwin.roads.model import LaneModel
+from urbantwin.view.plan_ground import fill
+from urbantwin.view.plan_look import Look
+from urbantwin.view.road_lines import lane_marks, signs, stop_lines, turns
+
+__all__ = ["arrow", "draw_marks", "draw_signals", "zebra"]
+
+#: Stripes of a zebra crossing, metres: painted, and from one to the next.
+_STRIPE_M, _PERIOD_M = 0.5, 1.0
+#: Painted and bare length of a broken line, metres (German RMS 1, built-up areas).
+_DASH_M, _GAP_M = 3.0, 6.0
+#: Widths of lines as drawn, metres: painted ones are 0.12 to 0.25 m wide.
+_LINE_M, _STOP_M = 0.2, 0.5
+#: Turn arrows: their length as drawn, and how far their tips are from the stop line, metres.
+_ARROW_M, _BEFORE_STOP_M = 6.0, 2.5
+#: Arrows that say which way a lane runs stand at least so far from each other, metres.
+_DIRECTION_EVERY_M, _DIRECTION_M = 45.0, 3.2
+_DRIVEN = ("driving", "bus", "bicycle")
+
+
+def draw_marks(axes: Axes, network: RoadNetwork, model: LaneModel | None, look: Look) -> None:
+    """Draw what is painted on the road."""
+    for line in lane_marks(network, model):
+        if line.kind == "curb":
+            continue
+        strokes = _dashes(line.points) if line.kind == "broken" else [line.points]
+        ribbons = [_ribbon(points, _LINE_M) for points in strokes]
+        fill(axes, ribbons, look.paint, zorder=11.0 + 10 * line.level)
+    for line in stop_lines(network, model):
+        fill(axes, [_ribbon(line.points, _STOP_M)], look.paint, zorder=11.2 + 10 * line.level)
+    for lane in network.lanes:
+        if lane.kind == "crossing":
+            stripes = PolyCollection(
+                zebra(lane), facecolor=look.paint, linewidth=0, zorder=11.1 + 10 * lane.level
+            )
+            axes.add_collection(stripes, autolim=False)
+        elif lane.kind in _DRIVEN and not lane.junction:
+            _draw_arrows(axes, network, lane, look)
+
+
+def zebra(lane: Lane) -> list[NDArray[np.float64]]:
+    """Return the stripes of a crossing, (4, 2) corners each, site frame, metres."""
+    line = shapely.LineString(lane.centre[:, :2])
+    if line.length < _STRIPE_M:
+        return []
+    count = int((line.length + _PERIOD_M - _STRIPE_M) // _PERIOD_M)
+    margin = (line.length - (count - 1) * _PERIOD_M - _STRIPE_M) / 2
+    stripes = []
+    for number in range(count):
+        at = margin + number * _PERIOD_M
+        a, b = (np.array(line.interpolate(d).coords[0]) for d in (at, at + _STRIPE_M))
+        across = np.array([a[1] - b[1], b[0] - a[0]])
+        across *= lane.width / 2 / np.linalg.norm(across)
+        stripes.append(np.array([a - across, b - across, b + across, a + across]))
+    return stripes
+
+
+@cache
+def arrow(ways: tuple[str, ...]) -> shapely.Geometry:
+    """Return a turn arrow of length 1 along x, its tip at 0, for traffic that may go these ways.
+
+    The shapes follow the arrows of road markings (US MUTCD, figure 3B-24; German RMS 1, 297).
+    """
+    thick, parts = 0.05, []
+    several = len(ways) > 1
+    if "through" in ways:
+        parts += [_stroke([(-1.0, 0.0), (-0.3, 0.0)], thick)]
+        parts += [shapely.Polygon([(0.0, 0.0), (-0.32, 0.12), (-0.32, -0.12)])]
+    for way, side in (("left", 1.0), ("right", -1.0)):
+        if way not in ways:
+            continue
+        back = 0.36 if "through" in ways else 0.0
+        start = (-1.0, 0.0) if not several else (-0.62 - back, 0.0)
+        bend = [(-0.34, 0.0), (-0.25, 0.015), (-0.19, 0.05), (-0.16, 0.1)]
+        path = [start, *((x - back, y * side) for x, y in bend)]
+        x, y = path[-1]
+        head = [(x - 0.14, y), (x + 0.14, y), (x, y + 0.15 * side)]
+        parts += [_stroke(path, thick), shapely.Polygon(head)]
+        if several and "through" not in ways:
+            parts += [_stroke([(-1.0, 0.0), (-0.3, 0.0)], thick)]
+    if "around" in ways:
+        side = -1.0 if "right" in ways and "left" not in ways else 1.0
+        back = 0.4 if several else 0.0
+        bend = [(-0.16, 0.0), (-0.08, 0.03), (-0.03, 0.1), (-0.08, 0.17), (-0.16, 0.2), (-0.3, 0.2)]
+        path = [(-1.0, 0.0), *((x - back, y * side) for x, y in bend)]
+        x, y = path[-1]
+        head = [(x, y - 0.09), (x, y + 0.09), (x - 0.24, y)]
+        parts += [_stroke(path, thick), shapely.Polygon(head)]
+    shape = shapely.union_all(parts)
+    # An arrow that bends to one side stands to the other, so that it is in the lane's middle.
+    y0, y1 = shape.bounds[1], shape.bounds[3]
+    return affine_transform(shape, [1, 0, 0, 1, 0, -0.5 * (y0 + y1)])
+
+
+def draw_signals(
+    axes: Axes, network: RoadNetwork, model: LaneModel | None, look: Look, *, size_m: float
+) -> None:
+    """Draw heads of signals, which look against the traffic that they are for, and signs.
+
+    Args:
+        axes: of the plan.
+        network: the lanes.
+        model: the lane model, where there is one.
+        look: colours.
+        size_m: the size of a symbol, metres.
+    """
+    for x, y, yaw in _heads(network, model):
+        ahead = np.array([np.cos(yaw), np.sin(yaw)])
+        across = np.array([-ahead[1], ahead[0]])
+        at = np.array([x, y])
+        # A lamp with its face: the flat side looks at the traffic.
+        face = [at - 0.45 * size_m * ahead + k * 0.42 * size_m * across for k in (-1, 1)]
+        axes.add_patch(
+            Circle(
+                (x, y), 0.42 * size_m, facecolor=look.signal, edgecolor=look.page, lw=0.5, zorder=38
+            )
+        )
+        ends = np.array(face).T
+        axes.plot(*ends, color=look.signal, lw=1.5, solid_capstyle="butt", zorder=37)
+    kept: list[NDArray[np.float64]] = []
+    for sign in signs(model):
+        at = np.array([sign.x, sign.y])
+        if any(np.hypot(*(at - other)) < 1.5 * size_m for other in kept):
+            continue
+        kept.append(at)
+        _draw_sign(axes, sign.value, sign.unit, at, size_m, look)
+
+
+def _draw_sign(
+    axes: Axes, value: float, unit: str, at: NDArray[np.float64], size_m: float, look: Look
+) -> None:
+    x, y = float(at[0]), float(at[1])
+    if np.isfinite(value) and unit in ("km/h", "mph", "m/s"):
+        axes.add_patch(
+            Circle(
+                (x, y), 0.95 * size_m, facecolor="#ffffff", edgecolor=look.signal, lw=1.3, zorder=39
+            )
+        )
+        axes.text(
+            x, y, f"{value:.0f}", color="#16191d", fontsize=5.5, weight="bold",
+            ha="center", va="center_baseline", zorder=40, clip_on=True,
+        )  # fmt: skip
+        return
+    corners = at + 0.6 * size_m * np.array([[0, 1], [1, 0], [0, -1], [-1, 0]])
+    axes.add_patch(Polygon(corners, facecolor="#ffffff", edgecolor=look.signal, lw=1.0, zorder=39))
+
+
+def _heads(network: RoadNetwork, model: LaneModel | None) -> list[tuple[float, float, float]]:
+    """Return place and heading of the traffic of every head, those at one place once."""
+    found: dict[tuple[int, int, int], tuple[float, float, float]] = {}
+    if model is not None:
+        for signal in model.signals:
+            if signal.dynamic:
+                road = model.road_by_id[signal.road]
+                x, y, heading = (float(v) for v in road.curve.at(signal.s)[0])
+                x, y = x - signal.t * np.sin(heading), y + signal.t * np.cos(heading)
+                yaw = heading + (np.pi if signal.orientation == "-" else 0.0)
+                key = round(x * 2), round(y * 2), round(float(np.cos(yaw)) * 2)
+                found.setdefault(key, (x, y, yaw))
+    if not found:
+        for head in network.signals:
+            found.setdefault((round(head.x * 2), round(head.y * 2), 0), (head.x, head.y, head.yaw))
+    return list(found.values())
+
+
+def _draw_arrows(axes: Axes, network: RoadNetwork, lane: Lane, look: Look) -> None:
+    line = shapely.LineString(lane.centre[:, :2])
+    zorder = 11.3 + 10 * lane.level
+    size = min(lane.width / 3.0, 1.15)
+    end = line.length
+    ways = turns(network, lane)
+    if ways and lane.kind != "bicycle" and line.length > _ARROW_M + 2 * _BEFORE_STOP_M:
+        tip = line.length - _BEFORE_STOP_M
+        if lane.id in {head.lane for head in network.signals} or ways != ("through",):
+            fill(axes, [_set(arrow(ways), line, tip, _ARROW_M, size)], look.paint, zorder=zorder)
+            end = tip - _ARROW_M - 6.0
+    count = int((end - 6.0) // _DIRECTION_EVERY_M) + (end > 14.0)
+    marks = [
+        _set(arrow(("through",)), line, end * (k + 0.5) / count, _DIRECTION_M, 0.9 * size)
+        for k in range(max(count, 0))
+    ]
+    fill(axes, marks, look.direction, zorder=zorder)
+
+
+def _set(
+    shape: shapely.Geometry, line: shapely.LineString, at: float, length: float, size: float
+) -> shapely.Geometry:
+    """Return a shape with its tip at a place of a line."""
+    a, b = (np.array(line.interpolate(s).coords[0]) for s in (max(at - length, 0.0), at))
+    c, s = (b - a) / max(float(np.linalg.norm(b - a)), 1e-9)
+    k = length
+    w = _ARROW_M * size
+    return affine_transform(shape, [k * c, -w * s, k * s, w * c, b[0], b[1]])
+
+
+def _stroke(path: list[tuple[float, float]], width: float) -> shapely.Geometry:
+    return shapely.LineString(path).buffer(width / 2, cap_style="flat", join_style="mitre")
+
+
+def _dashes(points: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Return the painted pieces of a broken line, evenly from end to end."""
+    line = shapely.LineString(points)
+    count = int((line.length + _GAP_M) // (_DASH_M + _GAP_M))
+    if count < 1:
+        return []
+    period = line.length / count
+    pieces = []
+    for k in range(count):
+        middle = (k + 0.5) * period
+        piece = shapely.ops.substring(line, middle - _DASH_M / 2, middle + _DASH_M / 2)
+        pieces.append(shapely.get_coordinates(piece))
+    return pieces
+
+
+def _ribbon(points: NDArray[np.float64], width: float) -> shapely.Geometry:
+    return shapely.LineString(points).buffer(width / 2, cap_style="flat", join_style="mitre")
