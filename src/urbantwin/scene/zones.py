@@ -15,6 +15,7 @@ from urbantwin.geometry import (
     grown,
 )
 from urbantwin.roads import RoadNetwork
+from urbantwin.roads.network import CARRIAGEWAY_KINDS
 from urbantwin.site.extract import OsmFeature
 from urbantwin.taxonomy import material_id, semantic_id
 
@@ -27,6 +28,8 @@ CURB_HEIGHT = 0.15
 SEAM_M = 0.6
 #: Gaps between carriageways up to this wide are raised medians or islands.
 MEDIAN_M = 8.0
+#: Kinds of lanes that are raised and that nobody walks along.
+RAISED = ("median", "island")
 #: How far terrain goes on beyond the region, so that beams at its border meet ground.
 MARGIN_M = 25.0
 
@@ -77,13 +80,19 @@ def ground_zones(
     paved = area_union([carriageway, footway])
     gaps = area_difference(_closed(paved, MEDIAN_M), paved)
     islands = _opened(gaps, SEAM_M)
+    # Medians and islands of the lane model are raised, whatever the gap around them.
+    raised = _raised(network, 0)
+    islands = area_union([islands, area_difference(raised, footway)])
+    carriageway = area_difference(carriageway, raised)
     # What is too narrow for an island is asphalt between lanes.
     slits = area_difference(area_intersection(_closed(paved, 2 * SEAM_M), gaps), islands)
     carriageway = area_union([carriageway, slits])
     taken = area_union([carriageway, footway, islands])
     everything = area_union([shapely.buffer(region, MARGIN_M, join_style="mitre"), taken])
+    parking = area_intersection(carriageway, network.area_of(("parking",), 0))
     zones = [
-        _zone("carriageway", carriageway, "road", "asphalt"),
+        _zone("carriageway", area_difference(carriageway, parking), "road", "asphalt"),
+        _zone("carriageway", parking, "parking", "asphalt"),
         _zone("footway", footway, "sidewalk", "paving"),
         _zone("island", islands, "other-ground", "concrete"),
     ]
@@ -100,12 +109,21 @@ def ground_zones(
 
 def deck_zones(network: RoadNetwork, level: int) -> list[Zone]:
     """Return the zones of the decks of one level above the ground."""
-    carriageway = _closed(network.carriageway(level), SEAM_M)
+    raised = _raised(network, level)
+    carriageway = area_difference(_closed(network.carriageway(level), SEAM_M), raised)
     footway = area_difference(_closed(network.footway(level), SEAM_M), carriageway)
-    return [
+    zones = [
         _zone("carriageway", carriageway, "road", "asphalt"),
-        _zone("footway", footway, "sidewalk", "paving"),
+        _zone("footway", area_difference(footway, raised), "sidewalk", "paving"),
+        _zone("island", raised, "other-ground", "concrete"),
     ]
+    return [zone for zone in zones if not zone.area.is_empty]
+
+
+def _raised(network: RoadNetwork, level: int) -> shapely.Geometry:
+    """Return medians and islands in plan, where nobody drives or crosses."""
+    used = network.area_of((*CARRIAGEWAY_KINDS, "connection", "crossing"), level)
+    return area_difference(network.area_of(RAISED, level), used)
 
 
 def _zone(kind: str, area: shapely.Geometry, semantic: str, material: str) -> Zone:
