@@ -16,6 +16,8 @@ __all__ = ["Reference", "read_references", "referred"]
 
 #: Turns smaller than this do not matter, radians.
 FACING = 1e-3
+#: A signal that stands nearer to where the reference puts it has no place of its own, metres.
+SAME_M = 0.01
 
 
 @dataclass(frozen=True)
@@ -82,15 +84,20 @@ def referred(
         if len({road for road, _ in others}) > 1:
             log.at(f"signal {sign.id}").remark("references of several roads to one signal")
         road, reference = others[0]
+        pose = sign.pose or _pose(roads[number], sign)
+        ground = float(roads[road].place(reference.s, reference.t)[0, 2])
         moved = replace(
             sign,
             s=reference.s,
             t=reference.t,
+            z=pose[2] - ground,
             orientation=reference.orientation,
             lanes=reference.lanes,
-            pose=sign.pose or _pose(roads[number], sign),
         )
-        result.append((road, moved))
+        there = _pose(roads[road], replace(moved, turned=0.0))
+        turn = math.remainder(pose[3] - there[3], 2 * math.pi)
+        same = math.dist(pose[:3], there[:3]) < SAME_M and abs(turn) < FACING
+        result.append((road, replace(moved, pose=() if same else pose)))
     return result
 
 
