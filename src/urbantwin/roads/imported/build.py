@@ -19,6 +19,7 @@ from urbantwin.roads.imported.heights import (
     ModelSurface,
     elevation_of_model,
     is_flat,
+    on_one_level,
     raised,
     with_levels,
 )
@@ -85,7 +86,7 @@ def prepared_map(
         "heights": "none in the map" if flat else "the map's own",
     }
     if flat:
-        model = with_levels(raised(model, -_first_height(model)))
+        model = on_one_level(raised(model, -_first_height(model)))
         if elevation is not None:
             model, _ = with_heights(model, elevation, _NOT_LIFTED)
             notes["heights"] = "the DEM's: the map has none"

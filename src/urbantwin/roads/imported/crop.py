@@ -65,14 +65,17 @@ def cropped(model: LaneModel, region: shapely.Polygon) -> LaneModel:
 
 def main_part(model: LaneModel) -> tuple[LaneModel, list[LeftOut]]:
     """Return the main component of a lane model, and what was left out."""
+    streets = {road.id: road for road in model.roads if road.junction < 0}
     joints: dict[int, set[tuple[int, int]]] = defaultdict(set)
     for road in model.roads:
-        if road.junction >= 0:
-            joints[road.id].add((road.junction, -1))
         for link in (road.predecessor, road.successor):
-            if link and link.element == "junction":
+            if link is None:
+                continue
+            if road.junction >= 0:
+                joints[link.id].add((road.junction, -1))
+            elif link.element == "junction":
                 joints[road.id].add((link.id, -1))
-            elif link:
+            else:
                 pair = (min(road.id, link.id), max(road.id, link.id))
                 joints[road.id].add(pair)
                 joints[link.id].add(pair)
@@ -82,22 +85,15 @@ def main_part(model: LaneModel) -> tuple[LaneModel, list[LeftOut]]:
             joints[connection.connecting].add((junction.id, -1))
     parts = {
         road.id: Part(road.name, road.curve.line, _motor_lanes(road), frozenset(joints[road.id]))
-        for road in model.roads
+        for road in streets.values()
     }
     kept, left = main_component(parts)
     if not left:
         return model, []
-    junctions = {road.junction for road in model.roads if road.id in kept and road.junction >= 0}
-    junctions |= {
-        link.id
-        for road in model.roads
-        for link in (road.predecessor, road.successor)
-        if road.id in kept and link and link.element == "junction"
-    }
+    junctions = {number for road in kept for number, other in joints[road] if other == -1}
     pieces = {
-        road.id: [(road.id, (0.0, road.length))] if road.id in kept else []
-        for road in model.roads
-        if road.junction < 0
+        identity: [(identity, (0.0, road.length))] if identity in kept else []
+        for identity, road in streets.items()
     }
     return _of_pieces(model, pieces, junctions), left
 
@@ -118,8 +114,6 @@ def middle_of_junction(model: LaneModel, junction: ModelJunction) -> NDArray[np.
 
 
 def _motor_lanes(road: ModelRoad) -> float:
-    if road.junction >= 0:
-        return 1e-6  # a network is measured by its streets
     return float(
         np.mean(
             [

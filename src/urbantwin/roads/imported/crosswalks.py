@@ -21,6 +21,8 @@ BACK_M, BEYOND_M = 25.0, 20.0
 BROAD_M = 6.0
 #: Cosine of the angle between streets that a crosswalk may cross together.
 PARALLEL = 0.7
+#: What is farther from the end of a street than this is not looked at, metres.
+NEAR_M = 80.0
 #: Share of the carriageway's width that a crosswalk across it covers at least.
 ACROSS = 0.5
 
@@ -68,6 +70,7 @@ def crosswalks_of_model(model: LaneModel, edges: tuple[Edge, ...], nodes: Nodes)
             (
                 (abs(float((over.line.mean(axis=0) - arm.place) @ arm.outwards)), k, arm, over)
                 for k, arm in enumerate(arms)
+                if np.abs(outline[0] - arm.place).max() < NEAR_M
                 if (over := _over(arm, area.id, outline))
             ),
             key=lambda item: item[:2],

@@ -15,7 +15,7 @@ from scipy.spatial import QhullError, cKDTree
 from urbantwin.ground import Elevation
 from urbantwin.roads.model import LaneModel, ModelRoad
 
-__all__ = ["ModelSurface", "elevation_of_model", "is_flat", "raised", "with_levels"]
+__all__ = ["ModelSurface", "elevation_of_model", "is_flat", "on_one_level", "raised", "with_levels"]
 
 #: A map whose heights differ by less than this has none, metres.
 FLAT_M = 0.05
@@ -49,6 +49,15 @@ def raised(model: LaneModel, by: float) -> LaneModel:
             )
             for road in model.roads
         )
+    )
+
+
+def on_one_level(model: LaneModel) -> LaneModel:
+    """Return the model with every road and junction on the ground."""
+    return dataclasses.replace(
+        model,
+        roads=tuple(dataclasses.replace(road, level=0) for road in model.roads),
+        junctions=tuple(dataclasses.replace(junction, level=0) for junction in model.junctions),
     )
 
 

@@ -13,13 +13,13 @@ from pyproj import Transformer
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.imported.build import check_meets
-from urbantwin.roads.imported.crop import has_traffic
+from urbantwin.roads.imported.crop import cropped, has_traffic
 from urbantwin.roads.imported.propose import MapJunction, busiest_junction, paved_area, volumes
-from urbantwin.roads.imported.read import is_placed, map_format, read_map, said_of
+from urbantwin.roads.imported.read import is_placed, map_format, placed_map, read_map, said_of
 from urbantwin.roads.lanelet2.places import anchor_of
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.opendrive.placed import crs_of
-from urbantwin.roads.opendrive.read import read_opendrive
+from urbantwin.roads.opendrive.read import ReadMap, read_opendrive
 from urbantwin.site.draft import SiteDraft, checked_target, write_draft
 from urbantwin.site.extract import read_extract
 from urbantwin.site.pole import features_around, place_pole
@@ -34,6 +34,8 @@ ToDegrees = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 RADIUS_M = 150.0
 #: Kerbs are rounded where streets meet: corners closer than this to both are paved, metres.
 CORNER_M = 6.0
+#: What is farther from the anchor than this leaves a pole alone, metres.
+AROUND_M = 110.0
 #: Decimals of an anchor in degrees, and of one in metres: a centimetre.
 DEGREES, METRES = 7, 2
 
@@ -72,15 +74,20 @@ def init_site_of_map(
     checked_target(folder, region, radius_m, force=force)
     polygon = polygon_from_geojson(read_geojson(region), file=region) if region else None
     given = _given(latitude, longitude)
-    frame, anchor_m, found = _anchor(roads, given, polygon)
-    imported = read_map(roads, frame, anchor_m)
+    read = None if map_format(roads) == "Lanelet2" else read_opendrive(roads)
+    frame, anchor_m, found = _anchor(roads, read, given, polygon)
+    if read is None:
+        imported = read_map(roads, frame, anchor_m)
+    else:
+        imported = placed_map(roads, read, frame, anchor_m)
     radius = RADIUS_M if radius_m is None else radius_m
     shape = circle(radius)
     if polygon is not None and region is not None:
         shape = polygon_in_site(polygon, frame, file=region)
     check_meets(imported, shape)
     features = features_around(read_extract(osm), frame) if osm else []
-    paved = paved_area(imported.model).buffer(CORNER_M).buffer(-CORNER_M)
+    around = cropped(imported.model, circle(AROUND_M))
+    paved = paved_area(around).buffer(CORNER_M).buffer(-CORNER_M)
     draft = SiteDraft(
         title=" / ".join(found.names[:2]) or roads.name.split(".")[0],
         why=_why(found, given, anchor_m),
@@ -108,10 +115,13 @@ def _given(latitude: float | None, longitude: float | None) -> tuple[float, floa
 
 
 def _anchor(
-    path: Path, given: tuple[float, float] | None, polygon: shapely.Polygon | None
+    path: Path,
+    read: ReadMap | None,
+    given: tuple[float, float] | None,
+    polygon: shapely.Polygon | None,
 ) -> tuple[SiteFrame, tuple[float, float] | None, MapJunction]:
     """Return the site frame, the map's x, y of the anchor if it needs them, and the junction."""
-    model, degrees = _on_earth(path, given)
+    model, degrees = _on_earth(path, read, given)
     if not has_traffic(model):
         raise InputError(
             "holds no lanes that traffic could use",
@@ -130,22 +140,23 @@ def _anchor(
     return SiteFrame(round(float(latitude), DEGREES), round(float(longitude), DEGREES)), None, found
 
 
-def _on_earth(path: Path, given: tuple[float, float] | None) -> tuple[LaneModel, ToDegrees | None]:
+def _on_earth(
+    path: Path, read: ReadMap | None, given: tuple[float, float] | None
+) -> tuple[LaneModel, ToDegrees | None]:
     """Return a map in coordinates of its own, and what makes degrees of them, if it says where."""
-    if map_format(path) == "Lanelet2":
-        placed = is_placed(path)
-        frame = SiteFrame(*(anchor_of(path) if placed else given or (0.0, 0.0)))
-        return read_map(path, frame).model, frame.lonlat_from_site if placed else None
-    model, projection, _ = read_opendrive(path)
-    if projection is None:
-        return model, None
+    if read is None:
+        there = is_placed(path)
+        frame = SiteFrame(*(anchor_of(path) if there else given or (0.0, 0.0)))
+        return read_map(path, frame).model, frame.lonlat_from_site if there else None
+    if read.projection is None:
+        return read.model, None
     with said_of(path):
-        transformer = Transformer.from_crs(crs_of(projection), "EPSG:4326", always_xy=True)
+        transformer = Transformer.from_crs(crs_of(read.projection), "EPSG:4326", always_xy=True)
 
     def degrees(xy: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.column_stack(transformer.transform(xy[:, 0], xy[:, 1]))
 
-    return model, degrees
+    return read.model, degrees
 
 
 def _junction(

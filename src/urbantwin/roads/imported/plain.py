@@ -20,7 +20,7 @@ from urbantwin.roads.imported.links import LaneLink, Place
 from urbantwin.roads.imported.nodes import Nodes
 from urbantwin.roads.model import LaneModel, ModelRoad, SectionLane
 
-__all__ = ["PlainNetwork", "write_plain"]
+__all__ = ["PlainNetwork", "junction_outline", "write_plain"]
 
 #: Right of way by class of the street; netconvert compares these numbers.
 PRIORITY = {
@@ -43,6 +43,7 @@ class PlainNetwork:
         links: which lane leads to which.
         lights: node -> id of the traffic light there.
         crosswalks: where people cross, by the map.
+        outlines: junction -> its outline (M, 2); empty where nothing is known.
     """
 
     model: LaneModel
@@ -51,6 +52,7 @@ class PlainNetwork:
     links: list[LaneLink]
     lights: Mapping[str, str]
     crosswalks: list[Crosswalk]
+    outlines: Mapping[int, NDArray[np.float64]]
 
 
 def write_plain(folder: Path, plain: PlainNetwork) -> list[str]:
@@ -119,7 +121,7 @@ def _nodes(plain: PlainNetwork) -> etree._Element:
         item = etree.SubElement(root, "node", id=node, x=f"{x:.3f}", y=f"{y:.3f}")
         junction = plain.nodes.junctions.get(node)
         if junction is not None:
-            outline = junction_outline(plain.model, junction)
+            outline = plain.outlines[junction]
             if len(outline) > 2:
                 item.set("shape", _shape(outline))
         item.set("type", "traffic_light" if node in plain.lights else "priority")

@@ -14,9 +14,17 @@ from urbantwin.roads.lanelet2 import read_lanelet2
 from urbantwin.roads.lanelet2.places import anchor_of
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.opendrive.placed import placed, shifted
-from urbantwin.roads.opendrive.read import read_opendrive
+from urbantwin.roads.opendrive.read import ReadMap, read_opendrive
 
-__all__ = ["ImportedMap", "is_map_of_roads", "is_placed", "map_format", "read_map", "said_of"]
+__all__ = [
+    "ImportedMap",
+    "is_map_of_roads",
+    "is_placed",
+    "map_format",
+    "placed_map",
+    "read_map",
+    "said_of",
+]
 
 #: Endings of the files that we read, and what they hold.
 FORMATS = {".xodr": "OpenDRIVE", ".osm": "Lanelet2"}
@@ -79,25 +87,29 @@ def read_map(
         InputError: the file cannot be read, or ``anchor_m`` is given for a map that says where
             on earth it is.
     """
-    if map_format(path) == "Lanelet2":
-        model, found = read_lanelet2(path, frame)
-        if anchor_m is not None:
-            if is_placed(path):
-                raise _placed_twice(path)
-            model = shifted(model, (-anchor_m[0], -anchor_m[1], 0.0, 0.0))
-        return ImportedMap(path, model, {"format": "Lanelet2", **found})
-    model, projection, found = read_opendrive(path)
-    notes: dict[str, object] = {"format": "OpenDRIVE", **found}
-    if projection is not None:
+    if map_format(path) == "OpenDRIVE":
+        return placed_map(path, read_opendrive(path), frame, anchor_m)
+    model, found = read_lanelet2(path, frame)
+    if anchor_m is not None:
+        if is_placed(path):
+            raise _placed_twice(path)
+        model = shifted(model, (-anchor_m[0], -anchor_m[1], 0.0, 0.0))
+    return ImportedMap(path, model, {"format": "Lanelet2", **found})
+
+
+def placed_map(
+    path: Path, read: ReadMap, frame: SiteFrame, anchor_m: tuple[float, float] | None = None
+) -> ImportedMap:
+    """Return an OpenDRIVE map that was read, in the site frame; see ``read_map``."""
+    notes: dict[str, object] = {"format": "OpenDRIVE", **read.notes}
+    if read.projection is not None:
         if anchor_m is not None:
             raise _placed_twice(path)
         with said_of(path):
-            return ImportedMap(path, placed(model, projection, frame), notes)
-    origin = anchor_m or (0.0, 0.0)
-    notes["georeference"] = (
-        f"none in the map: x east, y north, and {origin[0]:g}, {origin[1]:g} is the anchor"
-    )
-    return ImportedMap(path, shifted(model, (-origin[0], -origin[1], 0.0, 0.0)), notes)
+            return ImportedMap(path, placed(read.model, read.projection, frame), notes)
+    x, y = anchor_m or (0.0, 0.0)
+    notes["georeference"] = f"none in the map: x east, y north, and {x:g}, {y:g} is the anchor"
+    return ImportedMap(path, shifted(read.model, (-x, -y, 0.0, 0.0)), notes)
 
 
 @contextmanager

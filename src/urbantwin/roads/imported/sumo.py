@@ -67,7 +67,8 @@ def sumo_network_of_model(model: LaneModel, out: Path) -> SumoNetwork:
     links = lane_links(Lanes(model, edges))
     lights = lights_of_model(model, nodes)
     crosswalks = crosswalks_of_model(model, edges, nodes)
-    plain = PlainNetwork(model, edges, nodes, links, lights, crosswalks)
+    outlines = {junction.id: junction_outline(model, junction.id) for junction in model.junctions}
+    plain = PlainNetwork(model, edges, nodes, links, lights, crosswalks, outlines)
     mapped = any(area.kind == "crosswalk" for area in model.areas)
     options = {
         **OPTIONS,
@@ -107,7 +108,7 @@ def _named(plain: PlainNetwork, root: etree._Element) -> LaneModel:
             strips.setdefault(place, ways.get((start.strip(i), end.strip(j)), ""))
     junctions = tuple(
         dataclasses.replace(
-            junction, name=node, members=(node,), outline=junction_outline(plain.model, junction.id)
+            junction, name=node, members=(node,), outline=plain.outlines[junction.id]
         )
         if (node := _node(plain.nodes, junction.id))
         else junction
