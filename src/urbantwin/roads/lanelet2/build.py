@@ -6,6 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+from numpy.typing import NDArray
+
 from urbantwin.errors import StageError
 from urbantwin.roads.lanelet2.group import Member, groups_of
 from urbantwin.roads.lanelet2.lanelet import Lanelet
@@ -17,18 +20,30 @@ from urbantwin.roads.lanelet2.topology import Topology
 
 __all__ = ["Built", "LaneAt", "built"]
 
+#: What is lost of a lane is said if it is longer than this, metres.
+LOST_M = 0.01
 #: Road, number of the section, lane.
 LaneAt = tuple[int, int, int]
 
 
 @dataclass(frozen=True)
 class Built:
-    """All roads, not yet linked."""
+    """All roads, not yet linked.
+
+    Attributes:
+        streets: the streets.
+        passages: the ways through junctions.
+        topology: what leads where.
+        plan: what became of each group of lanelets.
+        shortened: lanelets that lead nowhere at a junction whose end lies across: what lies beyond
+            the end of their street is lost.
+    """
 
     streets: tuple[Street, ...]
     passages: tuple[Passage, ...]
     topology: Topology
     plan: Plan
+    shortened: tuple[int, ...]
 
     @cached_property
     def lanes(self) -> dict[int, tuple[LaneAt, ...]]:
@@ -93,6 +108,10 @@ def built(
         groups = [g for g in groups_of(lanes, apart) if any(m.lanelet.drives for m in g.members)]
         topology = Topology(drives, groups)
         plan = planned(topology, forced, barred)
+        ending = _ending(topology, plan)
+        if ending:
+            apart |= ending
+            continue
         streets, failed = _streets(topology, plan, side, facts, ways)
         for chain in failed:
             ids = frozenset(i for group in chain.groups for i in group.ids)
@@ -105,13 +124,33 @@ def built(
         passages = _passages(streets, topology, plan, side, facts, ways)
         missed = plan.inner - {i for passage in passages for i in passage.lanelets}
         if not missed:
-            return Built(tuple(streets), tuple(passages), topology, plan)
+            short = _shortened(streets, passages)
+            return Built(tuple(streets), tuple(passages), topology, plan, short)
         # First what nothing leads to or from: what comes after it may then be reached.
         before = {k for following in topology.successors.values() for k in following}
         ends = {i for i in missed if i not in before or not topology.successors[i]}
         barred |= ends or missed
         apart |= ends or missed
     raise StageError("the lanelets cannot be told apart into streets and junctions")
+
+
+def _ending(topology: Topology, plan: Plan) -> frozenset[int]:
+    """Return lanelets that lead nowhere beside others that are cut: they must not be cut, too."""
+    before = {k for following in topology.successors.values() for k in following}
+    found = set()
+    for chain in plan.chains:
+        for group, cut, end in zip(
+            (chain.groups[0], chain.groups[-1]), chain.cuts, (False, True), strict=True
+        ):
+            drives = [member for member in group.members if member.lanelet.drives]
+            if not cut or len(drives) == 1:
+                continue
+            for member in drives:
+                i = member.lanelet.id
+                joined = topology.successors[i] if member.forward == end else i in before
+                if not joined:
+                    found.add(i)
+    return frozenset(found)
 
 
 def _streets(
@@ -134,6 +173,23 @@ def _streets(
         except StreetTooShort:
             failed.append(chain)
     return streets, failed
+
+
+def _length(line: NDArray[np.float64]) -> float:
+    return float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
+
+
+def _shortened(streets: list[Street], passages: list[Passage]) -> tuple[int, ...]:
+    used = {(g.street.road.id, g.end, g.lane) for p in passages for g in (p.start, p.end)}
+    return tuple(
+        sorted(
+            gate.lanelet
+            for street in streets
+            for gate in gates_of(street)
+            if (street.road.id, gate.end, gate.lane) not in used
+            and max(_length(line) for line in (gate.left, gate.right)) > LOST_M
+        )
+    )
 
 
 def _passages(

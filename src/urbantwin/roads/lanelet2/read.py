@@ -150,6 +150,7 @@ def _note(
     for identity, relation in document.relations.items():
         if relation.tags.get("type") == "multipolygon" and identity not in island_ways(document):
             counts["left_out_areas_of_subtype_" + relation.tags.get("subtype", "")] += 1
+    counts["lanes_that_end_at_junctions_cut_across"] = len(parts.shortened)
     counts["crossings_without_a_junction"] = len(parts.plan.crossed)
     counts["corners_of_borders_that_turn_back"] = sum(
         [*(s.dropped for s in parts.streets), *(p.dropped for p in parts.passages)]

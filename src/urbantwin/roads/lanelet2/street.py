@@ -247,16 +247,19 @@ def _reach(
     the road; at the border of the map, where the first does.
     """
     last = len(chain.groups) - 1
+    head, tail = chain.cuts
     starts = [
-        b.s[0] for t in tracks if t.first == 0 and t.members[0].lanelet.drives for b in whole[t]
+        border.s[0]
+        for t in tracks
+        if t.first == 0 and (head is None or t.members[0].lanelet.drives)
+        for border in whole[t]
     ]
     ends = [
-        b.s[-1]
+        border.s[-1]
         for t in tracks
-        if t.first + len(t.members) - 1 == last and t.members[-1].lanelet.drives
-        for b in whole[t]
+        if t.first + len(t.members) - 1 == last and (tail is None or t.members[-1].lanelet.drives)
+        for border in whole[t]
     ]
-    head, tail = chain.cuts
     first = min(starts) if head is None else max(starts) + head
     end = max(ends) if tail is None else min(ends) - tail
     if head is None or tail is None:

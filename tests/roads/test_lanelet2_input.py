@@ -1,0 +1,166 @@
+"""Lanelet2 files that are wrong: one line that says what and where."""
+
+import math
+import runpy
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from urbantwin.errors import InputError
+from urbantwin.geometry import SiteFrame
+from urbantwin.roads.lanelet2 import anchor_of, is_lanelet2, read_lanelet2
+
+DRAW = SimpleNamespace(**runpy.run_path(str(Path(__file__).with_name("lanelet_town.py"))))
+FRAME = SiteFrame(*DRAW.ANCHOR)
+
+
+def street():
+    town = DRAW.LaneletMap()
+    lines = [town.way([(0, t), (40, t)], type="line_thin") for t in (0.0, -3.5)]
+    town.only = town.lanelet(*lines)
+    town.lines = lines
+    return town
+
+
+@pytest.fixture
+def complaint(tmp_path):
+    """Return a function: a map, or the text of a file -> the line that a person reads."""
+
+    def read(town, frame=FRAME):
+        path = tmp_path / "map.osm"
+        if isinstance(town, str):
+            path.write_text(town)
+        else:
+            town.write(path)
+        with pytest.raises(InputError) as caught:
+            read_lanelet2(path, frame)
+        text = str(caught.value)
+        assert "\n" not in text
+        assert text.startswith(str(path))
+        return text
+
+    return read
+
+
+def test_the_street_itself_is_right(tmp_path):
+    model, notes = read_lanelet2(street().write(tmp_path / "map.osm"), FRAME)
+    assert len(model.roads) == 1
+    assert notes["lanelets"] == 1
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("", "is not XML"),
+        ("nonsense", "is not XML"),
+        ("<osm><node id='1' lat='49'", "is not XML"),
+        ("<html/>", "not <osm>"),
+        ("<osm/>", "has no lanelets"),
+        (
+            "<osm><way id='1'><tag k='highway' v='residential'/></way></osm>",
+            "is a street map of OpenStreetMap",
+        ),
+        ("<osm><way id='one'/></osm>", "id='one'"),
+        (
+            "<!DOCTYPE osm [<!ENTITY a SYSTEM 'file:///etc/hostname'>]><osm>&a;</osm>",
+            "declares a document type or entities",
+        ),
+    ],
+)
+def test_what_is_no_lanelet2_map(complaint, text, what):
+    assert what in complaint(text)
+
+
+def test_a_file_that_is_not_there(tmp_path):
+    for path in (tmp_path / "none.osm", tmp_path):
+        with pytest.raises(InputError, match=r"not found|is a folder"):
+            read_lanelet2(path, FRAME)
+        assert not is_lanelet2(path)
+
+
+def test_a_bound_that_is_missing(complaint):
+    for members, what in (
+        ([("way", 1, "left")], "no ways of role right"),
+        ([], "no ways of role left"),
+        ([("way", 5, "left"), ("way", 99, "right")], "refers to way 99"),
+    ):
+        town = street()
+        town.relations[town.only] = (
+            [(kind, town.lines[0] if ref == 5 else ref, role) for kind, ref, role in members],
+            {"type": "lanelet"},
+        )
+        text = complaint(town)
+        assert f"relation {town.only}" in text
+        assert what in text or "refers to way 1," in text
+
+
+def test_bounds_that_are_one_way_or_two_or_a_point(complaint):
+    town = street()
+    left, right = town.lines
+    for pair, what in (
+        ([left, left], "is its left and its right bound"),
+        ([left, town.way([(0, 9)])], "fewer than two points"),
+    ):
+        town.relations[town.only] = (
+            [("way", way, role) for way, role in zip(pair, ("left", "right"), strict=True)],
+            {"type": "lanelet"},
+        )
+        text = complaint(town)
+        assert f"relation {town.only}" in text
+        assert what in text
+    twice = [("way", left, "left"), ("way", right, "left"), ("way", right, "right")]
+    town.relations[town.only] = (twice, {"type": "lanelet"})
+    assert "2 ways of role left" in complaint(town)
+
+
+def test_a_node_that_is_missing_or_nowhere(complaint):
+    town = street()
+    gone = town.ways[town.lines[1]][0][0]
+    (x, _, z), tags = town.nodes[gone]
+    town.nodes[gone] = ((x, math.nan, z), tags)
+    assert f"relation {town.only}: node {gone} has no finite" in complaint(town)
+    del town.nodes[gone]
+    text = complaint(town)
+    assert f"relation {town.only}" in text
+    assert f"refers to node {gone}" in text
+
+
+def test_a_light_that_refers_to_a_missing_way(complaint):
+    town = street()
+    light = town.relation(
+        [("way", 77, "refers")], type="regulatory_element", subtype="traffic_light"
+    )
+    assert f"relation {light}: refers to way 77" in complaint(town)
+
+
+def test_a_map_of_another_town(complaint):
+    assert "km from the site's anchor" in complaint(street(), SiteFrame(48.0, 11.0))
+
+
+def test_a_map_of_walkways_alone(complaint):
+    town = DRAW.LaneletMap()
+    town.between([(0, 0), (9, 0)], [(0, -2), (9, -2)], subtype="walkway")
+    assert "no lanelets that vehicles may use" in complaint(town)
+
+
+def test_a_map_without_degrees_has_no_anchor(tmp_path):
+    path = street().write(tmp_path / "map.osm", local=True)
+    with pytest.raises(InputError, match="no latitudes and longitudes"):
+        anchor_of(path)
+
+
+def test_what_is_left_out_is_counted(tmp_path):
+    town = street()
+    town.between([(0, 30), (40, 30)], [(0, 28), (40, 28)], subtype="walkway", one_way="no")
+    town.between([(0, 60), (40, 60)], [(0, 58), (40, 58)], subtype="rail")
+    town.between([(0, 90), (9, 90)], [(0, 88), (9, 88)], subtype="crosswalk", one_way="no")
+    town.relation([("way", town.lines[0], "outer")], type="multipolygon", subtype="vegetation")
+    members, tags = town.relations[town.only]
+    town.relations[town.only] = ([*members, ("relation", 999, "regulatory_element")], tags)
+    _, notes = read_lanelet2(town.write(tmp_path / "map.osm"), FRAME)
+    assert notes["left_out_lanelets_walkways_apart_from_streets"] == 1
+    assert notes["left_out_lanelets_of_subtype_rail"] == 1
+    assert notes["crosswalks_without_a_street"] == 1
+    assert notes["left_out_areas_of_subtype_vegetation"] == 1
+    assert notes["missing_regulatory_elements"] == 1
