@@ -17,6 +17,7 @@ from urbantwin.ground import Elevation
 from urbantwin.roads.cross_section import prepare_ways, write_sumo_edges
 from urbantwin.roads.driving_side import country_of
 from urbantwin.roads.heights import RoadSurface, with_heights
+from urbantwin.roads.heights.tilt import with_tilted_widths
 from urbantwin.roads.levels import (
     Crossing,
     Lift,
@@ -32,6 +33,7 @@ from urbantwin.roads.network import RoadNetwork
 from urbantwin.roads.reading import read_sumo_network
 from urbantwin.roads.redraw import redraw_sumo_network
 from urbantwin.roads.side_lanes import add_side_lanes, is_island
+from urbantwin.roads.signals.free_ground import FreeGround
 from urbantwin.roads.signals.heads import stand_signals
 from urbantwin.roads.signals.mapped import mapped_signals
 from urbantwin.roads.signals.practice import practice_of
@@ -171,10 +173,12 @@ def build_roads(
         islands=_crossings(extract, frame, pieces, only=is_island),
     )
     model, surface = with_heights(model, elevation, lift)
+    model = with_tilted_widths(model)
     model = furnished(model, raw, surface.height)
     network = network_of_model(model, raw, surface.height)
-    model = stand_signals(model, network, practice_of(country), surface.height)
-    model, signs = add_signs(model, network, extract, frame, country)
+    ground = FreeGround(network)
+    model = stand_signals(model, network, ground, practice_of(country), surface.height)
+    model, signs = add_signs(model, ground, extract, frame, country)
     redraw_sumo_network(out, network)
     notes: dict[str, object] = {
         "roads": len(network.roads),

@@ -5,22 +5,20 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from urbantwin.roads.model import LaneModel, RoadSignal, SignalController
 from urbantwin.roads.network import RoadNetwork
 from urbantwin.roads.signals.approach import Approach, Frame, Waiting, approaches_of
+from urbantwin.roads.signals.free_ground import CLEARANCE_M, FreeGround
 from urbantwin.roads.signals.practice import Practice
 from urbantwin.roads.strips import SurfaceHeight
 
-__all__ = ["CLEARANCE_M", "REACH_M", "stand_signals"]
+__all__ = ["REACH_M", "stand_signals"]
 
-#: Distance of a pole's middle from the carriageway's edge (MUTCD 2009, 4D.16: 0.6 m).
-CLEARANCE_M = 0.6
 #: How far outwards a free place for a pole is looked for, metres.
 SEARCH_M = 12.0
 #: The longest arm (usual up to 15 m: MUTCD-based state standards, e.g. Caltrans ES-7), metres.
@@ -40,21 +38,12 @@ SPACING_M = 1.6
 MOST_OVER = 5
 
 
-@dataclass(frozen=True)
-class _Ground:
-    """Where poles may stand."""
-
-    taken: dict[int, shapely.Geometry]
-
-    def free(self, points: NDArray[np.float64], level: int) -> NDArray[np.bool_]:
-        area = self.taken.get(level)
-        if area is None:
-            return np.ones(len(points), bool)
-        return np.asarray(~shapely.contains_xy(area, points[:, 0], points[:, 1]))
-
-
 def stand_signals(
-    model: LaneModel, network: RoadNetwork, practice: Practice, height: SurfaceHeight
+    model: LaneModel,
+    network: RoadNetwork,
+    ground: FreeGround,
+    practice: Practice,
+    height: SurfaceHeight,
 ) -> LaneModel:
     """Return the model with the heads that a country puts up instead of one over each stop line.
 
@@ -65,32 +54,43 @@ def stand_signals(
     Args:
         model: the lane model with a signal at every stop line and crossing.
         network: its lanes.
+        ground: where poles may stand.
         practice: the country's practice.
         height: the surface.
     """
-    ground = _Ground(
-        {
-            level: shapely.buffer(network.carriageway(level), CLEARANCE_M - 0.05)
-            for level in network.levels
-        }
-    )
-    for area in ground.taken.values():
-        shapely.prepare(area)
     approaches = approaches_of(model)
     standing: list[RoadSignal] = []
     for approach in approaches:
-        standing += _heads(approach, practice, ground, height)
+        standing += _heads(approach, practice, ground)
     replaced = {lane.signal.id for approach in approaches for lane in approach.lanes}
     for signal in model.signals:
         lane = network.lane_by_id.get(signal.strip)
         if signal.dynamic and lane is not None and lane.kind == "crossing":
             replaced.add(signal.id)
-            standing += _walker_heads(model, signal, lane.centre, lane.width, ground, height)
+            standing += _walker_heads(model, signal, lane.centre, lane.width, ground)
+    standing = _raised(model, standing, height)
     kept = [signal for signal in model.signals if signal.id not in replaced]
     first = model.next_id
     numbered = [replace(signal, id=first + k) for k, signal in enumerate(standing)]
     signals = (*kept, *numbered)
     return replace(model, signals=signals, controllers=_controlled(model.controllers, signals))
+
+
+def _raised(
+    model: LaneModel, signals: Sequence[RoadSignal], height: SurfaceHeight
+) -> list[RoadSignal]:
+    """Return signals whose poses stand on the surface, instead of at height zero."""
+    found = list(signals)
+    levels = [model.road_by_id[signal.road].level for signal in signals]
+    for level in sorted(set(levels)):
+        posed = [k for k, signal in enumerate(signals) if signal.pose and levels[k] == level]
+        if not posed:
+            continue
+        ground = height(np.array([signals[k].pose[:2] for k in posed]), level)
+        for k, z in zip(posed, ground, strict=True):
+            x, y, up, heading = signals[k].pose
+            found[k] = replace(signals[k], pose=(x, y, float(z) + up, heading))
+    return found
 
 
 def _controlled(
@@ -103,9 +103,7 @@ def _controlled(
     return tuple(replace(item, signals=tuple(of_program[item.name])) for item in controllers)
 
 
-def _heads(
-    approach: Approach, practice: Practice, ground: _Ground, height: SurfaceHeight
-) -> list[RoadSignal]:
+def _heads(approach: Approach, practice: Practice, ground: FreeGround) -> list[RoadSignal]:
     """Return the heads of an approach, those that drivers pass first coming first."""
     over = len(approach.lanes) >= practice.arm_lanes
     far = _far_pole(approach, ground) if practice.far else None
@@ -114,45 +112,33 @@ def _heads(
         near = _near_pole(approach, ground)
     found: list[RoadSignal] = []
     if near is not None:
-        found += _on_pole(approach, near, height, beyond=False)
+        found += _on_pole(approach, near, beyond=False)
         if over and far is None:
-            found += _over_lanes(approach, near, practice, height, beyond=False)
+            found += _over_lanes(approach, near, practice, beyond=False)
     if far is not None:
         if over:
-            found += _over_lanes(approach, far, practice, height, beyond=True)
-        found += _on_pole(approach, far, height, beyond=True)
+            found += _over_lanes(approach, far, practice, beyond=True)
+        found += _on_pole(approach, far, beyond=True)
     if not found:
         # Nowhere to stand: over the stop line, as it was.
         found = [replace(lane.signal, z=OVER_M) for lane in approach.lanes]
     return found
 
 
-def _nearest_free(
-    frame: Frame, u: NDArray[np.float64], v: NDArray[np.float64], ground: _Ground, level: int
-) -> NDArray[np.float64] | None:
-    """Return the free place of a grid that is nearest to its first u and v, in the grid's frame."""
-    grid = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
-    cost = np.abs(grid[:, 1] - v[0]) + 1.01 * np.abs(grid[:, 0] - u[0])
-    free = ground.free(frame.place(grid[:, 0], grid[:, 1]), level)
-    if not free.any():
-        return None
-    return np.asarray(grid[np.argmin(np.where(free, cost, np.inf))])
-
-
-def _near_pole(approach: Approach, ground: _Ground) -> NDArray[np.float64] | None:
+def _near_pole(approach: Approach, ground: FreeGround) -> NDArray[np.float64] | None:
     """Return u, v of a pole at the kerb beside the stop line."""
     v = approach.kerb + approach.outward * np.arange(CLEARANCE_M, SEARCH_M, 0.2)
     # Not past the stop line: who waits there must see it.
-    return _nearest_free(approach.frame, -np.arange(0.0, 8.0, 0.5), v, ground, approach.road.level)
+    return ground.nearest(approach.frame, -np.arange(0.0, 8.0, 0.5), v, approach.road.level)
 
 
-def _far_pole(approach: Approach, ground: _Ground) -> NDArray[np.float64] | None:
+def _far_pole(approach: Approach, ground: FreeGround) -> NDArray[np.float64] | None:
     """Return u, v of a pole beyond the junction, at the kerb of what leads straight on."""
     level = approach.road.level
     if approach.exit is not None:
         frame = approach.exit.frame
         v = approach.exit.outer + approach.outward * np.arange(CLEARANCE_M, SEARCH_M, 0.2)
-        spot = _nearest_free(frame, np.arange(2.0, 12.0, 0.5), v, ground, level)
+        spot = ground.nearest(frame, np.arange(2.0, 12.0, 0.5), v, level)
         if spot is None:
             return None
         u, v_there = approach.frame.locate(frame.place(*spot)[0])
@@ -168,15 +154,13 @@ def _far_pole(approach: Approach, ground: _Ground) -> NDArray[np.float64] | None
     return found if NEAREST_M <= found[0] <= FARTHEST_M else None
 
 
-def _on_pole(
-    approach: Approach, pole: NDArray[np.float64], height: SurfaceHeight, *, beyond: bool
-) -> list[RoadSignal]:
+def _on_pole(approach: Approach, pole: NDArray[np.float64], *, beyond: bool) -> list[RoadSignal]:
     """Return a head for each group of lanes, side by side on a pole."""
     found = []
     for k, group in enumerate(approach.groups):
         # Groups nearer to the middle of the road hang nearer to it.
         v = pole[1] - approach.outward * BESIDE_EACH_OTHER_M * (k - (len(approach.groups) - 1) / 2)
-        found.append(_head(approach, group, pole[0], v, BESIDE_M, height, beyond=beyond))
+        found.append(_head(approach, group, pole[0], v, BESIDE_M, beyond=beyond))
     return found
 
 
@@ -184,7 +168,6 @@ def _over_lanes(
     approach: Approach,
     pole: NDArray[np.float64],
     practice: Practice,
-    height: SurfaceHeight,
     *,
     beyond: bool,
 ) -> list[RoadSignal]:
@@ -204,7 +187,7 @@ def _over_lanes(
             break
         last = reach
         where = float(pole[1]) + inward * reach
-        head = _head(approach, lanes, float(pole[0]), where, OVER_M, height, beyond=beyond)
+        head = _head(approach, lanes, float(pole[0]), where, OVER_M, beyond=beyond)
         if practice.horizontal:
             head = replace(head, height=VEHICLE_SIZE[1], width=VEHICLE_SIZE[0])
         found.append(head)
@@ -217,7 +200,6 @@ def _head(
     u: float,
     v: float,
     up: float,
-    height: SurfaceHeight,
     *,
     beyond: bool,
 ) -> RoadSignal:
@@ -238,10 +220,9 @@ def _head(
         s = float(np.clip(approach.s + sign * u, 0.0, approach.road.length))
         return replace(common, s=s, t=sign * v)
     xy = approach.frame.place(u, v)
-    z = float(height(xy, approach.road.level)[0]) + up
     facing = math.remainder(approach.frame.heading + math.pi, 2 * math.pi)
     middle = float(np.mean([lane.v for lane in lanes]))
-    pose = (float(xy[0, 0]), float(xy[0, 1]), z, facing)
+    pose = (float(xy[0, 0]), float(xy[0, 1]), up, facing)
     return replace(common, s=approach.s, t=sign * middle, pose=pose)
 
 
@@ -250,8 +231,7 @@ def _walker_heads(
     signal: RoadSignal,
     centre: NDArray[np.float64],
     width: float,
-    ground: _Ground,
-    height: SurfaceHeight,
+    ground: FreeGround,
 ) -> list[RoadSignal]:
     """Return a head at each end of a crossing, which faces those who come from the other end."""
     area = next((a for a in model.areas if a.strip == signal.strip), None)
@@ -260,15 +240,19 @@ def _walker_heads(
     for end, other in ((centre[0], centre[1]), (centre[-1], centre[-2])):
         outward = math.atan2(end[1] - other[1], end[0] - other[0])
         frame = Frame(float(end[0]), float(end[1]), outward)
-        side = width / 2 + 0.3
-        u, v = np.arange(0.3, 5.0, 0.2), np.concatenate([np.arange(side, side + 2, 0.2)] * 2)
-        v[len(v) // 2 :] *= -1
-        spot = _nearest_side(frame, u, v, ground, road.level)
-        if spot is None:
+        u, v = np.arange(0.4, 5.2, 0.4), width / 2 + np.arange(0.3, 2.0, 0.4)
+        spots = [ground.nearest(frame, u, side * v, road.level) for side in (1, -1)]
+        free = [spot for spot in spots if spot is not None]
+        if not free:
             continue
+        spot = min(free, key=lambda place: float(place[0] + abs(place[1])))
         xy = frame.place(*spot)
-        z = float(height(xy, road.level)[0]) + WALK_M
-        pose = (float(xy[0, 0]), float(xy[0, 1]), z, math.remainder(outward + math.pi, 2 * math.pi))
+        pose = (
+            float(xy[0, 0]),
+            float(xy[0, 1]),
+            WALK_M,
+            math.remainder(outward + math.pi, 2 * math.pi),
+        )
         s, t = (float(value[0]) for value in road.curve.locate(xy))
         found.append(
             replace(
@@ -285,13 +269,3 @@ def _walker_heads(
             )
         )
     return found or [signal]
-
-
-def _nearest_side(
-    frame: Frame, u: NDArray[np.float64], v: NDArray[np.float64], ground: _Ground, level: int
-) -> NDArray[np.float64] | None:
-    """Return the free place nearest to the kerb, on either side of a crossing."""
-    grid = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
-    cost = grid[:, 0] + np.abs(grid[:, 1])
-    free = ground.free(frame.place(grid[:, 0], grid[:, 1]), level)
-    return np.asarray(grid[np.argmin(np.where(free, cost, np.inf))]) if free.any() else None

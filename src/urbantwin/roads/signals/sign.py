@@ -8,13 +8,12 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.model import LaneModel, LaneSection, ModelRoad, RoadLink, RoadSignal
-from urbantwin.roads.network import RoadNetwork
 from urbantwin.roads.signals.approach import Frame
+from urbantwin.roads.signals.free_ground import CLEARANCE_M, FreeGround
 from urbantwin.roads.signals.practice import mph, plate_of, speed_sign, stop_sign, yield_sign
 from urbantwin.site.extract import Extract
 
@@ -30,8 +29,8 @@ SIZES = {"disc": (0.6, 0.6), "upright": (0.75, 0.6), "octagon": (0.75, 0.75),
 BEYOND_M, SHORTEST_M = 8.0, 20.0
 #: How far before its junction a stop sign may be mapped, metres (as signals).
 BEFORE_M = 40.0
-#: Posts keep this far from the carriageway (MUTCD 2A.19: 0.6 m), and are looked for this far out.
-CLEARANCE_M, SEARCH_M = 0.6, 10.0
+#: Places for posts are looked for this far from the lanes, metres.
+SEARCH_M = 10.0
 #: Limits that differ by less are the same, m/s.
 SAME_M_S = 0.3
 DRIVEN = ("driving", "bus")
@@ -84,7 +83,7 @@ class _Course:
 
 
 def add_signs(
-    model: LaneModel, network: RoadNetwork, extract: Extract, frame: SiteFrame, country: str
+    model: LaneModel, ground: FreeGround, extract: Extract, frame: SiteFrame, country: str
 ) -> tuple[LaneModel, dict[str, int]]:
     """Return the model with signs of speed limits, stop and give way, and how many there are.
 
@@ -93,15 +92,11 @@ def add_signs(
 
     Args:
         model: the lane model.
-        network: its lanes.
+        ground: where posts may stand.
         extract: the map, for ``highway=stop`` and ``highway=give_way``.
         frame: the site frame.
         country: whose signs they are (ISO 3166-1 alpha-2).
     """
-    taken = {
-        level: shapely.buffer(network.carriageway(level), CLEARANCE_M - 0.05)
-        for level in network.levels
-    }
     courses = {
         (road.id, forward): _Course(road, forward)
         for road in model.roads
@@ -112,7 +107,7 @@ def add_signs(
     notes: Counter[str] = Counter()
     wanted = [*_limits(model, courses, country), *_rights(model, courses, extract, frame, country)]
     for course, s, sign in wanted:
-        placed = _placed(model, course, s, sign, taken)
+        placed = _placed(model, course, s, sign, ground)
         if placed is None:
             notes["signs without a place"] += 1
             continue
@@ -264,7 +259,7 @@ def _placed(
     course: _Course,
     s: float,
     sign: RoadSignal,
-    taken: dict[int, shapely.Geometry],
+    ground: FreeGround,
 ) -> RoadSignal | None:
     """Stand a sign at the kerb of its traffic's side."""
     road = course.road
@@ -284,11 +279,7 @@ def _placed(
     x, y, heading = (float(v) for v in road.curve.at(s)[0])
     frame = Frame(x, y, heading + (0.0 if course.forward else math.pi))
     v = kerb + outward * np.arange(CLEARANCE_M, SEARCH_M, 0.2)
-    points = frame.place(0.0, v)
-    area = taken.get(road.level)
-    free = np.ones(len(v), bool)
-    if area is not None:
-        free = ~shapely.contains_xy(area, points[:, 0], points[:, 1])
+    free = ground.free(frame.place(0.0, v), road.level)
     if not free.any():
         return None
     return replace(

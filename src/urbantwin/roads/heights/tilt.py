@@ -1,0 +1,57 @@
+"""Widths on a banked road: along its surface, so that lanes stay where the plan has them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from urbantwin.roads.model import LaneModel, LaneSection, ModelRoad, Profile, fitted
+
+__all__ = ["with_tilted_widths"]
+
+#: Differences smaller than this are left, metres.
+NOTICED_M = 0.001
+
+
+def with_tilted_widths(model: LaneModel) -> LaneModel:
+    """Return a model whose widths, so far those in plan, are those along the banked surface.
+
+    A road with superelevation is turned about its reference line, and offsets and widths are
+    measured in the turned plane (ASAM OpenDRIVE 1.8, 10.5): in plan they shrink by its cosine.
+    """
+    return model.with_roads(tuple(_road(road) for road in model.roads))
+
+
+def _road(road: ModelRoad) -> ModelRoad:
+    s = np.linspace(0.0, road.length, max(2, int(np.ceil(road.length)) + 1))
+    shrink = 1.0 - np.cos(road.bank.at(s)).min()
+    section = road.sections[0]
+    reach = max(
+        (float(np.abs(road.border(section, lane, 0.0, outer=True))[0]) for lane in section.lanes),
+        default=0.0,
+    )
+    if reach * shrink < NOTICED_M:
+        return road
+    sections = tuple(
+        _section(road, section, end)
+        for section, end in zip(road.sections, road.section_ends, strict=True)
+    )
+    return replace(road, offset=_grown(road, road.offset, 0.0, road.length), sections=sections)
+
+
+def _section(road: ModelRoad, section: LaneSection, end: float) -> LaneSection:
+    lanes = tuple(
+        replace(lane, width=_grown(road, lane.width, section.s, end)) for lane in section.lanes
+    )
+    return replace(section, lanes=lanes)
+
+
+def _grown(road: ModelRoad, width: Profile, start: float, end: float) -> Profile:
+    if width.is_zero:
+        return width
+    ds = np.linspace(0.0, end - start, max(2, int(np.ceil(end - start)) + 1))
+    # Where a profile has knots it may bend sharply: they are kept as stations.
+    ds = np.unique(np.concatenate([ds, width.start[width.start < end - start]]))
+    value = width.at(ds) / np.cos(road.bank.at(start + ds))
+    return fitted(ds, value, tolerance=NOTICED_M / 4)
