@@ -1,5 +1,3 @@
-import math
-
 import numpy as np
 import pytest
 from shapely import Point, Polygon, box
@@ -23,31 +21,8 @@ def node(x, y, number=1, **tags):
     )
 
 
-def build(*features, road=ROAD, signals=(), ground=tilted):
-    return pole_mesh(
-        features, region=REGION, ground_height=ground, carriageway=road, signals=signals
-    )
-
-
-@pytest.mark.parametrize("heading", [0.0, 1.0, math.pi, -2.0])
-def test_a_signal_faces_the_traffic_that_it_stops(heading):
-    mesh, notes = build(signals=[(20, 8, heading)])
-    assert notes["traffic signals"] == 1
-    xyz = mesh.triangles().reshape(-1, 3)
-    head = mesh.semantic.repeat(3) == OTHER
-    toward = (xyz[head, :2].mean(axis=0) - [20, 8]) @ [math.cos(heading), math.sin(heading)]
-    assert toward < -0.1
-    foot = tilted(np.array([[20, 8]]))[0]
-    assert xyz[:, 2].min() < foot
-    assert 3.5 <= xyz[:, 2].max() - foot <= 5.0
-    assert xyz[head, 2].min() - foot > 2.5
-
-
-def test_signals_at_one_corner_share_a_pole_and_parallel_lanes_a_head():
-    signals = [(20, 8, 0.0), (20.2, 8, 0.1), (20.1, 8.1, math.pi / 2), (-20, -8, 0.0)]
-    _, notes = build(signals=signals)
-    assert notes["traffic signals"] == 2
-    assert notes["traffic signal heads"] == 3
+def build(*features, road=ROAD, ground=tilted):
+    return pole_mesh(features, region=REGION, ground_height=ground, carriageway=road)
 
 
 def test_no_pole_stands_on_a_carriageway():
@@ -56,7 +31,6 @@ def test_no_pole_stands_on_a_carriageway():
         node(-10, 0, 2, traffic_sign="stop"),
         node(0, 4.5, 3, highway="bus_stop"),
         node(30, 0, 4, barrier="bollard"),
-        signals=[(40, 3, 0.0)],
     )
     low = mesh.vertices[:, 2] < tilted(mesh.vertices) + 1
     assert (np.abs(mesh.vertices[low, 1]) > 5).all()
@@ -101,9 +75,8 @@ def test_every_pole_touches_the_ground():
         node(-40, 8, 4, traffic_sign="x"),
         node(50, 8, 5, highway="bus_stop"),
         node(60, 8, 6, barrier="bollard", height="0.8"),
-        signals=[(70, 8, 0.3)],
     )
-    assert len(set(mesh.part)) == 7
+    assert len(set(mesh.part)) == 6
     for part in set(mesh.part):
         own = mesh.select(mesh.part == part).vertices
         lowest = own[own[:, 2].argmin()]

@@ -26,8 +26,8 @@ REACH_M = 15.0
 #: A head beyond the junction is 12 to 55 m from the stop line (MUTCD 2009, 4D.14: 40 to 180 ft).
 NEAREST_M, FARTHEST_M = 12.0, 55.0
 #: Middles of heads: over lanes 5.2 m clear (MUTCD 2009, 4D.15: 4.6 to 7.8 m; RiLSA: 4.5 m), beside
-#: them 2.3 m clear (RiLSA 6.3: 2.1 m; MUTCD: 2.4 m), on foot 2.15 m clear (MUTCD 4E.05), metres.
-OVER_M, BESIDE_M, WALK_M = 5.7, 2.8, 2.45
+#: them 2.3 m clear (RiLSA 6.3: 2.1 m; MUTCD: 2.4 m), on foot 2.2 m (MUTCD 4E.05: 2.1 m), metres.
+OVER_M, BESIDE_M, WALK_M = 5.7, 2.8, 2.65
 #: Heights and widths of heads of three and of two lights of 300 and 200 mm, metres.
 VEHICLE_SIZE, WALKER_SIZE = (1.0, 0.35), (0.6, 0.3)
 #: Heads side by side on one pole, metres.
