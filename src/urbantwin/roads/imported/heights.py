@@ -41,15 +41,19 @@ def is_flat(model: LaneModel) -> bool:
 def raised(model: LaneModel, by: float) -> LaneModel:
     """Return the model with every road higher by some metres."""
     step = np.array([by, 0.0, 0.0, 0.0])
-    return model.with_roads(
-        tuple(
-            dataclasses.replace(
-                road,
-                elevation=dataclasses.replace(road.elevation, abcd=road.elevation.abcd + step),
-            )
-            for road in model.roads
+    roads = tuple(
+        dataclasses.replace(
+            road, elevation=dataclasses.replace(road.elevation, abcd=road.elevation.abcd + step)
         )
+        for road in model.roads
     )
+    signals = tuple(
+        dataclasses.replace(signal, pose=(*signal.pose[:2], signal.pose[2] + by, signal.pose[3]))
+        if signal.pose
+        else signal
+        for signal in model.signals
+    )
+    return dataclasses.replace(model, roads=roads, signals=signals)
 
 
 def on_one_level(model: LaneModel) -> LaneModel:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -69,7 +70,30 @@ def lane_links(lanes: Lanes) -> list[LaneLink]:
             (start, i), (end, j) = link.start, link.end
             if "sidewalk" not in (start.lane(i).kind, end.lane(j).kind):
                 found.setdefault((start.strip(i), end.strip(j)), link)
+    for link in _of_bicycles(lanes.edges, list(found.values())):
+        (start, i), (end, j) = link.start, link.end
+        found.setdefault((start.strip(i), end.strip(j)), link)
     return list(found.values())
+
+
+def _of_bicycles(edges: tuple[Edge, ...], links: list[LaneLink]) -> Iterator[LaneLink]:
+    """Links for bicycle lanes that lead nowhere, as maps draw them: up to a junction, not through.
+
+    Bicycles go on as the traffic beside them does, on a bicycle lane where there is one.
+    """
+    onward: dict[str, list[LaneLink]] = defaultdict(list)
+    for link in links:
+        onward[link.start[0].strip(link.start[1])].append(link)
+    for edge in edges:
+        going = [index for index in range(len(edge.lanes)) if onward[edge.strip(index)]]
+        for index in range(len(edge.lanes)):
+            if not going or index in going or edge.lane(index, -1).kind != "bicycle":
+                continue
+            beside = min(going, key=lambda other: (abs(other - index), other))
+            for link in onward[edge.strip(beside)]:
+                end, lane = link.end
+                own = [k for k in range(len(end.lanes)) if end.lane(k).kind == "bicycle"]
+                yield LaneLink((edge, index), (end, own[0] if own else lane))
 
 
 def _within(lanes: Lanes, road: ModelRoad) -> Iterator[LaneLink]:

@@ -28,6 +28,8 @@ PRIORITY = {
     "primary_link": 9, "secondary": 8, "secondary_link": 7, "tertiary": 6, "tertiary_link": 5,
     "unclassified": 4, "residential": 3, "living_street": 2, "service": 1,
 }  # fmt: skip
+#: Acceleration to the side that drivers accept in turns, m/s^2 (netconvert's own default).
+TURN_MS2 = 5.5
 #: Largest distance of a chord from a lane's middle, metres, and step where it is curved.
 CHORD_M, STEP_M = 0.01, 0.5
 
@@ -244,11 +246,13 @@ def _connections(plain: PlainNetwork) -> etree._Element:
             {"from": start.id, "to": end.id, "fromLane": str(i), "toLane": str(j)},
         )
         if link.path:
+            line = path_line(plain.model, link.path)
+            item.set("shape", _shape(line))
             road, number, lane = link.path[0]
-            found = plain.model.road_by_id[road].sections[number].by_id[lane]
-            if found.speed_limit:
-                item.set("speed", f"{found.speed_limit:.2f}")
-            item.set("shape", _shape(path_line(plain.model, link.path)))
+            limit = plain.model.road_by_id[road].sections[number].by_id[lane].speed_limit
+            if 0.0 < limit < speed(start.lane(i, -1)):
+                # Without a speed, netconvert slows turns down; with one, it takes it as it is.
+                item.set("speed", f"{min(limit, _turn_speed(line)):.2f}")
     for edge in plain.edges:
         if edge.id not in lead_on:
             # Without this, netconvert makes up ways on.
@@ -266,6 +270,15 @@ def _connections(plain: PlainNetwork) -> etree._Element:
             },
         )
     return root
+
+
+def _turn_speed(line: NDArray[np.float64]) -> float:
+    """Return the speed at which a way through a junction is driven comfortably, m/s."""
+    leg = np.diff(line, axis=0)
+    heading = np.unwrap(np.arctan2(leg[:, 1], leg[:, 0]))
+    length = float(np.linalg.norm(leg, axis=1).sum())
+    turn = max(abs(float(heading[-1] - heading[0])), 1e-6)
+    return float(np.sqrt(TURN_MS2 * length / turn))
 
 
 def _shape(points: NDArray[np.float64]) -> str:

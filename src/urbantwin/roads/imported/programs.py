@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -26,12 +26,26 @@ BESIDE_M = 15.0
 
 @dataclass
 class _Light:
-    """A traffic light of the network: which lane, way or crossing each of its links is for."""
+    """A traffic light of the network.
 
-    of_lane: dict[str, list[int]]
-    of_way: dict[str, list[int]]
-    of_crossing: dict[str, list[int]]
-    places: dict[str, NDArray[np.float64]]
+    Attributes:
+        of_lane, of_way, of_crossing: which links each lane, way and crossing has.
+        places: crossing -> its middle line (N, 2).
+        crossed: crossing -> edges that it leads over.
+        from_edge, to_edge: link of vehicles -> the edges that it joins.
+    """
+
+    of_lane: dict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
+    of_way: dict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
+    of_crossing: dict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
+    places: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    crossed: dict[str, set[str]] = field(default_factory=dict)
+    from_edge: dict[int, str] = field(default_factory=dict)
+    to_edge: dict[int, str] = field(default_factory=dict)
+
+    @property
+    def of_vehicles(self) -> list[int]:
+        return sorted(self.from_edge)
 
     @property
     def count(self) -> int:
@@ -77,7 +91,7 @@ def with_programs(
     fitting = [
         name
         for name, controller in phases.items()
-        if name in found and _set(tree, name, controller, pairs[name], found[name].count)
+        if name in found and _set(tree, name, controller, pairs[name], found[name])
     ]
     if fitting:
         text = etree.tostring(tree.getroot(), xml_declaration=True, encoding="UTF-8")
@@ -91,39 +105,38 @@ def with_programs(
 
 
 def _lights(root: etree._Element) -> dict[str, _Light]:
-    found: dict[str, _Light] = {}
+    found: dict[str, _Light] = defaultdict(_Light)
     for item in root.iterfind("connection"):
         program = item.get("tl")
         if program is None:
             continue
-        light = found.setdefault(
-            program, _Light(defaultdict(list), defaultdict(list), defaultdict(list), {})
-        )
-        index = int(item.get("linkIndex"))
+        light, index = found[program], int(item.get("linkIndex"))
         if item.get("from").startswith(":"):
             light.of_crossing[f"{item.get('to')}_{item.get('toLane')}"].append(index)
-        else:
-            light.of_lane[f"{item.get('from')}_{item.get('fromLane')}"].append(index)
-            if item.get("via"):
-                light.of_way[item.get("via")].append(index)
-    shapes = {
-        lane.get("id"): lane.get("shape")
+            continue
+        light.of_lane[f"{item.get('from')}_{item.get('fromLane')}"].append(index)
+        light.from_edge[index], light.to_edge[index] = item.get("from"), item.get("to")
+        if item.get("via"):
+            light.of_way[item.get("via")].append(index)
+    crossings = {
+        edge.find("lane").get("id"): edge
         for edge in root.iterfind("edge")
         if edge.get("function") == "crossing"
-        for lane in edge.iterfind("lane")
     }
     for light in found.values():
         for lane in light.of_crossing:
-            points = [[float(v) for v in p.split(",")[:2]] for p in shapes[lane].split()]
-            light.places[lane] = np.array(points)
+            edge = crossings[lane]
+            shape = edge.find("lane").get("shape").split()
+            light.places[lane] = np.array([[float(v) for v in p.split(",")[:2]] for p in shape])
+            light.crossed[lane] = set(edge.get("crossingEdges", "").split())
         for group in (light.of_lane, light.of_way, light.of_crossing):
             for links in group.values():
                 links.sort()
-    return found
+    return dict(found)
 
 
 def _governed(model: LaneModel, signal: RoadSignal, light: _Light) -> tuple[str, list[int]]:
-    """Return the strip that a signal governs and the links that it shows."""
+    """Return the strips that a signal governs, with blanks between, and the links it shows."""
     road = model.road_by_id[signal.road]
     if signal.type.replace(".", "") in ON_FOOT:
         place = road.curve.beside([signal.s], [signal.t])[0]
@@ -136,11 +149,9 @@ def _governed(model: LaneModel, signal: RoadSignal, light: _Light) -> tuple[str,
             return nearest, light.of_crossing[nearest]
         return "", []
     if road.junction >= 0:
-        ways = [
-            lane.strip.split()[0] for lane in road.sections[0].lanes if lane.strip in light.of_way
-            or (lane.strip and lane.strip.split()[0] in light.of_way)
-        ]  # fmt: skip
-        return (ways[0] if ways else ""), _all(light.of_way, ways)
+        first = [lane.strip.split()[0] for lane in road.sections[0].lanes if lane.strip]
+        ways = [name for name in first if name in light.of_way]
+        return " ".join(ways), _all(light.of_way, ways)
     onward = signal.orientation == "+" or (
         signal.orientation not in ("+", "-") and signal.s > road.length / 2
     )
@@ -152,7 +163,7 @@ def _governed(model: LaneModel, signal: RoadSignal, light: _Light) -> tuple[str,
         and lane.forward == onward
         and (not signal.lanes or lane.id in signal.lanes)
     ]
-    return (lanes[0] if lanes else ""), _all(light.of_lane, lanes)
+    return " ".join(lanes), _all(light.of_lane, lanes)
 
 
 def _all(links: Mapping[str, list[int]], names: Iterable[str]) -> list[int]:
@@ -164,25 +175,46 @@ def _set(
     name: str,
     controller: SignalController,
     pairs: Mapping[int, int],
-    count: int,
+    light: _Light,
 ) -> bool:
-    """Write a program of the map for a light; say whether it fits."""
+    """Write a program of the map for a light; say whether it fits.
+
+    Crossings that the map has no lights for are green while the street that they cross has red.
+    """
     logic = next((x for x in tree.getroot().iterfind("tlLogic") if x.get("id") == name), None)
-    length = min(len(state) for _, state in controller.phases)
     if logic is None:
         return False
-    if set(pairs) != set(range(count)) or max(pairs.values()) >= length:
-        if length != count or any(pairs.get(k, k) != k for k in range(count)):
+    length, count = min(len(state) for _, state in controller.phases), light.count
+    known = {k: v for k, v in pairs.items() if v < length}
+    if not set(known) >= {k for links in light.of_lane.values() for k in links}:
+        if length != count or any(known.get(k, k) != k for k in range(count)):
             return False
-        pairs = {k: k for k in range(count)}
+        known = {k: k for k in range(count)}
     for phase in list(logic.iterfind("phase")):
         logic.remove(phase)
     logic.set("offset", f"{controller.offset:g}")
     for seconds, state in controller.phases:
-        shown = "".join(state[pairs[k]] for k in range(count))
-        etree.SubElement(logic, "phase", duration=f"{seconds:g}", state=shown)
+        shown = {k: state[v] for k, v in known.items()}
+        for crossing, links in light.of_crossing.items():
+            for k in links:
+                if k not in known:
+                    shown |= _walk(light, crossing, k, shown, clearing="y" in state)
+        text = "".join(shown.get(k, "r") for k in range(count))
+        etree.SubElement(logic, "phase", duration=f"{seconds:g}", state=text)
     etree.indent(logic, space=" ", level=1)
     return True
+
+
+def _walk(
+    light: _Light, crossing: str, link: int, shown: Mapping[int, str], *, clearing: bool
+) -> dict[int, str]:
+    """Return what a crossing shows, and those who turn over it: they give way where it is green."""
+    crossed = light.crossed[crossing]
+    before = [k for k in light.of_vehicles if light.from_edge[k] in crossed]
+    over = [k for k in light.of_vehicles if light.to_edge[k] in crossed]
+    if clearing or any(shown.get(k, "r") not in "r" for k in before):
+        return {link: "r"}
+    return {link: "G", **{k: "g" for k in over if shown.get(k) == "G"}}
 
 
 def _controllers(
