@@ -59,7 +59,7 @@ def test_every_lane_border_is_where_the_model_has_it(written):
     word = {"bicycle": "biking"}
     expected, found = model_borders(model), file_borders(roads)
     carriers = len(found) - len(expected)
-    assert carriers == (2 if (model.driving_side, version) == ("left", "1.4") else 0)
+    assert (carriers > 0) == ((model.driving_side, version) == ("left", "1.4"))
     used = set()
     for kind, lines in expected:
         best = min(
@@ -171,9 +171,9 @@ def test_areas_and_signals_keep_their_place(written):
     for signal in model.signals:
         place, item = heads[signal.id]
         road = model.road_by_id[signal.road]
-        assert place == pytest.approx(road.place(signal.s, signal.t)[0], abs=1e-4)
+        lower = road.place(signal.s, signal.t)[0] + [0, 0, signal.z - signal.height / 2]
+        assert place + [0, 0, float(item.get("zOffset"))] == pytest.approx(lower, abs=1e-4)
         assert item.get("dynamic") == ("yes" if signal.dynamic else "no")
-        assert float(item.get("zOffset")) == pytest.approx(signal.z - signal.height / 2)
     assert (
         heads[204][1].attrib.items()
         >= {"country": "DE", "type": "274", "value": "50", "unit": "km/h"}.items()

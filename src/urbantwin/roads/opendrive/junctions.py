@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from lxml import etree
 
-from urbantwin.roads.model import Connection, LaneSection, ModelRoad, RoadLink
+from urbantwin.roads.model import Connection, LaneSection, ModelRoad, RoadLink, SectionLane
 from urbantwin.roads.opendrive.parsing import Log, Spot
 
 __all__ = ["Node", "Poses", "end_section", "read_connections", "read_node"]
@@ -111,7 +111,55 @@ def read_connections(
             pairs = _usual_links(first, second, contact)
             here.remark("connections without links of lanes: what lanes say themselves is taken")
         found.append(Connection(incoming.id, connecting.id, contact, tuple(pairs)))
-    return tuple(found)
+    return tuple(found) if direct else _by_direction(found, by_id, spot)
+
+
+def _by_direction(
+    connections: Sequence[Connection], by_id: Mapping[int, ModelRoad], spot: Spot
+) -> tuple[Connection, ...]:
+    """Return connections with links of lanes that lead into the junction only.
+
+    Some tools link both directions of a road through the junction from one side. Lanes that lead
+    out there lead in at the other end of the road: there they are linked, if they are not yet.
+    """
+    table: dict[tuple[int, int, str], list[tuple[int, int]]] = {}
+    for connection in connections:
+        road = by_id[connection.connecting]
+        section = end_section(road, connection.contact)
+        key = (connection.incoming, connection.connecting, connection.contact)
+        table.setdefault(key, [])
+        for first, second in connection.links:
+            if section.by_id[second].forward == (connection.contact == "start"):
+                table[key].append((first, second))
+                continue
+            spot.remark("lanes that are linked where they lead out of the junction")
+            other = "end" if connection.contact == "start" else "start"
+            link = road.successor if other == "end" else road.predecessor
+            lane = _at_other_end(road, second, other)
+            if link is None or link.element != "road" or lane is None:
+                continue
+            before = lane.successor if other == "end" else lane.predecessor
+            incoming = end_section(by_id[link.id], link.contact)
+            if before is not None and before in incoming.by_id:
+                key_there = (link.id, connection.connecting, other)
+                table.setdefault(key_there, []).append((before, lane.id))
+    return tuple(
+        Connection(*key, tuple(dict.fromkeys(links))) for key, links in table.items() if links
+    )
+
+
+def _at_other_end(road: ModelRoad, lane: int, end: str) -> SectionLane | None:
+    """Return what a lane of a road becomes at its other end, following its sections."""
+    sections = road.sections if end == "end" else road.sections[::-1]
+    for k, section in enumerate(sections):
+        found = section.by_id.get(lane)
+        if found is None or k == len(sections) - 1:
+            return found
+        there = found.successor if end == "end" else found.predecessor
+        if there is None:
+            return None
+        lane = there
+    return None
 
 
 def _names(

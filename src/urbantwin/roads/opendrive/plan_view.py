@@ -8,7 +8,7 @@ import numpy as np
 from lxml import etree
 
 from urbantwin.roads.model import Curve, Piece
-from urbantwin.roads.opendrive.clothoid import polynomial_pieces, spiral_pieces
+from urbantwin.roads.opendrive.clothoid import arc_length, polynomial_pieces, spiral_pieces
 from urbantwin.roads.opendrive.parsing import Spot
 
 __all__ = ["read_curve"]
@@ -102,6 +102,8 @@ def _pieces(item: etree._Element, length: float, spot: Spot) -> list[Piece]:
     piece = Piece(x, y, heading, length, u=tuple(u), v=tuple(v))
     if not any(u[1:]) and not any(v[1:]):
         raise spot.error("does not move", expected="coefficients of a curve")
+    if abs(arc_length(u, v) - length) > LENGTH_M:
+        spot.remark("cubics whose length is not what the file says: stations stretch along them")
     return [piece]
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.model import LaneModel
+from urbantwin.roads.opendrive.carla_signs import numbered_for_carla
 from urbantwin.roads.opendrive.crosswalks import for_carla
 from urbantwin.roads.opendrive.document import document
 from urbantwin.roads.opendrive.handed import right_handed
@@ -23,7 +24,8 @@ def write_opendrive(
     """Write a lane model as an OpenDRIVE file, whole or not at all.
 
     Ids are the model's. In 1.4, which is for CARLA, left-hand traffic takes the form of right-hand
-    traffic (``right_handed``), and crosswalks lie where CARLA finds them (``for_carla``).
+    traffic (``right_handed``), crosswalks lie where CARLA finds them (``for_carla``), and signs
+    have the numbers that it knows (``numbered_for_carla``).
 
     Args:
         model: the lane model, with heights.
@@ -42,7 +44,7 @@ def write_opendrive(
     if not model.roads:
         raise InputError("there are no roads to write", file=path)
     if version == "1.4":
-        model = for_carla(right_handed(model))
+        model = numbered_for_carla(for_carla(right_handed(model)))
     content = document(model, frame, version=version, name=name)
     scratch = path.with_name(f".{path.name}.part")
     scratch.write_bytes(content)
