@@ -192,8 +192,8 @@ def motorway():
             town.main.append(
                 town.lanelet(*lines[k : k + 2], subtype="highway", location="nonurban")
             )
-    leave = [hermite(pose(100, t), (170, -70 + t, -0.8), 15) for t in (0, -WIDTH)]
-    join = [hermite((150, -70 + t, 0.3), pose(220, t), 15) for t in (0, -WIDTH)]
+    leave = [hermite(pose(100, t), (150, -70 + t, -0.8), 15) for t in (0, -WIDTH)]
+    join = [hermite((170, -70 + t, 0.3), pose(220, t), 15) for t in (0, -WIDTH)]
     town.exit = town.between(*leave, subtype="highway")
     town.entry = town.between(*join, subtype="highway")
     return town

@@ -16,8 +16,6 @@ __all__ = ["Places", "anchor_of", "places_of"]
 
 #: A map that is farther from the anchor than this was not meant for the site, metres.
 FAR_M = 50_000.0
-#: Local coordinates within this distance of (0, 0) count from the site's anchor, metres.
-LOCAL_M = 10_000.0
 
 #: Node -> x, y, z in the site frame.
 Places = dict[int, NDArray[np.float64]]
@@ -45,8 +43,8 @@ def places_of(
 
     Latitude and longitude are used where they are given. Nodes with ``local_x`` and ``local_y``
     only are placed by those that have both; if there is none, the map has no place on the Earth:
-    its local axes are taken as east and north from the anchor, or from its middle where they count
-    from a grid far away. Heights (``ele``) count from the node that is nearest to the anchor.
+    its local axes are taken as east and north from the anchor. Heights (``ele``) count from the
+    node that is nearest to the anchor.
 
     Args:
         document: the map.
@@ -75,7 +73,7 @@ def places_of(
     ground = [document.relations[used[i]].tags.get("type") == "lanelet" for i in ids]
     near = int(np.argmin(np.where(ground, np.linalg.norm(xy, axis=1), np.inf)))
     away = float(np.linalg.norm(xy[near]))
-    if away > FAR_M:
+    if away > FAR_M and not unplaced.all():
         raise document.error(f"lies {away / 1000:.0f} km from the site's anchor")
     z = _numbers(((n.tags.get("ele", "0"), "0") for n in nodes), 0.0)[:, 0]
     if z[near]:
@@ -113,9 +111,5 @@ def _fill(xy: NDArray[np.float64], local: NDArray[np.float64], notes: dict[str, 
         xy[need] = np.column_stack([put.real, put.imag])
         notes["nodes_placed_by_local_coordinates"] = int(need.sum())
     elif need.any() and not known.any():
-        middle = (local[need].min(axis=0) + local[need].max(axis=0)) / 2
-        grid = float(np.linalg.norm(middle)) > LOCAL_M
-        xy[need] = local[need] - (np.round(middle) if grid else 0.0)
-        notes["map_without_a_place_on_earth"] = (
-            "its middle lies at the anchor" if grid else "its origin lies at the anchor"
-        )
+        xy[need] = local[need]
+        notes["map_without_a_place_on_earth"] = "its origin lies at the anchor"

@@ -20,6 +20,10 @@ __all__ = ["Chain", "Plan", "planned"]
 LEAST_CUT_M = 5.0
 #: What is left between two junctions is a street if it is at least so long, metres.
 LEAST_STREET_M = 10.0
+#: What is left of other streets that are cut, metres, or less where they are short.
+KEPT_M = 5.0
+#: A way through a junction begins so far before the first place where it is crossed, metres.
+CLEAR_M = 3.0
 #: Longer groups stay streets even where others cross them, metres.
 LONGEST_INNER_M = 120.0
 
@@ -72,22 +76,24 @@ def planned(topology: Topology, forced: frozenset[int], barred: frozenset[int]) 
             short = group.length - given < (LEAST_STREET_M if all(mine) else 1.0)
             if short and topology.is_through(k) and not barred.intersection(group.ids):
                 more.add(k)
-            elif given > 0.6 * group.length:
+            elif given > (most := group.length - min(KEPT_M, 0.4 * group.length)):
                 for e in (0, 1):
                     if (k, e) in cuts:
-                        cuts[k, e] *= 0.6 * group.length / given
+                        cuts[k, e] *= most / given
         if not more:
             break
         inner |= more
     lanelets = frozenset(i for k in inner for i in topology.groups[k].ids)
     outside = tuple(
-        pair for pair in topology.crossing if not all(lanelet in lanelets for lanelet in pair)
+        (a, b)
+        for (a, s), (b, t) in topology.crossing
+        if not all(_is_cut(topology, lanelets, cuts, *place) for place in ((a, s), (b, t)))
     )
     return Plan(_chains(topology, inner, cuts), lanelets, outside)
 
 
 def _crossed_or_tagged(topology: Topology, forced: frozenset[int]) -> set[int]:
-    crossed = {i for pair in topology.crossing for i in pair}
+    crossed = {i for pair in topology.crossing for i, _ in pair}
     inner = set()
     for k, group in enumerate(topology.groups):
         if not topology.is_through(k):
@@ -110,8 +116,42 @@ def _cuts(topology: Topology, inner: set[int]) -> dict[End, float]:
             continue
         # The end that most others meet stays whole; among equals the one that comes first.
         cut = f if len(topology.partners[e]) >= len(topology.partners[f]) else e
-        chosen[cut] = max(LEAST_CUT_M, topology.overlap(cut) + 1.0)
+        chosen[cut] = max(LEAST_CUT_M, topology.overlap(cut) + 1.0, _crossed_from(topology, cut))
     return chosen
+
+
+def _crossed_from(topology: Topology, end: End) -> float:
+    """Return how far from an end a group that leads nowhere is crossed, and a little more."""
+    group = topology.groups[end[0]]
+    if topology.is_through(end[0]) or group.length > LONGEST_INNER_M:
+        return 0.0
+    away = [
+        _from_end(topology, end, *place)
+        for pair in topology.crossing
+        for place in pair
+        if topology.place[place[0]][0] == end[0]
+    ]
+    return max(away, default=-CLEAR_M) + CLEAR_M
+
+
+def _from_end(topology: Topology, end: End, lanelet: int, along: float) -> float:
+    """Return the distance from an end of a group to a place along one of its lanelets."""
+    from_start = topology.place[lanelet][1] == (end[1] == 0)
+    return along if from_start else topology.lanelets[lanelet].centre.length - along
+
+
+def _is_cut(
+    topology: Topology,
+    inner: frozenset[int],
+    cuts: dict[End, float],
+    lanelet: int,
+    along: float,
+) -> bool:
+    """Whether a place lies on a way through a junction."""
+    k = topology.place[lanelet][0]
+    return lanelet in inner or any(
+        _from_end(topology, (k, e), lanelet, along) < cuts.get((k, e), 0.0) for e in (0, 1)
+    )
 
 
 def _rings(topology: Topology) -> list[End]:

@@ -85,8 +85,11 @@ class Topology:
         return self.partners[other] == {end} and other[0] != end[0]
 
     @cached_property
-    def crossing(self) -> list[tuple[int, int]]:
-        """Pairs of lanelets whose middles cross at the same height, without sharing an end."""
+    def crossing(self) -> list[tuple[tuple[int, float], tuple[int, float]]]:
+        """Pairs of lanelets whose middles cross at the same height, without sharing an end.
+
+        Each with the distance from its start to where they cross, metres.
+        """
         ids = list(self.lanelets)
         lines = [self.lanelets[i].centre for i in ids]
         tree = shapely.STRtree(lines)
@@ -103,7 +106,8 @@ class Topology:
             point = shapely.Point(shapely.get_coordinates(common)[0])
             heights = [_height(line, point) for line in (lines[a], lines[b])]
             if abs(heights[0] - heights[1]) < CLEARANCE_M:
-                found.append((ids[a], ids[b]))
+                along = [shapely.line_locate_point(line, point) for line in (lines[a], lines[b])]
+                found.append(((ids[a], float(along[0])), (ids[b], float(along[1]))))
         return found
 
     def overlap(self, end: End) -> float:
