@@ -30,6 +30,7 @@ from urbantwin.roads.model import RoadSignal
 __all__ = [
     "Practice",
     "SpeedSign",
+    "meaning_of",
     "mph",
     "plate_of",
     "practice_of",
@@ -140,15 +141,24 @@ def yield_sign(country: str) -> tuple[str, str]:
     return _numbered(country, _YIELD, "205")
 
 
-def plate_of(signal: RoadSignal) -> str:
-    """Return the shape of a sign's plate: disc, upright, octagon or triangle."""
+def meaning_of(signal: RoadSignal) -> str | None:
+    """Return what a sign says: limit, stop or yield; ``None`` where it is something else."""
     country = signal.country.upper()
     if signal.type == _STOP.get(country, "206"):
-        return "octagon"
+        return "stop"
     if signal.type == _YIELD.get(country, "205"):
-        return "triangle"
-    sign = _SPEED.get(country)
-    return sign.shape if sign is not None and sign.type == signal.type else "disc"
+        return "yield"
+    sign = _SPEED.get(country, SpeedSign("274"))
+    alike = sign.type == signal.type and sign.subtype in ("-1", signal.subtype)
+    return "limit" if alike else None
+
+
+def plate_of(signal: RoadSignal) -> str:
+    """Return the shape of a sign's plate: disc, upright, octagon or triangle."""
+    meaning = meaning_of(signal)
+    if meaning == "limit":
+        return _SPEED.get(signal.country.upper(), SpeedSign("274")).shape
+    return {"stop": "octagon", "yield": "triangle"}.get(meaning or "", "disc")
 
 
 def _numbered(country: str, table: dict[str, Sign], default: Sign) -> tuple[str, Sign]:

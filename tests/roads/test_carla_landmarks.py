@@ -1,0 +1,86 @@
+"""CARLA announces to each lane its own signals, and no other, on the way to the stop line."""
+
+import json
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+import shapely
+
+from urbantwin.geometry import SiteFrame
+from urbantwin.ground import Elevation
+from urbantwin.roads import build_roads, driving_side
+from urbantwin.roads.opendrive import write_opendrive
+from urbantwin.roads.opendrive.handed import right_handed
+from urbantwin.site import read_extract
+
+ROOT = Path(__file__).parents[2]
+JUDGES = Path(os.environ.get("URBANTWIN_JUDGES", ROOT / ".venv-judges" / "bin" / "python"))
+#: Signals beyond the junction and mph; left-hand traffic, signals before and beyond; the near side.
+PLACES = {
+    "quad_intersection": (47.644172, -122.303614),
+    "perth_stretched_lights": (-31.974855, 115.897588),
+    "neukolln": (52.47328, 13.439643),
+}
+
+
+@pytest.fixture(scope="module")
+def announced(shared_data, tmp_path_factory):
+    if not JUDGES.exists():
+        if os.environ.get("CI"):
+            pytest.fail(f"{JUDGES} is missing: make judges")
+        pytest.skip("the judges of OpenDRIVE are not installed (make judges)")
+    folder = tmp_path_factory.mktemp("landmarks")
+    models, files = {}, []
+    for name, place in PLACES.items():
+        frame = SiteFrame(*place)
+        built = build_roads(
+            read_extract(shared_data / "osm" / f"{name}.osm"),
+            frame,
+            shapely.Point(0, 0).buffer(110),
+            Elevation.flat(),
+            driving_side=driving_side(*place),
+            out=folder / f"{name}.net.xml",
+        )
+        files.append(folder / f"{name}.xodr")
+        write_opendrive(built.model, frame, files[-1], version="1.4", name=name)
+        models[name] = built.model
+    script = Path(__file__).with_name("carla_landmarks.py")
+    done = subprocess.run([JUDGES, script, *files], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    answers = json.loads(done.stdout)
+    return {name: (models[name], answers[str(folder / f"{name}.xodr")]) for name in models}
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_every_signalised_lane_sees_its_signals_before_the_junction(name, announced):
+    model, rows = announced[name]
+    expected, seen = {}, {}
+    turned = right_handed(model)
+    stations = {signal.id: signal.s for signal in turned.signals}
+    for signal in turned.signals:
+        road = turned.road_by_id[signal.road]
+        if signal.dynamic and signal.lanes and road.junction < 0:
+            for lane in signal.lanes:
+                expected.setdefault((signal.road, lane), set()).add(signal.id)
+    for road, lane, s, marks in rows:
+        for number, kind, distance, _ in marks:
+            if kind == "1000001":
+                seen.setdefault((road, lane), set()).add(number)
+                end = turned.road_by_id[road].length if lane < 0 else 0.0
+                assert abs(stations[number] - end) <= 8.0
+                assert distance == pytest.approx(abs(stations[number] - s), abs=0.5)
+    # CARLA has waypoints on lanes for cars only.
+    driven = {(road, lane) for road, lane, _, _ in rows}
+    assert len(expected.keys() & driven) >= 4
+    assert seen == {lane: signals for lane, signals in expected.items() if lane in driven}
+
+
+@pytest.mark.parametrize(("name", "limits"), [("quad_intersection", {32, 40, 48, 56, 80, 97})])
+def test_limits_are_told_in_carlas_numbers(name, limits, announced):
+    model, rows = announced[name]
+    told = {m[3] for row in rows for m in row[3] if m[1] == "274"}
+    assert told
+    assert told <= limits  # 20, 25, 30, 35, 50 and 60 mph in km/h
+    assert {s.unit for s in model.signals if not s.dynamic} == {"mph"}
