@@ -52,7 +52,7 @@ def test_lanes_are_where_the_twin_has_them(layers):
     shapes, rows = found["lane"]
     for shape, name in zip(shapes, rows["id"], strict=True):
         lane = network.lane_by_id[name]
-        assert shapely.hausdorff_distance(shape, lane.polygon) < 0.005
+        assert shapely.hausdorff_distance(shape, lane.polygon) < 0.02
     lines, rows = found["centre_line"]
     for line, name in zip(lines, rows["id"], strict=True):
         centre = network.lane_by_id[name].centre[:, :2]

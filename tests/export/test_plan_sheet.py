@@ -63,10 +63,10 @@ def test_no_text_covers_another_or_leaves_the_sheet(request, name):
             assert on_map.intersection(twin.roads.carriageway(0)).area < 0.25 * on_map.area, text
 
 
-def test_svg_and_png_are_the_same_every_time(two_avenues_twin, tmp_path):
+def test_svg_and_png_are_the_same_every_time(perth_twin, tmp_path):
     for name in ("one", "two"):
-        export_twin(two_avenues_twin, "plan", tmp_path / name)
-    export_twin(two_avenues_twin, "plan", tmp_path / "alone.svg")
+        export_twin(perth_twin, "plan", tmp_path / name)
+    export_twin(perth_twin, "plan", tmp_path / "alone.svg")
     for name in ("plan.svg", "plan.png", "plan.json"):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
     svg = (tmp_path / "one" / "plan.svg").read_text()
@@ -90,7 +90,7 @@ def test_stop_lines_zebras_and_signals_are_on_the_sheet(two_avenues_twin, tmp_pa
 
     # Across a zebra, half of the way is paint.
     for lane in twin.roads.lanes:
-        if lane.kind == "crossing":
+        if lane.kind == "crossing" and twin.region.contains(lane.polygon):
             line = shapely.LineString(lane.centre[:, :2])
             places = [line.interpolate(s).coords[0] for s in np.arange(1.0, line.length - 1, 0.1)]
             share = np.mean([colour(*place).min() > 0.9 for place in places])

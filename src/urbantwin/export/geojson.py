@@ -83,7 +83,7 @@ def _write(path: Path, name: str, features: list[dict[str, Any]]) -> None:
 
 def _features(twin: Twin) -> Iterator[Feature]:
     network = twin.roads
-    model = getattr(twin, "lane_model", None)
+    model = twin.lane_model
     street = {road.id: (road.name, road.kind) for road in network.roads}
     for lane in network.lanes:
         properties = _of_lane(lane, *street.get(lane.road, ("", "")))
@@ -152,6 +152,10 @@ def _bearing(yaw: float) -> float:
     return round((90.0 - float(np.degrees(yaw))) % 360.0, 2)
 
 
+def _rounded(lonlat: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.round(lonlat, DECIMALS)
+
+
 def _feature(
     frame: SiteFrame, shape: shapely.Geometry, properties: dict[str, Any]
 ) -> dict[str, Any]:
@@ -160,7 +164,9 @@ def _feature(
 
     placed = shapely.transform(shape, degrees)
     if placed.geom_type in ("Polygon", "MultiPolygon"):
-        placed = shapely.orient_polygons(placed)
+        # Rounded corners may cross; on the grid of the decimals they are set right.
+        placed = placed if placed.is_valid else shapely.set_precision(placed, 10.0**-DECIMALS)
+        placed = shapely.orient_polygons(shapely.transform(placed, _rounded))
     return {
         "type": "Feature",
         "geometry": shapely.geometry.mapping(placed),
