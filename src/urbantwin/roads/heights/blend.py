@@ -88,6 +88,14 @@ class RoadSurface:
         z[on] = own
         return z
 
+    def on_streets(self, xy: ArrayLike, level: int = 0) -> NDArray[np.float64]:
+        """Return 1 for points (N, 2) that lie on a street of a level, else 0."""
+        points = np.asarray(xy, np.float64).reshape(-1, 2)
+        found = np.zeros(len(points))
+        if level in self._levels:
+            found[self._on_streets(self._levels[level], points)[0]] = 1.0
+        return found
+
     def ridges(self, level: int = 0) -> list[shapely.LineString]:
         """Return the lines where the surface has a ridge: reference lines of crowned streets."""
         known = self._levels.get(level)

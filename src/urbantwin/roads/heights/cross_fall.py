@@ -63,6 +63,7 @@ def cross_falls(
     stations: Stations,
     t: NDArray[np.float64],
     z: NDArray[np.float64],
+    weight: NDArray[np.float64],
     elevation: Elevation,
     limits: list[Limits],
     lifted: NDArray[np.bool_],
@@ -74,12 +75,13 @@ def cross_falls(
         stations: of the streets.
         t: (M, K) offsets across the carriageway, metres to the left.
         z: (M, K) smoothed ground there, with what lifts the road.
+        weight: (M, K) how much each of these counts.
         elevation: the ground, to measure from.
         limits: of each street.
         lifted: (R,) whether a street stands above the ground anywhere.
         share: (M,) of its cross-fall that a street has (``run_out``).
     """
-    ground, tilt = line_across(t, z)
+    ground, tilt = line_across(t, z, weight)
     side = np.array([_outer_side(road) for road in stations.roads], np.float64)
     reach = np.minimum(stations.left, -stations.right)
     sided = np.minimum.reduceat(reach, stations.first[:-1]) > SIDE_M
@@ -125,18 +127,26 @@ def run_out(
         spans += [(road.length, road.length)] * (road.successor is not None)
         for first, last in spans:
             near[part] = np.minimum(near[part], np.maximum(np.maximum(first - s, s - last), 0.0))
-    u = np.clip(near / np.minimum(RUN_OUT_M, length / 2), 0.0, 1.0)
+    # Streets that are too short to run out at both ends have less of it in their middles.
+    return _step(near / np.minimum(RUN_OUT_M, length / 2)) * _step(length / (2.0 * RUN_OUT_M))
+
+
+def _step(u: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a smooth step from 0 at 0 to 1 at 1."""
+    u = np.clip(u, 0.0, 1.0)
     return np.asarray(u * u * (3.0 - 2.0 * u))
 
 
 def line_across(
-    t: NDArray[np.float64], z: NDArray[np.float64]
+    t: NDArray[np.float64], z: NDArray[np.float64], weight: NDArray[np.float64] | None = None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return height at t = 0 and slope (M,) of least-squares lines through samples (M, K)."""
-    middle = t.mean(axis=1)
+    w = np.ones_like(t) if weight is None else weight
+    w = w / w.sum(axis=1, keepdims=True)
+    middle = (w * t).sum(axis=1)
     spread = t - middle[:, None]
-    slope = (spread * z).sum(axis=1) / np.maximum((spread**2).sum(axis=1), 1e-9)
-    return np.asarray(z.mean(axis=1) - slope * middle), np.asarray(slope)
+    slope = (w * spread * z).sum(axis=1) / np.maximum((w * spread**2).sum(axis=1), 1e-9)
+    return np.asarray((w * z).sum(axis=1) - slope * middle), np.asarray(slope)
 
 
 def _outer_side(road: ModelRoad) -> int:

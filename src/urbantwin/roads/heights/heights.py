@@ -27,7 +27,9 @@ __all__ = ["ground_under", "with_heights"]
 #: Spacing of the stations that streets are designed at, metres.
 STEP_M = 2.5
 #: Offsets across a carriageway that the smoothed ground is sampled at.
-SAMPLES = 5
+SAMPLES = 7
+#: What lies on another street counts this many times more than what does not.
+SHARED_WEIGHT = 500.0
 #: Furthest that smoothing may take a street off the ground, metres: on a coarse DEM, which does not
 #: know of cuts and fills, and on one that shows them.
 EARTHWORK_M, EARTHWORK_SEEN_M = 0.5, 0.1
@@ -113,18 +115,24 @@ def _streets(
     for at, number in zip(ends, levels_at_ends(streets, site.levels), strict=True):
         level[at] = number
     z = _sampled(stations.beside(t), level, base)
+    weight = np.ones_like(t)
+    if surface:
+        weight += SHARED_WEIGHT * _sampled(stations.beside(t), level, surface.on_streets)
     share = run_out(stations, clashes.calm)
     lifted = _lifted(stations, site.ground)
-    cross = cross_falls(stations, t, z, elevation, limits, lifted, share)
+    cross = cross_falls(stations, t, z, weight, elevation, limits, lifted, share)
     held = np.array([(r.predecessor is not None, r.successor is not None) for r in streets]).T
-    grade = np.stack([_grades(stations, at, t, level, base) for at in ends])
+    grade = np.stack([_grades(stations, at, (t, weight), level, base) for at in ends])
     height = np.stack([cross.ground[at] for at in ends])
     bend = np.array([[curvature_at(r, 0.0), curvature_at(r, r.length)] for r in streets]).T
     tilt = np.stack([cross.tilt[at] for at in ends])
     along, across = Pins(held, height, grade), Pins(held, tilt, -bend * grade)
     earthwork = EARTHWORK_M if elevation.detail > FINE_M else EARTHWORK_SEEN_M
+    calm = BANK_SMOOTHING_M
+    if surface:  # what others do is followed, not smoothed
+        earthwork, calm = 0.0, 1.0
     height = designed(stations, cross.level, along, limits, earthwork)
-    bank = smoothed(stations, cross.bank, across, np.full(len(streets), BANK_SMOOTHING_M))
+    bank = smoothed(stations, cross.bank, across, np.full(len(streets), calm))
     elevations = hermite_profiles(stations, height, profile_slopes(stations, height, along))
     turn = profile_slopes(stations, bank, across)
     banks = hermite_profiles(stations, np.arctan(bank), turn / (1.0 + bank**2))
@@ -149,16 +157,17 @@ def _sampled(xy: NDArray[np.float64], level: NDArray[np.int64], base: Base) -> N
 def _grades(
     stations: Stations,
     at: NDArray[np.int64],
-    t: NDArray[np.float64],
+    across: tuple[NDArray[np.float64], NDArray[np.float64]],
     level: NDArray[np.int64],
     base: Base,
 ) -> NDArray[np.float64]:
     """Return the slope (R,) of the ground along streets at stations ``at``."""
+    t, weight = across
     heading = stations.pose[at, 2]
     ahead = np.stack([np.cos(heading), np.sin(heading)], -1)[:, None] * SLOPE_REACH_M
     xy = stations.beside(t)[at]
     rise = _sampled(xy + ahead, level[at], base) - _sampled(xy - ahead, level[at], base)
-    return line_across(t[at], rise / (2.0 * SLOPE_REACH_M))[0]
+    return line_across(t[at], rise / (2.0 * SLOPE_REACH_M), weight[at])[0]
 
 
 def _lifted(stations: Stations, base: RoadGround) -> NDArray[np.bool_]:
