@@ -125,7 +125,12 @@ def build_roads(
         pieces = extract.clipped(frame, region, ways)
         loop = OuterRoads(pieces)
         if closed_loop:
-            loop = close_loop(pieces, extract.nodes, driving_side=driving_side)
+            loop = close_loop(
+                pieces,
+                extract.nodes,
+                driving_side=driving_side,
+                country=country_of(frame.latitude, frame.longitude),
+            )
         prepared = prepare_ways(
             loop.pieces,
             signals=_signalised(extract, loop.pieces, signals.tags),

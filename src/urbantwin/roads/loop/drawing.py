@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 import shapely
 
-from urbantwin.roads.loop.ends import lane_counts
+from urbantwin.roads.loop.ends import motor_lanes
 from urbantwin.roads.loop.layout import Ground, Points, unit
 from urbantwin.roads.loop.standard import half_width
 from urbantwin.site import WayPiece
@@ -35,6 +35,7 @@ class Gate:
         street: number of the street that ends there; -1 on a drop.
         tags: the street's tags.
         lanes: how many lanes lead through.
+        lane_m: how wide they are, metres.
         joints: nodes on the way out, nearest first, where roads of other gates join.
     """
 
@@ -44,6 +45,7 @@ class Gate:
     street: int
     tags: dict[str, str]
     lanes: int
+    lane_m: float
     joints: list[tuple[int, Points]] = field(default_factory=list)
 
     @property
@@ -59,10 +61,13 @@ class Drawing:
         pieces: the streets of the region.
         known: ids of nodes that are not free.
         side: ``right`` or ``left``, the side that traffic keeps to.
+        country: ISO 3166-1 alpha-2; empty if unknown.
     """
 
-    def __init__(self, pieces: Sequence[WayPiece], known: Iterable[int], side: str) -> None:
-        self.pieces, self.side = list(pieces), side
+    def __init__(
+        self, pieces: Sequence[WayPiece], known: Iterable[int], side: str, country: str
+    ) -> None:
+        self.pieces, self.side, self.country = list(pieces), side, country
         self.outer: list[WayPiece] = []
         self.no_turns: list[tuple[int, int, int]] = []
         self.nodes: list[int] = []
@@ -70,7 +75,10 @@ class Drawing:
         every = [node for piece in pieces for node in piece.nodes]
         self._next_node = max((*every, *known), default=0) + 1
         self._next_way = max((piece.id for piece in pieces), default=0) + 1
-        widths = [half_width(sum(lane_counts(piece.tags, side)), piece.tags) for piece in pieces]
+        widths = [
+            half_width(sum(map(sum, motor_lanes(piece.tags, side, country))), piece.tags)
+            for piece in pieces
+        ]
         self.ground = Ground([piece.points for piece in pieces], widths)
 
     @property

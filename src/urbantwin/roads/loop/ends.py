@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from urbantwin.roads.cross_section import cross_section
 from urbantwin.site import WayPiece
 
-__all__ = ["LooseEnd", "lane_counts", "loose_ends"]
+__all__ = ["LooseEnd", "loose_ends", "motor_lanes"]
 
 #: The heading of an end is that of its last stretch of this length, metres.
 HEADING_M = 8.0
@@ -31,6 +31,7 @@ class LooseEnd:
         heading: from the street outwards, radians.
         leaves: lanes on which traffic comes out of the street here.
         enters: lanes on which traffic could go in.
+        lane_m: width of the widest of these lanes, metres.
         cut: whether the region's border cut it, so that the street goes on in the map.
     """
 
@@ -41,6 +42,7 @@ class LooseEnd:
     heading: float
     leaves: int
     enters: int
+    lane_m: float
     cut: bool
 
     @property
@@ -49,28 +51,35 @@ class LooseEnd:
         return np.array([math.cos(self.heading), math.sin(self.heading)])
 
 
-def lane_counts(tags: Mapping[str, str], side: str) -> tuple[int, int]:
-    """Return how many lanes of motor traffic run along a way and against it.
+def motor_lanes(
+    tags: Mapping[str, str], side: str, country: str
+) -> tuple[list[float], list[float]]:
+    """Return the widths of the lanes of motor traffic along a way and against it, metres.
 
     Args:
         tags: the way's tags, ``sidewalk`` filled in.
         side: ``right`` or ``left``, the side that traffic keeps to.
+        country: ISO 3166-1 alpha-2; empty if unknown.
     """
-    section = cross_section(tags, driving_side=side, sidewalks=tags.get("sidewalk", "no"))
+    walks = tags.get("sidewalk", "no")
+    section = cross_section(tags, driving_side=side, sidewalks=walks, country=country)
     forward, backward = (
-        sum(lane.kind != "bicycle" and not lane.both_ways for lane in lanes)
+        [lane.width for lane in lanes if lane.kind != "bicycle" and not lane.both_ways]
         for lanes in (section.forward, section.backward)
     )
     return forward, backward
 
 
-def loose_ends(pieces: Sequence[WayPiece], known: Iterable[int], side: str) -> list[LooseEnd]:
+def loose_ends(
+    pieces: Sequence[WayPiece], known: Iterable[int], side: str, country: str
+) -> list[LooseEnd]:
     """Return the ends at nodes that no other piece of a way has, in the order of the pieces.
 
     Args:
         pieces: the ways of the network, cut to the region.
         known: ids of the nodes of the map; others are where the border cut a way.
         side: ``right`` or ``left``, the side that traffic keeps to.
+        country: ISO 3166-1 alpha-2; empty if unknown.
     """
     arms: dict[int, int] = defaultdict(int)
     for piece in pieces:
@@ -79,7 +88,7 @@ def loose_ends(pieces: Sequence[WayPiece], known: Iterable[int], side: str) -> l
     of_map = frozenset(known)
     found = []
     for piece in pieces:
-        along, against = lane_counts(piece.tags, side)
+        along, against = motor_lanes(piece.tags, side, country)
         for at_start in (True, False):
             node = piece.nodes[0 if at_start else -1]
             if arms[node] != 1:
@@ -93,8 +102,9 @@ def loose_ends(pieces: Sequence[WayPiece], known: Iterable[int], side: str) -> l
                     at_start,
                     points[0],
                     _outward(points),
-                    leaves,
-                    enters,
+                    len(leaves),
+                    len(enters),
+                    max((*leaves, *enters), default=0.0),
                     node not in of_map,
                 )
             )

@@ -49,7 +49,7 @@ class OuterRoads:
 
 
 def close_loop(
-    pieces: Sequence[WayPiece], known: Iterable[int], *, driving_side: str
+    pieces: Sequence[WayPiece], known: Iterable[int], *, driving_side: str, country: str = ""
 ) -> OuterRoads:
     """Join every end of a street at the region's border to another, or to itself.
 
@@ -60,18 +60,19 @@ def close_loop(
         pieces: the ways of the network, cut to the region.
         known: ids of the nodes of the map; others are where the border cut a way.
         driving_side: ``right`` or ``left``.
+        country: ISO 3166-1 alpha-2; empty if unknown.
     """
     of_map = frozenset(known)
-    drawing = Drawing(_with_sidewalks(pieces, driving_side), of_map, driving_side)
+    drawing = Drawing(_with_sidewalks(pieces, driving_side), of_map, driving_side, country)
     cut_back = 0
     while blind := _blind_ends(drawing, of_map):
-        drawing = Drawing(_cut_back(drawing.pieces, blind), of_map, driving_side)
+        drawing = Drawing(_cut_back(drawing.pieces, blind), of_map, driving_side, country)
         cut_back += len(blind)
     number = {piece.id: k for k, piece in enumerate(drawing.pieces)}
     turning: list[LooseEnd] = []
     exits: list[Gate] = []
     entries: list[Gate] = []
-    for end in loose_ends(drawing.pieces, of_map, drawing.side):
+    for end in loose_ends(drawing.pieces, of_map, drawing.side, drawing.country):
         street = number[end.piece.id]
         out = _way_out(drawing, end, street)
         lanes = max(end.leaves, end.enters)
@@ -79,14 +80,16 @@ def close_loop(
             if end.cut or (out is not None and lanes > 1):
                 turning.append(end)
         elif out is not None:
-            gate = Gate(end.node, end.point, out, street, end.piece.tags, lanes)
+            gate = Gate(end.node, end.point, out, street, end.piece.tags, lanes, end.lane_m)
             (exits if end.leaves else entries).append(gate)
     near = near_pairs(exits, entries)
     exits = [gate for gate in exits if all(gate is not a for a, _ in near)]
     entries = [gate for gate in entries if all(gate is not b for _, b in near)]
     for gate in (*exits, *entries):
         way_out = shapely.LineString([gate.point + gate.ahead, gate.point + gate.ahead * WAY_OUT_M])
-        drawing.ground.reserve(way_out.buffer(half_width(gate.lanes, gate.tags), cap_style="flat"))
+        drawing.ground.reserve(
+            way_out.buffer(half_width(gate.lanes * gate.lane_m, gate.tags), cap_style="flat")
+        )
     for exit_, entry in near:
         turn_into(drawing, exit_, entry)
     tips = [turn_round(drawing, end, number[end.piece.id]) for end in turning]
@@ -130,7 +133,7 @@ def _blind_ends(drawing: Drawing, known: frozenset[int]) -> list[LooseEnd]:
     number = {piece.id: k for k, piece in enumerate(drawing.pieces)}
     return [
         end
-        for end in loose_ends(drawing.pieces, known, drawing.side)
+        for end in loose_ends(drawing.pieces, known, drawing.side, drawing.country)
         if not end.enters and _way_out(drawing, end, number[end.piece.id]) is None
     ]
 

@@ -75,8 +75,9 @@ def _road(
     """
     street = exit_ if exit_.street >= 0 else entry
     lanes = entry.lanes if entry.street >= 0 else exit_.lanes
-    tags = outer_tags(street.tags, lanes, side=drawing.side, kmh=KMH, sidewalks="both")
-    half = half_width(lanes, tags)
+    lane_m = max(exit_.lane_m, entry.lane_m)
+    tags = outer_tags(street.tags, lanes, lane_m, side=drawing.side, kmh=KMH, sidewalks="both")
+    half = half_width(lanes * lane_m, tags)
     ring = drawing.ground.ring(half)
     a, b = (_station(ring, gate) for gate in (exit_, entry))
     line: list[Points] = []

@@ -33,9 +33,10 @@ DROP_KMH = 20
 
 def turn_round(drawing: Drawing, end: LooseEnd, street: int) -> Gate:
     """Lengthen a two-way street, let it turn round in a drop, and return the drop's far point."""
-    lanes, tags = _road(drawing, end.piece.tags, end.enters)
-    half, radius = half_width(lanes, tags) + CLEARANCE_M, turning_radius(lanes)
-    stem_half = half_width(end.leaves + end.enters, end.piece.tags)
+    lanes, width = end.enters, end.enters * end.lane_m
+    tags = _tags(drawing, end.piece.tags, lanes, end.lane_m)
+    half, radius = half_width(width, tags) + CLEARANCE_M, turning_radius(width)
+    stem_half = half_width((end.leaves + end.enters) * end.lane_m, end.piece.tags)
 
     def drop(stem: float, bend: float) -> tuple[float, Points, shapely.Geometry]:
         heading = end.heading + bend
@@ -53,7 +54,7 @@ def turn_round(drawing: Drawing, end: LooseEnd, street: int) -> Gate:
     out = drawing.add(line[: middle + 1], tags, first=node, last=far)
     back = drawing.add(line[middle:], tags, first=far, last=node)
     drawing.no_turns.append((back, node, out))
-    return Gate(far, line[middle], heading, -1, end.piece.tags, lanes)
+    return Gate(far, line[middle], heading, -1, end.piece.tags, lanes, end.lane_m)
 
 
 def near_pairs(exits: list[Gate], entries: list[Gate]) -> list[tuple[Gate, Gate]]:
@@ -75,8 +76,10 @@ def near_pairs(exits: list[Gate], entries: list[Gate]) -> list[tuple[Gate, Gate]
 
 def turn_into(drawing: Drawing, exit_: Gate, entry: Gate) -> None:
     """Join the two carriageways of a street by a bulb."""
-    lanes, tags = _road(drawing, exit_.tags, entry.lanes)
-    half, radius = half_width(lanes, tags) + CLEARANCE_M, turning_radius(lanes)
+    lane_m = max(exit_.lane_m, entry.lane_m)
+    width = entry.lanes * lane_m
+    tags = _tags(drawing, exit_.tags, entry.lanes, lane_m)
+    half, radius = half_width(width, tags) + CLEARANCE_M, turning_radius(width)
     ahead = exit_.ahead + entry.ahead
     ahead /= np.linalg.norm(ahead)
     across = entry.point - exit_.point
@@ -116,10 +119,10 @@ def _apart(gate: Gate, other: Gate) -> float:
     return abs(float(ahead[0] * gap[1] - ahead[1] * gap[0])) / float(np.linalg.norm(ahead))
 
 
-def _road(drawing: Drawing, street: dict[str, str], lanes: int) -> tuple[int, dict[str, str]]:
-    """Return lanes and tags of a road that turns round; people walk on its outer side."""
-    tags = outer_tags(street, lanes, side=drawing.side, kmh=DROP_KMH, sidewalks=drawing.side)
-    return lanes, tags
+def _tags(drawing: Drawing, street: dict[str, str], lanes: int, lane_m: float) -> dict[str, str]:
+    """Return the tags of a road that turns round; people walk on its outer side."""
+    side = drawing.side
+    return outer_tags(street, lanes, lane_m, side=side, kmh=DROP_KMH, sidewalks=side)
 
 
 def _drop_line(tip: Points, heading: float, radius: float, turn: str) -> Points:
