@@ -15,6 +15,8 @@ from urbantwin.roads.model import Profile
 
 __all__ = ["Log", "Spot", "whole_number"]
 
+#: Larger numbers mean nothing on a map.
+LARGEST = 1e12
 #: Places that a remark lists before it only counts.
 LISTED = 5
 
@@ -70,7 +72,7 @@ class Spot:
         """Return an attribute as a number.
 
         Raises:
-            InputError: it is missing and has no default, or is not a finite number.
+            InputError: it is missing and has no default, or is not a finite number of a map.
         """
         text = item.get(key)
         if text is None and default is not None:
@@ -79,7 +81,7 @@ class Spot:
             value = float(text) if text is not None else math.nan
         except ValueError:
             value = math.nan
-        if not math.isfinite(value):
+        if not abs(value) <= LARGEST:
             name = f"<{item.tag}> {key}"
             problem = f"{name} is missing" if text is None else f"{name} is {text[:40]!r}"
             raise self.error(problem, expected="a number")
@@ -110,16 +112,14 @@ class Spot:
         rows: dict[float, list[float]] = {}
         for item in items:
             try:
-                start, *abcd = (float(item.get(k)) for k in (key, *"abcd"))
+                row = [float(item.get(k)) for k in (key, *"abcd")]
             except (TypeError, ValueError):
-                start, *abcd = (self.number(item, k) for k in (key, *"abcd"))
-            rows[start] = abcd
+                row = [math.nan]
+            if not all(-LARGEST <= value <= LARGEST for value in row):
+                row = [self.number(item, k) for k in (key, *"abcd")]
+            rows[row[0]] = row[1:]
         starts = np.array(sorted(rows))
         table = np.array([rows[s] for s in starts])
-        if not (np.isfinite(starts).all() and np.isfinite(table).all()):
-            for item in items:
-                for k in (key, *"abcd"):
-                    self.number(item, k)
         if starts[0] > 1e-6 and key != "t":
             # Before the first record the standard says nothing: its value holds.
             starts = np.concatenate([[0.0], starts])
