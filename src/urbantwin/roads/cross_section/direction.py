@@ -81,7 +81,7 @@ def direction_tags(
     if wanted is None and total is not None:
         wanted = max(1, total - contraflow)
     lists = _lists(tags, way) or _lists(tags, "")
-    main = _fitted(tags, way, wanted, lists, one=True)
+    main = _fitted(tags, way, wanted, lists, ("left", "right"))
     other = DirectionTags(contraflow, contraflow, {}, contraflow) if contraflow else None
     return (main, other, 0) if way == "forward" else (other, main, 0)
 
@@ -108,7 +108,9 @@ def _two_way(
             wanted["forward"] = max(1, (rest + 1) // 2)
             wanted["backward"] = max(1, rest // 2)
     _share_whole_lists(tags, lists, wanted, driving_side)
-    forward, backward = (_fitted(tags, n, wanted[n], lists[n], one=False) for n in lists)
+    other_side = "left" if driving_side == "right" else "right"
+    sides = {"forward": (driving_side,), "backward": (other_side,)}
+    forward, backward = (_fitted(tags, n, wanted[n], lists[n], sides[n]) for n in lists)
     return forward, backward, shared
 
 
@@ -154,15 +156,18 @@ def _fitted(
     name: str,
     wanted: int | None,
     lists: Mapping[str, list[str]],
-    *,
-    one: bool,
+    sides: tuple[str, ...],
 ) -> DirectionTags:
-    """Settle how many lanes a direction has; lists that do not fit are dropped."""
+    """Settle how many lanes a direction has; lists that do not fit are dropped.
+
+    ``sides``: the sides of the road at which it has its curb: both for a one-way road.
+    """
+    one = len(sides) == 2
     slots = len(next(iter(lists.values()))) if lists else 0
     cycles = len(_cycle_slots(lists, slots)) if slots else 0
     if wanted is None:
         wanted = slots - cycles or default_lanes(tags.get("highway", ""), one_way=one)
-    buses = _bus_lanes(tags, name, one=one)
+    buses = _bus_lanes(tags, name, sides)
     if lists and slots == wanted + cycles:
         return DirectionTags(slots, wanted, lists, min(buses, wanted))
     if lists and slots == wanted:
@@ -187,7 +192,7 @@ def _cycle_slots(lists: Mapping[str, Sequence[str]], slots: int) -> list[int]:
     return found
 
 
-def _bus_lanes(tags: Mapping[str, str], name: str, *, one: bool) -> int:
+def _bus_lanes(tags: Mapping[str, str], name: str, sides: tuple[str, ...]) -> int:
     """Return how many lanes of a direction are for buses, by counts and ``busway``."""
     for key in ("lanes:bus", "lanes:psv"):
         number = count(tags.get(f"{key}:{name}"))
@@ -195,17 +200,10 @@ def _bus_lanes(tags: Mapping[str, str], name: str, *, one: bool) -> int:
             return number
         number = count(tags.get(key))
         if number is not None:
-            return number if one else number // 2
+            return number if len(sides) == 2 else number // 2
     values = [tags.get("busway"), tags.get("busway:both")]
-    # A side of the road stands for the direction that drives there.
-    values += [tags.get(f"busway:{side}") for side in _sides_of(name, one=one)]
+    values += [tags.get(f"busway:{side}") for side in sides]
     return int("lane" in values)
-
-
-def _sides_of(name: str, *, one: bool) -> tuple[str, ...]:
-    if one:
-        return ("left", "right")
-    return ("right",) if name == "forward" else ("left",)
 
 
 def _contraflow_buses(tags: Mapping[str, str], against: str) -> int:

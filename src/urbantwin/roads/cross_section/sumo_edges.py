@@ -81,7 +81,9 @@ def sumo_tags(stretch: Stretch, section: CrossSection) -> WayPiece:
     for forward, lanes in counted.items():
         ends = stretch.last > 1 - 1e-9 if forward else stretch.first < 1e-9
         if driven[forward] and ends and any(lane.turns for lane in lanes):
-            values = [";".join(_turns(lane)) for lane in _left_to_right(lanes, section)]
+            # On the left, netconvert reads the mirror image: both the order and the arrows.
+            mirror = section.driving_side == "left"
+            values = [";".join(_turns(lane, mirror=mirror)) for lane in lanes]
             tags[f"turn:lanes:{names[forward]}"] = "|".join(values)
         widths = [lane.width for lane in section.lanes(forward=forward)]
         walk = section.side(forward=forward).sidewalk
@@ -169,11 +171,8 @@ def _counted(lanes: Sequence[CarriagewayLane]) -> list[CarriagewayLane]:
     return list(lanes[:-1] if lanes and lanes[-1].kind == "bicycle" else lanes)
 
 
-def _left_to_right(
-    lanes: Sequence[CarriagewayLane], section: CrossSection
-) -> list[CarriagewayLane]:
-    return list(lanes if section.driving_side == "right" else lanes[::-1])
-
-
-def _turns(lane: CarriagewayLane) -> tuple[str, ...]:
-    return lane.turns or ("none",)
+def _turns(lane: CarriagewayLane, *, mirror: bool) -> tuple[str, ...]:
+    swap = {"left": "right", "right": "left"}
+    words = (turn.split("_") for turn in lane.turns)
+    turns = ("_".join(swap.get(w, w) if mirror else w for w in word) for word in words)
+    return tuple(turns) or ("none",)

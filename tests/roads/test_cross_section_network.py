@@ -1,0 +1,245 @@
+"""The lanes of the finished network against the tags of the ways that they come from."""
+
+import math
+
+import numpy as np
+import pytest
+import shapely
+
+from urbantwin.geometry import SiteFrame
+from urbantwin.ground import Elevation
+from urbantwin.roads import build_roads
+from urbantwin.site import read_extract
+
+HERE = SiteFrame(48.7, 9.18)
+#: A crossroads: the way under test comes from the west.
+NODES = {1: (-120, 0, {}), 2: (0, 0, {}), 3: (120, 0, {}), 4: (0, -120, {}), 5: (0, 120, {})}
+STREET = {"highway": "secondary", "lanes": "4", "sidewalk": "no"}
+BASE = {"highway": "secondary", "sidewalk": "no"}
+MPH = 1609.344 / 3600
+
+
+@pytest.fixture
+def build(write_osm, tmp_path):
+    def build(tags, side="right", others=STREET, nodes=NODES):
+        ways = {10: ([1, 2], {**BASE, **tags}), 11: ([2, 3], others), 12: ([4, 2, 5], others)}
+        if callable(others):
+            ways = others(tags)
+        return build_roads(
+            read_extract(write_osm(nodes, ways)),
+            HERE,
+            shapely.Point(0, 0).buffer(110),
+            Elevation.flat(),
+            driving_side=side,
+            out=tmp_path / "n.net.xml",
+        ).network
+
+    return build
+
+
+def edges(network, way=10):
+    """The lanes of both directions of a way, from the curb inwards: eastwards, westwards."""
+    found = {True: [], False: []}
+    for road in network.roads:
+        if way in road.ways:
+            lanes = [network.lane_by_id[name] for name in road.lanes]
+            found[bool(lanes[0].centre[-1, 0] > lanes[0].centre[0, 0])] += lanes
+    return found[True], found[False]
+
+
+def middle(lane):
+    """How far a lane's middle lies north of the mapped line, halfway to the junction."""
+    return float(np.interp(-60.0, *np.sort(lane.centre[:, :2].T[:, np.argsort(lane.centre[:, 0])])))
+
+
+def shape(lanes):
+    return [(lane.kind, round(lane.width, 2)) for lane in lanes]
+
+
+CAR = ("driving", 3.25)
+CASES = [
+    ({"lanes": "3", "lanes:forward": "2", "width:lanes:forward": "3.1|2.9",
+      "width:lanes:backward": "3.7"},
+     [("driving", 2.9), ("driving", 3.1)], [("driving", 3.7)]),
+    ({"lanes": "2", "width": "6"}, [("driving", 3.0)], [("driving", 3.0)]),
+    ({"cycleway:right": "lane", "cycleway:right:width": "1.6"},
+     [("bicycle", 1.6), CAR], [CAR]),
+    ({"cycleway:both": "track", "sidewalk": "both", "sidewalk:both:width": "3"},
+     [("sidewalk", 3.0), ("bicycle", 2.0), CAR], [("sidewalk", 3.0), ("bicycle", 2.0), CAR]),
+    ({"oneway": "yes", "lanes": "2", "sidewalk": "both"},
+     [("sidewalk", 2.5), CAR, CAR], [("sidewalk", 2.5)]),
+    ({"oneway": "yes", "lanes": "2", "cycleway": "opposite_lane"},
+     [CAR, CAR], [("bicycle", 1.85)]),
+    ({"oneway": "yes", "lanes": "3", "bus:lanes": "||designated"},
+     [("bus", 3.25), CAR, CAR], []),
+    ({"oneway": "-1", "lanes": "2", "sidewalk": "left"}, [], [("sidewalk", 2.5), CAR, CAR]),
+    ({"oneway": "yes", "lanes": "3", "busway": "opposite_lane"}, [CAR, CAR], [("bus", 3.25)]),
+    ({"oneway": "yes", "lanes": "3", "turn:lanes": "left|through||right",
+      "bicycle:lanes": "||designated|", "vehicle:lanes": "||no|"},
+     [CAR, ("bicycle", 1.85), CAR, CAR], []),
+    ({"highway": "residential", "lanes": "1", "width": "5"},
+     [("driving", 2.5)], [("driving", 2.5)]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("tags", "east", "west"), CASES)
+def test_lanes_on_the_right(build, tags, east, west):
+    along, against = edges(build(tags))
+    assert (shape(along), shape(against)) == (east, west)
+
+
+def swapped(tags):
+    """The mirror image of tags: left for right, lanes counted from the other side."""
+
+    def swap(text):
+        text = text.replace("left", "*").replace("right", "left").replace("*", "right")
+        return "|".join(text.split("|")[::-1])
+
+    return {swap(key): swap(value) for key, value in tags.items()}
+
+
+@pytest.mark.parametrize(("tags", "east", "west"), CASES)
+def test_lanes_on_the_left(build, tags, east, west):
+    along, against = edges(build(swapped(tags), "left", swapped(STREET)))
+    assert (shape(along), shape(against)) == (east, west)
+    # The curb is to the left of those who drive.
+    for lanes, sign in ((along, 1), (against, -1)):
+        place = [sign * middle(lane) for lane in lanes]
+        assert place == sorted(place, reverse=True)
+
+
+@pytest.mark.parametrize(
+    ("tags", "expected"),
+    [
+        # Lanes of 3.25 m from the curb inwards; the line is the middle of the carriageway.
+        ({"oneway": "yes", "lanes": "2"}, [-1.625, 1.625]),
+        ({"oneway": "yes", "lanes": "2", "sidewalk": "both"}, [-4.5, -1.625, 1.625]),
+        ({"oneway": "yes", "lanes": "2", "placement": "right_of:1"}, [-1.625, 1.625]),
+        ({"oneway": "yes", "lanes": "2", "placement": "left_of:1"}, [-4.875, -1.625]),
+        ({"oneway": "yes", "lanes": "3", "placement": "middle_of:1"}, [-6.5, -3.25, 0.0]),
+        ({"lanes": "3", "lanes:forward": "2"}, [-3.25, 0.0]),
+        ({"lanes": "3", "lanes:forward": "2", "placement:forward": "left_of:1"},
+         [-4.875, -1.625]),
+        ({"lanes": "4", "placement:backward": "right_of:1"}, [-8.125, -4.875]),
+    ],
+)  # fmt: skip
+def test_placement(build, tags, expected):
+    along, _ = edges(build(tags))
+    assert [middle(lane) for lane in along] == pytest.approx(expected, abs=0.03)
+    # The mirror image, where people drive on the left.
+    other = {key: value for key, value in swapped(tags).items() if "placement" not in key}
+    lanes = 3 if tags.get("lanes") == "3" and "oneway" in tags else 2
+    for key in tags:
+        if "placement" in key:
+            word, number = swapped(tags)[key].split(":")
+            other[key] = f"{word}:{lanes + 1 - int(number)}"
+    along, _ = edges(build(other, "left"))
+    assert [middle(lane) for lane in along] == pytest.approx([-y for y in expected], abs=0.03)
+
+
+def test_a_transition_joins_what_lies_before_and_after(build):
+    nodes = {**NODES, 6: (-100, 0, {}), 7: (-60, 0, {}), 8: (-30, 0, {})}
+    one = {**BASE, "oneway": "yes"}
+
+    def ways(_):
+        return {
+            9: ([6, 7], {**one, "lanes": "2", "placement": "right_of:1"}),
+            10: ([7, 8], {**one, "lanes": "2", "placement": "transition"}),
+            13: ([8, 2], {**one, "lanes": "2", "placement": "left_of:1"}),
+            11: ([2, 3], STREET),
+            12: ([4, 2, 5], STREET),
+        }
+
+    network = build({}, others=ways, nodes=nodes)
+    found = []
+    for way in (9, 10, 13):
+        for lane in edges(network, way)[0]:
+            found += lane.centre[:, :2].tolist()
+    inner = np.array([p for p in found if p[0] < -8])
+    for x, expected in ((-90, 1.625), (-65, 1.625), (-45, 0.0), (-25, -1.625), (-12, -1.625)):
+        near = inner[np.abs(inner[:, 0] - x) < 12]
+        lanes = [lane for way in (9, 10, 13) for lane in edges(network, way)[0]]
+        line = max(
+            (
+                float(np.interp(x, lane.centre[:, 0], lane.centre[:, 1]))
+                for lane in lanes
+                if lane.centre[0, 0] - 0.5 < x < lane.centre[-1, 0] + 0.5
+            ),
+            default=math.nan,
+        )
+        assert line == pytest.approx(expected, abs=0.15), (x, near)
+
+
+def test_speeds(build):
+    along, against = edges(build({"maxspeed:forward": "70", "maxspeed:backward": "30 mph"}))
+    assert along[0].speed_limit == pytest.approx(70 / 3.6, abs=0.01)
+    assert against[0].speed_limit == pytest.approx(30 * MPH, abs=0.01)
+    along, _ = edges(build({"oneway": "yes", "lanes": "2", "maxspeed:lanes": "100|80"}))
+    assert [x.speed_limit for x in along] == pytest.approx([80 / 3.6, 100 / 3.6], abs=0.01)
+
+
+def test_who_may_use_a_lane(build):
+    tags = {"oneway": "yes", "lanes": "3", "bus:lanes": "||designated", "hgv": "no"}
+    tags["sidewalk"] = "right"
+    along, _ = edges(build({**tags, "motorcycle:lanes": "no||", "cycleway:right": "lane"}))
+    assert [x.kind for x in along] == ["sidewalk", "bicycle", "bus", "driving", "driving"]
+    assert along[2].allowed == ("bus",)
+    assert not {"truck", "bicycle"} & set(along[3].allowed)
+    assert {"car", "motorcycle", "bus"} <= set(along[3].allowed)
+    assert "motorcycle" not in along[4].allowed
+
+
+def turns(network, lanes):
+    """The compass directions that each lane leads to."""
+    found = []
+    for lane in lanes:
+        ends, ahead = set(), list(lane.successors)
+        while ahead:
+            out = network.lane_by_id[ahead.pop()]
+            if out.road:
+                step = out.centre[-1, :2] - out.centre[0, :2]
+                ends.add("ENWS"[round(math.atan2(step[1], step[0]) / (math.pi / 2)) % 4])
+            elif out.kind == "connection":
+                ahead += out.successors
+        found.append("".join(sorted(ends)))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("arrows", "expected"),
+    [
+        ("left|through|right", ["S", "E", "N"]),
+        ("left|through|through;right", ["ES", "E", "N"]),
+        ("left;through|right", ["S", "EN"]),
+        ("left|left|through;right", ["ES", "N", "N"]),
+        ("left||", ["ES", "E", "N"]),
+    ],
+)
+@pytest.mark.parametrize("cycle", [{}, {"cycleway:right": "lane"}])
+def test_turns_are_as_mapped(build, arrows, expected, cycle):
+    number = arrows.count("|") + 1
+    tags = {"oneway": "yes", "lanes": str(number), "turn:lanes": arrows, **cycle}
+    network = build(tags)
+    cars = [lane for lane in edges(network)[0] if lane.kind == "driving"]
+    assert turns(network, cars) == expected
+    network = build(swapped(tags), "left")
+    cars = [lane for lane in edges(network)[0] if lane.kind == "driving"]
+    flip = str.maketrans("NS", "SN")
+    assert turns(network, cars) == ["".join(sorted(e.translate(flip))) for e in expected]
+
+
+def test_arrows_to_nowhere_leave_no_lane_without_a_way_on(build):
+    tags = {"oneway": "yes", "lanes": "3", "turn:lanes": "left|through|right"}
+    tags["cycleway:right"] = "lane"
+
+    def no_left(_):
+        return {
+            10: ([1, 2], {**BASE, **tags}),
+            11: ([2, 3], STREET),
+            12: ([5, 2, 4], {**STREET, "lanes": "2", "oneway": "yes"}),
+        }
+
+    network = build({}, others=no_left)
+    cars = [lane for lane in edges(network)[0] if lane.kind == "driving"]
+    assert all(turns(network, cars))
+    assert turns(network, cars)[0] == "S"
