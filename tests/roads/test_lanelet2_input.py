@@ -156,11 +156,15 @@ def test_what_is_left_out_is_counted(tmp_path):
     town.between([(0, 60), (40, 60)], [(0, 58), (40, 58)], subtype="rail")
     town.between([(0, 90), (9, 90)], [(0, 88), (9, 88)], subtype="crosswalk", one_way="no")
     town.relation([("way", town.lines[0], "outer")], type="multipolygon", subtype="vegetation")
+    bump = town.way([(9, 0), (9, -3.5), (9.4, -3.5)], type="speed_bump")
+    town.relation([("way", bump, "refers")], type="regulatory_element", subtype="speed_bump")
     members, tags = town.relations[town.only]
     town.relations[town.only] = ([*members, ("relation", 999, "regulatory_element")], tags)
-    _, notes = read_lanelet2(town.write(tmp_path / "map.osm"), FRAME)
+    model, notes = read_lanelet2(town.write(tmp_path / "map.osm"), FRAME)
     assert notes["left_out_lanelets_walkways_apart_from_streets"] == 1
     assert notes["left_out_lanelets_of_subtype_rail"] == 1
     assert notes["crosswalks_without_a_street"] == 1
     assert notes["left_out_areas_of_subtype_vegetation"] == 1
+    assert notes["left_out_regulatory_elements_of_subtype_speed_bump"] == 1
+    assert not model.signals
     assert notes["missing_regulatory_elements"] == 1

@@ -41,17 +41,6 @@ class Border:
             )
         return Measured(curve, self.points[keep], s[keep], len(s) - len(keep))
 
-    def room(self, curve: Curve) -> float:
-        """Return the least share of the curve's length that the border keeps in its bends.
-
-        Negative where the border would fold or turn back.
-        """
-        measured = self.along(curve)
-        s = np.linspace(0.0, curve.length, max(8, int(curve.length / 0.5) + 2))
-        turn = np.gradient(np.unwrap(curve.at(s)[:, 2]), s)
-        t, _ = measured.at(s)
-        return float(np.min(1.0 - turn * t)) - 10.0 * measured.dropped
-
 
 @dataclass(frozen=True)
 class Measured:
@@ -87,6 +76,16 @@ class Measured:
         place = a + np.clip(share, 0.0, 1.0)[:, None] * leg
         off = place[:, :2] - pose[:, :2]
         return off[:, 1] * c - off[:, 0] * sn, place[:, 2]
+
+    @property
+    def room(self) -> float:
+        """The least share of the curve's length that the border keeps in the curve's bends.
+
+        Negative where the border would fold or turn back.
+        """
+        s = np.linspace(0.0, self.curve.length, max(8, int(self.curve.length / 0.5) + 2))
+        turn = np.gradient(np.unwrap(self.curve.at(s)[:, 2]), s)
+        return float(np.min(1.0 - turn * self.at(s)[0])) - 10.0 * self.dropped
 
     def window(self, first: float, last: float) -> Border:
         """Return the corners between two stations and one more on either side."""
@@ -191,9 +190,15 @@ def _cubic(
     rise = value[-1] - value[0]
     rest = value - value[0] - rise * x
     bow = x * (1 - x)
-    basis = np.column_stack([bow, bow * x])
-    p, q = np.linalg.lstsq(basis[1:-1], rest[1:-1], rcond=None)[0] if len(s) > 3 else (0.0, 0.0)
-    error = float(np.abs(basis @ [p, q] - rest).max())
+    p = q = 0.0
+    if len(s) > 3:
+        # Least squares over bow and bow x: two unknowns, solved by Cramer's rule.
+        skew = bow * x
+        aa, ab, bb = bow @ bow, bow @ skew, skew @ skew
+        ra, rb = bow @ rest, skew @ rest
+        whole = aa * bb - ab * ab
+        p, q = (ra * bb - rb * ab) / whole, (rb * aa - ra * ab) / whole
+    error = float(np.abs(bow * (p + q * x) - rest).max())
     # value[0] + rise x + p (x - x^2) + q (x^2 - x^3)
     return (
         float(value[0]),

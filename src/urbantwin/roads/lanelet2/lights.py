@@ -18,7 +18,7 @@ from urbantwin.roads.lanelet2.places import Places
 from urbantwin.roads.lanelet2.rules import speed_of
 from urbantwin.roads.model import RoadSignal, SignalController
 
-__all__ = ["controllers_of", "sign_ways", "signals_of"]
+__all__ = ["POSTED", "controllers_of", "sign_ways", "signals_of"]
 
 #: Types of signals in OpenDRIVE's own catalogue: three lights for vehicles, two for people on foot.
 VEHICLE_LIGHTS, WALKER_LIGHTS = "1000001", "1000002"
@@ -28,6 +28,8 @@ LIGHTS_M = {VEHICLE_LIGHTS: 5.0, WALKER_LIGHTS: 2.2}
 SIGN_M = 2.5
 #: What stands so far beyond the end of its road is said to be moved, metres.
 BEYOND_M = 1.0
+#: Subtypes of regulatory elements that refer to lights or signs; others refer to areas.
+POSTED = ("traffic_light", "traffic_sign", "speed_limit", "right_of_way", "all_way_stop")
 #: Subtypes of a way that are lights for people on foot.
 WALKER_SUBTYPES = {"red_green", "white"}
 _SIGN = re.compile(r"^([a-z]{2})\s*([0-9]+(?:\.[0-9]+)?)(?:-([0-9]+))?$", re.IGNORECASE)
@@ -35,7 +37,7 @@ _SIGN = re.compile(r"^([a-z]{2})\s*([0-9]+(?:\.[0-9]+)?)(?:-([0-9]+))?$", re.IGN
 
 def sign_ways(relation: Relation) -> list[int]:
     """Return the ways of a regulatory element that stand for lights or signs."""
-    return relation.of_role("refers")
+    return relation.of_role("refers") if relation.tags.get("subtype") in POSTED else []
 
 
 def signals_of(

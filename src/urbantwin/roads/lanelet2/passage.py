@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from urbantwin.roads.lanelet2.border import Border
 from urbantwin.roads.lanelet2.group import Member
 from urbantwin.roads.lanelet2.profiles import Row, heights_of, section_of
-from urbantwin.roads.lanelet2.reference import LEAST_SHARE, Pose, smooth_curve
-from urbantwin.roads.lanelet2.street import Street, Track, joined
-from urbantwin.roads.model import Curve, ModelRoad, Profile, RoadLink
+from urbantwin.roads.lanelet2.reference import LEAST_SHARE, Followed, Pose, smooth_curve
+from urbantwin.roads.lanelet2.street import Street
+from urbantwin.roads.lanelet2.track import Track, joined
+from urbantwin.roads.model import ModelRoad, Profile, RoadLink
 
 __all__ = ["Gate", "Passage", "gates_of", "passage_of", "routes"]
 
@@ -136,7 +137,7 @@ def passage_of(
     way: Sequence[Member],
     end: Gate,
     side: str,
-    rules: Callable[[Member], Row],
+    facts: Callable[[Member], Row],
     ways: Mapping[int, dict[str, str]],
 ) -> Passage:
     """Return the connecting road of a way through a junction.
@@ -151,16 +152,15 @@ def passage_of(
         way: the lanelets within the junction, in order.
         end: where it ends.
         side: on which side people drive.
-        rules: what is known of a lane.
+        facts: what is known of a lane.
         ways: tags of the map's ways.
     """
     left = joined([start.left, *(m.left for m in way), end.left])
     right = joined([start.right, *(m.right for m in way), end.right])
-    borders = [Border(left), Border(right)]
-    curve = _curve(left, right, start, end, side, borders)
-    pair = (borders[0].along(curve), borders[1].along(curve))
+    followed = _followed(left, right, start, end, side)
+    curve, pair = followed.curve, (followed.borders[0], followed.borders[1])
     members = way or [_travelled(start), _travelled(end)]
-    row = _common([rules(member) for member in members])
+    row = _common([facts(member) for member in members])
     reach = (0.0, curve.length)
     elevation, bank = heights_of(curve, reach, [[(None, pair)]])
     section, offset = section_of(reach, [pair], 0 if side == "right" else 1, [row], bank, ways)
@@ -184,15 +184,12 @@ def passage_of(
     return Passage(road, start, tuple(m.lanelet.id for m in way), end, dropped)
 
 
-def _curve(
-    left: NDArray[np.float64],
-    right: NDArray[np.float64],
-    start: Gate,
-    end: Gate,
-    side: str,
-    borders: Sequence[Border],
-) -> Curve:
-    def along(share: float) -> tuple[Curve, float]:
+def _followed(
+    left: NDArray[np.float64], right: NDArray[np.float64], start: Gate, end: Gate, side: str
+) -> Followed:
+    borders = [Border(left), Border(right)]
+
+    def along(share: float) -> Followed:
         """Follow the line that lies so far from the left border to the right one."""
         if share in (0.0, 1.0):
             line = (left if share == 0.0 else right)[:, :2]
@@ -213,10 +210,9 @@ def _curve(
         )
         return smooth_curve(line, borders, pins)
 
-    best, room = along(0.0 if side == "right" else 1.0)
-    if room < LEAST_SHARE:
-        other, more = along(0.5)
-        best = other if more > room else best
+    best = along(0.0 if side == "right" else 1.0)
+    if best.room < LEAST_SHARE:
+        best = max(best, along(0.5), key=lambda found: found.room)
     return best
 
 

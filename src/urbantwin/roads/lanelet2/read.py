@@ -16,7 +16,7 @@ from urbantwin.roads.lanelet2.document import Document, read_document
 from urbantwin.roads.lanelet2.facts import facts_of
 from urbantwin.roads.lanelet2.junction import junctions_of
 from urbantwin.roads.lanelet2.lanelet import Lanelet, bounds_of, lanelets_of
-from urbantwin.roads.lanelet2.lights import controllers_of, sign_ways, signals_of
+from urbantwin.roads.lanelet2.lights import POSTED, controllers_of, sign_ways, signals_of
 from urbantwin.roads.lanelet2.paint import areas_of, hosts_of, island_ways, stop_lines
 from urbantwin.roads.lanelet2.places import Places, places_of
 from urbantwin.roads.lanelet2.rules import PAINTED
@@ -150,6 +150,9 @@ def _note(
     for identity, relation in document.relations.items():
         if relation.tags.get("type") == "multipolygon" and identity not in island_ways(document):
             counts["left_out_areas_of_subtype_" + relation.tags.get("subtype", "")] += 1
+        elif relation.tags.get("type") == "regulatory_element":
+            subtype = relation.tags.get("subtype", "")
+            counts[f"left_out_regulatory_elements_of_subtype_{subtype}"] += subtype not in POSTED
     counts["lanes_that_end_at_junctions_cut_across"] = len(parts.shortened)
     counts["crossings_without_a_junction"] = len(parts.plan.crossed)
     counts["corners_of_borders_that_turn_back"] = sum(

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import spsolve
 
-from urbantwin.roads.lanelet2.border import Border
+from urbantwin.roads.lanelet2.border import Border, Measured
 from urbantwin.roads.model import Curve, Piece, splined
 
-__all__ = ["Pose", "curve_through", "smooth_curve", "trimmed"]
+__all__ = ["Followed", "Pose", "curve_through", "smooth_curve", "trimmed"]
 
 #: x, y, heading.
 Pose = tuple[float, float, float]
@@ -28,15 +29,26 @@ STRAIGHT_M, STRAIGHT_RAD = 1e-3, 5e-5
 LEAST_SHARE = 0.12
 
 
-def smooth_curve(
-    line: NDArray[np.float64],
-    beside: Sequence[Border],
-    pins: tuple[Pose, Pose],
-) -> tuple[Curve, float]:
-    """Return a smooth curve that follows a polyline roughly, so that no lane beside it folds.
+@dataclass(frozen=True)
+class Followed:
+    """A reference line and what lies beside it.
 
-    With it comes the least share of its length that borders keep in its bends: below
-    ``LEAST_SHARE`` no such curve was found, and this is the best.
+    Attributes:
+        curve: the line.
+        borders: the borders, measured from it.
+        room: the least share of its length that they keep in its bends; below ``LEAST_SHARE`` no
+            curve was found without a fold, and this is the best.
+    """
+
+    curve: Curve
+    borders: tuple[Measured, ...]
+    room: float
+
+
+def smooth_curve(
+    line: NDArray[np.float64], beside: Sequence[Border], pins: tuple[Pose, Pose]
+) -> Followed:
+    """Return a smooth curve that follows a polyline roughly, so that no lane beside it folds.
 
     Points every half metre minimise the squared distance to the polyline plus the squared third
     derivative, weighted so that bends of a given wavelength are halved (a smoothing spline:
@@ -47,16 +59,17 @@ def smooth_curve(
         beside: borders of lanes; along the curve each must go on without turning back.
         pins: where and how it shall begin and end, exactly.
     """
-    best: tuple[float, Curve] | None = None
+    best: Followed | None = None
     for wavelength in WAVELENGTHS_M:
         curve = curve_through(_fit(line, wavelength, pins), pins[0][2], pins[1][2])
-        room = min((border.room(curve) for border in beside), default=1.0)
-        if best is None or room > best[0]:
-            best = room, curve
-        if room >= LEAST_SHARE:
+        borders = tuple(border.along(curve) for border in beside)
+        found = Followed(curve, borders, min(border.room for border in borders))
+        if best is None or found.room > best.room:
+            best = found
+        if found.room >= LEAST_SHARE:
             break
     assert best is not None
-    return best[1], best[0]
+    return best
 
 
 def curve_through(points: NDArray[np.float64], first: float, last: float) -> Curve:

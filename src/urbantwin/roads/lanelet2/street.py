@@ -14,9 +14,10 @@ from urbantwin.roads.lanelet2.group import Group, Member
 from urbantwin.roads.lanelet2.plan import Chain
 from urbantwin.roads.lanelet2.profiles import Row, heights_of, section_of
 from urbantwin.roads.lanelet2.reference import Pose, smooth_curve, trimmed
+from urbantwin.roads.lanelet2.track import Track, joined, tracks_of
 from urbantwin.roads.model import Curve, LaneSection, ModelRoad, Profile
 
-__all__ = ["Street", "StreetTooShort", "Track", "street_of"]
+__all__ = ["Street", "StreetTooShort", "street_of"]
 
 #: What is left of a street between its junctions is at least so long, metres.
 LEAST_M = 1.0
@@ -28,27 +29,6 @@ END_M = 3.0
 
 class StreetTooShort(Exception):  # noqa: N818 - not an error: the chain is planned anew
     """A chain has no station where all its borders are there."""
-
-
-@dataclass(frozen=True, eq=False)
-class Track:
-    """A lane that goes on through several groups.
-
-    Attributes:
-        first: number of the first group in the chain.
-        members: one lanelet for each group from there on.
-        left: its left border along the chain (N, 3).
-        right: its right border.
-    """
-
-    first: int
-    members: tuple[Member, ...]
-    left: NDArray[np.float64]
-    right: NDArray[np.float64]
-
-    def member(self, group: int) -> Member:
-        """Return its lanelet in a group of the chain."""
-        return self.members[group - self.first]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +61,7 @@ def street_of(
     chain: Chain,
     follows: Callable[[int, int], bool],
     side: str,
-    rules: Callable[[Member], Row],
+    facts: Callable[[Member], Row],
     ways: Mapping[int, dict[str, str]],
 ) -> Street:
     """Return a chain of groups as a road.
@@ -91,42 +71,42 @@ def street_of(
         chain: the groups.
         follows: whether one lanelet leads to another.
         side: on which side people drive.
-        rules: what is known of a lane.
+        facts: what is known of a lane.
         ways: tags of the map's ways, for the lines between lanes.
 
     Raises:
         StreetTooShort: its ends are so oblique that nothing is left between them.
     """
-    tracks = _tracks(chain.groups, follows)
-    borders = [Border(line) for track in tracks for line in (track.left, track.right)]
-    line = _middle_line(chain, side)
-    whole_curve, _ = smooth_curve(
-        line, borders, (_pose(line[0], line[1]), _pose(line[-1], 2 * line[-1] - line[-2]))
-    )
-    whole = {
-        track: (Border(track.left).along(whole_curve), Border(track.right).along(whole_curve))
-        for track in tracks
+    tracks = tracks_of(chain.groups, follows)
+    # Lanes side by side share a border: it is measured once.
+    borders = {
+        line.tobytes(): Border(line) for track in tracks for line in (track.left, track.right)
     }
+    line = _middle_line(chain, side)
+    pins = (_pose(line[0], line[1]), _pose(line[-1], 2 * line[-1] - line[-2]))
+    followed = smooth_curve(line, list(borders.values()), pins)
+    seen = dict(zip(borders, followed.borders, strict=True))
+    whole = {track: (seen[track.left.tobytes()], seen[track.right.tobytes()]) for track in tracks}
     first, last = _reach(chain, tracks, whole)
     if last - first < LEAST_M:
         raise StreetTooShort
-    curve = trimmed(whole_curve, first, last)
-    measured = {
-        track: (_again(pair[0], first, last, curve), _again(pair[1], first, last, curve))
-        for track, pair in whole.items()
+    curve = trimmed(followed.curve, first, last)
+    here = {
+        key: border.window(first - 1.0, last + 1.0).along(curve) for key, border in seen.items()
     }
-    spans, stations = _sections(chain, tracks, curve, rules)
+    measured = {t: (here[t.left.tobytes()], here[t.right.tobytes()]) for t in tracks}
+    spans, stations = _sections(chain, tracks, curve, facts)
     orders = [_across(chain, tracks, span[0], measured) for span in spans]
     elevation, bank = heights_of(curve, stations, orders)
     sections: list[LaneSection] = []
     lanes: list[dict[Track, int]] = []
     offsets: list[Profile] = []
     for span, start, order in zip(spans, stations[:-1], orders, strict=True):
-        here = [track for track, _ in order]
-        split = divider(Group(tuple(track.member(span[0]) for track in here)), side)
-        ids = {t: split - j if j < split else split - j - 1 for j, t in enumerate(here)}
+        row = [track for track, _ in order]
+        split = divider(Group(tuple(track.member(span[0]) for track in row)), side)
+        ids = {t: split - j if j < split else split - j - 1 for j, t in enumerate(row)}
         end = stations[len(sections) + 1]
-        rows = [rules(track.member(span[0])) for track in here]
+        rows = [facts(track.member(span[0])) for track in row]
         section, offset = section_of(
             (start, end), [pair for _, pair in order], split, rows, bank, ways
         )
@@ -151,7 +131,7 @@ def street_of(
         Profile.constant(0.0),
         linked,
     )
-    dropped = sum(border.dropped for pair in measured.values() for border in pair)
+    dropped = sum(border.dropped for border in here.values())
     return Street(road, chain, tracks, tuple(lanes), spans, whole, (first, last), dropped)
 
 
@@ -165,51 +145,6 @@ def divider(group: Group, side: str) -> int:
     if not ahead:
         return 0 if side == "right" else len(group.members)
     return ahead[0] if side == "right" else ahead[-1] + 1
-
-
-def joined(lines: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Return polylines as one, without points that repeat the one before."""
-    points = np.vstack(lines)
-    step = np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1)
-    kept = points[np.concatenate([[True], step > 1e-4])]
-    return kept if len(kept) > 1 else points[[0, -1]]
-
-
-def _tracks(groups: Sequence[Group], follows: Callable[[int, int], bool]) -> tuple[Track, ...]:
-    open_: list[tuple[int, list[Member]]] = []
-    done: list[tuple[int, list[Member]]] = []
-    for k, group in enumerate(groups):
-        still = []
-        waiting = list(open_)
-        for member in group.members:
-            row = next((row for row in waiting if _goes_on(row[1][-1], member, follows)), None)
-            if row is None:
-                row = (k, [])
-            else:
-                waiting.remove(row)
-            row[1].append(member)
-            still.append(row)
-        done += waiting
-        open_ = still
-    return tuple(
-        Track(
-            first,
-            tuple(members),
-            joined([m.left for m in members]),
-            joined([m.right for m in members]),
-        )
-        for first, members in done + open_
-    )
-
-
-def _goes_on(a: Member, b: Member, follows: Callable[[int, int], bool]) -> bool:
-    if not a.lanelet.drives or not b.lanelet.drives:
-        ends = np.vstack([a.left[-1] - b.left[0], a.right[-1] - b.right[0]])
-        return a.lanelet.kind == b.lanelet.kind and bool(np.abs(ends).max() < 1e-6)
-    if a.forward != b.forward:
-        return False
-    one, two = (a, b) if a.forward else (b, a)
-    return follows(one.lanelet.id, two.lanelet.id)
 
 
 def _middle_line(chain: Chain, side: str) -> NDArray[np.float64]:
@@ -269,15 +204,11 @@ def _reach(
     return max(float(first), 0.0), min(float(end), next(iter(whole.values()))[0].curve.length)
 
 
-def _again(border: Measured, first: float, last: float, curve: Curve) -> Measured:
-    return border.window(first - 1.0, last + 1.0).along(curve)
-
-
 def _sections(
     chain: Chain,
     tracks: Sequence[Track],
     curve: Curve,
-    rules: Callable[[Member], Row],
+    facts: Callable[[Member], Row],
 ) -> tuple[tuple[tuple[int, ...], ...], list[float]]:
     """Return the groups of each lane section, and the stations between them with both ends."""
     spans, stations = [[0]], [0.0]
@@ -285,7 +216,7 @@ def _sections(
         before = [t for t in tracks if t.first <= k - 1 < t.first + len(t.members)]
         after = [t for t in tracks if t.first <= k < t.first + len(t.members)]
         same = len(before) == len(after) and all(t in after for t in before)
-        if same and all(rules(t.member(k - 1)) == rules(t.member(k)) for t in after):
+        if same and all(facts(t.member(k - 1)) == facts(t.member(k)) for t in after):
             spans[-1].append(k)
             continue
         seams = [
