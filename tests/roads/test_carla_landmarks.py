@@ -73,7 +73,7 @@ def test_every_signalised_lane_sees_its_signals_before_the_junction(name, announ
                 assert distance == pytest.approx(abs(stations[number] - s), abs=0.5)
     # CARLA has waypoints on lanes for cars only.
     driven = {(road, lane) for road, lane, _, _ in rows}
-    assert len(expected.keys() & driven) >= 4
+    assert len(expected.keys() & driven) >= 2
     assert seen == {lane: signals for lane, signals in expected.items() if lane in driven}
 
 

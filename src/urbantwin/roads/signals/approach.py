@@ -4,18 +4,28 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from urbantwin.roads.model import LaneModel, ModelRoad, RoadSignal, SignalController
+from urbantwin.roads.model import (
+    LaneModel,
+    ModelRoad,
+    RoadArea,
+    RoadSignal,
+    SectionLane,
+    SignalController,
+)
 
-__all__ = ["Approach", "Exit", "Frame", "Waiting", "approaches_of"]
+__all__ = ["Approach", "Exit", "Frame", "Waiting", "approaches_of", "stop_lines_within"]
 
 #: A way through the junction that turns less than this leads straight on, radians.
 STRAIGHT = math.radians(50.0)
+#: Width of a stop line along the road, metres (US MUTCD 3B.16: 0.3 to 0.6 m).
+STOP_LINE_M = 0.4
 
 
 @dataclass(frozen=True)
@@ -74,7 +84,8 @@ class Approach:
         program: id of its signal program.
         road: the street.
         forward: whether its traffic runs along the street's reference line.
-        frame: at the stop line on the reference line, in the direction of travel.
+        frame: at the street's end on its reference line, in the direction of travel.
+        line: how far beyond that end the stop line lies, metres: 0 but in junctions joined of many.
         lanes: those that wait, from the kerb inwards.
         outward: 1 where the kerb is on the left of traffic, else -1.
         exit: straight on beyond the junction, if anything is there.
@@ -84,6 +95,7 @@ class Approach:
     road: ModelRoad
     forward: bool
     frame: Frame
+    line: float
     lanes: tuple[Waiting, ...]
     outward: int
     exit: Exit | None
@@ -96,7 +108,7 @@ class Approach:
 
     @property
     def s(self) -> float:
-        """Station of the stop line."""
+        """Station of the street's end."""
         return self.road.length if self.forward else 0.0
 
     @cached_property
@@ -109,36 +121,119 @@ class Approach:
 
 
 def approaches_of(model: LaneModel) -> list[Approach]:
-    """Return every approach of streets whose lanes have signals at their stop lines."""
+    """Return every approach whose lanes have signals at their stop lines.
+
+    A stop line may lie within a junction that several of SUMO's are one in: its lanes are then
+    those of the street that leads there.
+    """
     outward = -1 if model.driving_side == "right" else 1
     shows = {controller.name: controller for controller in model.controllers}
-    found: dict[tuple[str, int, str], list[RoadSignal]] = defaultdict(list)
+    found: dict[tuple[str, int, bool], list[RoadSignal]] = defaultdict(list)
+    entries = _entries(model)
     for signal in model.signals:
         road = model.road_by_id[signal.road]
-        if signal.dynamic and signal.lanes and road.junction < 0 and signal.orientation in "+-":
-            found[signal.program, signal.road, signal.orientation].append(signal)
+        if not signal.dynamic or not signal.lanes or signal.orientation not in "+-":
+            continue
+        if road.junction < 0:
+            found[signal.program, road.id, signal.orientation == "+"].append(signal)
+            continue
+        for name in signal.strip.split():
+            for number, forward, lane in sorted(entries.get(name, ())):
+                found[signal.program, number, forward].append(replace(signal, lanes=(lane,)))
     result = []
-    for (program, number, sign), signals in sorted(found.items()):
+    for (program, number, forward), signals in sorted(found.items()):
         road = model.road_by_id[number]
-        forward = sign == "+"
         s = road.length if forward else 0.0
         x, y, heading = road.curve.at(s)[0]
         frame = Frame(float(x), float(y), float(heading) + (0.0 if forward else math.pi))
-        lanes = [_waiting(road, s, signal, forward, shows.get(program)) for signal in signals]
+        lanes = [_waiting(model, frame, signal, shows.get(program)) for signal in signals]
         lanes.sort(key=lambda lane: -outward * lane.v)
+        within = [signal for signal in signals if signal.road != number]
+        ahead = [frame.locate(_place(model, signal))[0] for signal in within]
         exit_ = _exit(model, road, frame, forward, outward)
-        result.append(Approach(program, road, forward, frame, tuple(lanes), outward, exit_))
+        result.append(
+            Approach(
+                program,
+                road,
+                forward,
+                frame,
+                max(0.0, *ahead) if ahead else 0.0,
+                tuple(lanes),
+                outward,
+                exit_,
+            )
+        )
     return result
 
 
+def stop_lines_within(model: LaneModel, approaches: Sequence[Approach]) -> list[RoadArea]:
+    """Return the stop lines of lanes that end within a junction, with ids of their own."""
+    signals = {
+        lane.signal.strip: lane.signal
+        for approach in approaches
+        for lane in approach.lanes
+        if lane.signal.road != approach.road.id
+    }
+    areas: list[RoadArea] = []
+    for strip, signal in sorted(signals.items()):
+        road = model.road_by_id[signal.road]
+        lane = _lane_of(road, signal)
+        section = road.section_at(min(signal.s, road.length - 1e-6))
+        sides = [float(road.border(section, lane, signal.s, outer=o)[0]) for o in (False, True)]
+        s = np.maximum(signal.s - np.array([STOP_LINE_M, STOP_LINE_M, 0.0, 0.0]), 0.0)
+        t = np.array([max(sides), min(sides), min(sides), max(sides)])
+        x, y, heading = road.curve.at(signal.s)[0]
+        points = road.place(s, t)
+        local = [Frame(float(x), float(y), float(heading)).locate(point[:2]) for point in points]
+        up = points[:, 2] - float(road.elevation.at(signal.s)[0])
+        corners = np.column_stack([local, up])
+        number = model.next_id + len(areas)
+        areas.append(
+            RoadArea(number, road.id, "roadMark", "StopLine", signal.s, corners, strip=strip)
+        )
+    return areas
+
+
+def _entries(model: LaneModel) -> dict[str, set[tuple[int, bool, int]]]:
+    """Return strip within a junction -> streets that lead there, their directions and lanes."""
+    found: dict[str, set[tuple[int, bool, int]]] = defaultdict(set)
+    for junction in model.junctions:
+        for connection in junction.connections:
+            way = model.road_by_id.get(connection.connecting)
+            street = model.road_by_id.get(connection.incoming)
+            if way is None or street is None:
+                continue
+            link = way.predecessor if connection.contact == "start" else way.successor
+            forward = link is not None and link.contact == "end"
+            for section in way.sections:
+                for start, lane in connection.links:
+                    strip = section.by_id[lane].strip if lane in section.by_id else ""
+                    for name in strip.split():
+                        found[name].add((street.id, forward, start))
+    return found
+
+
+def _place(model: LaneModel, signal: RoadSignal) -> NDArray[np.float64]:
+    road = model.road_by_id[signal.road]
+    return np.asarray(road.place(signal.s, signal.t)[0, :2])
+
+
+def _lane_of(road: ModelRoad, signal: RoadSignal) -> SectionLane:
+    """Return the lane that a signal at its stop line is for."""
+    section = road.section_at(min(signal.s, road.length - 1e-6))
+    names = set(signal.strip.split())
+    return next((x for x in section.lanes if names & set(x.strip.split())), section.lanes[0])
+
+
 def _waiting(
-    road: ModelRoad, s: float, signal: RoadSignal, forward: bool, shows: SignalController | None
+    model: LaneModel, frame: Frame, signal: RoadSignal, shows: SignalController | None
 ) -> Waiting:
-    section = road.sections[-1 if forward else 0]
-    lane = section.by_id[signal.lanes[0]]
-    inner, outer = (float(road.border(section, lane, s, outer=o)[0]) for o in (False, True))
-    v = (inner + outer) / 2 * (1 if forward else -1)
-    return Waiting(signal, v, abs(outer - inner) / 2, _shown(signal, shows))
+    road = model.road_by_id[signal.road]
+    section = road.section_at(min(signal.s, road.length - 1e-6))
+    lane = _lane_of(road, signal)
+    inner, outer = (float(road.border(section, lane, signal.s, outer=o)[0]) for o in (False, True))
+    middle = road.place(signal.s, (inner + outer) / 2)[0, :2]
+    return Waiting(signal, frame.locate(middle)[1], abs(outer - inner) / 2, _shown(signal, shows))
 
 
 def _shown(signal: RoadSignal, shows: SignalController | None) -> tuple[str, ...]:

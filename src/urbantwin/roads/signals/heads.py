@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 
 from urbantwin.roads.model import LaneModel, RoadSignal, SignalController
 from urbantwin.roads.network import RoadNetwork
-from urbantwin.roads.signals.approach import Approach, Frame, Waiting, approaches_of
+from urbantwin.roads.signals.approach import (
+    Approach,
+    Frame,
+    Waiting,
+    approaches_of,
+    stop_lines_within,
+)
 from urbantwin.roads.signals.free_ground import CLEARANCE_M, FreeGround
 from urbantwin.roads.signals.practice import Practice
 from urbantwin.roads.strips import SurfaceHeight
@@ -34,6 +40,8 @@ VEHICLE_SIZE, WALKER_SIZE = (1.0, 0.35), (0.6, 0.3)
 BESIDE_EACH_OTHER_M = 0.45
 #: Heads over lanes hang at least this far apart, metres.
 SPACING_M = 1.6
+#: Lanes narrower than this are for cycles: no heads hang over them, metres.
+CYCLE_LANE_M = 2.1
 #: No more heads than this over one approach.
 MOST_OVER = 5
 
@@ -59,6 +67,7 @@ def stand_signals(
         height: the surface.
     """
     approaches = approaches_of(model)
+    model = replace(model, areas=(*model.areas, *stop_lines_within(model, approaches)))
     standing: list[RoadSignal] = []
     for approach in approaches:
         standing += _heads(approach, practice, ground)
@@ -105,7 +114,7 @@ def _controlled(
 
 def _heads(approach: Approach, practice: Practice, ground: FreeGround) -> list[RoadSignal]:
     """Return the heads of an approach, those that drivers pass first coming first."""
-    over = len(approach.lanes) >= practice.arm_lanes
+    over = sum(lane.half > CYCLE_LANE_M / 2 for lane in approach.lanes) >= practice.arm_lanes
     far = _far_pole(approach, ground) if practice.far else None
     near = None
     if practice.near or far is None:
@@ -129,7 +138,8 @@ def _near_pole(approach: Approach, ground: FreeGround) -> NDArray[np.float64] | 
     """Return u, v of a pole at the kerb beside the stop line."""
     v = approach.kerb + approach.outward * np.arange(CLEARANCE_M, SEARCH_M, 0.2)
     # Not past the stop line: who waits there must see it.
-    return ground.nearest(approach.frame, -np.arange(0.0, 8.0, 0.5), v, approach.road.level)
+    u = approach.line - np.arange(0.0, 8.0, 0.5)
+    return ground.nearest(approach.frame, u, v, approach.road.level)
 
 
 def _far_pole(approach: Approach, ground: FreeGround) -> NDArray[np.float64] | None:
@@ -146,12 +156,12 @@ def _far_pole(approach: Approach, ground: FreeGround) -> NDArray[np.float64] | N
     else:
         # A junction that ends here: opposite, where its carriageway ends.
         middle = float(np.mean([lane.v for lane in approach.lanes]))
-        ahead = np.arange(NEAREST_M, FARTHEST_M, 0.25)
+        ahead = approach.line + np.arange(NEAREST_M, FARTHEST_M, 0.25)
         free = ground.free(approach.frame.place(ahead, middle), level)
         if not free.any():
             return None
         found = np.array([float(ahead[np.argmax(free)]) + 0.3, middle])
-    return found if NEAREST_M <= found[0] <= FARTHEST_M else None
+    return found if NEAREST_M <= found[0] - approach.line <= FARTHEST_M else None
 
 
 def _on_pole(approach: Approach, pole: NDArray[np.float64], *, beyond: bool) -> list[RoadSignal]:
@@ -174,7 +184,7 @@ def _over_lanes(
     """Return a head over each lane that an arm from the pole reaches, at the pole's u."""
     inward = -approach.outward
     rows: list[tuple[float, list[Waiting]]] = [
-        (lane.v, [lane]) for lane in approach.lanes if lane.half > 1.0
+        (lane.v, [lane]) for lane in approach.lanes if lane.half > CYCLE_LANE_M / 2
     ]
     if len(rows) > MOST_OVER:
         rows = [(float(np.mean([x.v for x in group])), group) for group in approach.groups]
@@ -208,17 +218,19 @@ def _head(
     sign = 1.0 if approach.forward else -1.0
     common = replace(
         model,
+        road=approach.road.id,
+        orientation="+" if approach.forward else "-",
         name=" ".join(["links", *(str(link) for lane in lanes for link in lane.signal.links)]),
-        lanes=tuple(number for lane in lanes for number in lane.signal.lanes),
+        lanes=tuple(dict.fromkeys(k for lane in lanes for k in lane.signal.lanes)),
         links=tuple(sorted({link for lane in lanes for link in lane.signal.links})),
         strip=" ".join(lane.signal.strip for lane in lanes),
         z=up,
         height=VEHICLE_SIZE[0],
         width=VEHICLE_SIZE[1],
     )
-    if not beyond:
+    if not beyond and u <= 0.0:
         s = float(np.clip(approach.s + sign * u, 0.0, approach.road.length))
-        return replace(common, s=s, t=sign * v)
+        return replace(common, s=s, t=float(sign * v))
     xy = approach.frame.place(u, v)
     facing = math.remainder(approach.frame.heading + math.pi, 2 * math.pi)
     middle = float(np.mean([lane.v for lane in lanes]))
