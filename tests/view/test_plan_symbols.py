@@ -7,6 +7,7 @@ import pytest
 import shapely
 from shapely.affinity import scale
 
+from urbantwin.geometry import LabelledMesh
 from urbantwin.roads import Lane, RoadNetwork
 from urbantwin.roads.model import (
     Curve,
@@ -19,8 +20,10 @@ from urbantwin.roads.model import (
     RoadSignal,
     SectionLane,
 )
-from urbantwin.view.plan_marks import arrow
+from urbantwin.taxonomy import material_id, semantic_id
+from urbantwin.view.markings import markings
 from urbantwin.view.road_lines import islands, lane_marks, signs, stop_lines, turns
+from urbantwin.view.turn_arrow import arrow
 
 WAYS = ("left", "through", "right", "around")
 ZERO = Profile.constant(0.0)
@@ -134,3 +137,19 @@ def test_areas_and_signs_are_placed_in_the_site_frame(model):
     assert (sign.x, sign.y) == pytest.approx((14.0, 30.0))
     assert sign.yaw == pytest.approx(np.pi / 2)
     assert sign.value == 50.0
+
+
+def test_paint_has_the_area_of_the_model_s_marks(model):
+    centre = np.array([[11.5, 20.0, 0.0], [11.5, 120.0, 0.0]])
+    none = np.zeros((0, 2))
+    lane = Lane("a", "r", "driving", 3.0, 14.0, centre, none, 0, ("car",), (), "")
+    network = RoadNetwork("right", (), (lane,), (), (), ())
+    corners = np.array([[-200, -200, 0], [200, -200, 0], [200, 200, 0], [-200, 200, 0]])
+    flat = LabelledMesh.build(
+        corners, [[0, 1, 2], [0, 2, 3]], semantic_id("road"), material_id("asphalt")
+    )
+    paint = markings(network, flat, model)
+    dashes = (100 + 6) // (3 + 6)  # three metres, six of gap
+    expected = 0.15 * (3.0 * dashes + 100.0) + 0.4 * 3.0  # and the stop line across the lane
+    assert paint.areas().sum() == pytest.approx(expected, rel=1e-6)
+    assert (paint.normals()[:, 2] > 0.99).all()

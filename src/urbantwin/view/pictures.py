@@ -59,7 +59,9 @@ def pictures_of_twin(twin: Twin, out: Path, *, progress: Progress | None = None)
     )
     tell(0.2, "drawing the scene")
     second = scene_picture(
-        LabelledMesh.concatenate([twin.mesh, markings(twin.roads, twin.ground_mesh)]),
+        LabelledMesh.concatenate(
+            [twin.mesh, markings(twin.roads, twin.ground_mesh, twin.lane_model)]
+        ),
         out / "scene.png",
         title=name,
         below=_size(twin),
@@ -128,7 +130,7 @@ def pictures_of_dataset(
     )
     if twin is not None and motion is not None:
         tell(0.6, "drawing the scene")
-        parts = [twin.mesh, markings(twin.roads, twin.ground_mesh)]
+        parts = [twin.mesh, markings(twin.roads, twin.ground_mesh, twin.lane_model)]
         parts += actor_meshes(rows_at(motion, frame.time_s))
         drawn.append(
             scene_picture(

@@ -64,7 +64,8 @@ def street_labels(
     for name, lines in sorted(_streets(network, room).items()):
         for line in sorted(lines, key=lambda one: -one.length):
             if any(
-                one.text == name and line.interpolate(0.5, normalized=True).distance(one.box) < _AGAIN_M
+                one.text == name
+                and line.interpolate(0.5, normalized=True).distance(one.box) < _AGAIN_M
                 for one in placed
             ):
                 continue

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 import shapely
 import shapely.ops
@@ -11,15 +9,15 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.patches import Circle, Polygon
 from numpy.typing import NDArray
-from shapely.affinity import affine_transform
 
 from urbantwin.roads import Lane, RoadNetwork
 from urbantwin.roads.model import LaneModel
 from urbantwin.view.plan_ground import fill
 from urbantwin.view.plan_look import Look
-from urbantwin.view.road_lines import lane_marks, signs, stop_lines, turns
+from urbantwin.view.road_lines import lane_marks, signs, stop_lines
+from urbantwin.view.turn_arrow import ARROW_M, arrow_at, turn_arrow
 
-__all__ = ["arrow", "draw_marks", "draw_signals", "zebra"]
+__all__ = ["dashes", "draw_marks", "draw_signals", "zebra"]
 
 #: Stripes of a zebra crossing, metres: painted, and from one to the next.
 _STRIPE_M, _PERIOD_M = 0.5, 1.0
@@ -27,8 +25,6 @@ _STRIPE_M, _PERIOD_M = 0.5, 1.0
 _DASH_M, _GAP_M = 3.0, 6.0
 #: Widths of lines as drawn, metres: painted ones are 0.12 to 0.25 m wide.
 _LINE_M, _STOP_M = 0.2, 0.5
-#: Turn arrows: their length as drawn, and how far their tips are from the stop line, metres.
-_ARROW_M, _BEFORE_STOP_M = 6.0, 2.5
 #: Arrows that say which way a lane runs stand at least so far from each other, metres.
 _DIRECTION_EVERY_M, _DIRECTION_M = 45.0, 3.2
 _DRIVEN = ("driving", "bus", "bicycle")
@@ -39,7 +35,7 @@ def draw_marks(axes: Axes, network: RoadNetwork, model: LaneModel | None, look: 
     for line in lane_marks(network, model):
         if line.kind == "curb":
             continue
-        strokes = _dashes(line.points) if line.kind == "broken" else [line.points]
+        strokes = dashes(line.points) if line.kind == "broken" else [line.points]
         ribbons = [_ribbon(points, _LINE_M) for points in strokes]
         fill(axes, ribbons, look.paint, zorder=11.0 + 10 * line.level)
     for line in stop_lines(network, model):
@@ -69,43 +65,6 @@ def zebra(lane: Lane) -> list[NDArray[np.float64]]:
         across *= lane.width / 2 / np.linalg.norm(across)
         stripes.append(np.array([a - across, b - across, b + across, a + across]))
     return stripes
-
-
-@cache
-def arrow(ways: tuple[str, ...]) -> shapely.Geometry:
-    """Return a turn arrow of length 1 along x, its tip at 0, for traffic that may go these ways.
-
-    The shapes follow the arrows of road markings (US MUTCD, figure 3B-24; German RMS 1, 297).
-    """
-    thick, parts = 0.05, []
-    several = len(ways) > 1
-    if "through" in ways:
-        parts += [_stroke([(-1.0, 0.0), (-0.3, 0.0)], thick)]
-        parts += [shapely.Polygon([(0.0, 0.0), (-0.32, 0.12), (-0.32, -0.12)])]
-    for way, side in (("left", 1.0), ("right", -1.0)):
-        if way not in ways:
-            continue
-        back = 0.36 if "through" in ways else 0.0
-        start = (-1.0, 0.0) if not several else (-0.62 - back, 0.0)
-        bend = [(-0.34, 0.0), (-0.25, 0.015), (-0.19, 0.05), (-0.16, 0.1)]
-        path = [start, *((x - back, y * side) for x, y in bend)]
-        x, y = path[-1]
-        head = [(x - 0.14, y), (x + 0.14, y), (x, y + 0.15 * side)]
-        parts += [_stroke(path, thick), shapely.Polygon(head)]
-        if several and "through" not in ways:
-            parts += [_stroke([(-1.0, 0.0), (-0.3, 0.0)], thick)]
-    if "around" in ways:
-        side = -1.0 if "right" in ways and "left" not in ways else 1.0
-        back = 0.4 if several else 0.0
-        bend = [(-0.16, 0.0), (-0.08, 0.03), (-0.03, 0.1), (-0.08, 0.17), (-0.16, 0.2), (-0.3, 0.2)]
-        path = [(-1.0, 0.0), *((x - back, y * side) for x, y in bend)]
-        x, y = path[-1]
-        head = [(x, y - 0.09), (x, y + 0.09), (x - 0.24, y)]
-        parts += [_stroke(path, thick), shapely.Polygon(head)]
-    shape = shapely.union_all(parts)
-    # An arrow that bends to one side stands to the other, so that it is in the lane's middle.
-    y0, y1 = shape.bounds[1], shape.bounds[3]
-    return affine_transform(shape, [1, 0, 0, 1, 0, -0.5 * (y0 + y1)])
 
 
 def draw_signals(
@@ -180,40 +139,21 @@ def _heads(network: RoadNetwork, model: LaneModel | None) -> list[tuple[float, f
 
 
 def _draw_arrows(axes: Axes, network: RoadNetwork, lane: Lane, look: Look) -> None:
-    line = shapely.LineString(lane.centre[:, :2])
     zorder = 11.3 + 10 * lane.level
-    size = min(lane.width / 3.0, 1.15)
-    end = line.length
-    ways = turns(network, lane)
-    if ways and lane.kind != "bicycle" and line.length > _ARROW_M + 2 * _BEFORE_STOP_M:
-        tip = line.length - _BEFORE_STOP_M
-        if lane.id in {head.lane for head in network.signals} or ways != ("through",):
-            fill(axes, [_set(arrow(ways), line, tip, _ARROW_M, size)], look.paint, zorder=zorder)
-            end = tip - _ARROW_M - 6.0
+    end = lane.length
+    shape = turn_arrow(network, lane)
+    if shape is not None:
+        fill(axes, [shape], look.paint, zorder=zorder)
+        end -= ARROW_M + 8.0
     count = int((end - 6.0) // _DIRECTION_EVERY_M) + (end > 14.0)
     marks = [
-        _set(arrow(("through",)), line, end * (k + 0.5) / count, _DIRECTION_M, 0.9 * size)
+        arrow_at(("through",), lane, end * (k + 0.5) / count, _DIRECTION_M)
         for k in range(max(count, 0))
     ]
     fill(axes, marks, look.direction, zorder=zorder)
 
 
-def _set(
-    shape: shapely.Geometry, line: shapely.LineString, at: float, length: float, size: float
-) -> shapely.Geometry:
-    """Return a shape with its tip at a place of a line."""
-    a, b = (np.array(line.interpolate(s).coords[0]) for s in (max(at - length, 0.0), at))
-    c, s = (b - a) / max(float(np.linalg.norm(b - a)), 1e-9)
-    k = length
-    w = _ARROW_M * size
-    return affine_transform(shape, [k * c, -w * s, k * s, w * c, b[0], b[1]])
-
-
-def _stroke(path: list[tuple[float, float]], width: float) -> shapely.Geometry:
-    return shapely.LineString(path).buffer(width / 2, cap_style="flat", join_style="mitre")
-
-
-def _dashes(points: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+def dashes(points: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     """Return the painted pieces of a broken line, evenly from end to end."""
     line = shapely.LineString(points)
     count = int((line.length + _GAP_M) // (_DASH_M + _GAP_M))

@@ -49,7 +49,7 @@ def write_carla(twin: Twin, folder: Path) -> list[str]:
     title = str(twin.manifest["name"])
     name = map_name(title, twin.frame.latitude, twin.frame.longitude)
     package = f"UrbanTwin_{name}"
-    objects = named_objects(twin.mesh, markings(twin.roads, twin.ground_mesh))
+    objects = named_objects(twin.mesh, markings(twin.roads, twin.ground_mesh, twin.lane_model))
     interpreter = blender_python()
     notes = []
     with replaced_folder(folder, kind="carla") as scratch:
