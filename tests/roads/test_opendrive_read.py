@@ -179,7 +179,9 @@ def test_what_we_write_comes_back(town, tmp_path, side, version):
     by_id = {signal.id: signal for signal in back.signals}
     for signal in model.signals:
         copy = by_id[signal.id]
-        for name in ("name", "dynamic", "country", "type", "subtype", "unit", "links", "program"):
+        # In 1.4, CARLA wants its own numbers of signs.
+        exact = ("country", "type", "subtype") if version == "1.8" else ()
+        for name in ("name", "dynamic", "unit", "links", "program", *exact):
             assert getattr(copy, name) == getattr(signal, name)
         mine, theirs = pose_of(model, signal), pose_of(back, copy)
         assert theirs[:3] == pytest.approx(mine[:3], abs=1e-4)
@@ -418,3 +420,69 @@ def test_an_offset_of_the_header_is_applied(tmp_path):
     model = read_opendrive(path).model
     place = model.roads[0].place(10.0, 0.0)[0]
     assert place == pytest.approx([100 + 10 * math.cos(0.5), -50 + 10 * math.sin(0.5), 3])
+
+
+def test_maps_of_carla_and_roadrunner(read):
+    """An origin for a georeference, sections of 0.1 mm, and directions beside the standard's."""
+
+    def vector(number, travel, link=""):
+        note = f'<userData><vectorLane travelDir="{travel}"/></userData>'
+        width = '<width sOffset="0" a="4" b="0" c="0" d="0"/>'
+        return f'<lane id="{number}" type="driving" level="false">{link}{width}{note}</lane>'
+
+    def section(s, *lanes):
+        return f'<laneSection s="{s}">{CENTRE}<right>{"".join(lanes)}</right></laneSection>'
+
+    def link(tag, number):
+        return f'<link><{tag} id="{number}"/></link>'
+
+    both = '<link><predecessor id="-2"/><successor id="-1"/></link>'
+    lanes = (
+        section(0, vector(-1, "forward"), vector(-2, "forward", link("successor", -1)))
+        + section(50, vector(-1, "forward", both))
+        + section(50.0001, vector(-1, "backward", link("predecessor", -1)))
+    )
+    header = (
+        '<header revMajor="1" revMinor="4" vendor="VectorZero">'
+        "<geoReference><![CDATA[+lat_0=4.9e+1 +lon_0=8.0e+0]]></geoReference>"
+        '<userData><vectorScene program="RoadRunner"/></userData>'
+        "</header>"
+    )
+    model, projection, notes = read(road(lanes=lanes), header=header)
+    moved = placed(model, projection, SiteFrame(49.0, 8.0))
+    assert moved.roads[0].place(10.0, 0.0)[0] == pytest.approx([10, 0, 0], abs=1e-6)
+    assert notes["made_by"] == "VectorZero"
+    first, second = model.roads[0].sections
+    assert [len(part.lanes) for part in (first, second)] == [2, 1]
+    assert (first.by_id[-2].successor, second.by_id[-1].predecessor) == (-1, -2)
+    assert [first.by_id[-1].forward, second.by_id[-1].forward] == [True, False]
+
+
+def test_both_directions_linked_from_one_side(read):
+    """Two-way roads through a junction: each lane is linked where it leads in."""
+    two = f'<laneSection s="0"><left>{{}}</left>{CENTRE}<right>{{}}</right></laneSection>'
+    tied = '<link><predecessor id="{0}"/><successor id="{0}"/></link>'
+    plain = two.format(lane(1), lane(-1))
+    through = two.format(
+        lane(1).replace("<width", tied.format(1) + "<width"),
+        lane(-1).replace("<width", tied.format(-1) + "<width"),
+    )
+
+    def at(x):
+        return f'<geometry s="0" x="{x}" y="0" hdg="0" length="100"><line/></geometry>'
+
+    def link(tag, kind, number, contact=""):
+        return f'<{tag} elementType="{kind}" elementId="{number}" {contact}/>'
+
+    ends = link("predecessor", "road", 1, 'contactPoint="end"')
+    ends += link("successor", "road", 2, 'contactPoint="start"')
+    model = read(
+        road("1", lanes=plain, link=f"<link>{link('successor', 'junction', 5)}</link>"),
+        road("2", at(200), plain, link=f"<link>{link('predecessor', 'junction', 5)}</link>"),
+        road("9", at(100), through, values='junction="5"', link=f"<link>{ends}</link>"),
+        '<junction id="5"><connection id="0" incomingRoad="1" connectingRoad="9" '
+        'contactPoint="start"><laneLink from="-1" to="-1"/><laneLink from="1" to="1"/>'
+        "</connection></junction>",
+    ).model
+    found = {(c.incoming, c.connecting, c.contact, c.links) for c in model.junctions[0].connections}
+    assert found == {(1, 9, "start", ((-1, -1),)), (2, 9, "end", ((1, 1),))}

@@ -39,6 +39,10 @@ def read_header(item: etree._Element, log: Log) -> Header:
     if major is not None and major.strip() != "1":
         raise spot.error(f"is of version {major[:10]}.{minor[:10]}", expected="1.1 to 1.8")
     text = " ".join((item.findtext("geoReference") or "").split())
+    if text.startswith("+") and "+proj" not in text and "+lat_0" in text:
+        # Maps of CARLA say no more than the origin: CARLA takes it for a transverse Mercator's.
+        text = f"+proj=tmerc {text}" + ("" if "+datum" in text else " +datum=WGS84")
+        spot.remark("a georeference of an origin only: a transverse Mercator is taken")
     offset = item.find("offset")
     keys = ("x", "y", "z", "hdg")
     moved = (0.0,) * 4 if offset is None else tuple(spot.number(offset, k, 0.0) for k in keys)

@@ -17,7 +17,15 @@ from urbantwin.roads.opendrive.vocabulary import (
     usual_users,
 )
 
-__all__ = ["Street", "lane_height", "lane_kind", "lane_mark", "lane_speed", "lane_users"]
+__all__ = [
+    "Street",
+    "lane_direction",
+    "lane_height",
+    "lane_kind",
+    "lane_mark",
+    "lane_speed",
+    "lane_users",
+]
 
 #: Speed limit where a file tells none, m/s (50 km/h: Vienna Convention 1968, built-up areas).
 USUAL_SPEED = 50 / 3.6
@@ -98,6 +106,24 @@ def lane_kind(item: etree._Element, users: tuple[str, ...] | None, spot: Spot) -
     if kind == "driving" and users in (("bus",), ("bicycle",)):
         return {"bus": "bus", "bicycle": "bicycle"}[users[0]]
     return kind
+
+
+def lane_direction(item: etree._Element, identity: int, rule: str, spot: Spot) -> bool:
+    """Return whether traffic of a lane runs along the reference line.
+
+    So say, in this order, RoadRunner's ``travelDir``, the lane's ``direction``, and the side of the
+    reference line with the road's ``rule``.
+    """
+    vector = item.find("userData/vectorLane")
+    travel = None if vector is None else vector.get("travelDir")
+    if travel in ("forward", "backward"):
+        return bool(travel == "forward")
+    notes = {e.get("code"): e.get("value") for e in item.findall("userData")}
+    direction = item.get("direction", notes.get("direction"))
+    if "both" in (direction, travel) or "bidirectional" in (item.get("type"), travel):
+        spot.remark("lanes for both directions: they get the direction of their side")
+    along = (identity < 0) == (rule == "RHT")
+    return bool(along != (direction == "reversed"))
 
 
 def lane_speed(item: etree._Element, street: Street, s: float, spot: Spot) -> float:

@@ -11,6 +11,7 @@ from urbantwin.roads.model import LaneSection, Profile, SectionLane
 from urbantwin.roads.opendrive.cubics import added, lowest
 from urbantwin.roads.opendrive.lane_rules import (
     Street,
+    lane_direction,
     lane_height,
     lane_kind,
     lane_mark,
@@ -18,14 +19,13 @@ from urbantwin.roads.opendrive.lane_rules import (
     lane_users,
 )
 from urbantwin.roads.opendrive.parsing import Spot
+from urbantwin.roads.opendrive.slivers import without_slivers
 from urbantwin.roads.opendrive.vocabulary import DRIVEN
 
 __all__ = ["reach_of", "read_sections"]
 
 #: A lane may be this much narrower than nothing: rounding of the file, metres.
 NEGATIVE_M = 0.01
-#: Shorter lane sections are left out, metres.
-SHORTEST_M = 1e-6
 
 
 def read_sections(
@@ -56,17 +56,16 @@ def read_sections(
         raise spot.error(
             f"has no lanes before s = {starts[0]:g}", expected="a lane section at s = 0"
         )
-    if len({round(s, 9) for s in starts}) < len(starts):
-        raise spot.error("has two lane sections at one station")
+    if len(set(starts)) < len(starts):
+        raise spot.error("has two lane sections at one station", expected="ascending stations")
     starts[0] = 0.0
     ends = [*starts[1:], length]
     offset = spot.profile(road.findall("lanes/laneOffset"))
-    if any(end - start < SHORTEST_M for start, end in zip(starts, ends, strict=True)):
-        raise spot.error("has a lane section of no length", expected="more than 0 m")
-    return tuple(
+    sections = [
         _section(item, start, end, offset, street, spot.within(f"lane section at s = {start:g}"))
         for item, start, end in zip(items, starts, ends, strict=True)
-    )
+    ]
+    return tuple(without_slivers(sections, length))
 
 
 def _section(
@@ -153,18 +152,13 @@ def _lane(
 ) -> SectionLane:
     users = lane_users(item, spot)
     kind = lane_kind(item, users, spot)
-    along = (identity < 0) == (street.rule == "RHT")
-    notes = {e.get("code"): e.get("value") for e in item.findall("userData")}
-    direction = item.get("direction", notes.get("direction"))
-    if direction == "both" or item.get("type") == "bidirectional":
-        spot.remark("lanes for both directions: they get the direction of their side")
     mark, change = lane_mark(item, spot)
     driven = kind in DRIVEN
     return SectionLane(
         identity,
         kind,
         width,
-        along != (direction == "reversed"),
+        lane_direction(item, identity, street.rule, spot),
         lane_speed(item, street, start, spot) if driven else 0.0,
         street.users(kind, users),
         predecessor=_link(item, "predecessor", spot),
