@@ -58,7 +58,7 @@ def network_of_model(model: LaneModel, raw: RoadNetwork, height: SurfaceHeight) 
         for name, piece in pieces.items():
             # Where several ways share a lane, it is the straightest one's.
             if name not in placed:
-                placed[name] = _lane(name, piece, known.get(name))
+                placed[name] = _lane(name, piece, known.get(name), height)
     _join(placed, chains)
     lanes = [placed.pop(lane.id, None) or _ground(lane, height) for lane in raw.lanes]
     outlines = {junction.name: junction.outline for junction in model.junctions}
@@ -209,10 +209,10 @@ def _named(run: _Run, known: Mapping[str, Lane]) -> dict[str, _Run]:
     return found
 
 
-def _lane(name: str, run: _Run, raw: Lane | None) -> Lane:
+def _lane(name: str, run: _Run, raw: Lane | None, height: SurfaceHeight) -> Lane:
     centre, widths = run.points, run.width
     if raw is not None and raw.kind == "sidewalk":
-        centre, widths = _to_corners(centre, widths, raw)
+        centre, widths = _to_corners(centre, widths, raw, height)
     constant = float(np.ptp(widths)) < 1e-3
     within = run.road.junction >= 0
     kind = "connection" if within else run.lane.kind
@@ -233,7 +233,7 @@ def _lane(name: str, run: _Run, raw: Lane | None) -> Lane:
 
 
 def _to_corners(
-    centre: NDArray[np.float64], widths: NDArray[np.float64], raw: Lane
+    centre: NDArray[np.float64], widths: NDArray[np.float64], raw: Lane, height: SurfaceHeight
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Draw a footway on to its ends in the network: roads are cut back there, corners are not."""
     for end in (0, -1):
@@ -241,7 +241,10 @@ def _to_corners(
         gap = raw.centre[end, :2] - centre[end, :2]
         ahead = (centre[end] - inner)[:2] @ gap
         if ahead > 0.0 and 0.02 < np.linalg.norm(gap) < REACH_M:
-            point = np.append(raw.centre[end, :2], centre[end, 2])
+            corner = raw.centre[end, :2]
+            # Only the slope is the surface's: a footway ends where it ends, without a step.
+            rise = np.diff(height(np.array([centre[end, :2], corner]), raw.level))
+            point = np.append(corner, centre[end, 2] + rise)
             centre = np.vstack([point, centre] if end == 0 else [centre, point])
             widths = np.insert(widths, 0 if end == 0 else len(widths), widths[end])
     return centre, widths

@@ -257,6 +257,8 @@ def _connections(plain: PlainNetwork) -> etree._Element:
         if edge.id not in lead_on:
             # Without this, netconvert makes up ways on.
             etree.SubElement(root, "connection", {"from": edge.id})
+    # netconvert wants them counter-clockwise about the node where traffic keeps to the right.
+    way = 1 if plain.model.driving_side == "right" else -1
     for crosswalk in plain.crosswalks:
         etree.SubElement(
             root,
@@ -266,7 +268,10 @@ def _connections(plain: PlainNetwork) -> etree._Element:
                 "edges": " ".join(crosswalk.edges),
                 "width": f"{crosswalk.width:.2f}",
                 "priority": "true",
-                "shape": _shape(crosswalk.line),
+                # netconvert wants them counter-clockwise about the node, as traffic keeps right.
+                "shape": _shape(
+                    crosswalk.line[:: 1 if plain.model.driving_side == "right" else -1]
+                ),
             },
         )
     return root

@@ -80,6 +80,7 @@ def sumo_network_of_model(model: LaneModel, out: Path) -> SumoNetwork:
         files = write_plain(Path(scratch), plain)
         settings = [text for key, value in options.items() for text in (f"--{key}", value)]
         warnings = run_netconvert([*files, *settings], raw)
+        _without_outlines(raw)
         write_network(raw, out)
     root = etree.parse(out).getroot()
     named, programs = with_programs(_named(plain, root), nodes, lights, out)
@@ -91,6 +92,20 @@ def sumo_network_of_model(model: LaneModel, out: Path) -> SumoNetwork:
         **programs,
     }
     return SumoNetwork(named, warnings, notes)
+
+
+def _without_outlines(net: Path) -> None:
+    """Take the outlines of crossings of a given shape away: netconvert mixes them up.
+
+    On the left side of the road they lie on the wrong side of the x axis (SUMO 1.24). Without an
+    outline, SUMO takes the crossing's line and width.
+    """
+    tree = etree.parse(net)
+    for edge in tree.getroot().iterfind("edge"):
+        if edge.get("function") == "crossing":
+            for lane in edge.iterfind("lane"):
+                lane.attrib.pop("outlineShape", None)
+    tree.write(str(net))
 
 
 def _named(plain: PlainNetwork, root: etree._Element) -> LaneModel:
