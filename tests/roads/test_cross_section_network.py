@@ -47,9 +47,28 @@ def edges(network, way=10):
     return found[True], found[False]
 
 
+def rows(write_osm, tmp_path, cases, side):
+    """Straight roads of their own, 40 m apart: of each its lanes eastwards and westwards."""
+    north = {k: 40.0 * (k - len(cases) / 2) for k in range(len(cases))}
+    nodes = {}
+    for k, y in north.items():
+        nodes |= {2 * k + 1: (-60, y, {}), 2 * k + 2: (60, y, {})}
+    ways = {k + 1: ([2 * k + 1, 2 * k + 2], {**BASE, **tags}) for k, tags in enumerate(cases)}
+    network = build_roads(
+        read_extract(write_osm(nodes, ways)),
+        HERE,
+        shapely.Point(0, 0).buffer(400),
+        Elevation.flat(),
+        driving_side=side,
+        out=tmp_path / "n.net.xml",
+    ).network
+    return [(*edges(network, k + 1), y) for k, y in north.items()]
+
+
 def middle(lane):
-    """How far a lane's middle lies north of the mapped line, halfway to the junction."""
-    return float(np.interp(-60.0, *np.sort(lane.centre[:, :2].T[:, np.argsort(lane.centre[:, 0])])))
+    """Where a lane's middle lies at x = 0, metres north."""
+    line = lane.centre[np.argsort(lane.centre[:, 0])]
+    return float(np.interp(0.0, line[:, 0], line[:, 1]))
 
 
 def shape(lanes):
@@ -82,10 +101,10 @@ CASES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("tags", "east", "west"), CASES)
-def test_lanes_on_the_right(build, tags, east, west):
-    along, against = edges(build(tags))
-    assert (shape(along), shape(against)) == (east, west)
+def test_lanes_on_the_right(write_osm, tmp_path):
+    found = rows(write_osm, tmp_path, [tags for tags, _, _ in CASES], "right")
+    for (tags, east, west), (along, against, _) in zip(CASES, found, strict=True):
+        assert (shape(along), shape(against)) == (east, west), tags
 
 
 def swapped(tags):
@@ -98,43 +117,48 @@ def swapped(tags):
     return {swap(key): swap(value) for key, value in tags.items()}
 
 
-@pytest.mark.parametrize(("tags", "east", "west"), CASES)
-def test_lanes_on_the_left(build, tags, east, west):
-    along, against = edges(build(swapped(tags), "left", swapped(STREET)))
-    assert (shape(along), shape(against)) == (east, west)
-    # The curb is to the left of those who drive.
-    for lanes, sign in ((along, 1), (against, -1)):
-        place = [sign * middle(lane) for lane in lanes]
-        assert place == sorted(place, reverse=True)
+def test_lanes_on_the_left(write_osm, tmp_path):
+    found = rows(write_osm, tmp_path, [swapped(tags) for tags, _, _ in CASES], "left")
+    for (tags, east, west), (along, against, _) in zip(CASES, found, strict=True):
+        assert (shape(along), shape(against)) == (east, west), tags
+        # The curb is to the left of those who drive.
+        for lanes, sign in ((along, 1), (against, -1)):
+            place = [sign * middle(lane) for lane in lanes]
+            assert place == sorted(place, reverse=True)
 
 
-@pytest.mark.parametrize(
-    ("tags", "expected"),
-    [
-        # Lanes of 3.25 m from the curb inwards; the line is the middle of the carriageway.
-        ({"oneway": "yes", "lanes": "2"}, [-1.625, 1.625]),
-        ({"oneway": "yes", "lanes": "2", "sidewalk": "both"}, [-4.5, -1.625, 1.625]),
-        ({"oneway": "yes", "lanes": "2", "placement": "right_of:1"}, [-1.625, 1.625]),
-        ({"oneway": "yes", "lanes": "2", "placement": "left_of:1"}, [-4.875, -1.625]),
-        ({"oneway": "yes", "lanes": "3", "placement": "middle_of:1"}, [-6.5, -3.25, 0.0]),
-        ({"lanes": "3", "lanes:forward": "2"}, [-3.25, 0.0]),
-        ({"lanes": "3", "lanes:forward": "2", "placement:forward": "left_of:1"},
-         [-4.875, -1.625]),
-        ({"lanes": "4", "placement:backward": "right_of:1"}, [-8.125, -4.875]),
-    ],
-)  # fmt: skip
-def test_placement(build, tags, expected):
-    along, _ = edges(build(tags))
-    assert [middle(lane) for lane in along] == pytest.approx(expected, abs=0.03)
-    # The mirror image, where people drive on the left.
-    other = {key: value for key, value in swapped(tags).items() if "placement" not in key}
-    lanes = 3 if tags.get("lanes") == "3" and "oneway" in tags else 2
-    for key in tags:
-        if "placement" in key:
-            word, number = swapped(tags)[key].split(":")
-            other[key] = f"{word}:{lanes + 1 - int(number)}"
-    along, _ = edges(build(other, "left"))
-    assert [middle(lane) for lane in along] == pytest.approx([-y for y in expected], abs=0.03)
+#: Tags, and how far north of the line lanes lie, from the curb inwards: lanes of 3.25 m.
+PLACES = [
+    # Without a tag the line is the middle of the carriageway.
+    ({"oneway": "yes", "lanes": "2"}, [-1.625, 1.625]),
+    ({"oneway": "yes", "lanes": "2", "sidewalk": "both"}, [-4.5, -1.625, 1.625]),
+    ({"oneway": "yes", "lanes": "2", "placement": "right_of:1"}, [-1.625, 1.625]),
+    ({"oneway": "yes", "lanes": "2", "placement": "left_of:1"}, [-4.875, -1.625]),
+    ({"oneway": "yes", "lanes": "3", "placement": "middle_of:1"}, [-6.5, -3.25, 0.0]),
+    ({"lanes": "3", "lanes:forward": "2"}, [-3.25, 0.0]),
+    ({"lanes": "3", "lanes:forward": "2", "placement:forward": "left_of:1"}, [-4.875, -1.625]),
+    ({"lanes": "4", "placement:backward": "right_of:1"}, [-8.125, -4.875]),
+]
+
+
+def test_placement(write_osm, tmp_path):
+    found = rows(write_osm, tmp_path, [tags for tags, _ in PLACES], "right")
+    for (tags, expected), (along, _, y) in zip(PLACES, found, strict=True):
+        assert [middle(lane) - y for lane in along] == pytest.approx(expected, abs=0.03), tags
+
+
+def test_placement_on_the_left(write_osm, tmp_path):
+    cases = []
+    for tags, _ in PLACES:
+        mirror = swapped(tags)
+        for key in [key for key in mirror if "placement" in key]:
+            lanes = 3 if tags.get("lanes") == "3" and "oneway" in tags else 2
+            word, number = mirror[key].split(":")
+            mirror[key] = f"{word}:{lanes + 1 - int(number)}"
+        cases.append(mirror)
+    found = rows(write_osm, tmp_path, cases, "left")
+    for (tags, expected), (along, _, y) in zip(PLACES, found, strict=True):
+        assert [y - middle(lane) for lane in along] == pytest.approx(expected, abs=0.03), tags
 
 
 def test_a_transition_joins_what_lies_before_and_after(build):

@@ -1,0 +1,334 @@
+"""Side lanes against the carriageway, the junctions and the tags that they come from."""
+
+import itertools
+
+import numpy as np
+import pytest
+import shapely
+
+from urbantwin.geometry import SiteFrame
+from urbantwin.ground import Elevation
+from urbantwin.roads import build_roads
+from urbantwin.roads.cross_section import MappedStretch, cross_section
+from urbantwin.roads.model import (
+    Connection,
+    Curve,
+    LaneModel,
+    LaneSection,
+    ModelJunction,
+    ModelRoad,
+    Piece,
+    Profile,
+    RoadLink,
+    SectionLane,
+)
+from urbantwin.roads.side_lanes import add_side_lanes, is_island
+from urbantwin.site import read_extract
+
+HERE = SiteFrame(48.7, 9.18)
+ZERO = Profile.constant(0.0)
+RAISED = {"sidewalk": 0.15}
+
+
+def road(number, rows, *, length=100.0, y=0.0, x=0.0, heading=0.0, curvature=0.0, **fields):
+    """A street of one section; rows are (id, kind, width, forward)."""
+    lanes = tuple(
+        SectionLane(
+            i, kind, Profile.constant(w), forward, strip=f"{number}_{i}", height=RAISED.get(kind, 0)
+        )
+        for i, kind, w, forward in sorted(rows, reverse=True)
+    )
+    return ModelRoad(
+        **{
+            "id": number, "name": "", "kind": "residential", "ways": (number,), "junction": -1,
+            "curve": Curve((Piece(x, y, heading, length, curvature),)), "offset": ZERO,
+            "elevation": ZERO, "bank": ZERO, "crown": ZERO,
+            "sections": (LaneSection(0.0, lanes),), **fields,
+        }
+    )  # fmt: skip
+
+
+TWO_WAY = [
+    (2, "sidewalk", 2.5, False), (1, "driving", 3.0, False),
+    (-1, "driving", 3.0, True), (-2, "sidewalk", 2.5, True),
+]  # fmt: skip
+
+
+def stretch(number, tags, points=((0, 0), (100, 0)), side="right"):
+    section = cross_section(
+        {"highway": "residential", **tags}, driving_side=side, sidewalks="both", country="DE"
+    )
+    return MappedStretch(number, np.array(points, float), section)
+
+
+def junctions(*roads):
+    """A model in which every road meets two others at either end."""
+    links = {
+        "predecessor": RoadLink("junction", 900),
+        "successor": RoadLink("junction", 901),
+    }
+    others = [
+        road(500 + k, TWO_WAY, y=2000.0 + 50 * k, predecessor=RoadLink("junction", j))
+        for k, j in enumerate((900, 900, 901, 901))
+    ]
+    ends = (ModelJunction(900, "a", ()), ModelJunction(901, "b", ()))
+    fixed = [ModelRoad(**{**vars_of(r), **links}) for r in roads]
+    return LaneModel("right", (*fixed, *others), ends)
+
+
+def vars_of(item):
+    return {name: getattr(item, name) for name in item.__dataclass_fields__}
+
+
+def strips(item):
+    """Kind -> inner and outer borders (N, 2) sampled along the road, by strip."""
+    found = {}
+    for section, end in zip(item.sections, item.section_ends, strict=True):
+        s = np.linspace(section.s, end, 40)
+        for lane in section.lanes:
+            inner, outer = (item.border(section, lane, s, outer=o) for o in (False, True))
+            found.setdefault((lane.strip, lane.kind), []).append(np.column_stack([s, inner, outer]))
+    return {key: np.vstack(parts) for key, parts in found.items()}
+
+
+def assert_sound(item, *, smooth=True):
+    for section in item.sections:
+        left = [lane.id for lane in section.lanes if lane.id > 0]
+        right = [lane.id for lane in section.lanes if lane.id < 0]
+        assert left == list(range(len(left), 0, -1))
+        assert right == list(range(-1, -len(right) - 1, -1))
+    for section, end in zip(item.sections, item.section_ends, strict=True):
+        s = np.linspace(0, end - section.s, 50)
+        for lane in section.lanes:
+            assert lane.width.at(s).min() > -1e-9
+    for (a, b), s in zip(itertools.pairwise(item.sections), item.section_ends[:-1], strict=True):
+        for lane in a.lanes:
+            if lane.successor is None:
+                assert lane.width.at(s - a.s)[0] == pytest.approx(0, abs=1e-9)
+                continue
+            after = b.by_id[lane.successor]
+            assert (after.predecessor, after.strip) == (lane.id, lane.strip)
+            for outer in (False, True):
+                # Neither a step nor a kink where lanes go on.
+                before = item.border(a, lane, [s - 1e-4, s], outer=outer)
+                beyond = item.border(b, after, [s, s + 1e-4], outer=outer)
+                assert beyond[0] == pytest.approx(before[1], abs=1e-4)
+                if smooth:
+                    assert np.diff(beyond)[0] == pytest.approx(np.diff(before)[0], abs=1e-6)
+        for lane in b.lanes:
+            if lane.predecessor is None:
+                assert lane.width.at(0.0)[0] == pytest.approx(0, abs=1e-9)
+
+
+def test_parking_lies_between_carriageway_and_sidewalk():
+    tags = {"parking:right": "lane", "parking:right:width": "2.2", "parking:left": "lane",
+            "parking:left:orientation": "perpendicular"}  # fmt: skip
+    model = junctions(road(1, TWO_WAY))
+    done = add_side_lanes(model, [stretch(1, tags)], country="DE")
+    item = done.road_by_id[1]
+    assert_sound(item)
+    middle = item.section_at(50.0)
+    assert [(lane.kind, round(float(lane.width.at(50 - middle.s)[0]), 2)) for lane in
+            middle.lanes] == [("sidewalk", 2.5), ("parking", 5.0), ("driving", 3.0),
+                              ("driving", 3.0), ("parking", 2.2), ("sidewalk", 2.5)]  # fmt: skip
+    for (name, kind), line in strips(item).items():
+        if kind == "driving":
+            assert np.ptp(line[:, 1:], axis=0).max() < 1e-9
+        if kind == "sidewalk":
+            # The junction's corners stay where they are; the law keeps 5 m clear.
+            ends = (line[:, 0] < 5.0) | (line[:, 0] > 95.0)
+            assert np.abs(line[ends, 1]) == pytest.approx(3.0)
+            depth = 5.0 if line[0, 1] > 0 else 2.2
+            assert np.abs(line[:, 1]).max() == pytest.approx(3.0 + depth)
+            assert name in ("1_2", "1_-2")
+    names = [lane.strip for s in item.sections for lane in s.lanes if lane.kind == "parking"]
+    assert all(name.split(":")[0] == "1" for name in names)
+    assert done.road_by_id[500] == model.road_by_id[500]
+
+
+def test_a_way_drawn_against_the_road_has_its_sides_swapped():
+    backwards = stretch(1, {"parking:right": "lane"}, ((100, 0), (0, 0)))
+    item = add_side_lanes(junctions(road(1, TWO_WAY)), [backwards]).road_by_id[1]
+    assert [lane.id for lane in item.section_at(50).lanes if lane.kind == "parking"] == [2]
+
+
+def test_each_way_of_a_road_has_its_own_parking():
+    ways = [stretch(1, {"parking:right": "lane"}, ((0, 0), (60, 0))), stretch(2, {}, ((60, 0),
+            (100, 0)))]  # fmt: skip
+    item = add_side_lanes(junctions(road(1, TWO_WAY, ways=(1, 2))), ways).road_by_id[1]
+    assert_sound(item)
+    assert "parking" in {lane.kind for lane in item.section_at(40).lanes}
+    assert "parking" not in {lane.kind for lane in item.section_at(61).lanes}
+
+
+def test_parking_lies_within_a_cycle_track_and_beyond_a_cycle_lane():
+    rows = [*TWO_WAY[:3], (-2, "bicycle", 2.0, True), (-3, "sidewalk", 2.5, True)]
+    for value, expected in (
+        ("track", ["driving", "parking", "bicycle", "sidewalk"]),
+        ("lane", ["driving", "bicycle", "parking", "sidewalk"]),
+    ):
+        tags = {"parking:right": "lane", "cycleway:right": value}
+        item = add_side_lanes(junctions(road(1, rows)), [stretch(1, tags)]).road_by_id[1]
+        assert_sound(item)
+        assert [lane.kind for lane in item.section_at(50).lanes if lane.id < 0] == expected
+
+
+def test_nobody_parks_at_crossings():
+    model = junctions(road(1, TWO_WAY))
+    ways = [stretch(1, {"parking:both": "lane"})]
+    item = add_side_lanes(model, ways, country="DE", crossings=[[40, 0.3]]).road_by_id[1]
+    assert_sound(item)
+    for s in np.linspace(35.01, 44.99, 9):
+        assert "parking" not in {lane.kind for lane in item.section_at(float(s)).lanes}
+    assert "parking" in {lane.kind for lane in item.section_at(25.0).lanes}
+
+
+def test_roads_do_not_grow_into_others():
+    beside = road(2, TWO_WAY, length=40.0, y=-12.0, x=30.0)
+    model = junctions(road(1, TWO_WAY), beside)
+    ways = [stretch(1, {"parking:both": "lane"})]
+    house = shapely.box(60, 6.5, 80, 20)
+    item = add_side_lanes(model, ways, obstacles=[house]).road_by_id[1]
+    assert_sound(item)
+    for s in np.linspace(1, 99, 50):
+        section = item.section_at(float(s))
+        outer = {1: 0.0, -1: 0.0}
+        for lane in section.lanes:
+            side = 1 if lane.id > 0 else -1
+            reach = float(item.border(section, lane, s, outer=True)[0])
+            outer[side] = max(outer[side], abs(reach))
+        if 62 < s < 78:
+            assert outer[1] < 6.6
+        if 32 < s < 68:
+            assert outer[-1] < 6.6
+    kinds = [[lane.kind for lane in item.section_at(s).lanes] for s in (20.0, 50.0, 90.0)]
+    assert [row.count("parking") for row in kinds] == [2, 1, 2]
+
+
+@pytest.mark.parametrize("gap", [1.0, 3.0, 7.0])
+def test_a_median_fills_the_gap_of_a_dual_street(gap):
+    one_way = [(-1, "driving", 3.5, True), (-2, "sidewalk", 2.5, True)]
+    there = road(1, one_way)
+    back = road(2, one_way, y=gap, x=100.0, heading=np.pi)
+    done = add_side_lanes(junctions(there, back), [])
+    total = 0.0
+    for item in (done.road_by_id[1], done.road_by_id[2]):
+        assert_sound(item)
+        section = item.section_at(50.0)
+        (median,) = (lane for lane in section.lanes if lane.kind == "median")
+        assert (median.id, median.height) == (1, 0.15)
+        total += float(median.width.at(50.0 - section.s)[0])
+        lanes = {kind: line for (_, kind), line in strips(item).items() if kind == "driving"}
+        assert lanes["driving"][:, 2].max() == pytest.approx(-3.5)
+        nose = strips(item)[median.strip, "median"]
+        assert nose[[0, -1], 2] == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert total == pytest.approx(gap, abs=0.02)
+
+
+def test_carriageways_far_apart_or_side_by_side_share_no_median():
+    one_way = [(-1, "driving", 3.5, True)]
+    far = add_side_lanes(
+        junctions(road(1, one_way), road(2, one_way, y=12.0, x=100.0, heading=np.pi)), []
+    )
+    touching = add_side_lanes(
+        junctions(road(1, one_way), road(2, one_way, y=0.2, x=100.0, heading=np.pi)), []
+    )
+    for model in (far, touching):
+        kinds = {lane.kind for r in model.roads for s in r.sections for lane in s.lanes}
+        assert "median" not in kinds
+
+
+def test_a_refuge_leads_both_directions_round_it():
+    item = add_side_lanes(junctions(road(1, TWO_WAY)), [], islands=[[50.0, 0.0]]).road_by_id[1]
+    assert_sound(item)
+    section = item.section_at(50.0)
+    (island,) = (lane for lane in section.lanes if lane.kind == "island")
+    assert island.height == 0.15
+    borders = [float(item.border(section, island, 50.0, outer=o)[0]) for o in (False, True)]
+    assert borders == pytest.approx([1.0, -1.0])
+    for (_, kind), line in strips(item).items():
+        if kind == "driving":
+            width = np.abs(line[:, 2] - line[:, 1])
+            assert width == pytest.approx(3.0)
+            assert np.abs(line[[0, -1], 1]).max() == pytest.approx(0.0, abs=1e-9)
+    squeezed = add_side_lanes(
+        junctions(road(1, TWO_WAY)), [], islands=[[50, 0]], obstacles=[shapely.box(0, 5.6, 100, 9)]
+    )
+    kinds = {lane.kind for s in squeezed.road_by_id[1].sections for lane in s.lanes}
+    assert "island" not in kinds
+
+
+@pytest.mark.parametrize(
+    ("tags", "expected"),
+    [
+        ({"crossing:island": "yes"}, True),
+        ({"traffic_calming": "island"}, True),
+        ({"crossing": "uncontrolled;island"}, True),
+        ({"crossing:island": "no", "crossing": "zebra"}, False),
+    ],
+)
+def test_islands_of_the_map(tags, expected):
+    assert is_island(tags) == expected
+
+
+def test_links_through_junctions_follow_new_ids():
+    """A shoulder that reaches the end of a road within a cycle track moves the track's id."""
+    rows = [(-1, "driving", 3.5, True), (-2, "bicycle", 2.0, True)]
+    first = road(1, rows, successor=RoadLink("junction", 9))
+    second = road(2, rows, x=104.0, predecessor=RoadLink("junction", 9))
+    ways = [
+        MappedStretch(
+            number,
+            np.array([[x, 0.0], [x + 100, 0.0]]),
+            cross_section(
+                {"highway": "trunk", "oneway": "yes", "lanes": "1", "shoulder": "right",
+                 "maxspeed": "100", "cycleway:right": "track"},
+                driving_side="right", sidewalks="no",
+            ),
+        )
+        for number, x in ((1, 0.0), (2, 104.0))
+    ]  # fmt: skip
+    links = {
+        "predecessor": RoadLink("road", 1, "end"), "successor": RoadLink("road", 2, "start"),
+    }  # fmt: skip
+    over = road(3, [(-1, "bicycle", 2.0, True)], length=4.0, x=100.0, y=-3.5, junction=9, **links)
+    lane = over.sections[0].lanes[0]
+    lane = SectionLane(**{**vars_of(lane), "predecessor": -2, "successor": -2})
+    over = ModelRoad(**{**vars_of(over), "sections": (LaneSection(0.0, (lane,)),)})
+    junction = ModelJunction(9, "n", (Connection(1, 3, "start", ((-2, -1),)),))
+    done = add_side_lanes(LaneModel("right", (first, second, over), (junction,)), ways)
+    for number, k in ((1, -1), (2, 0)):
+        section = done.road_by_id[number].sections[k]
+        track = next(lane for lane in section.lanes if lane.kind == "bicycle")
+        linked = done.road_by_id[3].sections[0].lanes[0]
+        assert (linked.predecessor if number == 1 else linked.successor) == track.id
+    (connection,) = done.junction_by_id[9].connections
+    end = done.road_by_id[1].sections[-1]
+    assert end.by_id[connection.links[0][0]].kind == "bicycle"
+
+
+@pytest.mark.parametrize("name", ["neukolln", "quad_intersection"])
+def test_real_streets(name, shared_data, tmp_path):
+    """Side lanes of a real place: sound, and no traffic runs over them."""
+    place = {"neukolln": (52.47328, 13.439643), "quad_intersection": (47.644172, -122.303614)}[name]
+    built = build_roads(
+        read_extract(shared_data / "osm" / f"{name}.osm"),
+        SiteFrame(*place),
+        shapely.Point(0, 0).buffer(150),
+        Elevation.flat(),
+        driving_side="right",
+        out=tmp_path / "n.net.xml",
+    )
+    found = {lane.kind for r in built.model.roads for s in r.sections for lane in s.lanes}
+    assert {"parking"} | ({"median", "shoulder"} if name == "quad_intersection" else set()) <= found
+    for item in built.model.roads:
+        if item.junction < 0 and len(item.sections) > 1:
+            # Banked roads have wider lanes, by cubics of their own.
+            assert_sound(item, smooth=False)
+    network = built.network
+    driven = network.area_of(("driving", "bus"), 0)
+    for kind in ("parking", "median", "shoulder"):
+        area = network.area_of((kind,), 0)
+        assert shapely.intersection(area, driven).area <= 0.02 * area.area + 0.5
+    names = [lane.id for lane in network.lanes]
+    assert len(names) == len(set(names))
