@@ -205,6 +205,17 @@ region:
 #   licence: CC-BY-4.0
 #   attribution: "who made it"
 {roads}
+# Programs of signals, if you know them; else they are assumed. `urbantwin inspect` of the twin
+# lists its junctions with their streets, approaches and phases.
+# signals:
+#   - junction: First Street / Second Street
+#     cycle: 90           # seconds
+#     offset: 0           # after the clock's zero, for green waves
+#     phases:
+#       - seconds: 40
+#         green: [north, south]
+#       - green: [east, west]
+
 traffic:
   # How many set out per hour in the whole region. These are guesses from the number of lanes;
   # put counts here if you have them. A class that is not listed has none.
