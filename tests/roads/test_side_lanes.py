@@ -307,6 +307,32 @@ def test_links_through_junctions_follow_new_ids():
     assert end.by_id[connection.links[0][0]].kind == "bicycle"
 
 
+def test_a_mapped_refuge_is_built(write_osm, tmp_path):
+    """From the map to a raised strip, an area on its road, and lanes of traffic beside it."""
+    nodes = {1: (-100, 0, {}), 3: (100, 0, {})}
+    nodes[2] = (0, 0, {"highway": "crossing", "crossing": "uncontrolled", "crossing:island": "yes"})
+    path = write_osm(nodes, {1: ([1, 2, 3], {"highway": "secondary", "sidewalk": "both"})})
+    built = build_roads(
+        read_extract(path),
+        HERE,
+        shapely.Point(0, 0).buffer(90),
+        Elevation.flat(),
+        driving_side="right",
+        out=tmp_path / "n.net.xml",
+    )
+    (area,) = (area for area in built.model.areas if area.kind == "trafficIsland")
+    host = built.model.road_by_id[area.road]
+    x, y, heading = host.curve.at(area.s)[0]
+    turn = np.array([[np.cos(heading), -np.sin(heading)], [np.sin(heading), np.cos(heading)]])
+    island = shapely.Polygon(area.corners[:, :2] @ turn.T + [x, y])
+    assert area.height == 0.15
+    assert island.is_valid
+    assert island.covers(shapely.Point(0, 0))
+    assert island.area == pytest.approx(2.0 * (24 - 9), rel=0.03)
+    assert built.network.area_of(("island",), 0).symmetric_difference(island).area < 0.6
+    assert built.network.area_of(("driving",), 0).intersection(island).area < 0.3
+
+
 @pytest.mark.parametrize("name", ["neukolln", "quad_intersection"])
 def test_real_streets(name, shared_data, tmp_path):
     """Side lanes of a real place: sound, and no traffic runs over them."""

@@ -32,7 +32,7 @@ from urbantwin.roads.netconvert import sumo_network
 from urbantwin.roads.network import RoadNetwork
 from urbantwin.roads.reading import read_sumo_network
 from urbantwin.roads.redraw import redraw_sumo_network
-from urbantwin.roads.side_lanes import add_side_lanes, is_island
+from urbantwin.roads.side_lanes import add_side_lanes, is_island, with_island_areas
 from urbantwin.roads.signals.free_ground import FreeGround
 from urbantwin.roads.signals.heads import stand_signals
 from urbantwin.roads.signals.mapped import mapped_signals
@@ -179,7 +179,7 @@ def build_roads(
     )
     model, surface = with_heights(model, elevation, lift)
     model = with_tilted_widths(model)
-    model = furnished(model, raw, surface.height)
+    model = with_island_areas(furnished(model, raw, surface.height))
     network = network_of_model(model, raw, surface.height)
     ground = FreeGround(network)
     model = stand_signals(model, network, ground, practice_of(country), surface.height)

@@ -8,12 +8,20 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from urbantwin.roads.model import RAISED_KINDS, ModelRoad, Profile
+from urbantwin.roads.model import (
+    RAISED_KINDS,
+    LaneModel,
+    LaneSection,
+    ModelRoad,
+    Profile,
+    RoadArea,
+    SectionLane,
+)
 from urbantwin.roads.side_lanes.insertion import Insertion
 from urbantwin.roads.side_lanes.median import CURB_M
 from urbantwin.roads.side_lanes.room import Room
 
-__all__ = ["is_island", "islands_on", "moved_aside", "stations_on"]
+__all__ = ["is_island", "islands_on", "moved_aside", "stations_on", "with_island_areas"]
 
 #: Width of a refuge, metres (RASt 06, 6.1.8.2: at least 2.00 m; US MUTCD 3I: 6 ft).
 WIDTH_M = 2.0
@@ -97,3 +105,37 @@ def _lens(length: float) -> Profile:
         Profile.ramp(WIDTH_M, 0.0, taper).abcd[0],
     ]
     return Profile(np.array([0.0, taper, length - taper]), np.array(rows))
+
+
+def with_island_areas(model: LaneModel) -> LaneModel:
+    """Return the model with every island also as an area on its road, raised like its lane.
+
+    Args:
+        model: the lane model, with heights.
+    """
+    number = model.next_id
+    areas: list[RoadArea] = []
+    for road in model.roads:
+        for section, end in zip(road.sections, road.section_ends, strict=True):
+            for lane in section.lanes:
+                if lane.kind == "island":
+                    areas.append(_area(number + len(areas), road, section, lane, end))
+    return replace(model, areas=(*model.areas, *areas)) if areas else model
+
+
+def _area(
+    number: int, road: ModelRoad, section: LaneSection, lane: SectionLane, end: float
+) -> RoadArea:
+    s = np.linspace(section.s, end, max(5, int(end - section.s) + 1))
+    inner, outer = (road.border(section, lane, s, outer=side) for side in (False, True))
+    right, left = (inner, outer) if lane.id > 0 else (outer, inner)
+    # Both borders meet in the noses.
+    ring = np.vstack([road.place(s, right), road.place(s[1:-1], left[1:-1])[::-1]])
+    at = float((section.s + end) / 2)
+    x, y, heading = road.curve.at(at)[0]
+    gap = ring - [x, y, float(road.elevation.at(at)[0])]
+    c, sn = np.cos(heading), np.sin(heading)
+    corners = np.column_stack(
+        [gap[:, 0] * c + gap[:, 1] * sn, gap[:, 1] * c - gap[:, 0] * sn, gap[:, 2]]
+    )
+    return RoadArea(number, road.id, "trafficIsland", "island", at, corners, lane.height)
