@@ -161,7 +161,8 @@ def test_crosswalks_lie_where_people_cross(exported):
         ]
         corners = found[int(np.argmax(shares))]
         assert max(shares) > 0.999
-        assert corners[:, 2] == pytest.approx(network.height(lane.id, corners[:, :2]), abs=0.02)
+        surface = built.surface.height(corners[:, :2], lane.level)
+        assert corners[:, 2] == pytest.approx(surface, abs=1e-4)
 
 
 def test_controllers_know_their_signals_and_junctions_their_controllers(exported):
