@@ -29,7 +29,7 @@ from urbantwin.roads.levels import Lift
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.reading import read_sumo_network
 from urbantwin.roads.redraw import redraw_sumo_network
-from urbantwin.roads.signals.programs import set_programs
+from urbantwin.roads.signals.programs import set_programs, with_programs
 from urbantwin.roads.strips import network_of_model
 from urbantwin.site.signals import SignalPlan
 
@@ -129,6 +129,7 @@ def build_imported_roads(
         level_of_way={road.id: road.level for road in model.roads},
         origin={},
     )
+    model = with_programs(model, raw.programs)
     surface = RoadSurface(model, ModelSurface(model))
     network = network_of_model(model, raw, surface.height)
     redraw_sumo_network(out, network)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +11,14 @@ import numpy as np
 from lxml import etree
 
 from urbantwin.geometry import SiteFrame
+from urbantwin.roads.model import LaneModel
+from urbantwin.roads.network import SignalProgram
 from urbantwin.roads.signals.layout import COMPASS, Signalised, signalised_junctions
 from urbantwin.roads.signals.plan import planned
 from urbantwin.roads.signals.words import approaches
 from urbantwin.site.signals import SignalPlan
 
-__all__ = ["described_signals", "set_programs"]
+__all__ = ["described_signals", "set_programs", "with_programs"]
 
 #: A place that a person gives may be this far from the junction that is meant, metres.
 NEAREST_M = 100.0
@@ -62,6 +65,23 @@ def set_programs(net: Path, plans: Sequence[SignalPlan], frame: SiteFrame) -> in
     text = etree.tostring(tree.getroot(), xml_declaration=True, encoding="UTF-8")
     net.write_bytes(text + b"\n")
     return len(done)
+
+
+def with_programs(model: LaneModel, programs: Sequence[SignalProgram]) -> LaneModel:
+    """Return a lane model whose controllers run the programs of their names.
+
+    Args:
+        model: the lane model.
+        programs: what SUMO's network has.
+    """
+    known = {program.id: program for program in programs}
+    controllers = tuple(
+        replace(item, offset=known[item.name].offset, phases=known[item.name].phases)
+        if item.name in known
+        else item
+        for item in model.controllers
+    )
+    return replace(model, controllers=controllers)
 
 
 def described_signals(net: Path) -> dict[str, dict[str, Any]]:
