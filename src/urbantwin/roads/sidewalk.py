@@ -83,8 +83,13 @@ def _has_twin(
     direction = ahead - middle
     direction /= max(float(np.linalg.norm(direction)), 1e-9)
     inner = np.array([-direction[1], direction[0]]) * (1.0 if side == "right" else -1.0)
-    probe = shapely.LineString([middle + inner * 0.5, middle + inner * DUAL_DISTANCE_M])
+    ends = np.array([middle + inner * 0.5, middle + inner * DUAL_DISTANCE_M])
+    probe = shapely.LineString(ends)
     for _, points in others:
+        if (points.max(axis=0) < ends.min(axis=0)).any() or (
+            points.min(axis=0) > ends.max(axis=0)
+        ).any():
+            continue
         other = shapely.LineString(points)
         meet = shapely.intersection(probe, other)
         if meet.is_empty:

@@ -52,7 +52,7 @@ def add_side_lanes(
             if link is not None and link.element == "junction":
                 meeting[link.id].add(road.id)
     room = Room(model, obstacles)
-    between = medians(model)
+    between = medians(model, room.footprints)
     changed: dict[int, Renumbering] = {}
     roads: dict[int, ModelRoad] = {}
     for road in streets:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import shapely
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from urbantwin.roads.model import LaneModel, ModelRoad, fitted
 from urbantwin.roads.side_lanes.insertion import Insertion
-from urbantwin.roads.side_lanes.room import STEP_M, footprint
+from urbantwin.roads.side_lanes.room import STEP_M
 
 __all__ = ["CURB_M", "medians"]
 
@@ -27,14 +27,20 @@ PARALLEL = 0.8
 TOLERANCE_M = 0.05
 
 
-def medians(model: LaneModel) -> dict[int, list[Insertion]]:
+def medians(
+    model: LaneModel, footprints: Mapping[int, shapely.Geometry]
+) -> dict[int, list[Insertion]]:
     """Return the median lanes of the streets of one direction, by road.
 
     A median lies on the inner side and fills half of the gap to a carriageway against it, all of
     the gap to one beside it; it narrows to a nose before the junction.
+
+    Args:
+        model: the lane model.
+        footprints: the area of each street in plan, by its id.
     """
     streets = [road for road in model.roads if road.junction < 0]
-    shapes = [footprint(road) for road in streets]
+    shapes = [footprints[road.id] for road in streets]
     tree = shapely.STRtree(shapes)
     found: dict[int, list[Insertion]] = {}
     for road in streets:
@@ -70,22 +76,25 @@ def _widths(
     near = road.curve.beside(s, side * 0.02 + road.offset.at(s))
     far = road.curve.beside(s, side * (WIDEST_M + 0.5) + road.offset.at(s))
     probes = shapely.linestrings(np.stack([near, far], axis=1))
-    gap, share = np.full(len(s), math.inf), np.ones(len(s))
-    for k, j in tree.query(probes, predicate="intersects").T.tolist():
-        other = streets[j]
-        if other.id == road.id or other.level != road.level:
-            continue
-        reach = float(shapely.distance(shapely.Point(near[k]), shapes[j] & probes[k])) + 0.02
-        if reach < gap[k]:
-            heading = float(other.curve.at(other.curve.locate(near[k])[0])[0, 2])
-            along = math.cos(heading - float(pose[k, 2]))
-            gap[k] = reach
-            # A carriageway against this one has a median of its own; one beside it has not.
-            share[k] = 0.5 if along < -PARALLEL and _inner_side(other) else 1.0
-            if abs(along) < PARALLEL:
-                share[k] = math.nan
-    gap[(gap < NARROWEST_M) | (gap > WIDEST_M)] = math.nan
-    return gap * share
+    probe, hit = tree.query(probes, predicate="intersects")
+    fits = [streets[j].id != road.id and streets[j].level == road.level for j in hit]
+    probe, hit = probe[fits], hit[fits]
+    crossed = shapely.intersection(np.asarray(shapes, object)[hit], probes[probe])
+    reach = shapely.distance(shapely.points(near[probe]), crossed) + 0.02
+    width = np.full(len(s), math.nan)
+    order = np.lexsort((reach, probe))
+    # The nearest street at each station.
+    nearest = order[np.unique(probe[order], return_index=True)[1]]
+    for j in np.unique(hit[nearest]):
+        other, mine = streets[j], nearest[hit[nearest] == j]
+        k, gap = probe[mine], reach[mine]
+        heading = other.curve.at(other.curve.locate(near[k])[0])[:, 2]
+        along = np.cos(heading - pose[k, 2])
+        # A carriageway against this one has a median of its own; one beside it has not.
+        share = np.where((along < -PARALLEL) & bool(_inner_side(other)), 0.5, 1.0)
+        ok = (np.abs(along) > PARALLEL) & (gap > NARROWEST_M) & (gap < WIDEST_M)
+        width[k[ok]] = (gap * share)[ok]
+    return width
 
 
 def _spans(width: NDArray[np.float64]) -> list[tuple[int, int]]:

@@ -32,9 +32,10 @@ class Room:
         shapes: list[shapely.Geometry] = []
         self._owner: list[int] = []
         self._level: list[int | None] = []
+        self.footprints = {r.id: footprint(r) for r in model.roads if r.junction < 0}
         for road in model.roads:
             if road.junction < 0:
-                shapes.append(footprint(road))
+                shapes.append(self.footprints[road.id])
                 self._owner.append(road.id)
                 self._level.append(road.level)
         for junction in model.junctions:
@@ -95,15 +96,15 @@ class Room:
 
 def outer_border(road: ModelRoad, side: int, s: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the offset t (N,) of a road's border on one side at stations (N,)."""
-    t = np.zeros(len(s))
-    for k, at in enumerate(s):
-        section = road.section_at(min(float(at), road.length - 1e-6))
+    t = np.asarray(road.offset.at(s), np.float64)
+    starts = np.array([section.s for section in road.sections])
+    which = np.maximum(np.searchsorted(starts, s + 1e-9, side="right") - 1, 0)
+    for k, section in enumerate(road.sections):
         lanes = [lane for lane in section.lanes if lane.id * side > 0]
-        if lanes:
+        here = which == k
+        if lanes and here.any():
             outermost = max(lanes, key=lambda lane: abs(lane.id))
-            t[k] = road.border(section, outermost, at, outer=True)[0]
-        else:
-            t[k] = road.offset.at(at)[0]
+            t[here] = road.border(section, outermost, s[here], outer=True)
     return t
 
 
