@@ -20,8 +20,8 @@ __all__ = ["Base", "RoadSurface"]
 Base = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
 #: How far into a junction a street's end is felt, and how far beside it its side, metres.
 REACH_M, SIDE_REACH_M = 14.0, 6.0
-#: Weight of the ground between the streets: as much as a street's end about 6 m away.
-GROUND_WEIGHT = 0.01
+#: Weight of the ground between the streets: as much as a street's end about 4 m away.
+GROUND_WEIGHT = 0.03
 #: Spacing of samples along streets, metres.
 STEP_M = 1.0
 #: As many ends, and samples of sides, are looked at around a point.

@@ -14,7 +14,15 @@ from urbantwin.roads.heights.limits import Limits
 from urbantwin.roads.heights.stations import Stations
 from urbantwin.roads.model import ModelRoad
 
-__all__ = ["FINE_M", "RUN_OUT_M", "CrossFall", "cross_falls", "line_across", "run_out"]
+__all__ = [
+    "FINE_M",
+    "RUN_OUT_M",
+    "CrossFall",
+    "cross_falls",
+    "line_across",
+    "run_out",
+    "smooth_step",
+]
 
 #: Fall of a paved carriageway that sheds water: from the crown of a two-way street to both sides,
 #: on a one-way carriageway to the outer side (AASHTO Green Book 2018, 4.2.2: 1.5 to 2 %).
@@ -128,10 +136,12 @@ def run_out(
         for first, last in spans:
             near[part] = np.minimum(near[part], np.maximum(np.maximum(first - s, s - last), 0.0))
     # Streets that are too short to run out at both ends have less of it in their middles.
-    return _step(near / np.minimum(RUN_OUT_M, length / 2)) * _step(length / (2.0 * RUN_OUT_M))
+    return smooth_step(near / np.minimum(RUN_OUT_M, length / 2)) * smooth_step(
+        length / (2.0 * RUN_OUT_M)
+    )
 
 
-def _step(u: NDArray[np.float64]) -> NDArray[np.float64]:
+def smooth_step(u: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a smooth step from 0 at 0 to 1 at 1."""
     u = np.clip(u, 0.0, 1.0)
     return np.asarray(u * u * (3.0 - 2.0 * u))

@@ -12,7 +12,13 @@ from urbantwin.ground import Elevation
 from urbantwin.roads.heights.base import RoadGround
 from urbantwin.roads.heights.blend import Base, RoadSurface
 from urbantwin.roads.heights.clash import NO_CLASHES, Clashes, find_clashes
-from urbantwin.roads.heights.cross_fall import FINE_M, cross_falls, line_across, run_out
+from urbantwin.roads.heights.cross_fall import (
+    FINE_M,
+    cross_falls,
+    line_across,
+    run_out,
+    smooth_step,
+)
 from urbantwin.roads.heights.design import Pins, designed, profile_slopes, smoothed
 from urbantwin.roads.heights.limits import limits_of
 from urbantwin.roads.heights.mouths import curvature_at, levels_at_ends
@@ -28,6 +34,8 @@ __all__ = ["ground_under", "with_heights"]
 STEP_M = 2.5
 #: Offsets across a carriageway that the smoothed ground is sampled at.
 SAMPLES = 7
+#: Over this distance a street comes off another one that it followed, metres.
+EASING_M = 15.0
 #: What lies on another street counts this many times more than what does not.
 SHARED_WEIGHT = 500.0
 #: Furthest that smoothing may take a street off the ground, metres: on a coarse DEM, which does not
@@ -117,7 +125,9 @@ def _streets(
     z = _sampled(stations.beside(t), level, base)
     weight = np.ones_like(t)
     if surface:
-        weight += SHARED_WEIGHT * _sampled(stations.beside(t), level, surface.on_streets)
+        on = _sampled(stations.beside(t), level, surface.on_streets)
+        weight += SHARED_WEIGHT * on
+        z = _eased(stations, t, z, weight, on.max(axis=1) > 0.0)
     share = run_out(stations, clashes.calm)
     lifted = _lifted(stations, site.ground)
     cross = cross_falls(stations, t, z, weight, elevation, limits, lifted, share)
@@ -143,6 +153,36 @@ def _streets(
         replace(road, elevation=e, bank=b, crown=c)
         for road, e, b, c in zip(streets, elevations, banks, crowns, strict=True)
     ]
+
+
+def _eased(
+    stations: Stations,
+    t: NDArray[np.float64],
+    z: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    on: NDArray[np.bool_],
+) -> NDArray[np.float64]:
+    """Return ground (M, K) that streets leave gently where they come off another street.
+
+    What following the other street (``on``, (M,)) asks for beyond the ground itself fades out over
+    ``EASING_M`` along the road, or up to its end if that is nearer.
+    """
+    free, held = line_across(t, z), line_across(t, z, weight)
+    ask = [b - a for a, b in zip(free, held, strict=True)]
+    z = z.copy()
+    for k in range(len(stations.roads)):
+        part = stations.of(k)
+        at = np.flatnonzero(on[part])
+        if not len(at) or len(at) == part.stop - part.start:
+            continue
+        s = stations.s[part]
+        near = at[np.abs(s[:, None] - s[at]).argmin(axis=1)]
+        room = np.where(s < s[near], s[near], s[-1] - s[near])
+        away = np.abs(s - s[near]) / np.maximum(np.minimum(EASING_M, room), 1e-9)
+        share = np.where(on[part], 0.0, 1.0 - smooth_step(away))
+        level, slope = (share * value[part][near] for value in ask)
+        z[part] += level[:, None] + slope[:, None] * t[part]
+    return z
 
 
 def _sampled(xy: NDArray[np.float64], level: NDArray[np.int64], base: Base) -> NDArray[np.float64]:

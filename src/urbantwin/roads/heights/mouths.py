@@ -141,7 +141,7 @@ def mouths_of(
 
 def curvature_at(road: ModelRoad, s: float) -> float:
     """Return the curvature of a road's reference line at one of its ends, 1/m."""
-    inner = min(0.1, road.length / 4)
+    inner = min(0.02, road.length / 50)
     a, b = sorted((s, s + inner if s < road.length / 2 else s - inner))
     first, last = road.curve.at([a, b])[:, 2]
     return float((last - first + np.pi) % (2 * np.pi) - np.pi) / (b - a)

@@ -92,4 +92,9 @@ def _end(
     # Along the way the surface stays in its tangent plane: a bend turns grade into bank.
     own = curvature_at(road, s)
     turn = ((twist - bow) + bend * slope) / max(1.0 - t * bend, 0.2) - sign * own * slope
-    return float(street.heights(at, t)[0]), sign * slope, sign * float(rise), turn
+    # Stations of a cubic are not quite metres: what changes with them changes in that measure.
+    inner = min(0.02, road.length / 50)
+    a, b = road.curve.at([s, abs(s - inner)])[:, :2]
+    pace = float(np.linalg.norm(b - a)) / inner
+    height = float(street.heights(at, t)[0])
+    return height, pace * sign * slope, sign * float(rise), pace * turn
