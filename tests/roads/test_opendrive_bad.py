@@ -63,6 +63,11 @@ BAD = {
     "version 2": ('<OpenDRIVE><header revMajor="2" revMinor="0"/>' + road() + END, "version 2.0"),
     "no reference line": (HEAD + road(plan="") + END, "road 12: has no reference line"),
     "length zero": (HEAD + road(values='length="0"') + END, "road 12: has length 0"),
+    "as long as a country": (
+        HEAD + road(plan=LINE.replace("100", "1e9"), values='length="1e9"') + END,
+        "road 12: has length 1e\\+09",
+    ),
+    "deeply nested": (HEAD + "<road>" * 5000, "not whole XML"),
     "no length": (HEAD + road(values="") + END, "road 12: <road> length is missing"),
     "lengths differ": (HEAD + road(values='length="80"') + END, "road 12: is 80 m long"),
     "negative length": (

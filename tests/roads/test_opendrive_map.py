@@ -9,7 +9,7 @@ import shapely
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads
-from urbantwin.roads.opendrive import write_opendrive
+from urbantwin.roads.opendrive import read_opendrive, write_opendrive
 from urbantwin.site import read_extract
 
 HERE = SiteFrame(48.7, 9.18)
@@ -195,3 +195,37 @@ def test_roads_are_linked_unless_they_end_at_the_border(exported):
             x, y, _ = road.reference(s)
             at_border = max(abs(x), abs(y)) > 110
             assert road.element.find(f"link/{tag}") is not None or at_border
+
+
+@pytest.mark.parametrize(("side", "version"), [("right", "1.8"), ("right", "1.4"), ("left", "1.8")])
+def test_what_was_built_is_read_again(crossing, tmp_path, side, version):
+    """Lane borders within a millimetre, and the same junctions, signals and programs."""
+    model = crossing(side).model
+    write_opendrive(model, HERE, tmp_path / "m.xodr", version=version, name="x")
+    back, projection, notes = read_opendrive(tmp_path / "m.xodr")
+    assert (projection, notes["remarks"]) == (HERE.proj, [])
+    for road in model.roads:
+        other = back.road_by_id[road.id]
+        for section, twin, end in zip(
+            road.sections, other.sections, road.section_ends, strict=True
+        ):
+            s = np.linspace(section.s, end - 1e-6, 15)
+            for lane in section.lanes:
+                copy = twin.by_id[lane.id]
+                assert copy.kind == lane.kind
+                assert (copy.predecessor, copy.successor) == (lane.predecessor, lane.successor)
+                mine = road.place(s, road.border(section, lane, s, outer=True))
+                theirs = other.place(s, other.border(twin, copy, s, outer=True))
+                assert np.abs(mine - theirs).max() < 1e-3
+
+    def connections(whole):
+        return sorted(
+            (c.incoming, c.connecting, c.contact, c.links)
+            for junction in whole.junctions
+            for c in junction.connections
+        )
+
+    assert connections(back) == connections(model)
+    assert back.controllers == model.controllers
+    assert {signal.id for signal in back.signals} >= {signal.id for signal in model.signals}
+    assert len(back.areas) == len(model.areas)

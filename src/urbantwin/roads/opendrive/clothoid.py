@@ -17,6 +17,8 @@ TOLERANCE_M = 5e-5
 STEP_TURN = 0.4
 #: Step of u in which the length of a cubic over u is added up, metres.
 STEP_U_M = 0.25
+#: The most such steps.
+STEPS_U = 20_000
 _ROOTS, _WEIGHTS = np.polynomial.legendre.leggauss(10)
 NODES, WEIGHTS = (_ROOTS + 1) / 2, _WEIGHTS / 2
 
@@ -68,7 +70,7 @@ def polynomial_pieces(
         return np.hypot(1.0, b + u * (2 * c + 3 * d * u))
 
     # The curve is at least as long as u.
-    grid = np.linspace(0.0, length, max(2, int(length / STEP_U_M) + 2))
+    grid = np.linspace(0.0, length, min(int(length / STEP_U_M) + 2, STEPS_U))
     step = np.diff(grid)
     cells = (speed(grid[:-1, None] + step[:, None] * NODES) * WEIGHTS).sum(axis=1) * step
     along = np.concatenate([[0.0], np.cumsum(cells)])

@@ -17,6 +17,8 @@ __all__ = ["read_curve"]
 LENGTH_M = 0.1
 #: Gaps in a reference line from here on are remarked, and from there on refused, metres.
 GAP_M, BROKEN_M = 0.01, 1.0
+#: The longest road that is read, metres.
+LONGEST_M = 1e6
 #: Shorter pieces are left out, metres.
 SHORTEST_M = 1e-6
 #: Curvatures below this are straight, 1/m: at 1 km they are 0.05 mm off.
@@ -42,8 +44,8 @@ def read_curve(road: etree._Element, spot: Spot) -> Curve:
     if not items:
         raise spot.error("has no reference line", expected="<planView> with <geometry>")
     told = spot.number(road, "length")
-    if told <= 0:
-        raise spot.error(f"has length {told:g}", expected="more than 0 m")
+    if not 0 < told <= LONGEST_M:
+        raise spot.error(f"has length {told:g}", expected=f"more than 0 m, up to {LONGEST_M:g} m")
     pieces: list[Piece] = []
     s = 0.0
     for item in sorted(items, key=lambda e: spot.number(e, "s")):
