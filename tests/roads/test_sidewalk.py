@@ -20,6 +20,7 @@ EAST = np.array([[0.0, 0.0], [100.0, 0.0]])
         ({"highway": "trunk"}, "no"),
         ({"highway": "trunk", "sidewalk": "right"}, "right"),
         ({"highway": "primary", "foot": "no"}, "no"),
+        ({"highway": "primary", "junction": "roundabout"}, "right"),
         ({"highway": "primary", "foot": "use_sidepath"}, "both"),
     ],
 )

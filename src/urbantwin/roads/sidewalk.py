@@ -30,8 +30,8 @@ def sidewalk_sides(
 
     Mapped sidewalks win (``sidewalk``, ``sidewalk:left|right|both``; one that is mapped as a way
     of its own, ``separate``, is still a sidewalk of this street). Where nothing is mapped, urban
-    streets have both, a carriageway of a dual street only the outer one, and roads that people on
-    foot may not use none.
+    streets have both, a carriageway of a dual street and a roundabout only the outer one, and roads
+    that people on foot may not use none.
 
     Args:
         tags: the way's tags.
@@ -49,6 +49,9 @@ def sidewalk_sides(
         or tags.get("tunnel") not in (None, "no", "building_passage")
     ):
         return "no"
+    if tags.get("junction") in ("roundabout", "circular"):
+        # Nobody walks round the island in the middle.
+        return side
     if tags.get("oneway") in ("yes", "1", "true") and _has_twin(line, others, side):
         return side
     return "both"
