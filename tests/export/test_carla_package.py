@@ -163,7 +163,7 @@ def test_lanes_of_carla_s_map_lie_on_the_mesh(exported, carla_says):
     over = height_over(scene, points)
     assert beside[np.isnan(over)].max(initial=0.0) < 0.05
     # CARLA knows no cross-fall: its lanes are as high as the reference line at their station.
-    for point, above in zip(points[::7], over[::7], strict=True):
+    for point, above in zip(points[::17], over[::17], strict=True):
         if np.isfinite(above) and above < 2.0:  # not under a bridge
             assert min(abs(above - fall) for fall in crown_at(twin.lane_model, point)) < 0.05, point
 

@@ -165,7 +165,9 @@ def _feature(
     placed = shapely.transform(shape, degrees)
     if placed.geom_type in ("Polygon", "MultiPolygon"):
         # Rounded corners may cross; on the grid of the decimals they are set right.
-        placed = placed if placed.is_valid else shapely.set_precision(placed, 10.0**-DECIMALS)
+        if not placed.is_valid:
+            placed = _polygons(shapely.make_valid(placed))
+            placed = _polygons(shapely.set_precision(placed, 10.0**-DECIMALS))
         placed = shapely.orient_polygons(shapely.transform(placed, _rounded))
     return {
         "type": "Feature",

@@ -29,6 +29,8 @@ __all__ = ["plan", "plan_figure", "zebra"]
 #: Size of the sheet, inches: title above the map, legend below it.
 WIDTH, TITLE, LEGEND = 12.0, 0.95, 0.75
 MARGIN = 0.35
+#: Streets that fill less than this share of the region are shown with so much around them, metres.
+FILLED, AROUND_M = 0.75, 20.0
 #: Sizes of text, points.
 NAMES, NOTES = 9.0, 9.0
 INCH_PER_POINT = 1 / 72
@@ -95,7 +97,7 @@ def plan_figure(
     axes.set_yticks([])
     for spine in axes.spines.values():
         spine.set(color=look.muted, linewidth=0.8, zorder=70)
-    x0, y0, x1, y1 = region.bounds
+    x0, y0, x1, y1 = _shown(network, region)
     width = 1.06 * max(x1 - x0, y1 - y0)
     axes.set_xlim((x0 + x1 - width) / 2, (x0 + x1 + width) / 2)
     axes.set_ylim((y0 + y1 - width) / 2, (y0 + y1 + width) / 2)
@@ -147,6 +149,20 @@ def plan_figure(
         va="bottom",
     )
     return figure
+
+
+def _shown(network: RoadNetwork, region: shapely.Polygon) -> tuple[float, float, float, float]:
+    """Return the bounds of the region, or of its streets where they fill little of it."""
+    lines = [shapely.LineString(lane.centre[:, :2]) for lane in network.lanes]
+    streets = shapely.intersection(shapely.MultiLineString(lines), region)
+    whole: tuple[float, float, float, float] = region.bounds
+    if streets.is_empty:
+        return whole
+    x0, y0, x1, y1 = np.array(streets.bounds) + AROUND_M * np.array([-1, -1, 1, 1])
+    side = max(x1 - x0, y1 - y0)
+    return (
+        whole if side > FILLED * max(whole[2] - whole[0], whole[3] - whole[1]) else (x0, y0, x1, y1)
+    )
 
 
 def _bounds(axes: Axes) -> tuple[float, float, float, float]:
@@ -254,7 +270,8 @@ def _legend(
         for kind, name in LANE_NAMES.items()
         if kind in kinds
     ]
-    rows.append((Line2D([], [], color=look.curb, linewidth=1.2), "curb"))
+    if kinds & {"sidewalk", "walkingarea", "median", "island"}:
+        rows.append((Line2D([], [], color=look.curb, linewidth=1.2), "curb"))
     road = Patch(facecolor=look.lanes["driving"])
     if "crossing" in kinds:
         stripes = Line2D([], [], color=look.paint, linewidth=5, linestyle=(0, (0.5, 0.5)))
