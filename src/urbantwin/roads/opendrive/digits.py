@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-
-import numpy as np
-from numpy.typing import NDArray
+import math
+from collections.abc import Iterable, Iterator, Sequence
 
 from urbantwin.roads.model import Profile
 
@@ -15,6 +13,8 @@ __all__ = ["abcd", "number", "numbers", "records"]
 SAME = 1e-6
 #: How far a profile may move where a record is left out as redundant, metres or radians.
 LEFT_OUT = 2e-5
+#: Where along a record two cubics are compared.
+SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 
 def number(value: float) -> str:
@@ -32,7 +32,7 @@ def abcd(values: Iterable[float]) -> dict[str, str]:
     return {letter: number(value) for letter, value in zip("abcd", values, strict=True)}
 
 
-def records(profile: Profile, length: float) -> Iterator[tuple[float, NDArray[np.float64]]]:
+def records(profile: Profile, length: float) -> Iterator[tuple[float, list[float]]]:
     """Return start and coefficients of every record that a profile needs over a length.
 
     Records beyond the end, and those that only go on with the cubic before them, are left out
@@ -40,28 +40,34 @@ def records(profile: Profile, length: float) -> Iterator[tuple[float, NDArray[np
     0, to 1e-6: cubics that it takes for one although they come apart by more than rounding are told
     apart by two micrometres.
     """
-    ends = np.append(profile.start[1:], max(length, float(profile.start[-1]) + 1e-3))
-    kept: tuple[float, NDArray[np.float64]] | None = None
-    for start, row, end in zip(profile.start, profile.abcd, ends, strict=True):
+    starts, rows = profile.start.tolist(), profile.abcd.tolist()
+    ends = [*starts[1:], max(length, starts[-1] + 1e-3)]
+    kept: tuple[float, list[float]] | None = None
+    for start, row, end in zip(starts, rows, ends, strict=True):
         told = row
         if kept is not None:
+            if start >= length - 1e-9:
+                continue
             before = _moved(kept[1], start - kept[0])
-            away = np.abs(_moved(before - row, np.linspace(0.0, end - start, 5))[..., 0]).max()
-            apart = _moved(kept[1], -kept[0]) - _moved(row, -start)
-            same = np.abs(apart).max() < SAME
-            if start >= length - 1e-9 or (away <= LEFT_OUT and (same or away < 1e-9)):
+            gap = [a - b for a, b in zip(before, row, strict=True)]
+            away = max(abs(_moved(gap, share * (end - start))[0]) for share in SHARES)
+            pairs = zip(_moved(kept[1], -kept[0]), _moved(row, -start), strict=True)
+            apart = [a - b for a, b in pairs]
+            same = max(map(abs, apart)) < SAME
+            if away <= LEFT_OUT and (same or away < 1e-9):
                 continue
             if same:
-                told = row - [2 * SAME if apart[0] >= 0 else -2 * SAME, 0.0, 0.0, 0.0]
-        kept = (float(start), told)
+                told = [row[0] - math.copysign(2 * SAME, apart[0]), *row[1:]]
+        kept = (start, told)
         yield kept
 
 
-def _moved(row: NDArray[np.float64], by: float | NDArray[np.float64]) -> NDArray[np.float64]:
+def _moved(row: Sequence[float], by: float) -> list[float]:
     """Return the coefficients of a cubic about a place that lies ``by`` ahead."""
     a, b, c, d = row
-    x = np.asarray(by, np.float64)
-    return np.stack(
-        [a + x * (b + x * (c + x * d)), b + x * (2 * c + 3 * d * x), c + 3 * d * x, d + 0 * x],
-        axis=-1,
-    )
+    return [
+        a + by * (b + by * (c + by * d)),
+        b + by * (2 * c + 3 * d * by),
+        c + 3 * d * by,
+        d,
+    ]
