@@ -58,12 +58,25 @@ def waypoints(job):
     return [[p.x, p.y, p.z] for p in rows]
 
 
+def missing(job):
+    """Members that CARLA's classes do not have."""
+    return [
+        f"{name}.{member}"
+        for name, members in job["members"].items()
+        for member in members
+        if not hasattr(getattr(carla, name), member)
+    ]
+
+
 if __name__ == "__main__":
     task = json.load(sys.stdin)
     print(
         json.dumps(
-            {"transformed": transformed, "on_map": on_map, "waypoints": waypoints}[task["task"]](
-                task
-            )
+            {
+                "transformed": transformed,
+                "on_map": on_map,
+                "waypoints": waypoints,
+                "missing": missing,
+            }[task["task"]](task)
         )
     )

@@ -3,8 +3,10 @@
 import fnmatch
 import json
 import os
+import re
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import open3d as o3d
@@ -13,6 +15,7 @@ from scipy.spatial import cKDTree
 
 from urbantwin.errors import InputError, StageError
 from urbantwin.export import export_twin
+from urbantwin.export.carla import live
 from urbantwin.export.carla.fbx import blender_python
 from urbantwin.export.carla.frame import carla_transform, pose_of_carla
 from urbantwin.export.carla.live import SEMANTIC_POINT, chosen_blueprints, drive, site_points
@@ -261,7 +264,10 @@ class Blueprint:
         return name == "base_type" and self.base_type is not None
 
     def get_attribute(self, _name):
-        return f"ActorAttribute(id=base_type,type=str,value={self.base_type}(const))"
+        return self
+
+    def as_str(self):
+        return self.base_type
 
 
 class Library(list):
@@ -318,6 +324,34 @@ def test_the_fbx_is_the_same_mesh_in_centimetres(two_avenues_twin, tmp_path):
     expected = two_avenues_twin.mesh.vertices[:, [0, 2, 1]] * [100, 100, -100]
     assert cKDTree(corners).query(expected)[0].max() < 0.5
     assert cKDTree(expected).query(np.concatenate(unpainted))[0].max() < 0.5
+
+
+def test_what_is_called_is_there(carla_says):
+    """Names alone: what they do on a server was not tried."""
+    called = {
+        "Client": "set_timeout get_server_version get_available_maps load_world get_world "
+        "generate_opendrive_world get_trafficmanager",
+        "World": "get_settings apply_settings tick get_actors get_blueprint_library "
+        "set_pedestrians_seed try_spawn_actor spawn_actor get_random_location_from_navigation",
+        "WorldSettings": "synchronous_mode fixed_delta_seconds",
+        "TrafficManager": "set_synchronous_mode set_random_device_seed get_port "
+        "vehicle_percentage_speed_difference set_desired_speed",
+        "BlueprintLibrary": "find filter",
+        "ActorBlueprint": "id has_attribute get_attribute set_attribute",
+        "ActorAttribute": "as_str",
+        "Vehicle": "set_autopilot destroy get_transform get_velocity bounding_box type_id id",
+        "WalkerAIController": "start stop go_to_location set_max_speed",
+        "Sensor": "listen stop destroy",
+        "SemanticLidarMeasurement": "raw_data frame transform",
+        "LidarMeasurement": "raw_data frame transform",
+        "BoundingBox": "location extent",
+        "Transform": "location rotation transform",
+    }
+    wanted = {name: members.split() for name, members in called.items()}
+    assert carla_says(task="missing", members=wanted) == []
+    source = Path(live.__file__).read_text()
+    for members in wanted.values():
+        assert all(re.search(rf"\b{member}\b", source) for member in members)
 
 
 def test_no_server_is_told_in_one_line(exported, tmp_path):

@@ -256,8 +256,8 @@ def chosen_blueprints(
     wanted = asked["blueprints"]
     found = []
     for one in library.filter(wanted["filter"]):
-        kind = str(one.get_attribute("base_type")) if one.has_attribute("base_type") else ""
-        if wanted["base_type"] and not any(base in kind for base in wanted["base_type"]):
+        kind = one.get_attribute("base_type").as_str() if one.has_attribute("base_type") else ""
+        if wanted["base_type"] and kind not in wanted["base_type"]:
             continue
         if not any(fnmatch.fnmatch(one.id, pattern) for pattern in wanted["except"]):
             found.append(one.id)
