@@ -45,7 +45,8 @@ def medians(
     found: dict[int, list[Insertion]] = {}
     for road in streets:
         side = _inner_side(road)
-        if not side:
+        # Outer roads beyond the region are ways of no map: nothing is built between them.
+        if not side or not any(road.ways):
             continue
         s = np.linspace(0.0, road.length, max(3, int(road.length / STEP_M) + 2))
         width = _widths(road, side, s, streets, shapes, tree)
