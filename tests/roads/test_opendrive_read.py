@@ -352,23 +352,33 @@ def test_a_namespace_and_ids_that_are_words(read):
     assert (first.successor.element, first.successor.id) == ("road", other.id)
 
 
-def test_direct_and_virtual_junctions_are_reported(read):
+def test_direct_and_virtual_junctions_are_reported(read, tmp_path, ruler):
     junctions = (
         '<junction id="7" type="direct"><connection id="0" incomingRoad="1" linkedRoad="2" '
-        'contactPoint="start"><laneLink from="-1" to="-1"/></connection></junction>'
+        'contactPoint="start"><laneLink from="-1" to="-1"/><laneLink from="1" to="1"/>'
+        "</connection></junction>"
         '<junction id="8" type="virtual" mainRoad="2" sStart="10" sEnd="20"/>'
     )
     end = '<link><successor elementType="junction" elementId="7"/></link>'
     begin = '<link><predecessor elementType="junction" elementId="7"/></link>'
     second = '<geometry s="0" x="100" y="0" hdg="0" length="100"><line/></geometry>'
-    model, _, notes = read(road("1", link=end), road("2", geometry=second, link=begin), junctions)
+    two = (
+        f'<laneSection s="0"><left>{lane(1)}</left>{CENTRE}<right>{lane(-1)}</right></laneSection>'
+    )
+    first = road("1", lanes=two, link=end)
+    model, _, notes = read(first, road("2", second, two, link=begin), junctions)
     (junction,) = model.junctions
-    assert [(c.incoming, c.connecting, c.links) for c in junction.connections] == [
-        (1, 2, ((-1, -1),))
-    ]
+    found = {(c.incoming, c.connecting, c.contact, c.links) for c in junction.connections}
+    assert found == {(1, 2, "start", ((-1, -1),)), (2, 1, "end", ((1, 1),))}
     told = " ".join(notes["remarks"])
     assert "direct junctions" in told
     assert "virtual junctions" in told
+    write_opendrive(model, HERE, tmp_path / "direct.xodr", name="x")
+    root, _ = ruler(tmp_path / "direct.xodr")
+    assert root.find("junction").get("type") == "direct"
+    assert {c.get("linkedRoad") for c in root.iter("connection")} == {"1", "2"}
+    again = read_opendrive(tmp_path / "direct.xodr").model
+    assert again.junctions[0].connections == junction.connections
 
 
 @pytest.mark.parametrize(

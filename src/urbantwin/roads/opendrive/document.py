@@ -55,7 +55,7 @@ def document(model: LaneModel, frame: SiteFrame, *, version: str, name: str) -> 
         if controller.signals:
             write_controller(root, controller)
     for junction in model.junctions:
-        _junction(root, junction, model)
+        _junction(root, junction, model, version)
     etree.indent(root, space=" ")
     return bytes(etree.tostring(root, xml_declaration=True, encoding="UTF-8")) + b"\n"
 
@@ -122,25 +122,33 @@ def _notes(item: etree._Element, road: ModelRoad) -> None:
         etree.SubElement(item, "userData", code="level", value=str(road.level))
 
 
-def _junction(root: etree._Element, junction: ModelJunction, model: LaneModel) -> None:
+def _junction(
+    root: etree._Element, junction: ModelJunction, model: LaneModel, version: str
+) -> None:
+    roads = model.road_by_id
+    through = [roads[c.connecting].junction == junction.id for c in junction.connections]
+    # 1.7 on: roads that are joined without a road between them.
+    direct = version != "1.4" and bool(through) and not any(through)
     item = etree.SubElement(root, "junction", name=junction.name, id=str(junction.id))
-    for number_, connection in enumerate(junction.connections):
+    if direct:
+        item.set("type", "direct")
+    for index, connection in enumerate(junction.connections):
         child = etree.SubElement(
             item,
             "connection",
-            id=str(number_),
-            incomingRoad=str(connection.incoming),
-            connectingRoad=str(connection.connecting),
-            contactPoint=connection.contact,
+            {
+                "id": str(index),
+                "incomingRoad": str(connection.incoming),
+                "linkedRoad" if direct else "connectingRoad": str(connection.connecting),
+                "contactPoint": connection.contact,
+            },
         )
-        roads = model.road_by_id
         is_open = lane_links(
             roads[connection.incoming], roads[connection.connecting], connection.contact
         )
         for first, second in connection.links:
             if is_open.get((first, second), True):
-                link = {"from": str(first), "to": str(second)}
-                etree.SubElement(child, "laneLink", **link)
+                etree.SubElement(child, "laneLink", {"from": str(first), "to": str(second)})
     for controller in model.controllers:
         if controller.signals and junction.id in controller.junctions:
             etree.SubElement(item, "controller", id=str(controller.id), type="0")

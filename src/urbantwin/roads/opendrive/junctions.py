@@ -111,7 +111,9 @@ def read_connections(
             pairs = _usual_links(first, second, contact)
             here.remark("connections without links of lanes: what lanes say themselves is taken")
         found.append(Connection(incoming.id, connecting.id, contact, tuple(pairs)))
-    return tuple(found) if direct else _by_direction(found, by_id, spot)
+    if direct:
+        return _direct_by_direction(found, by_id, junction)
+    return _by_direction(found, by_id, spot)
 
 
 def _by_direction(
@@ -146,6 +148,25 @@ def _by_direction(
     return tuple(
         Connection(*key, tuple(dict.fromkeys(links))) for key, links in table.items() if links
     )
+
+
+def _direct_by_direction(
+    connections: Sequence[Connection], by_id: Mapping[int, ModelRoad], junction: int
+) -> tuple[Connection, ...]:
+    """Return connections of a direct junction, each from the road that its lanes come from."""
+    table: dict[tuple[int, int, str], list[tuple[int, int]]] = {}
+    for connection in connections:
+        incoming = by_id[connection.incoming]
+        end = _end_at(incoming, junction)
+        section = end_section(incoming, end)
+        for first, second in connection.links:
+            if section.by_id[first].forward == (end == "end"):
+                key = (connection.incoming, connection.connecting, connection.contact)
+                table.setdefault(key, []).append((first, second))
+            else:
+                key = (connection.connecting, connection.incoming, end)
+                table.setdefault(key, []).append((second, first))
+    return tuple(Connection(*key, tuple(dict.fromkeys(links))) for key, links in table.items())
 
 
 def _at_other_end(road: ModelRoad, lane: int, end: str) -> SectionLane | None:
