@@ -89,8 +89,12 @@ def test_an_arm_gets_a_pole_where_none_stands_and_none_reaches_too_far():
     far = signal_mesh(
         [lights(0, 0, 5.7, math.pi)], ground_height=tilted, carriageway=box(-99, -40, 99, 40)
     )
-    assert far[1] == {"signals far within carriageways, left out": 1}
+    left_out = {"signals without a place beside the carriageway, left out": 1}
+    assert far[1] == left_out
     assert len(far[0].faces) == 0
+    low, notes = build(lights(0, -4, 2.8, math.pi))
+    assert notes == left_out
+    assert len(low.faces) == 0
 
 
 def test_horizontal_lights_lie_side_by_side():

@@ -22,6 +22,8 @@ __all__ = ["signal_mesh"]
 KERB_M, BURIED_M = 0.4, 0.3
 #: The longest arm, and how finely a place for its pole is looked for, metres.
 REACH_M, STEP_M = 18.0, 0.2
+#: Nothing hangs lower than this over lanes (clearance of streets: RAS-Q, AASHTO: 4.3 to 4.5 m).
+CLEAR_M = 4.2
 #: Heads whose poles would stand this close share one, metres.
 SHARED_M = 1.0
 #: Heads of one pole stand off its axis by this, metres.
@@ -44,8 +46,8 @@ def signal_mesh(
 
     A head beside the carriageway has a pole of its own or shares one close by; a head over it
     hangs from an arm that reaches across its traffic's direction from the nearest such pole, or
-    from a new one at the kerb. No pole stands on the carriageway. Lights are class
-    ``other-object``, plates ``traffic-sign``, the rest ``pole``.
+    from a new one at the kerb. No pole stands on the carriageway, and nothing hangs low over it.
+    Lights are class ``other-object``, plates ``traffic-sign``, the rest ``pole``.
 
     Args:
         heads: where signals and signs are.
@@ -67,10 +69,12 @@ def signal_mesh(
             over.append(head)
         else:
             _pole_at(poles, np.array([head.x, head.y])).beside.append(head)
-    for head in over:
-        pole = _pole_for_arm(poles, head, taken)
+    lanes = np.array([[head.x, head.y] for head in over]).reshape(-1, 2)
+    for head, road in zip(over, ground_height(lanes), strict=True):
+        clear = head.z - head.signal.height / 2 - float(road)
+        pole = _pole_for_arm(poles, head, taken) if clear > CLEAR_M else None
         if pole is None:
-            notes["signals far within carriageways, left out"] += 1
+            notes["signals without a place beside the carriageway, left out"] += 1
         else:
             pole.over.append(head)
     assembly = Assembly()

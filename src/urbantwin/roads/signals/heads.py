@@ -252,7 +252,7 @@ def _walker_heads(
     for end, other in ((centre[0], centre[1]), (centre[-1], centre[-2])):
         outward = math.atan2(end[1] - other[1], end[0] - other[0])
         frame = Frame(float(end[0]), float(end[1]), outward)
-        u, v = np.arange(0.4, 5.2, 0.4), width / 2 + np.arange(0.3, 2.0, 0.4)
+        u, v = np.arange(0.4, 9.0, 0.4), width / 2 + np.arange(0.3, 3.0, 0.4)
         spots = [ground.nearest(frame, u, side * v, road.level) for side in (1, -1)]
         free = [spot for spot in spots if spot is not None]
         if not free:
