@@ -72,7 +72,7 @@ def test_straight_streets_end_at_the_border():
     assert [section.s for section in west.sections] == pytest.approx([0.0, 20.0], abs=0.002)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=10, deadline=None)
 @given(a=st.floats(0.0, 0.8), share=st.floats(0.1, 1.0), side=st.sampled_from(["right", "left"]))
 def test_a_part_of_a_road_is_that_part(a, share, side):
     """Whatever the reference line and the profiles are made of, nothing moves."""

@@ -58,7 +58,12 @@ def build_twin(site: Site, out: Path, progress: Progress | None = None) -> Twin:
         elevation, ground_notes = _elevation(site)
         net = folder / "network.net.xml"
         if imported:
-            prepared = prepared_map(imported, site.region, elevation if site.dem else None)
+            prepared = prepared_map(
+                imported,
+                site.region,
+                elevation if site.dem else None,
+                closed_loop=site.closed_loop,
+            )
             elevation = prepared.elevation
             if site.dem is None and not elevation.is_flat:
                 ground_notes = {"source": "no DEM: the heights of the map's roads, joined up"}

@@ -14,6 +14,7 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads.build import BuiltRoads
 from urbantwin.roads.heights import RoadSurface, with_heights
+from urbantwin.roads.imported.closed import closed_model
 from urbantwin.roads.imported.crop import cropped, has_traffic, main_part
 from urbantwin.roads.imported.heights import (
     ModelSurface,
@@ -23,6 +24,7 @@ from urbantwin.roads.imported.heights import (
     raised,
     with_levels,
 )
+from urbantwin.roads.imported.plain import origin_of
 from urbantwin.roads.imported.read import ImportedMap
 from urbantwin.roads.imported.sumo import sumo_network_of_model
 from urbantwin.roads.levels import Lift
@@ -54,7 +56,11 @@ class PreparedMap:
 
 
 def prepared_map(
-    imported: ImportedMap, region: shapely.Polygon, elevation: Elevation | None
+    imported: ImportedMap,
+    region: shapely.Polygon,
+    elevation: Elevation | None,
+    *,
+    closed_loop: bool = False,
 ) -> PreparedMap:
     """Cut a map to a region, leave out what is not joined to the rest, and settle its heights.
 
@@ -66,6 +72,7 @@ def prepared_map(
         imported: the map, site frame.
         region: where to build.
         elevation: the ground, from a DEM; ``None`` without one.
+        closed_loop: whether outer roads beyond the region lead every way out back to a way in.
 
     Raises:
         InputError: the map has no lanes to drive on, or none in the region.
@@ -97,6 +104,8 @@ def prepared_map(
         model = raised(model, shift)
         notes["heights_moved_by_m"] = round(shift, 3)
         ground = elevation or elevation_of_model(model, region)
+    if closed_loop:
+        model, notes["closed_loop"] = closed_model(model, region)
     notes["left_out"] = [item.as_note() for item in left]
     return PreparedMap(model, ground, notes)
 
@@ -126,7 +135,7 @@ def build_imported_roads(
     raw = read_sumo_network(
         out,
         driving_side=model.driving_side,
-        level_of_way={road.id: road.level for road in model.roads},
+        level_of_way={origin_of(road): road.level for road in prepared.model.roads},
         origin={},
     )
     model = with_programs(model, raw.programs)

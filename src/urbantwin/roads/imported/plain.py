@@ -20,8 +20,12 @@ from urbantwin.roads.imported.links import LaneLink, Place
 from urbantwin.roads.imported.nodes import Nodes
 from urbantwin.roads.model import LaneModel, ModelRoad, SectionLane
 
-__all__ = ["PlainNetwork", "junction_outline", "write_plain"]
+__all__ = ["OUTER", "PlainNetwork", "junction_outline", "origin_of", "write_plain"]
 
+#: ``ways`` of outer roads, which the map does not have, until they are named.
+OUTER = (0,)
+#: What stands for a road whose id is 0, as many maps' first road is.
+NUMBER_OF_ZERO = 2**31 - 1
 #: Right of way by class of the street; netconvert compares these numbers.
 PRIORITY = {
     "motorway": 14, "motorway_link": 13, "trunk": 12, "trunk_link": 11, "primary": 10,
@@ -199,8 +203,13 @@ def _edges(plain: PlainNetwork) -> etree._Element:
                 allow=" ".join(VEHICLE_CLASSES[name] for name in allowed(lane)),
                 shape=_shape(line),
             )
-            etree.SubElement(row, "param", key="origId", value=str(edge.road.id))
+            etree.SubElement(row, "param", key="origId", value=str(origin_of(edge.road)))
     return root
+
+
+def origin_of(road: ModelRoad) -> int:
+    """Return what a road is known by in ``Road.ways``: 0 is kept for outer roads."""
+    return 0 if road.ways == OUTER else road.id or NUMBER_OF_ZERO
 
 
 def _priority(edge: Edge, lanes: list[SectionLane]) -> int:
@@ -268,10 +277,7 @@ def _connections(plain: PlainNetwork) -> etree._Element:
                 "edges": " ".join(crosswalk.edges),
                 "width": f"{crosswalk.width:.2f}",
                 "priority": "true",
-                # netconvert wants them counter-clockwise about the node, as traffic keeps right.
-                "shape": _shape(
-                    crosswalk.line[:: 1 if plain.model.driving_side == "right" else -1]
-                ),
+                "shape": _shape(crosswalk.line[::way]),
             },
         )
     return root

@@ -16,7 +16,7 @@ from urbantwin.roads.imported.lights import lights_of_model
 from urbantwin.roads.imported.links import Lanes, Place, lane_links
 from urbantwin.roads.imported.loops import without_loops
 from urbantwin.roads.imported.nodes import Nodes
-from urbantwin.roads.imported.plain import PlainNetwork, junction_outline, write_plain
+from urbantwin.roads.imported.plain import OUTER, PlainNetwork, junction_outline, write_plain
 from urbantwin.roads.imported.programs import with_programs
 from urbantwin.roads.model import LaneModel, ModelRoad
 from urbantwin.roads.netconvert import run_netconvert, write_network
@@ -154,7 +154,8 @@ def _with_strips(road: ModelRoad, strips: Mapping[Place, str]) -> ModelRoad:
         )
         for number, section in enumerate(road.sections)
     )
-    return dataclasses.replace(road, sections=sections)
+    ways = () if road.ways == OUTER else road.ways
+    return dataclasses.replace(road, sections=sections, ways=ways)
 
 
 def _ways(root: etree._Element) -> dict[tuple[str, str], str]:

@@ -52,7 +52,7 @@ class Profile:
     def between(self, first: float, last: float) -> Profile:
         """Return the profile from one station to another, with its stations counted from there."""
         keep = [k for k, s in enumerate(self.start) if first + 1e-9 < s < last - 1e-9]
-        k = max(int(np.searchsorted(self.start, first, side="right")) - 1, 0)
+        k = max(int(np.searchsorted(self.start, first + 1e-9, side="right")) - 1, 0)
         h, (a, b, c, d) = first - float(self.start[k]), self.abcd[k]
         head = [a + h * (b + h * (c + h * d)), b + h * (2 * c + 3 * h * d), c + 3 * h * d, d]
         return Profile(
