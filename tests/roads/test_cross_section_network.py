@@ -1,6 +1,7 @@
 """The lanes of the finished network against the tags of the ways that they come from."""
 
 import math
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import shapely
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads
+from urbantwin.roads.netconvert import sumo_network
 from urbantwin.site import read_extract
 
 HERE = SiteFrame(48.7, 9.18)
@@ -267,3 +269,17 @@ def test_arrows_to_nowhere_leave_no_lane_without_a_way_on(build):
     cars = [lane for lane in edges(network)[0] if lane.kind == "driving"]
     assert all(turns(network, cars))
     assert turns(network, cars)[0] == "S"
+
+
+def test_edges_that_netconvert_does_not_make_are_no_failure(write_osm, tmp_path):
+    path = write_osm({1: (0, 0, {}), 2: (90, 0, {})}, {7: ([1, 2], {"highway": "tertiary"})})
+    told = tmp_path / "told.edg.xml"
+    rows = "".join(f'<edge id="{k}" shape="9.18,48.7 9.19,48.7"/>' for k in ("7#1", "8", "-9"))
+    known = '<edge id="7"><lane index="0" speed="7.5"/></edge>'
+    told.write_text(f"<edges>{rows}{known}</edges>")
+    out = tmp_path / "n.net.xml"
+    sumo_network(path, HERE, driving_side="right", keep_apart=(), edges=told, out=out)
+    lane = next(
+        item for item in ElementTree.parse(out).getroot().iter("lane") if item.get("id") == "7_0"
+    )
+    assert float(lane.get("speed")) == 7.5

@@ -52,6 +52,9 @@ OPTIONS = {
 }
 #: What netconvert says of a cluster that it does not join because too many roads meet there.
 TOO_MANY = re.compile(r"Not joining junctions ([\w:,#-]+) \(\d+ incoming edges\)")
+#: The edge that an error of netconvert's is about, and how many such edges are put up with.
+EDGE = re.compile(r"edge '([^']+)'")
+MOST_UNKNOWN = 8
 TYPE_FILES = ("osmNetconvert.typ.xml", "osmNetconvertBicycle.typ.xml")
 
 
@@ -100,7 +103,8 @@ def sumo_network(
         keep_apart: ids of ways (bridges, outer roads) that stay roads of their own, not joined to
             the next.
         keep_nodes: ids of nodes that are not merged with others into one junction.
-        edges: what netconvert is told of edges that it makes of ways.
+        edges: what netconvert is told of edges that it makes of ways; those that it does not make
+            are taken out of the file.
         out: the ``.net.xml`` to write.
 
     Returns:
@@ -132,7 +136,7 @@ def sumo_network(
             command += ["--junctions.join-exclude", nodes]
         for key, value in OPTIONS.items():
             command += [f"--{key}", value]
-        warnings = run_netconvert(command, raw)
+        warnings = _run_with(edges, command, raw)
         clusters = [found[1] for line in warnings if (found := TOO_MANY.search(line))]
         if clusters:
             # One junction of many nodes, which netconvert by itself leaves in pieces: each with
@@ -143,6 +147,23 @@ def sumo_network(
             warnings = run_netconvert([*command, "--node-files", str(joins)], raw)
         write_network(raw, out)
     return warnings
+
+
+def _run_with(edges: Path | None, command: list[str], raw: Path) -> list[str]:
+    """Run netconvert, without what it is told of edges that it did not make as expected."""
+    for _ in range(MOST_UNKNOWN):
+        try:
+            return run_netconvert(command, raw)
+        except StageError as error:
+            unknown = set(EDGE.findall(str(error)))
+            if edges is None or not unknown:
+                raise
+            root = etree.parse(edges).getroot()
+            for element in root.findall("edge"):
+                if element.get("id") in unknown:
+                    root.remove(element)
+            edges.write_bytes(etree.tostring(root))
+    return run_netconvert(command, raw)
 
 
 def write_network(raw: Path, out: Path) -> None:
