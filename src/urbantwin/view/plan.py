@@ -107,9 +107,10 @@ def plan_figure(
     draw_ground(axes, region, mesh, look)
     draw_surfaces(axes, network, model, look)
     draw_marks(axes, network, model, look)
-    draw_signals(axes, network, model, look, size_m=max(1.8, 6.0 * metre_per_point))
+    size_m = max(1.8, 6.0 * metre_per_point)
+    taken = draw_signals(axes, network, model, look, size_m=size_m)
     fill(axes, [region], "none", zorder=35, edgecolor=look.muted, linewidth=0.9, linestyle="--")
-    taken = _north_and_scale(axes, look, metre_per_point)
+    taken += _north_and_scale(axes, look, metre_per_point)
     sensors = list(sensors)
     taken += _sensors(axes, sensors, look, metre_per_point)
     labels = street_labels(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import shapely
 import shapely.ops
@@ -14,7 +16,7 @@ from urbantwin.roads import Lane, RoadNetwork
 from urbantwin.roads.model import LaneModel
 from urbantwin.view.plan_ground import fill
 from urbantwin.view.plan_look import Look
-from urbantwin.view.road_lines import lane_marks, signs, stop_lines
+from urbantwin.view.road_lines import Sign, lane_marks, signs, stop_lines
 from urbantwin.view.turn_arrow import ARROW_M, arrow_at, turn_arrow
 
 __all__ = ["dashes", "draw_marks", "draw_signals", "zebra"]
@@ -27,6 +29,9 @@ _DASH_M, _GAP_M = 3.0, 6.0
 _LINE_M, _STOP_M = 0.2, 0.5
 #: Arrows that say which way a lane runs stand at least so far from each other, metres.
 _DIRECTION_EVERY_M, _DIRECTION_M = 45.0, 3.2
+#: Numbers of signs in the catalogues of Germany, the USA and Australia, and in Vienna's.
+STOP = frozenset({"206", "R1-1", "B2a", "B2"})
+GIVE_WAY = frozenset({"205", "R1-2", "B1"})
 _DRIVEN = ("driving", "bus", "bicycle")
 
 
@@ -69,8 +74,10 @@ def zebra(lane: Lane) -> list[NDArray[np.float64]]:
 
 def draw_signals(
     axes: Axes, network: RoadNetwork, model: LaneModel | None, look: Look, *, size_m: float
-) -> None:
+) -> list[shapely.Geometry]:
     """Draw heads of signals, which look against the traffic that they are for, and signs.
+
+    Returns what they cover.
 
     Args:
         axes: of the plan.
@@ -79,6 +86,7 @@ def draw_signals(
         look: colours.
         size_m: the size of a symbol, metres.
     """
+    taken: list[shapely.Geometry] = []
     for x, y, yaw in _heads(network, model):
         ahead = np.array([np.cos(yaw), np.sin(yaw)])
         across = np.array([-ahead[1], ahead[0]])
@@ -92,32 +100,36 @@ def draw_signals(
         )
         ends = np.array(face).T
         axes.plot(*ends, color=look.signal, lw=1.5, solid_capstyle="butt", zorder=37)
-    kept: list[NDArray[np.float64]] = []
+        taken.append(shapely.Point(x, y).buffer(0.5 * size_m))
     for sign in signs(model):
-        at = np.array([sign.x, sign.y])
-        if any(np.hypot(*(at - other)) < 1.5 * size_m for other in kept):
-            continue
-        kept.append(at)
-        _draw_sign(axes, sign.value, sign.unit, at, size_m, look)
+        place = shapely.Point(sign.x, sign.y)
+        if not any(place.distance(other) < 0.5 * size_m for other in taken):
+            _draw_sign(axes, sign, size_m, look)
+            taken.append(place.buffer(size_m))
+    return taken
 
 
-def _draw_sign(
-    axes: Axes, value: float, unit: str, at: NDArray[np.float64], size_m: float, look: Look
-) -> None:
-    x, y = float(at[0]), float(at[1])
-    if np.isfinite(value) and unit in ("km/h", "mph", "m/s"):
-        axes.add_patch(
-            Circle(
-                (x, y), 0.95 * size_m, facecolor="#ffffff", edgecolor=look.signal, lw=1.3, zorder=39
-            )
-        )
+def _draw_sign(axes: Axes, sign: Sign, size_m: float, look: Look) -> None:
+    """Draw a speed limit, a stop sign, a give-way sign or, for any other, a lozenge."""
+    at = np.array([sign.x, sign.y])
+    edged: dict[str, Any] = {"facecolor": "#ffffff", "edgecolor": look.signal, "zorder": 39}
+    if np.isfinite(sign.value) and sign.unit in ("km/h", "mph", "m/s"):
+        axes.add_patch(Circle((sign.x, sign.y), 0.95 * size_m, lw=1.3, **edged))
         axes.text(
-            x, y, f"{value:.0f}", color="#16191d", fontsize=5.5, weight="bold",
+            sign.x, sign.y, f"{sign.value:.0f}", color="#16191d", fontsize=5.5, weight="bold",
             ha="center", va="center_baseline", zorder=40, clip_on=True,
         )  # fmt: skip
-        return
-    corners = at + 0.6 * size_m * np.array([[0, 1], [1, 0], [0, -1], [-1, 0]])
-    axes.add_patch(Polygon(corners, facecolor="#ffffff", edgecolor=look.signal, lw=1.0, zorder=39))
+    elif sign.type in STOP:
+        edged |= {"facecolor": look.signal, "edgecolor": "#ffffff"}
+        around = np.radians(22.5 + 45.0 * np.arange(8))
+        corners = at + 0.8 * size_m * np.column_stack([np.cos(around), np.sin(around)])
+        axes.add_patch(Polygon(corners, lw=0.8, **edged))
+    elif sign.type in GIVE_WAY:
+        corners = at + 0.9 * size_m * np.array([[-1, 0.6], [1, 0.6], [0, -1]])
+        axes.add_patch(Polygon(corners, lw=1.3, **edged))
+    else:
+        corners = at + 0.6 * size_m * np.array([[0, 1], [1, 0], [0, -1], [-1, 0]])
+        axes.add_patch(Polygon(corners, lw=1.0, **edged))
 
 
 def _heads(network: RoadNetwork, model: LaneModel | None) -> list[tuple[float, float, float]]:

@@ -22,13 +22,14 @@ LANE_M, WIDEST = 3.0, 1.15
 def turn_arrow(network: RoadNetwork, lane: Lane) -> shapely.Geometry | None:
     """Return the arrow before a lane's stop line, site frame, metres.
 
-    None where the lane is too short, where it leads to no junction, or where it can only go on
-    and no signal stops it.
+    None where the lane is too short, where it leads to no junction, or where no signal stops it
+    and it can only go on or may go anywhere.
     """
     ways = turns(network, lane)
     if not ways or lane.kind == "bicycle" or lane.length < ARROW_M + 2 * BEFORE_STOP_M:
         return None
-    if ways == ("through",) and lane.id not in {head.lane for head in network.signals}:
+    plain = ways == ("through",) or {"left", "through", "right"} <= set(ways)
+    if plain and lane.id not in {head.lane for head in network.signals}:
         return None
     return arrow_at(ways, lane, lane.length - BEFORE_STOP_M, ARROW_M)
 
