@@ -250,6 +250,16 @@ def test_redundant_records_are_left_out_and_nothing_moves(town, tmp_path, ruler)
         assert roads["2"].place(s, 2.0) == pytest.approx(expected, abs=1e-6)
 
 
+def test_names_that_xml_cannot_hold_lose_what_it_cannot(town, tmp_path, ruler):
+    model = town("right")
+    street = dataclasses.replace(
+        model.roads[0], name="A\x0b & <B>\ud800 \u5357\u4eac", successor=None
+    )
+    write_opendrive(LaneModel("right", (street,)), HERE, tmp_path / "a.xodr", name="\x00x")
+    root, _ = ruler(tmp_path / "a.xodr")
+    assert root.find("road").get("name") == "A & <B> \u5357\u4eac"
+
+
 def test_the_same_model_gives_the_same_bytes(town, tmp_path):
     for name in ("a.xodr", "b.xodr"):
         write_opendrive(town("left"), HERE, tmp_path / name, version="1.4", name="x")

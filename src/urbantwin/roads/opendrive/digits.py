@@ -1,13 +1,14 @@
-"""Numbers as text, the same on every machine, and cubics as records."""
+"""Numbers and names as text, the same on every machine, and cubics as records."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Iterator, Sequence
 
 from urbantwin.roads.model import Profile
 
-__all__ = ["abcd", "number", "numbers", "records"]
+__all__ = ["abcd", "number", "numbers", "records", "words"]
 
 #: Coefficients that differ less than this count as equal for ASAM's checker.
 SAME = 1e-6
@@ -15,6 +16,13 @@ SAME = 1e-6
 LEFT_OUT = 2e-5
 #: Where along a record two cubics are compared.
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+#: What XML 1.0 cannot hold: control characters and halves of pairs.
+_NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+def words(text: str) -> str:
+    """Return a name without the characters that XML cannot hold."""
+    return _NOT_XML.sub("", text)
 
 
 def number(value: float) -> str:

@@ -9,7 +9,7 @@ from lxml import etree
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.model import LaneModel, ModelJunction, ModelRoad, RoadSignal
-from urbantwin.roads.opendrive.digits import number, numbers
+from urbantwin.roads.opendrive.digits import number, numbers, words
 from urbantwin.roads.opendrive.elsewhere import on_their_roads
 from urbantwin.roads.opendrive.furniture import write_controller, write_objects, write_signals
 from urbantwin.roads.opendrive.lanes import lane_links, write_lanes
@@ -71,7 +71,7 @@ def _header(
         "header",
         revMajor="1",
         revMinor=version.split(".")[1],
-        name=name,
+        name=words(name),
         version="1.00",
         date=DATE,
         **numbers(north=north, south=south, east=east, west=west),
@@ -86,7 +86,7 @@ def _road(root: etree._Element, road: ModelRoad, model: LaneModel, version: str)
     item = etree.SubElement(
         root,
         "road",
-        name=road.name,
+        name=words(road.name),
         length=number(road.length),
         id=str(road.id),
         junction=str(road.junction),
@@ -115,7 +115,7 @@ def _road(root: etree._Element, road: ModelRoad, model: LaneModel, version: str)
 def _notes(item: etree._Element, road: ModelRoad) -> None:
     """Write what the standard has no word for: class, ways and level of a street."""
     if road.kind:
-        etree.SubElement(item, "userData", code="class", value=road.kind)
+        etree.SubElement(item, "userData", code="class", value=words(road.kind))
     if road.ways:
         etree.SubElement(item, "userData", code="ways", value=" ".join(map(str, road.ways)))
     if road.level:
@@ -129,7 +129,7 @@ def _junction(
     through = [roads[c.connecting].junction == junction.id for c in junction.connections]
     # 1.7 on: roads that are joined without a road between them.
     direct = version != "1.4" and bool(through) and not any(through)
-    item = etree.SubElement(root, "junction", name=junction.name, id=str(junction.id))
+    item = etree.SubElement(root, "junction", name=words(junction.name), id=str(junction.id))
     if direct:
         item.set("type", "direct")
     for index, connection in enumerate(junction.connections):

@@ -85,6 +85,7 @@ def _section(
             if identity in found:
                 raise spot.error(f"has lane {identity} twice", expected="each id once")
             found[identity] = child
+    bordered = any(lane.find("border") is not None for lane in found.values())
     lanes: list[SectionLane] = []
     for sign in (1, -1):
         ids = sorted((k for k in found if k * sign > 0), key=abs)
@@ -101,11 +102,12 @@ def _section(
             lane_spot = spot.within(f"lane {identity}")
             width = _width(found[identity], sign, end - start, border, lane_spot)
             _check_width(width, start, end - start, lane_spot)
-            border = added([(1.0, border), (1.0, width)], end - start)
+            if bordered:
+                border = added([(1.0, border), (1.0, width)], end - start)
             lanes.append(_lane(found[identity], identity, width, street, start, lane_spot))
     centre = item.find("center/lane")
     mark = ("none", "none") if centre is None else lane_mark(centre, spot)
-    if any(lane.findall("border") for lane in found.values()) and not offset.is_zero:
+    if bordered and not offset.is_zero:
         spot.remark("lane borders beside a lane offset: borders are taken from the offset")
     return LaneSection(start, tuple(sorted(lanes, key=lambda lane: -lane.id)), *mark)
 
