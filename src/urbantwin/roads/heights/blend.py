@@ -57,22 +57,26 @@ class RoadSurface:
     Args:
         model: the lanes, with their heights.
         base: height between the streets.
+        stations: of the model's streets, about a metre apart, if they are known already.
     """
 
-    def __init__(self, model: LaneModel, base: Base) -> None:
+    def __init__(self, model: LaneModel, base: Base, stations: Stations | None = None) -> None:
         self._base = base
         streets = [road for road in model.roads if road.junction < 0]
-        stations = stations_of(streets, STEP_M)
-        at = np.stack(stations.edges())
+        stations = stations or stations_of(streets, STEP_M)
         ends = levels_at_ends(streets, {j.id: j.level for j in model.junctions})
-        mouths = mouths_of(streets, stations.outer_right[at], stations.outer_left[at], ends)
-        levels = {*mouths.level.tolist(), *(road.level for road in streets)}
-        self._levels = {
-            level: self._level(
-                [road for road in streets if road.level == level], mouths.of(level), level
-            )
-            for level in sorted(levels)
+        #: The ends of all streets, and (id of a street, ``start`` or ``end``) -> index of one.
+        self.mouths = mouths_of(streets, stations, ends)
+        self.mouth_of = {
+            (road.id, contact): side * len(streets) + k
+            for side, contact in enumerate(("start", "end"))
+            for k, road in enumerate(streets)
         }
+        self._levels = {}
+        for level in sorted({*self.mouths.level.tolist(), *(road.level for road in streets)}):
+            which = [k for k, road in enumerate(streets) if road.level == level]
+            mine = stations.pick([streets[k] for k in which], which)
+            self._levels[level] = self._level(mine, self.mouths.of(level), level)
 
     def height(self, xy: ArrayLike, level: int = 0) -> NDArray[np.float64]:
         """Return heights (N,) of the carriageway's surface at points (N, 2) of a level, metres."""
@@ -102,8 +106,8 @@ class RoadSurface:
         streets = known.streets if known else ()
         return [road.curve.line.simplify(0.003) for road in streets if not road.crown.is_zero]
 
-    def _level(self, streets: list[ModelRoad], mouths: Mouths, level: int) -> _Level:
-        stations = stations_of(streets, STEP_M)
+    def _level(self, stations: Stations, mouths: Mouths, level: int) -> _Level:
+        streets = stations.roads
         middle = mouths.xy + ((mouths.right + mouths.left) / 2)[:, None] * np.column_stack(
             [-mouths.ahead[:, 1], mouths.ahead[:, 0]]
         )
@@ -127,7 +131,7 @@ class RoadSurface:
         )
         sides = borders.reshape(-1, 2)
         return _Level(
-            tuple(streets),
+            streets,
             stations,
             shapely.STRtree(areas),
             mouths,

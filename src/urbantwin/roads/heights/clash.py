@@ -10,15 +10,13 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.roads.heights.stations import Stations, stations_of
+from urbantwin.roads.heights.stations import Stations
 from urbantwin.roads.model import ModelRoad
 
 __all__ = ["NO_CLASHES", "Clashes", "find_clashes"]
 
 #: Carriageways this close together are one area of asphalt, metres.
 SEAM_M = 0.6
-#: Spacing of the corners of carriageways, metres.
-STEP_M = 2.0
 #: Smaller overlaps are where roads touch, square metres.
 LEAST_M2 = 0.1
 #: A difference in height that matters, metres.
@@ -44,15 +42,17 @@ class Clashes:
 NO_CLASHES = Clashes({}, frozenset())
 
 
-def find_clashes(streets: Sequence[ModelRoad], ways: Sequence[ModelRoad]) -> Clashes:
+def find_clashes(
+    streets: Sequence[ModelRoad], ways: Sequence[ModelRoad], stations: Stations
+) -> Clashes:
     """Return where streets, as they lie now, differ in height from what shares their asphalt.
 
     Args:
         streets: streets with heights.
         ways: ways through junctions, which should not lie on streets, but now and then do.
+        stations: of the streets and of the ways.
     """
     roads = [*streets, *ways]
-    stations = stations_of(roads, STEP_M)
     areas = _carriageways(stations, len(streets))
     level = np.array([road.level for road in roads])
     tree = shapely.STRtree(areas[: len(streets)])

@@ -21,17 +21,17 @@ from urbantwin.roads.heights.cross_fall import (
 )
 from urbantwin.roads.heights.design import Pins, designed, profile_slopes, smoothed
 from urbantwin.roads.heights.limits import limits_of
-from urbantwin.roads.heights.mouths import curvature_at, levels_at_ends
+from urbantwin.roads.heights.mouths import levels_at_ends
 from urbantwin.roads.heights.profiles import hermite_profiles
 from urbantwin.roads.heights.stations import Stations, stations_of
 from urbantwin.roads.heights.through import fitted_ways
 from urbantwin.roads.levels import Lift
 from urbantwin.roads.model import LaneModel, ModelRoad
 
-__all__ = ["ground_under", "with_heights"]
+__all__ = ["with_heights"]
 
-#: Spacing of the stations that streets are designed at, metres.
-STEP_M = 2.5
+#: Spacing of the stations that streets are designed at, and of those that areas are drawn by, m.
+STEP_M, DENSE_M = 2.5, 1.0
 #: Offsets across a carriageway that the smoothed ground is sampled at.
 SAMPLES = 7
 #: Over this distance a street comes off another one that it followed, metres.
@@ -57,23 +57,31 @@ def with_heights(
         elevation: the ground.
         lift: how far roads are lifted off it.
     """
-    base = ground_under(model, elevation, lift)
-    site = _Site(elevation, base, {junction.id: junction.level for junction in model.junctions})
     streets = [road for road in model.roads if road.junction < 0]
     ways = [road for road in model.roads if road.junction >= 0]
-    risen = {road.id: road for road in _streets(streets, site, NO_CLASHES)}
-    clashes = find_clashes(list(risen.values()), ways)
+    everything = stations_of([*streets, *ways], DENSE_M)
+    base = RoadGround(elevation, lift, _carriageway(everything))
+    site = _Site(elevation, base, {junction.id: junction.level for junction in model.junctions})
+    risen = _streets(streets, site, NO_CLASHES)
+    clashes = find_clashes(risen, ways, everything)
     if clashes.calm:
-        again = [road for road in streets if road.id in clashes.calm]
-        first = [road for road in again if road.id not in clashes.yielding]
-        risen |= {road.id: road for road in _streets(first, site, clashes)}
-        others = tuple(r for r in risen.values() if r.id not in clashes.yielding)
-        surface = RoadSurface(model.with_roads(others), base)
-        last = [road for road in again if road.id in clashes.yielding]
-        risen |= {road.id: road for road in _streets(last, site, clashes, surface)}
-    surface = RoadSurface(model.with_roads(tuple(risen.values())), base)
-    risen |= {road.id: road for road in fitted_ways(ways, risen, surface)}
-    return model.with_roads(tuple(risen[road.id] for road in model.roads)), surface
+        again = [k for k, road in enumerate(streets) if road.id in clashes.calm]
+        first = [k for k in again if streets[k].id not in clashes.yielding]
+        _put(risen, first, _streets([streets[k] for k in first], site, clashes))
+        kept = [k for k, road in enumerate(streets) if road.id not in clashes.yielding]
+        others = [risen[k] for k in kept]
+        surface = RoadSurface(model.with_roads(tuple(others)), base, everything.pick(others, kept))
+        last = [k for k in again if streets[k].id in clashes.yielding]
+        _put(risen, last, _streets([streets[k] for k in last], site, clashes, surface))
+    known = everything.pick(risen, range(len(streets)))
+    surface = RoadSurface(model.with_roads(tuple(risen)), base, known)
+    found = {road.id: road for road in (*risen, *fitted_ways(ways, surface))}
+    return model.with_roads(tuple(found[road.id] for road in model.roads)), surface
+
+
+def _put(roads: list[ModelRoad], which: Sequence[int], other: Sequence[ModelRoad]) -> None:
+    for k, road in zip(which, other, strict=True):
+        roads[k] = road
 
 
 @dataclass(frozen=True)
@@ -85,22 +93,16 @@ class _Site:
     levels: dict[int, int]
 
 
-def ground_under(model: LaneModel, elevation: Elevation, lift: Lift) -> RoadGround:
-    """Return the ground as a model's roads see it."""
-    roads = [road for road in model.roads if road.level == 0]
-    if elevation.is_flat or not roads:
-        return RoadGround(elevation, lift, np.zeros((0, 2)))
-    stations = stations_of(roads, 1.0)
-    count = np.ceil(stations.left - stations.right).astype(int) + 1
+def _carriageway(stations: Stations) -> NDArray[np.float64]:
+    """Return points (N, 2) all over the carriageways of the ground level, a metre apart."""
+    ground = np.array([road.level == 0 for road in stations.roads], bool)[stations.road]
+    width = stations.left - stations.right
+    count = np.where(ground, np.ceil(width).astype(int) + 1, 0)
     row = np.repeat(np.arange(len(count)), count)
-    share = (np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)) / np.maximum(
-        count[row] - 1, 1
-    )
-    t = stations.right[row] + share * (stations.left - stations.right)[row]
+    share = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+    t = stations.right[row] + share / np.maximum(count[row] - 1, 1) * width[row]
     x, y, heading = stations.pose[row].T
-    return RoadGround(
-        elevation, lift, np.column_stack([x - t * np.sin(heading), y + t * np.cos(heading)])
-    )
+    return np.column_stack([x - t * np.sin(heading), y + t * np.cos(heading)])
 
 
 def _streets(
@@ -134,9 +136,8 @@ def _streets(
     held = np.array([(r.predecessor is not None, r.successor is not None) for r in streets]).T
     grade = np.stack([_grades(stations, at, (t, weight), level, base) for at in ends])
     height = np.stack([cross.ground[at] for at in ends])
-    bend = np.array([[curvature_at(r, 0.0), curvature_at(r, r.length)] for r in streets]).T
     tilt = np.stack([cross.tilt[at] for at in ends])
-    along, across = Pins(held, height, grade), Pins(held, tilt, -bend * grade)
+    along, across = Pins(held, height, grade), Pins(held, tilt, -stations.bend * grade)
     earthwork = EARTHWORK_M if elevation.detail > FINE_M else EARTHWORK_SEEN_M
     calm = BANK_SMOOTHING_M
     if surface:  # what others do is followed, not smoothed

@@ -8,9 +8,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.roads.heights.stations import Stations
 from urbantwin.roads.model import ModelRoad
 
-__all__ = ["Mouths", "curvature_at", "levels_at_ends", "mouths_of"]
+__all__ = ["Mouths", "levels_at_ends", "mouths_of"]
 
 #: A street's end counts this far back into the street, metres.
 BACK_M = 1.0
@@ -75,6 +76,13 @@ class Mouths:
         level, bank, crown = np.moveaxis(self.height[which], -1, 0)
         return np.asarray(level + t * bank - np.abs(t) * crown)
 
+    def turn(self, which: NDArray[np.int64], t: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how the rise to the left changes along the street's lanes, seen straight on."""
+        _, bank, crown = np.moveaxis(self.grade[which], -1, 0)
+        bend = self.bend[which]
+        change = bank - np.sign(t) * crown + bend * self.slope(which, t)
+        return np.asarray(change / np.maximum(1.0 - t * bend, 0.2))
+
     def slope(self, which: NDArray[np.int64], t: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the slope of the surface along the street's lanes, along increasing stations."""
         level, bank, crown = np.moveaxis(self.grade[which], -1, 0)
@@ -100,48 +108,34 @@ def levels_at_ends(streets: Sequence[ModelRoad], levels: Mapping[int, int]) -> N
     return np.array(found, np.int64).reshape(-1, 2).T
 
 
-def mouths_of(
-    streets: Sequence[ModelRoad],
-    right: NDArray[np.float64],
-    left: NDArray[np.float64],
-    level: NDArray[np.int64],
-) -> Mouths:
+def mouths_of(streets: Sequence[ModelRoad], stations: Stations, level: NDArray[np.int64]) -> Mouths:
     """Return the mouths of streets.
 
     Args:
         streets: R streets, with their profiles.
-        right: (2, R) offset of their right border at their starts and ends, metres to the left.
-        left: (2, R) the same of their left border.
+        stations: of these streets.
         level: (2, R) levels of what they lead to.
     """
-    pose, height, grade, bend = [], [], [], []
-    for side in (0, 1):
-        for road in streets:
-            s = road.length * side
-            pose.append(road.curve.at(s)[0])
-            angle, turn = float(road.bank.at(s)[0]), float(road.bank.slope(s)[0])
-            crown, bow = float(road.crown.at(s)[0]), float(road.crown.slope(s)[0])
-            c = np.cos(angle)
-            height.append((float(road.elevation.at(s)[0]), np.tan(angle), crown / c))
-            grade.append((float(road.elevation.slope(s)[0]), turn / c**2, bow / c))
-            bend.append(curvature_at(road, s))
-    place = np.array(pose, np.float64).reshape(-1, 3)
+    height = np.zeros((2, len(streets), 3))
+    grade = np.zeros((2, len(streets), 3))
+    for k, road in enumerate(streets):
+        ends = np.array([0.0, road.length])
+        angle = road.bank.at(ends)
+        c = np.cos(angle)
+        level_there, crown = road.elevation.at(ends), road.crown.at(ends) / c
+        height[:, k] = np.column_stack([level_there, np.tan(angle), crown])
+        turn, bow = road.bank.slope(ends) / c**2, road.crown.slope(ends) / c
+        grade[:, k] = np.column_stack([road.elevation.slope(ends), turn, bow])
+    at = np.concatenate(stations.edges())
+    heading = stations.pose[at, 2]
     return Mouths(
-        place[:, :2],
-        np.column_stack([np.cos(place[:, 2]), np.sin(place[:, 2])]),
+        stations.pose[at, :2],
+        np.column_stack([np.cos(heading), np.sin(heading)]),
         np.repeat([-1.0, 1.0], len(streets)),
-        right.ravel(),
-        left.ravel(),
+        stations.outer_right[at],
+        stations.outer_left[at],
         level.ravel(),
-        np.array(height, np.float64).reshape(-1, 3),
-        np.array(grade, np.float64).reshape(-1, 3),
-        np.array(bend, np.float64),
+        height.reshape(-1, 3),
+        grade.reshape(-1, 3),
+        stations.bend.ravel(),
     )
-
-
-def curvature_at(road: ModelRoad, s: float) -> float:
-    """Return the curvature of a road's reference line at one of its ends, 1/m."""
-    inner = min(0.02, road.length / 50)
-    a, b = sorted((s, s + inner if s < road.length / 2 else s - inner))
-    first, last = road.curve.at([a, b])[:, 2]
-    return float((last - first + np.pi) % (2 * np.pi) - np.pi) / (b - a)

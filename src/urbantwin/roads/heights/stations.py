@@ -14,6 +14,9 @@ from urbantwin.roads.model import RAISED_KINDS, ModelRoad
 
 __all__ = ["Stations", "stations_of"]
 
+#: Curvature and pace at ends are taken over this distance, metres.
+NEAR_M = 0.02
+
 
 @dataclass(frozen=True)
 class Stations:
@@ -25,8 +28,10 @@ class Stations:
         road: (M,) index of the road.
         s: (M,) metres along the reference line.
         pose: (M, 3) x, y, heading of the reference line.
-        right, left: (M,) offsets between which the carriageway lies, metres to the left.
-        outer_right, outer_left: (M,) the same for everything, footways too.
+        sides: (4, M) offsets, metres to the left, of the carriageway's right and left border, and
+            of those of everything, footways too.
+        bend: (2, R) curvature of the reference lines at their starts and ends, 1/m.
+        pace: (2, R) metres in plan per metre of station there: not quite 1 on cubics.
     """
 
     roads: tuple[ModelRoad, ...]
@@ -34,10 +39,45 @@ class Stations:
     road: NDArray[np.int64]
     s: NDArray[np.float64]
     pose: NDArray[np.float64]
-    right: NDArray[np.float64]
-    left: NDArray[np.float64]
-    outer_right: NDArray[np.float64]
-    outer_left: NDArray[np.float64]
+    sides: NDArray[np.float64]
+    bend: NDArray[np.float64]
+    pace: NDArray[np.float64]
+
+    @property
+    def right(self) -> NDArray[np.float64]:
+        """The carriageway's right border (M,)."""
+        return np.asarray(self.sides[0])
+
+    @property
+    def left(self) -> NDArray[np.float64]:
+        """The carriageway's left border (M,)."""
+        return np.asarray(self.sides[1])
+
+    @property
+    def outer_right(self) -> NDArray[np.float64]:
+        """The right border of everything (M,)."""
+        return np.asarray(self.sides[2])
+
+    @property
+    def outer_left(self) -> NDArray[np.float64]:
+        """The left border of everything (M,)."""
+        return np.asarray(self.sides[3])
+
+    def pick(self, roads: Sequence[ModelRoad], which: Sequence[int]) -> Stations:
+        """Return the stations of some roads only: ``roads``, which had the indices ``which``."""
+        parts = [np.arange(self.first[k], self.first[k + 1]) for k in which]
+        index = np.concatenate([np.zeros(0, np.int64), *parts])
+        counts = [len(part) for part in parts]
+        return Stations(
+            tuple(roads),
+            np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
+            np.repeat(np.arange(len(counts)), counts),
+            self.s[index],
+            self.pose[index],
+            self.sides[:, index],
+            self.bend[:, list(which)],
+            self.pace[:, list(which)],
+        )
 
     def of(self, k: int) -> slice:
         """Return the stations of the ``k``-th road."""
@@ -77,17 +117,27 @@ def stations_of(roads: Sequence[ModelRoad], step: float, turn: float = math.inf)
     ]
     first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     s = [np.linspace(0.0, road.length, n) for road, n in zip(roads, counts, strict=True)]
-    pose = [road.curve.at(x) for road, x in zip(roads, s, strict=True)]
+    near = [min(NEAR_M, road.length / 50) for road in roads]
+    # The ends' neighbours, for curvature and pace, are asked for in the same breath.
+    pose = [
+        road.curve.at(np.concatenate([x, [d, road.length - d]]))
+        for road, x, d in zip(roads, s, near, strict=True)
+    ]
+    ends = np.array([p[[0, -2, -1, -3]] for p in pose]).reshape(-1, 2, 2, 3)
+    change = ends[:, :, 1] - ends[:, :, 0]
     reach = [_reach(road, x) for road, x in zip(roads, s, strict=True)]
-    empty = np.zeros((4, 0))
-    sides = np.concatenate([empty, *reach], axis=1)
+    sides = np.concatenate([np.zeros((4, 0)), *reach], axis=1)
+    away = np.array(near, np.float64)[:, None]
+    turn = (change[:, :, 2] + np.pi) % (2.0 * np.pi) - np.pi
     return Stations(
         tuple(roads),
         first,
         np.repeat(np.arange(len(counts)), counts),
         np.concatenate([np.zeros(0), *s]),
-        np.concatenate([np.zeros((0, 3)), *pose]),
-        *sides,
+        np.concatenate([np.zeros((0, 3)), *(p[:-2] for p in pose)]),
+        sides,
+        (turn / away).T,
+        (np.hypot(change[:, :, 0], change[:, :, 1]) / away).T,
     )
 
 

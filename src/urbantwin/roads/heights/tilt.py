@@ -54,4 +54,6 @@ def _grown(road: ModelRoad, width: Profile, start: float, end: float) -> Profile
     # Where a profile has knots it may bend sharply: they are kept as stations.
     ds = np.unique(np.concatenate([ds, width.start[width.start < end - start]]))
     value = width.at(ds) / np.cos(road.bank.at(start + ds))
-    return fitted(ds, value, tolerance=NOTICED_M / 4)
+    # Tapers begin and end without a kink: the slopes at both ends are the profile's own.
+    ends = width.slope(ds[[0, -1]]) / np.cos(road.bank.at(start + ds[[0, -1]]))
+    return fitted(ds, value, tolerance=NOTICED_M / 4, slopes=(float(ends[0]), float(ends[1])))
