@@ -12,7 +12,7 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads, sumo_binary, sumo_environment
-from urbantwin.roads.signals.programs import described_signals
+from urbantwin.roads.signals.programs import described_signals, set_programs
 from urbantwin.site import read_extract
 from urbantwin.site.document import read_document
 from urbantwin.site.signals import SignalPlan, SignalSpec
@@ -29,6 +29,15 @@ TWO_PHASES = [
 TIMED = [{**phase, "yellow": 3, "all_red": 2} for phase in TWO_PHASES]
 
 
+def plans_of(signals, written):
+    written.write_text(yaml.safe_dump({"signals": list(signals)}))
+    document = read_document(written, kind="a site")
+    return tuple(
+        SignalPlan(SignalSpec.model_validate(item), document, k)
+        for k, item in enumerate(document.value["signals"])
+    )
+
+
 @pytest.fixture
 def build(write_osm, tmp_path):
     nodes = {1: (-150, 0, {}), 2: (0, 0, {"highway": "traffic_signals"}), 3: (150, 0, {})}
@@ -36,13 +45,7 @@ def build(write_osm, tmp_path):
     path = write_osm(nodes, {10: ([1, 2, 3], MAIN), 11: ([4, 2, 5], SIDE)})
 
     def run(*signals):
-        written = tmp_path / "site.yaml"
-        written.write_text(yaml.safe_dump({"signals": list(signals)}))
-        document = read_document(written, kind="a site")
-        plans = tuple(
-            SignalPlan(SignalSpec.model_validate(item), document, k)
-            for k, item in enumerate(document.value["signals"])
-        )
+        plans = plans_of(signals, tmp_path / "site.yaml")
         out = tmp_path / "n.net.xml"
         region = shapely.box(-140, -140, 140, 140)
         built = build_roads(
@@ -50,6 +53,27 @@ def build(write_osm, tmp_path):
             plans=plans,
         )  # fmt: skip
         return built, out
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def crossing_net():
+    """The same crossing's SUMO network, once it is built."""
+    return []
+
+
+@pytest.fixture
+def plan(build, crossing_net, tmp_path):
+    """Set plans in a copy of the crossing's network and return the network."""
+    if not crossing_net:
+        crossing_net.append(build()[1].read_bytes())
+
+    def run(*signals):
+        net = tmp_path / "copy.net.xml"
+        net.write_bytes(crossing_net[0])
+        set_programs(net, plans_of(signals, tmp_path / "site.yaml"), HERE)
+        return net
 
     return run
 
@@ -79,10 +103,9 @@ def links_of(net):
 
 
 @pytest.mark.parametrize("offset", [0, 17, -5])
-def test_sumo_shows_the_plan_and_its_offset(offset, build, tmp_path):
-    plan = {"junction": "Long Avenue / Cross Street", "cycle": 60, "offset": offset}
-    built, net = build({**plan, "phases": TIMED})
-    assert built.notes["signal_programs_set"] == 1
+def test_sumo_shows_the_plan_and_its_offset(offset, plan, tmp_path):
+    wanted = {"junction": "Long Avenue / Cross Street", "cycle": 60, "offset": offset}
+    net = plan({**wanted, "phases": TIMED})
     states, links = shown_by_sumo(net, tmp_path, 140), links_of(net)
     assert {street for street, _ in links.values()} == {"Long Avenue", "Cross Street"}
     for time in range(1, 140):
@@ -96,6 +119,7 @@ def test_sumo_shows_the_plan_and_its_offset(offset, build, tmp_path):
 
 def test_the_model_and_the_network_carry_the_same_program(build):
     built, net = build({"junction": "Cross Street", "offset": 9, "phases": TWO_PHASES})
+    assert built.notes["signal_programs_set"] == 1
     logic = ElementTree.parse(net).getroot().find("tlLogic")
     phases = tuple((float(p.get("duration")), p.get("state")) for p in logic.iter("phase"))
     (program,) = built.network.programs
@@ -107,14 +131,14 @@ def test_the_model_and_the_network_carry_the_same_program(build):
     assert described["offset"] == 9.0
 
 
-def test_greens_never_conflict_and_who_must_gives_way(build):
+def test_greens_never_conflict_and_who_must_gives_way(plan):
     """By sumolib's own reading of the junction's table of conflicts."""
     phases = [
         {"seconds": 20, "green": ["east through", "west through", "east right", "west right"]},
         {"seconds": 8, "green": ["east left", "west left"], "walk": []},
         {"seconds": 20, "green": ["Cross Street"]},
     ]
-    _, path = build({"junction": {"latitude": 48.7, "longitude": 9.18}, "phases": phases})
+    path = plan({"junction": {"latitude": 48.7, "longitude": 9.18}, "phases": phases})
     net = sumolib.net.readNet(str(path), withPrograms=True, withPedestrianConnections=True)
     (light,) = net.getTrafficLights()
     node = next(n for n in net.getNodes() if n.getType() == "traffic_light")
@@ -146,9 +170,9 @@ def test_greens_never_conflict_and_who_must_gives_way(build):
             assert not {k for k in walkers if phase.state[k] in "Gg"}
 
 
-def test_people_who_set_out_last_are_across_before_traffic_starts(build, tmp_path):
+def test_people_who_set_out_last_are_across_before_traffic_starts(plan):
     """Walking 1.2 m/s (RiLSA 2015), measured on the crossings that SUMO has."""
-    _, net = build({"junction": "Long Avenue", "phases": TWO_PHASES})
+    net = plan({"junction": "Long Avenue", "phases": TWO_PHASES})
     root = ElementTree.parse(net).getroot()
     lengths = {lane.get("id"): float(lane.get("length")) for lane in root.iter("lane")}
     phases = [(float(p.get("duration")), p.get("state")) for p in root.iter("phase")]
@@ -176,18 +200,18 @@ def test_people_who_set_out_last_are_across_before_traffic_starts(build, tmp_pat
     assert checked >= 4
 
 
-def test_phases_without_seconds_share_what_the_cycle_leaves(build):
+def test_phases_without_seconds_share_what_the_cycle_leaves(plan):
     phases = [{"green": ["east", "west"]}, {"seconds": 20, "green": ["northbound", "southbound"]}]
-    _, net = build({"junction": "Long Avenue", "cycle": 90, "phases": phases})
+    net = plan({"junction": "Long Avenue", "cycle": 90, "phases": phases})
     (described,) = described_signals(net).values()
     assert described["cycle"] == pytest.approx(90)
 
 
-def test_states_are_taken_letter_by_letter(build):
-    _, net = build({"junction": "Long Avenue", "offset": 1})
+def test_states_are_taken_letter_by_letter(plan):
+    net = plan({"junction": "Long Avenue", "offset": 1})
     (before,) = described_signals(net).values()
     states = [{"seconds": p["seconds"] + 1, "state": p["state"]} for p in before["phases"]]
-    _, net = build({"junction": "Long Avenue", "states": states})
+    net = plan({"junction": "Long Avenue", "states": states})
     (after,) = described_signals(net).values()
     assert [(p["seconds"], p["state"]) for p in after["phases"]] == [
         (float(p["seconds"]), p["state"]) for p in states
@@ -260,22 +284,22 @@ def test_states_are_taken_letter_by_letter(build):
         ),
     ],
 )
-def test_a_plan_that_cannot_be_is_told_in_one_line(signal, place, words, build, tmp_path):
+def test_a_plan_that_cannot_be_is_told_in_one_line(signal, place, words, plan, tmp_path):
     with pytest.raises(InputError) as caught:
-        build(signal)
+        plan(signal)
     text = str(caught.value)
     assert "\n" not in text
     assert f"{tmp_path / 'site.yaml'}: {place} (line" in text
     assert words in text
 
 
-def test_conflicting_letters_are_told(build):
-    _, net = build({"junction": 2, "offset": 1})
+def test_conflicting_letters_are_told(plan):
+    net = plan({"junction": 2, "offset": 1})
     (described,) = described_signals(net).values()
     everything = "G" * len(described["phases"][0]["state"])
     with pytest.raises(InputError, match="right of way to conflicting traffic"):
-        build({"junction": 2, "states": [{"seconds": 30, "state": everything}]})
+        plan({"junction": 2, "states": [{"seconds": 30, "state": everything}]})
     first, *_ = (p["state"] for p in described["phases"] if "G" in p["state"])
     red = "r" * len(first)
     with pytest.raises(InputError, match="without yellow"):
-        build({"junction": 2, "states": [{"seconds": 9, "state": s} for s in (first, red)]})
+        plan({"junction": 2, "states": [{"seconds": 9, "state": s} for s in (first, red)]})
