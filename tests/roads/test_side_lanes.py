@@ -91,7 +91,7 @@ def strips(item):
     return {key: np.vstack(parts) for key, parts in found.items()}
 
 
-def assert_sound(item, *, smooth=True):
+def assert_sound(item):
     for section in item.sections:
         left = [lane.id for lane in section.lanes if lane.id > 0]
         right = [lane.id for lane in section.lanes if lane.id < 0]
@@ -113,8 +113,7 @@ def assert_sound(item, *, smooth=True):
                 before = item.border(a, lane, [s - 1e-4, s], outer=outer)
                 beyond = item.border(b, after, [s, s + 1e-4], outer=outer)
                 assert beyond[0] == pytest.approx(before[1], abs=1e-4)
-                if smooth:
-                    assert np.diff(beyond)[0] == pytest.approx(np.diff(before)[0], abs=1e-6)
+                assert np.diff(beyond)[0] == pytest.approx(np.diff(before)[0], abs=1e-6)
         for lane in b.lanes:
             if lane.predecessor is None:
                 assert lane.width.at(0.0)[0] == pytest.approx(0, abs=1e-9)
@@ -349,8 +348,7 @@ def test_real_streets(name, shared_data, tmp_path):
     assert {"parking"} | ({"median", "shoulder"} if name == "quad_intersection" else set()) <= found
     for item in built.model.roads:
         if item.junction < 0 and len(item.sections) > 1:
-            # Banked roads have wider lanes, by cubics of their own.
-            assert_sound(item, smooth=False)
+            assert_sound(item)
     network = built.network
     driven = network.area_of(("driving", "bus"), 0)
     for kind in ("parking", "median", "shoulder"):
