@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
+from urbantwin.roads.component import LeftOut, Part, main_component
 from urbantwin.roads.cross_section import prepare_ways, write_sumo_edges
 from urbantwin.roads.driving_side import country_of
 from urbantwin.roads.heights import RoadSurface, with_heights
@@ -43,6 +44,7 @@ from urbantwin.roads.streets.furniture import furnished
 from urbantwin.roads.streets.planar import planar_model
 from urbantwin.roads.strips import network_of_model
 from urbantwin.site.extract import Extract, Way, WayPiece
+from urbantwin.site.junction import way_lanes
 from urbantwin.site.signals import SignalPlan
 
 __all__ = ["NETWORK_CLASSES", "BuiltRoads", "build_roads"]
@@ -122,7 +124,7 @@ def build_roads(
     country = country_of(frame.latitude, frame.longitude)
     with tempfile.TemporaryDirectory() as scratch:
         osm = Path(scratch) / "network.osm"
-        pieces = extract.clipped(frame, region, ways)
+        pieces, left_out = _main_component(extract.clipped(frame, region, ways))
         loop = OuterRoads(pieces)
         if closed_loop:
             loop = close_loop(
@@ -199,9 +201,27 @@ def build_roads(
         "closed_loop": loop.notes,
         "lifted_ways": len(level_of_way),
         "left_out_tunnels": len(tunnels),
+        "left_out": [item.as_note() for item in left_out],
         "netconvert_warnings": len(warnings),
     }
     return BuiltRoads(model, network, surface, notes)
+
+
+def _main_component(
+    pieces: Sequence[WayPiece],
+) -> tuple[tuple[WayPiece, ...], list[LeftOut]]:
+    """Return the ways that the border has not cut off from the rest, and what it has."""
+    parts = {
+        piece.id: Part(
+            piece.tags.get("name", ""),
+            shapely.LineString(piece.points),
+            way_lanes(Way(piece.id, piece.nodes, piece.tags)),
+            frozenset(piece.nodes),
+        )
+        for piece in pieces
+    }
+    kept, left_out = main_component(parts)
+    return tuple(piece for piece in pieces if piece.id in kept), left_out
 
 
 def _within(
