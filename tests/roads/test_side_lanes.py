@@ -257,6 +257,20 @@ def test_a_refuge_leads_both_directions_round_it():
     assert "island" not in kinds
 
 
+@pytest.mark.parametrize("x", [-4.0, 3.0, 104.0])
+def test_a_refuge_at_a_junction_stands_before_it(x):
+    item = add_side_lanes(junctions(road(1, TWO_WAY)), [], islands=[[x, 0.0]]).road_by_id[1]
+    assert_sound(item)
+    (k,) = (k for k, s in enumerate(item.sections) if any(q.kind == "island" for q in s.lanes))
+    first, last = item.sections[k].s, item.section_ends[k]
+    assert 1.0 <= first < last <= 99.0
+    assert min(abs(first - x), abs(last - x)) < 13.0
+    for s in (0.0, 100.0):
+        section = item.section_at(min(s, 99.99))
+        reach = [float(item.border(section, q, s, outer=True)[0]) for q in section.lanes]
+        assert reach == pytest.approx([5.5, 3.0, -3.0, -5.5])
+
+
 @pytest.mark.parametrize(
     ("tags", "expected"),
     [

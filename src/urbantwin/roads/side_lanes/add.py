@@ -14,7 +14,7 @@ from urbantwin.roads.model import LaneModel, ModelRoad
 from urbantwin.roads.side_lanes.alongside import alongside, by_way
 from urbantwin.roads.side_lanes.beside import lanes_beside
 from urbantwin.roads.side_lanes.insertion import Renumbering, relinked, with_lanes
-from urbantwin.roads.side_lanes.island import islands_on, moved_aside, stations_on
+from urbantwin.roads.side_lanes.island import BEYOND_M, islands_on, moved_aside, stations_on
 from urbantwin.roads.side_lanes.median import medians
 from urbantwin.roads.side_lanes.room import Room
 
@@ -64,7 +64,7 @@ def add_side_lanes(
                 meets[end] = "junction"
             else:
                 meets[end] = "street"
-        refuges = islands_on(road, stations_on(road, islands), room)
+        refuges = islands_on(road, stations_on(road, islands, beyond=BEYOND_M), room)
         parts = alongside(road, ways)
         clear = stations_on(road, crossings)
         items = lanes_beside(road, parts, meets, clear, room=room, country=country)

@@ -21,15 +21,16 @@ from urbantwin.roads.side_lanes.insertion import Insertion
 from urbantwin.roads.side_lanes.median import CURB_M
 from urbantwin.roads.side_lanes.room import Room
 
-__all__ = ["is_island", "islands_on", "moved_aside", "stations_on", "with_island_areas"]
+__all__ = ["BEYOND_M", "is_island", "islands_on", "moved_aside", "stations_on", "with_island_areas"]
 
 #: Width of a refuge, metres (RASt 06, 6.1.8.2: at least 2.00 m; US MUTCD 3I: 6 ft).
 WIDTH_M = 2.0
 #: How far it reaches to both sides of the crossing, and the part of it over which traffic is led
 #: round it, metres.
 REACH_M, TAPER_M = 12.0, 9.0
-#: An island shorter than this is none; it ends this far before a road does, metres.
-SHORTEST_M, CLEAR_M = 12.0, 1.0
+#: An island shorter than this is none; it ends this far before a road does, metres. A crossing at
+#: a junction may lie this far beyond the end of the road: the island is then before it.
+SHORTEST_M, CLEAR_M, BEYOND_M = 10.0, 1.0, 8.0
 #: A point of the map further from a street's middle than this is not on it, metres.
 OFF_M = 3.0
 
@@ -43,17 +44,25 @@ def is_island(tags: Mapping[str, str]) -> bool:
     )
 
 
-def stations_on(road: ModelRoad, points: ArrayLike) -> NDArray[np.float64]:
-    """Return the stations of those of the points (N, 2) that lie on the middle of a road."""
+def stations_on(road: ModelRoad, points: ArrayLike, *, beyond: float = 0.0) -> NDArray[np.float64]:
+    """Return the stations of those of the points (N, 2) that lie on the middle of a road.
+
+    Args:
+        road: the road.
+        points: where, site frame.
+        beyond: how far before its start or after its end they may lie, metres.
+    """
     xy = np.asarray(points, np.float64).reshape(-1, 2)
     if not len(xy):
         return np.zeros(0)
     low, high = np.asarray(road.curve.line.bounds).reshape(2, 2)
-    xy = xy[((xy > low - OFF_M) & (xy < high + OFF_M)).all(axis=1)]
+    margin = OFF_M + beyond
+    xy = xy[((xy > low - margin) & (xy < high + margin)).all(axis=1)]
     if not len(xy):
         return np.zeros(0)
     s, t = road.curve.locate(xy)
-    return np.asarray(s[(np.abs(t) < OFF_M) & (s > 0) & (s < road.length)])
+    on = (np.abs(t) < OFF_M) & (s > -beyond) & (s < road.length + beyond)
+    return np.asarray(np.clip(s[on], 0.0, road.length))
 
 
 def islands_on(
