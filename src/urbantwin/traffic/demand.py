@@ -13,7 +13,15 @@ from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.actor_kind import ACTOR_KINDS
 from urbantwin.traffic.network import StreetNetwork, Streets
 
-__all__ = ["Demand", "LeftOut", "Trip", "departure_count", "plan_demand"]
+__all__ = [
+    "Demand",
+    "LeftOut",
+    "Population",
+    "Trip",
+    "departure_count",
+    "plan_demand",
+    "systematic",
+]
 
 _WALKING_MS = 1.34  # mean free walking speed (Weidmann, ETH IVT 90, 1993)
 _WORTHWHILE_M = 60.0  # a route shorter than this is no way through, where there are longer ones
@@ -30,6 +38,9 @@ class Trip:
         edges: the streets that it passes, in order.
         depart_m: on foot: where on the first edge it begins, metres from the edge's start.
         arrive_m: on foot: where on the last edge it ends.
+        anywhere: whether it sets out somewhere on the first street, where there is room.
+        then: on foot: further walks, each from where the one before ends: streets and where on the
+            last one it ends.
     """
 
     actor_class: str
@@ -38,6 +49,8 @@ class Trip:
     edges: tuple[str, ...]
     depart_m: float = 0.0
     arrive_m: float = 0.0
+    anywhere: bool = False
+    then: tuple[tuple[tuple[str, ...], float], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -50,11 +63,46 @@ class LeftOut:
 
 
 @dataclass(frozen=True)
+class Population:
+    """The actors of one class.
+
+    Attributes:
+        actor_class: one of ``taxonomy.ACTOR_CLASSES``.
+        per_hour: passages through the region per hour that were asked for.
+        count: how many actors there are.
+        seconds: free travel time of the usual way round, from one entry to the next.
+        metres: its length.
+    """
+
+    actor_class: str
+    per_hour: float
+    count: int
+    seconds: float
+    metres: float
+
+
+@dataclass(frozen=True)
 class Demand:
-    """Every trip, in the order of setting out, and what was left out."""
+    """Every trip, in the order of setting out.
+
+    Attributes:
+        trips: who sets out.
+        left_out: who was asked for and cannot come.
+        populations: who circulates: stays for the whole motion; empty where traffic passes through.
+        outer: ids of the edges of outer roads, by which those who circulate come back.
+        carried: share of the motor traffic asked for that the streets can carry.
+    """
 
     trips: tuple[Trip, ...]
     left_out: tuple[LeftOut, ...]
+    populations: tuple[Population, ...] = ()
+    outer: frozenset[str] = frozenset()
+    carried: float = 1.0
+
+    @property
+    def circulates(self) -> bool:
+        """Whether everybody stays for the whole motion."""
+        return bool(self.populations)
 
 
 def plan_demand(
@@ -106,8 +154,8 @@ def plan_demand(
             left_out.append(LeftOut(actor_class, count, "no mesh of this class"))
             continue
         depart_s = (np.arange(count) + random.random(count)) * (period_s / count)
-        which = _systematic(np.ones(len(meshes)), count, random)
-        pairs = _systematic(routes.weight, count, random)
+        which = systematic(np.ones(len(meshes)), count, random)
+        pairs = systematic(routes.weight, count, random)
         place, lead_m = random.random(count), _WALKING_MS * (warmup_s - depart_s)
         for k in range(count):
             asset, at = meshes[which[k]], round(float(depart_s[k]), 2)
@@ -230,7 +278,7 @@ class _Routes:
         return float(self.streets.length_m[self._path(number)].sum())
 
 
-def _systematic(
+def systematic(
     weight: NDArray[np.float64], count: int, random: np.random.Generator
 ) -> NDArray[np.int64]:
     """Draw ``count`` indices in proportion to their weights, evenly, in a random order."""

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import StageError
 
-__all__ = ["Gates", "StreetNetwork", "Streets"]
+__all__ = ["Edge", "Gates", "StreetNetwork", "Streets", "has_walkway"]
 
 #: Relative traffic per lane of a street, by OpenStreetMap's road class. The order is the road
 #: hierarchy's; the sizes follow the usual ratios of annual average daily traffic between
@@ -116,6 +116,23 @@ class StreetNetwork:
         streets = self._net.getEdges(withInternal=False)
         self._streets = sorted(streets, key=lambda edge: str(edge.getID()))
 
+    @property
+    def streets(self) -> list[Edge]:
+        """Edges that are no part of a junction, sorted by their ids."""
+        return self._streets
+
+    @property
+    def corners(self) -> list[Edge]:
+        """Walking areas and crossings, sorted by their ids."""
+        inside = self._net.getEdges(withInternal=True)
+        found = [edge for edge in inside if edge.getFunction() in ("walkingarea", "crossing")]
+        return sorted(found, key=lambda edge: str(edge.getID()))
+
+    def way_over(self, edge: Edge, following: Edge) -> float:
+        """Return the length of the way over the junction between two edges, metres."""
+        lanes = (item.getViaLaneID() for item in edge.getOutgoing().get(following, []))
+        return max((float(self._net.getLane(x).getLength()) for x in lanes if x), default=0.0)
+
     def driven_by(self, vclass: str) -> Streets | None:
         """Return the streets that vehicles of a SUMO class may use; ``None`` where there are none.
 
@@ -135,7 +152,7 @@ class StreetNetwork:
                     arcs[number, other] = edge.getLength() / edge.getSpeed()
         leads_on = {start for start, _ in arcs}
         led_to = {end for _, end in arcs}
-        rank = np.array([self._rank(edge, vclass) for edge in edges])
+        rank = np.array([self.rank(edge, vclass) for edge in edges])
         everything = list(range(len(edges)))
         entries = [number for number in everything if number not in led_to] or everything
         exits = [number for number in everything if number not in leads_on] or everything
@@ -155,15 +172,10 @@ class StreetNetwork:
 
         Gates are the ends of sidewalks and footways at nodes that have a single neighbour.
         """
-        streets = [edge for edge in self._streets if _has_walkway(edge)]
+        streets = [edge for edge in self._streets if has_walkway(edge)]
         if not streets:
             return None
-        special = [
-            edge
-            for edge in self._net.getEdges(withInternal=True)
-            if edge.getFunction() in ("walkingarea", "crossing")
-        ]
-        edges = streets + sorted(special, key=lambda edge: str(edge.getID()))
+        edges = streets + self.corners
         index = {edge.getID(): number for number, edge in enumerate(edges)}
         arcs: dict[tuple[int, int], float] = {}
         joined: set[tuple[int, bool]] = set()
@@ -188,7 +200,7 @@ class StreetNetwork:
                     ends.append((number, at_start))
         if not ends:
             ends = [(number, True) for number in range(len(streets))]
-        rank = np.sqrt([self._rank(edge, "pedestrian") for edge in streets])
+        rank = np.sqrt([self.rank(edge, "pedestrian") for edge in streets])
         gates = self._gates(streets, ends, rank)
         return Streets(
             tuple(index),
@@ -210,7 +222,7 @@ class StreetNetwork:
             near[end].add(start)
         return near
 
-    def _rank(self, edge: Edge, vclass: str) -> float:
+    def rank(self, edge: Edge, vclass: str) -> float:
         """Return the relative traffic of an edge for a class: of its kind times its lanes."""
         names = re.findall(r"highway\.(\w+)", edge.getType() or "")
         kind = max((_RANK.get(name, _DEFAULT_RANK) for name in names), default=_DEFAULT_RANK)
@@ -253,7 +265,7 @@ def _matrix(arcs: dict[tuple[int, int], float], count: int) -> scipy.sparse.csr_
     return scipy.sparse.csr_array((cost, (pairs[:, 0], pairs[:, 1])), shape=(count, count))
 
 
-def _has_walkway(edge: Edge) -> bool:
+def has_walkway(edge: Edge) -> bool:
     """Say whether some lane of an edge is for people on foot and not for cars."""
     return any(
         lane.allows("pedestrian") and not lane.allows("passenger") for lane in edge.getLanes()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,9 @@ from urbantwin.errors import InputError
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.actor_table import actor_table
 from urbantwin.traffic.assets import asset, asset_names
+from urbantwin.traffic.calibration import calibrate
+from urbantwin.traffic.circulation import Circulation
+from urbantwin.traffic.circulation_report import circulation_report
 from urbantwin.traffic.demand import Demand, plan_demand
 from urbantwin.traffic.motion import MOTION_VERSION, Motion
 from urbantwin.traffic.network import StreetNetwork
@@ -22,6 +26,9 @@ from urbantwin.traffic.simulation import Simulated, simulate
 from urbantwin.twin import Twin
 
 __all__ = ["demand_of", "run_traffic"]
+
+#: Length of road that a standing car takes, with the gap before it, metres.
+CAR_SPACE_M = 7.0
 
 
 def run_traffic(
@@ -94,6 +101,8 @@ def run_traffic(
         "collisions": simulated.collisions,
         "poses_outside_ground": outside,
     }
+    if demand.circulates:
+        manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)
     told(0.9, "meshes of the actors")
     motion = Motion(manifest, actors, signals).with_meshes()
     told(0.95, "writing the motion")
@@ -103,16 +112,55 @@ def run_traffic(
 
 
 def demand_of(twin: Twin, *, duration_s: float, seed: int) -> Demand:
-    """Return who sets out in a twin, as its site asks for, over warm-up and duration."""
+    """Return who sets out in a twin, as its site asks for, over warm-up and duration.
+
+    In a closed loop everybody comes in during the warm-up and stays. How many that takes is found
+    by pilot simulations (``calibration``). Elsewhere traffic passes through.
+
+    Raises:
+        StageError: SUMO failed.
+    """
     asked = twin.site["traffic"]
+    network = StreetNetwork(twin.net_path, twin.region)
+    outer = _outer_roads(twin)
+    if outer:
+        circulation = Circulation(network, outer, asked["per_hour"], seed)
+        found = calibrate(
+            circulation,
+            twin.net_path,
+            room=_room(twin),
+            asset=asset,
+            asset_names=asset_names,
+        )
+        demand = circulation.demand(
+            found.populations,
+            warmup_s=float(asked["warmup_s"]),
+            duration_s=duration_s,
+            asset_names=asset_names,
+        )
+        return replace(demand, carried=found.carried)
     return plan_demand(
-        StreetNetwork(twin.net_path, twin.region),
+        network,
         asked["per_hour"],
         warmup_s=float(asked["warmup_s"]),
         duration_s=duration_s,
         seed=seed,
         asset_names=asset_names,
     )
+
+
+def _outer_roads(twin: Twin) -> frozenset[str]:
+    """Return the edges of the outer roads of a closed loop: those that no way of the map is."""
+    roads = twin.roads.roads
+    if not (twin.site.get("closed_loop") and any(road.ways for road in roads)):
+        return frozenset()
+    return frozenset(road.id for road in roads if not road.ways)
+
+
+def _room(twin: Twin) -> float:
+    """Return how many cars fit onto the lanes bumper to bumper."""
+    lanes = (lane for lane in twin.roads.lanes if lane.road and "car" in lane.allowed)
+    return sum(lane.length for lane in lanes) / CAR_SPACE_M
 
 
 def _silent(_fraction: float, _what: str) -> None:

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,11 +19,21 @@ from lxml import etree
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError, StageError
+from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.actor_kind import ACTOR_KINDS
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand import Demand
 
-__all__ = ["Simulated", "simulate", "sumo_options", "sumo_substeps", "write_routes"]
+__all__ = [
+    "STUCK_S",
+    "Observed",
+    "Simulated",
+    "observe",
+    "simulate",
+    "sumo_options",
+    "sumo_substeps",
+    "write_routes",
+]
 
 _WORKER = Path(__file__).with_name("sumo_worker.py")
 _LARGEST_STEP_MS = 100  # SUMO's car following and sublane movement are smooth at this step
@@ -31,7 +41,32 @@ MARGIN_S = 3.0  # seen before the first and after the last step, to know where e
 _STUCK_S = (
     180  # longer than any red; a vehicle that waits so long is in a deadlock and is taken out
 )
+_BLOCKER_S = 60
+STUCK_S = 300.0  # who stays and halts for longer is reported
 _SUBLANE_M = 0.8  # two-wheelers pass each other and cars within a lane
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """What was seen each second, by minute (M, from SUMO's start) and class (C).
+
+    Attributes:
+        least: (M, C) fewest actors at a time.
+        most: (M, C) most actors at a time.
+        samples: (M, C) actors seen, one each second.
+        metres: (M, C) sum of their speeds: the distance that they travelled.
+        entries: (M, C) how many came from an outer road into the region.
+        longest_halt_s: the longest halt of anybody.
+        stuck: (trip, time, lane) of who halted for more than ``STUCK_S``.
+    """
+
+    least: NDArray[np.float64]
+    most: NDArray[np.float64]
+    samples: NDArray[np.float64]
+    metres: NDArray[np.float64]
+    entries: NDArray[np.float64]
+    longest_halt_s: float
+    stuck: tuple[tuple[int, float, str], ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +86,7 @@ class Simulated:
         collisions: pairs of actors that SUMO saw overlap.
         departed: trips that entered the network.
         sumo: SUMO's version.
+        observed: what was seen each second, warm-up included.
     """
 
     step: NDArray[np.int32]
@@ -65,6 +101,7 @@ class Simulated:
     collisions: int
     departed: frozenset[int]
     sumo: str
+    observed: Observed
 
 
 def simulate(
@@ -97,20 +134,70 @@ def simulate(
     step_ms, substeps = sumo_substeps(step_s)
     warmup_steps = math.ceil(warmup_s * 1000 / step_ms)
     margin = math.ceil(MARGIN_S * 1000 / step_ms)
+    options = sumo_options(step_ms // substeps, seed, circulates=demand.circulates)
+    job = {
+        "warmup_substeps": warmup_steps * substeps,
+        "first_step": -min(margin, warmup_steps),
+        "last_step": steps - 1 + margin,
+        "substeps": substeps,
+    }
+    return _worked(net_path, demand, asset, options, job, progress)
+
+
+def observe(
+    net_path: Path,
+    demand: Demand,
+    asset: Callable[[str], Asset],
+    *,
+    seconds: int,
+    step_ms: int,
+    seed: int,
+    progress: Callable[[float, str], None] | None = None,
+) -> Simulated:
+    """Run those who circulate through SUMO without keeping their positions.
+
+    Args:
+        net_path: the SUMO network.
+        demand: who circulates.
+        asset: the mesh of a name, with its length, width and height.
+        seconds: for how long.
+        step_ms: SUMO's step.
+        seed: SUMO's seed.
+        progress: called with the fraction done and what is being done.
+
+    Raises:
+        StageError: SUMO failed; the message holds SUMO's first error.
+    """
+    options = sumo_options(step_ms, seed, circulates=True)
+    steps = round(seconds * 1000 / step_ms)
+    job = {"warmup_substeps": steps, "first_step": 1, "last_step": 0, "substeps": 1}
+    return _worked(net_path, demand, asset, options, job, progress)
+
+
+def _worked(
+    net_path: Path,
+    demand: Demand,
+    asset: Callable[[str], Asset],
+    options: dict[str, object],
+    job: Mapping[str, object],
+    progress: Callable[[float, str], None] | None,
+) -> Simulated:
+    """Let the worker do a job."""
     with tempfile.TemporaryDirectory(prefix="urbantwin-traffic-") as scratch:
         folder = Path(scratch)
         routes = folder / "demand.rou.xml"
         write_routes(routes, demand, asset)
-        job = {
-            "options": _command_line(net_path, routes, step_ms // substeps, seed),
-            "warmup_substeps": warmup_steps * substeps,
-            "first_step": -min(margin, warmup_steps),
-            "last_step": steps - 1 + margin,
-            "substeps": substeps,
+        whole = {
+            **job,
+            "options": _command_line(net_path, routes, options),
+            "classes": [ACTOR_CLASSES.index(trip.actor_class) for trip in demand.trips],
+            "kinds": len(ACTOR_CLASSES),
+            "outer": sorted(demand.outer),
+            "stuck_s": STUCK_S,
             "arrays": str(folder / "rows.npy"),
             "texts": str(folder / "outcome.json"),
         }
-        (folder / "job.json").write_text(json.dumps(job))
+        (folder / "job.json").write_text(json.dumps(whole))
         _run_worker(folder / "job.json", progress)
         return _read(folder / "rows.npy", folder / "outcome.json")
 
@@ -134,18 +221,24 @@ def sumo_substeps(step_s: float) -> tuple[int, int]:
     return step_ms, substeps
 
 
-def sumo_options(sumo_step_ms: int, seed: int) -> dict[str, object]:
+def sumo_options(sumo_step_ms: int, seed: int, *, circulates: bool = False) -> dict[str, object]:
     """Return how SUMO simulates a twin's traffic: its options and their values.
 
     Args:
         sumo_step_ms: SUMO's own step.
         seed: of SUMO's random choices.
+        circulates: whether everybody stays: then nobody is taken out, however long they wait.
     """
+    waits = {"time-to-teleport": _STUCK_S}
+    if circulates:
+        # Nobody is lifted off the road. Who stands on a junction for long no longer bars others:
+        # a last resort, by which two who wait for each other do not lock up the whole network.
+        waits = {"time-to-teleport": -1, "ignore-junction-blocker": _BLOCKER_S}
     return {
         "step-length": sumo_step_ms / 1000,
         "seed": seed % 2**31,
         "lateral-resolution": _SUBLANE_M,
-        "time-to-teleport": _STUCK_S,
+        **waits,
         # Told, not acted upon: SUMO's own way out is to lift the vehicle off the road.
         "collision.action": "warn",
         "collision.check-junctions": "true",
@@ -153,12 +246,12 @@ def sumo_options(sumo_step_ms: int, seed: int) -> dict[str, object]:
     }
 
 
-def _command_line(net_path: Path, routes: Path, sumo_step_ms: int, seed: int) -> list[str]:
+def _command_line(net_path: Path, routes: Path, how: dict[str, object]) -> list[str]:
     """Return SUMO's command line."""
     options: dict[str, object] = {
         "net-file": net_path.resolve(),
         "route-files": routes,
-        **sumo_options(sumo_step_ms, seed),
+        **how,
         "no-step-log": "true",
         "duration-log.disable": "true",
         "xml-validation": "never",
@@ -184,8 +277,13 @@ def write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> N
             person = etree.SubElement(root, "person", **common, departPos=f"{trip.depart_m:.2f}")
             where = {"arrivalPos": f"{trip.arrive_m:.2f}", "departPosLat": "random"}
             etree.SubElement(person, "walk", edges=edges, **where)
+            for further, arrive_m in trip.then:
+                where = {"arrivalPos": f"{arrive_m:.2f}"}
+                etree.SubElement(person, "walk", edges=" ".join(further), **where)
         else:
             how = {"departLane": "best", "departSpeed": "max", "departPos": "base"}
+            if trip.anywhere:
+                how = {"departLane": "best", "departSpeed": "max", "departPos": "random_free"}
             vehicle = etree.SubElement(root, "vehicle", **common, **how)
             etree.SubElement(vehicle, "route", edges=edges)
     etree.ElementTree(root).write(str(path), encoding="utf-8", xml_declaration=True)
@@ -235,6 +333,11 @@ def _read(arrays: Path, texts: Path) -> Simulated:
     """Read what the worker wrote."""
     outcome: dict[str, Any] = json.loads(texts.read_text())
     rows = np.load(arrays)
+    minutes = outcome["minutes"]
+    seen = {
+        name: np.array([minute[name] for minute in minutes], np.float64)
+        for name in ("least", "most", "samples", "metres", "entries")
+    }
     return Simulated(
         step=rows["step"],
         trip=rows["trip"],
@@ -248,4 +351,9 @@ def _read(arrays: Path, texts: Path) -> Simulated:
         collisions=len(outcome["collisions"]),
         departed=frozenset(outcome["departed"]),
         sumo=outcome["sumo"],
+        observed=Observed(
+            **seen,
+            longest_halt_s=outcome["longest_halt_s"],
+            stuck=tuple((trip, time_s, lane) for trip, time_s, lane in outcome["stuck"]),
+        ),
     )

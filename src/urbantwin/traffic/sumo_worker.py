@@ -20,6 +20,58 @@ import numpy as np
 
 #: Step, trip, x, y, angle, speed, lane. A trip's number is its name in SUMO.
 Row = tuple[int, int, float, float, float, float, int]
+TYPES = [("step", "i4"), ("trip", "i4"), ("x", "f8"), ("y", "f8")]
+TYPES += [("angle_deg", "f8"), ("speed", "f8"), ("lane", "i4")]
+MANY_ROWS = 200_000
+
+
+class Watch:
+    """Collects, second by second, how many there are, how fast, who comes in and who is stuck.
+
+    Args:
+        classes: number of the class of each trip.
+        kinds: how many classes there are.
+        outer: edges of outer roads; who leaves them enters the region.
+        stuck_s: who halts for longer is noted.
+    """
+
+    def __init__(self, classes: list[int], kinds: int, outer: list[str], stuck_s: float) -> None:
+        self.classes, self.outer, self.stuck_s = classes, frozenset(outer), stuck_s
+        self.kinds = kinds
+        self.minutes: list[dict[str, list[float]]] = []
+        self.outside: set[str] = set()
+        self.stuck: dict[str, tuple[float, str]] = {}
+        self.longest_halt_s = 0.0
+
+    def look(self, time_s: float) -> None:
+        """Note how things stand at a whole second."""
+        minute = int(time_s // 60)
+        while len(self.minutes) <= minute:
+            zeros = [0.0] * self.kinds
+            names = ("samples", "metres", "entries")
+            fresh = {name: list(zeros) for name in names}
+            self.minutes.append({**fresh, "least": [1e9] * self.kinds, "most": list(zeros)})
+        row = self.minutes[minute]
+        present = [0] * self.kinds
+        for domain in (libsumo.vehicle, libsumo.person):
+            for name in domain.getIDList():
+                kind = self.classes[int(name)]
+                present[kind] += 1
+                row["samples"][kind] += 1
+                row["metres"][kind] += max(domain.getSpeed(name), 0.0)
+                road = domain.getRoadID(name)
+                if road in self.outer:
+                    self.outside.add(name)
+                elif name in self.outside and not road.startswith(":"):
+                    self.outside.discard(name)
+                    row["entries"][kind] += 1
+                halt_s = domain.getWaitingTime(name)
+                self.longest_halt_s = max(self.longest_halt_s, halt_s)
+                if halt_s > self.stuck_s:
+                    self.stuck[name] = (time_s, domain.getLaneID(name))
+        for kind, number in enumerate(present):
+            row["least"][kind] = min(row["least"][kind], number)
+            row["most"][kind] = max(row["most"][kind], number)
 
 
 class Recorder:
@@ -27,6 +79,7 @@ class Recorder:
 
     def __init__(self) -> None:
         self.rows: list[Row] = []
+        self.parts: list[Any] = []
         self.lanes: dict[str, int] = {}
         self.signals: list[tuple[int, str, str]] = []
         self.shown: dict[str, str] = {}
@@ -57,18 +110,27 @@ class Recorder:
                 self.rows.append(
                     (step, int(name), x, y, domain.getAngle(name), domain.getSpeed(name), number)
                 )
+        if len(self.rows) > MANY_ROWS:
+            self.pack()
         for program in sorted(libsumo.trafficlight.getIDList()):
             state = libsumo.trafficlight.getRedYellowGreenState(program)
             if self.shown.get(program) != state:
                 self.shown[program] = state
                 self.signals.append((step, program, state))
 
-    def write(self, arrays: Path, texts: Path) -> None:
+    def pack(self) -> None:
+        """Make an array of the rows so far: tuples take ten times the room."""
+        self.parts.append(np.array(self.rows, TYPES))
+        self.rows = []
+
+    def write(self, arrays: Path, texts: Path, watch: Watch) -> None:
         """Write the positions (NPY) and everything else (JSON)."""
-        types = [("step", "i4"), ("trip", "i4"), ("x", "f8"), ("y", "f8")]
-        types += [("angle_deg", "f8"), ("speed", "f8"), ("lane", "i4")]
-        np.save(arrays, np.array(self.rows, types))
+        self.pack()
+        np.save(arrays, np.concatenate(self.parts))
         outcome = {
+            "minutes": watch.minutes,
+            "longest_halt_s": watch.longest_halt_s,
+            "stuck": sorted((int(name), *where) for name, where in watch.stuck.items()),
             "sumo": libsumo.getVersion()[1],
             "lanes": list(self.lanes),
             "signals": self.signals,
@@ -83,18 +145,22 @@ def simulate(job: dict[str, Any]) -> None:
     """Run one job."""
     libsumo.start(["sumo", *job["options"]])
     recorder = Recorder()
+    watch = Watch(job["classes"], job["kinds"], job["outer"], job["stuck_s"])
+    per_second = max(1, round(1 / libsumo.simulation.getDeltaT()))
     first, last, substeps = job["first_step"], job["last_step"], job["substeps"]
     total = job["warmup_substeps"] + last * substeps + 1
     for made in range(total):
         libsumo.simulationStep()
         recorder.count_incidents()
+        if made % per_second == 0:
+            watch.look(libsumo.simulation.getTime())
         step, rest = divmod(made - job["warmup_substeps"], substeps)
         if step >= first and rest == 0:
             recorder.record(step)
         if made % max(total // 100, 1) == 0:
             sys.stdout.write(f"progress {made / total:.3f}\n")
             sys.stdout.flush()
-    recorder.write(Path(job["arrays"]), Path(job["texts"]))
+    recorder.write(Path(job["arrays"]), Path(job["texts"]), watch)
     libsumo.close()
 
 

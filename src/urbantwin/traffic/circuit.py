@@ -1,0 +1,137 @@
+"""Circuits: the endless ways of those who never leave a closed network.
+
+A *passage* leads from one gate to the next. Which gate is next is drawn by its traffic, less where
+the way is a detour; nobody returns to where they came from while there is another way.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse
+import scipy.sparse.csgraph
+from numpy.typing import NDArray
+
+from urbantwin.traffic.way_graph import WayGraph
+
+__all__ = ["Circuit"]
+
+#: A way over another gate seems so much longer, seconds.
+_DETOUR_S = 1000.0
+#: How many passages are tried to know what is usual.
+_TRIED = 400
+
+
+@dataclass(frozen=True, eq=False)
+class Circuit:
+    """The passages that a class of actors can make.
+
+    Attributes:
+        graph: the ways.
+        starts: (K,) states at gates, from which passages begin.
+        gates: (G,) numbers of the gates in use.
+        target: (K, G) state at which a passage from a start to a gate ends; -1 for none.
+        chance: (K, G) chance that a passage from a start leads to a gate; rows sum to 1.
+    """
+
+    graph: WayGraph
+    starts: NDArray[np.int64]
+    gates: NDArray[np.int64]
+    target: NDArray[np.int64]
+    chance: NDArray[np.float64]
+    _before: NDArray[np.int32]
+    _row: dict[int, int]
+
+    @classmethod
+    def of(cls, graph: WayGraph) -> Circuit | None:
+        """Return the circuit of a graph: of its part with most traffic; ``None`` without one."""
+        at_gate = np.flatnonzero(graph.gate >= 0)
+        if not len(at_gate):
+            return None
+        _, part = scipy.sparse.csgraph.connected_components(graph.seconds, connection="strong")
+        size = np.bincount(part)
+        load = np.bincount(part[at_gate], graph.weight[graph.gate[at_gate]], len(size))
+        load[size < 2] = 0.0  # a state by itself leads nowhere
+        main = int(load.argmax())
+        if load[main] == 0:
+            return None
+        starts = at_gate[part[at_gate] == main]
+        gates = np.unique(graph.gate[starts])
+        cost, before = _ways(graph, starts)
+        target = np.full((len(starts), len(gates)), -1, np.int64)
+        weight = np.zeros((len(starts), len(gates)))
+        for column, gate in enumerate(gates):
+            states = starts[graph.gate[starts] == gate]
+            nearest = states[cost[:, states].argmin(axis=1)]
+            took = cost[np.arange(len(starts)), nearest]
+            reached = np.isfinite(took)
+            target[reached, column] = nearest[reached]
+            straight = np.linalg.norm(graph.place[starts] - graph.place[nearest], axis=1)
+            direct = np.clip(straight / np.maximum(took * graph.speed, 1.0), 0.1, 1.0) ** 2
+            weight[:, column] = np.where(reached, graph.weight[gate] * direct, 0.0)
+        home = graph.gate[starts][:, None] == gates[None]
+        elsewhere = np.where(home, 0.0, weight)
+        weight = np.where((elsewhere.sum(axis=1) > 0)[:, None], elsewhere, weight)
+        chance = weight / weight.sum(axis=1, keepdims=True)
+        row = {int(state): k for k, state in enumerate(starts)}
+        return cls(graph, starts, gates, target, chance, before, row)
+
+    def passage(self, start: int, random: np.random.Generator) -> list[int]:
+        """Draw a passage: the states after ``start``, the last at a gate again."""
+        row = self._row[start]
+        column = int(np.searchsorted(np.cumsum(self.chance[row]), random.random(), side="right"))
+        last = int(self.target[row, min(column, len(self.gates) - 1)])
+        states = [last]
+        while (before := int(self._before[row, states[-1]])) != start:
+            states.append(before)
+        return states[::-1]
+
+    def begin(self, share: float) -> int:
+        """Return a start for a share of 1, in proportion to the gates' traffic."""
+        load = self.graph.weight[self.graph.gate[self.starts]]
+        total = np.cumsum(load)
+        return int(self.starts[np.searchsorted(total, share * total[-1], side="right")])
+
+    def usual(self, seed: int) -> tuple[float, float]:
+        """Return the free travel time and the length of the usual way round.
+
+        The way round is from one entry into the region to the next.
+        """
+        random = np.random.Generator(np.random.Philox(key=[seed, 0]))
+        state, seconds, metres, entries = self.begin(random.random()), 0.0, 0.0, 0
+        for _ in range(_TRIED):
+            for following in self.passage(state, random):
+                seconds += float(self.graph.seconds[state, following])
+                metres += float(self.graph.metres[state, following])
+                entries += bool(self.graph.outer[state] and not self.graph.outer[following])
+                state = following
+        entries = max(entries, 1) if self.graph.outer.any() else _TRIED
+        return seconds / entries, metres / entries
+
+
+def _ways(
+    graph: WayGraph, starts: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Return cost (K, S) and predecessor (K, S) of the fastest ways that are not empty.
+
+    Other gates on the way are avoided. The cost of the way from a state to itself is that round.
+    """
+    arcs = scipy.sparse.coo_array(graph.seconds + graph.shunned)
+    at_gate = graph.gate >= 0
+    cost = arcs.data + np.where(at_gate[arcs.row], _DETOUR_S, 0.0)
+    shape = arcs.shape
+    matrix = scipy.sparse.csr_array((cost, (arcs.row, arcs.col)), shape=shape)
+    seconds, before = scipy.sparse.csgraph.dijkstra(
+        matrix, indices=starts, return_predecessors=True
+    )
+    into = scipy.sparse.csc_array(matrix)
+    for row, state in enumerate(starts):
+        first, last = into.indptr[state], into.indptr[state + 1]
+        rounds = seconds[row, into.indices[first:last]] + into.data[first:last]
+        seconds[row, state] = np.inf
+        if len(rounds) and np.isfinite(rounds.min()):
+            seconds[row, state] = rounds.min()
+            before[row, state] = into.indices[first:last][rounds.argmin()]
+    seconds -= np.where(np.isfinite(seconds), _DETOUR_S, 0.0)
+    return np.asarray(seconds), np.asarray(before)

@@ -1,0 +1,193 @@
+"""Circulation: a population that stays, each of whom goes from passage to passage for hours.
+
+How many there are of a class follows from how many shall pass per hour (Little's law: those on
+their way are the rate times the time for the way round).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Set
+
+import numpy as np
+
+from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.traffic.actor_kind import ACTOR_KINDS
+from urbantwin.traffic.circuit import Circuit
+from urbantwin.traffic.demand import Demand, LeftOut, Population, Trip, systematic
+from urbantwin.traffic.network import StreetNetwork
+from urbantwin.traffic.way_graph import driven_graph, walked_graph
+
+__all__ = ["Circulation"]
+
+#: Everybody has come in after this long, or after half of the warm-up if that is shorter, seconds.
+_COMING_IN_S = 60.0
+#: Some drive up to so much faster than the limit.
+_FASTEST = 1.25
+
+
+class Circulation:
+    """The closed network as each class may use it.
+
+    Args:
+        network: the streets.
+        outer: ids of the edges of outer roads.
+        per_hour: passages through the region per hour and class.
+        seed: the same seed gives the same traffic.
+    """
+
+    def __init__(
+        self, network: StreetNetwork, outer: Set[str], per_hour: Mapping[str, float], seed: int
+    ) -> None:
+        self.outer, self.seed = frozenset(outer), seed
+        self.per_hour = {name: float(per_hour.get(name, 0.0)) for name in ACTOR_CLASSES}
+        self._circuits: dict[str, Circuit] = {}
+        self._missing: dict[str, str] = {}
+        self._usual: dict[str, tuple[float, float]] = {}
+        made: dict[str, Circuit | None] = {}
+        for name, rate in self.per_hour.items():
+            if rate <= 0:
+                continue
+            vclass = ACTOR_KINDS[name].vclass
+            if vclass not in made:
+                walks = name == "pedestrian"
+                graph = (
+                    walked_graph(network, self.outer)
+                    if walks
+                    else driven_graph(network, vclass, self.outer)
+                )
+                made[vclass] = None if graph is None else Circuit.of(graph)
+            circuit = made[vclass]
+            if circuit is None:
+                self._missing[name] = f"no way round that allows SUMO's class {vclass!r}"
+                continue
+            self._circuits[name] = circuit
+            self._usual[name] = circuit.usual(seed)
+
+    def populations(
+        self, pace: Mapping[str, float] | None = None, *, carried: float = 1.0
+    ) -> list[Population]:
+        """Return how many actors of each class there have to be.
+
+        Args:
+            pace: by class, the mean speed as a share of the free speed; all 1 if not known.
+            carried: share of the motor traffic that shall come.
+        """
+        found = []
+        for name in self._circuits:
+            seconds, metres = self._usual[name]
+            rate = self.per_hour[name]
+            share = 1.0 if name in ("bicycle", "pedestrian") else carried
+            took = seconds / (pace or {}).get(name, 1.0)
+            count = max(1, int(np.floor(rate * share * took / 3600.0 + 0.5)))
+            found.append(Population(name, rate, count, seconds, metres))
+        return found
+
+    def demand(
+        self,
+        populations: list[Population],
+        *,
+        warmup_s: float,
+        duration_s: float,
+        asset_names: Callable[[str], tuple[str, ...]],
+    ) -> Demand:
+        """Plan everybody's passages, from coming in to beyond the end of the motion.
+
+        Who comes in sets out somewhere on the first passage. An actor's passages depend on the
+        seed, its class and its number in it alone.
+
+        Args:
+            populations: how many of each class.
+            warmup_s: how long traffic runs before the motion starts.
+            duration_s: how long the motion is.
+            asset_names: the meshes of a class.
+        """
+        trips: list[Trip] = []
+        left_out = [
+            LeftOut(name, max(1, round(self.per_hour[name] / 60)), why)
+            for name, why in self._missing.items()
+        ]
+        come_in_s = min(_COMING_IN_S, warmup_s / 2)
+        needed_s = (warmup_s + duration_s) * _FASTEST + 120.0
+        for group in populations:
+            number = ACTOR_CLASSES.index(group.actor_class)
+            meshes = asset_names(group.actor_class)
+            if not meshes:
+                left_out.append(LeftOut(group.actor_class, group.count, "no mesh of this class"))
+                continue
+            random = np.random.Generator(np.random.Philox(key=[self.seed, number]))
+            which = systematic(np.ones(len(meshes)), group.count, random)
+            places = (random.permutation(group.count) + random.random(group.count)) / group.count
+            for k in range(group.count):
+                own = np.random.Generator(
+                    np.random.Philox(key=[self.seed, (number + 1) * 1_000_000 + k])
+                )
+                depart_s = round(come_in_s * (k + 0.5) / group.count, 2)
+                trips.append(
+                    self._trip(
+                        group.actor_class,
+                        meshes[which[k]],
+                        depart_s,
+                        float(places[k]),
+                        needed_s,
+                        own,
+                    )
+                )
+        trips.sort(key=lambda trip: (trip.depart_s, ACTOR_CLASSES.index(trip.actor_class)))
+        return Demand(tuple(trips), tuple(left_out), tuple(populations), self.outer)
+
+    def _trip(
+        self,
+        actor_class: str,
+        asset: str,
+        depart_s: float,
+        place: float,
+        needed_s: float,
+        random: np.random.Generator,
+    ) -> Trip:
+        circuit = self._circuits[actor_class]
+        graph = circuit.graph
+        state = circuit.begin(place)
+        first = [state, *circuit.passage(state, random)]
+        # Set out anywhere on the first passage, in proportion to the time spent there.
+        total = np.cumsum([float(graph.seconds[pair]) for pair in itertools.pairwise(first)])
+        skipped = int(np.searchsorted(total, random.random() * total[-1], side="right"))
+        skipped = min(skipped, len(first) - 2)
+        share = float(random.random())
+        passages, left_s = [first[skipped:]], needed_s - float(total[-1] - total[skipped])
+        while left_s > 0:
+            state = passages[-1][-1]
+            passage = [state, *circuit.passage(state, random)]
+            left_s -= sum(float(graph.seconds[pair]) for pair in itertools.pairwise(passage))
+            passages.append(passage)
+        if actor_class != "pedestrian":
+            states = passages[0] + [state for passage in passages[1:] for state in passage[1:]]
+            edges = tuple(graph.edges[state] for state in states)
+            return Trip(actor_class, asset, depart_s, edges, anywhere=True)
+        # Walks end in the middle of a gate's sidewalk, where the next begins.
+        length = dict(zip(graph.edges, graph.length_m.tolist(), strict=True))
+        walks = [
+            (part, _place(length[part[-1]] / 2))
+            for passage in passages
+            for part in _unfolded(passage, graph.edges)
+        ]
+        begin_m = _place(graph.length_m[passages[0][0]] * share)
+        return Trip(
+            actor_class, asset, depart_s, walks[0][0], begin_m, walks[0][1], then=tuple(walks[1:])
+        )
+
+
+def _unfolded(states: list[int], edges: tuple[str, ...]) -> list[tuple[str, ...]]:
+    """Return the edges of a walk, in parts where it turns back on an edge."""
+    parts: list[list[str]] = [[edges[states[0]]]]
+    for a, b in itertools.pairwise(states):
+        if edges[a] == edges[b]:
+            parts.append([edges[b]])
+        else:
+            parts[-1].append(edges[b])
+    return [tuple(part) for part in parts]
+
+
+def _place(metres: float) -> float:
+    """Return a place on an edge in centimetres, not beyond its end: SUMO is strict there."""
+    return float(np.floor(metres * 100) / 100)
