@@ -50,6 +50,7 @@ def measure(path: Path, folder: Path, times: int) -> dict[str, object]:
             site.region,
             Elevation.flat(),
             driving_side=side,
+            closed_loop=True,
             out=folder / "ours.net.xml",
         )
         ours.append(time.perf_counter() - began)

@@ -25,6 +25,7 @@ def built(request, shared_data, tmp_path_factory):
         site.region,
         Elevation.flat(),
         driving_side=driving_side(site.latitude, site.longitude),
+        closed_loop=True,
         out=net,
     )
     return roads, net, site.frame, folder

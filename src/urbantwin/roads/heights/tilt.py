@@ -11,7 +11,7 @@ from urbantwin.roads.model import LaneModel, LaneSection, ModelRoad, Profile, fi
 __all__ = ["with_tilted_widths"]
 
 #: Differences smaller than this are left, metres.
-NOTICED_M = 0.001
+NOTICED_M = 0.004
 
 
 def with_tilted_widths(model: LaneModel) -> LaneModel:
@@ -56,4 +56,4 @@ def _grown(road: ModelRoad, width: Profile, start: float, end: float) -> Profile
     value = width.at(ds) / np.cos(road.bank.at(start + ds))
     # Tapers begin and end without a kink: the slopes at both ends are the profile's own.
     ends = width.slope(ds[[0, -1]]) / np.cos(road.bank.at(start + ds[[0, -1]]))
-    return fitted(ds, value, tolerance=NOTICED_M / 4, slopes=(float(ends[0]), float(ends[1])))
+    return fitted(ds, value, tolerance=NOTICED_M / 8, slopes=(float(ends[0]), float(ends[1])))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -30,7 +30,7 @@ SAMPLE_M = 0.5
 #: Fewest cubics of a turn: enough that its curvature starts near zero.
 TURN_CUBICS = 10
 #: Speeds at the ends of a turn that are tried, in its chord.
-TURN_SPEEDS = np.linspace(0.4, 2.8, 25)
+TURN_SPEEDS = np.linspace(0.4, 2.8, 13)
 #: Nodes of Gauss-Legendre quadrature on [0, 1], for the length of a cubic.
 _ROOTS, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 NODES, WEIGHTS = (_ROOTS + 1) / 2, _WEIGHTS / 2
@@ -71,36 +71,54 @@ class Curve:
 
     def at(self, s: ArrayLike) -> NDArray[np.float64]:
         """Return x, y, heading (N, 3) at stations ``s``."""
-        stations = np.clip(np.atleast_1d(np.asarray(s, np.float64)), 0.0, self.length)
-        table = self._table
+        stations = np.asarray(s, np.float64).reshape(-1)
+        stations = np.minimum(np.maximum(stations, 0.0), self.length)
         which = np.searchsorted(self.starts[1:-1], stations, side="right")
-        x, y, heading, length, curvature = table[which, :5].T
+        rows = self._table[which]
         ds = stations - self.starts[which]
-        turn = curvature * ds
-        along = ds * np.sinc(turn / np.pi)
-        across = ds * np.sin(turn / 2) * np.sinc(turn / (2 * np.pi))
-        cubic = np.flatnonzero(table[which, 6])
-        if len(cubic):
-            p = (ds[cubic] / length[cubic])[:, None] ** np.arange(4)
-            u, v = table[which[cubic], 5:9], table[which[cubic], 9:13]
-            along[cubic], across[cubic] = (p * u).sum(axis=1), (p * v).sum(axis=1)
-            slope = p[:, :3] * [1, 2, 3]
-            turn[cubic] = np.arctan2((slope * v[:, 1:]).sum(axis=1), (slope * u[:, 1:]).sum(axis=1))
-        c, sn = np.cos(heading), np.sin(heading)
-        return np.column_stack(
-            [x + along * c - across * sn, y + along * sn + across * c, heading + turn]
+        x, y, heading, c, sn, length, curvature = rows[:, :7].T
+        p = ds / length
+        u, v = rows[:, 7:11].T, rows[:, 11:].T
+        along = p * (u[1] + p * (u[2] + p * u[3])) + u[0]
+        across = p * (v[1] + p * (v[2] + p * v[3])) + v[0]
+        turn = np.arctan2(
+            v[1] + p * (2 * v[2] + 3 * p * v[3]), u[1] + p * (2 * u[2] + 3 * p * u[3])
         )
+        if self._has_arcs:
+            arc = np.flatnonzero(curvature)
+            half = curvature[arc] * ds[arc] / 2
+            # The chord of an arc; sinc is there for its start, where the angle is none.
+            chord = ds[arc] * np.sinc(half / np.pi)
+            along[arc], across[arc] = chord * np.cos(half), chord * np.sin(half)
+            turn[arc] = 2 * half
+        pose = np.empty((len(ds), 3))
+        pose[:, 0] = x + along * c - across * sn
+        pose[:, 1] = y + along * sn + across * c
+        pose[:, 2] = heading + turn
+        return pose
 
     @cached_property
     def _table(self) -> NDArray[np.float64]:
-        """A row a piece: x, y, heading, length, curvature, u, v."""
+        """A row a piece: x, y, heading, its cosine and sine, length, curvature, u, v.
+
+        A line is a cubic whose place along is its station.
+        """
         none = (0.0,) * 4
         return np.array(
             [
-                (p.x, p.y, p.heading, p.length, p.curvature, *(p.u or none), *(p.v or none))
+                (
+                    *(p.x, p.y, p.heading, math.cos(p.heading), math.sin(p.heading)),
+                    *(max(p.length, 1e-12), p.curvature),
+                    *(p.u or (0.0, p.length, 0.0, 0.0)),
+                    *(p.v or none),
+                )
                 for p in self.pieces
             ]
         )
+
+    @cached_property
+    def _has_arcs(self) -> bool:
+        return any(piece.curvature for piece in self.pieces)
 
     def beside(self, s: ArrayLike, t: ArrayLike) -> NDArray[np.float64]:
         """Return points (N, 2) at stations ``s``, ``t`` metres to the left."""
@@ -164,7 +182,9 @@ def _part(
     low, high = part
     polynomials = [np.polynomial.Polynomial(c) for c in (piece.u, piece.v)]
     within = np.polynomial.Polynomial([low, high - low])
-    along, across = (np.pad(f(within).coef, (0, 4))[:4] for f in polynomials)
+    along, across = (
+        np.pad(np.asarray(f(within).coef, np.float64), (0, 4))[:4] for f in polynomials
+    )
     turn = piece.heading - pose[2]
     c, s = math.cos(turn), math.sin(turn)
     u, v = along * c - across * s, along * s + across * c
@@ -258,19 +278,8 @@ def turned(
     reach = max(float(np.linalg.norm(gap)), 1e-6)
     c, s = math.cos(start[2]), math.sin(start[2])
     x, y = np.array([gap[0] * c + gap[1] * s, gap[1] * c - gap[0] * s]) / reach
-    turn = float(end[2] - start[2])
-    first, last = (grid.ravel() for grid in np.meshgrid(TURN_SPEEDS, TURN_SPEEDS))
-    zero = np.zeros_like(first)
-    u = _quintic(x, first, zero, last * math.cos(turn))
-    v = _quintic(y, zero, zero, last * math.sin(turn))
-    p = np.linspace(0.0, 1.0, 33)
-    du, dv = _derivative(u, p, 1), _derivative(v, p, 1)
-    speed = np.maximum(np.hypot(du, dv), 1e-9)
-    bend = (du * _derivative(v, p, 2) - dv * _derivative(u, p, 2)) / speed**3
-    # Up and down again: the largest curvature where there is one bend, more where there are more.
-    swing = np.abs(np.diff(bend, axis=1)).sum(axis=1) / 2
-    cost = swing + directness * speed.mean(axis=1)
-    best = int(np.argmin(np.round(cost, 9)))
+    u, v, swing, length = _turns(float(x), float(y), float(end[2] - start[2]))
+    best = int(np.argmin(np.round(swing + directness * length, 9)))
     fine = np.linspace(0.0, 1.0, 129)
     u, v = u[best : best + 1], v[best : best + 1]
     speed = np.hypot(_derivative(u, fine, 1), _derivative(v, fine, 1))[0]
@@ -286,6 +295,26 @@ def turned(
     )
     xy[-1] = end[:2]
     return _cubics(xy, heading, float(along[-1]) / count)
+
+
+@functools.lru_cache(maxsize=64)
+def _turns(x: float, y: float, turn: float) -> tuple[NDArray[np.float64], ...]:
+    """Return quintics from the origin, along x, to a place and heading, and what they are worth.
+
+    Returns:
+        Coefficients u, v (N, 6) each, how much their curvature goes up and down: the largest
+        curvature where there is one bend, more where there are more (N,), and lengths (N,).
+    """
+    first, last = (grid.ravel() for grid in np.meshgrid(TURN_SPEEDS, TURN_SPEEDS))
+    zero = np.zeros_like(first)
+    u = _quintic(x, first, zero, last * math.cos(turn))
+    v = _quintic(y, zero, zero, last * math.sin(turn))
+    p = np.linspace(0.0, 1.0, 25)
+    du, dv = _derivative(u, p, 1), _derivative(v, p, 1)
+    speed = np.maximum(np.hypot(du, dv), 1e-9)
+    bend = (du * _derivative(v, p, 2) - dv * _derivative(u, p, 2)) / speed**3
+    swing = np.abs(np.diff(bend, axis=1)).sum(axis=1) / 2
+    return u, v, swing, speed.mean(axis=1)
 
 
 def _quintic(
@@ -326,8 +355,8 @@ def _cubics(xy: NDArray[np.float64], heading: NDArray[np.float64], reach: float)
     v = np.column_stack([zero, zero, 3 * dv - ev, ev - 2 * dv])
     return Curve(
         tuple(
-            Piece(*place, length, u=tuple(along), v=tuple(across))
-            for place, length, along, across in zip(
+            Piece(x, y, angle, length, u=tuple(along), v=tuple(across))
+            for (x, y, angle), length, along, across in zip(
                 np.column_stack([xy, heading])[:-1].tolist(),
                 cubic_lengths(u, v).tolist(),
                 u.tolist(),
