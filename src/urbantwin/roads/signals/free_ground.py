@@ -17,8 +17,6 @@ __all__ = ["CLEARANCE_M", "FreeGround"]
 
 #: Distance of a pole's middle from the carriageway's edge (MUTCD 2009, 4D.16 and 2A.19: 0.6 m).
 CLEARANCE_M = 0.6
-#: Poles are not looked for farther from lanes than this, metres: half of the widest lane, and more.
-NEAR_M = 6.0
 DRIVEN = (*CARRIAGEWAY_KINDS, "connection", "crossing")
 
 
@@ -89,11 +87,12 @@ class _Lanes:
         xy = np.concatenate([lane.centre[:, :2] for lane in lanes])
         self.lines = shapely.linestrings(xy, indices=owner)
         self.half = np.array([max(lane.width, *lane.widths, 0.0) / 2 for lane in lanes])
+        self.reach = float(self.half.max()) + CLEARANCE_M
         self.tree = shapely.STRtree(self.lines)
 
     def near(self, points: NDArray[np.object_]) -> NDArray[np.bool_]:
         """Return which points lie on a lane or too near to one."""
-        k, j = self.tree.query(points, predicate="dwithin", distance=NEAR_M)
+        k, j = self.tree.query(points, predicate="dwithin", distance=self.reach)
         close = shapely.distance(points[k], self.lines[j]) < self.half[j] + CLEARANCE_M - 0.05
         taken = np.zeros(len(points), bool)
         taken[k[close]] = True

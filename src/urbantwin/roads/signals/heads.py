@@ -252,12 +252,9 @@ def _walker_heads(
     for end, other in ((centre[0], centre[1]), (centre[-1], centre[-2])):
         outward = math.atan2(end[1] - other[1], end[0] - other[0])
         frame = Frame(float(end[0]), float(end[1]), outward)
-        u, v = np.arange(0.4, 9.0, 0.4), width / 2 + np.arange(0.3, 3.0, 0.4)
-        spots = [ground.nearest(frame, u, side * v, road.level) for side in (1, -1)]
-        free = [spot for spot in spots if spot is not None]
-        if not free:
+        spot = _beside_crossing(frame, width / 2 + 0.3, ground, road.level)
+        if spot is None:
             continue
-        spot = min(free, key=lambda place: float(place[0] + abs(place[1])))
         xy = frame.place(*spot)
         pose = (
             float(xy[0, 0]),
@@ -281,3 +278,17 @@ def _walker_heads(
             )
         )
     return found or [signal]
+
+
+def _beside_crossing(
+    frame: Frame, side: float, ground: FreeGround, level: int
+) -> NDArray[np.float64] | None:
+    """Return u, v of the nearest free place beyond a crossing's end, on either side of it."""
+    u = np.arange(0.4, 9.0, 0.4)
+    for v in (np.array([side]), np.arange(side + 0.4, side + 2.8, 0.4)):
+        grid = np.stack(np.meshgrid(u, [*v, *-v], indexing="ij"), axis=-1).reshape(-1, 2)
+        free = ground.free(frame.place(grid[:, 0], grid[:, 1]), level)
+        if free.any():
+            cost = grid[:, 0] + np.abs(grid[:, 1])
+            return np.asarray(grid[np.argmin(np.where(free, cost, np.inf))])
+    return None
