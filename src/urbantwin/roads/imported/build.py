@@ -37,6 +37,8 @@ from urbantwin.site.signals import SignalPlan
 
 __all__ = ["PreparedMap", "build_imported_roads", "check_meets", "prepared_map"]
 
+#: Streets that are cut go on so far beyond the border before they turn round, metres.
+BEYOND_M = 20.0
 _NOT_LIFTED = Lift(np.zeros((0, 2)), np.zeros(0, np.int64), np.zeros(0))
 
 
@@ -79,7 +81,8 @@ def prepared_map(
     """
     check_meets(imported, region)
     whole = imported.model
-    model, left = main_part(cropped(whole, region))
+    beyond = BEYOND_M if closed_loop else 0.0
+    model, left = main_part(cropped(whole, region, beyond=beyond))
     if not has_traffic(model):
         raise InputError(
             "has no lanes that traffic could use within the region",
@@ -105,7 +108,7 @@ def prepared_map(
         notes["heights_moved_by_m"] = round(shift, 3)
         ground = elevation or elevation_of_model(model, region)
     if closed_loop:
-        model, notes["closed_loop"] = closed_model(model, region)
+        model, notes["closed_loop"] = closed_model(model, region.buffer(beyond))
     notes["left_out"] = [item.as_note() for item in left]
     return PreparedMap(model, ground, notes)
 

@@ -34,7 +34,7 @@ SLACK_M = 2.0
 Interval = tuple[float, float]
 
 
-def cropped(model: LaneModel, region: shapely.Polygon) -> LaneModel:
+def cropped(model: LaneModel, region: shapely.Polygon, *, beyond: float = 0.0) -> LaneModel:
     """Return the part of a lane model that lies in a region.
 
     Streets are cut at the region's border. A junction is kept whole, with a stub of each of its
@@ -43,8 +43,10 @@ def cropped(model: LaneModel, region: shapely.Polygon) -> LaneModel:
     Args:
         model: the lane model.
         region: site frame.
+        beyond: how far streets go on beyond the border, metres.
     """
-    shapely.prepare(region)
+    reach = region.buffer(beyond) if beyond else region
+    shapely.prepare([region, reach])
     kept = {
         junction.id
         for junction in model.junctions
@@ -56,7 +58,7 @@ def cropped(model: LaneModel, region: shapely.Polygon) -> LaneModel:
         if road.junction >= 0:
             continue
         found: list[tuple[int, Interval]] = []
-        for interval in _intervals(road, region, kept):
+        for interval in _intervals(road, reach, kept):
             found.append((number if found else road.id, interval))
             number += len(found) > 1
         pieces[road.id] = found

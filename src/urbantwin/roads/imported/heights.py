@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
+from scipy.ndimage import gaussian_filter
 from scipy.spatial import QhullError, cKDTree
 
 from urbantwin.ground import Elevation
@@ -28,6 +29,10 @@ OVER_M = 2.5
 UNDER_M = 6.0
 #: Cell of the ground's grid, and the most cells that it may have, beyond which cells grow.
 GRID_M, MOST_CELLS = 1.0, 1_500_000
+#: Heights on a ring around everything, and how many samples of roads they are means of.
+RING, RING_EVERY = 64, 7
+#: Ground this close to a road is as the triangles have it, and this far it is smoothed, metres.
+NEAR_M, FAR_M, SMOOTHING_M = 3.0, 15.0, 5.0
 #: The grid reaches beyond the region by this, metres.
 RIM_M = 10.0
 
@@ -127,22 +132,19 @@ class ModelSurface:
             self._levels[level] = _Sheet(np.vstack(points))
         return self._levels[level](xy)
 
-    def ground(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return heights (N,) of the ground that the roads lie on, under bridges too."""
-        return self._ground(xy)
-
     @cached_property
-    def _ground(self) -> _Sheet:
+    def points(self) -> NDArray[np.float64]:
+        """Points (N, 3) on roads that lie on the ground: all but what passes over others."""
         low = [points for road, points in self._samples if road.level == 0]
         high = [points for road, points in self._samples if road.level > 0]
         if not low:
-            return _Sheet(np.vstack(high))
+            return np.vstack(high)
         kept = [np.vstack(low)]
         tree = cKDTree(kept[0][:, :2])
         for points in high:
             away, _ = tree.query(points[:, :2])
             kept.append(points[away > UNDER_M])
-        return _Sheet(np.vstack(kept))
+        return np.vstack(kept)
 
 
 class _Sheet:
@@ -172,8 +174,9 @@ class _Sheet:
 def elevation_of_model(model: LaneModel, region: shapely.Polygon) -> Elevation:
     """Return the ground that a map's roads imply: on them their own height, between them a slope.
 
-    Heights are interpolated linearly over the Delaunay triangulation of points on the roads; what
-    lies outside of all roads is as high as the nearest of them.
+    Heights are interpolated linearly over the Delaunay triangulation of points on the roads and of
+    a ring far outside of them, whose heights are means of the roads' by inverse squared distance.
+    Away from the roads the creases of the triangles are smoothed.
 
     Args:
         model: the lane model, with heights and levels.
@@ -184,8 +187,18 @@ def elevation_of_model(model: LaneModel, region: shapely.Polygon) -> Elevation:
     x = np.arange(np.floor(west), east + step, step)
     y = np.arange(np.floor(south), north + step, step)
     grid = np.column_stack([axis.ravel() for axis in np.meshgrid(x, y)])
-    heights = ModelSurface(model).ground(grid).reshape(len(y), len(x))
-    return Elevation(float(x[0]), float(y[0]), step, heights)
+    points = ModelSurface(model).points
+    middle, reach = grid.mean(axis=0), float(np.ptp(grid, axis=0).max())
+    angle = np.linspace(0.0, 2 * np.pi, RING, endpoint=False)
+    ring = middle + reach * np.column_stack([np.cos(angle), np.sin(angle)])
+    weight = 1.0 / np.sum((ring[:, None] - points[None, ::RING_EVERY, :2]) ** 2, axis=2)
+    z = (weight * points[::RING_EVERY, 2]).sum(axis=1) / weight.sum(axis=1)
+    sheet = _Sheet(np.vstack([points, np.column_stack([ring, z])]))
+    exact = sheet(grid).reshape(len(y), len(x))
+    away = cKDTree(points[:, :2]).query(grid)[0].reshape(exact.shape)
+    share = np.clip((away - NEAR_M) / (FAR_M - NEAR_M), 0.0, 1.0)
+    smooth = gaussian_filter(exact, SMOOTHING_M / step, mode="nearest")
+    return Elevation(float(x[0]), float(y[0]), step, exact + share * (smooth - exact))
 
 
 def _samples(road: ModelRoad) -> NDArray[np.float64]:
