@@ -45,9 +45,7 @@ def write_sumo(twin: Twin, folder: Path) -> None:
         _write_buildings(scratch / "buildings.add.xml", twin.mesh)
         _write_view(scratch / "view.settings.xml", twin)
         end = warmup_s + steps * step_ms / 1000
-        options = sumo_options(step_ms // substeps, seed)
-        if getattr(demand, "circulates", False):
-            options["time-to-teleport"] = -1  # in a closed loop nobody is taken out
+        options = sumo_options(step_ms // substeps, seed, circulates=demand.circulates)
         _write_configuration(scratch / "twin.sumocfg", end, options)
         counts = {
             name: sum(trip.actor_class == name for trip in demand.trips)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
@@ -43,16 +44,28 @@ def carla_traffic(twin: Twin) -> dict[str, Any]:
     """Return what reproduces the twin's mix of traffic, for a client of CARLA.
 
     ``per_hour`` is the flow that the site asks for. ``population`` is how many of a class are on
-    the streets at a time: flow times the mean time to drive the planned routes freely (Little's
-    law). ``speed_factor`` is that of SUMO's vehicle types: mean, deviation, least and greatest
-    share of the speed limit, of which CARLA's Traffic Manager takes the difference in percent;
-    pedestrians and cyclists have ``speed_ms`` instead, what they want to go at.
+    the streets at a time: in a closed loop those who circulate, elsewhere flow times the mean time
+    to drive the planned routes freely (Little's law; ``mean_travel_s`` is that time, or in a loop
+    the time for a way round). ``speed_factor`` is that of SUMO's vehicle types: mean, deviation,
+    least and greatest share of the speed limit, of which CARLA's Traffic Manager takes the
+    difference in percent; pedestrians and cyclists have ``speed_ms`` instead, what they want to go
+    at.
     """
     asked = twin.site["traffic"]
     per_hour: Mapping[str, float] = asked["per_hour"]
     seed = int(asked["seed"])
     demand = demand_of(twin, duration_s=float(asked["duration_s"]), seed=seed)
-    seconds = _mean_seconds(demand, _edge_seconds(twin))
+    if getattr(demand, "circulates", False):
+        present = Counter(trip.actor_class for trip in demand.trips)
+        seconds = {
+            name: 3600.0 * count / max(float(per_hour[name]), 1e-9)
+            for name, count in present.items()
+        }
+    else:
+        seconds = _mean_seconds(demand, _edge_seconds(twin))
+        present = Counter(
+            {name: max(1, round(per_hour[name] * t / 3600.0)) for name, t in seconds.items()}
+        )
     classes = {}
     for name in ACTOR_CLASSES:
         flow = float(per_hour.get(name, 0.0))
@@ -60,7 +73,7 @@ def carla_traffic(twin: Twin) -> dict[str, Any]:
             continue
         classes[name] = {
             "per_hour": flow,
-            "population": max(1, round(flow * seconds[name] / 3600.0)),
+            "population": present[name],
             "mean_travel_s": round(seconds[name], 1),
             "blueprints": BLUEPRINTS[name],
             **_speed(name),
