@@ -1,6 +1,8 @@
 """Files of other makers, line by line, against closed forms; and what we write, read again."""
 
 import math
+import re
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from hypothesis import strategies as st
 from pyproj import Transformer
 from scipy.special import fresnel
 
+from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.model import Curve
 from urbantwin.roads.opendrive import placed, read_opendrive, write_opendrive
@@ -496,3 +499,52 @@ def test_both_directions_linked_from_one_side(read):
     ).model
     found = {(c.incoming, c.connecting, c.contact, c.links) for c in model.junctions[0].connections}
     assert found == {(1, 9, "start", ((-1, -1),)), (2, 9, "end", ((1, 1),))}
+
+
+MISSING = {
+    "links of lanes": ".//lane/link",
+    "links of roads through junctions": "road[@junction='90']/link",
+    "links of streets": "road[@junction='-1']/link",
+    "links of lanes in junctions": ".//laneLink",
+}
+
+
+@pytest.mark.parametrize("what", MISSING)
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_links_that_are_missing_are_found_where_roads_meet(town, tmp_path, side, what):
+    """And told of, with the roads."""
+    write_opendrive(town(side), HERE, tmp_path / "a.xodr", name="town")
+    expected = read_opendrive(tmp_path / "a.xodr").model
+    tree = ElementTree.parse(tmp_path / "a.xodr")
+    parents = {child: parent for parent in tree.iter() for child in parent}
+    gone = tree.findall(MISSING[what])
+    assert gone
+    for item in gone:
+        parents[item].remove(item)
+    tree.write(tmp_path / "b.xodr")
+    model, _, notes = read_opendrive(tmp_path / "b.xodr")
+    assert re.search(r"(link|meet).* \((road|junction) \d+", " ".join(notes["remarks"]))
+
+    def driven(whole):
+        for road_ in whole.roads:
+            for k, section in enumerate(road_.sections):
+                for one in section.lanes:
+                    if one.kind in ("driving", "bus", "bicycle"):
+                        yield road_.id, k, one.id, one.predecessor, one.successor
+
+    assert list(driven(model)) == list(driven(expected))
+    assert model.junctions[0].connections == expected.junctions[0].connections
+    for road_, other in zip(model.roads, expected.roads, strict=True):
+        assert (road_.predecessor, road_.successor) == (other.predecessor, other.successor)
+
+
+def test_a_way_through_a_junction_that_leads_nowhere(town, tmp_path):
+    write_opendrive(town(), HERE, tmp_path / "a.xodr", name="town")
+    tree = ElementTree.parse(tmp_path / "a.xodr")
+    way = tree.find("road[@id='12']")
+    way.find("link").remove(way.find("link/successor"))
+    for piece in way.iter("geometry"):
+        piece.set("x", str(float(piece.get("x")) + 30))
+    tree.write(tmp_path / "b.xodr")
+    with pytest.raises(InputError, match="road 12: leads through a junction, but has no successor"):
+        read_opendrive(tmp_path / "b.xodr")

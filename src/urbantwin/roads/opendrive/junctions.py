@@ -2,38 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from lxml import etree
 
 from urbantwin.roads.model import Connection, LaneSection, ModelRoad, RoadLink, SectionLane
+from urbantwin.roads.opendrive.meeting import Poses, end_section
 from urbantwin.roads.opendrive.parsing import Log, Spot
 
-__all__ = ["Node", "Poses", "end_section", "read_connections", "read_node"]
-
-
-class Poses:
-    """Where the reference lines of roads start and end; each is looked up once."""
-
-    def __init__(self) -> None:
-        self._known: dict[int, dict[str, tuple[float, float, float]]] = {}
-
-    def at(self, road: ModelRoad, end: str) -> tuple[float, float, float]:
-        """Return x, y and heading at ``start`` or ``end`` of a road."""
-        if road.id not in self._known:
-            (x0, y0, h0), (x1, y1, h1) = road.curve.at([0.0, road.length]).tolist()
-            self._known[road.id] = {"start": (x0, y0, h0), "end": (x1, y1, h1)}
-        return self._known[road.id][end]
-
-    def gap(self, road: ModelRoad, end: str, other: ModelRoad, contact: str) -> float:
-        """Return how far the ends of two reference lines lie apart, metres."""
-        return math.dist(self.at(road, end)[:2], self.at(other, contact)[:2])
-
-    def nearer(self, road: ModelRoad, end: str, other: ModelRoad) -> str:
-        """Return which end of another road lies nearer to an end of a road."""
-        return min(("start", "end"), key=lambda contact: self.gap(road, end, other, contact))
+__all__ = ["Node", "read_connections", "read_node"]
 
 
 @dataclass(frozen=True)
@@ -272,8 +250,3 @@ def _end_at(road: ModelRoad, junction: int) -> str:
         if link is not None and link.element == "junction" and link.id == junction:
             return end
     return "end"
-
-
-def end_section(road: ModelRoad, end: str) -> LaneSection:
-    """Return the lane section at the start or the end of a road."""
-    return road.sections[0 if end == "start" else -1]

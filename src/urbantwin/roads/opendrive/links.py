@@ -9,8 +9,9 @@ from dataclasses import dataclass, replace
 from lxml import etree
 
 from urbantwin.roads.model import LaneSection, ModelJunction, ModelRoad, RoadLink
-from urbantwin.roads.opendrive.cubics import value
-from urbantwin.roads.opendrive.junctions import Node, Poses, end_section, read_connections
+from urbantwin.roads.opendrive.junctions import Node, read_connections
+from urbantwin.roads.opendrive.meeting import Poses, end_section, middles
+from urbantwin.roads.opendrive.missing import with_found_ends, with_found_lanes
 from urbantwin.roads.opendrive.parsing import Log, Spot, whole_number
 
 __all__ = ["Joined", "Link", "joined", "read_links"]
@@ -130,8 +131,9 @@ def joined(
         if not node.is_midway:
             connections = read_connections(node, number[key], found, by_id, poses, log)
             junctions.append(ModelJunction(number[key], node.name, connections))
-    names = {road.id: key for key, road in found.items()}
-    final = [_linked_lanes(e, by_id, poses, log.at(f"road {names[e.id]}")) for e in by_id.values()]
+    spots = {road.id: log.at(f"road {key}") for key, road in found.items()}
+    with_found_ends(by_id, junctions, poses, spots)
+    final = [_linked_lanes(road, by_id, poses, spots[road.id]) for road in by_id.values()]
     switched = {key: tuple(where) for key, where in programs.items()}
     return Joined(tuple(final), tuple(junctions), switched)
 
@@ -201,7 +203,7 @@ def _linked_lanes(
             for lane in section.lanes
         )
         sections.append(replace(section, lanes=lanes))
-    linked = replace(road, sections=tuple(sections))
+    linked = with_found_lanes(replace(road, sections=tuple(sections)), by_id, poses, spot)
     for end, link in (("start", road.predecessor), ("end", road.successor)):
         if link is not None and link.element == "road":
             there = by_id[link.id]
@@ -219,26 +221,8 @@ def _apart(road: ModelRoad, end: str, other: ModelRoad, contact: str, poses: Pos
     ]
     if not pairs:
         return 0.0
-    mine, theirs = _middles(road, end, poses), _middles(other, contact, poses)
+    mine, theirs = middles(road, end, poses), middles(other, contact, poses)
     return max(math.dist(mine[a], theirs[b]) for a, b in pairs)
-
-
-def _middles(road: ModelRoad, end: str, poses: Poses) -> dict[int, tuple[float, float]]:
-    """Return where the middles of lanes lie at one end of a road."""
-    section = end_section(road, end)
-    s = 0.0 if end == "start" else road.length
-    x, y, heading = poses.at(road, end)
-    level = math.cos(value(road.bank, s))
-    left = (-math.sin(heading) * level, math.cos(heading) * level)
-    found = {}
-    for sign in (1, -1):
-        t = value(road.offset, s)
-        for lane in sorted((e for e in section.lanes if e.id * sign > 0), key=lambda e: abs(e.id)):
-            width = value(lane.width, s - section.s)
-            middle = t + sign * width / 2
-            found[lane.id] = (x + middle * left[0], y + middle * left[1])
-            t += sign * width
-    return found
 
 
 def _beyond(
