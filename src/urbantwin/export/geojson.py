@@ -16,7 +16,7 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads import Lane
 from urbantwin.twin import Twin
-from urbantwin.view.road_lines import islands, signs, stop_lines, turns
+from urbantwin.view.road_lines import heads, islands, signs, stop_lines, turns
 
 __all__ = ["LAYERS", "write_geojson"]
 
@@ -45,8 +45,8 @@ def write_geojson(twin: Twin, path: Path) -> None:
     Where ``path`` ends in ``.geojson`` it is one file, each feature's layer in its property
     ``layer``; else a folder with one file per layer, which QGIS opens as one layer each.
     The layers are ``LAYERS``: ``lane``, ``junction``, ``crossing`` and ``island`` are areas,
-    ``centre_line`` runs in the lane's direction, ``stop_line`` across it, ``signal`` stands at the
-    stop line and ``sign`` at its pole. Headings are degrees clockwise from north, as maps have
+    ``centre_line`` runs in the lane's direction, ``stop_line`` across it; ``signal`` and ``sign``
+    stand where their heads and plates do. Headings are degrees clockwise from north, as maps have
     them.
 
     Raises:
@@ -103,11 +103,13 @@ def _features(twin: Twin) -> Iterator[Feature]:
     for line in stop_lines(network, model):
         properties = {"lane": line.lane, "program": line.signal, "level": line.level}
         yield "stop_line", shapely.LineString(line.points), properties
-    for head in network.signals:
+    for head in heads(network, model):
         properties = {
+            "type": head.type,
             "program": head.program,
             "links": " ".join(map(str, head.links)),
             "lane": head.lane,
+            "height_m": round(head.z, 2),
             "bearing_deg": _bearing(head.yaw),
         }
         yield "signal", shapely.Point(head.x, head.y), properties

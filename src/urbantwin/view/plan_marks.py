@@ -16,7 +16,7 @@ from urbantwin.roads import Lane, RoadNetwork
 from urbantwin.roads.model import LaneModel
 from urbantwin.view.plan_ground import fill
 from urbantwin.view.plan_look import Look
-from urbantwin.view.road_lines import Sign, lane_marks, signs, stop_lines
+from urbantwin.view.road_lines import Sign, heads, lane_marks, signs, stop_lines
 from urbantwin.view.turn_arrow import ARROW_M, arrow_at, turn_arrow
 
 __all__ = ["dashes", "draw_marks", "draw_signals", "zebra"]
@@ -135,18 +135,9 @@ def _draw_sign(axes: Axes, sign: Sign, size_m: float, look: Look) -> None:
 def _heads(network: RoadNetwork, model: LaneModel | None) -> list[tuple[float, float, float]]:
     """Return place and heading of the traffic of every head, those at one place once."""
     found: dict[tuple[int, int, int], tuple[float, float, float]] = {}
-    if model is not None:
-        for signal in model.signals:
-            if signal.dynamic:
-                road = model.road_by_id[signal.road]
-                x, y, heading = (float(v) for v in road.curve.at(signal.s)[0])
-                x, y = x - signal.t * np.sin(heading), y + signal.t * np.cos(heading)
-                yaw = heading + (np.pi if signal.orientation == "-" else 0.0)
-                key = round(x * 2), round(y * 2), round(float(np.cos(yaw)) * 2)
-                found.setdefault(key, (x, y, yaw))
-    if not found:
-        for head in network.signals:
-            found.setdefault((round(head.x * 2), round(head.y * 2), 0), (head.x, head.y, head.yaw))
+    for head in heads(network, model):
+        key = round(head.x * 2), round(head.y * 2), round(float(np.cos(head.yaw)) * 2)
+        found.setdefault(key, (head.x, head.y, head.yaw))
     return list(found.values())
 
 

@@ -15,9 +15,9 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.roads import Lane, RoadNetwork
-from urbantwin.roads.model import LaneModel, ModelRoad
+from urbantwin.roads.model import LaneModel, ModelRoad, RoadSignal
 
-__all__ = ["Line", "Sign", "islands", "lane_marks", "signs", "stop_lines", "turns"]
+__all__ = ["Head", "Line", "Sign", "heads", "islands", "lane_marks", "signs", "stop_lines", "turns"]
 
 #: Longest chord of a drawn line where its road bends or its lanes change, metres.
 CHORD_M = 1.0
@@ -63,6 +63,30 @@ class Sign:
     subtype: str
     value: float
     unit: str
+    x: float
+    y: float
+    yaw: float
+
+
+@dataclass(frozen=True)
+class Head:
+    """A head of a signal.
+
+    Attributes:
+        type: OpenDRIVE's number of it; empty where it is not known.
+        program: id of its signal program.
+        links: what it shows: indices into the program's states.
+        lane: id of the strip that it governs; empty where that is not known.
+        z: height of its middle above the road, metres; 0 where it is not known.
+        x, y: its place, site frame, metres.
+        yaw: heading of the traffic that it is for, radians.
+    """
+
+    type: str
+    program: str
+    links: tuple[int, ...]
+    lane: str
+    z: float
     x: float
     y: float
     yaw: float
@@ -120,28 +144,33 @@ def islands(network: RoadNetwork, model: LaneModel | None) -> list[tuple[str, sh
 
 def signs(model: LaneModel | None) -> list[Sign]:
     """Return the signs of a lane model."""
-    found = []
-    for signal in model.signals if model else ():
-        if model is None or signal.dynamic:
-            continue
-        road = model.road_by_id[signal.road]
-        x, y, heading = road.curve.at(signal.s)[0]
-        x, y = x - signal.t * np.sin(heading), y + signal.t * np.cos(heading)
-        yaw = heading + (np.pi if signal.orientation == "-" else 0.0)
-        found.append(
-            Sign(
-                signal.name,
-                signal.country,
-                signal.type,
-                signal.subtype,
-                signal.value,
-                signal.unit,
-                float(x),
-                float(y),
-                float((yaw + np.pi) % (2 * np.pi) - np.pi),
-            )
+    return [
+        Sign(
+            one.name, one.country, one.type, one.subtype, one.value, one.unit, *_stands(model, one)
         )
-    return found
+        for one in (model.signals if model else ())
+        if model and not one.dynamic
+    ]
+
+
+def heads(network: RoadNetwork, model: LaneModel | None) -> list[Head]:
+    """Return the heads of signals where they stand; without a lane model at their stop lines."""
+    found = [
+        Head(one.type, one.program, one.links, one.strip, one.z, *_stands(model, one))
+        for one in (model.signals if model else ())
+        if model and one.dynamic
+    ]
+    if found:
+        return found
+    return [Head("", h.program, h.links, h.lane, 0.0, h.x, h.y, h.yaw) for h in network.signals]
+
+
+def _stands(model: LaneModel, signal: RoadSignal) -> tuple[float, float, float]:
+    """Return place and heading of the traffic of a signal or sign."""
+    x, y, heading = (float(value) for value in model.road_by_id[signal.road].curve.at(signal.s)[0])
+    x, y = x - signal.t * np.sin(heading), y + signal.t * np.cos(heading)
+    yaw = heading + (np.pi if signal.orientation == "-" else 0.0)
+    return float(x), float(y), float((yaw + np.pi) % (2 * np.pi) - np.pi)
 
 
 def turns(network: RoadNetwork, lane: Lane) -> tuple[str, ...]:
