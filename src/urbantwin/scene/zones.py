@@ -32,6 +32,8 @@ MEDIAN_M = 8.0
 RAISED = ("median", "island")
 #: How far terrain goes on beyond the region, so that beams at its border meet ground.
 MARGIN_M = 25.0
+#: How far terrain goes on beside roads outside of that: a bus that turns swings out beyond them.
+VERGE_M = 5.0
 
 #: Widths of ways that are paved but not in the lane network, metres, and their surface.
 OTHER_WAYS: dict[str, tuple[float, str, str]] = {
@@ -88,7 +90,9 @@ def ground_zones(
     slits = area_difference(area_intersection(_closed(paved, 2 * SEAM_M), gaps), islands)
     carriageway = area_union([carriageway, slits])
     taken = area_union([carriageway, footway, islands])
-    everything = area_union([shapely.buffer(region, MARGIN_M, join_style="mitre"), taken])
+    everything = area_union(
+        [shapely.buffer(region, MARGIN_M, join_style="mitre"), shapely.buffer(taken, VERGE_M)]
+    )
     parking = area_intersection(carriageway, network.area_of(("parking",), 0))
     zones = [
         _zone("carriageway", area_difference(carriageway, parking), "road", "asphalt"),
