@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 import numpy as np
 import shapely
@@ -28,17 +28,13 @@ SurfaceHeight = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
 
 @dataclasses.dataclass(frozen=True)
 class _Run:
-    """A lane along its whole road: stations, offsets and widths, in the order of travel."""
+    """A lane along its whole road, in the order of travel: stations, places and widths."""
 
     road: ModelRoad
     lane: SectionLane
     s: NDArray[np.float64]
-    t: NDArray[np.float64]
+    points: NDArray[np.float64]
     width: NDArray[np.float64]
-
-    @property
-    def points(self) -> NDArray[np.float64]:
-        return self.road.place(self.s, self.t)
 
 
 def network_of_model(model: LaneModel, raw: RoadNetwork, height: SurfaceHeight) -> RoadNetwork:
@@ -58,10 +54,13 @@ def network_of_model(model: LaneModel, raw: RoadNetwork, height: SurfaceHeight) 
         for name, piece in pieces.items():
             # Where several ways share a lane, it is the straightest one's.
             if name not in placed:
-                placed[name] = _lane(name, piece, known.get(name), height)
+                placed[name] = _lane(name, piece, known.get(name))
     _join(placed, chains)
-    lanes = [placed.pop(lane.id, None) or _ground(lane, height) for lane in raw.lanes]
+    _draw_to_corners(placed, known, height)
     outlines = {junction.name: junction.outline for junction in model.junctions}
+    inside = [lane for lane in raw.lanes if lane.id not in placed]
+    ground = dict(zip((lane.id for lane in inside), _on_ground(inside, height), strict=True))
+    lanes = [ground.get(lane.id) or placed.pop(lane.id) for lane in raw.lanes]
     every = {lane.id: lane for lane in (*lanes, *placed.values())}
     return dataclasses.replace(
         raw,
@@ -113,48 +112,52 @@ def _runs(model: LaneModel) -> list[_Run]:
         for k, (section, end) in enumerate(zip(road.sections, ends, strict=True)):
             inner = stations[(stations > section.s + 1e-6) & (stations < end - 1e-6)]
             s = np.concatenate([[section.s], inner, [end]])
-            for lane in section.lanes:
-                if lane.kind == "none":
-                    continue
-                name = lane.strip or f"{road.id}:{k}:{lane.id}"
-                parts.setdefault(name, []).append(_part(road, section, lane, s, name))
+            for part in _section_runs(road, k, section, s):
+                parts.setdefault(part.lane.strip, []).append(part)
         found += [_joined(pieces) for pieces in parts.values()]
     return found
 
 
-def _part(
-    road: ModelRoad,
-    section: LaneSection,
-    lane: SectionLane,
-    s: NDArray[np.float64],
-    name: str,
-) -> _Run:
-    lane = dataclasses.replace(lane, strip=name)
-    t = road.middle(section, lane, s)
-    return _Run(road, lane, s, t, np.maximum(lane.width.at(s - section.s), 0.0))
+def _section_runs(
+    road: ModelRoad, number: int, section: LaneSection, s: NDArray[np.float64]
+) -> Iterable[_Run]:
+    """Yield the lanes of a section; as ``ModelRoad.place``, for all of them at once."""
+    pose, bank, crown = road.curve.at(s), road.bank.at(s), road.crown.at(s)
+    left = np.column_stack([-np.sin(pose[:, 2]), np.cos(pose[:, 2])]) * np.cos(bank)[:, None]
+    rise, level, offset = np.sin(bank), road.elevation.at(s), road.offset.at(s)
+    for side in (1, -1):
+        edge = offset
+        for lane in sorted((x for x in section.lanes if x.id * side > 0), key=lambda x: abs(x.id)):
+            width = lane.width.at(s - section.s)
+            t, edge = edge + side * width / 2, edge + side * width
+            if lane.kind == "none":
+                continue
+            points = np.empty((len(s), 3))
+            points[:, :2] = pose[:, :2] + t[:, None] * left
+            points[:, 2] = level + t * rise - crown * np.abs(t)
+            name = lane.strip or f"{road.id}:{number}:{lane.id}"
+            named = dataclasses.replace(lane, strip=name)
+            yield _Run(road, named, s, points, np.maximum(width, 0.0))
 
 
 def _joined(parts: list[_Run]) -> _Run:
     first = parts[0]
-    s, t, width = (
-        np.concatenate([getattr(first, key), *(getattr(p, key)[1:] for p in parts[1:])])
-        for key in ("s", "t", "width")
-    )
+    s, points, width = first.s, first.points, first.width
+    if len(parts) > 1:
+        s, points, width = (
+            np.concatenate([getattr(first, key), *(getattr(p, key)[1:] for p in parts[1:])])
+            for key in ("s", "points", "width")
+        )
     if not first.lane.forward:
-        s, t, width = s[::-1], t[::-1], width[::-1]
-    return _Run(first.road, first.lane, s, t, width)
+        s, points, width = s[::-1], points[::-1], width[::-1]
+    return _Run(first.road, first.lane, s, points, width)
 
 
 def _stations(road: ModelRoad) -> NDArray[np.float64]:
     """Return stations close enough that chords between them stay near the road's lines."""
     curve = road.curve
     reach = max(
-        (
-            float(np.abs(road.border(section, lane, section.s, outer=True)).max())
-            for section in road.sections
-            for lane in section.lanes
-        ),
-        default=0.0,
+        sum(float(lane.width.abcd[0, 0]) for lane in section.lanes) for section in road.sections
     )
     starts = curve.starts
     middle = (starts[:-1] + starts[1:]) / 2
@@ -204,15 +207,14 @@ def _named(run: _Run, known: Mapping[str, Lane]) -> dict[str, _Run]:
     for name, a, b in zip(names, cuts, cuts[1:], strict=False):
         inner = at[(at > a + 1e-3) & (at < b - 1e-3)]
         where = np.concatenate([[a], inner, [b]])
-        s, t, width = (np.interp(where, at, value) for value in (run.s, run.t, run.width))
-        found[name] = dataclasses.replace(run, s=s, t=t, width=width)
+        columns = (run.s, *run.points.T, run.width)
+        s, x, y, z, width = (np.interp(where, at, value) for value in columns)
+        found[name] = _Run(run.road, run.lane, s, np.column_stack([x, y, z]), width)
     return found
 
 
-def _lane(name: str, run: _Run, raw: Lane | None, height: SurfaceHeight) -> Lane:
+def _lane(name: str, run: _Run, raw: Lane | None) -> Lane:
     centre, widths = run.points, run.width
-    if raw is not None and raw.kind == "sidewalk":
-        centre, widths = _to_corners(centre, widths, raw, height)
     constant = float(np.ptp(widths)) < 1e-3
     within = run.road.junction >= 0
     kind = "connection" if within else run.lane.kind
@@ -232,27 +234,48 @@ def _lane(name: str, run: _Run, raw: Lane | None, height: SurfaceHeight) -> Lane
     )
 
 
-def _to_corners(
-    centre: NDArray[np.float64], widths: NDArray[np.float64], raw: Lane, height: SurfaceHeight
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Draw a footway on to its ends in the network: roads are cut back there, corners are not."""
-    for end in (0, -1):
-        inner = centre[1] if end == 0 else centre[-2]
-        gap = raw.centre[end, :2] - centre[end, :2]
-        ahead = (centre[end] - inner)[:2] @ gap
-        if ahead > 0.0 and 0.02 < np.linalg.norm(gap) < REACH_M:
-            corner = raw.centre[end, :2]
-            # Only the slope is the surface's: a footway ends where it ends, without a step.
-            rise = np.diff(height(np.array([centre[end, :2], corner]), raw.level))
-            point = np.append(corner, centre[end, 2] + rise)
-            centre = np.vstack([point, centre] if end == 0 else [centre, point])
-            widths = np.insert(widths, 0 if end == 0 else len(widths), widths[end])
-    return centre, widths
+def _draw_to_corners(
+    placed: dict[str, Lane], known: Mapping[str, Lane], height: SurfaceHeight
+) -> None:
+    """Draw footways on to their ends in the network: roads are cut back there, corners are not."""
+    found: dict[int, list[tuple[str, int, NDArray[np.float64]]]] = {}
+    for name, lane in placed.items():
+        if name not in known or known[name].kind != "sidewalk":
+            continue
+        for end, inner in ((0, 1), (-1, -2)):
+            corner, at = known[name].centre[end, :2], lane.centre[end, :2]
+            ahead = (at - lane.centre[inner, :2]) @ (corner - at)
+            if ahead > 0.0 and 0.02 < np.linalg.norm(corner - at) < REACH_M:
+                found.setdefault(lane.level, []).append((name, end, np.array([at, corner])))
+    for level, rows in sorted(found.items()):
+        z = height(np.concatenate([xy for _, _, xy in rows]), level).reshape(-1, 2)
+        # Only the slope is the surface's: a footway ends where it ends, without a step.
+        for (name, end, xy), rise in zip(rows, z[:, 1] - z[:, 0], strict=True):
+            lane = placed[name]
+            point = np.append(xy[1], lane.centre[end, 2] + rise)
+            place = 0 if end == 0 else len(lane.centre)
+            centre = np.insert(lane.centre, place, point, axis=0)
+            widths = lane.widths
+            if len(widths):
+                widths = np.insert(widths, place, widths[end])
+            placed[name] = dataclasses.replace(lane, centre=centre, widths=widths)
 
 
-def _ground(lane: Lane, height: SurfaceHeight) -> Lane:
-    xy = shapely.get_coordinates(shapely.LineString(lane.centre[:, :2]).segmentize(4.0))
-    return dataclasses.replace(lane, centre=np.column_stack([xy, height(xy, lane.level)]))
+def _on_ground(lanes: Sequence[Lane], height: SurfaceHeight) -> list[Lane]:
+    """Return lanes that the lane model does not know, laid on the surface."""
+    places = [
+        shapely.get_coordinates(shapely.LineString(lane.centre[:, :2]).segmentize(4.0))
+        for lane in lanes
+    ]
+    result = list(lanes)
+    for level in sorted({lane.level for lane in lanes}):
+        mine = [k for k, lane in enumerate(lanes) if lane.level == level]
+        z = height(np.concatenate([places[k] for k in mine]), level)
+        cuts = np.cumsum([len(places[k]) for k in mine])[:-1]
+        for k, heights in zip(mine, np.split(z, cuts), strict=True):
+            centre = np.column_stack([places[k], heights])
+            result[k] = dataclasses.replace(lanes[k], centre=centre)
+    return result
 
 
 def _moved(head: SignalHead, lane: Lane) -> SignalHead:

@@ -284,12 +284,14 @@ def _curve(entry: Street, start: Strip, leave: Street, end: Strip, chain: list[L
     """Return the gentlest way; where the map leads far round something, the map's own way."""
     poses = []
     for street, strip, leaving in ((entry, start, True), (leave, end, False)):
-        s = street.end_of(strip, leaving=leaving)
-        heading = float(street.curve.at(s)[0, 2]) + (0.0 if strip.forward else np.pi)
-        poses.append(np.append(street.curve.beside(s, strip.t)[0], heading))
+        x, y, heading = street.curve.at(street.end_of(strip, leaving=leaving))[0]
+        x, y = x - strip.t * np.sin(heading), y + strip.t * np.cos(heading)
+        poses.append(np.array([x, y, heading + (0.0 if strip.forward else np.pi)]))
     first, last = poses
     gap = last[2] - first[2]
     last[2] = first[2] + (gap + np.pi) % (2 * np.pi) - np.pi
+    if not chain:
+        return turned(first, last)
     way = np.vstack(
         [
             first[None, :2],
@@ -303,7 +305,7 @@ def _curve(entry: Street, start: Strip, leave: Street, end: Strip, chain: list[L
     for directness, tolerance in DIRECTNESS:
         curve = turned(first, last, directness=directness)
         away = shapely.hausdorff_distance(mapped, curve.line)
-        if not chain or away <= tolerance * (1.0 + 0.1 * mapped.length):
+        if away <= tolerance * (1.0 + 0.1 * mapped.length):
             return curve
     return splined(_calm(way), first[2], last[2])
 

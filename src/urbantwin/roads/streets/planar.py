@@ -32,6 +32,8 @@ __all__ = ["CURB_M", "planar_model"]
 #: 0.20 m).
 CURB_M = 0.15
 ZERO = Profile.constant(0.0)
+#: Less than this cut off the end of a street is not noticed, metres.
+CUT_M = 0.05
 
 
 def planar_model(network: RoadNetwork) -> LaneModel:
@@ -161,18 +163,21 @@ def _outlines(
     shape = {junction.id: junction.polygon for junction in network.junctions}
     slabs: dict[str, list[shapely.Geometry]] = defaultdict(list)
     for street in streets:
+        pose = street.curve.at([0.0, street.curve.length])
+        left = np.column_stack([-np.sin(pose[:, 2]), np.cos(pose[:, 2])])
         for strip in street.strips:
-            if strip.lane.kind == "sidewalk":
+            ends = pose[:, :2] + strip.t * left
+            gap = ends[:: 1 if strip.forward else -1] - strip.lane.centre[[0, -1], :2]
+            if strip.lane.kind == "sidewalk" or np.abs(gap).max() < CUT_M:
                 continue
             line = shapely.LineString(strip.lane.centre[:, :2])
-            ends = street.curve.beside([0.0, street.curve.length], [strip.t, strip.t])
             along = sorted(float(line.project(shapely.Point(xy))) for xy in ends)
             forward = strip.forward
             for a, b, name in (
                 (0.0, along[0], street.start if forward else street.end),
                 (along[1], float(line.length), street.end if forward else street.start),
             ):
-                if b - a > 0.05:
+                if b - a > CUT_M:
                     piece = substring(line, a, b)
                     slabs[name].append(piece.buffer(strip.lane.width / 2, cap_style="flat"))
     found = {}
