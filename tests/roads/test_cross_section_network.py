@@ -50,12 +50,13 @@ def edges(network, way=10):
 
 
 def rows(write_osm, tmp_path, cases, side):
-    """Straight roads of their own, 40 m apart: of each its lanes eastwards and westwards."""
+    """Straight roads off one street, 40 m apart: of each its lanes eastwards and westwards."""
     north = {k: 40.0 * (k - len(cases) / 2) for k in range(len(cases))}
     nodes = {}
     for k, y in north.items():
         nodes |= {2 * k + 1: (-60, y, {}), 2 * k + 2: (60, y, {})}
     ways = {k + 1: ([2 * k + 1, 2 * k + 2], {**BASE, **tags}) for k, tags in enumerate(cases)}
+    ways[900] = ([2 * k + 2 for k in range(len(cases))], BASE)
     network = build_roads(
         read_extract(write_osm(nodes, ways)),
         HERE,
@@ -283,3 +284,31 @@ def test_edges_that_netconvert_does_not_make_are_no_failure(write_osm, tmp_path)
         item for item in ElementTree.parse(out).getroot().iter("lane") if item.get("id") == "7_0"
     )
     assert float(lane.get("speed")) == 7.5
+
+
+@pytest.mark.parametrize(
+    ("placement", "south", "north"),
+    [({}, -0.875, 0.875), ({"placement": "middle_of:2"}, 0.0, 1.75)],
+)
+def test_parallel_carriageways_do_not_lie_on_each_other(
+    write_osm, tmp_path, placement, south, north
+):
+    """Three lanes of 3.25 m each way, drawn 8 m apart: 1.75 m are missing between them."""
+    nodes = {1: (-80, 0, {}), 2: (80, 0, {}), 3: (80, 8, {}), 4: (-80, 8, {})}
+    tags = {**BASE, "oneway": "yes", "lanes": "3"}
+    nodes |= {5: (110, 4, {}), 6: (150, 4, {})}
+    ways = {1: ([1, 2], {**tags, **placement}), 2: ([3, 4], tags)}
+    ways |= {3: ([2, 5], tags), 4: ([5, 3], tags), 5: ([5, 6], BASE)}
+    network = build_roads(
+        read_extract(write_osm(nodes, ways)),
+        HERE,
+        shapely.Point(0, 0).buffer(140),
+        Elevation.flat(),
+        driving_side="right",
+        out=tmp_path / "n.net.xml",
+    ).network
+    found = []
+    for way, y in ((1, 0.0), (2, 8.0)):
+        lanes = [lane for side in edges(network, way) for lane in side if lane.kind == "driving"]
+        found.append(float(np.mean([middle(lane) for lane in lanes])) - y)
+    assert found == pytest.approx([south, north], abs=0.05)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from urbantwin.roads.cross_section.interpret import cross_section
 from urbantwin.roads.cross_section.layout import middles_of
 from urbantwin.roads.cross_section.section import CrossSection
+from urbantwin.roads.cross_section.spacing import spaced
 from urbantwin.roads.cross_section.stretch import stretches_of
 from urbantwin.roads.cross_section.sumo_edges import SumoEdge, sumo_edges, sumo_tags
 from urbantwin.roads.cross_section.turn_signs import fitting_turns
@@ -88,7 +89,7 @@ def prepare_ways(
         )
     stretches = stretches_of(pieces, signals)
     sections = [section_of[stretch.origin] for stretch in stretches]
-    middles = middles_of(stretches, sections)
+    middles = spaced(stretches, sections, middles_of(stretches, sections))
     prepared: list[WayPiece] = []
     edges: list[SumoEdge] = []
     signed = fitting_turns(stretches, sections)

@@ -1,0 +1,196 @@
+"""Carriageways side by side: moved apart where their lanes, as mapped, would lie on each other.
+
+The lines of the map are good to a metre or two, and the default width of a lane may be more than
+what was built. Parallel carriageways share what is missing between them.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.roads.cross_section.layout import Middle
+from urbantwin.roads.cross_section.section import CrossSection
+from urbantwin.roads.cross_section.stretch import Stretch
+from urbantwin.roads.levels import way_layer
+
+__all__ = ["spaced"]
+
+#: Furthest that a carriageway is moved, metres.
+FURTHEST_M = 2.5
+#: Lines closer than this are one road drawn twice, metres.
+CLOSEST_M = 1.5
+#: Carriageways run side by side within this angle, as a cosine, over at least this length, metres.
+PARALLEL, SHORTEST_M = 0.98, 25.0
+STEP_M = 5.0
+ROUNDS = 40
+
+
+@dataclass(frozen=True)
+class _Pair:
+    """Two stretches side by side.
+
+    Attributes:
+        a, b: their indices.
+        side: 1 where b lies to the left of a, else -1.
+        apart: how far their middles are apart, metres.
+        need: how far they would have to be, metres.
+        along: 1 where they are drawn the same way, else -1.
+    """
+
+    a: int
+    b: int
+    side: int
+    apart: float
+    need: float
+    along: int
+
+
+def spaced(
+    stretches: Sequence[Stretch], sections: Sequence[CrossSection], middles: Sequence[Middle]
+) -> list[Middle]:
+    """Return the middles of roads with parallel carriageways side by side, not on each other.
+
+    A way whose ``placement`` is mapped stays where it is.
+
+    Args:
+        stretches: parts of ways.
+        sections: their cross sections.
+        middles: where the middle of each runs as mapped.
+    """
+    lines, half = [], []
+    for section, middle in zip(sections, middles, strict=True):
+        ahead, back = (
+            sum(lane.width for lane in lanes) for lanes in (section.forward, section.backward)
+        )
+        half.append((ahead + back) / 2)
+        lines.append(middle.beside(section.outward * (ahead - back) / 2))
+    group, sign = _roads(stretches)
+    pairs = _pairs(stretches, lines, half, group)
+    if all(pair.apart >= pair.need for pair in pairs):
+        return list(middles)
+    fixed = {
+        group[k]
+        for k, stretch in enumerate(stretches)
+        if any(key.startswith("placement") for key in stretch.piece.tags)
+    }
+    push: dict[int, float] = dict.fromkeys(group, 0.0)
+    for _ in range(ROUNDS):
+        for pair in pairs:
+            a, b = group[pair.a], group[pair.b]
+            by = sign[pair.a] * push[a], pair.along * sign[pair.b] * push[b]
+            apart = pair.apart + pair.side * (by[1] - by[0])
+            free = {a, b} - fixed
+            if apart >= pair.need or not free:
+                continue
+            step = (pair.need - apart) / len(free)
+            if a in free:
+                push[a] -= sign[pair.a] * pair.side * step
+            if b in free:
+                push[b] += sign[pair.b] * pair.side * pair.along * step
+    moved = []
+    for k, middle in enumerate(middles):
+        far = sign[k] * float(np.clip(push[group[k]], -FURTHEST_M, FURTHEST_M))
+        moved.append(replace(middle, offset=middle.offset + far) if far else middle)
+    return moved
+
+
+def _roads(stretches: Sequence[Stretch]) -> tuple[list[int], list[int]]:
+    """Return which stretches are parts of one road, and 1 or -1: the way that each is drawn.
+
+    A road is all parts of a way, and what goes on from it where nothing else meets it.
+    """
+    ends: dict[int, list[tuple[int, bool]]] = defaultdict(list)
+    beside: dict[int, list[tuple[int, int]]] = defaultdict(list)
+    first: dict[int, int] = {}
+    for k, stretch in enumerate(stretches):
+        ends[stretch.piece.nodes[0]].append((k, False))
+        ends[stretch.piece.nodes[-1]].append((k, True))
+        other = first.setdefault(stretch.origin, k)
+        if other != k:
+            beside[k].append((other, 1))
+            beside[other].append((k, 1))
+    for meeting in ends.values():
+        if len(meeting) == 2 and meeting[0][0] != meeting[1][0]:
+            (a, a_end), (b, b_end) = meeting
+            turn = 1 if a_end != b_end else -1
+            beside[a].append((b, turn))
+            beside[b].append((a, turn))
+    group, sign = [-1] * len(stretches), [1] * len(stretches)
+    for k in range(len(stretches)):
+        ahead = [(k, 1)] if group[k] < 0 else []
+        while ahead:
+            at, way = ahead.pop()
+            if group[at] < 0:
+                group[at], sign[at] = k, way
+                ahead += [(other, way * turn) for other, turn in beside[at]]
+    return group, sign
+
+
+def _pairs(
+    stretches: Sequence[Stretch],
+    lines: Sequence[NDArray[np.float64]],
+    half: Sequence[float],
+    group: Sequence[int],
+) -> list[_Pair]:
+    shapes = [shapely.LineString(line) for line in lines]
+    # What is not yet in the way may be once others have moved.
+    bands = [s.buffer(width + FURTHEST_M) for s, width in zip(shapes, half, strict=True)]
+    tree = shapely.STRtree(bands)
+    found = []
+    for a, b in tree.query(bands, predicate="intersects").T.tolist():
+        one, other = stretches[a].piece, stretches[b].piece
+        if (
+            a >= b
+            or group[a] == group[b]
+            or not set(one.nodes).isdisjoint(other.nodes)
+            or way_layer(one.tags) != way_layer(other.tags)
+            or any(piece.tags.get("highway", "").endswith("_link") for piece in (one, other))
+        ):
+            continue
+        pair = _pair(a, b, shapes, half)
+        if pair is not None:
+            found.append(pair)
+    return found
+
+
+def _pair(
+    a: int, b: int, shapes: Sequence[shapely.LineString], half: Sequence[float]
+) -> _Pair | None:
+    one, other = shapes[a], shapes[b]
+    at = np.arange(0.0, one.length, STEP_M)
+    points = shapely.line_interpolate_point(one, at)
+    along = shapely.line_locate_point(other, points)
+    beside = (along > 0.0) & (along < other.length)
+    xy = shapely.get_coordinates(points)
+    step = _directions(one, at)
+    there = _directions(other, along)
+    cosine = (step * there).sum(axis=1)
+    beside &= np.abs(cosine) > PARALLEL
+    if beside.sum() * STEP_M < SHORTEST_M:
+        return None
+    gap = shapely.get_coordinates(shapely.line_interpolate_point(other, along)) - xy
+    left = step[:, 0] * gap[:, 1] - step[:, 1] * gap[:, 0]
+    offset = float(np.median(left[beside]))
+    need = half[a] + half[b]
+    if abs(offset) < CLOSEST_M or abs(offset) >= need + 2 * FURTHEST_M:
+        return None
+    direction = 1 if float(np.median(cosine[beside])) > 0 else -1
+    return _Pair(a, b, 1 if offset > 0 else -1, abs(offset), need, direction)
+
+
+def _directions(line: shapely.LineString, at: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return unit vectors (N, 2) along a line at distances along it."""
+    ends = [
+        shapely.get_coordinates(
+            shapely.line_interpolate_point(line, np.clip(at + d, 0.0, line.length))
+        )
+        for d in (-0.5, 0.5)
+    ]
+    step = ends[1] - ends[0]
+    return np.asarray(step / np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-9))
