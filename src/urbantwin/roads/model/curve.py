@@ -164,7 +164,9 @@ class Curve:
         pieces = []
         for piece, start in zip(self.pieces, self.starts, strict=False):
             a, b = max(first, start), min(last, start + piece.length)
-            if b - a > 1e-6:
+            if a == start and b == start + piece.length:
+                pieces.append(piece)
+            elif b - a > 1e-6:
                 x, y, heading = (float(v) for v in self.at([a])[0])
                 length = float(b - a)
                 if not piece.u:
