@@ -59,10 +59,30 @@ def test_a_signal_belongs_to_the_junction_that_it_stands_before(
     signalised = [j for j in found.network.junctions if j.kind == "traffic_light"]
     assert bool(signalised) == expected
     assert len(found.network.programs) == expected
-    left_out = found.notes["mid_block_signals_left_out"]
-    assert (left_out > 0) == (bool(mapped) and not expected)
+    crossed = "crossing" in mapped.get("west", {}) and not expected
+    assert found.notes["signalised_crossings_left_out"] == crossed
     if signalised:
         assert shapely.Point(0, 0).within(signalised[0].polygon)
+
+
+def test_a_crossing_between_junctions_has_signals_of_its_own(write_osm, tmp_path):
+    """60 m before the junction; the street has sidewalks, so that people come to it."""
+    nodes, ways = cross(west=CROSSING, west_m=60)
+    ways = {k: (refs, {**tags, "sidewalk": "both"}) for k, (refs, tags) in ways.items()}
+    found = built(write_osm(nodes, ways), tmp_path)
+    assert found.notes["signalised_crossings_between_junctions"] == 1
+    (program,) = found.network.programs
+    (junction,) = (j for j in found.network.junctions if j.kind == "traffic_light")
+    assert junction.polygon.distance(shapely.Point(-60, 0)) < 0.1
+    lanes = [found.network.lane_by_id[head.lane] for head in found.network.signals]
+    (crossing,) = (lane for lane in lanes if lane.kind == "crossing")
+    assert shapely.LineString(crossing.centre[:, :2]).distance(shapely.Point(-60, 0)) < 3
+    links = {head.lane: head.links for head in found.network.signals}
+    vehicles = {k for lane, found_ in links.items() if lane != crossing.id for k in found_}
+    walking = [s for s in program.phases if s[1][links[crossing.id][0]] in "Gg"]
+    assert walking
+    for _, state in walking:
+        assert all(state[k] == "r" for k in vehicles)
 
 
 def test_stop_lines_of_a_wide_junction_make_one_program(write_osm, tmp_path):
@@ -93,3 +113,12 @@ def test_stop_lines_of_a_wide_junction_make_one_program(write_osm, tmp_path):
     }
     assert len(entering) == 4
     assert entering <= heads
+
+
+def test_traffic_stops_long_enough_to_cross_where_no_sidewalk_is_mapped(write_osm, tmp_path):
+    nodes, ways = cross(west=CROSSING, west_m=60)
+    ways = {k: (refs, {**tags, "sidewalk": "no"}) for k, (refs, tags) in ways.items()}
+    (program,) = built(write_osm(nodes, ways), tmp_path).network.programs
+    red = sum(seconds for seconds, state in program.phases if set(state) == {"r"})
+    assert red >= 10
+    assert sum(seconds for seconds, _ in program.phases) == pytest.approx(90)

@@ -38,7 +38,7 @@ from urbantwin.roads.signals.free_ground import FreeGround
 from urbantwin.roads.signals.heads import stand_signals
 from urbantwin.roads.signals.mapped import mapped_signals
 from urbantwin.roads.signals.practice import practice_of
-from urbantwin.roads.signals.programs import set_programs
+from urbantwin.roads.signals.programs import hold_for_walkers, set_programs
 from urbantwin.roads.signals.sign import add_signs
 from urbantwin.roads.streets.furniture import furnished
 from urbantwin.roads.streets.planar import planar_model
@@ -159,6 +159,8 @@ def build_roads(
             edges=edges,
             out=out,
         )
+    if signals.mid_block:
+        hold_for_walkers(out)
     planned = set_programs(out, plans, frame)
     raw = read_sumo_network(
         out,
@@ -195,7 +197,10 @@ def build_roads(
         "signals_inferred_from_stop_lines_and_crossings": _within(
             extract, frame, region, signals.inferred
         ),
-        "mid_block_signals_left_out": _within(extract, frame, region, signals.mid_block),
+        "signalised_crossings_between_junctions": _within(
+            extract, frame, region, signals.mid_block
+        ),
+        "signalised_crossings_left_out": _within(extract, frame, region, signals.left_out),
         "signal_heads": sum(signal.dynamic for signal in model.signals),
         "signs": signs,
         "closed_loop": loop.notes,

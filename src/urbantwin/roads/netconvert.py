@@ -33,7 +33,6 @@ OPTIONS = {
     "junctions.join": "true",
     "junctions.corner-detail": "5",
     "ramps.guess": "true",
-    "tls.discard-simple": "true",
     "tls.join": "true",
     "tls.default-type": "static",
     "tls.left-green.time": "12",

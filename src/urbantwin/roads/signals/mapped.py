@@ -23,6 +23,9 @@ __all__ = ["MappedSignals", "mapped_signals"]
 #: may lie, metres along the street.
 SIGNAL_M = 40.0
 CROSSING_M = 20.0
+#: A crossing with signals of its own is this far from any junction, and from the streets' ends:
+#: netconvert joins what is nearer, metres.
+ALONE_M = 30.0
 #: Streets that meet this close to each other are one junction: what runs between is within it.
 WITHIN_M = 28.0
 ONE_WAY = {"yes": 1, "1": 1, "true": 1, "-1": -1, "reverse": -1}
@@ -38,13 +41,15 @@ class MappedSignals:
         tags: node -> tags that netconvert reads instead of its own.
         junctions: nodes that get signals.
         inferred: those that get them from what is mapped on their arms.
-        mid_block: signals and signalised crossings away from any junction, which get none.
+        mid_block: signalised crossings away from any junction, which get signals of their own.
+        left_out: signalised crossings too close to a junction that has no signals.
     """
 
     tags: dict[int, dict[str, str]]
     junctions: tuple[int, ...]
     inferred: tuple[int, ...]
     mid_block: tuple[int, ...]
+    left_out: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -61,7 +66,7 @@ Legs = Mapping[int, list[_Leg]]
 
 
 def mapped_signals(extract: Extract, ways: Iterable[Way], frame: SiteFrame) -> MappedSignals:
-    """Find the junctions that mapped signals belong to.
+    """Find the junctions and crossings that mapped signals belong to.
 
     A node where streets meet gets signals if it has them itself; if a signal stands before it on
     an arm (``traffic_signals:direction`` is heeded) with no crossing between, which the signal
@@ -115,8 +120,28 @@ def mapped_signals(extract: Extract, ways: Iterable[Way], frame: SiteFrame) -> M
     for node in on:
         cleared = _cleared(extract.node_tags.get(node, {}))
         told[node] = {**cleared, "highway": "traffic_signals"}
-    mid_block = tuple(node for node, found in ends.items() if not on & found)
-    return MappedSignals(told, tuple(sorted(on)), tuple(sorted(on - own)), mid_block)
+    alone = [node for node, found in ends.items() if not on & found]
+    mid_block = [node for node in alone if node in crossings and _is_alone(node, legs, meeting)]
+    for node in mid_block:
+        told[node]["highway"] = "traffic_signals"
+    left_out = [node for node in alone if node not in mid_block and node in crossings]
+    return MappedSignals(
+        told, tuple(sorted(on)), tuple(sorted(on - own)), tuple(mid_block), tuple(left_out)
+    )
+
+
+def _is_alone(node: int, legs: Legs, meeting: set[int]) -> bool:
+    """Whether a street goes on from a node both ways without a junction close by."""
+    if len(legs[node]) != 2:
+        return False
+    for leg in legs[node]:
+        way, before, at = leg.length, node, leg.to
+        while way <= ALONE_M:
+            onward = [other for other in legs[at] if other.to != before]
+            if at in meeting or len(onward) != 1:
+                return False
+            way, before, at = way + onward[0].length, at, onward[0].to
+    return True
 
 
 def _cleared(tags: Mapping[str, str]) -> dict[str, str]:
