@@ -181,6 +181,11 @@ def _text(folder: Path, draft: SiteDraft, force: bool) -> str:
 roads:
   driving_side: auto    # auto, left or right
 """
+    loop = """\
+# Beyond the region every way out leads back to a way in, so that the same vehicles circulate. With
+# false they come in where the region's border cuts a street, and leave where it cuts another.
+closed_loop: true
+"""
     counts = "\n".join(f"    {name}: {count}" for name, count in draft.per_hour.items())
     return f"""\
 # A site for UrbanTwin. It runs as it is: urbantwin run site.yaml -o out/
@@ -216,9 +221,10 @@ region:
 #         green: [north, south]
 #       - green: [east, west]
 
+{loop}
 traffic:
-  # How many set out per hour in the whole region. These are guesses from the number of lanes;
-  # put counts here if you have them. A class that is not listed has none.
+  # How many come into the region per hour. These are guesses from the number of lanes; put counts
+  # here if you have them. A class that is not listed has none.
   per_hour:
 {counts}
   duration_s: 20        # length of the recorded motion

@@ -62,8 +62,8 @@ class TrafficSpec(_Strict):
     """How much traffic, for how long.
 
     Attributes:
-        per_hour: actors that set out per hour, by class, over the whole region. A class that is
-            not named has none.
+        per_hour: actors that come into the region per hour, by class, over all streets together. A
+            class that is not named has none.
         duration_s: length of the motion, seconds.
         warmup_s: simulated before the motion starts, so that the streets are not empty, seconds.
         step_s: time between two steps of the simulation, seconds.

@@ -22,6 +22,7 @@ __all__ = ["Circulation"]
 
 #: Everybody has come in after this long, or after half of the warm-up if that is shorter, seconds.
 _COMING_IN_S = 60.0
+_ON_FOOT = "pedestrian"
 #: Some drive up to so much faster than the limit.
 _FASTEST = 1.25
 
@@ -50,7 +51,7 @@ class Circulation:
                 continue
             vclass = ACTOR_KINDS[name].vclass
             if vclass not in made:
-                walks = name == "pedestrian"
+                walks = name == _ON_FOOT
                 graph = (
                     walked_graph(network, self.outer)
                     if walks
@@ -63,6 +64,12 @@ class Circulation:
                 continue
             self._circuits[name] = circuit
             self._usual[name] = circuit.usual(seed)
+
+    @property
+    def drives(self) -> bool:
+        """Whether any of those who drive find a way round."""
+        driving = [name for name, rate in self.per_hour.items() if rate > 0 and name != _ON_FOOT]
+        return any(name in self._circuits for name in driving)
 
     def populations(
         self, pace: Mapping[str, float] | None = None, *, carried: float = 1.0
@@ -160,7 +167,7 @@ class Circulation:
             passage = [state, *circuit.passage(state, random)]
             left_s -= sum(float(graph.seconds[pair]) for pair in itertools.pairwise(passage))
             passages.append(passage)
-        if actor_class != "pedestrian":
+        if actor_class != _ON_FOOT:
             states = passages[0] + [state for passage in passages[1:] for state in passage[1:]]
             edges = tuple(graph.edges[state] for state in states)
             return Trip(actor_class, asset, depart_s, edges, anywhere=True)

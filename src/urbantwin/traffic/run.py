@@ -122,9 +122,10 @@ def demand_of(twin: Twin, *, duration_s: float, seed: int) -> Demand:
     """
     asked = twin.site["traffic"]
     network = StreetNetwork(twin.net_path, twin.region)
-    outer = _outer_roads(twin)
-    if outer:
-        circulation = Circulation(network, outer, asked["per_hour"], seed)
+    circulation = None
+    if twin.site.get("closed_loop"):
+        circulation = Circulation(network, _outer_roads(twin), asked["per_hour"], seed)
+    if circulation is not None and circulation.drives:
         found = calibrate(
             circulation,
             twin.net_path,
@@ -150,9 +151,12 @@ def demand_of(twin: Twin, *, duration_s: float, seed: int) -> Demand:
 
 
 def _outer_roads(twin: Twin) -> frozenset[str]:
-    """Return the edges of the outer roads of a closed loop: those that no way of the map is."""
+    """Return the edges of the outer roads: those that no way of the map is.
+
+    Roads that are not made from ways have none: there one turns round where they end.
+    """
     roads = twin.roads.roads
-    if not (twin.site.get("closed_loop") and any(road.ways for road in roads)):
+    if not any(road.ways for road in roads):
         return frozenset()
     return frozenset(road.id for road in roads if not road.ways)
 
