@@ -75,6 +75,7 @@ class Manoeuvre:
         entry, exit: the roads that it joins, and
         start, end: the lanes there.
         kind: ``driving``, ``bus`` or ``bicycle``.
+        allowed: classes of actors that may go this way.
         speed_limit: m/s.
         curve: the middle of its lane.
     """
@@ -88,6 +89,7 @@ class Manoeuvre:
     start: Strip
     end: Strip
     kind: str
+    allowed: tuple[str, ...]
     speed_limit: float
     curve: Curve
 
@@ -264,11 +266,18 @@ def build_manoeuvres(
                 start,
                 end,
                 _kind(start.lane, end.lane, chain),
+                _allowed(start.lane, end.lane, chain),
                 min([lane.speed_limit for lane in chain] or [start.lane.speed_limit]),
                 _curve(entry, start, leave, end, chain),
             )
         )
     return tuple(result)
+
+
+def _allowed(start: Lane, end: Lane, chain: list[Lane]) -> tuple[str, ...]:
+    """Return who may use all lanes of a way; where nobody may, who may use its first."""
+    common = [name for name in start.allowed if all(name in x.allowed for x in (*chain, end))]
+    return tuple(common) or (chain[0] if chain else start).allowed
 
 
 def _kind(start: Lane, end: Lane, chain: list[Lane]) -> str:

@@ -122,14 +122,13 @@ def _lane(strip: Strip) -> SectionLane:
 def _connecting(manoeuvre: Manoeuvre, junction: int, level: int) -> ModelRoad:
     m = manoeuvre
     width = Profile.ramp(m.start.lane.width, m.end.lane.width, m.curve.length)
-    allowed = set(m.start.lane.allowed) & set(m.end.lane.allowed)
     lane = SectionLane(
         id=m.side,
         kind=m.kind,
         width=width,
         forward=True,
         speed_limit=m.speed_limit,
-        allowed=tuple(name for name in m.start.lane.allowed if name in allowed),
+        allowed=m.allowed,
         strip=" ".join(m.route.via),
         predecessor=m.start.id,
         successor=m.end.id,
