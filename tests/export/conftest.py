@@ -9,9 +9,27 @@ import pytest
 
 from urbantwin.site import load_site
 from urbantwin.site.init import init_site
+from urbantwin.traffic.run import demand_of
 from urbantwin.twin import build_twin
 
 ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def planned_once():
+    """Plan a twin's traffic once for all exports: in a closed loop that takes pilot simulations."""
+    known = {}
+
+    def planned(twin, *, duration_s, seed):
+        key = twin.sha256, duration_s, seed
+        if key not in known:
+            known[key] = demand_of(twin, duration_s=duration_s, seed=seed)
+        return known[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        for module in ("sumo", "carla.traffic"):
+            patch.setattr(f"urbantwin.export.{module}.demand_of", planned)
+        yield planned
 
 
 @pytest.fixture(scope="session")

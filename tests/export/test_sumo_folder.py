@@ -11,7 +11,6 @@ from lxml import etree
 from urbantwin.export import export_twin
 from urbantwin.roads.netconvert import sumo_binary, sumo_environment, sumo_home
 from urbantwin.traffic.assets import asset
-from urbantwin.traffic.run import demand_of
 from urbantwin.traffic.simulation import simulate
 from urbantwin.view.footprint import footprints
 
@@ -47,13 +46,14 @@ def test_sumo_runs_the_folder_to_its_end_without_a_complaint(exported, tmp_path)
     assert int(statistics.find("persons").get("loaded")) > 3
 
 
-def test_the_run_is_the_twin_s_own_traffic(exported, tmp_path):
+def test_the_run_is_the_twin_s_own_traffic(exported, planned_once, tmp_path):
     twin, folder = exported
     asked = twin.site["traffic"]
     steps = 20
+    demand = planned_once(twin, duration_s=asked["duration_s"], seed=asked["seed"])
     simulated = simulate(
         twin.net_path,
-        demand_of(twin, duration_s=asked["duration_s"], seed=asked["seed"]),
+        demand,
         asset,
         warmup_s=asked["warmup_s"],
         steps=steps,

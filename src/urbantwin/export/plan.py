@@ -26,6 +26,11 @@ def write_plan(twin: Twin, path: Path) -> None:
     Raises:
         InputError: the path is a file of another kind, or a folder that holds something else.
     """
+    single = path.suffix.lower() in ENDINGS
+    if single and path.is_dir():
+        raise InputError("is a folder", file=path, expected="a file, such as plan.svg")
+    if not single and path.is_file():
+        raise InputError("is a file", file=path, expected="a folder, or a name that ends .svg")
     figure = plan_figure(
         twin.roads,
         twin.region,
@@ -36,15 +41,11 @@ def write_plan(twin: Twin, path: Path) -> None:
         attribution=attributions(twin.manifest),
         look=PAPER,
     )
-    if path.suffix.lower() in ENDINGS:
-        if path.is_dir():
-            raise InputError("is a folder", file=path, expected="a file, such as plan.svg")
+    if single:
         scratch = path.with_name(f".part-{path.name}")
         save(figure, scratch)
         scratch.replace(path)
         return
-    if path.is_file():
-        raise InputError("is a file", file=path, expected="a folder, or a name that ends .svg")
     with replaced_folder(path, kind="plan") as folder:
         for ending in ENDINGS:
             save(figure, folder / f"plan{ending}")

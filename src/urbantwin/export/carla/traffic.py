@@ -55,7 +55,7 @@ def carla_traffic(twin: Twin) -> dict[str, Any]:
     per_hour: Mapping[str, float] = asked["per_hour"]
     seed = int(asked["seed"])
     demand = demand_of(twin, duration_s=float(asked["duration_s"]), seed=seed)
-    if getattr(demand, "circulates", False):
+    if demand.circulates:
         present = Counter(trip.actor_class for trip in demand.trips)
         seconds = {
             name: 3600.0 * count / max(float(per_hour[name]), 1e-9)
