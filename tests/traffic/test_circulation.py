@@ -1,0 +1,199 @@
+"""A closed loop: everybody stays, moves and comes back, as SUMO's own output and our tables say."""
+
+import itertools
+import re
+import subprocess
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import shapely
+
+from urbantwin.geometry import SiteFrame
+from urbantwin.ground import Elevation
+from urbantwin.roads import build_roads, sumo_binary
+from urbantwin.site import read_extract
+from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.traffic.assets import asset, asset_names
+from urbantwin.traffic.calibration import calibrate
+from urbantwin.traffic.circuit import Circuit
+from urbantwin.traffic.circulation import Circulation
+from urbantwin.traffic.network import StreetNetwork
+from urbantwin.traffic.simulation import observe, sumo_options, write_routes
+from urbantwin.traffic.way_graph import driven_graph, walked_graph
+
+SECONDS = 1500
+PER_HOUR = {"car": 500.0, "truck": 40.0, "bus": 30.0, "motorcycle": 40.0, "bicycle": 80.0}
+PER_HOUR["pedestrian"] = 120.0
+REGION = shapely.box(-120, -120, 120, 120)
+
+
+@pytest.fixture(scope="module")
+def town(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, frozenset[str]]:
+    """A signalised crossing whose four arms the region's border cuts: net and outer edges."""
+    folder = tmp_path_factory.mktemp("town")
+    places = {1: (-200, 0), 2: (0, 0), 3: (200, 0), 4: (0, -200), 5: (0, 200)}
+    nodes = ""
+    for node, (x, y) in places.items():
+        lat, lon = 48.7 + y / 111_194.9, 9.18 + x / 73_391.0
+        tag = '<tag k="highway" v="traffic_signals"/>' if node == 2 else ""
+        nodes += f'<node id="{node}" lat="{lat:.9f}" lon="{lon:.9f}" version="1">{tag}</node>'
+    tags = {"highway": "secondary", "lanes": "4", "sidewalk": "both", "maxspeed": "50"}
+    tagged = "".join(f'<tag k="{k}" v="{v}"/>' for k, v in tags.items())
+    ways = "".join(
+        f'<way id="{way}" version="1">{"".join(f"<nd ref={chr(34)}{n}{chr(34)}/>" for n in refs)}'
+        f"{tagged}</way>"
+        for way, refs in ((10, (1, 2, 3)), (11, (4, 2, 5)))
+    )
+    osm = folder / "town.osm"
+    osm.write_text(f'<osm version="0.6">{nodes}{ways}</osm>')
+    net = folder / "town.net.xml"
+    built = build_roads(
+        read_extract(osm),
+        SiteFrame(48.7, 9.18),
+        REGION,
+        Elevation.flat(),
+        driving_side="right",
+        out=net,
+        closed_loop=True,
+    )
+    return net, frozenset(road.id for road in built.network.roads if not road.ways)
+
+
+@pytest.fixture(scope="module")
+def circulation(town: tuple[Path, frozenset[str]]) -> Circulation:
+    return Circulation(StreetNetwork(town[0], REGION), town[1], PER_HOUR, 7)
+
+
+@pytest.fixture(scope="module")
+def demand(town: tuple[Path, frozenset[str]], circulation: Circulation):
+    found = calibrate(circulation, town[0], room=500.0, asset=asset, asset_names=asset_names)
+    assert found.carried == 1.0
+    return circulation.demand(
+        found.populations, warmup_s=120.0, duration_s=SECONDS - 120, asset_names=asset_names
+    )
+
+
+@pytest.fixture(scope="module")
+def seen(town: tuple[Path, frozenset[str]], demand):
+    return observe(town[0], demand, asset, seconds=SECONDS, step_ms=500, seed=7)
+
+
+def test_nobody_leaves_nobody_is_lifted_and_nobody_is_stuck(demand, seen) -> None:
+    planned = Counter(trip.actor_class for trip in demand.trips)
+    for column, name in enumerate(ACTOR_CLASSES):
+        assert planned[name] > 0
+        assert (seen.observed.least[2:, column] == planned[name]).all()
+        assert (seen.observed.most[2:, column] == planned[name]).all()
+    assert seen.teleports == 0
+    assert seen.observed.stuck == ()
+    assert seen.observed.longest_halt_s < 180
+
+
+def test_speed_does_not_fall_with_time(seen) -> None:
+    speed = seen.observed.metres[:, :5].sum(axis=1) / seen.observed.samples[:, :5].sum(axis=1)
+    first, last = speed[3:13].mean(), speed[-11:-1].mean()
+    assert last == pytest.approx(first, rel=0.15)
+    assert first > 2.0
+
+
+def test_as_many_pass_as_were_asked_for(seen) -> None:
+    """Within 15 % and the chance of counting (three standard deviations of a Poisson count)."""
+    hours = (len(seen.observed.entries) - 3) / 60
+    for column, name in enumerate(ACTOR_CLASSES):
+        counted = seen.observed.entries[3:, column].sum()
+        asked = PER_HOUR[name] * hours
+        # One vehicle more or less is the finest that there is.
+        one = asked / max(seen.observed.most[-1, column], 1)
+        assert abs(counted - asked) < 0.15 * asked + 0.5 * one + 3 * np.sqrt(asked), name
+
+
+def test_sumo_itself_counts_everybody_all_the_time(town, demand, tmp_path: Path) -> None:
+    """The same traffic in the program ``sumo``: its summary says how many there are."""
+    write_routes(tmp_path / "r.rou.xml", demand, asset)
+    summary, people = tmp_path / "s.xml", tmp_path / "p.xml"
+    options = [f"--{k}={v}" for k, v in sumo_options(1000, 7, circulates=True).items()]
+    command = [sumo_binary("sumo"), "-n", town[0], "-r", tmp_path / "r.rou.xml", *options]
+    command += ["--summary-output", summary, "--person-summary-output", people, "--end", "900"]
+    done = subprocess.run(
+        [*map(str, command), "--no-step-log", "true"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    vehicles = sum(trip.actor_class != "pedestrian" for trip in demand.trips)
+    for path, tag, count in ((summary, "running", vehicles), (people, "loaded", None)):
+        steps = ElementTree.parse(path).getroot().findall("step")
+        assert len(steps) > 800
+        late = steps[120:]
+        if count is not None:
+            assert {int(step.get(tag)) for step in late} == {count}
+            assert {int(step.get("arrived", step.get("ended"))) for step in late} == {0}
+            assert {int(step.get("teleports")) for step in late} == {0}
+    assert not re.search(r"(?m)^Error", done.stderr)
+
+
+def test_passages_follow_the_networks_connections(town, demand) -> None:
+    root = ElementTree.parse(town[0]).getroot()
+    joined = {(item.get("from"), item.get("to")) for item in root.iter("connection")}
+    for trip in demand.trips:
+        if trip.actor_class != "pedestrian":
+            assert all(pair in joined for pair in itertools.pairwise(trip.edges))
+            assert len(set(trip.edges) & demand.outer) >= 2, "more than one way out and in"
+
+
+def test_walks_go_on_where_the_one_before_ended(demand) -> None:
+    for trip in demand.trips:
+        if trip.actor_class == "pedestrian":
+            walks = [(trip.edges, trip.arrive_m), *trip.then]
+            assert len(walks) > 3
+            for (before, _), (after, _) in itertools.pairwise(walks):
+                assert after[0] == before[-1]
+            for edges, _ in walks:
+                assert all(a != b for a, b in itertools.pairwise(edges))
+
+
+def test_trips_depend_on_the_seed_and_on_nothing_else(town, circulation: Circulation) -> None:
+    def planned(seed: int, **more: float):
+        made = Circulation(StreetNetwork(town[0], REGION), town[1], {**PER_HOUR, **more}, seed)
+        return made.demand(
+            made.populations(), warmup_s=60, duration_s=60, asset_names=asset_names
+        ).trips
+
+    assert planned(7) == planned(7)
+    assert planned(7) != planned(8)
+
+    def cars(trips) -> list:
+        return [trip for trip in trips if trip.actor_class == "car"]
+
+    assert cars(planned(7)) == cars(planned(7, bus=300.0))
+
+
+@pytest.mark.parametrize("vclass", ["passenger", "bicycle", None])
+def test_gates_are_passed_in_proportion_to_their_traffic(town, vclass: str | None) -> None:
+    """The four arms are alike: over many passages each is passed equally often."""
+    network = StreetNetwork(town[0], REGION)
+    graph = walked_graph(network, town[1]) if vclass is None else driven_graph(
+        network, vclass, town[1]
+    )  # fmt: skip
+    circuit = Circuit.of(graph)
+    random = np.random.default_rng(1)
+    state, passed = circuit.begin(0.5), Counter()
+    for _ in range(2000):
+        before = state
+        state = circuit.passage(state, random)[-1]
+        passed[int(graph.gate[state])] += 1
+        assert graph.gate[state] != graph.gate[before], "nobody returns where there is another way"
+    assert len(passed) == 4
+    assert min(passed.values()) > 0.8 * 500
+
+
+def test_a_network_without_a_way_round_has_no_circuit(
+    make_net: Callable[..., Path], tmp_path: Path
+) -> None:
+    nodes = '<node id="a" x="-140" y="0"/><node id="b" x="140" y="0"/>'
+    net = make_net(tmp_path, nodes, '<edge id="ab" from="a" to="b"/>')
+    circulation = Circulation(StreetNetwork(net, REGION), frozenset(), {"car": 100.0}, 1)
+    assert not circulation.drives
+    assert circulation.populations() == []
