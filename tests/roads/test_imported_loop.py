@@ -68,7 +68,8 @@ def test_a_bus_gets_round_and_the_way_has_no_step(closed):
         assert radius[turn > 1e-3].min(initial=99.0) > 5.3 + 1.25
         for following in lanes[name].successors:
             gap = lanes[following].centre[0] - lanes[name].centre[-1]
-            assert np.abs(gap).max() < 0.05, (name, following)
+            assert np.abs(gap[:2]).max() < 0.06, (name, following)
+            assert abs(gap[2]) < 0.01, (name, following)
 
 
 def test_vehicles_drive_round_for_ten_minutes(closed, tmp_path):

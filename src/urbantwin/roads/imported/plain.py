@@ -32,6 +32,10 @@ PRIORITY = {
     "primary_link": 9, "secondary": 8, "secondary_link": 7, "tertiary": 6, "tertiary_link": 5,
     "unclassified": 4, "residential": 3, "living_street": 2, "service": 1,
 }  # fmt: skip
+#: Length of a mere border between two lanes, the least that SUMO knows, metres.
+BORDER_M = 0.1
+#: Lanes that are linked and no farther apart than this meet, metres.
+MEET_M = 2.0
 #: Acceleration to the side that drivers accept in turns, m/s^2 (netconvert's own default).
 TURN_MS2 = 5.5
 #: Largest distance of a chord from a lane's middle, metres, and step where it is curved.
@@ -115,8 +119,11 @@ def _chained(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:
 def _nodes(plain: PlainNetwork) -> etree._Element:
     """A node lies amid the ends of its lanes; a junction's outline is what its ways cover."""
     ends: dict[str, list[NDArray[np.float64]]] = defaultdict(list)
+    meeting: dict[str, list[tuple[Edge, int]]] = defaultdict(list)
     for edge in plain.edges:
         start, end = plain.nodes.of_edge(edge)
+        meeting[start].append((edge, 0))
+        meeting[end].append((edge, -1))
         for index in range(len(edge.lanes)):
             line = edge_lane_line(edge, index)
             ends[start].append(line[0])
@@ -126,10 +133,11 @@ def _nodes(plain: PlainNetwork) -> etree._Element:
         x, y = np.mean(points, axis=0)
         item = etree.SubElement(root, "node", id=node, x=f"{x:.3f}", y=f"{y:.3f}")
         junction = plain.nodes.junctions.get(node)
-        if junction is not None:
-            outline = plain.outlines[junction]
-            if len(outline) > 2:
-                item.set("shape", _shape(outline))
+        outline = plain.outlines[junction] if junction is not None else np.zeros((0, 2))
+        if len(outline) > 2:
+            item.set("shape", _shape(outline))
+        elif len({(edge.road.id, edge.sections) for edge, _ in meeting[node]}) > 1:
+            item.set("shape", _shape(_across(meeting[node])))
         item.set("type", "traffic_light" if node in plain.lights else "priority")
         if node in plain.lights:
             item.set("tl", plain.lights[node])
@@ -254,6 +262,8 @@ def _connections(plain: PlainNetwork) -> etree._Element:
             "connection",
             {"from": start.id, "to": end.id, "fromLane": str(i), "toLane": str(j)},
         )
+        if not link.path and (border := _border_line(start, i, end, j)) is not None:
+            item.set("shape", _shape(border))
         if link.path:
             line = path_line(plain.model, link.path)
             item.set("shape", _shape(line))
@@ -281,6 +291,37 @@ def _connections(plain: PlainNetwork) -> etree._Element:
             },
         )
     return root
+
+
+def _border_line(start: Edge, i: int, end: Edge, j: int) -> NDArray[np.float64] | None:
+    """Return the way over a mere border between two lanes (2, 2): as short as SUMO's lanes may be.
+
+    Left to itself, netconvert makes a junction of some metres there, over the ends of the lanes.
+    ``None`` where the lanes do not meet.
+    """
+    before, after = edge_lane_line(start, i), edge_lane_line(end, j)
+    a, b = before[-1], after[0]
+    gap = float(np.linalg.norm(b - a))
+    if gap >= BORDER_M:
+        return np.array([a, b]) if gap < MEET_M else None
+    leg = before[-1] - before[-2]
+    half = leg / max(float(np.linalg.norm(leg)), 1e-9) * BORDER_M / 2
+    return np.array([a - half, a + half])
+
+
+def _across(edges: list[tuple[Edge, int]]) -> NDArray[np.float64]:
+    """Return the outline of a border across some edges (M, 2), at their first or last points."""
+    corners = []
+    for edge, at in edges:
+        for index in range(len(edge.lanes)):
+            line = edge_lane_line(edge, index)
+            leg = line[1] - line[0] if at == 0 else line[-1] - line[-2]
+            leg = leg / max(float(np.linalg.norm(leg)), 1e-9)
+            normal = np.array([-leg[1], leg[0]]) * _width(edge, index) / 2
+            corners += [line[at] + u + v for u in (normal, -normal)
+                        for v in (leg * BORDER_M / 2, -leg * BORDER_M / 2)]  # fmt: skip
+    hull = shapely.convex_hull(shapely.MultiPoint(np.array(corners)))
+    return np.asarray(shapely.get_coordinates(hull)[:-1])
 
 
 def _turn_speed(line: NDArray[np.float64]) -> float:
