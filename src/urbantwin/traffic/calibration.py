@@ -20,9 +20,9 @@ from urbantwin.traffic.simulation import Observed, observe
 __all__ = ["Calibrated", "calibrate"]
 
 #: Length of a pilot, the start of it that does not count, and SUMO's step.
-PILOT_S, SETTLING_MIN, STEP_MS = 540, 3, 1000
+PILOT_S, SETTLING_MIN, STEP_MS = 420, 2, 1000
 #: Pilots at most, and what is near enough to the wish.
-PILOTS, TOLERANCE = 5, 0.07
+PILOTS, TOLERANCE = 4, 0.08
 #: Speed as a share of free speed before anything is known.
 FIRST_GUESS = {"motor": 0.5, "bicycle": 0.7, "pedestrian": 0.85}
 #: The first pilot is one of little traffic, of this share of what was asked for.
@@ -53,6 +53,7 @@ def calibrate(
     room: float,
     asset: Callable[[str], Asset],
     asset_names: Callable[[str], tuple[str, ...]],
+    progress: Callable[[float], None] | None = None,
 ) -> Calibrated:
     """Find the population that the wanted flow needs, or less where the streets cannot carry it.
 
@@ -62,6 +63,7 @@ def calibrate(
         room: how many cars fit onto the network's lanes bumper to bumper.
         asset: the mesh of a name.
         asset_names: the meshes of a class.
+        progress: called with the fraction done.
 
     Raises:
         StageError: SUMO failed.
@@ -90,7 +92,9 @@ def calibrate(
     pace = pilot(planned(pace, LITTLE))
     least = SLOWEST * pace["motor"]
     carried = 1.0
-    for _ in range(PILOTS):
+    for number_done in range(PILOTS):
+        if progress:
+            progress((1 + number_done) / (1 + PILOTS))
         number = _vehicles(planned(pace, carried))
         if number > FULLEST * room:
             carried *= FULLEST * room / number

@@ -61,7 +61,12 @@ def run_traffic(
     chosen_seed = _seed(asked["seed"] if seed is None else seed)
 
     told(0.0, "planning trips")
-    demand = demand_of(twin, duration_s=steps * step_s, seed=chosen_seed)
+    demand = demand_of(
+        twin,
+        duration_s=steps * step_s,
+        seed=chosen_seed,
+        progress=lambda fraction: told(0.1 * fraction, "finding how many circulate"),
+    )
     simulated = simulate(
         twin.net_path,
         demand,
@@ -111,7 +116,13 @@ def run_traffic(
     return motion
 
 
-def demand_of(twin: Twin, *, duration_s: float, seed: int) -> Demand:
+def demand_of(
+    twin: Twin,
+    *,
+    duration_s: float,
+    seed: int,
+    progress: Callable[[float], None] | None = None,
+) -> Demand:
     """Return who sets out in a twin, as its site asks for, over warm-up and duration.
 
     In a closed loop everybody comes in during the warm-up and stays. How many that takes is found
@@ -132,6 +143,7 @@ def demand_of(twin: Twin, *, duration_s: float, seed: int) -> Demand:
             room=_room(twin),
             asset=asset,
             asset_names=asset_names,
+            progress=progress,
         )
         demand = circulation.demand(
             found.populations,
