@@ -14,13 +14,13 @@ from urbantwin.roads.model import LaneModel, RoadSignal, SignalController
 from urbantwin.roads.network import RoadNetwork
 from urbantwin.roads.signals.approach import (
     Approach,
-    Frame,
     Waiting,
     approaches_of,
     stop_lines_within,
 )
 from urbantwin.roads.signals.free_ground import CLEARANCE_M, FreeGround
 from urbantwin.roads.signals.practice import Practice
+from urbantwin.roads.signals.walker_heads import walker_heads
 from urbantwin.roads.strips import SurfaceHeight
 
 __all__ = ["REACH_M", "stand_signals"]
@@ -32,10 +32,10 @@ REACH_M = 15.0
 #: A head beyond the junction is 12 to 55 m from the stop line (MUTCD 2009, 4D.14: 40 to 180 ft).
 NEAREST_M, FARTHEST_M = 12.0, 55.0
 #: Middles of heads: over lanes 5.2 m clear (MUTCD 2009, 4D.15: 4.6 to 7.8 m; RiLSA: 4.5 m), beside
-#: them 2.3 m clear (RiLSA 6.3: 2.1 m; MUTCD: 2.4 m), on foot 2.2 m (MUTCD 4E.05: 2.1 m), metres.
-OVER_M, BESIDE_M, WALK_M = 5.7, 2.8, 2.65
-#: Heights and widths of heads of three and of two lights of 300 and 200 mm, metres.
-VEHICLE_SIZE, WALKER_SIZE = (1.0, 0.35), (0.6, 0.3)
+#: them 2.3 m clear (RiLSA 6.3: 2.1 m; MUTCD: 2.4 m), metres.
+OVER_M, BESIDE_M = 5.7, 2.8
+#: Height and width of a head of three lights of 300 mm, metres.
+VEHICLE_SIZE = (1.0, 0.35)
 #: Heads side by side on one pole, metres.
 BESIDE_EACH_OTHER_M = 0.45
 #: Heads over lanes hang at least this far apart, metres.
@@ -76,7 +76,7 @@ def stand_signals(
         lane = network.lane_by_id.get(signal.strip)
         if signal.dynamic and lane is not None and lane.kind == "crossing":
             replaced.add(signal.id)
-            standing += _walker_heads(model, signal, lane.centre, lane.width, ground)
+            standing += walker_heads(model, signal, lane.centre, lane.width, ground)
     standing = _raised(model, standing, height)
     kept = [signal for signal in model.signals if signal.id not in replaced]
     first = model.next_id
@@ -236,59 +236,3 @@ def _head(
     middle = float(np.mean([lane.v for lane in lanes]))
     pose = (float(xy[0, 0]), float(xy[0, 1]), up, facing)
     return replace(common, s=approach.s, t=sign * middle, pose=pose)
-
-
-def _walker_heads(
-    model: LaneModel,
-    signal: RoadSignal,
-    centre: NDArray[np.float64],
-    width: float,
-    ground: FreeGround,
-) -> list[RoadSignal]:
-    """Return a head at each end of a crossing, which faces those who come from the other end."""
-    area = next((a for a in model.areas if a.strip == signal.strip), None)
-    road = model.road_by_id[area.road if area else signal.road]
-    found = []
-    for end, other in ((centre[0], centre[1]), (centre[-1], centre[-2])):
-        outward = math.atan2(end[1] - other[1], end[0] - other[0])
-        frame = Frame(float(end[0]), float(end[1]), outward)
-        spot = _beside_crossing(frame, width / 2 + 0.3, ground, road.level)
-        if spot is None:
-            continue
-        xy = frame.place(*spot)
-        pose = (
-            float(xy[0, 0]),
-            float(xy[0, 1]),
-            WALK_M,
-            math.remainder(outward + math.pi, 2 * math.pi),
-        )
-        s, t = (float(value[0]) for value in road.curve.locate(xy))
-        found.append(
-            replace(
-                signal,
-                road=road.id,
-                s=float(np.clip(s, 0.0, road.length)),
-                t=t,
-                z=WALK_M,
-                orientation="none",
-                lanes=(),
-                height=WALKER_SIZE[0],
-                width=WALKER_SIZE[1],
-                pose=pose,
-            )
-        )
-    return found or [signal]
-
-
-def _beside_crossing(
-    frame: Frame, side: float, ground: FreeGround, level: int
-) -> NDArray[np.float64] | None:
-    """Return u, v of the nearest free place beyond a crossing's end, on either side of it."""
-    u = np.arange(0.4, 9.0, 0.4)
-    for v in (np.array([side]), np.arange(side + 0.4, side + 2.8, 0.4)):
-        grid = np.stack(np.meshgrid(u, [*v, *-v], indexing="ij"), axis=-1).reshape(-1, 2)
-        free = ground.free(frame.place(grid[:, 0], grid[:, 1]), level)
-        if free.any():
-            cost = grid[:, 0] + np.abs(grid[:, 1])
-            return np.asarray(grid[np.argmin(np.where(free, cost, np.inf))])
-    return None

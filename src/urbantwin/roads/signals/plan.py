@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
-from itertools import combinations
+from collections.abc import Sequence
 
 from urbantwin.roads.model.furniture import Phase
-from urbantwin.roads.signals.layout import Link, Signalised, turn_between
+from urbantwin.roads.signals.check import (
+    WALK_S,
+    check_conflicts,
+    check_greens,
+    checked_states,
+)
+from urbantwin.roads.signals.layout import Link, Signalised
 from urbantwin.roads.signals.words import UnknownWords, crossings, vehicle_links
 from urbantwin.site.signals import PhaseSpec, SignalPlan
 
@@ -19,11 +24,8 @@ YELLOW_S = ((52 / 3.6, 3.0), (62 / 3.6, 4.0), (math.inf, 5.0))
 #: Clearance Intervals, 2020: the first second is the next driver's reaction), metres, m/s, s.
 VEHICLE_M, SLOWEST_M_S, REACTION_S = 6.1, 6.0, 1.0
 SHORTEST_ALL_RED_S, LONGEST_ALL_RED_S = 1.0, 5.0
-#: People walk 1.2 m/s (RiLSA 2015, 2.5) and get at least 4 s to set out (MUTCD 2009, 4E.06).
-WALK_M_S, WALK_S = 1.2, 4.0
-#: Approaches whose directions differ by more than this face each other, degrees.
-FACING_DEG = 120.0
-GREEN = "Gg"
+#: People walk 1.2 m/s (RiLSA 2015, 2.5).
+WALK_M_S = 1.2
 
 
 def planned(junction: Signalised, plan: SignalPlan) -> tuple[float, tuple[Phase, ...]]:
@@ -41,7 +43,7 @@ def planned(junction: Signalised, plan: SignalPlan) -> tuple[float, tuple[Phase,
     if spec.phases is not None:
         phases = _from_words(junction, plan)
     elif spec.states is not None:
-        phases = _from_states(junction, plan)
+        phases = checked_states(junction, plan)
     else:
         phases = junction.phases
     cycle = sum(seconds for seconds, _ in phases)
@@ -52,7 +54,7 @@ def planned(junction: Signalised, plan: SignalPlan) -> tuple[float, tuple[Phase,
             f"{cycle:g}, or a phase without seconds to take what is left",
         )
     if spec.phases is not None or spec.states is not None:
-        _check_greens(junction, plan, phases)
+        check_greens(junction, plan, phases)
     offset = junction.offset if spec.offset is None else spec.offset % cycle
     return offset, phases
 
@@ -61,7 +63,7 @@ def _from_words(junction: Signalised, plan: SignalPlan) -> tuple[Phase, ...]:
     specs = plan.spec.phases or []
     greens = [_greens(junction, plan, k, spec) for k, spec in enumerate(specs)]
     for k, green in enumerate(greens):
-        _check_conflicts(junction, green, plan, ("phases", k, "green"))
+        check_conflicts(junction, green, plan, ("phases", k, "green"))
     walks = [_walks(junction, plan, k, spec, greens[k]) for k, spec in enumerate(specs)]
     ends = [
         [
@@ -120,7 +122,7 @@ def _walks(
             except UnknownWords as error:
                 raise plan.error(error.problem, where, error.expected) from None
             found |= {link.index: link for link in chosen}
-            _check_conflicts(junction, [*green, *chosen], plan, where)
+            check_conflicts(junction, [*green, *chosen], plan, where)
         return [found[index] for index in sorted(found)]
     through = {link.road for link in green if link.movement == "through"}
     has_through = {link.road for link in junction.links if link.movement == "through"}
@@ -135,39 +137,6 @@ def _walks(
             if junction.are_foes(link, other)
         )
     ]
-
-
-def _conflict(junction: Signalised, a: Link, b: Link) -> bool:
-    """Whether two greens at once are more than one driver giving way to another."""
-    if not junction.are_foes(a, b) or a.road == b.road:
-        return False
-    if "walk" in (a.movement, b.movement):
-        other = b if a.movement == "walk" else a
-        return other.movement == "through"
-    facing = turn_between(a.bearing, b.bearing) > FACING_DEG
-    return not (facing and (a.is_turn or b.is_turn))
-
-
-def _check_conflicts(
-    junction: Signalised, green: Iterable[Link], plan: SignalPlan, where: tuple[int | str, ...]
-) -> None:
-    pairs = [pair for pair in combinations(green, 2) if _conflict(junction, *pair)]
-    if pairs:
-        # Those that go straight on say best what is wrong.
-        a, b = max(pairs, key=lambda pair: sum(not link.is_turn for link in pair))
-        raise plan.error(
-            f"gives green to conflicting traffic: {told(a)} and {told(b)}",
-            where,
-            "approaches that do not cross each other in one phase",
-        )
-
-
-def told(link: Link) -> str:
-    """Return a link in words: ``north through (First Street)``."""
-    street = f" ({link.street})" if link.street else ""
-    if link.movement == "walk":
-        return f"the crossing over the {link.arm} arm{street}"
-    return f"{link.arm} {link.movement}{street}"
 
 
 def _between(spec: PhaseSpec, ending: Sequence[Link]) -> tuple[float, float]:
@@ -230,70 +199,3 @@ def _joined(phases: Sequence[Phase]) -> tuple[Phase, ...]:
         elif seconds > 0:
             found.append((seconds, state))
     return tuple((round(seconds, 3), state) for seconds, state in found)
-
-
-def _from_states(junction: Signalised, plan: SignalPlan) -> tuple[Phase, ...]:
-    phases = tuple((spec.seconds, spec.state) for spec in plan.spec.states or [])
-    size = len(junction.phases[0][1]) if junction.phases else junction.size
-    for k, (_, state) in enumerate(phases):
-        where = ("states", k, "state")
-        if len(state) != size:
-            raise plan.error(f"has {len(state)} letters", where, f"{size}, one per link")
-        protected = [link for link in junction.links if state[link.index] == "G"]
-        for a, b in combinations(protected, 2):
-            if junction.are_foes(a, b) and a.road != b.road:
-                raise plan.error(
-                    f"gives right of way to conflicting traffic: {told(a)} (link {a.index}) and "
-                    f"{told(b)} (link {b.index})",
-                    where,
-                    "the letter g for who gives way, or one of them red",
-                )
-        following = phases[(k + 1) % len(phases)][1]
-        for link in junction.links:
-            abrupt = state[link.index] in GREEN and following[link.index] in "rs"
-            if abrupt and link.movement != "walk" and len(phases) > 1:
-                raise plan.error(
-                    f"is followed by red without yellow for {told(link)} (link {link.index})",
-                    where,
-                    "a phase with y between them",
-                )
-    return phases
-
-
-def _check_greens(junction: Signalised, plan: SignalPlan, phases: Sequence[Phase]) -> None:
-    """Check that everybody gets green, and none that is too short."""
-    where = ("phases",) if plan.spec.phases is not None else ("states",)
-    never = [
-        link for link in junction.links if all(state[link.index] in "rs" for _, state in phases)
-    ]
-    if never:
-        names = ", ".join(dict.fromkeys(map(told, never)))
-        raise plan.error(f"never gives green to {names}", where, "green for everybody in the cycle")
-    for link in junction.links:
-        on = [state[link.index] in GREEN for _, state in phases]
-        if not any(on):
-            continue
-        shortest = _shortest(on, [seconds for seconds, _ in phases])
-        least = min(plan.spec.minimum_green, WALK_S if link.movement == "walk" else math.inf)
-        if shortest < least - 1e-6:
-            raise plan.error(
-                f"gives {told(link)} {shortest:g} s of green",
-                where,
-                f"at least {least:g} s (minimum_green)",
-            )
-
-
-def _shortest(on: Sequence[bool], seconds: Sequence[float]) -> float:
-    """Return the shortest unbroken green, the program running round and round."""
-    if all(on):
-        return math.inf
-    start = on.index(False)
-    runs, run = [], 0.0
-    for k in range(len(on) + 1):
-        j = (start + k) % len(on)
-        if on[j] and k < len(on):
-            run += seconds[j]
-        elif run:
-            runs.append(run)
-            run = 0.0
-    return min(runs, default=math.inf)
