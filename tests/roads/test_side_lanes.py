@@ -1,6 +1,7 @@
 """Side lanes against the carriageway, the junctions and the tags that they come from."""
 
 import itertools
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -370,3 +371,32 @@ def test_real_streets(name, shared_data, tmp_path):
         assert shapely.intersection(area, driven).area <= 0.02 * area.area + 0.5
     names = [lane.id for lane in network.lanes]
     assert len(names) == len(set(names))
+
+
+def test_a_curb_takes_its_width_from_the_sidewalk(write_osm, tmp_path):
+    """Every sidewalk beside a carriageway has a curb of 15 cm; both keep the place of the two."""
+    nodes = {1: (-100, 0, {}), 2: (100, 0, {})}
+    path = write_osm(nodes, {1: ([1, 2], {"highway": "secondary", "sidewalk": "both"})})
+    built = build_roads(
+        read_extract(path),
+        HERE,
+        shapely.Point(0, 0).buffer(90),
+        Elevation.flat(),
+        driving_side="right",
+        out=tmp_path / "n.net.xml",
+    )
+    (item,) = (road for road in built.model.roads if road.junction < 0)
+    for section in item.sections:
+        for side in (1, -1):
+            kinds = [
+                section.by_id[k].kind for k in range(side, 9 * side, side) if k in section.by_id
+            ]
+            assert kinds[-2:] == ["curb", "sidewalk"]
+            curb, walk = (section.by_id[side * k] for k in (len(kinds) - 1, len(kinds)))
+            assert curb.height == walk.height == 0.15
+            middle = (item.section_ends[-1] - section.s) / 2
+            assert curb.width.at(middle)[0] == pytest.approx(0.15)
+    lanes = ElementTree.parse(tmp_path / "n.net.xml").getroot().findall("edge/lane")
+    mapped = {float(x.get("width")) for x in lanes if x.get("allow") == "pedestrian"}
+    walks = [lane for lane in built.network.lanes if lane.kind == "sidewalk"]
+    assert {round(lane.width + 0.15, 6) for lane in walks} == mapped

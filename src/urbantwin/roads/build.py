@@ -33,7 +33,12 @@ from urbantwin.roads.netconvert import sumo_network
 from urbantwin.roads.network import RoadNetwork
 from urbantwin.roads.reading import read_sumo_network
 from urbantwin.roads.redraw import redraw_sumo_network
-from urbantwin.roads.side_lanes import add_side_lanes, is_island, with_island_areas
+from urbantwin.roads.side_lanes import (
+    add_side_lanes,
+    is_island,
+    with_curbs,
+    with_island_areas,
+)
 from urbantwin.roads.signals.free_ground import FreeGround
 from urbantwin.roads.signals.heads import stand_signals
 from urbantwin.roads.signals.mapped import mapped_signals
@@ -181,6 +186,7 @@ def build_roads(
         crossings=_crossings(extract, frame, pieces),
         islands=_crossings(extract, frame, pieces, only=is_island),
     )
+    model = with_curbs(model)
     model, surface = with_heights(model, elevation, lift)
     model = with_tilted_widths(model)
     model = with_island_areas(furnished(model, raw, surface.height))

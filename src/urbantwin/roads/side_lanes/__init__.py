@@ -1,6 +1,7 @@
-"""Side lanes: parking, shoulders and medians beside the lanes that traffic follows."""
+"""Side lanes: parking, shoulders, medians and curbs beside the lanes that traffic follows."""
 
 from urbantwin.roads.side_lanes.add import add_side_lanes
+from urbantwin.roads.side_lanes.curb import with_curbs
 from urbantwin.roads.side_lanes.island import is_island, with_island_areas
 
-__all__ = ["add_side_lanes", "is_island", "with_island_areas"]
+__all__ = ["add_side_lanes", "is_island", "with_curbs", "with_island_areas"]

@@ -163,7 +163,7 @@ def _row(
     ]
     flat = next((k for k, x in enumerate(old) if x.kind in RAISED_KINDS), len(old))
     inside = flat - 1 if flat and old[flat - 1].kind == "bicycle" else flat
-    at = {"reference": 0, "outer": flat, "before_track": inside}
+    at = {"reference": 0, "outer": flat, "before_track": inside, "before_raised": flat}
     forward = old[0].forward if old else any(x.forward for x in section.lanes)
     # From the outermost place inwards, so that places counted before stay right.
     for k, item in sorted(active, key=lambda pair: (-at[pair[1].place], -pair[0])):
