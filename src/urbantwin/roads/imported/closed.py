@@ -16,6 +16,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from urbantwin.roads.imported.access import allowed
 from urbantwin.roads.imported.cut import part_of_road
 from urbantwin.roads.imported.plain import OUTER
 from urbantwin.roads.loop.bulb import BULB_RADIUS_M, Pose2, bulb
@@ -314,6 +315,7 @@ class _Builder:
         _, z0, fall0 = exit_.inner(exit_.leaving[0])
         _, z1, fall1 = entry.inner(entry.entering[0])
         lanes = []
+        users = _users(exit_)
         for k, out in enumerate(exit_.leaving):
             into = entry.entering[k] if k < len(entry.entering) else None
             first = exit_.section.by_id[out]
@@ -325,7 +327,7 @@ class _Builder:
                     Profile.ramp(widths[0], widths[1], curve.length),
                     True,
                     min(first.speed_limit or OUTER_MS, OUTER_MS),
-                    first.allowed,
+                    tuple(dict.fromkeys((*allowed(first), *users))),
                     predecessor=out,
                     successor=into,
                     mark="broken" if k + 1 < len(exit_.leaving) else "solid",
@@ -347,6 +349,17 @@ class _Builder:
             predecessor=RoadLink("road", exit_.road.id, exit_.end),
             successor=RoadLink("road", entry.road.id, entry.end),
         )
+
+
+def _users(end: _End) -> tuple[str, ...]:
+    """Return who has lanes of their own beside those that lead out: bicycles, buses."""
+    onward = end.end == "end"
+    return tuple(
+        name
+        for lane in end.section.lanes
+        if lane.kind in ("bicycle", "bus") and lane.forward == onward
+        for name in allowed(lane)
+    )
 
 
 def _joined(

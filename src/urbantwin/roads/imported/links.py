@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from urbantwin.roads.imported.access import allowed
 from urbantwin.roads.imported.edges import Edge, linked
 from urbantwin.roads.model import LaneModel, ModelJunction, ModelRoad, RoadLink, SectionLane
 
@@ -70,9 +71,10 @@ def lane_links(lanes: Lanes) -> list[LaneLink]:
             (start, i), (end, j) = link.start, link.end
             if "sidewalk" not in (start.lane(i).kind, end.lane(j).kind):
                 found.setdefault((start.strip(i), end.strip(j)), link)
-    for link in _of_bicycles(lanes.edges, list(found.values())):
-        (start, i), (end, j) = link.start, link.end
-        found.setdefault((start.strip(i), end.strip(j)), link)
+    for more in (_of_bicycles, _to_bicycles):
+        for link in list(more(lanes.edges, list(found.values()))):
+            (start, i), (end, j) = link.start, link.end
+            found.setdefault((start.strip(i), end.strip(j)), link)
     return list(found.values())
 
 
@@ -94,6 +96,25 @@ def _of_bicycles(edges: tuple[Edge, ...], links: list[LaneLink]) -> Iterator[Lan
                 end, lane = link.end
                 own = [k for k in range(len(end.lanes)) if end.lane(k).kind == "bicycle"]
                 yield LaneLink((edge, index), (end, own[0] if own else lane))
+
+
+def _to_bicycles(edges: tuple[Edge, ...], links: list[LaneLink]) -> Iterator[LaneLink]:
+    """Links to bicycle lanes that begin behind a junction: from the lane that bicycles come on."""
+    reached = {link.end[0].strip(link.end[1]) for link in links}
+    into: dict[str, list[LaneLink]] = defaultdict(list)
+    for link in links:
+        into[link.end[0].id].append(link)
+    for edge in edges:
+        for index in range(len(edge.lanes)):
+            if edge.lane(index).kind != "bicycle" or edge.strip(index) in reached:
+                continue
+            come: dict[str, tuple[Edge, int]] = {}
+            for link in into[edge.id]:
+                start, i = link.start
+                ridden = "bicycle" in allowed(start.lane(i, -1))
+                if ridden and i <= come.get(start.id, (start, i))[1]:
+                    come[start.id] = (start, i)
+            yield from (LaneLink(lane, (edge, index)) for lane in come.values())
 
 
 def _within(lanes: Lanes, road: ModelRoad) -> Iterator[LaneLink]:
