@@ -53,6 +53,20 @@ def test_from_a_map_to_frames(map_file, run_here, tmp_path):
     assert "avenues.xodr" in json.dumps(manifest["inputs"])
 
 
+def test_inspect_tells_what_a_map_holds(map_file, run_here, shared_data):
+    found = json.loads(run_here("inspect", map_file, "--json").out)
+    assert (found["kind"], found["format"], found["version"]) == ("roads", "OpenDRIVE", "1.8")
+    assert found["signals"] > 8
+    assert found["metres_of_lanes"]["driving"] > 500
+    assert found["georeference"].startswith("+proj=tmerc")
+    lanelets = shared_data / "tracks" / "karlsruhe-k733" / "k733.lanelet2.osm"
+    found = json.loads(run_here("inspect", lanelets, "--json").out)
+    assert found["format"] == "Lanelet2"
+    assert found["lanelets"] == 38
+    extract = shared_data / "osm" / "perth_stretched_lights.osm"
+    assert json.loads(run_here("inspect", extract, "--json").out)["kind"] == "osm"
+
+
 def test_the_folder_may_come_first_too(map_file, run_here, tmp_path):
     outcome = run_here("init", tmp_path / "a", "--roads", map_file)
     assert outcome.code == 0, outcome.err

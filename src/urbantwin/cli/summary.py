@@ -15,7 +15,8 @@ MANIFESTS = ("twin", "motion", "dataset", "report")
 CLOUDS = (".npy", ".bin", ".pcd", ".ply")
 EXPECTED = (
     "a twin, motion, dataset or report; a site.yaml, rig.yaml or sensor; an OpenStreetMap extract "
-    "(.osm, .osm.bz2, .osm.gz, .osm.pbf), a DEM (.tif) or a cloud (.npy, .bin, .pcd, .ply)"
+    "(.osm, .osm.bz2, .osm.gz, .osm.pbf), a map of the roads (.xodr, Lanelet2 .osm), a DEM (.tif) "
+    "or a cloud (.npy, .bin, .pcd, .ply)"
 )
 
 
@@ -38,7 +39,9 @@ def _by_ending(name: str) -> Callable[[Path], dict[str, Any]] | None:
         return lambda path: _folder(path.parent)
     for endings, describe in (
         ((".yaml", ".yml"), _yaml),
-        ((".osm", ".osm.bz2", ".osm.gz", ".pbf", ".xml"), _extract),
+        ((".xodr",), _roads),
+        ((".osm",), _extract_or_roads),
+        ((".osm.bz2", ".osm.gz", ".pbf", ".xml"), _extract),
         ((".tif", ".tiff"), _dem),
         (CLOUDS, _cloud),
     ):
@@ -160,6 +163,18 @@ def _yaml(path: Path) -> dict[str, Any]:
         file=path,
         expected="the field anchor, sensors or channels",
     )
+
+
+def _extract_or_roads(path: Path) -> dict[str, Any]:
+    from urbantwin.roads.imported import is_map_of_roads
+
+    return _roads(path) if is_map_of_roads(path) else _extract(path)
+
+
+def _roads(path: Path) -> dict[str, Any]:
+    from urbantwin.roads.imported import describe_map
+
+    return {"kind": "roads", **describe_map(path)}
 
 
 def _extract(path: Path) -> dict[str, Any]:

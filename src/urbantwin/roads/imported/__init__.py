@@ -1,6 +1,7 @@
 """Maps that somebody made, OpenDRIVE or Lanelet2, as the roads of a site."""
 
 from urbantwin.roads.imported.build import PreparedMap, build_imported_roads, prepared_map
+from urbantwin.roads.imported.describe import describe_map
 from urbantwin.roads.imported.init import init_site_of_map
 from urbantwin.roads.imported.read import ImportedMap, is_map_of_roads, read_map
 
@@ -8,6 +9,7 @@ __all__ = [
     "ImportedMap",
     "PreparedMap",
     "build_imported_roads",
+    "describe_map",
     "init_site_of_map",
     "is_map_of_roads",
     "prepared_map",
