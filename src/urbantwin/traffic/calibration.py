@@ -20,7 +20,7 @@ from urbantwin.traffic.simulation import Observed, observe
 __all__ = ["Calibrated", "calibrate"]
 
 #: Length of a pilot, the start of it that does not count, and SUMO's step.
-PILOT_S, SETTLING_MIN, STEP_MS = 420, 2, 1000
+PILOT_S, SETTLING_MIN, STEP_MS = 360, 2, 500
 #: Pilots at most, and what is near enough to the wish.
 PILOTS, TOLERANCE = 4, 0.08
 #: Speed as a share of free speed before anything is known.

@@ -42,7 +42,7 @@ _STUCK_S = (
     180  # longer than any red; a vehicle that waits so long is in a deadlock and is taken out
 )
 _BLOCKER_S = 60
-_SQUEEZE_S = 30  # people who stand in each other's way for so long squeeze past
+_SQUEEZE_S = 120  # people who stand in each other's way for so long squeeze past
 STUCK_S = 300.0  # who stays and halts for longer is reported
 _SUBLANE_M = 0.8  # two-wheelers pass each other and cars within a lane
 
@@ -234,12 +234,15 @@ def sumo_options(sumo_step_ms: int, seed: int, *, circulates: bool = False) -> d
     if circulates:
         # Nobody is lifted off the road. Who stands on a junction for long no longer bars others:
         # a last resort, by which two who wait for each other do not lock up the whole network.
-        waits = {"time-to-teleport": -1, "ignore-junction-blocker": _BLOCKER_S}
+        waits = {
+            "time-to-teleport": -1,
+            "ignore-junction-blocker": _BLOCKER_S,
+            "pedestrian.striping.jamtime": _SQUEEZE_S,
+        }
     return {
         "step-length": sumo_step_ms / 1000,
         "seed": seed % 2**31,
         "lateral-resolution": _SUBLANE_M,
-        "pedestrian.striping.jamtime": _SQUEEZE_S,
         **waits,
         # Told, not acted upon: SUMO's own way out is to lift the vehicle off the road.
         "collision.action": "warn",
