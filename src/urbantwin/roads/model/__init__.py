@@ -1,6 +1,6 @@
 """The lane model: roads of reference lines, profiles and lane sections, joined at junctions."""
 
-from urbantwin.roads.model.curve import Curve, Piece, filleted, splined, turned
+from urbantwin.roads.model.curve import Curve, Piece, all_turned, filleted, splined, turned
 from urbantwin.roads.model.furniture import RoadArea, RoadSignal, SignalController
 from urbantwin.roads.model.junction import Connection, ModelJunction
 from urbantwin.roads.model.model import LaneModel
@@ -24,6 +24,7 @@ __all__ = [
     "RoadSignal",
     "SectionLane",
     "SignalController",
+    "all_turned",
     "filleted",
     "fitted",
     "splined",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -13,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
-__all__ = ["Curve", "Piece", "filleted", "splined", "turned"]
+__all__ = ["Curve", "Piece", "all_turned", "filleted", "splined", "turned"]
 
 #: How far a fillet may leave the corner that it rounds, metres.
 FILLET_DEVIATION_M = 0.2
@@ -276,53 +275,78 @@ def turned(
         end: where it ends.
         directness: what a detour of one chord costs, in curvature of one over the chord.
     """
-    gap = end[:2] - start[:2]
-    reach = max(float(np.linalg.norm(gap)), 1e-6)
-    c, s = math.cos(start[2]), math.sin(start[2])
-    x, y = np.array([gap[0] * c + gap[1] * s, gap[1] * c - gap[0] * s]) / reach
-    u, v, swing, length = _turns(float(x), float(y), float(end[2] - start[2]))
-    best = int(np.argmin(np.round(swing + directness * length, 9)))
-    fine = np.linspace(0.0, 1.0, 129)
-    u, v = u[best : best + 1], v[best : best + 1]
-    speed = np.hypot(_derivative(u, fine, 1), _derivative(v, fine, 1))[0]
-    along = np.concatenate([[0.0], np.cumsum((speed[1:] + speed[:-1]) / 2 / 128)]) * reach
-    count = max(TURN_CUBICS, math.ceil(along[-1] / CUBIC_M))
-    at = np.interp(np.linspace(0.0, along[-1], count + 1), along, fine)
-    local = np.column_stack([_derivative(u, at, 0)[0], _derivative(v, at, 0)[0]]) * reach
-    heading = np.unwrap(np.arctan2(_derivative(v, at, 1)[0], _derivative(u, at, 1)[0])) + start[2]
-    heading[0] = start[2]
-    heading[-1] = end[2] + 2 * np.pi * round((heading[-1] - end[2]) / (2 * np.pi))
-    xy = start[:2] + np.column_stack(
-        [local[:, 0] * c - local[:, 1] * s, local[:, 0] * s + local[:, 1] * c]
-    )
-    xy[-1] = end[:2]
-    return _cubics(xy, heading, float(along[-1]) / count)
+    return all_turned(start[None], end[None], directness=directness)[0]
 
 
-@functools.lru_cache(maxsize=64)
-def _turns(x: float, y: float, turn: float) -> tuple[NDArray[np.float64], ...]:
-    """Return quintics from the origin, along x, to a place and heading, and what they are worth.
+def all_turned(
+    start: NDArray[np.float64], end: NDArray[np.float64], *, directness: float = 1.0
+) -> list[Curve]:
+    """Return many ways at once, as ``turned`` returns one.
 
-    Returns:
-        Coefficients u, v (N, 6) each, how much their curvature goes up and down: the largest
-        curvature where there is one bend, more where there are more (N,), and lengths (N,).
+    Args:
+        start: x, y, heading (M, 3) where they begin.
+        end: where they end.
+        directness: what a detour of one chord costs, in curvature of one over the chord.
     """
+    gap = end[:, :2] - start[:, :2]
+    reach = np.maximum(np.linalg.norm(gap, axis=1), 1e-6)
+    c, s = np.cos(start[:, 2]), np.sin(start[:, 2])
+    x, y = gap[:, 0] * c + gap[:, 1] * s, gap[:, 1] * c - gap[:, 0] * s
+    goal = np.column_stack([x / reach, y / reach, end[:, 2] - start[:, 2]])
+    # A few at a time stay in the processor's cache.
+    parts = [_gentlest(goal[k : k + 16], directness) for k in range(0, len(goal), 16)]
+    u, v = (np.concatenate(part) * reach[:, None] for part in zip(*parts, strict=True))
+    fine = np.linspace(0.0, 1.0, 129)
+    speed = np.hypot(_derivative(u, fine, 1), _derivative(v, fine, 1))
+    along = np.cumsum((speed[:, 1:] + speed[:, :-1]) / 256, axis=1)
+    along = np.column_stack([np.zeros(len(along)), along])
+    count = np.maximum(TURN_CUBICS, np.ceil(along[:, -1] / CUBIC_M).astype(int))
+    curves = []
+    for k, pieces in enumerate(count.tolist()):
+        at = np.interp(np.linspace(0.0, along[k, -1], pieces + 1), along[k], fine)
+        power = at ** np.arange(6)[:, None]
+        xy = np.stack([u[k], v[k]]) @ power
+        du, dv = np.stack([u[k, 1:], v[k, 1:]]) * np.arange(1, 6) @ power[:5]
+        heading = start[k, 2] + np.unwrap(np.arctan2(dv, du))
+        heading[0] = start[k, 2]
+        heading[-1] = end[k, 2] + 2 * np.pi * round((heading[-1] - end[k, 2]) / (2 * np.pi))
+        place = np.empty((pieces + 1, 2))
+        place[:, 0] = start[k, 0] + xy[0] * c[k] - xy[1] * s[k]
+        place[:, 1] = start[k, 1] + xy[0] * s[k] + xy[1] * c[k]
+        place[-1] = end[k, :2]
+        curves.append(_cubics(place, heading, float(along[k, -1]) / pieces))
+    return curves
+
+
+def _gentlest(
+    goal: NDArray[np.float64], directness: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return quintics u, v (M, 6) each from the origin, along x, to x, y, heading (M, 3)."""
+    x, y, turn = goal.T
+    tried = len(TURN_SPEEDS) ** 2
     first, last = (grid.ravel() for grid in np.meshgrid(TURN_SPEEDS, TURN_SPEEDS))
+    first = np.tile(first, len(x))
     zero = np.zeros_like(first)
-    u = _quintic(x, first, zero, last * math.cos(turn))
-    v = _quintic(y, zero, zero, last * math.sin(turn))
-    p = np.linspace(0.0, 1.0, 25)
+    u = _quintic(np.repeat(x, tried), first, zero, np.outer(np.cos(turn), last).ravel())
+    v = _quintic(np.repeat(y, tried), zero, zero, np.outer(np.sin(turn), last).ravel())
+    p = np.linspace(0.0, 1.0, 17)
     du, dv = _derivative(u, p, 1), _derivative(v, p, 1)
     speed = np.maximum(np.hypot(du, dv), 1e-9)
     bend = (du * _derivative(v, p, 2) - dv * _derivative(u, p, 2)) / speed**3
+    # Up and down again: the largest curvature where there is one bend, more where there are more.
     swing = np.abs(np.diff(bend, axis=1)).sum(axis=1) / 2
-    return u, v, swing, speed.mean(axis=1)
+    cost = np.round(swing + directness * speed.mean(axis=1), 9).reshape(len(x), tried)
+    best = np.arange(len(x)) * tried + cost.argmin(axis=1)
+    return u[best], v[best]
 
 
 def _quintic(
-    to: float, first: NDArray[np.float64], zero: NDArray[np.float64], last: NDArray[np.float64]
+    to: NDArray[np.float64],
+    first: NDArray[np.float64],
+    zero: NDArray[np.float64],
+    last: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return coefficients (N, 6) of quintics from 0 to ``to``, unaccelerated at both ends."""
+    """Return coefficients (N, 6) of quintics from 0 to ``to`` (N,), unaccelerated at both ends."""
     rest = to - first
     change = last - first
     return np.column_stack(

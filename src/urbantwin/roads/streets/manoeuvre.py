@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.roads.model.curve import Curve, splined, turned
+from urbantwin.roads.model.curve import Curve, all_turned, splined
 from urbantwin.roads.network import Lane, Road, RoadNetwork
 from urbantwin.roads.streets.street import Street, Strip, vehicle_lanes
 
@@ -247,31 +247,64 @@ def build_manoeuvres(
 ) -> tuple[Manoeuvre, ...]:
     """Return a connecting road for every route; ``side`` as in ``build_streets``."""
     street_of = {name: street for street in streets for name in street.strip_of}
-    number = len(streets)
+    joints = [
+        _Joint(
+            street_of[route.start],
+            street_of[route.start].strip_of[route.start],
+            street_of[route.end],
+            street_of[route.end].strip_of[route.end],
+            [network.lane_by_id[name] for name in route.via],
+        )
+        for route in topology.routes
+    ]
     result = []
-    for route in topology.routes:
-        entry, leave = street_of[route.start], street_of[route.end]
-        start, end = entry.strip_of[route.start], leave.strip_of[route.end]
-        chain = [network.lane_by_id[name] for name in route.via]
-        edge_junction = entry.edge.to_junction if start.forward else entry.edge.from_junction
-        number += 1
+    curves = _curves(joints)
+    for number, (route, joint, curve) in enumerate(
+        zip(topology.routes, joints, curves, strict=True), start=len(streets) + 1
+    ):
+        start, end, chain = joint.start.lane, joint.end.lane, joint.chain
+        edge = joint.entry.edge
         result.append(
             Manoeuvre(
                 number,
                 side,
                 route,
-                topology.junction[edge_junction],
-                entry,
-                leave,
-                start,
-                end,
-                _kind(start.lane, end.lane, chain),
-                _allowed(start.lane, end.lane, chain),
-                min([lane.speed_limit for lane in chain] or [start.lane.speed_limit]),
-                _curve(entry, start, leave, end, chain),
+                topology.junction[edge.to_junction if joint.start.forward else edge.from_junction],
+                joint.entry,
+                joint.exit,
+                joint.start,
+                joint.end,
+                _kind(start, end, chain),
+                _allowed(start, end, chain),
+                min([lane.speed_limit for lane in chain] or [start.speed_limit]),
+                curve,
             )
         )
     return tuple(result)
+
+
+@dataclass(frozen=True)
+class _Joint:
+    """What a way through a junction joins, and netconvert's lanes there."""
+
+    entry: Street
+    start: Strip
+    exit: Street
+    end: Strip
+    chain: list[Lane]
+
+    @property
+    def poses(self) -> NDArray[np.float64]:
+        """x, y, heading (2, 3) where it begins and where it ends."""
+        poses = np.empty((2, 3))
+        ends = ((self.entry, self.start, True), (self.exit, self.end, False))
+        for pose, (street, strip, leaving) in zip(poses, ends, strict=True):
+            x, y, heading = street.curve.at(street.end_of(strip, leaving=leaving))[0]
+            pose[:2] = x - strip.t * np.sin(heading), y + strip.t * np.cos(heading)
+            pose[2] = heading + (0.0 if strip.forward else np.pi)
+        turn = poses[1, 2] - poses[0, 2]
+        poses[1, 2] = poses[0, 2] + (turn + np.pi) % (2 * np.pi) - np.pi
+        return poses
 
 
 def _allowed(start: Lane, end: Lane, chain: list[Lane]) -> tuple[str, ...]:
@@ -289,34 +322,44 @@ def _kind(start: Lane, end: Lane, chain: list[Lane]) -> str:
     return "driving"
 
 
-def _curve(entry: Street, start: Strip, leave: Street, end: Strip, chain: list[Lane]) -> Curve:
-    """Return the gentlest way; where the map leads far round something, the map's own way."""
-    poses = []
-    for street, strip, leaving in ((entry, start, True), (leave, end, False)):
-        x, y, heading = street.curve.at(street.end_of(strip, leaving=leaving))[0]
-        x, y = x - strip.t * np.sin(heading), y + strip.t * np.cos(heading)
-        poses.append(np.array([x, y, heading + (0.0 if strip.forward else np.pi)]))
-    first, last = poses
-    gap = last[2] - first[2]
-    last[2] = first[2] + (gap + np.pi) % (2 * np.pi) - np.pi
-    if not chain:
-        return turned(first, last)
-    way = np.vstack(
-        [
-            first[None, :2],
-            _after(start.lane.centre[:, :2], first[:2]),
-            *(lane.centre[:, :2] for lane in chain),
-            _after(end.lane.centre[::-1, :2], last[:2])[::-1],
-            last[None, :2],
-        ]
-    )
-    mapped = shapely.LineString(way)
+def _curves(joints: Sequence[_Joint]) -> list[Curve]:
+    """Return the gentlest ways; where the map leads far round something, the map's own way."""
+    if not joints:
+        return []
+    poses = np.array([joint.poses for joint in joints])
+    found: dict[int, Curve] = {}
+    mapped = {k: _mapped(x, poses[k]) for k, x in enumerate(joints) if x.chain}
     for directness, tolerance in DIRECTNESS:
-        curve = turned(first, last, directness=directness)
-        away = shapely.hausdorff_distance(mapped, curve.line)
-        if away <= tolerance * (1.0 + 0.1 * mapped.length):
-            return curve
-    return splined(_calm(way), first[2], last[2])
+        left = [k for k in range(len(joints)) if k not in found]
+        if not left:
+            break
+        curves = all_turned(poses[left, 0], poses[left, 1], directness=directness)
+        for k, curve in zip(left, curves, strict=True):
+            way = mapped.get(k)
+            if way is None or shapely.hausdorff_distance(way, curve.line) <= tolerance * (
+                1.0 + 0.1 * way.length
+            ):
+                found[k] = curve
+    for k in set(range(len(joints))) - set(found):
+        way = shapely.get_coordinates(mapped[k])
+        found[k] = splined(_calm(way), poses[k, 0, 2], poses[k, 1, 2])
+    return [found[k] for k in range(len(joints))]
+
+
+def _mapped(joint: _Joint, poses: NDArray[np.float64]) -> shapely.LineString:
+    """Return netconvert's way from pose to pose."""
+    first, last = poses[:, :2]
+    return shapely.LineString(
+        np.vstack(
+            [
+                first[None],
+                _after(joint.start.lane.centre[:, :2], first),
+                *(lane.centre[:, :2] for lane in joint.chain),
+                _after(joint.end.lane.centre[::-1, :2], last)[::-1],
+                last[None],
+            ]
+        )
+    )
 
 
 def _after(points: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:

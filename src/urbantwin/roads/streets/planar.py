@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from shapely.ops import substring
 
 from urbantwin.geometry import area_union
 from urbantwin.roads.model import (
@@ -160,27 +159,25 @@ def _outlines(
 ) -> dict[str, NDArray[np.float64]]:
     """Return the outline of each junction, with what was cut off the ends of its streets."""
     shape = {junction.id: junction.polygon for junction in network.junctions}
+    plain = {junction.id: junction.outline for junction in network.junctions}
     slabs: dict[str, list[shapely.Geometry]] = defaultdict(list)
     for street in streets:
         pose = street.curve.at([0.0, street.curve.length])
         left = np.column_stack([-np.sin(pose[:, 2]), np.cos(pose[:, 2])])
-        for strip in street.strips:
-            ends = pose[:, :2] + strip.t * left
-            gap = ends[:: 1 if strip.forward else -1] - strip.lane.centre[[0, -1], :2]
-            if strip.lane.kind == "sidewalk" or np.abs(gap).max() < CUT_M:
+        driven = [strip for strip in street.strips if strip.lane.kind != "sidewalk"]
+        for end, name in enumerate((street.start, street.end)):
+            places = np.array([pose[end, :2] + strip.t * left[end] for strip in driven])
+            mapped = np.array([x.lane.centre[0 if x.forward == (end == 0) else -1] for x in driven])
+            if not driven or np.abs(mapped[:, :2] - places).max() < CUT_M:
                 continue
-            line = shapely.LineString(strip.lane.centre[:, :2])
-            along = sorted(float(line.project(shapely.Point(xy))) for xy in ends)
-            forward = strip.forward
-            for a, b, name in (
-                (0.0, along[0], street.start if forward else street.end),
-                (along[1], float(line.length), street.end if forward else street.start),
-            ):
-                if b - a > CUT_M:
-                    piece = substring(line, a, b)
-                    slabs[name].append(piece.buffer(strip.lane.width / 2, cap_style="flat"))
+            half = np.array([[strip.lane.width / 2] for strip in driven]) * left[end]
+            corners = np.vstack([x + h for x in (places, mapped[:, :2]) for h in (half, -half)])
+            slabs[name].append(shapely.MultiPoint(corners).convex_hull)
     found = {}
     for name, parts in members.items():
+        if len(parts) == 1 and parts[0] not in slabs:
+            found[name] = plain[parts[0]]
+            continue
         whole = area_union([*(shape[p] for p in parts), *(s for p in parts for s in slabs[p])])
         if whole.geom_type != "Polygon":
             # Nodes of one junction may lie apart, with short roads between them.
