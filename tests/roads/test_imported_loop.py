@@ -145,6 +145,12 @@ def test_two_carriageways_lead_into_each_other(tmp_path):
     (onward,) = [e for e in net.getEdge(f"{EAST}").getOutgoing() if e.allows("passenger")]
     (back_in,) = [e for e in onward.getOutgoing() if e.allows("passenger")]
     assert back_in.getID() == "-60"
+    # Both sides say so, as OpenDRIVE wants it.
+    out, back = (roads.model.road_by_id[number] for number in (EAST, 60))
+    outer = roads.model.road_by_id[out.successor.id]
+    assert (outer.predecessor.id, outer.successor.id, back.successor.id) == (EAST, 60, outer.id)
+    assert out.sections[-1].by_id[-1].successor == outer.sections[0].lanes[0].id
+    assert back.sections[-1].by_id[1].successor == outer.sections[0].lanes[0].id
 
 
 def test_what_cannot_be_closed_is_counted(tmp_path):

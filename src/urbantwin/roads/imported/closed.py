@@ -229,6 +229,7 @@ class _Builder:
         self.roads: list[ModelRoad] = []
         self.junctions: list[ModelJunction] = []
         self.links: dict[tuple[int, str], RoadLink] = {}
+        self.lanes: dict[tuple[int, str], dict[int, int]] = {}
 
     def turn_round(self, end: _End) -> None:
         """Let the lanes that leave a two-way street lead back into it, over a junction there."""
@@ -275,7 +276,15 @@ class _Builder:
         """Let the lanes that leave one street lead into another."""
         number = self._new()
         curve = self._drop(exit_, entry) if ring is None else self._round(exit_, entry, ring)
-        self.roads.append(self._road(exit_, entry, curve, number))
+        road = self._road(exit_, entry, curve, number)
+        self.roads.append(road)
+        outer = road.sections[0].lanes
+        self.lanes[exit_.road.id, exit_.end] = {
+            lane.predecessor: lane.id for lane in outer if lane.predecessor is not None
+        }
+        self.lanes[entry.road.id, entry.end] = {
+            lane.successor: lane.id for lane in outer if lane.successor is not None
+        }
         self.links[exit_.road.id, exit_.end] = RoadLink("road", number, "start")
         self.links[entry.road.id, entry.end] = RoadLink("road", number, "end")
 
@@ -286,6 +295,7 @@ class _Builder:
                 road,
                 predecessor=self.links.get((road.id, "start"), road.predecessor),
                 successor=self.links.get((road.id, "end"), road.successor),
+                sections=self._sections(road),
             )
             for road in self.model.roads
         ]
@@ -294,6 +304,22 @@ class _Builder:
             roads=(*roads, *self.roads),
             junctions=(*self.model.junctions, *self.junctions),
         )
+
+    def _sections(self, road: ModelRoad) -> tuple[LaneSection, ...]:
+        """Return a street's sections, the lanes at its ends joined to outer roads."""
+        sections = list(road.sections)
+        for at, end in ((0, "start"), (-1, "end")):
+            links = self.lanes.get((road.id, end), {})
+            lanes = tuple(
+                lane
+                if lane.id not in links
+                else dataclasses.replace(lane, predecessor=links[lane.id])
+                if end == "start"
+                else dataclasses.replace(lane, successor=links[lane.id])
+                for lane in sections[at].lanes
+            )
+            sections[at] = dataclasses.replace(sections[at], lanes=lanes)
+        return tuple(sections)
 
     def _new(self) -> int:
         self.number += 1
