@@ -135,8 +135,9 @@ def _section_runs(
             points = np.empty((len(s), 3))
             points[:, :2] = pose[:, :2] + t[:, None] * left
             points[:, 2] = level + t * rise - crown * np.abs(t)
-            name = lane.strip or f"{road.id}:{number}:{lane.id}"
-            named = dataclasses.replace(lane, strip=name)
+            named = lane
+            if not lane.strip:
+                named = dataclasses.replace(lane, strip=f"{road.id}:{number}:{lane.id}")
             yield _Run(road, named, s, points, np.maximum(width, 0.0))
 
 
@@ -172,11 +173,9 @@ def _stations(road: ModelRoad) -> NDArray[np.float64]:
     length = np.diff(starts)
     radius = length / np.maximum(turn, 1e-9) + reach
     # The sagitta of a chord over an angle a of a circle is radius x a^2 / 8.
-    steps = np.where(turn > 1e-6, np.ceil(turn * np.sqrt(radius / (8 * CHORD_M))), 1)
-    stations = [
-        np.linspace(a, b, int(count) + 1)
-        for a, b, count in zip(starts, starts[1:], steps, strict=False)
-    ]
+    steps = np.where(turn > 1e-6, np.ceil(turn * np.sqrt(radius / (8 * CHORD_M))), 1).astype(int)
+    within = np.arange(steps.sum()) - np.repeat(np.cumsum(steps) - steps, steps)
+    stations = [np.repeat(starts[:-1], steps) + within * np.repeat(length / steps, steps), starts]
     uneven = len(road.elevation.start) > 1 or np.abs(road.elevation.abcd[:, 2:]).max() > 1e-9
     uneven |= not road.bank.is_zero or len(road.crown.start) > 1 or len(road.offset.start) > 1
     uneven |= any(
