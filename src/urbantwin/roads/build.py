@@ -45,8 +45,7 @@ from urbantwin.roads.signals.mapped import mapped_signals
 from urbantwin.roads.signals.practice import practice_of
 from urbantwin.roads.signals.programs import hold_for_walkers, set_programs
 from urbantwin.roads.signals.sign import add_signs
-from urbantwin.roads.streets.furniture import furnished
-from urbantwin.roads.streets.planar import planar_model
+from urbantwin.roads.streets import furnished, planar_model
 from urbantwin.roads.strips import network_of_model
 from urbantwin.site.extract import Extract, Way, WayPiece
 from urbantwin.site.junction import way_lanes

@@ -49,4 +49,4 @@ def redraw_sumo_network(path: Path, network: RoadNetwork) -> None:
 
 
 def _shape(lane: Lane) -> str:
-    return " ".join(f"{x:.3f},{y:.3f}" for x, y in lane.centre[:, :2])
+    return " ".join([f"{x:.3f},{y:.3f}" for x, y in lane.centre[:, :2].tolist()])

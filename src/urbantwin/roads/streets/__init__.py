@@ -1,1 +1,6 @@
-"""From netconvert's network to roads of the lane model."""
+"""From netconvert's network to streets and ways through junctions, and what is on them."""
+
+from urbantwin.roads.streets.furniture import furnished
+from urbantwin.roads.streets.planar import planar_model
+
+__all__ = ["furnished", "planar_model"]
