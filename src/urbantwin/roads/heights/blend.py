@@ -37,6 +37,7 @@ class _Level:
     streets: tuple[ModelRoad, ...]
     stations: Stations
     footprints: shapely.STRtree
+    ways: shapely.STRtree
     mouths: Mouths
     mouth_tree: cKDTree
     widest: float
@@ -57,13 +58,17 @@ class RoadSurface:
     Args:
         model: the lanes, with their heights.
         base: height between the streets.
-        stations: of the model's streets, about a metre apart, if they are known already.
+        stations: of the model's streets and then its ways through junctions, about a metre apart,
+            if they are known already.
     """
 
     def __init__(self, model: LaneModel, base: Base, stations: Stations | None = None) -> None:
         self._base = base
         streets = [road for road in model.roads if road.junction < 0]
-        stations = stations or stations_of(streets, STEP_M)
+        ways = [road for road in model.roads if road.junction >= 0]
+        whole = stations or stations_of([*streets, *ways], STEP_M)
+        stations = whole.pick(streets, range(len(streets)))
+        through = whole.pick(ways, range(len(streets), len(streets) + len(ways))).areas()
         ends = levels_at_ends(streets, {j.id: j.level for j in model.junctions})
         #: The ends of all streets, and (id of a street, ``start`` or ``end``) -> index of one.
         self.mouths = mouths_of(streets, stations, ends)
@@ -76,7 +81,10 @@ class RoadSurface:
         for level in sorted({*self.mouths.level.tolist(), *(road.level for road in streets)}):
             which = [k for k, road in enumerate(streets) if road.level == level]
             mine = stations.pick([streets[k] for k in which], which)
-            self._levels[level] = self._level(mine, self.mouths.of(level), level)
+            over = shapely.STRtree(
+                [a for a, w in zip(through, ways, strict=True) if w.level == level]
+            )
+            self._levels[level] = self._level(mine, self.mouths.of(level), over, level)
 
     def height(self, xy: ArrayLike, level: int = 0) -> NDArray[np.float64]:
         """Return heights (N,) of the carriageway's surface at points (N, 2) of a level, metres."""
@@ -106,39 +114,33 @@ class RoadSurface:
         streets = known.streets if known else ()
         return [road.curve.line.simplify(0.003) for road in streets if not road.crown.is_zero]
 
-    def _level(self, stations: Stations, mouths: Mouths, level: int) -> _Level:
-        streets = stations.roads
+    def _level(
+        self, stations: Stations, mouths: Mouths, ways: shapely.STRtree, level: int
+    ) -> _Level:
         middle = mouths.xy + ((mouths.right + mouths.left) / 2)[:, None] * np.column_stack(
             [-mouths.ahead[:, 1], mouths.ahead[:, 0]]
         )
         outer = np.column_stack([stations.outer_right, stations.outer_left])
-        borders = stations.beside(outer)
-        rings = [
-            np.vstack([borders[part, 0], borders[part, 1][::-1]])
-            for part in map(stations.of, range(len(streets)))
-        ]
-        areas = [shapely.Polygon(ring).buffer(0.05, quad_segs=1) for ring in rings]
-        z = np.concatenate(
-            [
-                np.zeros(0),
-                *(
-                    road.heights(np.repeat(stations.s[part], 2), outer[part].ravel())
-                    for road, part in zip(
-                        streets, map(stations.of, range(len(streets))), strict=True
-                    )
-                ),
-            ]
-        )
-        sides = borders.reshape(-1, 2)
+        sides = stations.beside(outer).reshape(-1, 2)
+        z = np.zeros(outer.shape)
+        for k, road in enumerate(stations.roads):
+            part = stations.of(k)
+            s = np.repeat(stations.s[part], 2)
+            z[part] = road.heights(s, outer[part].ravel()).reshape(-1, 2)
+        # Where ways lead over a footway, its border is not felt.
+        free = np.ones(len(sides), bool)
+        free[ways.query(shapely.points(sides), "dwithin", distance=SIDE_REACH_M / 2)[0]] = False
+        sides = sides[free]
         return _Level(
-            streets,
+            stations.roads,
             stations,
-            shapely.STRtree(areas),
+            shapely.STRtree(stations.areas(outer=True, grown=0.05)),
+            ways,
             mouths,
             cKDTree(middle),
             float((mouths.left - mouths.right).max(initial=0.0)),
             sides,
-            z - self._base(sides, level),
+            z.ravel()[free] - self._base(sides, level),
             cKDTree(sides),
         )
 
@@ -179,6 +181,10 @@ class RoadSurface:
             mine, z, margin, outer = np.concatenate(found).T
             mine = mine.astype(np.int64)
             inside = np.where(paved[mine], margin, outer)
+            # A way through a junction that cuts a corner goes before the footway there.
+            bare = np.flatnonzero(~paved[mine])
+            cut = known.ways.query(shapely.points(points[mine[bare]]), "intersects")[0]
+            inside[bare[cut]] = -1.0
             share = np.where(inside >= -TOUCH_M, np.maximum(inside, 1e-4) ** 2, 0.0)
             np.add.at(total, mine, share * z)
             np.add.at(weight, mine, share)

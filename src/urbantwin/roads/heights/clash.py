@@ -53,7 +53,8 @@ def find_clashes(
         stations: of the streets and of the ways.
     """
     roads = [*streets, *ways]
-    areas = _carriageways(stations, len(streets))
+    areas = stations.areas(grown=SEAM_M / 2)
+    areas[len(streets) :] = stations.areas(grown=-0.05)[len(streets) :]
     level = np.array([road.level for road in roads])
     tree = shapely.STRtree(areas[: len(streets)])
     first, second = tree.query(areas, predicate="intersects")
@@ -80,19 +81,6 @@ def find_clashes(
             narrow = min((a, b), key=lambda k: (_width(stations, k), roads[k].length, k))
             yielding.add(roads[narrow].id)
     return Clashes(dict(calm), frozenset(yielding))
-
-
-def _carriageways(stations: Stations, streets: int) -> NDArray[np.object_]:
-    """Return the area of each road's carriageway; streets' reach half a seam beyond it."""
-    reach = np.where(stations.road < streets, SEAM_M / 2, -0.05)
-    sides = np.column_stack([stations.right - reach, stations.left + reach])
-    corners = stations.beside(sides)
-    found = []
-    for k in range(len(stations.roads)):
-        part = stations.of(k)
-        ring = shapely.Polygon(np.vstack([corners[part, 0], corners[part, 1][::-1]]))
-        found.append(ring if ring.is_valid else ring.buffer(0))
-    return np.array(found, object)
 
 
 def _falls_little(road: ModelRoad) -> bool:

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.ground import Elevation
-from urbantwin.roads.heights.base import RoadGround
 from urbantwin.roads.heights.blend import Base, RoadSurface
 from urbantwin.roads.heights.clash import NO_CLASHES, Clashes, find_clashes
 from urbantwin.roads.heights.cross_fall import (
@@ -20,10 +19,11 @@ from urbantwin.roads.heights.cross_fall import (
     smooth_step,
 )
 from urbantwin.roads.heights.design import Pins, designed, profile_slopes, smoothed
+from urbantwin.roads.heights.ground import RoadGround
 from urbantwin.roads.heights.limits import limits_of
 from urbantwin.roads.heights.mouths import levels_at_ends
 from urbantwin.roads.heights.profiles import hermite_profiles
-from urbantwin.roads.heights.stations import Stations, stations_of
+from urbantwin.roads.heights.stations import SHARPEST, Stations, stations_of
 from urbantwin.roads.heights.through import fitted_ways
 from urbantwin.roads.levels import Lift
 from urbantwin.roads.model import LaneModel, ModelRoad
@@ -32,8 +32,8 @@ __all__ = ["with_heights"]
 
 #: Spacing of the stations that streets are designed at, and of those that areas are drawn by, m.
 STEP_M, DENSE_M = 2.5, 1.0
-#: Offsets across a carriageway that the smoothed ground is sampled at.
-SAMPLES = 7
+#: Offsets across a carriageway that the smoothed ground is sampled at, and other streets.
+SAMPLES, SAMPLES_YIELDING = 7, 15
 #: Over this distance a street comes off another one that it followed, metres.
 EASING_M = 15.0
 #: What lies on another street counts this many times more than what does not.
@@ -44,7 +44,7 @@ EARTHWORK_M, EARTHWORK_SEEN_M = 0.5, 0.1
 #: Slopes of the ground are taken over this distance to both sides, metres.
 SLOPE_REACH_M = 1.0
 #: Bank is smoothed over this length, metres.
-BANK_SMOOTHING_M = 8.0
+BANK_SMOOTHING_M = 2.0
 
 
 def with_heights(
@@ -69,12 +69,12 @@ def with_heights(
         first = [k for k in again if streets[k].id not in clashes.yielding]
         _put(risen, first, _streets([streets[k] for k in first], site, clashes))
         kept = [k for k, road in enumerate(streets) if road.id not in clashes.yielding]
-        others = [risen[k] for k in kept]
+        others = [*(risen[k] for k in kept), *ways]
+        kept += range(len(streets), len(streets) + len(ways))
         surface = RoadSurface(model.with_roads(tuple(others)), base, everything.pick(others, kept))
         last = [k for k in again if streets[k].id in clashes.yielding]
         _put(risen, last, _streets([streets[k] for k in last], site, clashes, surface))
-    known = everything.pick(risen, range(len(streets)))
-    surface = RoadSurface(model.with_roads(tuple(risen)), base, known)
+    surface = RoadSurface(model.with_roads((*risen, *ways)), base, everything)
     found = {road.id: road for road in (*risen, *fitted_ways(ways, surface))}
     return model.with_roads(tuple(found[road.id] for road in model.roads)), surface
 
@@ -118,7 +118,7 @@ def _streets(
     elevation = site.elevation
     stations = stations_of(streets, STEP_M)
     limits = [limits_of(road) for road in streets]
-    t = stations.across(SAMPLES)
+    t = stations.across(SAMPLES_YIELDING if surface else SAMPLES)
     ends = stations.edges()
     level = np.array([road.level for road in streets])[stations.road]
     # Where a ramp meets a junction on the ground, it meets the ground's surface.
@@ -137,7 +137,8 @@ def _streets(
     grade = np.stack([_grades(stations, at, (t, weight), level, base) for at in ends])
     height = np.stack([cross.ground[at] for at in ends])
     tilt = np.stack([cross.tilt[at] for at in ends])
-    along, across = Pins(held, height, grade), Pins(held, tilt, -stations.bend * grade)
+    bend = np.clip(stations.bend, -SHARPEST, SHARPEST)
+    along, across = Pins(held, height, grade), Pins(held, tilt, -bend * grade)
     earthwork = EARTHWORK_M if elevation.detail > FINE_M else EARTHWORK_SEEN_M
     calm = BANK_SMOOTHING_M
     if surface:  # what others do is followed, not smoothed

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.roads.heights.stations import Stations
+from urbantwin.roads.heights.stations import SHARPEST, Stations
 from urbantwin.roads.model import ModelRoad
 
 __all__ = ["Mouths", "levels_at_ends", "mouths_of"]
@@ -137,5 +137,5 @@ def mouths_of(streets: Sequence[ModelRoad], stations: Stations, level: NDArray[n
         level.ravel(),
         height.reshape(-1, 3),
         grade.reshape(-1, 3),
-        stations.bend.ravel(),
+        np.clip(stations.bend, -SHARPEST, SHARPEST).ravel(),
     )

@@ -8,12 +8,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from urbantwin.roads.model import RAISED_KINDS, ModelRoad
 
-__all__ = ["Stations", "stations_of"]
+__all__ = ["SHARPEST", "Stations", "stations_of"]
 
+#: Streets do not bend more sharply than this, 1/m: what does is a kink of their drawing.
+SHARPEST = 0.2
 #: Curvature and pace at ends are taken over this distance, metres.
 NEAR_M = 0.02
 
@@ -62,6 +65,24 @@ class Stations:
     def outer_left(self) -> NDArray[np.float64]:
         """The left border of everything (M,)."""
         return np.asarray(self.sides[3])
+
+    def areas(self, *, outer: bool = False, grown: float = 0.0) -> NDArray[np.object_]:
+        """Return the area (R,) of each road's carriageway, or of everything on it.
+
+        Args:
+            outer: whether footways count.
+            grown: how much further it reaches to both sides, metres.
+        """
+        right, left = self.sides[2:] if outer else self.sides[:2]
+        corners = self.beside(np.column_stack([right - grown, left + grown]))
+        rings = [
+            np.vstack([corners[part, 0], corners[part, 1][::-1]])
+            for part in map(self.of, range(len(self.roads)))
+        ]
+        found = np.array([shapely.Polygon(ring) for ring in rings], object)
+        bad = ~shapely.is_valid(found) if len(found) else np.zeros(0, bool)
+        found[bad] = shapely.buffer(found[bad], 0.0)
+        return found
 
     def pick(self, roads: Sequence[ModelRoad], which: Sequence[int]) -> Stations:
         """Return the stations of some roads only: ``roads``, which had the indices ``which``."""
