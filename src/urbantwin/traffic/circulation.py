@@ -23,6 +23,8 @@ __all__ = ["Circulation"]
 #: Everybody has come in after this long, or after half of the warm-up if that is shorter, seconds.
 _COMING_IN_S = 60.0
 _ON_FOOT = "pedestrian"
+#: Nobody comes in on a street that is shorter than this, where a queue leaves no room, metres.
+_ROOM_M = 25.0
 #: Some drive up to so much faster than the limit.
 _FASTEST = 1.25
 
@@ -160,6 +162,8 @@ class Circulation:
         total = np.cumsum([float(graph.seconds[pair]) for pair in itertools.pairwise(first)])
         skipped = int(np.searchsorted(total, random.random() * total[-1], side="right"))
         skipped = min(skipped, len(first) - 2)
+        while skipped < len(first) - 2 and graph.length_m[first[skipped]] < _ROOM_M:
+            skipped += 1
         share = float(random.random())
         passages, left_s = [first[skipped:]], needed_s - float(total[-1] - total[skipped])
         while left_s > 0:
