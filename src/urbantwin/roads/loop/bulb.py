@@ -59,7 +59,7 @@ def bulb(
             continue
         piece = Piece(x, y, heading, leg * radius, side / radius)
         pieces.append(piece)
-        x, y, heading = (float(v) for v in Curve((piece,)).at(piece.length)[0])
+        x, y, heading = piece.at(piece.length)
     return Curve(tuple(pieces))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import accumulate
 
 import numpy as np
 import shapely
@@ -12,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
-__all__ = ["Curve", "Piece", "all_turned", "filleted", "splined", "turned"]
+__all__ = ["Curve", "Piece", "all_turned", "aside", "filleted", "splined", "turned"]
 
 #: How far a fillet may leave the corner that it rounds, metres.
 FILLET_DEVIATION_M = 0.2
@@ -35,6 +36,13 @@ _ROOTS, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 NODES, WEIGHTS = (_ROOTS + 1) / 2, _WEIGHTS / 2
 
 
+def aside(pose: NDArray[np.float64], t: ArrayLike) -> NDArray[np.float64]:
+    """Return points (N, 2) that lie ``t`` metres to the left of poses x, y, heading (N, 3)."""
+    x, y, heading = pose.T
+    t = np.asarray(t, np.float64)
+    return np.column_stack([x - t * np.sin(heading), y + t * np.cos(heading)])
+
+
 @dataclass(frozen=True)
 class Piece:
     """One ``<geometry>``: a line, an arc (``curvature`` 1/m) or a cubic.
@@ -51,6 +59,25 @@ class Piece:
     u: tuple[float, ...] = ()
     v: tuple[float, ...] = ()
 
+    def at(self, ds: float) -> tuple[float, float, float]:
+        """Return x, y, heading at a distance from its start, from 0 to its length."""
+        if self.u:
+            p = ds / max(self.length, 1e-12)
+            u, v = self.u, self.v
+            along = u[0] + p * (u[1] + p * (u[2] + p * u[3]))
+            across = v[0] + p * (v[1] + p * (v[2] + p * v[3]))
+            turn = math.atan2(
+                v[1] + p * (2 * v[2] + 3 * p * v[3]), u[1] + p * (2 * u[2] + 3 * p * u[3])
+            )
+        elif self.curvature:
+            turn = self.curvature * ds
+            chord = 2 * math.sin(turn / 2) / self.curvature
+            along, across = chord * math.cos(turn / 2), chord * math.sin(turn / 2)
+        else:
+            along, across, turn = ds, 0.0, 0.0
+        c, s = math.cos(self.heading), math.sin(self.heading)
+        return self.x + along * c - across * s, self.y + along * s + across * c, self.heading + turn
+
 
 @dataclass(frozen=True)
 class Curve:
@@ -61,7 +88,7 @@ class Curve:
     @cached_property
     def starts(self) -> NDArray[np.float64]:
         """Where each piece begins, and the end (K + 1,)."""
-        return np.concatenate([[0.0], np.cumsum([piece.length for piece in self.pieces])])
+        return np.array([0.0, *accumulate(piece.length for piece in self.pieces)])
 
     @property
     def length(self) -> float:
@@ -86,8 +113,7 @@ class Curve:
         if self._has_arcs:
             arc = np.flatnonzero(curvature)
             half = curvature[arc] * ds[arc] / 2
-            # The chord of an arc; sinc is there for its start, where the angle is none.
-            chord = ds[arc] * np.sinc(half / np.pi)
+            chord = 2 * np.sin(half) / curvature[arc]
             along[arc], across[arc] = chord * np.cos(half), chord * np.sin(half)
             turn[arc] = 2 * half
         pose = np.empty((len(ds), 3))
@@ -95,6 +121,12 @@ class Curve:
         pose[:, 1] = y + along * sn + across * c
         pose[:, 2] = heading + turn
         return pose
+
+    def pose(self, s: float) -> tuple[float, float, float]:
+        """Return x, y, heading at one station."""
+        s = min(max(s, 0.0), self.length)
+        k = int(np.searchsorted(self.starts[1:-1], s, side="right"))
+        return self.pieces[k].at(s - float(self.starts[k]))
 
     @cached_property
     def _table(self) -> NDArray[np.float64]:
@@ -121,9 +153,7 @@ class Curve:
 
     def beside(self, s: ArrayLike, t: ArrayLike) -> NDArray[np.float64]:
         """Return points (N, 2) at stations ``s``, ``t`` metres to the left."""
-        pose = self.at(s)
-        normal = np.column_stack([-np.sin(pose[:, 2]), np.cos(pose[:, 2])])
-        return np.asarray(pose[:, :2] + np.reshape(np.asarray(t, np.float64), (-1, 1)) * normal)
+        return aside(self.at(s), t)
 
     def locate(self, xy: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return station and offset to the left (N,), (N,) of points (N, 2).
@@ -166,7 +196,7 @@ class Curve:
             if a == start and b == start + piece.length:
                 pieces.append(piece)
             elif b - a > 1e-6:
-                x, y, heading = (float(v) for v in self.at([a])[0])
+                x, y, heading = self.pose(float(a))
                 length = float(b - a)
                 if not piece.u:
                     pieces.append(Piece(x, y, heading, length, piece.curvature))

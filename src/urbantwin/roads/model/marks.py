@@ -41,4 +41,6 @@ def _marked(section: LaneSection, lane: SectionLane) -> SectionLane:
         mark = "none" if all(raised) else "curb"
     elif lane.kind == outer.kind == "driving" and lane.forward == outer.forward:
         mark, change = "broken", "both"
+    if (mark, change) == (lane.mark, lane.change):
+        return lane
     return replace(lane, mark=mark, change=change)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicHermiteSpline
 
 __all__ = ["Profile", "fitted"]
 
@@ -51,6 +50,8 @@ class Profile:
 
     def between(self, first: float, last: float) -> Profile:
         """Return the profile from one station to another, with its stations counted from there."""
+        if len(self.start) == 1 and first == self.start[0] == 0.0:
+            return self
         keep = [k for k, s in enumerate(self.start) if first + 1e-9 < s < last - 1e-9]
         k = max(int(np.searchsorted(self.start, first + 1e-9, side="right")) - 1, 0)
         h, (a, b, c, d) = first - float(self.start[k]), self.abcd[k]
@@ -89,7 +90,18 @@ def fitted(
         slope = (np.interp(ahead, s, value) - np.interp(back, s, value)) / (ahead - back)
         if slopes is not None:
             slope[0], slope[-1] = slopes
-        spline = CubicHermiteSpline(knots, np.interp(knots, s, value), slope)
-        if np.abs(spline(s) - value).max() <= tolerance:
+        profile = _hermite(knots, np.interp(knots, s, value), slope)
+        if np.abs(profile.at(s) - value).max() <= tolerance:
             break
-    return Profile(knots[:-1], spline.c[::-1].T.copy())
+    return profile
+
+
+def _hermite(
+    s: NDArray[np.float64], value: NDArray[np.float64], slope: NDArray[np.float64]
+) -> Profile:
+    """Return the cubics that have values and slopes (K,) at stations (K,)."""
+    step = s[1:] - s[:-1]
+    chord = (value[1:] - value[:-1]) / step
+    bend = (slope[:-1] + slope[1:] - 2 * chord) / step
+    rows = [value[:-1], slope[:-1], (chord - slope[:-1]) / step - bend, bend / step]
+    return Profile(s[:-1], np.stack(rows, axis=1))

@@ -55,18 +55,21 @@ def by_way(stretches: Iterable[MappedStretch]) -> dict[int, list[MappedStretch]]
 
 def alongside(road: ModelRoad, stretches: Mapping[int, Sequence[MappedStretch]]) -> list[Alongside]:
     """Return the parts of a road by ways, from its start to its end, without gaps."""
+    mine = [stretch for way in road.ways for stretch in stretches.get(way, ())]
+    if not mine:
+        return []
+    every, aside = road.curve.locate(np.concatenate([stretch.points for stretch in mine]))
     found = []
-    for way in road.ways:
-        for stretch in stretches.get(way, ()):
-            s, t = road.curve.locate(stretch.points)
-            near = np.abs(t) < OFF_M
-            if not near.all():
-                continue
-            first, last = np.clip([min(s[0], s[-1]), max(s[0], s[-1])], 0.0, road.length)
-            if last - first >= min(SHORTEST_M, road.length / 2):
-                found.append(
-                    Alongside(float(first), float(last), stretch.section, bool(s[-1] > s[0]))
-                )
+    end = 0
+    for stretch in mine:
+        begin, end = end, end + len(stretch.points)
+        if np.abs(aside[begin:end]).max() >= OFF_M:
+            continue
+        start, goal = float(every[begin]), float(every[end - 1])
+        first = min(max(min(start, goal), 0.0), road.length)
+        last = min(max(start, goal, 0.0), road.length)
+        if last - first >= min(SHORTEST_M, road.length / 2):
+            found.append(Alongside(first, last, stretch.section, goal > start))
     found.sort(key=lambda part: (part.first, part.last))
     whole: list[Alongside] = []
     for k, part in enumerate(found):

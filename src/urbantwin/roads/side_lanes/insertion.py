@@ -109,17 +109,12 @@ def relinked(model: LaneModel, changed: Mapping[int, Renumbering]) -> LaneModel:
     """Return the model with the links of lanes whose neighbours have new ids set right."""
     roads = []
     for road in model.roads:
-        first, last = road.sections[0], road.sections[-1]
         before, after = (_ids(link, changed) for link in (road.predecessor, road.successor))
-        if before:
-            lanes = tuple(replace(x, predecessor=_new(x.predecessor, before)) for x in first.lanes)
-            first = replace(first, lanes=lanes)
-        sections = (first, *road.sections[1:])
-        if after:
-            last = sections[-1]
-            lanes = tuple(replace(x, successor=_new(x.successor, after)) for x in last.lanes)
-            sections = (*sections[:-1], replace(last, lanes=lanes))
-        roads.append(replace(road, sections=sections) if before or after else road)
+        sections = list(road.sections)
+        sections[0] = _linked_to(sections[0], "predecessor", before)
+        sections[-1] = _linked_to(sections[-1], "successor", after)
+        same = sections[0] is road.sections[0] and sections[-1] is road.sections[-1]
+        roads.append(road if same else replace(road, sections=tuple(sections)))
     by_id = model.road_by_id
     junctions = []
     for junction in model.junctions:
@@ -140,8 +135,16 @@ def _ids(link: RoadLink | None, changed: Mapping[int, Renumbering]) -> Mapping[i
     return changed[link.id].at(link.contact)
 
 
-def _new(lane: int | None, ids: Mapping[int, int]) -> int | None:
-    return None if lane is None else ids.get(lane, lane)
+def _linked_to(section: LaneSection, end: str, ids: Mapping[int, int]) -> LaneSection:
+    """Return a section whose lanes follow their neighbours at one end to their new ids."""
+    old = [getattr(lane, end) for lane in section.lanes]
+    if all(ids.get(link, link) == link for link in old):
+        return section
+    lanes = (
+        replace(lane, **{end: ids.get(link, link)})
+        for lane, link in zip(section.lanes, old, strict=True)
+    )
+    return replace(section, lanes=tuple(lanes))
 
 
 def _distinct(borders: Sequence[float], length: float) -> list[float]:
@@ -186,7 +189,8 @@ def _linked(
             after = _neighbour(key, lane.successor, bases[k + 1] - bases[k], parts[k + 1])
         elif key[0] == "new":
             after = None
-        found.append(replace(lane, predecessor=before, successor=after))
+        same = (before, after) == (lane.predecessor, lane.successor)
+        found.append(lane if same else replace(lane, predecessor=before, successor=after))
     return found
 
 

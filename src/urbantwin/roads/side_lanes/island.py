@@ -55,7 +55,7 @@ def stations_on(road: ModelRoad, points: ArrayLike, *, beyond: float = 0.0) -> N
     xy = np.asarray(points, np.float64).reshape(-1, 2)
     if not len(xy):
         return np.zeros(0)
-    low, high = np.asarray(road.curve.line.bounds).reshape(2, 2)
+    low, high = np.reshape(road.curve.line.bounds, (2, 2))
     margin = OFF_M + beyond
     xy = xy[((xy > low - margin) & (xy < high + margin)).all(axis=1)]
     if not len(xy):
@@ -141,7 +141,7 @@ def _area(
     # Both borders meet in the noses.
     ring = np.vstack([road.place(s, right), road.place(s[1:-1], left[1:-1])[::-1]])
     at = float((section.s + end) / 2)
-    x, y, heading = road.curve.at(at)[0]
+    x, y, heading = road.curve.pose(at)
     gap = ring - [x, y, float(road.elevation.at(at)[0])]
     c, sn = np.cos(heading), np.sin(heading)
     corners = np.column_stack(

@@ -10,6 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.roads.model import LaneModel, ModelRoad, fitted
+from urbantwin.roads.model.curve import aside
 from urbantwin.roads.side_lanes.insertion import Insertion
 from urbantwin.roads.side_lanes.room import STEP_M
 
@@ -74,8 +75,8 @@ def _widths(
 ) -> NDArray[np.float64]:
     """Return how wide the median is (N,) at stations; nan where there is none."""
     pose = road.curve.at(s)
-    near = road.curve.beside(s, side * 0.02 + road.offset.at(s))
-    far = road.curve.beside(s, side * (WIDEST_M + 0.5) + road.offset.at(s))
+    edge = road.offset.at(s)
+    near, far = aside(pose, edge + side * 0.02), aside(pose, edge + side * (WIDEST_M + 0.5))
     probes = shapely.linestrings(np.stack([near, far], axis=1))
     probe, hit = tree.query(probes, predicate="intersects")
     fits = [streets[j].id != road.id and streets[j].level == road.level for j in hit]

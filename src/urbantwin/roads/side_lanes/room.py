@@ -9,6 +9,7 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.roads.model import LaneModel, ModelRoad
+from urbantwin.roads.model.curve import aside
 
 __all__ = ["Room", "footprint"]
 
@@ -111,14 +112,16 @@ def outer_border(road: ModelRoad, side: int, s: NDArray[np.float64]) -> NDArray[
 def footprint(road: ModelRoad) -> shapely.Geometry:
     """Return the area of all lanes of a road in plan."""
     s = np.linspace(0.0, road.length, max(2, int(road.length / STEP_M) + 2))
-    left, right = (road.curve.beside(s, outer_border(road, side, s)) for side in (1, -1))
+    pose = road.curve.at(s)
+    left, right = (aside(pose, outer_border(road, side, s)) for side in (1, -1))
     return shapely.make_valid(shapely.Polygon(np.vstack([left, right[::-1]])))
 
 
 def _cells(
     road: ModelRoad, s: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[np.float64]
 ) -> NDArray[np.object_]:
-    inner, outer = road.curve.beside(s, a), road.curve.beside(s, b)
+    pose = road.curve.at(s)
+    inner, outer = aside(pose, a), aside(pose, b)
     rings = np.stack([inner[:-1], inner[1:], outer[1:], outer[:-1], inner[:-1]], axis=1)
     return np.asarray(shapely.make_valid(shapely.polygons(rings)))
 

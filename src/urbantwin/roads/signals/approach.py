@@ -144,8 +144,8 @@ def approaches_of(model: LaneModel) -> list[Approach]:
     for (program, number, forward), signals in sorted(found.items()):
         road = model.road_by_id[number]
         s = road.length if forward else 0.0
-        x, y, heading = road.curve.at(s)[0]
-        frame = Frame(float(x), float(y), float(heading) + (0.0 if forward else math.pi))
+        x, y, heading = road.curve.pose(s)
+        frame = Frame(x, y, heading + (0.0 if forward else math.pi))
         lanes = [_waiting(model, frame, signal, shows.get(program)) for signal in signals]
         lanes.sort(key=lambda lane: -outward * lane.v)
         within = [signal for signal in signals if signal.road != number]
@@ -182,9 +182,9 @@ def stop_lines_within(model: LaneModel, approaches: Sequence[Approach]) -> list[
         sides = [float(road.border(section, lane, signal.s, outer=o)[0]) for o in (False, True)]
         s = np.maximum(signal.s - np.array([STOP_LINE_M, STOP_LINE_M, 0.0, 0.0]), 0.0)
         t = np.array([max(sides), min(sides), min(sides), max(sides)])
-        x, y, heading = road.curve.at(signal.s)[0]
+        x, y, heading = road.curve.pose(signal.s)
         points = road.place(s, t)
-        local = [Frame(float(x), float(y), float(heading)).locate(point[:2]) for point in points]
+        local = [Frame(x, y, heading).locate(point[:2]) for point in points]
         up = points[:, 2] - float(road.elevation.at(signal.s)[0])
         corners = np.column_stack([local, up])
         number = model.next_id + len(areas)
@@ -263,8 +263,8 @@ def _exit(
         if connection.incoming != road.id or way is None:
             continue
         at = way.length if connection.contact == "start" else 0.0
-        x, y, heading = way.curve.at(at)[0]
-        end = Frame(float(x), float(y), float(heading) + (0.0 if at else math.pi))
+        x, y, heading = way.curve.pose(at)
+        end = Frame(x, y, heading + (0.0 if at else math.pi))
         turn = abs(math.remainder(end.heading - frame.heading, 2 * math.pi))
         u, _ = frame.locate((x, y))
         if turn < STRAIGHT and u > 3.0 and (best is None or turn < best[0] - 1e-6):
@@ -285,6 +285,6 @@ def _exit(
         if lane.kind in ("driving", "bus", "bicycle") and lane.forward == at_start
         for o in (False, True)
     ]
-    x, y, heading = street.curve.at(s)[0]
-    base = Frame(float(x), float(y), float(heading) + (0.0 if at_start else math.pi))
+    x, y, heading = street.curve.pose(s)
+    base = Frame(x, y, heading + (0.0 if at_start else math.pi))
     return Exit(base, max((outward * b for b in borders), default=2.0) * outward)

@@ -10,13 +10,15 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.geometry import area_difference, area_union
-from urbantwin.roads.network import CARRIAGEWAY_KINDS, Lane, RoadNetwork
+from urbantwin.roads.network import CARRIAGEWAY_KINDS, Junction, Lane, RoadNetwork
 from urbantwin.roads.signals.approach import Frame
 
 __all__ = ["CLEARANCE_M", "FreeGround"]
 
 #: Distance of a pole's middle from the carriageway's edge (MUTCD 2009, 4D.16 and 2A.19: 0.6 m).
 CLEARANCE_M = 0.6
+#: So many places are looked at first; twice as many each time that none of them is free.
+FEW = 16
 DRIVEN = (*CARRIAGEWAY_KINDS, "connection", "crossing")
 
 
@@ -30,20 +32,32 @@ class FreeGround:
             if lane.kind in DRIVEN:
                 lanes[lane.level].append(lane)
         self._lanes = {level: _Lanes(found) for level, found in lanes.items()}
+        junctions: dict[int, list[Junction]] = defaultdict(list)
+        for junction in network.junctions:
+            if not junction.polygon.is_empty:
+                junctions[junction.level].append(junction)
+        self._junctions = {
+            level: (shapely.STRtree([junction.polygon for junction in found]), found)
+            for level, found in junctions.items()
+        }
+        self._cores: dict[str, shapely.Geometry] = {}
 
     @cached_property
-    def _cores(self) -> dict[int, tuple[shapely.STRtree, list[shapely.Geometry]]]:
-        """Junctions less the corners where people wait, by level."""
-        corners: dict[str, list[shapely.Geometry]] = defaultdict(list)
+    def _corners(self) -> dict[str, list[shapely.Geometry]]:
+        """Where people wait, by junction."""
+        found: dict[str, list[shapely.Geometry]] = defaultdict(list)
         for lane in self._network.lanes:
             if lane.kind == "walkingarea":
-                corners[lane.junction].append(lane.polygon)
-        found: dict[int, list[shapely.Geometry]] = defaultdict(list)
-        for junction in self._network.junctions:
-            if not junction.polygon.is_empty:
-                core = area_difference(junction.polygon, area_union(corners[junction.id]))
-                found[junction.level].append(core)
-        return {level: (shapely.STRtree(areas), areas) for level, areas in found.items()}
+                found[lane.junction].append(lane.polygon)
+        return found
+
+    def _core(self, junction: Junction) -> shapely.Geometry:
+        """Return a junction less the corners where people wait."""
+        if junction.id not in self._cores:
+            corners = area_union(self._corners[junction.id])
+            self._cores[junction.id] = area_difference(junction.polygon, corners)
+            shapely.prepare(self._cores[junction.id])
+        return self._cores[junction.id]
 
     def free(self, xy: NDArray[np.float64], level: int) -> NDArray[np.bool_]:
         """Return which of points (N, 2) are free on a level."""
@@ -51,11 +65,25 @@ class FreeGround:
         taken = np.zeros(len(xy), bool)
         if level in self._lanes:
             taken |= self._lanes[level].near(points)
-        if level in self._cores:
-            tree, _ = self._cores[level]
-            hit, _ = tree.query(points, predicate="dwithin", distance=CLEARANCE_M - 0.05)
-            taken[hit] = True
+        if level in self._junctions:
+            tree, junctions = self._junctions[level]
+            k, j = tree.query(points, predicate="dwithin", distance=CLEARANCE_M - 0.05)
+            for number in np.unique(j[~taken[k]]).tolist():
+                near = k[j == number]
+                core = self._core(junctions[number])
+                taken[near] |= shapely.dwithin(core, points[near], CLEARANCE_M - 0.05)
         return np.asarray(~taken)
+
+    def cheapest(
+        self, xy: NDArray[np.float64], cost: NDArray[np.float64], level: int
+    ) -> int | None:
+        """Return which of points (N, 2) is the free one of least cost (N,), if any is free."""
+        order = np.argsort(cost, kind="stable")
+        for part in np.split(order, FEW * np.array([1, 3, 7, 15])):
+            free = self.free(xy[part], level)
+            if free.any():
+                return int(part[np.argmax(free)])
+        return None
 
     def nearest(
         self, frame: Frame, u: NDArray[np.float64], v: NDArray[np.float64], level: int
@@ -72,10 +100,10 @@ class FreeGround:
         if first[: max(1, len(v) // 4)].any():
             return np.array([u[0], v[np.argmax(first)]])
         grid = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
-        free = self.free(frame.place(grid[:, 0], grid[:, 1]), level)
         # A step along the street costs a little more than one away from it.
         cost = np.abs(grid[:, 1] - v[0]) + 1.01 * np.abs(grid[:, 0] - u[0])
-        return np.asarray(grid[np.argmin(np.where(free, cost, np.inf))]) if free.any() else None
+        found = self.cheapest(frame.place(grid[:, 0], grid[:, 1]), cost, level)
+        return None if found is None else np.asarray(grid[found])
 
 
 class _Lanes:

@@ -38,7 +38,7 @@ def pose_of(model: LaneModel, signal: RoadSignal) -> tuple[float, float, float, 
         return x, y, z, heading
     road = model.road_by_id[signal.road]
     x, y, z = (float(v) for v in road.place(signal.s, signal.t)[0])
-    heading = float(road.curve.at(signal.s)[0, 2])
+    heading = road.curve.pose(signal.s)[2]
     # A signal faces the traffic that it is for.
     heading += 0.0 if signal.orientation == "-" else math.pi
     return x, y, z + signal.z, math.atan2(math.sin(heading), math.cos(heading))

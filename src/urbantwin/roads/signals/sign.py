@@ -238,7 +238,7 @@ def _before(
     if not beyond <= away <= BEFORE_M or abs(t) > 12.0:
         return None
     if heading is not None:
-        at = float(course.road.curve.at(s)[0, 2]) + (0.0 if course.forward else math.pi)
+        at = course.road.curve.pose(s)[2] + (0.0 if course.forward else math.pi)
         if math.cos(at - heading) < 0.0:
             return None
     return abs(away)
@@ -276,7 +276,7 @@ def _placed(
         for outer in (False, True)
     ]
     kerb = max(borders, key=lambda v: outward * v)
-    x, y, heading = (float(v) for v in road.curve.at(s)[0])
+    x, y, heading = road.curve.pose(s)
     frame = Frame(x, y, heading + (0.0 if course.forward else math.pi))
     v = kerb + outward * np.arange(CLEARANCE_M, SEARCH_M, 0.2)
     free = ground.free(frame.place(0.0, v), road.level)

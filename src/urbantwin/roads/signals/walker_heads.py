@@ -69,8 +69,8 @@ def _beside_crossing(
     u = np.arange(0.4, 9.0, 0.4)
     for v in (np.array([side]), np.arange(side + 0.4, side + 2.8, 0.4)):
         grid = np.stack(np.meshgrid(u, [*v, *-v], indexing="ij"), axis=-1).reshape(-1, 2)
-        free = ground.free(frame.place(grid[:, 0], grid[:, 1]), level)
-        if free.any():
-            cost = grid[:, 0] + np.abs(grid[:, 1])
-            return np.asarray(grid[np.argmin(np.where(free, cost, np.inf))])
+        cost = grid[:, 0] + np.abs(grid[:, 1])
+        found = ground.cheapest(frame.place(grid[:, 0], grid[:, 1]), cost, level)
+        if found is not None:
+            return np.asarray(grid[found])
     return None

@@ -130,9 +130,9 @@ def _hosts(model: LaneModel) -> list[_Host]:
             continue
         for station, link in ((0.0, road.predecessor), (road.length, road.successor)):
             ahead = REACH_M if station else -REACH_M
-            x, y, heading = road.curve.at(station)[0]
+            x, y, heading = road.curve.pose(station)
             outer = (x + ahead * math.cos(heading), y + ahead * math.sin(heading))
-            inner = road.curve.at(float(np.clip(station - ahead, 0.0, road.length)))[0]
+            inner = road.curve.pose(station - ahead)
             line = shapely.LineString([inner[:2], (x, y), outer])
             at_junction = link is not None and link.element == "junction"
             hosts.append(_Host(road, link.id if link and at_junction else -1, line))
@@ -179,7 +179,7 @@ def _corners(lane: Lane) -> NDArray[np.float64]:
 
 
 def _local(road: ModelRoad, s: float, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    x, y, heading = road.curve.at(s)[0]
+    x, y, heading = road.curve.pose(s)
     gap = points - [x, y, float(road.elevation.at(s)[0])]
     c, sn = math.cos(heading), math.sin(heading)
     return np.column_stack(
