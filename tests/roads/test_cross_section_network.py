@@ -79,6 +79,7 @@ def shape(lanes):
 
 
 CAR = ("driving", 3.25)
+#: What is mapped as a sidewalk is 0.15 m of curb and the rest, where it lies beside lanes.
 CASES = [
     ({"lanes": "3", "lanes:forward": "2", "width:lanes:forward": "3.1|2.9",
       "width:lanes:backward": "3.7"},
@@ -87,14 +88,14 @@ CASES = [
     ({"cycleway:right": "lane", "cycleway:right:width": "1.6"},
      [("bicycle", 1.6), CAR], [CAR]),
     ({"cycleway:both": "track", "sidewalk": "both", "sidewalk:both:width": "3"},
-     [("sidewalk", 3.0), ("bicycle", 2.0), CAR], [("sidewalk", 3.0), ("bicycle", 2.0), CAR]),
+     [("sidewalk", 2.85), ("bicycle", 2.0), CAR], [("sidewalk", 2.85), ("bicycle", 2.0), CAR]),
     ({"oneway": "yes", "lanes": "2", "sidewalk": "both"},
-     [("sidewalk", 2.5), CAR, CAR], [("sidewalk", 2.5)]),
+     [("sidewalk", 2.35), CAR, CAR], [("sidewalk", 2.5)]),
     ({"oneway": "yes", "lanes": "2", "cycleway": "opposite_lane"},
      [CAR, CAR], [("bicycle", 1.85)]),
     ({"oneway": "yes", "lanes": "3", "bus:lanes": "||designated"},
      [("bus", 3.25), CAR, CAR], []),
-    ({"oneway": "-1", "lanes": "2", "sidewalk": "left"}, [], [("sidewalk", 2.5), CAR, CAR]),
+    ({"oneway": "-1", "lanes": "2", "sidewalk": "left"}, [], [("sidewalk", 2.35), CAR, CAR]),
     ({"oneway": "yes", "lanes": "3", "busway": "opposite_lane"}, [CAR, CAR], [("bus", 3.25)]),
     ({"oneway": "yes", "lanes": "3", "turn:lanes": "left|through||right",
       "bicycle:lanes": "||designated|", "vehicle:lanes": "||no|"},
@@ -134,7 +135,7 @@ def test_lanes_on_the_left(write_osm, tmp_path):
 PLACES = [
     # Without a tag the line is the middle of the carriageway.
     ({"oneway": "yes", "lanes": "2"}, [-1.625, 1.625]),
-    ({"oneway": "yes", "lanes": "2", "sidewalk": "both"}, [-4.5, -1.625, 1.625]),
+    ({"oneway": "yes", "lanes": "2", "sidewalk": "both"}, [-4.575, -1.625, 1.625]),
     ({"oneway": "yes", "lanes": "2", "placement": "right_of:1"}, [-1.625, 1.625]),
     ({"oneway": "yes", "lanes": "2", "placement": "left_of:1"}, [-4.875, -1.625]),
     ({"oneway": "yes", "lanes": "3", "placement": "middle_of:1"}, [-6.5, -3.25, 0.0]),

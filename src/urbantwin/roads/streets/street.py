@@ -17,6 +17,8 @@ __all__ = ["Street", "Strip", "build_streets", "vehicle_lanes"]
 
 #: Two directions share a road where their inner borders lie closer than this, metres.
 PAIRED_M = 0.3
+#: Bends of lines that are smaller than this are the mapper's hand, metres.
+THINNED_M = 0.1
 #: The shortest road that is left where its ends are cut back for the junctions, metres.
 SHORTEST_M = 0.5
 
@@ -197,8 +199,8 @@ def _strips(lanes: list[Lane], side: int, *, forward: bool) -> list[Strip]:
 
 
 def _thinned(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Drop points that lie on the line between others, to 2 mm."""
-    return np.asarray(shapely.get_coordinates(shapely.LineString(points).simplify(0.002)))
+    """Drop points that lie on the line between others, as nearly as maps are drawn."""
+    return np.asarray(shapely.get_coordinates(shapely.LineString(points).simplify(THINNED_M)))
 
 
 def _extent(curve: Curve, strips: list[Strip]) -> tuple[float, float]:
