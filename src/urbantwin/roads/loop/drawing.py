@@ -75,9 +75,10 @@ class Drawing:
         every = [node for piece in pieces for node in piece.nodes]
         self._next_node = max((*every, *known), default=0) + 1
         self._next_way = max((piece.id for piece in pieces), default=0) + 1
+        self.lanes = [motor_lanes(piece.tags, side, country) for piece in pieces]
         widths = [
-            half_width(sum(map(sum, motor_lanes(piece.tags, side, country))), piece.tags)
-            for piece in pieces
+            half_width(sum(map(sum, lanes)), piece.tags)
+            for piece, lanes in zip(pieces, self.lanes, strict=True)
         ]
         self.ground = Ground([piece.points for piece in pieces], widths)
 
@@ -105,10 +106,11 @@ class Drawing:
         crowded = True
         for choice in choices:
             area = area_of(choice)
-            overlap = self.ground.overlap(area, *own)
+            size = SIZE_COST * area.area
+            overlap = self.ground.overlap(area, *own, enough=max(ROOM_M2, least - size))
             crowded = overlap > ROOM_M2
-            if not crowded or overlap + SIZE_COST * area.area < least:
-                best, least = choice, overlap + SIZE_COST * area.area
+            if not crowded or overlap + size < least:
+                best, least = choice, overlap + size
             if not crowded:
                 break
         self.overlaps += crowded

@@ -71,15 +71,16 @@ def motor_lanes(
 
 
 def loose_ends(
-    pieces: Sequence[WayPiece], known: Iterable[int], side: str, country: str
+    pieces: Sequence[WayPiece],
+    known: Iterable[int],
+    lanes: Sequence[tuple[list[float], list[float]]],
 ) -> list[LooseEnd]:
     """Return the ends at nodes that no other piece of a way has, in the order of the pieces.
 
     Args:
         pieces: the ways of the network, cut to the region.
         known: ids of the nodes of the map; others are where the border cut a way.
-        side: ``right`` or ``left``, the side that traffic keeps to.
-        country: ISO 3166-1 alpha-2; empty if unknown.
+        lanes: of each piece, the widths of its lanes along it and against it, metres.
     """
     arms: dict[int, int] = defaultdict(int)
     for piece in pieces:
@@ -87,8 +88,7 @@ def loose_ends(
             arms[node] += 1 if k in (0, len(piece.nodes) - 1) else 2
     of_map = frozenset(known)
     found = []
-    for piece in pieces:
-        along, against = motor_lanes(piece.tags, side, country)
+    for piece, (along, against) in zip(pieces, lanes, strict=True):
         for at_start in (True, False):
             node = piece.nodes[0 if at_start else -1]
             if arms[node] != 1:

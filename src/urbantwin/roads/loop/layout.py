@@ -51,12 +51,9 @@ class Ground:
     """
 
     def __init__(self, roads: Sequence[Points], half_widths: Sequence[float]) -> None:
-        self._streets = [
-            shapely.LineString(points).buffer(width)
-            for points, width in zip(roads, half_widths, strict=True)
-        ]
-        self._tree = shapely.STRtree(self._streets)
         lines = [shapely.LineString(points) for points in roads]
+        self._streets = shapely.buffer(lines, half_widths)
+        self._tree = shapely.STRtree(self._streets)
         self._lines = shapely.STRtree(shapely.buffer(lines, WAY_OUT_ROOM_M, cap_style="flat"))
         self._taken: list[shapely.Geometry] = []
         self._reserved: list[shapely.Geometry] = []
@@ -70,14 +67,24 @@ class Ground:
         """Note that an area is kept free for a road that comes later."""
         self._reserved.append(area)
 
-    def overlap(self, area: shapely.Geometry, *streets: int) -> float:
-        """Return how much of an area is taken by others than some streets, square metres."""
+    def overlap(self, area: shapely.Geometry, *streets: int, enough: float = math.inf) -> float:
+        """Return how much of an area is taken by others than some streets, square metres.
+
+        Args:
+            area: the area.
+            streets: numbers of the streets that do not count.
+            enough: once the overlap with one of the others is this large, it is returned.
+        """
         met = sorted(set(self._tree.query(area, predicate="intersects").tolist()) - set(streets))
-        others = [self._streets[k] for k in met]
-        others += [
-            other for other in (*self._taken, *self._reserved) if shapely.intersects(area, other)
-        ]
-        return float(shapely.intersection(area, shapely.union_all(others)).area)
+        others = [*(self._streets[k] for k in met), *self._taken, *self._reserved]
+        shapely.prepare(area)
+        parts = []
+        for other in others:
+            if area.intersects(other):
+                parts.append(area.intersection(other))
+                if parts[-1].area > enough:
+                    return float(parts[-1].area)
+        return float(shapely.union_all(parts).area)
 
     def leads_out(self, street: int, point: Points, heading: float) -> bool:
         """Return whether the straight way on from a street's end leaves all streets behind."""

@@ -72,7 +72,7 @@ def close_loop(
     turning: list[LooseEnd] = []
     exits: list[Gate] = []
     entries: list[Gate] = []
-    for end in loose_ends(drawing.pieces, of_map, drawing.side, drawing.country):
+    for end in loose_ends(drawing.pieces, of_map, drawing.lanes):
         street = number[end.piece.id]
         out = _way_out(drawing, end, street)
         lanes = max(end.leaves, end.enters)
@@ -133,7 +133,7 @@ def _blind_ends(drawing: Drawing, known: frozenset[int]) -> list[LooseEnd]:
     number = {piece.id: k for k, piece in enumerate(drawing.pieces)}
     return [
         end
-        for end in loose_ends(drawing.pieces, known, drawing.side, drawing.country)
+        for end in loose_ends(drawing.pieces, known, drawing.lanes)
         if not end.enters and _way_out(drawing, end, number[end.piece.id]) is None
     ]
 
