@@ -26,6 +26,8 @@ def with_tilted_widths(model: LaneModel) -> LaneModel:
 def _road(road: ModelRoad) -> ModelRoad:
     s = np.linspace(0.0, road.length, max(2, int(np.ceil(road.length)) + 1))
     shrink = 1.0 - np.cos(road.bank.at(s)).min()
+    if shrink == 0.0:
+        return road
     section = road.sections[0]
     reach = max(
         (float(np.abs(road.border(section, lane, 0.0, outer=True))[0]) for lane in section.lanes),

@@ -52,7 +52,7 @@ class Ground:
 
     def __init__(self, roads: Sequence[Points], half_widths: Sequence[float]) -> None:
         lines = [shapely.LineString(points) for points in roads]
-        self._streets = shapely.buffer(lines, half_widths)
+        self._streets = shapely.buffer(lines, half_widths, quad_segs=16)
         self._tree = shapely.STRtree(self._streets)
         self._lines = shapely.STRtree(shapely.buffer(lines, WAY_OUT_ROOM_M, cap_style="flat"))
         self._taken: list[shapely.Geometry] = []

@@ -99,27 +99,15 @@ class Curve:
         """Return x, y, heading (N, 3) at stations ``s``."""
         stations = np.asarray(s, np.float64).reshape(-1)
         stations = np.minimum(np.maximum(stations, 0.0), self.length)
-        which = np.searchsorted(self.starts[1:-1], stations, side="right")
-        rows = self._table[which]
+        which = self.starts[1:-1].searchsorted(stations, side="right")
         ds = stations - self.starts[which]
-        x, y, heading, c, sn, length, curvature = rows[:, :7].T
-        p = ds / length
-        u, v = rows[:, 7:11].T, rows[:, 11:].T
-        along = p * (u[1] + p * (u[2] + p * u[3])) + u[0]
-        across = p * (v[1] + p * (v[2] + p * v[3])) + v[0]
-        turn = np.arctan2(
-            v[1] + p * (2 * v[2] + 3 * p * v[3]), u[1] + p * (2 * u[2] + 3 * p * u[3])
-        )
-        if self._has_arcs:
-            arc = np.flatnonzero(curvature)
-            half = curvature[arc] * ds[arc] / 2
-            chord = 2 * np.sin(half) / curvature[arc]
-            along[arc], across[arc] = chord * np.cos(half), chord * np.sin(half)
-            turn[arc] = 2 * half
-        pose = np.empty((len(ds), 3))
-        pose[:, 0] = x + along * c - across * sn
-        pose[:, 1] = y + along * sn + across * c
-        pose[:, 2] = heading + turn
+        rows, cubic = self._table[which], self._cubic
+        if cubic.all():
+            return _on_cubics(rows, self._powers[which], ds)
+        pose = _on_arcs(rows, ds)
+        if cubic.any():
+            here = cubic[which]
+            pose[here] = _on_cubics(rows[here], self._powers[which[here]], ds[here])
         return pose
 
     def pose(self, s: float) -> tuple[float, float, float]:
@@ -130,26 +118,29 @@ class Curve:
 
     @cached_property
     def _table(self) -> NDArray[np.float64]:
-        """A row a piece: x, y, heading, its cosine and sine, length, curvature, u, v.
-
-        A line is a cubic whose place along is its station.
-        """
-        none = (0.0,) * 4
+        """A row a piece: x, y, heading, its cosine and sine, length, curvature."""
         return np.array(
             [
                 (
                     *(p.x, p.y, p.heading, math.cos(p.heading), math.sin(p.heading)),
                     *(max(p.length, 1e-12), p.curvature),
-                    *(p.u or (0.0, p.length, 0.0, 0.0)),
-                    *(p.v or none),
                 )
                 for p in self.pieces
             ]
         )
 
     @cached_property
-    def _has_arcs(self) -> bool:
-        return any(piece.curvature for piece in self.pieces)
+    def _powers(self) -> NDArray[np.complex128]:
+        """A row a piece: a cubic's u + iv (4,)."""
+        none = (0.0,) * 4
+        return np.array([p.u or none for p in self.pieces]) + 1j * np.array(
+            [p.v or none for p in self.pieces]
+        )
+
+    @cached_property
+    def _cubic(self) -> NDArray[np.bool_]:
+        """Which pieces are cubics."""
+        return np.array([bool(piece.u) for piece in self.pieces])
 
     def beside(self, s: ArrayLike, t: ArrayLike) -> NDArray[np.float64]:
         """Return points (N, 2) at stations ``s``, ``t`` metres to the left."""
@@ -204,6 +195,40 @@ class Curve:
                     part = (float(a - start) / piece.length, float(b - start) / piece.length)
                     pieces.append(_part(piece, part, (x, y, heading), length))
         return Curve(tuple(pieces))
+
+
+def _on_arcs(rows: NDArray[np.float64], ds: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return poses (N, 3) at distances from the starts of lines and arcs."""
+    curvature = rows[:, 6]
+    half = curvature * ds / 2
+    chord = np.divide(2 * np.sin(half), curvature, out=ds.copy(), where=curvature != 0.0)
+    return _posed(rows, chord * np.cos(half), chord * np.sin(half), 2 * half)
+
+
+def _on_cubics(
+    rows: NDArray[np.float64], powers: NDArray[np.complex128], ds: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return poses (N, 3) at distances from the starts of cubics."""
+    a, b, c, d = powers.T
+    p = ds / rows[:, 5]
+    place = p * (b + p * (c + p * d)) + a
+    ahead = b + p * (2 * c + 3 * p * d)
+    return _posed(rows, place.real, place.imag, np.arctan2(ahead.imag, ahead.real))
+
+
+def _posed(
+    rows: NDArray[np.float64],
+    along: NDArray[np.float64],
+    across: NDArray[np.float64],
+    turn: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return poses (N, 3) ahead of the starts of pieces, to their left, and turned."""
+    x, y, heading, c, s, _, _ = rows.T
+    pose = np.empty((len(rows), 3))
+    pose[:, 0] = x + along * c - across * s
+    pose[:, 1] = y + along * s + across * c
+    pose[:, 2] = heading + turn
+    return pose
 
 
 def _part(
