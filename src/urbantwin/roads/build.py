@@ -260,13 +260,15 @@ def _network_ways(
 
 def _buildings(extract: Extract, frame: SiteFrame) -> list[shapely.Polygon]:
     """Return the outlines of buildings on the ground, site frame."""
-    found = []
-    for way in extract.ways.values():
-        if "building" in way.tags and way.tags.get("layer", "0") == "0":
-            line = extract.way_line(way, frame)
-            if len(line) > 3:
-                found.append(shapely.make_valid(shapely.Polygon(line)))
-    return found
+    rings = [
+        known
+        for way in extract.ways.values()
+        if "building" in way.tags and way.tags.get("layer", "0") == "0"
+        if len(known := [node for node in way.nodes if node in extract.nodes]) > 3
+    ]
+    xy = frame.site_from_lonlat([extract.nodes[node] for ring in rings for node in ring])
+    owner = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
+    return list(shapely.make_valid(shapely.polygons(shapely.linearrings(xy, indices=owner))))
 
 
 def _crossings(

@@ -148,7 +148,7 @@ class RoadSurface:
         self, known: _Level, points: NDArray[np.float64]
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return which points lie on streets, and their heights."""
-        which, street = known.footprints.query(shapely.points(points), predicate="intersects")
+        which, street = _inside(known.footprints, points)
         order = np.argsort(street, kind="stable")
         which, street = which[order], street[order]
         bounds = np.searchsorted(street, np.arange(len(known.streets) + 1))
@@ -183,7 +183,7 @@ class RoadSurface:
             inside = np.where(paved[mine], margin, outer)
             # A way through a junction that cuts a corner goes before the footway there.
             bare = np.flatnonzero(~paved[mine])
-            cut = known.ways.query(shapely.points(points[mine[bare]]), "intersects")[0]
+            cut = _inside(known.ways, points[mine[bare]])[0]
             inside[bare[cut]] = -1.0
             share = np.where(inside >= -TOUCH_M, np.maximum(inside, 1e-4) ** 2, 0.0)
             np.add.at(total, mine, share * z)
@@ -223,6 +223,17 @@ class RoadSurface:
         )
         weight += np.bincount(row, share, minlength=len(points))
         return np.asarray(total / weight)
+
+
+def _inside(
+    areas: shapely.STRtree, points: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the indices of points (N, 2) and of areas that they lie in."""
+    which, area = areas.query(shapely.points(points))
+    # Prepared areas answer faster than the tree's own predicate.
+    shapely.prepare(areas.geometries)
+    hit = shapely.intersects_xy(areas.geometries[area], points[which])
+    return which[hit], area[hit]
 
 
 def _fading(distance: NDArray[np.float64], reach: float) -> NDArray[np.float64]:

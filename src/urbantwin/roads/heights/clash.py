@@ -53,8 +53,7 @@ def find_clashes(
         stations: of the streets and of the ways.
     """
     roads = [*streets, *ways]
-    areas = stations.areas(grown=SEAM_M / 2)
-    areas[len(streets) :] = stations.areas(grown=-0.05)[len(streets) :]
+    areas = stations.areas(grown=np.repeat([SEAM_M / 2, -0.05], [len(streets), len(ways)]))
     level = np.array([road.level for road in roads])
     tree = shapely.STRtree(areas[: len(streets)])
     first, second = tree.query(areas, predicate="intersects")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.roads.model import RAISED_KINDS, ModelRoad
 
@@ -66,21 +66,26 @@ class Stations:
         """The left border of everything (M,)."""
         return np.asarray(self.sides[3])
 
-    def areas(self, *, outer: bool = False, grown: float = 0.0) -> NDArray[np.object_]:
+    def areas(self, *, outer: bool = False, grown: ArrayLike = 0.0) -> NDArray[np.object_]:
         """Return the area (R,) of each road's carriageway, or of everything on it.
 
         Args:
             outer: whether footways count.
-            grown: how much further it reaches to both sides, metres.
+            grown: how much further it reaches to both sides, metres, all or each (R,).
         """
+        if not self.roads:
+            return np.zeros(0, object)
         right, left = self.sides[2:] if outer else self.sides[:2]
-        corners = self.beside(np.column_stack([right - grown, left + grown]))
-        rings = [
-            np.vstack([corners[part, 0], corners[part, 1][::-1]])
-            for part in map(self.of, range(len(self.roads)))
-        ]
-        found = np.array([shapely.Polygon(ring) for ring in rings], object)
-        bad = ~shapely.is_valid(found) if len(found) else np.zeros(0, bool)
+        more = np.broadcast_to(np.asarray(grown, np.float64), len(self.roads))[self.road]
+        corners = self.beside(np.column_stack([right - more, left + more]))
+        # Along the right border of a road, and back along its left one.
+        begin, end = self.edges()
+        back = (begin + end)[self.road] - np.arange(len(self.road))
+        order = np.argsort(np.tile(self.road, 2), kind="stable")
+        ring = np.concatenate([corners[:, 0], corners[back, 1]])[order]
+        rings = shapely.linearrings(ring, indices=np.repeat(self.road, 2))
+        found: NDArray[np.object_] = shapely.polygons(rings)
+        bad = ~shapely.is_valid(found)
         found[bad] = shapely.buffer(found[bad], 0.0)
         return found
 
@@ -133,7 +138,11 @@ def stations_of(roads: Sequence[ModelRoad], step: float, turn: float = math.inf)
         turn: largest mean change of heading from one to the next, radians.
     """
     counts = [
-        max(3, math.ceil(road.length / step) + 1, math.ceil(_turning(road) / turn) + 1)
+        max(
+            3,
+            math.ceil(road.length / step) + 1,
+            math.ceil(_turning(road) / turn) + 1 if turn < math.inf else 0,
+        )
         for road in roads
     ]
     first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
@@ -173,12 +182,13 @@ def _turning(road: ModelRoad) -> float:
 def _reach(road: ModelRoad, s: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (4, N): the carriageway's right and left, and everything's."""
     found = np.zeros((4, len(s)))
-    ends = road.section_ends
-    for k, (section, end) in enumerate(zip(road.sections, ends, strict=True)):
-        last = k == len(ends) - 1
-        inside = (s >= section.s) & ((s <= end) if last else (s < end))
-        if not inside.any():
+    starts = np.searchsorted(s, [section.s for section in road.sections[1:]]).tolist()
+    for section, (begin, end) in zip(
+        road.sections, itertools.pairwise([0, *starts, len(s)]), strict=True
+    ):
+        if begin == end:
             continue
+        inside = slice(begin, end)
         here = s[inside]
         offset = road.offset.at(here)
         found[:, inside] = offset

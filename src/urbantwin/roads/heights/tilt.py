@@ -28,6 +28,8 @@ def _road(road: ModelRoad) -> ModelRoad:
     shrink = 1.0 - np.cos(road.bank.at(s)).min()
     if shrink == 0.0:
         return road
+    if shrink == 0.0:
+        return road
     section = road.sections[0]
     reach = max(
         (float(np.abs(road.border(section, lane, 0.0, outer=True))[0]) for lane in section.lanes),

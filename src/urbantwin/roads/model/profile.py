@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,8 +23,14 @@ class Profile:
 
     def at(self, s: ArrayLike) -> NDArray[np.float64]:
         """Return values (N,) at stations."""
+        if self._is_level:
+            return np.full(np.shape(s) or (1,), self.abcd[0, 0])
         ds, (a, b, c, d) = self._piece(s)
         return np.asarray(a + ds * (b + ds * (c + ds * d)))
+
+    @cached_property
+    def _is_level(self) -> bool:
+        return len(self.start) == 1 and not self.abcd[0, 1:].any()
 
     def slope(self, s: ArrayLike) -> NDArray[np.float64]:
         """Return derivatives (N,) at stations."""

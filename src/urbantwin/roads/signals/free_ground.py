@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.geometry import area_difference, area_union
 from urbantwin.roads.network import CARRIAGEWAY_KINDS, Junction, Lane, RoadNetwork
@@ -31,13 +32,13 @@ class FreeGround:
         for lane in network.lanes:
             if lane.kind in DRIVEN:
                 lanes[lane.level].append(lane)
-        self._lanes = {level: _Lanes(found) for level, found in lanes.items()}
+        self._lanes = {level: _near_lanes(found) for level, found in lanes.items()}
         junctions: dict[int, list[Junction]] = defaultdict(list)
         for junction in network.junctions:
             if not junction.polygon.is_empty:
                 junctions[junction.level].append(junction)
         self._junctions = {
-            level: (shapely.STRtree([junction.polygon for junction in found]), found)
+            level: (_Near([junction.polygon for junction in found], CLEARANCE_M - 0.05), found)
             for level, found in junctions.items()
         }
         self._cores: dict[str, shapely.Geometry] = {}
@@ -64,10 +65,10 @@ class FreeGround:
         points = shapely.points(xy)
         taken = np.zeros(len(xy), bool)
         if level in self._lanes:
-            taken |= self._lanes[level].near(points)
+            taken[self._lanes[level].pairs(points)[0]] = True
         if level in self._junctions:
-            tree, junctions = self._junctions[level]
-            k, j = tree.query(points, predicate="dwithin", distance=CLEARANCE_M - 0.05)
+            near_junctions, junctions = self._junctions[level]
+            k, j = near_junctions.pairs(points)
             for number in np.unique(j[~taken[k]]).tolist():
                 near = k[j == number]
                 core = self._core(junctions[number])
@@ -106,22 +107,30 @@ class FreeGround:
         return None if found is None else np.asarray(grid[found])
 
 
-class _Lanes:
-    """The middles of lanes with half their widths, to be asked for what lies near."""
+def _near_lanes(lanes: Sequence[Lane]) -> _Near:
+    """Return the middles of lanes, each near at half its width and a pole's clearance."""
+    owner = np.repeat(np.arange(len(lanes)), [len(lane.centre) for lane in lanes])
+    lines = shapely.linestrings(
+        np.concatenate([lane.centre[:, :2] for lane in lanes]), indices=owner
+    )
+    half = np.array([max(lane.width, *lane.widths, 0.0) / 2 for lane in lanes])
+    return _Near(lines, half + CLEARANCE_M - 0.05)
 
-    def __init__(self, lanes: list[Lane]) -> None:
-        counts = [len(lane.centre) for lane in lanes]
-        owner = np.repeat(np.arange(len(lanes)), counts)
-        xy = np.concatenate([lane.centre[:, :2] for lane in lanes])
-        self.lines = shapely.linestrings(xy, indices=owner)
-        self.half = np.array([max(lane.width, *lane.widths, 0.0) / 2 for lane in lanes])
-        self.reach = float(self.half.max()) + CLEARANCE_M
-        self.tree = shapely.STRtree(self.lines)
 
-    def near(self, points: NDArray[np.object_]) -> NDArray[np.bool_]:
-        """Return which points lie on a lane or too near to one."""
-        k, j = self.tree.query(points, predicate="dwithin", distance=self.reach)
-        close = shapely.distance(points[k], self.lines[j]) < self.half[j] + CLEARANCE_M - 0.05
-        taken = np.zeros(len(points), bool)
-        taken[k[close]] = True
-        return taken
+class _Near:
+    """Shapes, each with a distance at which points are near to it."""
+
+    def __init__(self, shapes: Sequence[shapely.Geometry], reach: ArrayLike) -> None:
+        self.shapes = np.asarray(shapes, object)
+        self.reach = np.broadcast_to(np.asarray(reach, np.float64), len(shapes))
+        low_x, low_y, high_x, high_y = shapely.bounds(shapes).T
+        more = self.reach + 0.01
+        boxes = shapely.box(low_x - more, low_y - more, high_x + more, high_y + more)
+        self.tree = shapely.STRtree(boxes)
+        shapely.prepare(self.shapes)
+
+    def pairs(self, points: NDArray[np.object_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the indices of points and of the shapes that they are near to."""
+        k, j = self.tree.query(points)
+        close = shapely.dwithin(self.shapes[j], points[k], self.reach[j])
+        return k[close], j[close]
