@@ -11,7 +11,8 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
-from urbantwin.roads.model import RAISED_KINDS, ModelRoad
+from urbantwin.roads.model import RAISED_KINDS, ModelRoad, Profile
+from urbantwin.roads.model.curve import all_at
 
 __all__ = ["SHARPEST", "Stations", "stations_of"]
 
@@ -148,25 +149,24 @@ def stations_of(roads: Sequence[ModelRoad], step: float, turn: float = math.inf)
     first = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
     s = [np.linspace(0.0, road.length, n) for road, n in zip(roads, counts, strict=True)]
     near = [min(NEAR_M, road.length / 50) for road in roads]
-    # The ends' neighbours, for curvature and pace, are asked for in the same breath.
-    pose = [
-        road.curve.at(np.concatenate([x, [d, road.length - d]]))
-        for road, x, d in zip(roads, s, near, strict=True)
-    ]
-    ends = np.array([p[[0, -2, -1, -3]] for p in pose]).reshape(-1, 2, 2, 3)
-    change = ends[:, :, 1] - ends[:, :, 0]
+    curves = [road.curve for road in roads]
+    pose = all_at(curves, s)
+    # Curvature and pace at the ends are told by what lies just inside of them.
+    inside = [np.array([d, road.length - d]) for road, d in zip(roads, near, strict=True)]
+    ends = pose[np.column_stack([first[:-1], first[1:] - 1])]
+    change = (all_at(curves, inside).reshape(-1, 2, 3) - ends) * [[[1.0], [-1.0]]]
     reach = [_reach(road, x) for road, x in zip(roads, s, strict=True)]
     sides = np.concatenate([np.zeros((4, 0)), *reach], axis=1)
     away = np.array(near, np.float64)[:, None]
-    turn = (change[:, :, 2] + np.pi) % (2.0 * np.pi) - np.pi
+    turned = (change[:, :, 2] + np.pi) % (2.0 * np.pi) - np.pi
     return Stations(
         tuple(roads),
         first,
         np.repeat(np.arange(len(counts)), counts),
         np.concatenate([np.zeros(0), *s]),
-        np.concatenate([np.zeros((0, 3)), *(p[:-2] for p in pose)]),
+        pose,
         sides,
-        (turn / away).T,
+        (turned / away).T,
         (np.hypot(change[:, :, 0], change[:, :, 1]) / away).T,
     )
 
@@ -179,6 +179,15 @@ def _turning(road: ModelRoad) -> float:
     return arcs + sum(abs(math.remainder(b - a, math.tau)) for a, b in itertools.pairwise(cubics))
 
 
+def _values(
+    profile: Profile, s: NDArray[np.float64], least: float = -math.inf
+) -> NDArray[np.float64] | float:
+    """Return values (N,) of a profile at stations, or the one that it has at all of them."""
+    if profile.constant_value is not None:
+        return max(profile.constant_value, least)
+    return np.maximum(profile.at(s), least)
+
+
 def _reach(road: ModelRoad, s: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (4, N): the carriageway's right and left, and everything's."""
     found = np.zeros((4, len(s)))
@@ -189,8 +198,7 @@ def _reach(road: ModelRoad, s: NDArray[np.float64]) -> NDArray[np.float64]:
         if begin == end:
             continue
         inside = slice(begin, end)
-        here = s[inside]
-        offset = road.offset.at(here)
+        offset = _values(road.offset, s[inside])
         found[:, inside] = offset
         for side in (-1, 1):
             t = offset
@@ -199,7 +207,7 @@ def _reach(road: ModelRoad, s: NDArray[np.float64]) -> NDArray[np.float64]:
                 lane = section.by_id.get(number)
                 if lane is None:
                     break
-                t = t + side * np.maximum(lane.width.at(here - section.s), 0.0)
+                t = t + side * _values(lane.width, s[inside] - section.s, least=0.0)
                 if lane.kind not in RAISED_KINDS and lane.kind != "none":
                     flat = t
             found[0 if side < 0 else 1, inside] = flat

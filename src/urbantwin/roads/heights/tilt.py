@@ -30,18 +30,25 @@ def _road(road: ModelRoad) -> ModelRoad:
         return road
     if shrink == 0.0:
         return road
-    section = road.sections[0]
-    reach = max(
-        (float(np.abs(road.border(section, lane, 0.0, outer=True))[0]) for lane in section.lanes),
-        default=0.0,
-    )
-    if reach * shrink < NOTICED_M:
+    if _reach(road) * shrink < NOTICED_M:
         return road
     sections = tuple(
         _section(road, section, end)
         for section, end in zip(road.sections, road.section_ends, strict=True)
     )
     return replace(road, offset=_grown(road, road.offset, 0.0, road.length), sections=sections)
+
+
+def _reach(road: ModelRoad) -> float:
+    """Return how far lanes reach from the reference line where the road begins, metres."""
+    reach = 0.0
+    for side in (1, -1):
+        t = float(road.offset.at(0.0)[0])
+        lanes = (lane for lane in road.sections[0].lanes if lane.id * side > 0)
+        for lane in sorted(lanes, key=lambda lane: lane.id * side):
+            t += side * float(lane.width.at(0.0)[0])
+            reach = max(reach, abs(t))
+    return reach
 
 
 def _section(road: ModelRoad, section: LaneSection, end: float) -> LaneSection:

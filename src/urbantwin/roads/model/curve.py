@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate
@@ -13,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
-__all__ = ["Curve", "Piece", "all_turned", "aside", "filleted", "splined", "turned"]
+__all__ = ["Curve", "Piece", "all_at", "all_turned", "aside", "filleted", "splined", "turned"]
 
 #: How far a fillet may leave the corner that it rounds, metres.
 FILLET_DEVIATION_M = 0.2
@@ -97,18 +98,15 @@ class Curve:
 
     def at(self, s: ArrayLike) -> NDArray[np.float64]:
         """Return x, y, heading (N, 3) at stations ``s``."""
+        which, ds = self._within(s)
+        return _posed_on(self._table[which], self._cubic[which], self._powers[which], ds)
+
+    def _within(self, s: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return on which pieces stations lie, and how far from their starts."""
         stations = np.asarray(s, np.float64).reshape(-1)
         stations = np.minimum(np.maximum(stations, 0.0), self.length)
         which = self.starts[1:-1].searchsorted(stations, side="right")
-        ds = stations - self.starts[which]
-        rows, cubic = self._table[which], self._cubic
-        if cubic.all():
-            return _on_cubics(rows, self._powers[which], ds)
-        pose = _on_arcs(rows, ds)
-        if cubic.any():
-            here = cubic[which]
-            pose[here] = _on_cubics(rows[here], self._powers[which[here]], ds[here])
-        return pose
+        return which, stations - self.starts[which]
 
     def pose(self, s: float) -> tuple[float, float, float]:
         """Return x, y, heading at one station."""
@@ -133,6 +131,8 @@ class Curve:
     def _powers(self) -> NDArray[np.complex128]:
         """A row a piece: a cubic's u + iv (4,)."""
         none = (0.0,) * 4
+        if not self._cubic.any():
+            return np.zeros((len(self.pieces), 4), np.complex128)
         return np.array([p.u or none for p in self.pieces]) + 1j * np.array(
             [p.v or none for p in self.pieces]
         )
@@ -195,6 +195,35 @@ class Curve:
                     part = (float(a - start) / piece.length, float(b - start) / piece.length)
                     pieces.append(_part(piece, part, (x, y, heading), length))
         return Curve(tuple(pieces))
+
+
+def all_at(curves: Sequence[Curve], s: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Return x, y, heading (N, 3) at the stations of many curves, one curve after the other."""
+    if not curves:
+        return np.zeros((0, 3))
+    within = [curve._within(stations) for curve, stations in zip(curves, s, strict=True)]
+    first = accumulate((len(curve.pieces) for curve in curves), initial=0)
+    which = np.concatenate([k + start for (k, _), start in zip(within, first, strict=False)])
+    table, cubic, powers = (
+        np.concatenate([getattr(curve, name) for curve in curves])[which]
+        for name in ("_table", "_cubic", "_powers")
+    )
+    return _posed_on(table, cubic, powers, np.concatenate([ds for _, ds in within]))
+
+
+def _posed_on(
+    rows: NDArray[np.float64],
+    cubic: NDArray[np.bool_],
+    powers: NDArray[np.complex128],
+    ds: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return poses (N, 3) at distances from the starts of pieces."""
+    if cubic.all():
+        return _on_cubics(rows, powers, ds)
+    pose = _on_arcs(rows, ds)
+    if cubic.any():
+        pose[cubic] = _on_cubics(rows[cubic], powers[cubic], ds[cubic])
+    return pose
 
 
 def _on_arcs(rows: NDArray[np.float64], ds: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -23,14 +23,16 @@ class Profile:
 
     def at(self, s: ArrayLike) -> NDArray[np.float64]:
         """Return values (N,) at stations."""
-        if self._is_level:
-            return np.full(np.shape(s) or (1,), self.abcd[0, 0])
+        if self.constant_value is not None:
+            return np.full(np.shape(s) or (1,), self.constant_value)
         ds, (a, b, c, d) = self._piece(s)
         return np.asarray(a + ds * (b + ds * (c + ds * d)))
 
     @cached_property
-    def _is_level(self) -> bool:
-        return len(self.start) == 1 and not self.abcd[0, 1:].any()
+    def constant_value(self) -> float | None:
+        """The value of a profile that is written as one constant."""
+        alone = len(self.start) == 1 and not self.abcd[0, 1:].any()
+        return float(self.abcd[0, 0]) if alone else None
 
     def slope(self, s: ArrayLike) -> NDArray[np.float64]:
         """Return derivatives (N,) at stations."""

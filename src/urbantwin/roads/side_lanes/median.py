@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.roads.model import LaneModel, ModelRoad, fitted
-from urbantwin.roads.model.curve import aside
+from urbantwin.roads.model.curve import all_at, aside
 from urbantwin.roads.side_lanes.insertion import Insertion
 from urbantwin.roads.side_lanes.room import STEP_M
 
@@ -42,15 +42,15 @@ def medians(
     """
     streets = [road for road in model.roads if road.junction < 0]
     shapes = [footprints[road.id] for road in streets]
-    tree = shapely.STRtree(shapes)
+    # Outer roads beyond the region are ways of no map: nothing is built between them.
+    roads = [road for road in streets if any(road.ways) and _inner_side(road)]
+    stations = [
+        np.linspace(0.0, road.length, max(3, int(road.length / STEP_M) + 2)) for road in roads
+    ]
     found: dict[int, list[Insertion]] = {}
-    for road in streets:
+    widths = _widths(roads, stations, streets, shapes)
+    for road, s, width in zip(roads, stations, widths, strict=True):
         side = _inner_side(road)
-        # Outer roads beyond the region are ways of no map: nothing is built between them.
-        if not side or not any(road.ways):
-            continue
-        s = np.linspace(0.0, road.length, max(3, int(road.length / STEP_M) + 2))
-        width = _widths(road, side, s, streets, shapes, tree)
         items = [
             item for a, b in _spans(width) if (item := _median(road, side, s[a:b], width[a:b]))
         ]
@@ -66,24 +66,29 @@ def _inner_side(road: ModelRoad) -> int:
 
 
 def _widths(
-    road: ModelRoad,
-    side: int,
-    s: NDArray[np.float64],
+    roads: Sequence[ModelRoad],
+    stations: Sequence[NDArray[np.float64]],
     streets: Sequence[ModelRoad],
     shapes: Sequence[shapely.Geometry],
-    tree: shapely.STRtree,
-) -> NDArray[np.float64]:
-    """Return how wide the median is (N,) at stations; nan where there is none."""
-    pose = road.curve.at(s)
-    edge = road.offset.at(s)
+) -> list[NDArray[np.float64]]:
+    """Return how wide each road's median is (N,) at its stations (N,); nan where there is none."""
+    if not roads:
+        return []
+    counts = [len(s) for s in stations]
+    side, number, level = np.repeat(
+        [(_inner_side(road), road.id, road.level) for road in roads], counts, axis=0
+    ).T
+    pose = all_at([road.curve for road in roads], stations)
+    edge = np.concatenate([road.offset.at(s) for road, s in zip(roads, stations, strict=True)])
     near, far = aside(pose, edge + side * 0.02), aside(pose, edge + side * (WIDEST_M + 0.5))
     probes = shapely.linestrings(np.stack([near, far], axis=1))
-    probe, hit = tree.query(probes, predicate="intersects")
-    fits = [streets[j].id != road.id and streets[j].level == road.level for j in hit]
+    probe, hit = shapely.STRtree(shapes).query(probes, predicate="intersects")
+    others = np.array([(road.id, road.level) for road in streets])[hit]
+    fits = (others[:, 0] != number[probe]) & (others[:, 1] == level[probe])
     probe, hit = probe[fits], hit[fits]
     crossed = shapely.intersection(np.asarray(shapes, object)[hit], probes[probe])
     reach = shapely.distance(shapely.points(near[probe]), crossed) + 0.02
-    width = np.full(len(s), math.nan)
+    width = np.full(len(pose), math.nan)
     order = np.lexsort((reach, probe))
     # The nearest street at each station.
     nearest = order[np.unique(probe[order], return_index=True)[1]]
@@ -96,7 +101,7 @@ def _widths(
         share = np.where((along < -PARALLEL) & bool(_inner_side(other)), 0.5, 1.0)
         ok = (np.abs(along) > PARALLEL) & (gap > NARROWEST_M) & (gap < WIDEST_M)
         width[k[ok]] = (gap * share)[ok]
-    return width
+    return np.split(width, np.cumsum(counts)[:-1])
 
 
 def _spans(width: NDArray[np.float64]) -> list[tuple[int, int]]:
