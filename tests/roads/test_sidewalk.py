@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+import shapely
 
 from urbantwin.roads.sidewalk import sidewalk_sides
 
@@ -30,13 +31,13 @@ def test_tags(tags, expected):
 
 def test_a_dual_carriageway_has_only_its_outer_sidewalk():
     tags = {"highway": "primary", "oneway": "yes"}
-    against_on_the_left = (tags, EAST[::-1] + [0, 12.0])
-    along_on_the_left = (tags, EAST + [0, 12.0])
-    against_far_away = (tags, EAST[::-1] + [0, 60.0])
+    against_on_the_left = shapely.LineString(EAST[::-1] + [0, 12.0])
+    along_on_the_left = shapely.LineString(EAST + [0, 12.0])
+    against_far_away = shapely.LineString(EAST[::-1] + [0, 60.0])
     assert sidewalk_sides(tags, EAST, [against_on_the_left], side="right") == "right"
     assert sidewalk_sides(tags, EAST, [along_on_the_left], side="right") == "both"
     assert sidewalk_sides(tags, EAST, [against_far_away], side="right") == "both"
     # Where people drive on the left, the other carriageway is on the right.
-    against_on_the_right = (tags, EAST[::-1] - [0, 12.0])
+    against_on_the_right = shapely.LineString(EAST[::-1] - [0, 12.0])
     assert sidewalk_sides(tags, EAST, [against_on_the_right], side="left") == "left"
     assert sidewalk_sides(tags, EAST, [against_on_the_left], side="left") == "both"

@@ -22,7 +22,7 @@ DUAL_DISTANCE_M = 30.0
 def sidewalk_sides(
     tags: Mapping[str, str],
     line: NDArray[np.float64],
-    others: Sequence[tuple[Mapping[str, str], NDArray[np.float64]]],
+    others: Sequence[shapely.LineString],
     *,
     side: str,
 ) -> str:
@@ -36,7 +36,7 @@ def sidewalk_sides(
     Args:
         tags: the way's tags.
         line: (N, 2) the way's points, site frame.
-        others: tags and points of the network's one-way ways.
+        others: the network's one-way ways.
         side: ``right`` or ``left``, the side that traffic keeps to.
     """
     explicit = _explicit(tags)
@@ -76,7 +76,7 @@ def _explicit(tags: Mapping[str, str]) -> str | None:
 
 def _has_twin(
     line: NDArray[np.float64],
-    others: Sequence[tuple[Mapping[str, str], NDArray[np.float64]]],
+    others: Sequence[shapely.LineString],
     side: str,
 ) -> bool:
     """Return whether a carriageway against this one runs on the inner side of it."""
@@ -88,15 +88,9 @@ def _has_twin(
     inner = np.array([-direction[1], direction[0]]) * (1.0 if side == "right" else -1.0)
     ends = np.array([middle + inner * 0.5, middle + inner * DUAL_DISTANCE_M])
     probe = shapely.LineString(ends)
-    for _, points in others:
-        if (points.max(axis=0) < ends.min(axis=0)).any() or (
-            points.min(axis=0) > ends.max(axis=0)
-        ).any():
-            continue
-        other = shapely.LineString(points)
+    for k in np.flatnonzero(shapely.intersects(probe, others)):
+        other = others[k]
         meet = shapely.intersection(probe, other)
-        if meet.is_empty:
-            continue
         at = other.project(shapely.Point(shapely.get_coordinates(meet)[0]))
         step = min(1.0, other.length / 2)
         a, b = (

@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from urbantwin.roads.cross_section.interpret import cross_section
@@ -80,7 +81,9 @@ def prepare_ways(
         country: ISO 3166-1 alpha-2; empty if unknown.
     """
     one_way = ("yes", "1", "true")
-    others = [(piece.tags, piece.points) for piece in pieces if piece.tags.get("oneway") in one_way]
+    others = [
+        shapely.LineString(piece.points) for piece in pieces if piece.tags.get("oneway") in one_way
+    ]
     section_of: dict[int, CrossSection] = {}
     for piece in pieces:
         sides = sidewalk_sides(piece.tags, piece.points, others, side=driving_side)

@@ -115,7 +115,9 @@ def close_loop(
 def _with_sidewalks(pieces: Sequence[WayPiece], side: str) -> list[WayPiece]:
     """Return ways whose tag ``sidewalk`` says on which sides they have sidewalks."""
     one_way = ("yes", "1", "true")
-    others = [(piece.tags, piece.points) for piece in pieces if piece.tags.get("oneway") in one_way]
+    others = [
+        shapely.LineString(piece.points) for piece in pieces if piece.tags.get("oneway") in one_way
+    ]
     return [
         replace(
             piece,
