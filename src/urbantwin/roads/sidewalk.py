@@ -88,7 +88,7 @@ def _has_twin(
     inner = np.array([-direction[1], direction[0]]) * (1.0 if side == "right" else -1.0)
     ends = np.array([middle + inner * 0.5, middle + inner * DUAL_DISTANCE_M])
     probe = shapely.LineString(ends)
-    for k in np.flatnonzero(shapely.intersects(probe, others)):
+    for k in np.flatnonzero(shapely.intersects(probe, others)).tolist():
         other = others[k]
         meet = shapely.intersection(probe, other)
         at = other.project(shapely.Point(shapely.get_coordinates(meet)[0]))
