@@ -295,7 +295,10 @@ def filleted(points: NDArray[np.float64], *, left: float, right: float) -> Curve
     length = np.linalg.norm(leg, axis=1)
     heading = np.unwrap(np.arctan2(leg[:, 1], leg[:, 0]))
     turn = np.diff(heading)
-    room = 0.5 * np.minimum(length[:-1], length[1:])
+    # Legs are shared by the corners at their ends; the first and the last belong to one alone.
+    share = np.full(len(length), 0.5)
+    share[[0, -1]] = 1.0
+    room = np.minimum((share * length)[:-1], (share * length)[1:])
     half = np.abs(turn) / 2
     inner = np.where(turn > 0, left, right) + INNER_RADIUS_M
     sag = np.maximum(1 / np.cos(np.minimum(half, 1.5)) - 1, 1e-12)
