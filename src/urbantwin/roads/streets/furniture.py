@@ -67,13 +67,18 @@ def furnished(model: LaneModel, raw: RoadNetwork, height: SurfaceHeight) -> Lane
     """
     junction_of = {name: j.id for j in model.junctions for name in j.members}
     places = _places(model)
-    areas: list[RoadArea] = []
     hosts = _hosts(model)
+    crossed = [
+        (lane, host)
+        for lane in raw.lanes
+        if lane.kind == "crossing" and (host := _crossed(lane, hosts, junction_of))
+    ]
     first = model.next_id
-    for lane in raw.lanes:
-        host = _crossed(lane, hosts, junction_of) if lane.kind == "crossing" else None
-        if host is not None:
-            areas.append(_crosswalk(first + len(areas), lane, host, height))
+    outlines = _outlines([lane for lane, _ in crossed], height)
+    areas = [
+        _crosswalk(number, lane, host, outline)
+        for number, ((lane, host), outline) in enumerate(zip(crossed, outlines, strict=True), first)
+    ]
     first_signal = first + len(areas) + len(raw.signals)
     signals: list[RoadSignal] = []
     of_program: dict[str, list[RoadSignal]] = defaultdict(list)
@@ -159,13 +164,24 @@ def _crossed(lane: Lane, hosts: Sequence[_Host], junction_of: Mapping[str, int])
     return None if best is None else hosts[best[1]]
 
 
-def _crosswalk(number: int, lane: Lane, host: _Host, height: SurfaceHeight) -> RoadArea:
+def _outlines(lanes: Sequence[Lane], height: SurfaceHeight) -> list[NDArray[np.float64]]:
+    """Return the outlines (N, 3) of crossings on the surface."""
+    outlines = [_corners(lane) for lane in lanes]
+    for level in sorted({lane.level for lane in lanes}):
+        mine = [k for k, lane in enumerate(lanes) if lane.level == level]
+        z = height(np.concatenate([outlines[k] for k in mine]), level)
+        ends = np.cumsum([len(outlines[k]) for k in mine])
+        for k, part in zip(mine, np.split(z, ends[:-1]), strict=True):
+            outlines[k] = np.column_stack([outlines[k], part])
+    return outlines
+
+
+def _crosswalk(number: int, lane: Lane, host: _Host, outline: NDArray[np.float64]) -> RoadArea:
     road = host.road
     other = shapely.LineString(lane.centre[:, :2])
     point = shapely.get_coordinates(shapely.shortest_line(host.line, other))[0]
     s = float(np.clip(road.curve.locate(point[None])[0][0], 0.0, road.length))
-    xy = _corners(lane)
-    corners = _local(road, s, np.column_stack([xy, height(xy, lane.level)]))
+    corners = _local(road, s, outline)
     return RoadArea(number, road.id, "crosswalk", "crosswalk", s, corners, strip=lane.id)
 
 
