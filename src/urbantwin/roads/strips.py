@@ -73,8 +73,8 @@ def network_of_model(model: LaneModel, raw: RoadNetwork, height: SurfaceHeight) 
 def _turn(run: _Run) -> float:
     if run.road.junction < 0:
         return 0.0
-    first, last = run.road.curve.at([0.0, run.road.length])[:, 2]
-    return round(abs(float(last - first)), 3)
+    pieces = run.road.curve.pieces
+    return round(abs(pieces[-1].heading - pieces[0].heading), 3)
 
 
 def _join(placed: dict[str, Lane], chains: list[list[str]]) -> None:
@@ -161,16 +161,14 @@ def _stations(road: ModelRoad) -> NDArray[np.float64]:
         sum(float(lane.width.abcd[0, 0]) for lane in section.lanes) for section in road.sections
     )
     starts = curve.starts
-    middle = (starts[:-1] + starts[1:]) / 2
-    heading = np.unwrap(
-        curve.at(np.concatenate([starts[:-1] + 1e-9, middle, starts[1:] - 1e-9]))[:, 2].reshape(
-            3, -1
-        ),
-        axis=0,
-    )
-    # The tighter half of a piece counts for all of it; lines need no steps at all.
-    turn = 2 * np.abs(np.diff(heading, axis=0)).max(axis=0)
     length = np.diff(starts)
+    turn = np.abs([piece.curvature for piece in curve.pieces]) * length
+    if any(piece.u for piece in curve.pieces):
+        middle = starts[:-1] + length / 2
+        s = np.concatenate([starts[:-1] + 1e-9, middle, starts[1:] - 1e-9])
+        heading = np.unwrap(curve.at(s)[:, 2].reshape(3, -1), axis=0)
+        # The tighter half of a piece counts for all of it.
+        turn = 2 * np.abs(np.diff(heading, axis=0)).max(axis=0)
     radius = length / np.maximum(turn, 1e-9) + reach
     # The sagitta of a chord over an angle a of a circle is radius x a^2 / 8.
     steps = np.where(turn > 1e-6, np.ceil(turn * np.sqrt(radius / (8 * CHORD_M))), 1).astype(int)
@@ -185,9 +183,8 @@ def _stations(road: ModelRoad) -> NDArray[np.float64]:
     )
     if uneven:
         stations.append(np.linspace(0, curve.length, int(np.ceil(curve.length / STEP_M)) + 1))
-    merged = np.unique(np.round(np.concatenate(stations), 6))
-    keep = np.concatenate([[True], np.diff(merged) > 1e-3])
-    return np.asarray(merged[keep])
+    merged = np.sort(np.concatenate(stations))
+    return np.asarray(merged[np.concatenate([[True], np.diff(merged) > 1e-3])])
 
 
 def _named(run: _Run, known: Mapping[str, Lane]) -> dict[str, _Run]:
