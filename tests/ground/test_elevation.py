@@ -1,7 +1,5 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from urbantwin.ground import Elevation
 
@@ -18,28 +16,11 @@ def test_a_plane_stays_the_plane(step):
     points = np.random.default_rng(1).uniform(-30, 30, (200, 2))
     expected = points @ [0.03, -0.05] + 2.0
     np.testing.assert_allclose(plane.raw_at(points), expected, atol=1e-9)
-    np.testing.assert_allclose(plane.smooth_at(points), expected, atol=1e-6)
 
 
 def test_beyond_the_grid_the_border_goes_on():
     plane = grid(lambda x, y: 0.1 * x)
     assert plane.raw_at([[1000.0, 0.0]])[0] == pytest.approx(6.0)
-
-
-@settings(max_examples=25, deadline=None)
-@given(st.integers(0, 2**32 - 1))
-def test_no_grade_that_the_ground_does_not_have(seed):
-    rough = np.random.default_rng(seed).normal(0, 0.3, (121, 121)).cumsum(axis=1)
-    ground = Elevation(-60.0, -60.0, 1.0, rough)
-    for axis in (0, 1):
-        steepest = np.abs(np.diff(ground.raw, axis=axis)).max()
-        assert np.abs(np.diff(ground.smooth, axis=axis)).max() <= steepest + 1e-12
-
-
-def test_a_parked_car_in_the_dem_is_smoothed_away():
-    car = grid(lambda x, y: 1.5 * ((np.abs(x) < 2.2) & (np.abs(y) < 0.9)))
-    assert car.raw.max() == 1.5
-    assert car.smooth.max() < 0.11
 
 
 def test_saving_keeps_every_height(tmp_path):

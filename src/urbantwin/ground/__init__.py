@@ -1,5 +1,5 @@
-"""The elevation of the bare earth, raw and smoothed."""
+"""The elevation of the bare earth."""
 
-from urbantwin.ground.elevation import SMOOTHING_M, Elevation
+from urbantwin.ground.elevation import Elevation
 
-__all__ = ["SMOOTHING_M", "Elevation"]
+__all__ = ["Elevation"]

@@ -8,11 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
-from urbantwin.ground import SMOOTHING_M, Elevation
+from urbantwin.ground import Elevation
 from urbantwin.roads.levels import Lift
 
 __all__ = ["RoadGround"]
 
+#: Standard deviation of the weights: what takes cars, curbs and noise out of the ground, metres.
+SMOOTHING_M = 5.0
 #: Cell size of the grid that the regression is solved on, metres.
 CELL_M = 2.0
 #: Weight of ground beside the road, relative to the ground under it: a canal, a retaining wall or

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from itertools import pairwise
 
 from urbantwin.roads.imported.edges import Edge
 from urbantwin.roads.model import LaneModel
@@ -87,11 +86,3 @@ def _rank(name: str) -> tuple[bool, str]:
 def loops(edges: Iterable[Edge], nodes: Nodes) -> set[int]:
     """Return the roads that have an edge from a node to itself, which SUMO does not know."""
     return {edge.road.id for edge in edges if len(set(nodes.of_edge(edge))) == 1}
-
-
-def twins(edges: Iterable[Edge]) -> list[tuple[Edge, Edge]]:
-    """Return the pairs of edges that are the two directions of one stretch."""
-    ordered = sorted(edges, key=lambda edge: (edge.road.id, edge.sections, not edge.forward))
-    return [
-        (a, b) for a, b in pairwise(ordered) if a.road.id == b.road.id and a.sections == b.sections
-    ]

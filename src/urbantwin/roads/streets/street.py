@@ -73,11 +73,6 @@ class Street:
         """The junction at the last station."""
         return self.edge.to_junction
 
-    @property
-    def is_two_way(self) -> bool:
-        """Whether lanes run both ways."""
-        return len({strip.forward for strip in self.strips}) == 2
-
     def end_of(self, strip: Strip, *, leaving: bool) -> float:
         """Return the station where a lane ends (``leaving``) or begins."""
         return self.curve.length if strip.forward == leaving else 0.0
