@@ -74,8 +74,8 @@ def test_the_example_has_what_it_was_drawn_with(twin):
 
 
 def test_the_ground_is_on_the_dem(twin):
-    """Reference lines lie on the DEM, a smooth slope, within 3 cm; lanes, which fall from the crown, on the
-    mesh within 2 cm, whatever triangles it is made of."""
+    """Reference lines lie on the DEM, a smooth slope, within 3 cm; lanes, which fall from a crown,
+    on the mesh within 2 cm, whatever triangles it is made of."""
     streets = [road for road in twin.lane_model.roads if road.junction < 0]
     points = np.concatenate(
         [road.place(np.linspace(0.0, road.length, 40), 0.0) for road in streets]
