@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from urbantwin.geometry import DownwardProbe, LabelledMesh, SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads, driving_side
-from urbantwin.scene import CURB_HEIGHT, PARTS
+from urbantwin.roads.model import CURB_HEIGHT_M
+from urbantwin.scene import PARTS
 from urbantwin.scene.surface import Spacing, surface_mesh
 from urbantwin.scene.zones import Zone, ground_zones
 from urbantwin.site import read_extract
@@ -83,15 +84,15 @@ def test_areas_heights_and_curbs_of_a_straight_street():
     for kind, expected in (("carriageway", 280.0), ("footway", 160.0), ("terrain", 1560.0)):
         assert area[mesh.part == PARTS[kind]].sum() == pytest.approx(expected, abs=1e-6)
     curb = mesh.select(mesh.part == PARTS["curb"])
-    assert curb.areas().sum() == pytest.approx(2 * 40 * CURB_HEIGHT, abs=1e-6)
+    assert curb.areas().sum() == pytest.approx(2 * 40 * CURB_HEIGHT_M, abs=1e-6)
     # Curbs face the carriageway, up faces up.
     middle = curb.triangles().mean(axis=1)
     assert (curb.normals()[:, 1] * (3.5 - middle[:, 1]) > 0).all()
     assert (mesh.normals()[mesh.part != PARTS["curb"], 2] > 0.5).all()
     probe = DownwardProbe(mesh)
     z = probe.height_below([[20, 3.5, 10], [20, -1, 10], [20, -2.01, 10], [20, 29.9, 10]])
-    assert z[:3] == pytest.approx([2.0, 2.0 + CURB_HEIGHT, 2.0 + CURB_HEIGHT], abs=0.005)
-    assert 2.0 <= z[3] < 2.0 + 0.4 * CURB_HEIGHT  # terrain is back at its own height
+    assert z[:3] == pytest.approx([2.0, 2.0 + CURB_HEIGHT_M, 2.0 + CURB_HEIGHT_M], abs=0.005)
+    assert 2.0 <= z[3] < 2.0 + 0.4 * CURB_HEIGHT_M  # terrain is back at its own height
 
 
 def test_the_only_open_edges_are_the_outer_border():

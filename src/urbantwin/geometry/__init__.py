@@ -10,6 +10,7 @@ from urbantwin.geometry.area import (
 from urbantwin.geometry.box import bounding_box, box_corners, points_in_box
 from urbantwin.geometry.frame import SiteFrame
 from urbantwin.geometry.mesh import LabelledMesh
+from urbantwin.geometry.polyline import stations_of_points
 from urbantwin.geometry.pose import Pose, rotation_from_ypr, ypr_from_rotation
 from urbantwin.geometry.probe import DownwardProbe
 
@@ -27,5 +28,6 @@ __all__ = [
     "grown",
     "points_in_box",
     "rotation_from_ypr",
+    "stations_of_points",
     "ypr_from_rotation",
 ]

@@ -135,7 +135,7 @@ def build_roads(
                 pieces,
                 extract.nodes,
                 driving_side=driving_side,
-                country=country_of(frame.latitude, frame.longitude),
+                country=country,
             )
         prepared = prepare_ways(
             loop.pieces,

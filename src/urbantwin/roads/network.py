@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.artefact import read_json, write_json
 from urbantwin.errors import InputError
-from urbantwin.geometry import area_difference, area_union
+from urbantwin.geometry import area_difference, area_union, stations_of_points
 
 __all__ = ["Junction", "Lane", "Road", "RoadNetwork", "SignalHead", "SignalProgram"]
 
@@ -156,9 +156,7 @@ class RoadNetwork:
         lane = self.lane_by_id[lane_id]
         points = shapely.points(np.asarray(xy, np.float64).reshape(-1, 2))
         line = shapely.LineString(lane.centre[:, :2])
-        along = np.concatenate(
-            [[0.0], np.cumsum(np.linalg.norm(np.diff(lane.centre[:, :2], axis=0), axis=1))]
-        )
+        along = stations_of_points(lane.centre[:, :2])
         return np.asarray(
             np.interp(shapely.line_locate_point(line, points), along, lane.centre[:, 2])
         )

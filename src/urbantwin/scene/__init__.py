@@ -2,6 +2,5 @@
 
 from urbantwin.scene.scene import FIRST_OBJECT, Scene, build_scene
 from urbantwin.scene.surface import PARTS
-from urbantwin.scene.zones import CURB_HEIGHT
 
-__all__ = ["CURB_HEIGHT", "FIRST_OBJECT", "PARTS", "Scene", "build_scene"]
+__all__ = ["FIRST_OBJECT", "PARTS", "Scene", "build_scene"]

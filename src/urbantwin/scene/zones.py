@@ -15,15 +15,13 @@ from urbantwin.geometry import (
     grown,
 )
 from urbantwin.roads import RoadNetwork
+from urbantwin.roads.model import CURB_HEIGHT_M
 from urbantwin.roads.network import CARRIAGEWAY_KINDS
 from urbantwin.site.extract import OsmFeature
 from urbantwin.taxonomy import material_id, semantic_id
 
-__all__ = ["CURB_HEIGHT", "Zone", "deck_zones", "ground_zones"]
+__all__ = ["Zone", "deck_zones", "ground_zones"]
 
-#: Height of sidewalks, medians and islands above the carriageway, metres (AASHTO Green Book:
-#: vertical curbs 0.10 to 0.20 m).
-CURB_HEIGHT = 0.15
 #: Slits narrower than this between neighbouring lanes are seams of the lane model, not gaps.
 SEAM_M = 0.6
 #: Gaps between carriageways up to this wide are raised medians or islands.
@@ -70,7 +68,9 @@ class Zone:
     @property
     def step(self) -> float | None:
         """Height above the carriageway, or None where the zone follows the terrain."""
-        return {"carriageway": 0.0, "footway": CURB_HEIGHT, "island": CURB_HEIGHT}.get(self.kind)
+        return {"carriageway": 0.0, "footway": CURB_HEIGHT_M, "island": CURB_HEIGHT_M}.get(
+            self.kind
+        )
 
 
 def ground_zones(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from urbantwin.export.carla.frame import carla_transform
-from urbantwin.geometry import Pose
+from urbantwin.geometry import Pose, stations_of_points
 from urbantwin.roads import RoadNetwork
 
 __all__ = ["spawn_points"]
@@ -31,9 +31,7 @@ def spawn_points(network: RoadNetwork) -> list[dict[str, Any]]:
     for lane in network.lanes:
         if lane.junction or lane.kind not in ("driving", "bus") or len(lane.centre) < 2:
             continue
-        along = np.concatenate(
-            [[0.0], np.cumsum(np.linalg.norm(np.diff(lane.centre[:, :2], axis=0), axis=1))]
-        )
+        along = stations_of_points(lane.centre[:, :2])
         room = float(along[-1]) - 2 * FROM_END_M
         if room < 0:
             continue

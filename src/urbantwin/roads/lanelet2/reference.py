@@ -11,6 +11,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import spsolve
 
+from urbantwin.geometry import stations_of_points
 from urbantwin.roads.lanelet2.border import Border, Measured
 from urbantwin.roads.model import Curve, Piece, splined
 
@@ -94,7 +95,7 @@ def trimmed(curve: Curve, first: float, last: float) -> Curve:
 def _fit(
     line: NDArray[np.float64], wavelength: float, pins: tuple[Pose, Pose]
 ) -> NDArray[np.float64]:
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+    along = stations_of_points(line)
     length = float(along[-1])
     count = int(np.clip(math.ceil(length / STEP_M) + 1, 9, MOST_POINTS))
     step = length / (count - 1)

@@ -10,6 +10,7 @@ from typing import TypeVar
 import numpy as np
 import shapely
 
+from urbantwin.geometry import stations_of_points
 from urbantwin.roads.loop.ends import motor_lanes
 from urbantwin.roads.loop.layout import Ground, Points, unit
 from urbantwin.roads.loop.standard import half_width
@@ -139,7 +140,7 @@ class Drawing:
 
         In one piece, netconvert would cut a road off where it comes near its own beginning.
         """
-        along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+        along = stations_of_points(points)
         half = int(np.abs(along[1:-1] - along[-1] / 2).argmin()) + 1
         known = dict(joints or {})
         middle = known.get(half) or self.new_node()

@@ -6,9 +6,16 @@ from urbantwin.roads.model.junction import Connection, ModelJunction
 from urbantwin.roads.model.model import LaneModel
 from urbantwin.roads.model.profile import Profile, fitted
 from urbantwin.roads.model.road import ModelRoad, RoadLink
-from urbantwin.roads.model.section import LANE_KINDS, RAISED_KINDS, LaneSection, SectionLane
+from urbantwin.roads.model.section import (
+    CURB_HEIGHT_M,
+    LANE_KINDS,
+    RAISED_KINDS,
+    LaneSection,
+    SectionLane,
+)
 
 __all__ = [
+    "CURB_HEIGHT_M",
     "LANE_KINDS",
     "RAISED_KINDS",
     "Connection",

@@ -14,6 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 from scipy.spatial import cKDTree
 
+from urbantwin.geometry import stations_of_points
+
 __all__ = ["Curve", "Piece", "all_at", "all_turned", "aside", "filleted", "splined", "turned"]
 
 #: How far a fillet may leave the corner that it rounds, metres.
@@ -340,7 +342,7 @@ def splined(points: NDArray[np.float64], start: float, end: float) -> Curve:
     spline = CubicSpline(knots, points, bc_type=((1, first), (1, last)))
     fine = np.linspace(0.0, knots[-1], 40 * len(points) + 1)
     xy = spline(fine)
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(xy, axis=0), axis=1))])
+    along = stations_of_points(xy)
     count = max(1, math.ceil(along[-1] / CUBIC_M))
     at = np.interp(np.linspace(0.0, along[-1], count + 1), along, fine)
     tangent = spline(at, 1)

@@ -8,7 +8,7 @@ from functools import cached_property
 
 from urbantwin.roads.model.profile import Profile
 
-__all__ = ["LANE_KINDS", "RAISED_KINDS", "LaneSection", "SectionLane"]
+__all__ = ["CURB_HEIGHT_M", "LANE_KINDS", "RAISED_KINDS", "LaneSection", "SectionLane"]
 
 #: Kinds of lanes. ``connection`` lanes of junctions are of the kind of what drives on them.
 LANE_KINDS = (
@@ -23,6 +23,9 @@ LANE_KINDS = (
     "island",
     "none",
 )
+#: Height of curbs, and of sidewalks, medians and islands behind them, above the carriageway, metres
+#: (AASHTO Green Book: vertical curbs 0.10 to 0.20 m).
+CURB_HEIGHT_M = 0.15
 #: Kinds of lanes that stand above the carriageway.
 RAISED_KINDS = ("sidewalk", "curb", "median", "island")
 

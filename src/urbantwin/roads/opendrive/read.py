@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from lxml import etree
 
-from urbantwin.roads.model import LaneModel, ModelRoad
+from urbantwin.roads.model import CURB_HEIGHT_M, LaneModel, ModelRoad
 from urbantwin.roads.opendrive.file import top_elements
 from urbantwin.roads.opendrive.header import Header, read_header
 from urbantwin.roads.opendrive.junctions import Node, read_node
@@ -28,9 +28,6 @@ from urbantwin.roads.opendrive.standing import standing
 
 __all__ = ["ReadMap", "placed", "read_opendrive"]
 
-#: Height of sidewalks and curbs where a file tells no heights at all, metres (AASHTO Green Book:
-#: vertical curbs of 0.10 to 0.20 m).
-USUAL_HEIGHT_M = 0.15
 #: Type of road -> class of street in OpenStreetMap's words; all others are unknown.
 CLASS_OF_TYPE = {
     "motorway": "motorway",
@@ -220,7 +217,7 @@ def _curbed(road: ModelRoad, log: Log) -> ModelRoad:
     sections = []
     for section in road.sections:
         lanes = tuple(
-            replace(lane, height=USUAL_HEIGHT_M if lane.kind in kinds else 0.0)
+            replace(lane, height=CURB_HEIGHT_M if lane.kind in kinds else 0.0)
             for lane in section.lanes
         )
         sections.append(replace(section, lanes=lanes))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.roads.model import (
+    CURB_HEIGHT_M,
     RAISED_KINDS,
     LaneModel,
     LaneSection,
@@ -18,7 +19,6 @@ from urbantwin.roads.model import (
     SectionLane,
 )
 from urbantwin.roads.side_lanes.insertion import Insertion
-from urbantwin.roads.side_lanes.median import CURB_M
 from urbantwin.roads.side_lanes.room import Room
 
 __all__ = ["BEYOND_M", "is_island", "islands_on", "moved_aside", "stations_on", "with_island_areas"]
@@ -90,7 +90,9 @@ def islands_on(
             continue
         for side in (1, -1):
             room.grow(road, side, first, last, half)
-        found.append(Insertion(-1, "reference", "island", first, last, _lens(last - first), CURB_M))
+        found.append(
+            Insertion(-1, "reference", "island", first, last, _lens(last - first), CURB_HEIGHT_M)
+        )
         taken = last + CLEAR_M
     return found
 

@@ -9,17 +9,15 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.roads.model import LaneModel, ModelRoad, fitted
+from urbantwin.roads.model import CURB_HEIGHT_M, LaneModel, ModelRoad, fitted
 from urbantwin.roads.model.curve import all_at, aside
 from urbantwin.roads.side_lanes.insertion import Insertion
 from urbantwin.roads.side_lanes.room import STEP_M
 
-__all__ = ["CURB_M", "medians"]
+__all__ = ["medians"]
 
 #: Gaps between carriageways that are medians, metres: less is a line, more is land.
 NARROWEST_M, WIDEST_M = 0.6, 8.0
-#: Height of curbs, metres (AASHTO Green Book: vertical curbs 0.10 to 0.20 m).
-CURB_M = 0.15
 #: Shortest median, and the length of its noses, metres.
 SHORTEST_M, NOSE_M = 6.0, 2.0
 #: Two carriageways run beside or against each other within this angle, as a cosine.
@@ -121,4 +119,4 @@ def _median(
     nose = np.clip(np.minimum(fine, fine[-1] - fine) / NOSE_M, 0.0, 1.0)
     shape = whole * nose**2 * (3 - 2 * nose)
     profile = fitted(fine, shape, tolerance=TOLERANCE_M, slopes=(0.0, 0.0))
-    return Insertion(side, "reference", "median", float(s[0]), float(s[-1]), profile, CURB_M)
+    return Insertion(side, "reference", "median", float(s[0]), float(s[-1]), profile, CURB_HEIGHT_M)

@@ -12,6 +12,7 @@ import numpy as np
 from lxml import etree
 from numpy.typing import NDArray
 
+from urbantwin.geometry import stations_of_points
 from urbantwin.roads.model.furniture import Phase
 
 __all__ = ["COMPASS", "Link", "Signalised", "signalised_junctions"]
@@ -218,7 +219,7 @@ def _streets(edges: Iterable[etree._Element]) -> dict[str, list[tuple[float, str
 
 def _bearing(shape: NDArray[np.float64]) -> float:
     """Return the direction in which a line leaves its first point, degrees from north."""
-    along = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(shape, axis=0), axis=1))])
+    along = stations_of_points(shape)
     reach = min(APPROACH_M, float(along[-1]))
     dx, dy = (np.interp(reach, along, shape[:, k]) - shape[0, k] for k in (0, 1))
     return math.degrees(math.atan2(dx, dy)) % 360.0

@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from urbantwin.geometry import stations_of_points
 from urbantwin.roads.model.curve import Curve, all_turned, splined
 from urbantwin.roads.network import Lane, Road, RoadNetwork
 from urbantwin.roads.streets.street import Street, Strip, vehicle_lanes
@@ -365,7 +366,7 @@ def _mapped(joint: _Joint, poses: NDArray[np.float64]) -> shapely.LineString:
 def _after(points: NDArray[np.float64], place: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the points of a polyline that come after a place beside it."""
     at = shapely.LineString(points).project(shapely.Point(place))
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+    along = stations_of_points(points)
     return np.asarray(points[along > at + 0.05])
 
 

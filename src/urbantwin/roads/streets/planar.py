@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import area_union
 from urbantwin.roads.model import (
+    CURB_HEIGHT_M,
     Connection,
     LaneModel,
     LaneSection,
@@ -25,11 +26,8 @@ from urbantwin.roads.network import RoadNetwork
 from urbantwin.roads.streets.manoeuvre import Manoeuvre, build_manoeuvres, find_topology
 from urbantwin.roads.streets.street import Street, Strip, build_streets
 
-__all__ = ["CURB_M", "planar_model"]
+__all__ = ["planar_model"]
 
-#: Height of sidewalks over the carriageway, metres (AASHTO Green Book: vertical curbs 0.10 to
-#: 0.20 m).
-CURB_M = 0.15
 ZERO = Profile.constant(0.0)
 #: Less than this cut off the end of a street is not noticed, metres.
 CUT_M = 0.05
@@ -114,7 +112,7 @@ def _lane(strip: Strip) -> SectionLane:
         speed_limit=lane.speed_limit,
         allowed=lane.allowed,
         strip=lane.id,
-        height=CURB_M if lane.kind == "sidewalk" else 0.0,
+        height=CURB_HEIGHT_M if lane.kind == "sidewalk" else 0.0,
     )
 
 
