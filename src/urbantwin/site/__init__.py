@@ -2,6 +2,7 @@
 
 from urbantwin.site.dem import DemGrid, check_dem, read_heights
 from urbantwin.site.extract import Extract, OsmFeature, Relation, Way, WayPiece, read_extract
+from urbantwin.site.geometry import GeometrySource, GeometrySpec
 from urbantwin.site.init import init_site
 from urbantwin.site.junction import JunctionProposal, propose_junction
 from urbantwin.site.rig import Effects, RigSpec, SensorSpec, load_rig_spec
@@ -11,6 +12,8 @@ __all__ = [
     "DemGrid",
     "Effects",
     "Extract",
+    "GeometrySource",
+    "GeometrySpec",
     "InputFile",
     "JunctionProposal",
     "OsmFeature",

@@ -18,6 +18,7 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.site.dem import check_dem
 from urbantwin.site.document import Document, nearest, read_document, wrong
 from urbantwin.site.extract import Extract
+from urbantwin.site.geometry import GeometrySource, GeometrySpec
 from urbantwin.site.region import (
     FARTHEST_M,
     circle,
@@ -164,6 +165,7 @@ class _SiteFile(_Strict):
     osm: _OsmFile | None = None
     dem: _File | None = None
     roads: _Roads = _Roads()
+    geometry: list[GeometrySpec] = []
     signals: list[SignalSpec] = []
     closed_loop: bool = True
     traffic: TrafficSpec = TrafficSpec()
@@ -209,6 +211,7 @@ class Site:
             that the same vehicles circulate.
         roads: a map of the roads, OpenDRIVE or Lanelet2, that is used instead of the extract's.
         anchor_m: that map's own x, y of the anchor, where it has no georeference.
+        geometry: meshes, 3D Tiles and point clouds that the scene is made from.
     """
 
     file: Path
@@ -227,6 +230,7 @@ class Site:
     closed_loop: bool = True
     roads: InputFile | None = None
     anchor_m: tuple[float, float] | None = None
+    geometry: tuple[GeometrySource, ...] = ()
 
     #: How coordinates of a region are rounded in what we write: 1e-9 degrees are 0.1 mm.
     _DECIMALS: ClassVar[int] = 9
@@ -260,11 +264,22 @@ class Site:
         return {
             **value,
             "roads": {**roads, "driving_side": self.driving_side},
+            **self._geometry(),
             **self._signals(),
             "closed_loop": self.closed_loop,
             "traffic": self.traffic.model_dump(),
             "rig": self.rig.model_dump(),
         }
+
+    def _geometry(self) -> dict[str, Any]:
+        sources = []
+        for source in self.geometry:
+            spec = source.spec.model_dump(exclude_none=True, exclude_defaults=True, by_alias=True)
+            for name in ("file", "footprints"):
+                if name in spec:
+                    spec[name] = Path(spec[name]).name
+            sources.append(spec)
+        return {"geometry": sources} if sources else {}
 
     def _signals(self) -> dict[str, Any]:
         plans = [plan.spec.model_dump(exclude_none=True) for plan in self.signals]
@@ -338,7 +353,21 @@ def load_site(path: Path) -> Site:
         closed_loop=raw.closed_loop,
         roads=roads,
         anchor_m=(raw.roads.anchor_m[0], raw.roads.anchor_m[1]) if raw.roads.anchor_m else None,
+        geometry=_geometry_sources(document, raw.geometry),
     )
+
+
+def _geometry_sources(document: Document, specs: list[GeometrySpec]) -> tuple[GeometrySource, ...]:
+    sources = tuple(GeometrySource(spec, document, k) for k, spec in enumerate(specs))
+    for source in sources:
+        where = ("geometry", source.number)
+        if source.path is not None and not source.path.exists():
+            expected = "a mesh, a tileset.json, a point cloud or a folder of photogrammetry"
+            raise document.error(f"{str(source.path)!r} is not found", (*where, "file"), expected)
+        if source.footprints is not None:
+            kind = "outlines of buildings (GeoPackage, GeoJSON, SpatiaLite)"
+            _must_exist(document, (*where, "footprints"), source.footprints, kind)
+    return sources
 
 
 def check_extract(site: Site, extract: Extract) -> None:
@@ -396,7 +425,7 @@ def _input_file(document: Document, field: str, raw: _File, kind: str) -> InputF
     return InputFile(path, raw.licence, raw.attribution)
 
 
-def _must_exist(document: Document, location: tuple[str, ...], path: Path, kind: str) -> None:
+def _must_exist(document: Document, location: tuple[int | str, ...], path: Path, kind: str) -> None:
     try:
         found, folder = path.exists(), path.is_dir()
     except (OSError, ValueError):  # a name too long, or with a null byte

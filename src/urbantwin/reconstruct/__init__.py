@@ -1,0 +1,14 @@
+"""Imported geometry: meshes, 3D Tiles and point clouds, placed on the site, cleaned, labelled."""
+
+from urbantwin.reconstruct.model import Geotag, ImportedModel, PointCloud, TriangleMesh
+from urbantwin.reconstruct.reconstruction import Reconstruction, Surroundings, SurveyedTree
+
+__all__ = [
+    "Geotag",
+    "ImportedModel",
+    "PointCloud",
+    "Reconstruction",
+    "Surroundings",
+    "SurveyedTree",
+    "TriangleMesh",
+]

@@ -1,0 +1,189 @@
+"""A model as it was read: triangles and points in its own frame, and what its file says of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from pyproj import CRS
+
+__all__ = ["Geotag", "ImportedModel", "PointCloud", "TriangleMesh"]
+
+
+@dataclass(frozen=True, eq=False)
+class TriangleMesh:
+    """Triangles without labels.
+
+    Attributes:
+        vertices: (V, 3) float64, in the model's own frame and unit.
+        faces: (F, 3) int32, indices of vertices, counter-clockwise seen from outside.
+        colour: (F, 3) uint8 sRGB: the mean of texture, vertex or material colour over each
+            triangle; ``None`` where the file has none.
+        object: (F,) int32, number of the object (node, tile, building) that a triangle is of: an
+            index of ``names``.
+        names: what the objects are called in the file: ``"building 12 / Roof"``, ``"asphalt"``.
+        semantic: (F,) uint16 numbers of ``taxonomy.semantic_classes`` where the file says what a
+            triangle is (CityJSON), 0 for not said; ``None`` where it says nothing at all.
+    """
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    colour: NDArray[np.uint8] | None
+    object: NDArray[np.int32]
+    names: tuple[str, ...]
+    semantic: NDArray[np.uint16] | None = None
+
+    def __post_init__(self) -> None:
+        count = len(self.faces)
+        if self.vertices.ndim != 2 or self.vertices.shape[1] != 3:
+            raise ValueError(f"vertices must be (V, 3), not {self.vertices.shape}")
+        if self.faces.ndim != 2 or self.faces.shape[1] != 3:
+            raise ValueError(f"faces must be (F, 3), not {self.faces.shape}")
+        if self.object.shape != (count,):
+            raise ValueError(f"object must be ({count},), not {self.object.shape}")
+
+    @classmethod
+    def build(
+        cls,
+        vertices: NDArray[np.float64],
+        faces: NDArray[np.int32],
+        *,
+        colour: NDArray[np.uint8] | None = None,
+        name: str = "",
+        semantic: NDArray[np.uint16] | None = None,
+    ) -> TriangleMesh:
+        """Return a mesh that is one object."""
+        triangles = np.asarray(faces, np.int32).reshape(-1, 3)
+        return cls(
+            np.asarray(vertices, np.float64).reshape(-1, 3),
+            triangles,
+            colour,
+            np.zeros(len(triangles), np.int32),
+            (name,),
+            semantic,
+        )
+
+    @classmethod
+    def concatenate(cls, meshes: Iterable[TriangleMesh]) -> TriangleMesh:
+        """Join meshes; their objects stay apart. Missing colours become mid-grey."""
+        parts = [mesh for mesh in meshes if len(mesh.faces)]
+        if not parts:
+            return cls.build(np.zeros((0, 3)), np.zeros((0, 3), np.int32))
+        vertex = np.cumsum([0] + [len(mesh.vertices) for mesh in parts[:-1]])
+        number = np.cumsum([0] + [len(mesh.names) for mesh in parts[:-1]])
+        colour = None
+        if any(mesh.colour is not None for mesh in parts):
+            colour = np.concatenate(
+                [
+                    np.full((len(m.faces), 3), 128, np.uint8) if m.colour is None else m.colour
+                    for m in parts
+                ]
+            )
+        semantic = None
+        if any(mesh.semantic is not None for mesh in parts):
+            semantic = np.concatenate(
+                [
+                    np.zeros(len(m.faces), np.uint16) if m.semantic is None else m.semantic
+                    for m in parts
+                ]
+            )
+        return cls(
+            np.concatenate([mesh.vertices for mesh in parts]),
+            np.concatenate([m.faces + np.int32(k) for m, k in zip(parts, vertex, strict=True)]),
+            colour,
+            np.concatenate([m.object + np.int32(k) for m, k in zip(parts, number, strict=True)]),
+            tuple(name for mesh in parts for name in mesh.names),
+            semantic,
+        )
+
+    def select(self, keep: NDArray[np.bool_]) -> TriangleMesh:
+        """Return the triangles where ``keep`` (F,) is true, without unused vertices."""
+        used, faces = np.unique(self.faces[keep], return_inverse=True)
+        return TriangleMesh(
+            self.vertices[used],
+            faces.reshape(-1, 3).astype(np.int32),
+            None if self.colour is None else self.colour[keep],
+            self.object[keep],
+            self.names,
+            None if self.semantic is None else self.semantic[keep],
+        )
+
+    def triangles(self) -> NDArray[np.float64]:
+        """Return the corner positions (F, 3, 3)."""
+        return self.vertices[self.faces]
+
+
+@dataclass(frozen=True, eq=False)
+class PointCloud:
+    """Points of a survey.
+
+    Attributes:
+        points: (N, 3) float64, in the model's own frame and unit.
+        colour: (N, 3) uint8 sRGB, or ``None``.
+        classification: (N,) uint8, classes of ASPRS LAS 1.4 (2 ground, 3-5 vegetation,
+            6 building, 7 noise, 9 water), or ``None`` where the file has none.
+        last: (N,) bool, whether a point is its pulse's last return, or ``None``.
+    """
+
+    points: NDArray[np.float64]
+    colour: NDArray[np.uint8] | None = None
+    classification: NDArray[np.uint8] | None = None
+    last: NDArray[np.bool_] | None = None
+
+    def select(self, keep: NDArray[np.bool_]) -> PointCloud:
+        """Return the points where ``keep`` (N,) is true."""
+        return PointCloud(
+            self.points[keep],
+            None if self.colour is None else self.colour[keep],
+            None if self.classification is None else self.classification[keep],
+            None if self.last is None else self.last[keep],
+        )
+
+
+@dataclass(frozen=True)
+class Geotag:
+    """Where a local model's origin lies, as its file says; heights may be of any datum.
+
+    Attributes:
+        latitude: degrees, WGS84.
+        longitude: degrees, WGS84.
+        height_m: metres; ``None`` where not said.
+        heading_deg: clockwise from north, of the model's own +y.
+        height_datum: ``"ellipsoidal"``, a CRS's name, or ``""`` where not said.
+    """
+
+    latitude: float
+    longitude: float
+    height_m: float | None = None
+    heading_deg: float = 0.0
+    height_datum: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class ImportedModel:
+    """What one source holds.
+
+    Attributes:
+        mesh: its triangles, or ``None``.
+        cloud: its points, or ``None``.
+        crs: the system of its coordinates as the file says, three-dimensional where the file says
+            so (tiles: EPSG:4978), or ``None``.
+        up: its upward axis, ``"y"`` or ``"z"``; ``None`` where the format leaves it open.
+        unit_m: length of its unit in metres; ``None`` where the format leaves it open.
+        geotag: where its origin lies, as the file says, or ``None``.
+        problems: what could not be read and was left out, a line each.
+        notes: what was read, for reports: counts by name.
+        files: names of the files that were read, with their SHA-256.
+    """
+
+    mesh: TriangleMesh | None = None
+    cloud: PointCloud | None = None
+    crs: CRS | None = None
+    up: str | None = None
+    unit_m: float | None = None
+    geotag: Geotag | None = None
+    problems: tuple[str, ...] = ()
+    notes: dict[str, object] = field(default_factory=dict)
+    files: dict[str, str] = field(default_factory=dict)

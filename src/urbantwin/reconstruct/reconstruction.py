@@ -1,0 +1,69 @@
+"""What imported geometry gives to a scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.geometry import LabelledMesh
+from urbantwin.ground import ElevationPatch
+
+__all__ = ["Reconstruction", "Surroundings", "SurveyedTree"]
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What is known of a site before geometry is imported; site frame, metres.
+
+    Attributes:
+        region: the region of interest.
+        roads: carriageways in plan (mapped lines with their widths), may be empty.
+        footprints: outlines of mapped buildings.
+        sensors: (S, 3) places of the sensors.
+    """
+
+    region: shapely.Polygon
+    roads: shapely.Geometry
+    footprints: tuple[shapely.Polygon, ...]
+    sensors: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SurveyedTree:
+    """A tree that was found in a survey; the scene grows it.
+
+    Attributes:
+        x, y: of the trunk, site frame, metres.
+        height_m: from its ground to its top.
+        crown_m: diameter of the crown.
+        crown_base_m: height of the crown's underside above the ground.
+    """
+
+    x: float
+    y: float
+    height_m: float
+    crown_m: float
+    crown_base_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class Reconstruction:
+    """Everything that sources of geometry give, cleaned and labelled, site frame.
+
+    Attributes:
+        mesh: buildings, vegetation and other things that stand; the ground is not among them.
+            ``part`` numbers its objects from 1.
+        ground: the bare earth as the sources have it.
+        trees: trees for the scene to grow.
+        covers: where the map's own things are left out: ``buildings``, ``trees``, ``other``.
+        report: what was read, placed, removed and kept, for ``geometry.json``.
+    """
+
+    mesh: LabelledMesh
+    ground: tuple[ElevationPatch, ...] = ()
+    trees: tuple[SurveyedTree, ...] = ()
+    covers: dict[str, shapely.Geometry] = field(default_factory=dict)
+    report: dict[str, object] = field(default_factory=dict)
