@@ -16,6 +16,7 @@ from urbantwin.roads.signals import Head
 from urbantwin.scene.barrier import barrier_mesh
 from urbantwin.scene.building import building_mesh
 from urbantwin.scene.deck import deck_mesh
+from urbantwin.scene.dropped_curb import DroppedCurbs
 from urbantwin.scene.pole import pole_mesh
 from urbantwin.scene.signal_pole import signal_mesh
 from urbantwin.scene.surface import PARTS, Spacing, surface_mesh
@@ -66,6 +67,7 @@ def build_scene(
         terrain_height=elevation.raw_at,
         spacing=spacing,
         lines=surface.ridges(0),
+        drops=DroppedCurbs.of_network(network, 0),
     )
     decks = deck_mesh(network, surface, spacing)
     probe = DownwardProbe(ground)

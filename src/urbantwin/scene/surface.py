@@ -13,6 +13,7 @@ from scipy.sparse import coo_matrix, diags
 from scipy.sparse.linalg import spsolve
 
 from urbantwin.geometry import LabelledMesh
+from urbantwin.scene.dropped_curb import DroppedCurbs
 from urbantwin.scene.zones import Zone
 from urbantwin.taxonomy import material_id, semantic_id
 
@@ -53,6 +54,7 @@ def surface_mesh(
     terrain_height: Heights,
     spacing: Spacing,
     lines: Sequence[shapely.LineString] = (),
+    drops: DroppedCurbs | None = None,
 ) -> LabelledMesh:
     """Triangulate zones that tile an area into one surface.
 
@@ -68,12 +70,15 @@ def surface_mesh(
         terrain_height: height of the bare earth at (N, 2) points, metres.
         spacing: how fine the triangles are.
         lines: ridges of roads, which triangles do not cross.
+        drops: where curbs are low.
     """
-    plan = _plan(zones, spacing, lines)
+    drops = drops or DroppedCurbs()
+    plan = _plan(zones, spacing, [*lines, *drops.lines()])
     xy, triangles, road = _fitted(plan, zones, road_height)
     zone = _zone_of(zones, xy[triangles].mean(axis=1))
     triangles, zone = triangles[zone >= 0], zone[zone >= 0]
     step = np.array([np.nan if z.step is None else z.step for z in zones])[zone]
+    step = step[:, None] * drops.share(xy)[triangles]
     corner_z = _heights(xy, triangles, step, road, terrain_height(xy))
     vertices, faces = _weld(xy, triangles, corner_z)
     part = np.array([PARTS[z.kind] for z in zones])[zone]
@@ -237,9 +242,9 @@ def _heights(
     road: NDArray[np.float64],
     terrain: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Return the height (F, 3) of each triangle's corners."""
-    natural = np.isnan(step)
-    z = road[triangles] + np.where(natural, 0.0, step)[:, None]
+    """Return the height (F, 3) of each triangle's corners; ``step`` (F, 3) above the road."""
+    natural = np.isnan(step[:, 0])
+    z = road[triangles] + np.where(natural[:, None], 0.0, step)
     if not natural.any():
         return z
     # Terrain meets the higher of the road surfaces at a shared vertex.
