@@ -1,7 +1,8 @@
 """Imported geometry: meshes, 3D Tiles and point clouds, placed on the site, cleaned, labelled."""
 
 from urbantwin.reconstruct.model import Geotag, ImportedModel, PointCloud, TriangleMesh
-from urbantwin.reconstruct.reconstruction import Reconstruction, Surroundings, SurveyedTree
+from urbantwin.reconstruct.reconstruction import Reconstruction, SurveyedTree
+from urbantwin.reconstruct.surroundings import Surroundings, surroundings_of
 
 __all__ = [
     "Geotag",
@@ -11,4 +12,5 @@ __all__ = [
     "Surroundings",
     "SurveyedTree",
     "TriangleMesh",
+    "surroundings_of",
 ]

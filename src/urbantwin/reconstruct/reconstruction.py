@@ -4,31 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.ground import ElevationPatch
 
-__all__ = ["Reconstruction", "Surroundings", "SurveyedTree"]
-
-
-@dataclass(frozen=True)
-class Surroundings:
-    """What is known of a site before geometry is imported; site frame, metres.
-
-    Attributes:
-        region: the region of interest.
-        roads: carriageways in plan (mapped lines with their widths), may be empty.
-        footprints: outlines of mapped buildings.
-        sensors: (S, 3) places of the sensors.
-    """
-
-    region: shapely.Polygon
-    roads: shapely.Geometry
-    footprints: tuple[shapely.Polygon, ...]
-    sensors: NDArray[np.float64]
+__all__ = ["Reconstruction", "SurveyedTree"]
 
 
 @dataclass(frozen=True)
