@@ -1,0 +1,146 @@
+"""The lowest surface of a model: what its ground is, and how far it lies from another's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.reconstruct.model import ImportedModel
+
+__all__ = ["Samples", "above", "height_at_anchor", "samples_of"]
+
+#: ASPRS LAS 1.4, table 17.
+_GROUND, _NOISE = 2, (7, 18)
+#: Points that a model is looked at with.
+MOST_SAMPLES = 400_000
+#: Within a block of this size some ground is to be seen, metres.
+_BLOCK_M = 25.0
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Points all over a model's surface.
+
+    Attributes:
+        points: (N, 3).
+        normals: (N, 3) unit normals of the triangles that they are on; ``None`` for a cloud.
+        ground: whether the points are of ground and nothing else, as a survey classified them.
+    """
+
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64] | None
+    ground: bool = False
+
+
+def samples_of(model: ImportedModel, *, ground: bool = False) -> Samples:
+    """Return points all over a model, evenly by area; the same model gives the same points.
+
+    Args:
+        model: with a mesh or a cloud; its mesh is looked at where it has both.
+        ground: only the points that are classified as ground, if there are such.
+    """
+    if model.mesh is not None and len(model.mesh.faces):
+        a, b, c = np.moveaxis(model.mesh.triangles(), 1, 0)
+        cross = np.cross(b - a, c - a)
+        area = np.linalg.norm(cross, axis=1)
+        total = np.cumsum(area)
+        if total[-1] > 0:
+            random = np.random.Generator(np.random.Philox(key=len(area)))
+            count = min(MOST_SAMPLES, max(20_000, 4 * len(area)))
+            face = np.searchsorted(total, (np.arange(count) + 0.5) / count * total[-1])
+            u, v = random.random((2, count))
+            fold = u + v > 1
+            u[fold], v[fold] = 1 - u[fold], 1 - v[fold]
+            points = a[face] + u[:, None] * (b - a)[face] + v[:, None] * (c - a)[face]
+            return Samples(points, cross[face] / area[face, None])
+    if model.cloud is None or not len(model.cloud.points):
+        return Samples(np.zeros((0, 3)), None)
+    cloud, is_ground = model.cloud, False
+    points = cloud.points
+    if cloud.classification is not None:
+        is_ground = ground and bool((cloud.classification == _GROUND).sum() >= 50)
+        keep = cloud.classification == _GROUND
+        points = points[keep if is_ground else ~np.isin(cloud.classification, _NOISE)]
+    return Samples(points[:: max(1, len(points) // MOST_SAMPLES)], None, is_ground)
+
+
+def above(
+    samples: Samples, surface: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+) -> tuple[float, float] | None:
+    """Return how far a model's ground lies above a surface: the median, and half the spread.
+
+    In every block of 25 m the lowest twentieth of the points is taken for ground: what stands on
+    the ground does not count, nor do a few points below it. ``None`` where nothing is left.
+
+    Args:
+        samples: points of the model, in metres.
+        surface: gives heights (N,) at (N, 2) points, nan where it has none.
+    """
+    height = samples.points[:, 2] - surface(samples.points[:, :2])
+    known = np.isfinite(height)
+    if known.sum() < 10:
+        return None
+    height = height[known]
+    cell = np.floor(samples.points[known, :2] / _BLOCK_M).astype(np.int64)
+    low = height if samples.ground else _share_of_groups(cell, height, 0.05)
+    if not len(low):
+        return None
+    q = np.quantile(low, [0.25, 0.5, 0.75])
+    return float(q[1]), float(q[2] - q[0]) / 2
+
+
+def height_at_anchor(samples: Samples) -> float | None:
+    """Return the height of a model's ground at the origin of the plan, or the nearest there is.
+
+    The lowest points of small cells around the anchor; a plane through them that lets go of what
+    stands above it.
+    """
+    distance = np.hypot(samples.points[:, 0], samples.points[:, 1])
+    if not len(distance):
+        return None
+    radius = max(15.0, 1.3 * float(distance.min()))
+    while (distance < radius).sum() < 200 and radius < distance.max():
+        radius *= 1.5
+    near = samples.points[distance < radius]
+    size = radius / 10.0
+    cell = np.floor(near[:, :2] / size).astype(np.int64)
+    low = near if samples.ground else near[_lowest_of_groups(cell, near[:, 2])]
+    kept = low
+    for _ in range(15):
+        if len(kept) < 4:
+            break
+        terms = np.column_stack([kept[:, :2], np.ones(len(kept))])
+        plane, *_ = np.linalg.lstsq(terms, kept[:, 2], rcond=None)
+        height = low[:, 2] - (low[:, :2] @ plane[:2] + plane[2])
+        spread = float(np.quantile(np.abs(height), 0.5))
+        left = low[(height < max(0.1, spread)) & (height > -max(0.5, 4 * spread))]
+        if len(left) == len(kept):
+            break
+        kept = left
+    if len(kept) < 4 or distance.min() > radius / 1.2:
+        return float(np.quantile(low[:, 2], 0.2))
+    return float(plane[2])
+
+
+def _share_of_groups(
+    cell: NDArray[np.int64], value: NDArray[np.float64], share: float
+) -> NDArray[np.float64]:
+    """Return a quantile of the values in each cell that holds at least five."""
+    _, group = np.unique(cell, axis=0, return_inverse=True)
+    order = np.lexsort([value, group.ravel()])
+    start = np.flatnonzero(np.diff(group.ravel()[order], prepend=-1))
+    count = np.diff(start, append=len(order))
+    at = start + (share * (count - 1)).astype(np.int64)
+    return np.asarray(value[order[at]][count >= 5])
+
+
+def _lowest_of_groups(cell: NDArray[np.int64], value: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the place of a low value, the tenth part from below, in each cell."""
+    _, group = np.unique(cell, axis=0, return_inverse=True)
+    order = np.lexsort([value, group.ravel()])
+    start = np.flatnonzero(np.diff(group.ravel()[order], prepend=-1))
+    count = np.diff(start, append=len(order))
+    return np.asarray(order[start + (0.1 * (count - 1)).astype(np.int64)])

@@ -1,0 +1,112 @@
+"""Similarity transforms in space: applied to models, and fitted to pairs of points."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from urbantwin.reconstruct.model import ImportedModel
+
+__all__ = ["Similarity", "fitted", "level_fitted", "moved"]
+
+#: y-up to z-up: x stays, y becomes z, z becomes -y (glTF 2.0, 3.4: y up, z forward).
+_Z_UP = {"y": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]), "z": np.eye(3)}
+
+
+@dataclass(frozen=True, eq=False)
+class Similarity:
+    """``b = scale rotation a + translation``.
+
+    Attributes:
+        scale: metres per unit of a.
+        rotation: (3, 3), proper.
+        translation: (3,), metres.
+    """
+
+    scale: float
+    rotation: NDArray[np.float64]
+    translation: NDArray[np.float64]
+
+    @classmethod
+    def of_axes(cls, up: str, unit_m: float) -> Similarity:
+        """Return what turns a model z-up and into metres."""
+        return cls(unit_m, _Z_UP[up], np.zeros(3))
+
+    @classmethod
+    def in_plan(cls, yaw: float, translation: ArrayLike, scale: float = 1.0) -> Similarity:
+        """Return a turn about the vertical (radians, counter-clockwise), then a shift."""
+        c, s = np.cos(yaw), np.sin(yaw)
+        turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
+        return cls(scale, turn, np.asarray(translation, np.float64))
+
+    def apply(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return points (N, 3) of a as points of b."""
+        out: NDArray[np.float64] = points @ (self.scale * self.rotation).T
+        out += self.translation
+        return out
+
+    def after(self, first: Similarity) -> Similarity:
+        """Return the transform that applies ``first`` and then this one."""
+        return Similarity(
+            self.scale * first.scale,
+            self.rotation @ first.rotation,
+            self.apply(first.translation[None])[0],
+        )
+
+    def as_report(self) -> dict[str, object]:
+        """Return the scale, the rotation's rows and the translation as plain numbers."""
+        return {
+            "scale": float(f"{self.scale:.9g}"),
+            "rotation": np.round(self.rotation, 9).tolist(),
+            "translation_m": np.round(self.translation, 4).tolist(),
+        }
+
+
+def moved(model: ImportedModel, transform: Similarity) -> ImportedModel:
+    """Return a model with all its points transformed."""
+    mesh, cloud = model.mesh, model.cloud
+    if mesh is not None:
+        mesh = replace(mesh, vertices=transform.apply(mesh.vertices))
+    if cloud is not None:
+        cloud = replace(cloud, points=transform.apply(cloud.points))
+    return replace(model, mesh=mesh, cloud=cloud)
+
+
+def fitted(a: ArrayLike, b: ArrayLike) -> Similarity:
+    """Return the similarity that takes points a to points b with the least squares.
+
+    Closed form: S. Umeyama, "Least-squares estimation of transformation parameters between two
+    point patterns", IEEE PAMI 13(4), 1991.
+
+    Args:
+        a: (N, 3), N >= 3 and not on one line.
+        b: (N, 3).
+    """
+    source, target = np.asarray(a, np.float64), np.asarray(b, np.float64)
+    from_middle, to_middle = source.mean(axis=0), target.mean(axis=0)
+    p, q = source - from_middle, target - to_middle
+    u, d, vt = np.linalg.svd(q.T @ p / len(p))
+    sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])
+    rotation = (u * sign) @ vt
+    scale = float((d * sign).sum() / (p**2).sum(axis=1).mean())
+    return Similarity(scale, rotation, to_middle - scale * rotation @ from_middle)
+
+
+def level_fitted(a: ArrayLike, b: ArrayLike) -> Similarity:
+    """Return the similarity that takes z-up points a to points b and keeps the vertical upright.
+
+    The plan is fitted with the least squares; heights are only shifted.
+
+    Args:
+        a: (N, 3), N >= 2 and not all at one place in plan.
+        b: (N, 3).
+    """
+    source, target = np.asarray(a, np.float64), np.asarray(b, np.float64)
+    from_middle, to_middle = source.mean(axis=0), target.mean(axis=0)
+    p = (source - from_middle)[:, :2] @ np.array([1, 1j])
+    q = (target - to_middle)[:, :2] @ np.array([1, 1j])
+    turn = complex(np.vdot(p, q) / np.vdot(p, p))
+    out = Similarity.in_plan(float(np.angle(turn)), np.zeros(3), abs(turn))
+    return replace(out, translation=to_middle - out.apply(from_middle[None])[0])
