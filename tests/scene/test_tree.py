@@ -5,6 +5,7 @@ from shapely import LineString, Point, Polygon, box
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.scene.tree import tree_mesh
+from urbantwin.scene.tree.planting import MOST_WOOD_TREES
 from urbantwin.site.extract import OsmFeature, read_extract
 from urbantwin.taxonomy import semantic_id
 
@@ -109,7 +110,7 @@ def test_a_row_has_a_tree_every_eight_metres_but_not_where_one_is_mapped():
 
 def test_woods_are_drawn_from_the_road_inward_up_to_a_cap():
     mesh, notes = build(feature(box(-100, 10, 100, 100), natural="wood"))
-    assert notes["trees of woods"] == 300
+    assert notes["trees of woods"] == MOST_WOOD_TREES
     assert notes["trees within woods, left out"] > 100
     trunks = mesh.select(mesh.semantic == TRUNK)
     assert trunks.vertices[:, 1].max() < 90

@@ -14,9 +14,9 @@ from shapely import Geometry, LineString, Point, Polygon
 from urbantwin.geometry import LabelledMesh
 from urbantwin.scene.placement import grounded
 from urbantwin.scene.pole import bollards
-from urbantwin.scene.shrub import hedge
 from urbantwin.scene.solids import Assembly, GroundHeight, box, sweep
 from urbantwin.scene.tag import length_m_of
+from urbantwin.scene.tree.shrub import hedge
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["barrier_mesh"]

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 from shapely import Geometry
 
-__all__ = ["beside_carriageway", "grounded", "toward_carriageway"]
+from urbantwin.site.extract import OsmFeature
+
+__all__ = ["beside_carriageway", "grounded", "left_of_map", "toward_carriageway"]
 
 
 def beside_carriageway(
@@ -70,3 +75,32 @@ def grounded(xy: NDArray[np.float64], height: NDArray[np.float64]) -> NDArray[np
         else:
             z[:] = 0.0
     return np.column_stack([xy, z])
+
+
+def left_of_map(features: Sequence[OsmFeature], without: Geometry | None) -> list[OsmFeature]:
+    """Return features without what imported geometry replaces.
+
+    Args:
+        features: the map's features, site frame.
+        without: where nothing of them is built, site frame; ``None``: nowhere.
+
+    Returns:
+        Points outside that area, and the pieces of lines and areas outside it.
+    """
+    if without is None or without.is_empty:
+        return list(features)
+    shapely.prepare(without)
+    shapes = np.array([feature.geometry for feature in features], object)
+    touched = shapely.intersects(shapes, without)
+    kept = []
+    for feature, meets in zip(features, touched.tolist(), strict=True):
+        if not meets:
+            kept.append(feature)
+        elif feature.geometry.geom_type != "Point":
+            rest = shapely.difference(feature.geometry, without)
+            pieces = shapely.get_parts(rest)
+            if feature.geometry.geom_type == "LineString":
+                kept += [replace(feature, geometry=piece) for piece in pieces if not piece.is_empty]
+            elif not rest.is_empty:
+                kept.append(replace(feature, geometry=rest))
+    return kept

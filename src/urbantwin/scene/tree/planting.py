@@ -1,4 +1,4 @@
-"""Trees, rows of trees, woods and shrubs."""
+"""Where trees, shrubs and woods stand: as mapped, and seeded where the map only says 'wood'."""
 
 from __future__ import annotations
 
@@ -14,11 +14,12 @@ from shapely import Geometry, LineString, MultiPolygon, Point, Polygon
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.scene.building import building_footprints
-from urbantwin.scene.crown import broadleaved_crown, needleleaved_crown
-from urbantwin.scene.placement import beside_carriageway, grounded
-from urbantwin.scene.shrub import bushes
-from urbantwin.scene.solids import Assembly, GroundHeight, Solid, columns
+from urbantwin.scene.placement import beside_carriageway, grounded, left_of_map
+from urbantwin.scene.solids import Assembly, GroundHeight
 from urbantwin.scene.tag import length_m_of
+from urbantwin.scene.tree.growth import GrownTree, grow
+from urbantwin.scene.tree.shrub import bushes
+from urbantwin.scene.tree.size import mapped_size
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["tree_mesh"]
@@ -26,16 +27,23 @@ __all__ = ["tree_mesh"]
 #: Trunks stand this far from carriageways; a mapped tree is moved no farther than this, metres.
 KERB_M = 0.6
 FARTHEST_M = 3.0
-#: Trees of a row, of a wood; bushes of a scrub: spacing, metres.
+#: Trees of a row, of a wood, of an orchard; bushes of a scrub: spacing, metres.
 ROW_M = 8.0
 WOOD_M = 6.0
+ORCHARD_M = 5.0
 SCRUB_M = 1.6
 #: At most so many trees of woods and bushes are drawn: those nearest to carriageways.
-MOST_WOOD_TREES = 300
+MOST_WOOD_TREES = 400
 MOST_BUSHES = 1500
-#: Crowns are cut back over carriageways to this height, metres.
-CLEARANCE_M = 4.5
-BURIED_M = 0.3
+#: Seeded trees keep this far from the middle of ways and tracks, metres.
+WAY_M = 1.8
+SCRUBS = {
+    "natural": {"scrub", "shrubbery", "heath"},
+    "landuse": {"shrubs", "vineyard"},
+    "barrier": {"hedge"},
+}
+#: Heights of shrubs that nobody measured, metres.
+LOW = {"heath": 0.6, "vineyard": 1.8}
 
 
 @dataclass(frozen=True)
@@ -52,41 +60,68 @@ def tree_mesh(
     region: Polygon,
     ground_height: GroundHeight,
     carriageway: Geometry,
+    without: Geometry | None = None,
 ) -> tuple[LabelledMesh, dict[str, int]]:
-    """Build mapped trees, rows of trees, the edges of woods, and shrubs.
+    """Build mapped trees, rows of trees, woods, orchards, and shrubs.
 
-    A tree is a tapered trunk (class ``trunk``) and a crown of leaf clumps (``vegetation``). Its
-    height, crown and trunk follow ``height``, ``diameter_crown`` and ``circumference``; what is
-    not mapped is derived from what is. The same map gives the same trees.
+    A tree's height, crown and trunk follow ``height``, ``diameter_crown`` and ``circumference``;
+    what is not mapped is derived from what is and from the genus. The same map gives the same
+    trees.
 
     Args:
         features: the map's features, site frame.
         region: trees outside it are left out.
         ground_height: heights of the ground.
         carriageway: where no trunk may stand; crowns leave 4.5 m clear above it.
+        without: where imported geometry has the trees.
 
     Returns:
         The mesh, ``part`` 1, 2, ... per tree or area of shrubs, and counts of what was built and
         left out.
     """
     notes: Counter[str] = Counter()
-    blocked = shapely.union_all([p for p in building_footprints(features) if region.intersects(p)])
-    taken = shapely.union_all([blocked, carriageway.buffer(KERB_M)])
-    shapely.prepare(taken)
-    trees = _mapped_trees(features, region, carriageway, notes)
-    trees += _row_trees(features, region, taken, trees, notes)
-    trees += _wood_trees(features, region, taken, carriageway, notes)
+    taken = _taken(features, region, carriageway)
+    green = [f for f in features if _is_green(f.tags)]
+    mine = left_of_map(green, without)
+    trees = _mapped_trees(mine, region, carriageway, notes)
+    trees += _row_trees(mine, region, taken, trees, notes)
+    trees += _wood_trees(mine, region, taken, carriageway, notes)
     assembly = Assembly()
-    if trees:
-        xy = np.array([(tree.x, tree.y) for tree in trees])
-        feet = grounded(xy, ground_height(xy))
-        crowns = []
-        for tree, foot in zip(trees, feet, strict=True):
-            crowns.append(_add_trunk(assembly, tree, foot))
-        _add_crowns(assembly, crowns, feet[:, 2], carriageway)
-        notes["trees"] = len(trees)
-    _add_scrub(assembly, features, region, taken, carriageway, ground_height, notes)
+    grown = [
+        GrownTree(t.x, t.y, mapped_size(t.tags, Generator(Philox(key=abs(t.seed)))), t.seed)
+        for t in trees
+    ]
+    grow(assembly, grown, ground_height=ground_height, carriageway=carriageway)
+    notes["trees"] = len(trees)
+    notes["trees without a mapped height"] = sum("height" not in t.tags for t in trees)
+    _add_scrub(assembly, mine, region, taken, carriageway, ground_height, notes)
     return assembly.mesh(), dict(sorted((k, n) for k, n in notes.items() if n))
+
+
+def _is_green(tags: dict[str, str]) -> bool:
+    return (
+        tags.get("natural") in ("tree", "tree_row", "tree_group", "shrub", "wood")
+        or tags.get("landuse") in ("forest", "orchard")
+        or any(tags.get(key) in values for key, values in SCRUBS.items())
+    )
+
+
+def _taken(features: Sequence[OsmFeature], region: Polygon, carriageway: Geometry) -> Geometry:
+    """Return where nothing is planted that is not mapped there."""
+    shapes = [p for p in building_footprints(features) if region.intersects(p)]
+    lines, areas = [], []
+    for feature in features:
+        tags, shape = feature.tags, feature.geometry
+        if shape.geom_type == "LineString":
+            if ("highway" in tags or "railway" in tags) and tags.get("tunnel", "no") == "no":
+                lines.append(shape)
+        elif tags.get("natural") == "water" or tags.get("waterway") == "riverbank":
+            areas.append(shape)
+    ways = shapely.intersection(np.array(lines, object), region.buffer(WAY_M))
+    shapes += [carriageway.buffer(KERB_M), *areas, *shapely.buffer(ways, WAY_M, cap_style="flat")]
+    taken = shapely.union_all(shapes)
+    shapely.prepare(taken)
+    return taken
 
 
 def _mapped_trees(
@@ -149,18 +184,33 @@ def _wood_trees(
     """Return trees of woods, those nearest to the carriageways first, up to a cap."""
     trees = []
     for feature in features:
-        is_wood = feature.tags.get("natural") == "wood" or feature.tags.get("landuse") == "forest"
-        if not is_wood or not isinstance(feature.geometry, Polygon | MultiPolygon):
+        tags, shape = feature.tags, feature.geometry
+        orchard = tags.get("landuse") == "orchard"
+        is_wood = tags.get("natural") in ("wood", "tree_group") or tags.get("landuse") == "forest"
+        if not (is_wood or orchard) or not isinstance(shape, Polygon | MultiPolygon):
             continue
-        area = shapely.intersection(feature.geometry, region)
-        for k, (x, y) in enumerate(_scattered(area, taken, WOOD_M, feature.id).tolist()):
-            trees.append(_Tree(x, y, feature.tags, feature.id * 1000 + k))
+        area = shapely.intersection(shape, region)
+        spots = _scattered(area, taken, ORCHARD_M if orchard else WOOD_M, feature.id)
+        own = _wood_tags(tags, orchard, len(spots), feature.id)
+        for k, (x, y) in enumerate(spots.tolist()):
+            trees.append(_Tree(x, y, own[k], feature.id * 1000 + k))
     if len(trees) > MOST_WOOD_TREES:
         order = _nearest([(tree.x, tree.y) for tree in trees], carriageway)[:MOST_WOOD_TREES]
         notes["trees within woods, left out"] = len(trees) - MOST_WOOD_TREES
         trees = [trees[k] for k in sorted(order.tolist())]
     notes["trees of woods"] = len(trees)
     return trees
+
+
+def _wood_tags(tags: dict[str, str], orchard: bool, count: int, seed: int) -> list[dict[str, str]]:
+    """Return the tags of each tree of a wood: ``mixed`` ones are of both kinds."""
+    if orchard:
+        return [{"genus": "Malus", **tags}] * count
+    if tags.get("leaf_type") != "mixed":
+        return [tags] * count
+    needles = Generator(Philox(key=abs(seed) + 1)).random(count) < 0.5
+    kinds = ("broadleaved", "needleleaved")
+    return [{**tags, "leaf_type": kinds[int(k)]} for k in needles]
 
 
 def _scattered(area: Geometry, taken: Geometry, spacing: float, seed: int) -> NDArray[np.float64]:
@@ -183,87 +233,6 @@ def _nearest(xy: Sequence[tuple[float, float]], carriageway: Geometry) -> NDArra
     return np.argsort(shapely.distance(shapely.points(np.asarray(xy)), goal), kind="stable")
 
 
-def _add_trunk(assembly: Assembly, tree: _Tree, foot: NDArray[np.float64]) -> _Crown:
-    """Add a tree's trunk; return its crown."""
-    rng = Generator(Philox(key=abs(tree.seed)))
-    size = _size(tree.tags, rng)
-    part = assembly.new_part()
-    trunk_top = size.crown_low + (0.95 if size.needles else 0.55) * (size.height - size.crown_low)
-    trunk = columns(foot - [0, 0, BURIED_M], trunk_top + BURIED_M, size.trunk, 0.35 * size.trunk, 8)
-    assembly.add(trunk, "trunk", "bark", part)
-    shape = needleleaved_crown if size.needles else broadleaved_crown
-    clumps = shape(size.crown, size.crown_low, size.height, rng)
-    return _Crown(clumps + foot, part)
-
-
-@dataclass(frozen=True)
-class _Crown:
-    clumps: NDArray[np.float64]
-    part: int
-
-
-@dataclass(frozen=True)
-class _Size:
-    height: float
-    crown: float
-    crown_low: float
-    trunk: float
-    needles: bool
-
-
-def _size(tags: dict[str, str], rng: Generator) -> _Size:
-    """Return a tree's size in metres; ``trunk`` is a radius."""
-    needles = tags.get("leaf_type") == "needleleaved"
-    slender = 0.4 if needles else 0.65
-    height = length_m_of(tags.get("height"))
-    crown = length_m_of(tags.get("diameter_crown"))
-    girth = length_m_of(tags.get("circumference"))
-    if girth is not None and girth > 12:  # mapped in centimetres
-        girth /= 100
-    if height is None:
-        if crown is not None:
-            height = crown / slender
-        elif girth is not None:
-            # About 10 m at 0.8 m of girth and 18 m at 2 m: street trees of temperate cities.
-            height = 11.5 * girth**0.65
-        else:
-            height = (11.0 if needles else 9.0) * rng.uniform(0.8, 1.2)
-        height = min(max(height, 3.0), 28.0)
-    height = min(max(height, 1.5), 80.0)
-    if crown is None:
-        crown = min(max(slender * height, 1.5), 14.0) * rng.uniform(0.9, 1.1)
-    crown = min(crown, 35.0)
-    clear = (0.12 if needles else 0.3) * height
-    if not needles and height > 5:
-        clear = min(max(clear, 2.3), 0.45 * height)
-    trunk = girth / (2 * np.pi) if girth is not None else 0.04 + 0.014 * height
-    return _Size(height, crown, clear, min(trunk, 2.0, crown / 4), needles)
-
-
-def _add_crowns(
-    assembly: Assembly,
-    crowns: Sequence[_Crown],
-    ground: NDArray[np.float64],
-    carriageway: Geometry,
-) -> None:
-    """Add crowns, cut back over carriageways."""
-    clumps = np.concatenate([crown.clumps for crown in crowns])
-    part = np.repeat([crown.part for crown in crowns], [len(crown.clumps) for crown in crowns])
-    foot = np.repeat(ground, [len(crown.clumps) for crown in crowns])
-    lowest = clumps[..., 2].min(axis=1)
-    low = np.flatnonzero(lowest < foot + CLEARANCE_M)
-    if not carriageway.is_empty and len(low):
-        shapely.prepare(carriageway)
-        x, y = clumps[low, :, 0], clumps[low, :, 1]
-        over = shapely.contains_xy(carriageway, x.ravel(), y.ravel()).reshape(x.shape).any(axis=1)
-        keep = np.ones(len(clumps), bool)
-        keep[low[over]] = False
-        clumps, part = clumps[keep], part[keep]
-    vertices = clumps.reshape(-1, 3)
-    leaves = Solid(vertices, np.arange(len(vertices), dtype=np.int32).reshape(-1, 3))
-    assembly.add(leaves, "vegetation", "foliage", part)
-
-
 def _add_scrub(
     assembly: Assembly,
     features: Iterable[OsmFeature],
@@ -280,11 +249,9 @@ def _add_scrub(
         shape, tags = feature.geometry, feature.tags
         if tags.get("natural") == "shrub" and isinstance(shape, Point):
             found = [(shape.x, shape.y)] if region.covers(shape) else []
-        elif (
-            tags.get("natural") in ("scrub", "shrubbery")
-            or tags.get("barrier") == "hedge"
-            or tags.get("landuse") == "shrubs"
-        ) and isinstance(shape, Polygon | MultiPolygon):
+        elif any(tags.get(key) in values for key, values in SCRUBS.items()) and isinstance(
+            shape, Polygon | MultiPolygon
+        ):
             area = shapely.intersection(shape, region)
             found = [tuple(p) for p in _scattered(area, taken, SCRUB_M, feature.id).tolist()]
         else:
@@ -300,7 +267,7 @@ def _add_scrub(
     feet = grounded(xy, ground_height(xy))
     mine = [owners[k] for k in chosen.tolist()]
     rng = Generator(Philox(key=abs(mine[0].id)))
-    tall = np.array([length_m_of(f.tags.get("height")) or 1.5 for f in mine])
+    tall = np.array([length_m_of(f.tags.get("height")) or _low(f.tags) for f in mine])
     heights = np.minimum(tall, 4.0) * rng.uniform(0.75, 1.0, len(feet))
     solid, faces = bushes(feet, rng.uniform(0.8, 1.2, len(feet)), heights, mine[0].id)
     numbers: dict[int, int] = {}
@@ -309,3 +276,7 @@ def _add_scrub(
             numbers[feature.id] = assembly.new_part()
     part = np.repeat([numbers[feature.id] for feature in mine], faces)
     assembly.add(solid, "vegetation", "foliage", part)
+
+
+def _low(tags: dict[str, str]) -> float:
+    return LOW.get(tags.get("natural", ""), LOW.get(tags.get("landuse", ""), 1.5))
