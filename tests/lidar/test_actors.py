@@ -11,6 +11,7 @@ from urbantwin.lidar.actors import ActorHits, ActorShape, cast_actors, nearest
 from urbantwin.lidar.casting import EmbreeCaster
 from urbantwin.lidar.rectangle import RayGrid, angular_bounds
 from urbantwin.lidar.static import cast_static
+from urbantwin.taxonomy import materials
 from urbantwin.traffic.assets import asset_mesh
 
 CORNERS = (np.arange(8)[:, None] >> np.arange(3)) & 1
@@ -174,6 +175,27 @@ def test_backscatter_is_that_of_the_face_hit(box_mesh):
     cosine = np.abs((posed.normals()[found.face[hits.ray]] * directions[hits.ray]).sum(axis=1))
     np.testing.assert_allclose(hits.backscatter, 0.45 * cosine, atol=1e-4)
     np.testing.assert_allclose(hits.range_m, found.range_m[hits.ray], atol=1e-4)
+
+
+def test_one_shape_answers_sensors_of_two_wavelengths(box_mesh):
+    """Skin is bright at 905 nm and dark at 1550 nm, in whatever order it is asked for."""
+    shape = ActorShape(box_mesh((4, -1, -1), (5, 1, 1), "pedestrian", "skin"))
+    model = sensor("OS1-64")
+    directions = beam_directions(model, COLUMNS).reshape(-1, 3).astype(np.float32)
+    found = [
+        cast_actors(
+            RayGrid(model, COLUMNS),
+            directions,
+            Pose.from_ypr((0, 0, 0)),
+            50.0,
+            [(shape, Pose.from_ypr((0, 0, 0)))],
+            wavelength,
+        ).backscatter
+        for wavelength in (905.0, 1550.0, 905.0)
+    ]
+    skin = materials()["skin"].reflectivities
+    np.testing.assert_allclose(found[1] / found[0], skin[2] / skin[1], rtol=1e-5)
+    np.testing.assert_array_equal(found[0], found[2])
 
 
 def test_an_actor_beyond_reach_is_left_out(box_mesh):

@@ -112,3 +112,33 @@ def test_no_ray_slips_through_the_edges_of_a_closed_surface(box_mesh):
     hits = cast_static(box_mesh((-1, -1, -1), (1, 1, 1)), np.zeros(3), unit(aims))
     assert (hits.face >= 0).all()
     np.testing.assert_allclose(hits.range_m, np.linalg.norm(aims, axis=1), atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["foliage", "skin", "water", "road-paint"])
+@pytest.mark.parametrize("wavelength", [865.0, 905.0, 1550.0])
+def test_backscatter_is_that_of_the_sensors_wavelength(ground_mesh, name, wavelength):
+    """At the table's wavelengths, straight down and at a slant, worked out from the table."""
+    directions = unit(np.array([[0.0, 0.0, -1.0], [5.0, 0.0, -1.0]]))
+    hits = cast_static(
+        ground_mesh(material=name),
+        np.array([0.0, 0.0, 5.0]),
+        directions,
+        wavelength_nm=wavelength,
+    )
+    column = {865.0: 0, 905.0: 1, 1550.0: 2}[wavelength]
+    material = materials()[name]
+    expected = material.reflectivities[column] * -directions[:, 2] + material.retro
+    np.testing.assert_allclose(hits.backscatter, expected, rtol=1e-5)
+
+
+def test_beads_keep_paint_bright_where_asphalt_fades(ground_mesh):
+    """EN 1436's own geometry: light at 88.76 degrees from the normal, 100 mcd per m2 and lx."""
+    slant = np.radians(88.76)
+    direction = np.array([[np.sin(slant), 0.0, -np.cos(slant)]])
+    origin = np.array([-100.0, 0.0, 2.0])
+    paint, asphalt = (
+        cast_static(ground_mesh(half=500.0, material=name), origin, direction).backscatter[0]
+        for name in ("road-paint", "asphalt")
+    )
+    assert paint >= np.pi * 0.1 * 0.95
+    assert asphalt < 0.01

@@ -18,7 +18,7 @@ from scipy.spatial import ConvexHull, QhullError
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar.casting import EmbreeCaster
 from urbantwin.lidar.rectangle import RayGrid, angular_bounds
-from urbantwin.lidar.returns import backscatter_of_materials
+from urbantwin.lidar.returns import scatter_of_materials
 
 __all__ = ["ActorHits", "ActorShape", "MeshSource", "PosedActor", "cast_actors", "nearest"]
 
@@ -58,8 +58,6 @@ class ActorShape:
         high: (3,) upper corner of its bounds.
         hull: (3, H) vertices of its convex hull: the only ones that can touch a bound of the
             mesh, however it is turned.
-        facing: (F, 3) float32, unit normal times backscatter: its dot product with a ray's
-            direction is, but for the sign, the ray's backscatter.
     """
 
     def __init__(self, mesh: LabelledMesh) -> None:
@@ -69,8 +67,19 @@ class ActorShape:
         with suppress(QhullError):  # A flat mesh has no volume.
             used = used[ConvexHull(used).vertices]
         self.hull = np.ascontiguousarray(used.T)
-        backscatter = backscatter_of_materials()[mesh.material]
-        self.facing = (mesh.normals() * backscatter[:, None]).astype(np.float32)
+        self._normals, self._material = mesh.normals(), mesh.material
+        self._facing: dict[float, NDArray[np.float32]] = {}
+
+    def facing(self, wavelength_nm: float) -> NDArray[np.float32]:
+        """Return unit normals times backscatter (F, 3) at a wavelength.
+
+        Their dot product with a ray's direction is, but for the sign, the ray's backscatter.
+        Nothing on an actor has glass beads.
+        """
+        if wavelength_nm not in self._facing:
+            diffuse = scatter_of_materials(wavelength_nm).diffuse[self._material]
+            self._facing[wavelength_nm] = (self._normals * diffuse[:, None]).astype(np.float32)
+        return self._facing[wavelength_nm]
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +121,7 @@ def cast_actors(
     site_SE3_sensor: Pose,
     range_max_m: float,
     actors: Sequence[tuple[ActorShape, Pose]],
+    wavelength_nm: float = 905.0,
 ) -> ActorHits:
     """Cast at every actor the rays that can touch it.
 
@@ -121,6 +131,7 @@ def cast_actors(
         site_SE3_sensor: the sensor's pose.
         range_max_m: an actor wholly beyond it is left out.
         actors: shape and pose (``site_SE3_asset``) of each.
+        wavelength_nm: of the sensor's laser.
     """
     if not actors:
         return ActorHits.none()
@@ -149,7 +160,7 @@ def cast_actors(
         local = directions.take(ray, axis=0) @ turns[number]
         found = shape.caster.cast(origin[number], local)
         hit = np.flatnonzero(found.face >= 0)
-        facing = shape.facing.take(found.face.take(hit), axis=0)
+        facing = shape.facing(wavelength_nm).take(found.face.take(hit), axis=0)
         backscatter = np.abs(np.einsum("ij,ij->i", facing, local.take(hit, axis=0)))
         owner = np.full(len(hit), number)
         parts.append(ActorHits(ray.take(hit), owner, found.range_m.take(hit), backscatter))

@@ -73,7 +73,10 @@ class Observer:
         # Component by component: numpy multiplies long rows many times as fast as short ones.
         self._directions = (dataset_SE3_site.rotation @ in_site.T).astype(np.float32)
         self._origin = dataset_SE3_site.apply(self._pose.translation[None])[0]
-        hits = cast_static(static, self._pose.translation, in_site)
+        self._wavelength_nm = mounted.sensor.assumed_wavelength_nm
+        hits = cast_static(
+            static, self._pose.translation, in_site, wavelength_nm=self._wavelength_nm
+        )
         self._range_m = hits.range_m
         # What no ray hit has no level, so its range never counts: any finite number will do.
         finite = np.where(np.isfinite(hits.range_m), hits.range_m, np.float32(1e6))
@@ -107,7 +110,14 @@ class Observer:
             boxes: (A, 7) their boxes, dataset frame.
             draws: the random numbers of this sensor and frame.
         """
-        hits = cast_actors(self._grid, self._directions_site, self._pose, self._range_max_m, actors)
+        hits = cast_actors(
+            self._grid,
+            self._directions_site,
+            self._pose,
+            self._range_max_m,
+            actors,
+            self._wavelength_nm,
+        )
         hit_level = self._model.detection_level(hits.backscatter, hits.range_m)
         would_return = draws.detection[hits.ray] < hit_level
         alone = np.bincount(hits.actor[would_return], minlength=len(actors))

@@ -2,10 +2,12 @@
 
 Strength. A diffuse (Lambertian) surface that fills the beam returns power in proportion to
 ``backscatter / range^2`` with ``backscatter = reflectivity x (1 - transmission) x cos(incidence)``
-(Wagner et al. 2006, ISPRS J. Photogramm. 60(2), eq. 14). We give strength relative to the
-sensor's reference target: 1 is a target of the datasheet's reflectivity, faced squarely, at the
-datasheet's range. Glass passes most of the light, so a ray that hits it mostly finds no return;
-what stands behind glass is not looked for.
+(Wagner et al. 2006, ISPRS J. Photogramm. 60(2), eq. 14), with the reflectivity at the sensor's own
+wavelength. Glass beads in road paint send light back wherever it comes from: they add the
+material's ``retro`` at every angle, up to what a white target faced squarely would return. We give
+strength relative to the sensor's reference target: 1 is a target of the datasheet's reflectivity,
+faced squarely, at the datasheet's range. Glass passes most of the light, so a ray that hits it
+mostly finds no return; what stands behind glass is not looked for.
 
 Detection. ``p = 1 / (1 + (half / strength)^k)``: `DETECTION_AT_REFERENCE` at strength 1 and one
 half at strength `HALF_STRENGTH`. We read a datasheet's range as the one with 90 % of returns, and
@@ -40,8 +42,9 @@ __all__ = [
     "HALF_STRENGTH",
     "Draws",
     "ReturnModel",
-    "backscatter_of_materials",
+    "Scatter",
     "draw",
+    "scatter_of_materials",
     "standard_noise",
     "standard_quantiles",
     "truncated_noise",
@@ -117,11 +120,32 @@ def standard_quantiles() -> Floats:
     return np.asarray(ndtri((np.arange(_LEVELS) + 0.5) / _LEVELS), np.float32)
 
 
+@dataclass(frozen=True, eq=False)
+class Scatter:
+    """What materials send back, by material number.
+
+    Attributes:
+        diffuse: (M,) ``reflectivity x (1 - transmission)``.
+        retro: (M,) what glass beads add at every angle of incidence.
+    """
+
+    diffuse: Floats
+    retro: Floats
+
+    def backscatter(self, material: NDArray[np.uint8], cosine: NDArray[np.floating]) -> Floats:
+        """Return the backscatter (N,) of materials (N,) met at some cosine of incidence (N,)."""
+        found = self.diffuse[material] * cosine + self.retro[material]
+        return np.asarray(np.minimum(found, 1.0), np.float32)
+
+
 @cache
-def backscatter_of_materials() -> Floats:
-    """Return ``reflectivity x (1 - transmission)`` by material number."""
-    table = [m.reflectivity * (1 - m.transmission) for m in materials().values()]
-    return np.array(table, np.float32)
+def scatter_of_materials(wavelength_nm: float) -> Scatter:
+    """Return what every material sends back of a laser's light."""
+    table = materials().values()
+    return Scatter(
+        np.array([m.reflectivity_at(wavelength_nm) * (1 - m.transmission) for m in table], "f4"),
+        np.array([m.retro for m in table], np.float32),
+    )
 
 
 class ReturnModel:

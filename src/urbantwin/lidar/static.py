@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.lidar.casting import EmbreeCaster
-from urbantwin.lidar.returns import backscatter_of_materials
+from urbantwin.lidar.returns import scatter_of_materials
 
 __all__ = ["StaticHits", "cast_static"]
 
@@ -38,7 +38,11 @@ class StaticHits:
 
 
 def cast_static(
-    mesh: LabelledMesh, origin: NDArray[np.float64], directions: NDArray[np.float64]
+    mesh: LabelledMesh,
+    origin: NDArray[np.float64],
+    directions: NDArray[np.float64],
+    *,
+    wavelength_nm: float = 905.0,
 ) -> StaticHits:
     """Cast rays at the static world.
 
@@ -50,6 +54,7 @@ def cast_static(
         mesh: the static world.
         origin: (3,) where all rays leave, in the mesh's frame.
         directions: (N, 3) unit vectors, in the mesh's frame.
+        wavelength_nm: of the sensor's laser.
     """
     moved = mesh.vertices - origin
     found = EmbreeCaster(moved, mesh.faces).cast(np.zeros(3), directions.astype(np.float32))
@@ -67,7 +72,8 @@ def cast_static(
     cosine = np.zeros(count, np.float32)
     cosine[hit] = np.abs(slant)
     backscatter = np.zeros(count, np.float32)
-    backscatter[hit] = backscatter_of_materials()[mesh.material[face]] * cosine[hit]
+    scatter = scatter_of_materials(wavelength_nm)
+    backscatter[hit] = scatter.backscatter(mesh.material[face], cosine[hit])
     semantic = np.zeros(count, np.uint16)
     semantic[hit] = mesh.semantic[face]
     return StaticHits(range_m.astype(np.float32), found.face, cosine, backscatter, semantic)

@@ -1,12 +1,13 @@
 """Names shared by every stage: semantic classes, materials, classes of actors."""
 
 from urbantwin.taxonomy.actor import ACTOR_CLASSES, ACTOR_SEMANTICS
-from urbantwin.taxonomy.material import Material, material_id, materials
+from urbantwin.taxonomy.material import WAVELENGTHS_NM, Material, material_id, materials
 from urbantwin.taxonomy.semantic import SemanticClass, semantic_classes, semantic_id
 
 __all__ = [
     "ACTOR_CLASSES",
     "ACTOR_SEMANTICS",
+    "WAVELENGTHS_NM",
     "Material",
     "SemanticClass",
     "material_id",

@@ -1,24 +1,69 @@
-"""Materials of triangles and what they do to a beam (table: ``material.csv``)."""
+"""Materials of triangles and what they do to a beam (table: ``material.csv``).
+
+Between the three wavelengths of the table reflectivity is interpolated along a straight line.
+Spectra of plants and wet surfaces are no straight lines between 905 and 1550 nm (water absorbs
+about 970, 1200 and 1450 nm), so a sensor at 1064 nm is told only roughly; there is none in the
+catalogue.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 
 from urbantwin.taxonomy.semantic import table_rows
 
-__all__ = ["Material", "material_id", "materials"]
+__all__ = ["WAVELENGTHS_NM", "Material", "material_id", "materials"]
+
+#: The wavelengths of the table, nanometres.
+WAVELENGTHS_NM = (865.0, 905.0, 1550.0)
 
 
 @dataclass(frozen=True)
 class Material:
-    """A surface: diffuse reflectivity near 905 nm and the share of light that passes through."""
+    """A surface.
+
+    Attributes:
+        id: its number in ``LabelledMesh.material``.
+        name: its name.
+        reflectivities: diffuse, 0..1, one per ``WAVELENGTHS_NM``.
+        transmission: share of the light that passes through.
+        retro: backscatter that glass beads add at every angle of incidence: pi times the
+            coefficient of retroreflected luminance (EN 1436) in cd per m2 and lx.
+        basis: ``measured``, ``modelled`` or ``estimate``.
+        source: where the numbers come from, or what to compare an estimate with.
+    """
 
     id: int
     name: str
-    reflectivity: float
+    reflectivities: tuple[float, float, float]
     transmission: float
+    retro: float
+    basis: str
     source: str
+
+    @property
+    def reflectivity(self) -> float:
+        """Diffuse reflectivity at 905 nm."""
+        return self.reflectivities[1]
+
+    def reflectivity_at(self, wavelength_nm: float) -> float:
+        """Return the diffuse reflectivity at a wavelength.
+
+        Below 865 nm and above 1550 nm it is that of the nearest of the two, which is as good as
+        the table for the catalogue's sensors: the shortest wavelength of any is 850 nm.
+
+        Args:
+            wavelength_nm: nanometres.
+        """
+        table = list(zip(WAVELENGTHS_NM, self.reflectivities, strict=True))
+        if wavelength_nm <= table[0][0]:
+            return table[0][1]
+        for (low, first), (high, second) in pairwise(table):
+            if wavelength_nm <= high:
+                return first + (second - first) * (wavelength_nm - low) / (high - low)
+        return table[-1][1]
 
 
 @cache
@@ -28,8 +73,14 @@ def materials() -> dict[str, Material]:
         row["name"]: Material(
             int(row["id"]),
             row["name"],
-            float(row["reflectivity"]),
+            (
+                float(row["reflectivity_865"]),
+                float(row["reflectivity_905"]),
+                float(row["reflectivity_1550"]),
+            ),
             float(row["transmission"]),
+            float(row["retro"]),
+            row["basis"],
             row["source"],
         )
         for row in table_rows("material.csv")
