@@ -126,3 +126,31 @@ def test_site_with_a_dem(write_site: Callable[[object], Path], write_dem: Write)
     write_dem(slope(0.02, 0.0), centre=(CENTRE[0] + 290.0, CENTRE[1]))
     with pytest.raises(InputError, match=r"dem\.tif: covers \d+ % of the region"):
         load_site(write_site(fields))
+
+
+def test_dem_of_another_datum_is_not_shifted(write_dem: Write) -> None:
+    # Amersfoort lies 110 m from WGS84: a transform that leaves the datum out is that far off.
+    delft = SiteFrame(52.0117, 4.3667)
+    to_rd = Transformer.from_crs("EPSG:4326", "EPSG:28992", always_xy=True)
+    centre = to_rd.transform(delft.longitude, delft.latitude)
+    path = write_dem(slope(0.05, -0.03), centre=centre, crs="EPSG:28992")
+    dem = read_heights(path, delft, REGION, 2.0)
+    assert dem.anchor_height_m == pytest.approx(34.0, abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("crs", "vertical"),
+    [("EPSG:5554", "DHHN92"), ("EPSG:4979", "WGS 84"), ("EPSG:25833", None)],
+)
+def test_datum_of_heights_is_kept(write_dem: Write, crs: str, vertical: str | None) -> None:
+    centre = (LONGITUDE, LATITUDE) if crs == "EPSG:4979" else CENTRE
+    step = 1e-4 if crs == "EPSG:4979" else 10.0
+    if crs == "EPSG:5554":  # ETRS89 / UTM 31N and DHHN92: its zone is not this site's
+        centre = Transformer.from_crs("EPSG:4326", "EPSG:25831", always_xy=True).transform(
+            LONGITUDE, LATITUDE
+        )
+    dem = read_heights(
+        write_dem(slope(0, 0, cells=80), centre=centre, crs=crs, step=step), FRAME, REGION, 5.0
+    )
+    assert (vertical in dem.vertical) if vertical else (dem.vertical == "")
+    assert np.abs(dem.heights).max() < 1e-6

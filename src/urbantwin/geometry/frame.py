@@ -35,9 +35,18 @@ class SiteFrame:
             "+k=1 +x_0=0 +y_0=0 +ellps=WGS84 +units=m +no_defs"
         )
 
+    @property
+    def proj_with_datum(self) -> str:
+        """The plane with its datum said: what transformations from other datums must go to.
+
+        `proj` says an ellipsoid only, which PROJ takes for any datum: a transform from another
+        one (Amersfoort, DHDN, OSGB36) would leave its shift out, 100 m and more.
+        """
+        return self.proj.replace("+ellps=WGS84", "+datum=WGS84")
+
     @cached_property
     def _forward(self) -> Transformer:
-        return Transformer.from_crs("EPSG:4326", self.proj, always_xy=True)
+        return Transformer.from_crs("EPSG:4326", self.proj_with_datum, always_xy=True)
 
     def site_from_lonlat(self, lonlat: ArrayLike) -> NDArray[np.float64]:
         """Return (N, 2) site metres of (N, 2) longitude/latitude degrees."""

@@ -1,7 +1,8 @@
 """The elevation model that a person gives: checked, and resampled to the site frame.
 
 Heights are taken as the file has them: in its own vertical datum, orthometric or ellipsoidal, and
-in metres unless the file says otherwise. Only differences to the anchor's height go on from here.
+in metres unless the file says otherwise. Only differences to the anchor's height go on from here;
+the datum is kept, so that other sources of heights can be compared.
 """
 
 from __future__ import annotations
@@ -51,6 +52,8 @@ class DemGrid:
         anchor_height_m: height of the anchor in the file's own vertical datum.
         missing_share: share of the area that had no height and took its nearest neighbour's.
         source_step_m: size of the file's own cells, metres.
+        vertical: the datum of the file's heights as WKT: a vertical CRS, or a three-dimensional
+            one for heights above an ellipsoid; empty where the file does not say.
     """
 
     x0: float
@@ -60,6 +63,7 @@ class DemGrid:
     anchor_height_m: float
     missing_share: float
     source_step_m: float
+    vertical: str = ""
 
 
 def check_dem(path: Path, frame: SiteFrame, region: shapely.Polygon) -> None:
@@ -99,7 +103,7 @@ def read_heights(path: Path, frame: SiteFrame, area: shapely.Polygon, step_m: fl
     with _opened(path) as raster:
         _check_cover(raster, path, frame, area)
         source, transform = _window(raster, path, frame, (x[0], y[0], x[-1], y[-1]))
-        crs = raster.crs
+        crs = CRS(raster.crs.to_wkt())
         per_metre = np.diff(_pixels(raster, frame, np.array([[0.0, 0.0], [1.0, 0.0]])), axis=0)
         source_step = 1.0 / float(np.linalg.norm(per_metre))
     grid = np.full((ny, nx), np.nan)
@@ -107,10 +111,10 @@ def read_heights(path: Path, frame: SiteFrame, area: shapely.Polygon, step_m: fl
         source,
         grid,
         src_transform=transform,
-        src_crs=crs,
+        src_crs=_plan(crs).to_wkt(),
         src_nodata=np.nan,
         dst_transform=Affine(step_m, 0, x[0] - step_m / 2, 0, -step_m, y[-1] + step_m / 2),
-        dst_crs=frame.proj,
+        dst_crs=frame.proj_with_datum,
         dst_nodata=np.nan,
         resampling=Resampling.bilinear,
     )
@@ -131,7 +135,16 @@ def read_heights(path: Path, frame: SiteFrame, area: shapely.Polygon, step_m: fl
         rows, columns = distance_transform_edt(missing, return_distances=False, return_indices=True)
         grid = grid[rows, columns]
     anchor = float(grid[-first[1], -first[0]])
-    return DemGrid(float(x[0]), float(y[0]), step_m, grid - anchor, anchor, share, source_step)
+    return DemGrid(
+        float(x[0]),
+        float(y[0]),
+        step_m,
+        grid - anchor,
+        anchor,
+        share,
+        source_step,
+        _vertical(crs),
+    )
 
 
 @contextmanager
@@ -146,7 +159,9 @@ def _opened(path: Path) -> Iterator[Any]:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", NotGeoreferencedWarning)
-            raster = rasterio.open(path, driver="GTiff")
+            # Without it GDAL keeps the vertical datum of a GeoTIFF 1.0 to itself.
+            with rasterio.Env(GTIFF_REPORT_COMPD_CS=True):
+                raster = rasterio.open(path, driver="GTiff")
         with raster:
             if raster.count != 1:
                 raise InputError(f"holds {raster.count} bands", file=path, expected=_EXPECTED)
@@ -181,7 +196,8 @@ def _check_cover(raster: Any, path: Path, frame: SiteFrame, area: shapely.Polygo
 
 def _pixels(raster: Any, frame: SiteFrame, xy: NDArray[np.float64]) -> NDArray[np.float64]:  # noqa: ANN401
     """Return (N, 2) columns and rows (pixel edges are whole numbers) of (N, 2) site metres."""
-    transformer = Transformer.from_crs(frame.proj, CRS(raster.crs.to_wkt()), always_xy=True)
+    crs = _plan(CRS(raster.crs.to_wkt()))
+    transformer = Transformer.from_crs(frame.proj_with_datum, crs, always_xy=True)
     easting, northing = transformer.transform(xy[:, 0], xy[:, 1])
     # Written out: Affine's own product is spelt differently from one of its versions to the next.
     t = ~raster.transform
@@ -218,6 +234,19 @@ def _window(
     corner = (t.a * low[0] + t.b * low[1] + t.c, t.d * low[0] + t.e * low[1] + t.f)
     cell = (t.a * across, t.b * down, t.d * across, t.e * down)
     return heights, Affine(cell[0], cell[1], corner[0], cell[2], cell[3], corner[1])
+
+
+def _plan(crs: CRS) -> CRS:
+    """Return the horizontal part of a CRS."""
+    return crs.sub_crs_list[0] if crs.is_compound else crs.to_2d()
+
+
+def _vertical(crs: CRS) -> str:
+    """Return the vertical part of a CRS as WKT, empty where it has none."""
+    if crs.is_compound:
+        vertical = crs.sub_crs_list[-1]
+        return (crs if "ellips" in vertical.name.lower() else vertical).to_wkt()
+    return crs.to_wkt() if len(crs.axis_info) == 3 else ""
 
 
 def _metres_per_unit(raster: Any) -> float:  # noqa: ANN401

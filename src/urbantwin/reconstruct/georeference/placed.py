@@ -9,7 +9,7 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.reconstruct.georeference.heights import SiteHeights
 from urbantwin.reconstruct.model import ImportedModel
-from urbantwin.reconstruct.reconstruction import Surroundings
+from urbantwin.reconstruct.surroundings import Surroundings
 from urbantwin.site.geometry import GeometrySource
 
 __all__ = ["Placed", "placed"]

@@ -72,7 +72,7 @@ def placed(model: LaneModel, projection: str, frame: SiteFrame) -> LaneModel:
     middle = xy.mean(axis=0)
     around = middle + np.array([[0.0, 0], [10, 0], [0, 10], [-10, 0], [0, -10]])
     try:
-        transformer = Transformer.from_crs(crs, CRS(frame.proj), always_xy=True)
+        transformer = Transformer.from_crs(crs, CRS(frame.proj_with_datum), always_xy=True)
         xy = np.vstack([xy, around])
         there = np.column_stack(transformer.transform(xy[:, 0], xy[:, 1]))
     except ProjError as error:
