@@ -12,7 +12,13 @@ from shapely import Geometry
 
 from urbantwin.site.extract import OsmFeature
 
-__all__ = ["beside_carriageway", "grounded", "left_of_map", "toward_carriageway"]
+__all__ = [
+    "along_nearest",
+    "beside_carriageway",
+    "grounded",
+    "left_of_map",
+    "toward_carriageway",
+]
 
 
 def beside_carriageway(
@@ -104,3 +110,29 @@ def left_of_map(features: Sequence[OsmFeature], without: Geometry | None) -> lis
             elif not rest.is_empty:
                 kept.append(replace(feature, geometry=rest))
     return kept
+
+
+def along_nearest(
+    xy: NDArray[np.float64], lines: Sequence[Geometry], *, farthest_m: float
+) -> NDArray[np.float64]:
+    """Return the yaw (N,) of the nearest line beside each of (N, 2) points, radians.
+
+    nan where no line is nearer than ``farthest_m``.
+    """
+    points = np.asarray(xy, np.float64).reshape(-1, 2)
+    yaw = np.full(len(points), np.nan)
+    shapes = [line for line in lines if line.geom_type == "LineString" and line.length > 0]
+    if not shapes or not len(points):
+        return yaw
+    spots = shapely.points(points)
+    tree = shapely.STRtree(shapes)
+    number, nearest = tree.query_nearest(spots, max_distance=farthest_m, all_matches=False)
+    own = tree.geometries[nearest]
+    at = shapely.line_locate_point(own, spots[number])
+    length = shapely.length(own)
+    step = np.minimum(0.25, length / 4)
+    behind = shapely.line_interpolate_point(own, np.clip(at - step, 0, length - step))
+    ahead = shapely.line_interpolate_point(own, np.clip(at + step, step, length))
+    way = shapely.get_coordinates(ahead) - shapely.get_coordinates(behind)
+    yaw[number] = np.arctan2(way[:, 1], way[:, 0])
+    return yaw

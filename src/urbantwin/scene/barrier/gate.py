@@ -1,0 +1,130 @@
+"""Gates, and the openings that they and entrances leave in walls and fences."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from shapely import Geometry, Point
+
+from urbantwin.scene.barrier import fence
+from urbantwin.scene.placement import along_nearest, grounded
+from urbantwin.scene.solids import Assembly, GroundHeight, box, rods
+from urbantwin.scene.tag import length_m_of
+from urbantwin.site.extract import OsmFeature
+
+__all__ = ["Opening", "add_openings", "opening_of"]
+
+#: Barriers open this wide at gates and entrances, metres.
+GATE_M, DOOR_M = 3.0, 1.4
+GATES = ("gate", "swing_gate", "sliding_gate", "kissing_gate", "hampshire_gate", "bump_gate")
+PASSAGES = ("entrance", "stile", "lift_gate", "sally_port", "toll_booth", "turnstile")
+BOOM_M = 4.0
+
+
+@dataclass(frozen=True)
+class Opening:
+    """A gap in a barrier; ``kind`` as in ``barrier=*``."""
+
+    spot: Point
+    kind: str
+    width_m: float
+    height_m: float
+
+
+def opening_of(feature: OsmFeature) -> Opening | None:
+    """Return the opening that a node makes in the barrier that it is a part of."""
+    if not isinstance(feature.geometry, Point):
+        return None
+    tags = feature.tags
+    kind = tags.get("barrier", "")
+    if kind not in (*GATES, *PASSAGES):
+        if tags.get("entrance", "no") == "no":
+            return None
+        kind = "entrance"
+    usual = DOOR_M if kind in ("kissing_gate", "stile", "turnstile") else GATE_M
+    width = length_m_of(tags.get("width") or tags.get("maxwidth")) or usual
+    height = length_m_of(tags.get("height")) or 1.3
+    return Opening(feature.geometry, kind, min(max(width, 0.8), 12.0), min(height, 4.0))
+
+
+def add_openings(
+    assembly: Assembly,
+    openings: Sequence[Opening],
+    barriers: Sequence[OsmFeature],
+    ways: Sequence[Geometry],
+    kept: Geometry,
+    ground_height: GroundHeight,
+    notes: Counter[str],
+) -> None:
+    """Add the leaves of gates, shut, and booms of lift gates, open.
+
+    Gates on carriageways are left out: traffic drives through. A gate stands along its barrier,
+    or across the way that leads through it.
+    """
+    drawn = [o for o in openings if o.kind in (*GATES, "lift_gate")]
+    if not drawn:
+        return
+    xy = np.array([[o.spot.x, o.spot.y] for o in drawn])
+    lines = [f.geometry for f in barriers]
+    rings = [g.boundary if g.geom_type.endswith("Polygon") else g for g in lines]
+    yaw = along_nearest(xy, rings, farthest_m=0.3)
+    across = along_nearest(xy, ways, farthest_m=0.5) + np.pi / 2
+    yaw = np.nan_to_num(np.where(np.isfinite(yaw), yaw, across))
+    free = shapely.contains_xy(kept, xy[:, 0], xy[:, 1])
+    for opening, spot, turn, is_free in zip(drawn, xy, yaw, free, strict=True):
+        if opening.kind == "lift_gate":
+            _add_boom(assembly, opening, spot, float(turn), kept, ground_height, notes)
+        elif is_free:
+            _add_leaf(assembly, opening, spot, float(turn), ground_height)
+            notes["gates"] += 1
+        else:
+            notes["gates on carriageways, left open"] += 1
+
+
+def _add_leaf(
+    assembly: Assembly,
+    opening: Opening,
+    spot: np.ndarray,
+    yaw: float,
+    ground_height: GroundHeight,
+) -> None:
+    ahead = np.array([np.cos(yaw), np.sin(yaw)]) * opening.width_m / 2
+    ends = np.array([spot - 0.97 * ahead, spot + 0.97 * ahead])
+    path = grounded(ends, ground_height(ends))
+    high = opening.height_m
+    part = assembly.new_part()
+    for solid in (
+        fence.strip(path, 0.02, high - 0.05, high, closed=False),
+        fence.strip(path, 0.02, 0.12, 0.17, closed=False),
+        fence.bars(path, 0.14, high - 0.02, closed=False),
+        fence.posts(path, high + 0.1, 0.1),
+    ):
+        assembly.add(solid, "fence", "metal-painted", part)
+
+
+def _add_boom(
+    assembly: Assembly,
+    opening: Opening,
+    spot: np.ndarray,
+    yaw: float,
+    kept: Geometry,
+    ground_height: GroundHeight,
+    notes: Counter[str],
+) -> None:
+    """Add a lift gate beside its way, the boom upright."""
+    ahead = np.array([np.cos(yaw), np.sin(yaw)])
+    sides = spot + np.array([[-1.0], [1.0]]) * ahead * (opening.width_m / 2 + 0.3)
+    free = shapely.contains_xy(kept, sides[:, 0], sides[:, 1])
+    if not free.any():
+        notes["gates on carriageways, left open"] += 1
+        return
+    foot = grounded(sides[[int(np.argmax(free))]], ground_height(sides[[int(np.argmax(free))]]))[0]
+    part = assembly.new_part()
+    assembly.add(box(foot + [0, 0, 0.4], [0.35, 0.3, 1.4], yaw), "fence", "metal-painted", part)
+    boom = rods([foot + [0, 0, 1.05]], [foot + [0, 0, 1.05 + BOOM_M]], 0.05, 0.03, 6)
+    assembly.add(boom, "fence", "metal-painted", part)
+    notes["lift gates"] += 1
