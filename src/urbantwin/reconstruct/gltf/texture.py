@@ -1,0 +1,158 @@
+"""Images of materials, and their mean colour over triangles."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, UnidentifiedImageError
+
+from urbantwin.reconstruct.gltf.malformed import MalformedError
+
+__all__ = ["Texture", "linear_from_srgb", "open_image", "srgb_from_linear"]
+
+_MOST_PIXELS = 1 << 27
+#: Larger images are halved until they fit: a triangle's mean does not need them.
+_SIDE = 2048
+_REPEAT, _CLAMP, _MIRROR = 10497, 33071, 33648
+_CHUNK = 1 << 18
+
+
+@lru_cache(maxsize=1)
+def _linear_of_byte() -> NDArray[np.float32]:
+    return linear_from_srgb(np.arange(256) / 255.0).astype(np.float32)
+
+
+def linear_from_srgb(value: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return linear light, 0..1, of sRGB values, 0..1 (IEC 61966-2-1)."""
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+
+
+def srgb_from_linear(value: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Return sRGB bytes of linear light, 0..1 (IEC 61966-2-1)."""
+    v = np.clip(value, 0.0, 1.0)
+    srgb = np.where(v <= 0.0031308, v * 12.92, 1.055 * v ** (1 / 2.4) - 0.055)
+    return np.rint(srgb * 255.0).astype(np.uint8)
+
+
+def open_image(data: bytes) -> NDArray[np.uint8]:
+    """Return (H, W, 4) RGBA pixels, reduced to 2048 a side at most.
+
+    Raises:
+        MalformedError: it is not an image that Pillow reads, or is larger than reason.
+    """
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            picture = Image.open(io.BytesIO(data))
+            if picture.width * picture.height > _MOST_PIXELS:
+                raise MalformedError(f"an image claims {picture.width} x {picture.height} pixels")
+            picture.draft("RGB", (_SIDE, _SIDE))
+            factor = -(-max(picture.size) // _SIDE)
+            rgba = picture.convert("RGBA")
+            if factor > 1:
+                rgba = rgba.reduce(factor)
+            return np.asarray(rgba)
+    except MalformedError:
+        raise
+    except Image.DecompressionBombError:
+        raise MalformedError("an image claims more pixels than can be") from None
+    except (UnidentifiedImageError, OSError, ValueError, SyntaxError, EOFError):
+        raise MalformedError("an image cannot be read") from None
+
+
+@dataclass(frozen=True, eq=False)
+class Texture:
+    """An image with how it is laid on.
+
+    Attributes:
+        pixels: (H, W, 4) uint8 RGBA.
+        wrap: modes of u and v, as OpenGL numbers them.
+        offset, rotation, scale: of ``KHR_texture_transform``.
+    """
+
+    pixels: NDArray[np.uint8]
+    wrap: tuple[int, int] = (_REPEAT, _REPEAT)
+    offset: tuple[float, float] = (0.0, 0.0)
+    rotation: float = 0.0
+    scale: tuple[float, float] = (1.0, 1.0)
+
+    def transformed(self, uv: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return texture coordinates (..., 2) after ``KHR_texture_transform``."""
+        if self.rotation == 0.0 and self.scale == (1.0, 1.0) and self.offset == (0.0, 0.0):
+            return uv
+        c, s = np.cos(self.rotation), np.sin(self.rotation)
+        scaled = uv * np.array(self.scale)
+        turned = scaled @ np.array([[c, -s], [s, c]])
+        return np.asarray(turned + np.array(self.offset))
+
+    def texels(self, uv: NDArray[np.float64]) -> NDArray[np.uint8]:
+        """Return the nearest texels (..., 4) at coordinates (..., 2), as the image stores them."""
+        height, width = self.pixels.shape[:2]
+        u = _index(uv[..., 0], width, self.wrap[0])
+        v = _index(uv[..., 1], height, self.wrap[1])
+        return self.pixels[v, u]
+
+    def means(self, uv: NDArray[np.float64], *, use_alpha: bool) -> NDArray[np.float64]:
+        """Return the mean colour (F, 3), linear light, over triangles.
+
+        Args:
+            uv: (F, 3, 2) texture coordinates of the corners.
+            use_alpha: weigh texels by their opacity.
+        """
+        uv = np.nan_to_num(self.transformed(uv), nan=0.0, posinf=0.0, neginf=0.0)
+        height, width = self.pixels.shape[:2]
+        a, b = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
+        texels = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) * (0.5 * width * height)
+        result = np.empty((len(uv), 3))
+        for parts, chosen in ((2, texels <= 16), (4, (texels > 16) & (texels <= 4096))):
+            self._fill(result, uv, np.flatnonzero(chosen), parts, use_alpha)
+        self._fill(result, uv, np.flatnonzero(~(texels <= 4096)), 16, use_alpha)
+        return result
+
+    def _fill(
+        self,
+        result: NDArray[np.float64],
+        uv: NDArray[np.float64],
+        chosen: NDArray[np.int64],
+        parts: int,
+        use_alpha: bool,
+    ) -> None:
+        weights, linear = _centres(parts), _linear_of_byte()
+        step = max(1, _CHUNK // len(weights))
+        for start in range(0, len(chosen), step):
+            some = chosen[start : start + step]
+            rgba = self.texels(np.einsum("sk,fkc->fsc", weights, uv[some]))
+            light = linear[rgba[..., :3]]
+            if use_alpha:
+                opacity = rgba[..., 3].astype(np.float32)
+                total = opacity.sum(axis=1, keepdims=True)
+                share = np.where(total > 0, opacity / np.maximum(total, 1), 1 / len(weights))
+                result[some] = np.einsum("fs,fsc->fc", share, light)
+            else:
+                result[some] = light.mean(axis=1)
+
+
+def _index(value: NDArray[np.float64], size: int, wrap: int) -> NDArray[np.int64]:
+    """Return texel numbers of one texture coordinate."""
+    at = np.floor(np.clip(value, -1e9, 1e9) * size).astype(np.int64)
+    if wrap == _CLAMP:
+        return np.clip(at, 0, size - 1)
+    if wrap == _MIRROR:
+        at = np.mod(at, 2 * size)
+        return np.where(at >= size, 2 * size - 1 - at, at)
+    return np.mod(at, size)
+
+
+@lru_cache(maxsize=4)
+def _centres(parts: int) -> NDArray[np.float64]:
+    """Return barycentric weights (parts^2, 3) of the middles of equal parts of a triangle."""
+    i, j = np.meshgrid(np.arange(parts), np.arange(parts), indexing="ij")
+    upright, inverted = i + j < parts, i + j < parts - 1
+    u = np.concatenate([(i[upright] + 1 / 3), (i[inverted] + 2 / 3)]) / parts
+    v = np.concatenate([(j[upright] + 1 / 3), (j[inverted] + 2 / 3)]) / parts
+    return np.stack([1 - u - v, u, v], axis=1)
