@@ -35,6 +35,8 @@ LOWEST_M, HIGHEST_M = -1000.0, 9500.0
 _PAD = 2
 #: A finer raster is read coarser, so that a window stays below a gigabyte.
 _MOST_CELLS = 8192
+#: The finest and the coarsest grid that heights are resampled to, metres, and its most nodes.
+_STEPS_M, _MOST_NODES = (0.25, 1.0), 4_000_000
 
 _METRES = {"ft": 0.3048, "foot": 0.3048, "feet": 0.3048, "us survey foot": 1200 / 3937,
            "us-ft": 1200 / 3937, "cm": 0.01, "dm": 0.1}  # fmt: skip
@@ -77,7 +79,9 @@ def check_dem(path: Path, frame: SiteFrame, region: shapely.Polygon) -> None:
     read_heights(path, frame, region, max(1.0, float((high - low).max()) / 100.0))
 
 
-def read_heights(path: Path, frame: SiteFrame, area: shapely.Polygon, step_m: float) -> DemGrid:
+def read_heights(
+    path: Path, frame: SiteFrame, area: shapely.Polygon, step_m: float | None = None
+) -> DemGrid:
     """Resample a DEM (bilinear) to a grid in the site frame that covers ``area`` and the anchor.
 
     The grid's nodes are at multiples of ``step_m``; it reaches two steps beyond ``area``. Holes of
@@ -87,7 +91,8 @@ def read_heights(path: Path, frame: SiteFrame, area: shapely.Polygon, step_m: fl
         path: a GeoTIFF of one band.
         frame: the site frame.
         area: what must be covered, site frame, metres.
-        step_m: between two nodes, metres.
+        step_m: between two nodes, metres; ``None`` takes the file's own cells, between 0.25 m
+            and 1 m, or coarser for a wide area.
 
     Raises:
         InputError: as `check_dem`.
@@ -95,6 +100,9 @@ def read_heights(path: Path, frame: SiteFrame, area: shapely.Polygon, step_m: fl
     from affine import Affine
     from rasterio.warp import Resampling, reproject
 
+    if step_m is None:
+        with _opened(path) as raster:
+            step_m = _own_step(raster, frame, area)
     corners = np.vstack([shapely.get_coordinates(area), [[0.0, 0.0]]])
     first = np.floor(corners.min(axis=0) / step_m).astype(int) - _PAD
     last = np.ceil(corners.max(axis=0) / step_m).astype(int) + _PAD
@@ -104,8 +112,7 @@ def read_heights(path: Path, frame: SiteFrame, area: shapely.Polygon, step_m: fl
         _check_cover(raster, path, frame, area)
         source, transform = _window(raster, path, frame, (x[0], y[0], x[-1], y[-1]))
         crs = CRS(raster.crs.to_wkt())
-        per_metre = np.diff(_pixels(raster, frame, np.array([[0.0, 0.0], [1.0, 0.0]])), axis=0)
-        source_step = 1.0 / float(np.linalg.norm(per_metre))
+        source_step = _cell_m(raster, frame)
     grid = np.full((ny, nx), np.nan)
     reproject(
         source,
@@ -145,6 +152,19 @@ def read_heights(path: Path, frame: SiteFrame, area: shapely.Polygon, step_m: fl
         source_step,
         _vertical(crs),
     )
+
+
+def _cell_m(raster: Any, frame: SiteFrame) -> float:  # noqa: ANN401
+    """Return the size of a raster's cells at the anchor, metres."""
+    per_metre = np.diff(_pixels(raster, frame, np.array([[0.0, 0.0], [1.0, 0.0]])), axis=0)
+    return 1.0 / float(np.linalg.norm(per_metre))
+
+
+def _own_step(raster: Any, frame: SiteFrame, area: shapely.Polygon) -> float:  # noqa: ANN401
+    west, south, east, north = area.bounds
+    coarsest = max(_STEPS_M[0], math.sqrt((east - west) * (north - south) / _MOST_NODES))
+    cell = _cell_m(raster, frame)
+    return float(max(min(cell, _STEPS_M[1]), coarsest)) if math.isfinite(cell) else _STEPS_M[1]
 
 
 @contextmanager

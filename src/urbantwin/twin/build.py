@@ -29,9 +29,6 @@ from urbantwin.twin.twin import Twin, load_twin
 
 __all__ = ["build_twin"]
 
-#: Cell size of the ground's grid, metres.
-GRID_STEP_M = 1.0
-
 Progress = Callable[[float, str], None]
 
 
@@ -162,7 +159,7 @@ def _driving_side(site: Site, imported: ImportedMap | None) -> str:
 def _elevation(site: Site) -> tuple[Elevation, dict[str, object]]:
     if site.dem is None:
         return Elevation.flat(), {"source": "no DEM: a level plain"}
-    grid = read_heights(site.dem.path, site.frame, site.region, GRID_STEP_M)
+    grid = read_heights(site.dem.path, site.frame, site.region)
     notes: dict[str, object] = {
         "source": site.dem.path.name,
         "anchor_height_m": round(grid.anchor_height_m, 3),

@@ -1,0 +1,51 @@
+"""A twin's roads against the ground that a real survey measured in Pittsburgh."""
+
+import runpy
+from pathlib import Path
+
+import numpy as np
+import shapely
+import yaml
+from pyproj import Transformer
+
+from urbantwin.geometry import DownwardProbe
+from urbantwin.site import load_site
+from urbantwin.twin import build_twin
+
+STREETS = runpy.run_path(str(Path(__file__).parent / "argoverse_streets.py"))
+
+
+def test_roads_lie_within_5_cm_rms_of_the_measured_ground(shared_data, tmp_path):
+    log = STREETS["Log"](shared_data)
+    log.write_dem(tmp_path / "ground.tif")
+    log.write_osm(tmp_path / "streets.osm")
+    site = {
+        "anchor": dict(zip(("latitude", "longitude"), STREETS["ANCHOR"], strict=True)),
+        "region": {"radius_m": 80},
+        "osm": "streets.osm",
+        "dem": "ground.tif",
+        "closed_loop": False,
+        "rig": {"sensors": [{"name": "a", "model": "OS1-128", "east_m": 0, "north_m": 0,
+                             "height_m": 6}]},
+    }  # fmt: skip
+    (tmp_path / "site.yaml").write_text(yaml.safe_dump(site))
+    twin = build_twin(load_site(tmp_path / "site.yaml"), tmp_path / "twin")
+
+    to_site = Transformer.from_crs("EPSG:32617", twin.frame.proj, always_xy=True)
+    places, measured = log.known_heights()
+    xy = np.column_stack(to_site.transform(*places.T))
+    lanes = shapely.transform(
+        shapely.union_all([log.area(k) for k in log.segments]),
+        lambda points: np.column_stack(to_site.transform(*points.T)),
+    )
+    roads = shapely.intersection_all(
+        [lanes, shapely.buffer(twin.roads.carriageway(0), -0.2), twin.region]
+    )
+    shapely.prepare(roads)
+    on_road = shapely.contains_xy(roads, *xy.T)
+    assert on_road.sum() > 30_000
+    above = np.column_stack([xy[on_road], np.full(on_road.sum(), 100.0)])
+    ours = DownwardProbe(twin.ground_mesh).height_below(above)
+    assert np.isfinite(ours).all()
+    off = ours + twin.manifest["notes"]["ground"]["anchor_height_m"] - measured[on_road]
+    assert np.sqrt(np.mean(off**2)) < 0.05
