@@ -14,6 +14,7 @@ from PIL import Image
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.roads import Junction, Lane, Road, RoadNetwork, SignalHead
+from urbantwin.roads.marking import zebra
 from urbantwin.taxonomy import material_id, semantic_classes, semantic_id
 from urbantwin.view import style
 from urbantwin.view.birdseye import birdseye, birdseye_figure
@@ -26,7 +27,7 @@ from urbantwin.view.labelled_frame import (
 )
 from urbantwin.view.markings import markings
 from urbantwin.view.pictures import pictures_of_dataset
-from urbantwin.view.plan import plan, plan_figure, zebra
+from urbantwin.view.plan import plan, plan_figure
 from urbantwin.view.plan_look import DARK
 from urbantwin.view.range_image import range_image, spread_rays
 from urbantwin.view.scene import Camera, render, scene_picture

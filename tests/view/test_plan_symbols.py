@@ -9,6 +9,7 @@ from shapely.affinity import scale
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.roads import Lane, RoadNetwork
+from urbantwin.roads.marking import arrow, lane_marks, stop_lines, turns
 from urbantwin.roads.model import (
     Curve,
     LaneModel,
@@ -22,8 +23,7 @@ from urbantwin.roads.model import (
 )
 from urbantwin.taxonomy import material_id, semantic_id
 from urbantwin.view.markings import markings
-from urbantwin.view.road_lines import islands, lane_marks, signs, stop_lines, turns
-from urbantwin.view.turn_arrow import arrow
+from urbantwin.view.road_lines import islands, signs
 
 WAYS = ("left", "through", "right", "around")
 ZERO = Profile.constant(0.0)

@@ -15,8 +15,9 @@ from urbantwin.artefact import replaced_folder, write_json
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads import Lane
+from urbantwin.roads.marking import stop_lines, turns
 from urbantwin.twin import Twin
-from urbantwin.view.road_lines import heads, islands, signs, stop_lines, turns
+from urbantwin.view.road_lines import heads, islands, signs
 
 __all__ = ["LAYERS", "write_geojson"]
 

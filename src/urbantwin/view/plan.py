@@ -16,15 +16,16 @@ from matplotlib.patches import Patch, Polygon, Rectangle
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.roads import RoadNetwork
+from urbantwin.roads.marking import stop_lines
 from urbantwin.roads.model import LaneModel
 from urbantwin.view import style
 from urbantwin.view.plan_ground import draw_ground, draw_surfaces, fill
 from urbantwin.view.plan_labels import draw_labels, street_labels
 from urbantwin.view.plan_look import DARK, LANE_NAMES, Look
-from urbantwin.view.plan_marks import draw_marks, draw_signals, zebra
-from urbantwin.view.road_lines import islands, signs, stop_lines
+from urbantwin.view.plan_marks import draw_marks, draw_signals
+from urbantwin.view.road_lines import islands, signs
 
-__all__ = ["plan", "plan_figure", "zebra"]
+__all__ = ["plan", "plan_figure"]
 
 #: Size of the sheet, inches: title above the map, legend below it.
 WIDTH, TITLE, LEGEND = 12.0, 0.95, 0.75

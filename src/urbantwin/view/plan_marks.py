@@ -6,32 +6,36 @@ from typing import Any
 
 import numpy as np
 import shapely
-import shapely.ops
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.patches import Circle, Polygon
 from numpy.typing import NDArray
 
 from urbantwin.roads import Lane, RoadNetwork
+from urbantwin.roads.marking import (
+    ARROW_M,
+    GIVE_WAY,
+    arrow_at,
+    dashes,
+    lane_marks,
+    painted,
+    stop_lines,
+    turn_arrow,
+    zebra,
+)
 from urbantwin.roads.model import LaneModel
 from urbantwin.view.plan_ground import fill
 from urbantwin.view.plan_look import Look
-from urbantwin.view.road_lines import Sign, heads, lane_marks, signs, stop_lines
-from urbantwin.view.turn_arrow import ARROW_M, arrow_at, turn_arrow
+from urbantwin.view.road_lines import Sign, heads, signs
 
-__all__ = ["dashes", "draw_marks", "draw_signals", "zebra"]
+__all__ = ["draw_marks", "draw_signals"]
 
-#: Stripes of a zebra crossing, metres: painted, and from one to the next.
-_STRIPE_M, _PERIOD_M = 0.5, 1.0
-#: Painted and bare length of a broken line, metres (German RMS 1, built-up areas).
-_DASH_M, _GAP_M = 3.0, 6.0
 #: Widths of lines as drawn, metres: painted ones are 0.12 to 0.25 m wide.
 _LINE_M, _STOP_M = 0.2, 0.5
 #: Arrows that say which way a lane runs stand at least so far from each other, metres.
 _DIRECTION_EVERY_M, _DIRECTION_M = 45.0, 3.2
-#: Numbers of signs in the catalogues of Germany, the USA and Australia, and in Vienna's.
+#: Numbers of the stop sign in the catalogues of Germany, the USA and Australia, and in Vienna's.
 STOP = frozenset({"206", "R1-1", "B2a", "B2"})
-GIVE_WAY = frozenset({"205", "R1-2", "B1"})
 _DRIVEN = ("driving", "bus", "bicycle")
 
 
@@ -45,6 +49,10 @@ def draw_marks(axes: Axes, network: RoadNetwork, model: LaneModel | None, look: 
         fill(axes, ribbons, look.paint, zorder=11.0 + 10 * line.level)
     for line in stop_lines(network, model):
         fill(axes, [_ribbon(line.points, _STOP_M)], look.paint, zorder=11.2 + 10 * line.level)
+    rest = painted(network, model).of("teeth", "bay")
+    axes.add_collection(
+        PolyCollection(list(rest), facecolor=look.paint, linewidth=0, zorder=11.2), autolim=False
+    )
     for lane in network.lanes:
         if lane.kind == "crossing":
             stripes = PolyCollection(
@@ -53,23 +61,6 @@ def draw_marks(axes: Axes, network: RoadNetwork, model: LaneModel | None, look: 
             axes.add_collection(stripes, autolim=False)
         elif lane.kind in _DRIVEN and not lane.junction:
             _draw_arrows(axes, network, lane, look)
-
-
-def zebra(lane: Lane) -> list[NDArray[np.float64]]:
-    """Return the stripes of a crossing, (4, 2) corners each, site frame, metres."""
-    line = shapely.LineString(lane.centre[:, :2])
-    if line.length < _STRIPE_M:
-        return []
-    count = int((line.length + _PERIOD_M - _STRIPE_M) // _PERIOD_M)
-    margin = (line.length - (count - 1) * _PERIOD_M - _STRIPE_M) / 2
-    stripes = []
-    for number in range(count):
-        at = margin + number * _PERIOD_M
-        a, b = (np.array(line.interpolate(d).coords[0]) for d in (at, at + _STRIPE_M))
-        across = np.array([a[1] - b[1], b[0] - a[0]])
-        across *= lane.width / 2 / np.linalg.norm(across)
-        stripes.append(np.array([a - across, b - across, b + across, a + across]))
-    return stripes
 
 
 def draw_signals(
@@ -154,21 +145,6 @@ def _draw_arrows(axes: Axes, network: RoadNetwork, lane: Lane, look: Look) -> No
         for k in range(max(count, 0))
     ]
     fill(axes, marks, look.direction, zorder=zorder)
-
-
-def dashes(points: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """Return the painted pieces of a broken line, evenly from end to end."""
-    line = shapely.LineString(points)
-    count = int((line.length + _GAP_M) // (_DASH_M + _GAP_M))
-    if count < 1:
-        return []
-    period = line.length / count
-    pieces = []
-    for k in range(count):
-        middle = (k + 0.5) * period
-        piece = shapely.ops.substring(line, middle - _DASH_M / 2, middle + _DASH_M / 2)
-        pieces.append(shapely.get_coordinates(piece))
-    return pieces
 
 
 def _ribbon(points: NDArray[np.float64], width: float) -> shapely.Geometry:

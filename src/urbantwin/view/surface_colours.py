@@ -47,7 +47,7 @@ _BY_CLASS_AND_MATERIAL = {
     ("other-ground", "concrete"): "#b3afa5",
     ("other-ground", "paving"): "#b3a999",
     ("terrain", "soil"): "#a08a68",
-    ("road", "retroreflector"): "#f3f1e8",
+    ("road", "road-paint"): "#f3f1e8",
     ("terrain", "paving"): "#b3a999",
     ("sidewalk", "concrete"): "#c6c2b9",
 }

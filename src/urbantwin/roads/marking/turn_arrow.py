@@ -8,8 +8,8 @@ import numpy as np
 import shapely
 from shapely.affinity import affine_transform
 
-from urbantwin.roads import Lane, RoadNetwork
-from urbantwin.view.road_lines import turns
+from urbantwin.roads.marking.turns import turns
+from urbantwin.roads.network import Lane, RoadNetwork
 
 __all__ = ["ARROW_M", "arrow", "arrow_at", "turn_arrow"]
 

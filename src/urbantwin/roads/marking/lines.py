@@ -1,0 +1,162 @@
+"""Lines that are painted on roads, in plan: between lanes, and where traffic stops.
+
+The lane model says it all. Of a twin without one only what the lane network tells is known: lanes
+side by side, and stop lines where signals stop traffic.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import shapely
+import shapely.ops
+from numpy.typing import NDArray
+
+from urbantwin.roads.model import LaneModel, ModelRoad
+from urbantwin.roads.network import RoadNetwork
+
+__all__ = ["DASH_M", "GAP_M", "MOTOR", "Line", "dashes", "lane_marks", "placed", "stop_lines"]
+
+#: Longest chord of a line where its road bends or its lanes change, metres.
+CHORD_M = 1.0
+#: Painted and bare length of a broken line, metres (German RMS 1, built-up areas).
+DASH_M, GAP_M = 3.0, 6.0
+#: Kinds of lanes that motor traffic drives on.
+MOTOR = ("driving", "bus")
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line on the road.
+
+    Attributes:
+        kind: ``solid``, ``broken``, ``curb`` or ``stop``.
+        points: (N, 2), site frame, metres.
+        level: 0 on the ground, 1, 2, ... above other roads.
+        lane: id of the strip that it belongs to; empty where it belongs to none.
+        signal: id of the signal program that stops traffic there; empty where none does.
+    """
+
+    kind: str
+    points: NDArray[np.float64]
+    level: int = 0
+    lane: str = ""
+    signal: str = ""
+
+
+def lane_marks(network: RoadNetwork, model: LaneModel | None) -> list[Line]:
+    """Return the lines along lanes: painted ones and curbs."""
+    if model is None:
+        return list(_marks_of_strips(network))
+    return [line for road in model.roads if road.junction < 0 for line in _marks_of_road(road)]
+
+
+def stop_lines(network: RoadNetwork, model: LaneModel | None) -> list[Line]:
+    """Return the lines at which traffic stops, from its right to its left or the reverse."""
+    found = []
+    stopped = {head.lane: head.program for head in network.signals}
+    for area in model.areas if model else ():
+        if model is None or area.name != "StopLine" or len(area.corners) < 2:
+            continue
+        corners = shapely.MultiPoint(placed(model, area.road, area.s, area.corners))
+        along = _long_axis(corners)
+        if along is not None:
+            found.append(
+                Line(
+                    "stop",
+                    along,
+                    model.road_by_id[area.road].level,
+                    area.strip,
+                    stopped.get(area.strip, ""),
+                )
+            )
+    if found:
+        return found
+    for head in network.signals:
+        lane = network.lane_by_id.get(head.lane)
+        if lane is not None and lane.kind != "crossing":
+            across = np.array([-np.sin(head.yaw), np.cos(head.yaw)]) * lane.width / 2
+            middle = np.array([head.x, head.y])
+            ends = np.array([middle - across, middle + across])
+            found.append(Line("stop", ends, lane.level, lane.id, head.program))
+    return found
+
+
+def dashes(points: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Return the painted pieces of a broken line, evenly from end to end."""
+    line = shapely.LineString(points)
+    count = int((line.length + GAP_M) // (DASH_M + GAP_M))
+    if count < 1:
+        return []
+    period = line.length / count
+    pieces = []
+    for k in range(count):
+        middle = (k + 0.5) * period
+        piece = shapely.ops.substring(line, middle - DASH_M / 2, middle + DASH_M / 2)
+        pieces.append(shapely.get_coordinates(piece))
+    return pieces
+
+
+def placed(
+    model: LaneModel, road: int, s: float, corners: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return corners (N, 2) in the site frame of corners ahead and to the left of a station."""
+    x, y, heading = model.road_by_id[road].curve.at(s)[0]
+    c, sn = np.cos(heading), np.sin(heading)
+    return np.asarray(np.array([x, y]) + corners[:, :2] @ np.array([[c, sn], [-sn, c]]))
+
+
+def _marks_of_road(road: ModelRoad) -> Iterator[Line]:
+    for section, end in zip(road.sections, road.section_ends, strict=True):
+        count = max(2, int(np.ceil((end - section.s) / CHORD_M)) + 1)
+        s = np.linspace(section.s, end, count)
+        if section.centre_mark != "none":
+            yield Line(
+                _kind(section.centre_mark), road.curve.beside(s, road.offset.at(s)), road.level
+            )
+        for lane in section.lanes:
+            if lane.mark != "none":
+                t = road.border(section, lane, s, outer=True)
+                points = road.place(s, t)[:, :2]
+                yield Line(_kind(lane.mark), points, road.level, lane.strip)
+
+
+def _kind(mark: str) -> str:
+    """OpenDRIVE's names of lane marks as what is drawn."""
+    if "curb" in mark:
+        return "curb"
+    return "broken" if mark.startswith("broken") or mark == "botts dots" else "solid"
+
+
+def _marks_of_strips(network: RoadNetwork) -> Iterator[Line]:
+    """Lines between lanes side by side that run in one direction."""
+    side = 1.0 if network.driving_side == "right" else -1.0
+    for road in network.roads:
+        lanes = [network.lane_by_id[name] for name in road.lanes if name in network.lane_by_id]
+        for lane, inner in pairwise(lanes):
+            if "sidewalk" in (lane.kind, inner.kind):
+                continue
+            both = lane.kind in MOTOR and inner.kind in MOTOR
+            line = shapely.LineString(lane.centre[:, :2]).offset_curve(
+                side * lane.width / 2, join_style="mitre"
+            )
+            for part in shapely.get_parts(line):
+                points = shapely.get_coordinates(part)
+                if len(points) >= 2:
+                    yield Line("broken" if both else "solid", points, lane.level, lane.id)
+
+
+def _long_axis(corners: shapely.MultiPoint) -> NDArray[np.float64] | None:
+    """Return the ends (2, 2) of the line along the middle of a narrow area."""
+    frame = shapely.oriented_envelope(corners)
+    if frame.geom_type == "LineString":
+        return np.asarray(shapely.get_coordinates(frame)[:2])
+    if frame.geom_type != "Polygon":
+        return None
+    ring = shapely.get_coordinates(frame)[:4]
+    if np.linalg.norm(ring[1] - ring[0]) < np.linalg.norm(ring[2] - ring[1]):
+        ring = np.roll(ring, -1, axis=0)
+    return np.array([(ring[0] + ring[3]) / 2, (ring[1] + ring[2]) / 2])

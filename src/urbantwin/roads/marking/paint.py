@@ -1,0 +1,146 @@
+"""Everything that is painted on the ground, as quadrilaterals in plan.
+
+Widths of lines follow German RMS 1 and US MUTCD 3A.06 and 3B.16 where the map says nothing: lane
+marks 0.15 m, stop lines 0.4 m, give-way teeth 0.5 m wide and 0.7 m long.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.roads.marking.lines import DASH_M, GAP_M, MOTOR, dashes, lane_marks, stop_lines
+from urbantwin.roads.marking.turn_arrow import turn_arrow
+from urbantwin.roads.marking.yielding import parking_bays, teeth
+from urbantwin.roads.marking.zebra import zebra
+from urbantwin.roads.model import LaneModel
+from urbantwin.roads.network import Lane, RoadNetwork
+
+__all__ = ["PAINT_KINDS", "Paint", "painted"]
+
+#: What there is.
+PAINT_KINDS = ("zebra", "line", "stop", "arrow", "teeth", "bay")
+#: Widths of lane marks, of stop lines and of the lines between parking bays, metres.
+LINE_M, STOP_LINE_M, BAY_LINE_M = 0.15, 0.4, 0.12
+
+Quad = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Paint:
+    """Painted quadrilaterals.
+
+    Attributes:
+        quads: (N, 4, 2) corners, site frame, metres; a triangle has its last corner twice.
+        kind: (N,) uint8, index into ``PAINT_KINDS``.
+        level: (N,) int, 0 on the ground, 1, 2, ... above other roads.
+    """
+
+    quads: NDArray[np.float64]
+    kind: NDArray[np.uint8]
+    level: NDArray[np.int64]
+
+    def of(self, *kinds: str) -> NDArray[np.float64]:
+        """Return the quadrilaterals (M, 4, 2) of some kinds."""
+        return self.quads[np.isin(self.kind, [PAINT_KINDS.index(kind) for kind in kinds])]
+
+
+def painted(network: RoadNetwork, model: LaneModel | None = None) -> Paint:
+    """Return what is painted.
+
+    Args:
+        network: the lanes.
+        model: the lane model, whose lane marks, stop lines, give-way lines and parking bays are
+            painted, and arrows before junctions; without it only zebras, dashes between lanes and
+            stop lines of signals are known.
+    """
+    found: list[tuple[str, int, Sequence[Quad]]] = [
+        ("zebra", lane.level, zebra(lane)) for lane in network.lanes if lane.kind == "crossing"
+    ]
+    if model is None:
+        found += [("line", level, quads) for level, quads in _borders(network)]
+        found += [("stop", level, [quad]) for level, quad in _stop_lines(network)]
+    else:
+        for line in lane_marks(network, model):
+            if line.kind != "curb":
+                strokes = dashes(line.points) if line.kind == "broken" else [line.points]
+                quads = [quad for points in strokes for quad in _ribbon(points, LINE_M)]
+                found.append(("line", line.level, quads))
+        found += [
+            ("stop", line.level, _ribbon(line.points, STOP_LINE_M))
+            for line in stop_lines(network, model)
+        ]
+        found += [("arrow", level, quads) for level, quads in _arrows(network)]
+        found += [("teeth", level, quads) for level, quads in teeth(model)]
+        found += [("bay", level, _ribbon(ends, BAY_LINE_M)) for level, ends in parking_bays(model)]
+    found = [(kind, level, quads) for kind, level, quads in found if len(quads)]
+    if not found:
+        return Paint(np.zeros((0, 4, 2)), np.zeros(0, np.uint8), np.zeros(0, np.int64))
+    counts = [len(quads) for _, _, quads in found]
+    return Paint(
+        np.concatenate([np.asarray(quads, np.float64) for _, _, quads in found]),
+        np.repeat([PAINT_KINDS.index(kind) for kind, _, _ in found], counts).astype(np.uint8),
+        np.repeat([level for _, level, _ in found], counts),
+    )
+
+
+def _ribbon(points: NDArray[np.float64], width: float) -> list[Quad]:
+    """Return a line of some width as one quad per leg, mitred where it bends."""
+    leg = np.diff(points, axis=0)
+    leg = leg / np.maximum(np.linalg.norm(leg, axis=1, keepdims=True), 1e-9)
+    along = np.vstack([leg[:1], leg[:-1] + leg[1:], leg[-1:]])
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
+    side = np.column_stack([-along[:, 1], along[:, 0]]) * width / 2
+    low, high = points - side, points + side
+    quads = np.stack([low[:-1], low[1:], high[1:], high[:-1]], axis=1)
+    return list(quads[np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6])
+
+
+def _arrows(network: RoadNetwork) -> Iterator[tuple[int, list[Quad]]]:
+    """Yield turn arrows as triangles, each with its last corner twice."""
+    for lane in network.lanes:
+        shape = None if lane.junction or lane.kind not in MOTOR else turn_arrow(network, lane)
+        if shape is not None:
+            pieces = shapely.get_parts(shapely.constrained_delaunay_triangles(shape))
+            rings = [shapely.get_coordinates(shapely.orient_polygons(piece)) for piece in pieces]
+            yield lane.level, [ring[[0, 1, 2, 2]] for ring in rings]
+
+
+def _borders(network: RoadNetwork) -> Iterator[tuple[int, list[Quad]]]:
+    """Yield dashes between lanes side by side that run in one direction."""
+    side = 1.0 if network.driving_side == "right" else -1.0
+    for road in network.roads:
+        lanes = [network.lane_by_id[name] for name in road.lanes if name in network.lane_by_id]
+        for lane, inner in pairwise(lanes):
+            if lane.kind in MOTOR and inner.kind in MOTOR:
+                yield lane.level, _dashes_beside(lane, side)
+
+
+def _dashes_beside(lane: Lane, side: float) -> list[Quad]:
+    line = shapely.LineString(lane.centre[:, :2])
+    quads = []
+    for at in np.arange(GAP_M / 2, line.length - DASH_M, DASH_M + GAP_M):
+        a, b = (np.array(line.interpolate(d).coords[0]) for d in (at, at + DASH_M))
+        along = (b - a) / np.linalg.norm(b - a)
+        across = np.array([-along[1], along[0]])
+        middle = side * lane.width / 2
+        low, high = (middle - LINE_M / 2) * across, (middle + LINE_M / 2) * across
+        quads.append(np.array([a + low, b + low, b + high, a + high]))
+    return quads
+
+
+def _stop_lines(network: RoadNetwork) -> Iterator[tuple[int, Quad]]:
+    for head in network.signals:
+        lane = network.lane_by_id.get(head.lane)
+        if lane is None or lane.kind == "crossing":
+            continue
+        along = np.array([np.cos(head.yaw), np.sin(head.yaw)])
+        across = np.array([-along[1], along[0]]) * lane.width / 2
+        front = np.array([head.x, head.y]) - 0.1 * along
+        back = front - STOP_LINE_M * along
+        yield lane.level, np.array([back - across, front - across, front + across, back + across])

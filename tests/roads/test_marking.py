@@ -1,0 +1,103 @@
+"""Paint on roads: areas and places worked out by hand."""
+
+import itertools
+
+import numpy as np
+import pytest
+import shapely
+
+from urbantwin.roads import RoadNetwork
+from urbantwin.roads.marking import PAINT_KINDS, painted
+from urbantwin.roads.model import (
+    Curve,
+    LaneModel,
+    LaneSection,
+    ModelRoad,
+    Piece,
+    Profile,
+    RoadSignal,
+    SectionLane,
+)
+
+ZERO = Profile.constant(0.0)
+EMPTY = RoadNetwork("right", (), (), (), (), ())
+
+
+def street(lanes, signals=(), length=60.0, level=0):
+    """A street to the east, its reference line on the x axis."""
+    curve = Curve((Piece(0.0, 0.0, 0.0, length),))
+    section = LaneSection(0.0, tuple(lanes))
+    road = ModelRoad(1, "", "", (), -1, curve, ZERO, ZERO, ZERO, ZERO, (section,), level=level)
+    return LaneModel("right", (road,), (), (), tuple(signals), ())
+
+
+def lane(number, kind="driving", width=3.0, **more):
+    return SectionLane(number, kind, Profile.constant(width), number < 0, **more)
+
+
+def sign(kind, orientation="+", lanes=()):
+    x = 58.0 if orientation == "+" else 2.0
+    return RoadSignal(
+        9, 1, "", False, "DE", kind, "-1", float("nan"), "", x, -5.0, 2.0, orientation, lanes
+    )
+
+
+def quads(model, *kinds):
+    return painted(EMPTY, model).of(*kinds)
+
+
+@pytest.mark.parametrize("kind", ["205", "R1-2", "B1"])
+@pytest.mark.parametrize("orientation", ["+", "-"])
+def test_teeth_of_a_give_way_line_point_at_who_waits(kind, orientation):
+    model = street([lane(1), lane(-1)], [sign(kind, orientation)])
+    found = quads(model, "teeth")
+    y = found[..., 1]
+    # Traffic along the road drives south of its middle, against it north of it; 3 m hold 4 teeth.
+    assert len(found) == 4
+    assert (np.sign(y) == (-1 if orientation == "+" else 1)).all()
+    assert np.ptp(y) == pytest.approx(3 * 0.75 + 0.5)
+    for tooth in found:
+        ring = tooth[:3]
+        assert shapely.Polygon(ring).area == pytest.approx(0.5 * 0.5 * 0.7)
+        middle = np.median(ring[:, 0])  # two of three corners lie at the base
+        tip = ring[np.argmax(np.abs(ring[:, 0] - middle)), 0]
+        assert (tip < middle) == (orientation == "+")
+        assert np.abs(middle - (60.0 if orientation == "+" else 0.0)) == pytest.approx(0.6)
+    for one, other in itertools.combinations(found, 2):
+        assert shapely.Polygon(one[:3]).intersection(shapely.Polygon(other[:3])).area < 1e-9
+
+
+def test_other_signs_and_lanes_have_no_teeth():
+    assert len(quads(street([lane(1), lane(-1)], [sign("206")]), "teeth")) == 0
+    two = street([lane(-1), lane(-2)], [sign("205", lanes=(-2,))])
+    assert (quads(two, "teeth")[..., 1] < -3.0).all()
+
+
+@pytest.mark.parametrize(("width", "bay"), [(2.2, 6.0), (5.0, 2.5)])
+def test_bays_divide_a_parking_lane_evenly(width, bay):
+    model = street([lane(-1), lane(-2, "parking", width)])
+    found = quads(model, "bay")
+    x = np.sort(found[..., 0].mean(axis=1))
+    np.testing.assert_allclose(np.diff(x), bay)
+    assert 60 / bay - 1 <= len(found) <= 60 / bay + 1
+    np.testing.assert_allclose(found[..., 1].min(axis=1), -3.0 - width)
+    np.testing.assert_allclose(found[..., 1].max(axis=1), -3.0)
+    np.testing.assert_allclose(np.ptp(found[..., 0], axis=1), 0.12)
+
+
+def test_solid_and_broken_lines_have_their_length_and_width():
+    """A solid edge, and 3 m dashes with 6 m between them on 60 m: 7 of them."""
+    model = street([lane(-1, mark="broken"), lane(-2, mark="solid")])
+    found = quads(model, "line")
+    area = sum(shapely.Polygon(quad).area for quad in found)
+    assert area == pytest.approx(0.15 * (60.0 + 7 * 3.0), rel=1e-6)
+    assert set(np.round(found[..., 1].mean(axis=1), 6)) == {-3.0, -6.0}
+
+
+def test_paint_knows_its_level_and_curbs_are_none():
+    model = street([lane(-1, mark="curb"), lane(-2, mark="solid")], level=2)
+    paint = painted(EMPTY, model)
+    assert (paint.level == 2).all()
+    assert {PAINT_KINDS[k] for k in paint.kind} == {"line"}
+    assert (paint.quads[..., 1] < -5.9).all()
+    assert len(painted(EMPTY).quads) == 0
