@@ -1,0 +1,5 @@
+"""Street furniture: benches, shelters, cabinets, advertising, fountains, statues and the like."""
+
+from urbantwin.scene.furniture.mesh import furniture_mesh
+
+__all__ = ["furniture_mesh"]

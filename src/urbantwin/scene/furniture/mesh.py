@@ -1,0 +1,211 @@
+"""Street furniture of the map as one mesh."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import Geometry, LineString, Point, Polygon
+
+from urbantwin.geometry import LabelledMesh
+from urbantwin.scene.furniture.basin import add_basin
+from urbantwin.scene.furniture.monument import fountain, monument, monument_kind
+from urbantwin.scene.furniture.piece import Piece, add_pieces
+from urbantwin.scene.furniture.shelter import SHELTER_M, cycle_stands, oriented, shelter
+from urbantwin.scene.furniture.street import STREET
+from urbantwin.scene.placement import (
+    along_nearest,
+    beside_carriageway,
+    grounded,
+    left_of_map,
+    toward_carriageway,
+)
+from urbantwin.scene.solids import Assembly, GroundHeight
+from urbantwin.scene.tag import yaw_of_direction
+from urbantwin.site.extract import OsmFeature
+
+__all__ = ["furniture_mesh"]
+
+#: Furniture stands this far from carriageways; a mapped piece is moved no farther, metres.
+KERB_M, FARTHEST_M = 0.3, 3.0
+#: Pieces nearer than this to a carriageway face it, those nearer to a way face that, metres.
+ROAD_M, WAY_M = 12.0, 8.0
+INDOORS = ("indoor", "room")
+#: What is mapped without saying what it looks like.
+SHAPELESS = "memorials and artworks of unknown shape, not drawn"
+
+
+@dataclass(frozen=True)
+class _Object:
+    name: str
+    x: float
+    y: float
+    yaw: float
+    pieces: list[Piece]
+    direction: str | None
+
+
+def furniture_mesh(
+    features: Sequence[OsmFeature],
+    *,
+    region: Polygon,
+    ground_height: GroundHeight,
+    carriageway: Geometry,
+    without: Geometry | None = None,
+) -> tuple[LabelledMesh, dict[str, int]]:
+    """Build the furniture of streets that is not a pole or a barrier.
+
+    Args:
+        features: the map's features, site frame.
+        region: objects outside it are left out.
+        ground_height: heights of the ground.
+        carriageway: where nothing may stand; pieces face it unless mapped otherwise.
+        without: where imported geometry has the furniture.
+
+    Returns:
+        The mesh, ``part`` 1, 2, ... per object, and counts of what was built or left out.
+    """
+    notes: Counter[str] = Counter()
+    assembly = Assembly()
+    ways = [f.geometry for f in features if "highway" in f.tags and region.intersects(f.geometry)]
+    mine = left_of_map([f for f in features if _is_furniture(f.tags)], without)
+    objects = []
+    for feature in mine:
+        shape = feature.geometry
+        if not region.covers(_middle(shape)):
+            continue
+        if feature.tags.get("amenity") == "fountain" and isinstance(shape, Polygon):
+            notes["fountains"] += add_basin(assembly, shape, ground_height)
+            continue
+        found = _object(feature)
+        if found is None:
+            kind = monument_kind(feature.tags)
+            notes[SHAPELESS] += kind is None and feature.tags.get("historic") == "memorial"
+        elif found.pieces:
+            objects.append(found)
+    _place(assembly, objects, ways, carriageway, ground_height, notes)
+    return assembly.mesh(), dict(sorted((k, n) for k, n in notes.items() if n))
+
+
+def _middle(shape: Geometry) -> Point:
+    return shape if isinstance(shape, Point) else shape.representative_point()
+
+
+def _is_furniture(tags: dict[str, str]) -> bool:
+    if any(tags.get(key, "no") != "no" for key in INDOORS) or tags.get("location") in (
+        "indoor", "underground", "roof", "rooftop",
+    ):  # fmt: skip
+        return False
+    if "building" in tags or tags.get("layer", "0").startswith("-"):
+        return False
+    return _kind(tags) is not None or "historic" in tags or tags.get("tourism") == "artwork"
+
+
+def _kind(tags: dict[str, str]) -> str | None:
+    if tags.get("amenity") in ("shelter", "bicycle_parking", "fountain"):
+        return tags["amenity"]
+    if tags.get("highway") == "bus_stop" and tags.get("shelter") == "yes":
+        return "bus_stop"
+    for key, value in STREET:
+        if tags.get(key) == value:
+            return value
+    return None
+
+
+def _object(feature: OsmFeature) -> _Object | None:
+    """Return what a feature is in its own frame; ``None`` where it has no shape."""
+    tags, shape = feature.tags, feature.geometry
+    spot, deep, long, yaw = _middle(shape), None, None, np.nan
+    x, y = spot.x, spot.y
+    if isinstance(shape, Polygon):
+        (x, y), yaw, deep, long = oriented(shape)
+    elif isinstance(shape, LineString):
+        middle = shape.interpolate(0.5, normalized=True)
+        ends = shapely.get_coordinates(shape)[[0, -1]]
+        x, y, long = middle.x, middle.y, shape.length
+        yaw = float(np.arctan2(*(ends[1] - ends[0])[::-1]) + np.pi / 2)
+    kind = _kind(tags)
+    if kind in ("shelter", "bus_stop"):
+        # A shelter for the stop stands behind it, away from the road.
+        pieces = shelter(tags, deep or SHELTER_M[0], long or SHELTER_M[1])
+        name = "shelters"
+    elif kind == "bicycle_parking":
+        pieces = cycle_stands(tags, deep, long)
+        name = "cycle parking"
+    elif kind == "fountain":
+        pieces, name = fountain(tags), "fountains"
+    elif kind is not None:
+        name, build = next(STREET[key, value] for key, value in STREET if tags.get(key) == value)
+        pieces = build(tags)
+    else:
+        form = monument_kind(tags)
+        if form is None:
+            return None
+        pieces = fountain(tags) if form == "fountain" else monument(form, tags)
+        name = "monuments"
+    if isinstance(shape, Point):
+        yaw = np.nan
+    return _Object(name, float(x), float(y), yaw, pieces, tags.get("direction"))
+
+
+def _place(
+    assembly: Assembly,
+    objects: Sequence[_Object],
+    ways: Sequence[Geometry],
+    carriageway: Geometry,
+    ground_height: GroundHeight,
+    notes: Counter[str],
+) -> None:
+    """Stand objects on the ground, clear of carriageways, and turn them."""
+    if not objects:
+        return
+    mapped = np.array([[o.x, o.y] for o in objects])
+    spots = np.array([_clear(o) for o in objects])
+    xy = _aside(mapped, spots, carriageway)
+    keep = np.isfinite(xy[:, 0])
+    notes["pieces on carriageways, left out"] += int((~keep).sum())
+    xy = xy[keep]
+    standing = [o for o, kept in zip(objects, keep, strict=True) if kept]
+    if not standing:
+        return
+    feet = grounded(xy, ground_height(xy))
+    road = toward_carriageway(xy, carriageway, farthest_m=ROAD_M)
+    way = toward_carriageway(xy, shapely.union_all(list(ways)), farthest_m=WAY_M)
+    along = along_nearest(xy, ways, farthest_m=WAY_M)
+    usual = np.where(np.isfinite(road), road, np.where(np.isfinite(way), way, along + np.pi / 2))
+    for found, foot, turn in zip(standing, feet, np.nan_to_num(usual).tolist(), strict=True):
+        yaw = yaw_of_direction(found.direction)
+        if yaw is None:
+            # Areas keep their own axis, to that of its two ends that is nearer to the road.
+            flip = np.cos(found.yaw - turn) < 0 if np.isfinite(found.yaw) else False
+            yaw = found.yaw + np.pi * flip if np.isfinite(found.yaw) else turn
+        add_pieces(assembly, found.pieces, foot, float(yaw))
+        notes[found.name] += 1
+
+
+def _clear(found: _Object) -> float:
+    """Return how far an object reaches from its middle, metres."""
+    return max(
+        float(np.abs(piece.solid.vertices[:, :2]).max(initial=0.0)) for piece in found.pieces
+    )
+
+
+def _aside(
+    mapped: NDArray[np.float64], reach: NDArray[np.float64], carriageway: Geometry
+) -> NDArray[np.float64]:
+    """Move objects off carriageways: small ones and large ones by their own reach."""
+    placed = np.full(mapped.shape, np.nan)
+    steps = np.clip(np.ceil(reach / 0.5) * 0.5, 0.5, 3.0)
+    for step in np.unique(steps):
+        own = steps == step
+        placed[own] = beside_carriageway(
+            mapped[own],
+            carriageway,
+            margin_m=KERB_M + float(step) / 2,
+            farthest_m=FARTHEST_M + step,
+        )
+    return placed

@@ -1,0 +1,82 @@
+"""Pieces of furniture in a frame of their own: x where they face, z up from the ground."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from urbantwin.scene.solids import Assembly, Solid, box, columns, rods
+
+__all__ = ["Piece", "add_pieces", "bar", "block", "drum"]
+
+#: How far what stands on the ground reaches into it, metres.
+BURIED_M = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """A solid with its labels."""
+
+    solid: Solid
+    semantic: str
+    material: str
+
+
+def block(
+    centre: ArrayLike,
+    size: ArrayLike,
+    material: str,
+    semantic: str = "other-object",
+    yaw: float = 0.0,
+) -> Piece:
+    """Return a box whose ``centre`` is in plan at its middle and in height at its foot.
+
+    What stands on the ground (foot at 0) reaches into it.
+    """
+    x, y, low = np.asarray(centre, np.float64)
+    long, wide, tall = np.asarray(size, np.float64)
+    if low <= 0:
+        low, tall = low - BURIED_M, tall + BURIED_M
+    return Piece(box([x, y, low + tall / 2], [long, wide, tall], yaw), semantic, material)
+
+
+def drum(
+    foot: ArrayLike,
+    height: float,
+    radius: float,
+    material: str,
+    semantic: str = "other-object",
+    top: float | None = None,
+    sides: int = 10,
+) -> Piece:
+    """Return an upright cylinder or cone; what stands on the ground reaches into it."""
+    x, y, low = np.asarray(foot, np.float64)
+    if low <= 0:
+        low, height = low - BURIED_M, height + BURIED_M
+    over = radius if top is None else top
+    return Piece(columns([x, y, low], height, radius, over, sides), semantic, material)
+
+
+def bar(
+    start: ArrayLike,
+    end: ArrayLike,
+    radius: float,
+    material: str = "metal-painted",
+    semantic: str = "other-object",
+) -> Piece:
+    """Return a thin round bar."""
+    return Piece(rods(np.asarray(start), np.asarray(end), radius, radius, 6), semantic, material)
+
+
+def add_pieces(
+    assembly: Assembly, pieces: list[Piece], foot: NDArray[np.float64], yaw: float
+) -> None:
+    """Add an object of several pieces at a foot (3,), turned to face ``yaw``."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    turn = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    part = assembly.new_part()
+    for piece in pieces:
+        vertices = piece.solid.vertices @ turn + foot
+        assembly.add(Solid(vertices, piece.solid.faces), piece.semantic, piece.material, part)

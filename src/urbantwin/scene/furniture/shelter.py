@@ -1,0 +1,107 @@
+"""Shelters and cycle stands: what has a plan of its own, mapped as a point or as an area."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import Polygon
+
+from urbantwin.scene.furniture.piece import Piece, bar, block
+from urbantwin.scene.tag import count_of, length_m_of
+
+__all__ = ["cycle_stands", "oriented", "shelter"]
+
+#: A bus shelter of three bays: 4 m long, 1.5 m deep, 2.5 m high.
+SHELTER_M = (1.5, 4.0, 2.5)
+#: A Sheffield stand is a hoop 0.75 m long and 0.8 m high; stands are 0.9 m apart; two bikes each.
+HOOP_M, HOOP_HIGH_M, STAND_STEP_M, BIKE_M = 0.75, 0.8, 0.9, 2.0
+MOST_STANDS = 80
+
+
+def oriented(area: Polygon) -> tuple[NDArray[np.float64], float, float, float]:
+    """Return the tightest rectangle: middle (2,), yaw across its long side, short and long side."""
+    corners = shapely.get_coordinates(shapely.minimum_rotated_rectangle(area))[:4]
+    first, second = corners[1] - corners[0], corners[2] - corners[1]
+    long, short = (first, second) if np.hypot(*first) >= np.hypot(*second) else (second, first)
+    yaw = float(np.arctan2(short[1], short[0]))
+    return corners.mean(axis=0), yaw, float(np.hypot(*short)), float(np.hypot(*long))
+
+
+def shelter(tags: Mapping[str, str], deep: float, long: float) -> list[Piece]:
+    """Return a shelter that is open to where it faces: posts, a roof, three walls, a seat.
+
+    Args:
+        tags: ``height``, ``shelter_type``: those for the public are glass, others wood.
+        deep: its size along where it faces, metres.
+        long: its size across, metres.
+    """
+    high = min(max(length_m_of(tags.get("height")) or SHELTER_M[2], 2.0), 6.0)
+    kind = tags.get("shelter_type", "public_transport")
+    wall = "wood" if kind in ("picnic_shelter", "lean_to", "basic_hut", "gazebo") else "glass"
+    other = "other-structure"
+    posts = max(round(long / 2.0), 1)
+    spots = np.linspace(-long / 2 + 0.1, long / 2 - 0.1, posts + 1)
+    pieces = [
+        block([x, y, 0], [0.08, 0.08, high - 0.1], "metal-dark", other)
+        for y in spots.tolist()
+        for x in (-deep / 2 + 0.1, deep / 2 - 0.15)
+    ]
+    pieces.append(block([0, 0, high - 0.1], [deep + 0.2, long + 0.2, 0.1], "metal-painted", other))
+    if kind not in ("picnic_shelter", "gazebo", "pavilion", "sun_shelter"):
+        pane = high - 0.5
+        pieces.append(block([-deep / 2 + 0.03, 0, 0.2], [0.02, long - 0.1, pane], wall, other))
+        pieces += [
+            block([-0.1, side * (long / 2 - 0.03), 0.2], [deep - 0.5, 0.02, pane], wall, other)
+            for side in (1, -1)
+        ]
+    if tags.get("bench") != "no" and long > 2:
+        pieces.append(block([-deep / 2 + 0.4, 0, 0.42], [0.4, 0.6 * long, 0.05], "wood", other))
+        pieces += [
+            block([-deep / 2 + 0.4, side * 0.25 * long, 0], [0.3, 0.06, 0.42], "metal-dark", other)
+            for side in (1, -1)
+        ]
+    return pieces
+
+
+def cycle_stands(tags: Mapping[str, str], deep: float | None, long: float | None) -> list[Piece]:
+    """Return cycle stands in rows; lockers and sheds as a box, roofs where they are covered.
+
+    Args:
+        tags: ``bicycle_parking``, ``capacity``, ``covered``.
+        deep: the size of the area along its stands, metres; ``None`` where a point is mapped.
+        long: its size across.
+    """
+    kind = tags.get("bicycle_parking", "stands")
+    if kind in ("informal", "floor", "wall", "handlebar_holder"):
+        return []
+    capacity = count_of(tags.get("capacity")) or 10
+    stands = int(np.clip(np.ceil(capacity / 2), 1, MOST_STANDS))
+    rows = 1 if deep is None else max(int(deep / BIKE_M), 1)
+    if long is not None and "capacity" not in tags:
+        stands = int(np.clip(rows * (long // STAND_STEP_M), 1, MOST_STANDS))
+    each = int(np.ceil(stands / rows))
+    wide = each * STAND_STEP_M if long is None else long
+    deep = BIKE_M * rows if deep is None else deep
+    if kind in ("shed", "lockers", "building", "two-tier"):
+        high = {"lockers": 1.3, "two-tier": 2.6}.get(kind, 2.3)
+        return [block([0, 0, 0], [deep, wide, high], "metal-painted", "other-structure")]
+    low = kind in ("wall_loops", "rack", "anchors", "ground_slots", "crossbar")
+    high, reach = (0.45, 0.4) if low else (HOOP_HIGH_M, HOOP_M)
+    pieces = []
+    for number in range(stands):
+        row, place = divmod(number, each)
+        x = (row - (rows - 1) / 2) * deep / rows
+        y = (place + 0.5) / each * wide - wide / 2
+        a, b = x - reach / 2, x + reach / 2
+        pieces += [
+            bar([a, y, -0.3], [a, y, high], 0.025),
+            bar([b, y, -0.3], [b, y, high], 0.025),
+            bar([a, y, high], [b, y, high], 0.025),
+        ]
+    if tags.get("covered") == "yes":
+        cover = {"height": tags.get("height", ""), "shelter_type": "sun_shelter", "bench": "no"}
+        pieces += shelter(cover, deep, wide)
+    return pieces
