@@ -1,0 +1,65 @@
+"""Points that are no surface: marked noise, and points alone in the air or below the ground."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+
+from urbantwin.reconstruct.airborne.raster import Raster, filled
+from urbantwin.reconstruct.model import PointCloud
+
+__all__ = ["is_noise"]
+
+#: ASPRS LAS 1.4-R15, table 17: low point (noise) and high noise.
+_NOISE_CLASSES = (7, 18)
+#: A point with fewer than this many in its 3 x 3 x 3 voxels is alone.
+_ALONE, _VOXEL_M = 4, 2.0
+#: Deeper below the surroundings than this is a reflection, not a pit.
+_DEEP_M = 1.5
+
+
+def is_noise(cloud: PointCloud) -> NDArray[np.bool_]:
+    """Tell (N,) which points are noise: classes 7 and 18, not finite, alone, or deep below."""
+    points = cloud.points
+    noise: NDArray[np.bool_] = ~np.isfinite(points).all(axis=1)
+    if cloud.classification is not None:
+        noise |= np.isin(cloud.classification, _NOISE_CLASSES)
+    good = np.flatnonzero(~noise)
+    if len(good) < 10:
+        return noise
+    alone = good[_few_around(points[good])]
+    noise[alone] = True
+    good = np.flatnonzero(~noise)
+    noise[good[_deep(points[good])]] = True
+    return noise
+
+
+def _few_around(points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Tell which points have few others in the 27 voxels around theirs."""
+    voxel = np.floor((points - points.min(axis=0)) / _VOXEL_M).astype(np.int64) + 1
+    sizes = voxel.max(axis=0) + 2
+    key = (voxel[:, 0] * sizes[1] + voxel[:, 1]) * sizes[2] + voxel[:, 2]
+    keys, inverse, count = np.unique(key, return_inverse=True, return_counts=True)
+    around = np.zeros(len(keys), np.int64)
+    for dx in (-1, 0, 1):
+        for dy in (-1, 0, 1):
+            for dz in (-1, 0, 1):
+                other = keys + (dx * sizes[1] + dy) * sizes[2] + dz
+                place = np.minimum(np.searchsorted(keys, other), len(keys) - 1)
+                around += np.where(keys[place] == other, count[place], 0)
+    return (around < _ALONE)[inverse.ravel()]
+
+
+def _deep(points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Tell which points lie far below the lowest points of the cells around."""
+    grid = Raster.over(points.min(axis=0), points.max(axis=0), 2.0)
+    lowest = filled(grid.extreme(points))
+    usual = median_filter(lowest, size=7)
+    cell = grid.cells(points[:, :2])
+    # A pit's cell is deep because few points are; a canal's or cutting's because all are.
+    below = points[:, 2] < usual.ravel()[cell] - _DEEP_M
+    share = np.bincount(cell[below], minlength=lowest.size) / np.maximum(
+        np.bincount(cell, minlength=lowest.size), 1
+    )
+    return np.asarray(below & (share[cell] < 0.1))

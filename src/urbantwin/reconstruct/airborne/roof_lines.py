@@ -1,0 +1,232 @@
+"""Lines that part a roof in plan: where planes meet, and where heights jump."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.ndimage import median_filter
+from scipy.spatial import cKDTree
+
+__all__ = ["RoofLine", "main_directions", "roof_lines"]
+
+#: Between nodes of the map of labels, metres.
+_GRID_M = 0.25
+#: Points of a border lie this near to the line that they give, metres.
+_BAND_M = 0.45
+#: A border shorter than this gives no line, metres.
+_SHORTEST_M = 1.0
+#: Lines this close (metres, degrees) are one.
+_SAME_M, _SAME_DEG = 0.3, 6.0
+
+
+@dataclass(frozen=True, eq=False)
+class RoofLine:
+    """A straight piece in plan.
+
+    Attributes:
+        start, end: (2,) metres.
+        support: length of the border that it explains, metres.
+        crease: whether it is where two planes meet.
+    """
+
+    start: NDArray[np.float64]
+    end: NDArray[np.float64]
+    support: float
+    crease: bool
+
+    def extended(self, by: float) -> NDArray[np.float64]:
+        """Return both ends (2, 2), moved apart."""
+        along = self.end - self.start
+        along = along / max(float(np.linalg.norm(along)), 1e-9)
+        return np.array([self.start - by * along, self.end + by * along])
+
+
+def main_directions(outline: shapely.Polygon) -> NDArray[np.float64]:
+    """Return the directions (K,) of an outline's longer sides, radians, longest first."""
+    ring = np.asarray(outline.exterior.coords)[:, :2]
+    side = np.diff(ring, axis=0)
+    length = np.linalg.norm(side, axis=1)
+    angle = np.arctan2(side[:, 1], side[:, 0]) % np.pi
+    chosen: list[float] = []
+    weights: list[float] = []
+    for k in np.argsort(-length, kind="stable").tolist():
+        for j, other in enumerate(chosen):
+            turn = (angle[k] - other + np.pi / 2) % np.pi - np.pi / 2
+            if abs(turn) < np.radians(4.0):
+                weights[j] += length[k]
+                break
+        else:
+            chosen.append(float(angle[k]))
+            weights.append(float(length[k]))
+    order = np.argsort(-np.array(weights), kind="stable")
+    return np.array(chosen)[order][: max(2, int((np.array(weights) > 2.0).sum()))][:6]
+
+
+def roof_lines(
+    outline: shapely.Polygon,
+    points: NDArray[np.float64],
+    label: NDArray[np.int64],
+    planes: NDArray[np.float64],
+) -> list[RoofLine]:
+    """Find the lines between the planes of a roof.
+
+    Args:
+        outline: of the building.
+        points: (N, 3) of the roof.
+        label: (N,) number of each point's plane, -1 for none.
+        planes: (P, 3) a, b, c.
+
+    Returns:
+        Lines, those with most support first; near duplicates left out.
+    """
+    if len(planes) < 2:
+        return []
+    borders = _borders(outline, points, label)
+    directions = main_directions(outline)
+    found: list[RoofLine] = []
+    for (i, j), at in borders.items():
+        difference = planes[i] - planes[j]
+        tilt = float(np.hypot(difference[0], difference[1]))
+        gap = at @ difference[:2] + difference[2]
+        rest = at
+        if tilt > 0.1:
+            away = np.abs(gap) / tilt
+            # Where both planes are at one height, the border is their crease.
+            close = (away < 0.7) & (np.abs(gap) < 0.6)
+            if close.sum() * _GRID_M >= _SHORTEST_M:
+                along = np.array([-difference[1], difference[0]]) / tilt
+                normal = difference[:2] / tilt
+                foot = -difference[2] / tilt * normal
+                reach = at[close] @ along
+                low, high = np.percentile(reach, [1, 99])
+                found.append(RoofLine(foot + low * along, foot + high * along, high - low, True))
+                rest = at[~close]
+        found.extend(_steps(rest, directions))
+    return _distinct(found, outline)
+
+
+def _borders(
+    outline: shapely.Polygon, points: NDArray[np.float64], label: NDArray[np.int64]
+) -> dict[tuple[int, int], NDArray[np.float64]]:
+    """Return the places (M, 2) between the labels of each pair, from a map of nearest labels."""
+    west, south, east, north = outline.bounds
+    x = np.arange(west, east + _GRID_M, _GRID_M)
+    y = np.arange(south, north + _GRID_M, _GRID_M)
+    nodes = np.stack(np.meshgrid(x, y), axis=-1)
+    flat = nodes.reshape(-1, 2)
+    labelled = label >= 0
+    nearest = cKDTree(points[labelled, :2]).query(flat)[1]
+    grid = _smooth(label[labelled][nearest].reshape(nodes.shape[:2]))
+    inside = shapely.contains_xy(outline.buffer(0.1), flat).reshape(grid.shape)
+    places: list[NDArray[np.float64]] = []
+    pairs: list[NDArray[np.int64]] = []
+    for rows, columns in ((slice(None), slice(1, None)), (slice(1, None), slice(None))):
+        back = (slice(None), slice(-1)) if columns.start else (slice(-1), slice(None))
+        here, there = grid[back], grid[rows, columns]
+        cut = (here != there) & inside[back] & inside[rows, columns]
+        places.append((nodes[back][cut] + nodes[rows, columns][cut]) / 2)
+        pairs.append(np.sort(np.column_stack([here[cut], there[cut]]), axis=1))
+    at, pair = np.concatenate(places), np.concatenate(pairs)
+    if not len(at):
+        return {}
+    kinds, number = np.unique(pair, axis=0, return_inverse=True)
+    number = number.ravel()
+    return {
+        (int(i), int(j)): at[number == k]
+        for k, (i, j) in enumerate(kinds)
+        if (number == k).sum() * _GRID_M >= _SHORTEST_M
+    }
+
+
+def _smooth(grid: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return a map of labels without single odd cells: each takes its 3 x 3 cells' commonest."""
+    best = grid.copy()
+    most = np.zeros(grid.shape)
+    for number in np.unique(grid):
+        share = median_filter((grid == number).astype(np.uint8), size=3)
+        take = (share > 0) & (share > most)
+        best[take] = number
+        most[take] = share[take]
+    return best
+
+
+def _steps(at: NDArray[np.float64], directions: NDArray[np.float64]) -> list[RoofLine]:
+    """Fit lines to the places of a border, preferably along given directions."""
+    found: list[RoofLine] = []
+    rest = at
+    while len(rest) * _GRID_M >= _SHORTEST_M and len(found) < 12:
+        best: tuple[float, float, float] | None = None
+        free = _free_direction(rest)
+        for k, angle in enumerate([*directions.tolist(), *free]):
+            normal = np.array([-np.sin(angle), np.cos(angle)])
+            offset = np.sort(rest @ normal)
+            count = np.searchsorted(offset, offset + _BAND_M) - np.arange(len(offset))
+            at_most = int(np.argmax(count))
+            # A free direction must explain clearly more than one of the outline.
+            score = float(count[at_most]) * (1.0 if k < len(directions) else 0.75)
+            if best is None or score > best[0]:
+                middle = float(np.median(offset[at_most : at_most + count[at_most]]))
+                best = (score, float(angle), middle)
+        if best is None or best[0] * _GRID_M < _SHORTEST_M:
+            break
+        _, angle, middle = best
+        along, normal = (
+            np.array([np.cos(angle), np.sin(angle)]),
+            np.array([-np.sin(angle), np.cos(angle)]),
+        )
+        near = np.abs(rest @ normal - middle) < _BAND_M
+        reach = np.sort(rest[near] @ along)
+        for run in np.split(reach, np.flatnonzero(np.diff(reach) > 1.5) + 1):
+            if len(run) * _GRID_M >= _SHORTEST_M:
+                foot = middle * normal
+                found.append(
+                    RoofLine(
+                        foot + run[0] * along, foot + run[-1] * along, float(np.ptp(run)), False
+                    )
+                )
+        rest = rest[~near]
+    return found
+
+
+def _free_direction(at: NDArray[np.float64]) -> list[float]:
+    spread = at - at.mean(axis=0)
+    values, vectors = np.linalg.eigh(spread.T @ spread)
+    if values[1] <= 0:
+        return []
+    return [float(np.arctan2(vectors[1, 1], vectors[0, 1]))]
+
+
+def _distinct(lines: list[RoofLine], outline: shapely.Polygon) -> list[RoofLine]:
+    """Return lines without those that another (or a side of the outline) already is."""
+    ring = np.asarray(outline.exterior.coords)[:, :2]
+    kept = [RoofLine(a, b, float(np.linalg.norm(b - a)), False) for a, b in pairwise(ring)]
+    sides = len(kept)
+    # Creases are exact: they come first, then the longest.
+    for line in sorted(lines, key=lambda item: (not item.crease, -item.support)):
+        if not any(_same(line, other) for other in kept):
+            kept.append(line)
+    return kept[sides:]
+
+
+def _same(line: RoofLine, other: RoofLine) -> bool:
+    """Tell whether a line lies along another, over nearly all its length."""
+    along = other.end - other.start
+    length = float(np.linalg.norm(along))
+    own = line.end - line.start
+    size = float(np.linalg.norm(own))
+    if length < 1e-6 or size < 1e-6:
+        return True
+    along = along / length
+    if abs(along[0] * own[1] - along[1] * own[0]) / size > np.sin(np.radians(_SAME_DEG)):
+        return False
+    ends = np.array([line.start, line.end]) - other.start
+    off = np.abs(ends @ np.array([-along[1], along[0]]))
+    reach = ends @ along
+    if off.max() > _SAME_M:
+        return False
+    overlap = min(reach.max(), length) - max(reach.min(), 0.0)
+    return bool(overlap > size - 1.0)

@@ -1,0 +1,159 @@
+"""Trees of a survey: tops of a canopy height model, and the crowns around them.
+
+Tops are local maxima in a window that grows with the height (Popescu and Wynne 2004, "Seeing the
+trees in the forest", PE&RS 70(5), eq. for deciduous and mixed stands); crowns are grown downhill
+from them to a share of the top's height (Dalponte and Coomes 2016, "Tree-centric mapping of forest
+carbon density from airborne laser scanning and hyperspectral data", Methods Ecol. Evol. 7).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, maximum_filter, watershed_ift
+
+from urbantwin.reconstruct.airborne.raster import Raster
+from urbantwin.reconstruct.reconstruction import SurveyedTree
+
+__all__ = ["find_trees"]
+
+_CELL_M = 0.5
+#: Lower than this is a shrub, a car or a person.
+LOWEST_M = 3.0
+#: A crown ends where it falls below this share of its top (Dalponte and Coomes 2016: 0.45).
+_CROWN_SHARE = 0.4
+#: Narrower is a pole; a crown that fills less of its circle is a wire.
+_NARROWEST_M, _ROUNDEST = 1.6, 0.3
+#: So many points make a tree, and so thick a layer of them (0.1 to 0.9 quantile of heights).
+_FEWEST, _THINNEST_M = 10, 0.6
+#: Share of points that are not their pulse's last: light goes through leaves, not through a roof.
+_THROUGH = 0.12
+
+
+@dataclass(frozen=True, eq=False)
+class _Crowns:
+    number: NDArray[np.int64]
+    grid: Raster
+
+
+def find_trees(
+    points: NDArray[np.float64],
+    above: NDArray[np.float64],
+    last: NDArray[np.bool_] | None,
+    *,
+    vegetation: NDArray[np.bool_] | None,
+) -> tuple[SurveyedTree, ...]:
+    """Find the trees among points that are neither ground nor building.
+
+    Args:
+        points: (N, 3) site frame.
+        above: (N,) heights above the ground, metres.
+        last: (N,) whether a point is its pulse's last return, if known.
+        vegetation: (N,) which points the survey says are vegetation; ``None`` where it does not
+            say, and trees are told by their rough surface and their several returns.
+
+    Returns:
+        Trees from west to east.
+    """
+    high = (above > 1.0) & (above < 60.0)
+    if vegetation is not None:
+        high &= vegetation
+    if high.sum() < _FEWEST:
+        return ()
+    xyh = np.column_stack([points[high, :2], above[high]])
+    through = None if last is None else ~last[high]
+    crowns, tops = _crowns(xyh)
+    cell = crowns.grid.cells(xyh[:, :2])
+    number = crowns.number.ravel()[cell]
+    trees = []
+    order = np.argsort(number, kind="stable")
+    starts = np.searchsorted(number[order], np.arange(1, len(tops) + 2))
+    for k, top in enumerate(tops):
+        mine = order[starts[k] : starts[k + 1]]
+        tree = _tree(
+            xyh[mine], top, None if through is None else through[mine], sure=vegetation is not None
+        )
+        if tree is not None:
+            trees.append(tree)
+    return tuple(sorted(trees, key=lambda tree: (tree.x, tree.y)))
+
+
+def _crowns(xyh: NDArray[np.float64]) -> tuple[_Crowns, NDArray[np.float64]]:
+    """Return a map of crowns (0 for none), and their tops (K, 3): x, y, height."""
+    grid = Raster.over(xyh.min(axis=0), xyh.max(axis=0), _CELL_M, pad=4)
+    canopy = np.nan_to_num(grid.extreme(xyh, highest=True))
+    # Pits between branches are no gaps between trees.
+    closed = np.where(canopy > 0, canopy, np.minimum(maximum_filter(canopy, size=3), 60.0) * 0.9)
+    smooth = gaussian_filter(np.where(canopy > 0, canopy, np.where(closed > 2, closed, 0.0)), 1.0)
+    # Popescu and Wynne 2004: width of the crown = 3.09632 + 0.00895 h^2, metres.
+    width = 3.09632 + 0.00895 * smooth**2
+    radius = np.clip(np.rint(width / 2 / _CELL_M), 2, 10).astype(int)
+    top = np.zeros(grid.shape, bool)
+    for r in np.unique(radius).tolist():
+        window = np.hypot(*np.mgrid[-r : r + 1, -r : r + 1]) <= r
+        highest = maximum_filter(smooth, footprint=window)
+        top |= (radius == r) & (smooth >= highest) & (smooth > LOWEST_M * 0.8)
+    rows, columns = np.nonzero(top)
+    marker = np.zeros(grid.shape, np.int32)
+    marker[rows, columns] = np.arange(1, len(rows) + 1)
+    depth = np.clip((60.0 - smooth) * 1000.0, 0, 65535).astype(np.uint16)
+    marker[smooth < 1.5] = -1
+    basin = watershed_ift(depth, marker, structure=np.ones((3, 3), int)).astype(np.int64)
+    basin[basin < 0] = 0
+    peak = np.concatenate([[0.0], smooth[rows, columns]])
+    basin[smooth < _CROWN_SHARE * peak[basin]] = 0
+    x = grid.west + columns * _CELL_M
+    y = grid.south + rows * _CELL_M
+    return _Crowns(basin, grid), np.column_stack([x, y, smooth[rows, columns]])
+
+
+def _tree(
+    xyh: NDArray[np.float64],
+    top: NDArray[np.float64],
+    through: NDArray[np.bool_] | None,
+    *,
+    sure: bool,
+) -> SurveyedTree | None:
+    """Return the tree of a crown's points; ``None`` for what is no tree."""
+    if len(xyh) < _FEWEST:
+        return None
+    height = float(np.percentile(xyh[:, 2], 99.5))
+    upper = xyh[xyh[:, 2] > _CROWN_SHARE * height]
+    if height < LOWEST_M or len(upper) < _FEWEST:
+        return None
+    grid = Raster.over(upper.min(axis=0), upper.max(axis=0), _CELL_M)
+    area = float((grid.count(upper[:, :2]) > 0).sum()) * _CELL_M**2
+    crown = 2.0 * float(np.sqrt(area / np.pi))
+    middle = upper[:, :2].mean(axis=0)
+    reach = float(np.percentile(np.linalg.norm(upper[:, :2] - middle, axis=1), 95))
+    if crown < _NARROWEST_M or area < _ROUNDEST * np.pi * reach**2:
+        return None
+    if not sure and not _leafy(upper, through):
+        return None
+    # The lowest branches: below them only few pulses hit trunk and undergrowth.
+    base = float(np.percentile(xyh[:, 2], 8))
+    at = (top[:2] + middle) / 2
+    return SurveyedTree(
+        round(float(at[0]), 3),
+        round(float(at[1]), 3),
+        round(height, 2),
+        round(crown, 2),
+        round(min(base, 0.6 * height), 2),
+    )
+
+
+def _leafy(upper: NDArray[np.float64], through: NDArray[np.bool_] | None) -> bool:
+    """Tell whether a crown's points are thick, let light through and are no plane."""
+    low, high = np.percentile(upper[:, 2], [10, 90])
+    thick = high - low >= _THINNEST_M
+    lets_through = through is None or through.mean() >= _THROUGH
+    return bool(thick and lets_through and not _flat(upper))
+
+
+def _flat(points: NDArray[np.float64]) -> bool:
+    """Tell whether points lie in one plane: a roof that no map has."""
+    spread = points - points.mean(axis=0)
+    values = np.linalg.eigvalsh(spread.T @ spread / len(points))
+    return bool(np.sqrt(max(values[0], 0.0)) < 0.15)
