@@ -31,6 +31,8 @@ BLEND_M = 10.0
 #: How far an edge of a road's triangle may leave the road, and the shortest edge that is still
 #: split for it, metres.
 FIT_M, SHORTEST_M = 0.003, 0.4
+#: Triangles below this area, doubled, are no surface.
+SLIVER_M2 = 1e-9
 #: Rounds of splitting.
 ROUNDS = 10
 #: An edge's number: its lower vertex times this, plus the other.
@@ -202,7 +204,11 @@ def _triangulated(
     mesh.erase_super_triangle()
     corners = mesh.vertices_array()
     triangles = mesh.triangles_array()["vertices"].astype(np.int64)
-    return np.column_stack([corners["x"], corners["y"]]), triangles
+    points = np.column_stack([corners["x"], corners["y"]])
+    # Points along the outer border that rounding took off their line make slivers with the hull.
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    doubled = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]
+    return points, triangles[doubled > SLIVER_M2]
 
 
 def _grid_points(area: shapely.Geometry, step: float) -> NDArray[np.float64]:

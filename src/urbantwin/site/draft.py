@@ -209,6 +209,15 @@ region:
 #   file: dem.tif
 #   licence: CC-BY-4.0
 #   attribution: "who made it"
+
+# Geometry that somebody surveyed or reconstructed, if you have it: 3D Tiles, meshes, airborne
+# LiDAR, CityJSON. It takes the place of the map's buildings and trees where it reaches.
+# geometry:
+#   - file: tiles/tileset.json
+#   - file: survey.laz
+#     footprints: buildings.gpkg    # outlines of buildings; the map's without it
+#     licence: CC-BY-4.0
+#     attribution: "who made it"
 {roads}
 # Programs of signals, if you know them; else they are assumed. `urbantwin inspect` of the twin
 # lists its junctions with their streets, approaches and phases.
