@@ -184,7 +184,7 @@ def heights_between(
                 return out * b.metres, f"{operation.description} (accuracy {accuracy})"
     for system, other, sign in ((a, b, 1.0), (b, a, -1.0)):
         if _is_egm96(system) and other.is_ellipsoidal:
-            geoid = np.array([geoid_height(*one) for one in lonlat], dtype=np.float64)
+            geoid = geoid_height(lonlat)
             if np.isfinite(geoid).all():
                 metres = heights * a.metres + sign * geoid
                 return metres, "EGM96 geoid of 15 minutes, egm96_15.gtx (accuracy 1 m)"
@@ -194,22 +194,25 @@ def heights_between(
     raise NoGridError(f"PROJ's grid {names} is not installed")
 
 
-def geoid_height(longitude: float, latitude: float) -> float:
-    """Return how high the EGM96 geoid lies above the WGS84 ellipsoid, metres; nan if not known.
+def geoid_height(lonlat: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how high (N,) the EGM96 geoid lies above the WGS84 ellipsoid, metres; nan: not known.
 
     The grid of 15 minutes that SUMO brings along; good to about a metre.
     """
+    out = np.full(len(lonlat), np.nan)
     spec = importlib.util.find_spec("sumo")
     for folder in spec.submodule_search_locations or () if spec else ():
         grid = Path(folder) / "data" / "proj" / "egm96_15.gtx"
         if grid.is_file():
             pipeline = f'+proj=vgridshift +grids="{grid}" +multiplier=1'
             try:
-                height = Transformer.from_pipeline(pipeline).transform(longitude, latitude, 0.0)[2]
+                transformer = Transformer.from_pipeline(pipeline)
+                out = np.asarray(
+                    transformer.transform(lonlat[:, 0], lonlat[:, 1], np.zeros(len(lonlat)))[2]
+                )
             except ProjError:
-                return float("nan")
-            return float(height) if np.isfinite(height) else float("nan")
-    return float("nan")
+                continue
+    return np.where(np.isfinite(out), out, np.nan)
 
 
 def _operations(a: CRS, b: CRS, area: AreaOfInterest) -> TransformerGroup | None:
