@@ -22,7 +22,7 @@ _DEEP_M = 1.5
 def is_noise(cloud: PointCloud) -> NDArray[np.bool_]:
     """Tell (N,) which points are noise: classes 7 and 18, not finite, alone, or deep below."""
     points = cloud.points
-    noise: NDArray[np.bool_] = ~np.isfinite(points).all(axis=1)
+    noise = np.asarray(~np.isfinite(points).all(axis=1))
     if cloud.classification is not None:
         noise |= np.isin(cloud.classification, _NOISE_CLASSES)
     good = np.flatnonzero(~noise)

@@ -29,7 +29,9 @@ _BORDER = 0.05
 #: What a square metre costs for each metre that its plane lies away from the plane's own points.
 _STRANGE = 0.04
 #: Cut by more lines than this, a plan is cut only near each line.
-_MOST_LONG_LINES = 10
+_MOST_LONG_LINES = 16
+#: Then a line is made longer by its own length, and by this at least, metres.
+_LONGER_M = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,10 +76,9 @@ def _cells(outline: shapely.Polygon, lines: Sequence[RoofLine]) -> NDArray[Any]:
     across = float(np.hypot(east - west, north - south))
     few = len(lines) <= _MOST_LONG_LINES
     cuts = [
-        shapely.LineString(line.extended(across if few and line.support > 0.4 * across else
-                                         max(1.0, 0.3 * line.support)))
+        shapely.LineString(line.extended(across if few else max(_LONGER_M, line.support)))
         for line in lines
-    ]  # fmt: skip
+    ]
     inner = shapely.intersection(np.array(cuts, dtype=object), outline.buffer(0.2))
     edges = shapely.union_all([outline.boundary, *inner.tolist()], grid_size=GRID_M)
     cells = shapely.get_parts(shapely.polygonize(shapely.get_parts(edges)))
