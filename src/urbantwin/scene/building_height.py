@@ -13,10 +13,12 @@ from dataclasses import dataclass
 
 from urbantwin.scene.tag import count_of, length_m_of
 
-__all__ = ["LEVEL_M", "Rise", "building_materials", "building_rise", "building_type"]
+__all__ = ["LEVEL_M", "ROOF_TYPES", "Rise", "building_materials", "building_rise", "building_type"]
 
 #: Storey height where only levels are mapped, metres.
 LEVEL_M = 3.2
+#: Roofs without walls.
+ROOF_TYPES = ("roof", "carport", "canopy")
 HIGHEST_M = 900.0
 MOST_LEVELS = 200.0
 
@@ -38,7 +40,7 @@ OTHER_HEIGHT_M = 6.4
 SMALL_M2, SMALL_HEIGHT_M = 30.0, 2.8
 
 WALLS = {
-    **dict.fromkeys(("brick", "bricks", "clinker"), "brick"),
+    **dict.fromkeys(("brick", "bricks", "clinker", "masonry"), "brick"),
     **dict.fromkeys(("concrete", "cement_block", "cement", "reinforced_concrete"), "concrete"),
     **dict.fromkeys(("stone", "sandstone", "limestone", "granite", "marble"), "concrete"),
     **dict.fromkeys(("plaster", "stucco", "render", "rendered"), "plaster"),
@@ -55,15 +57,28 @@ ROOFS = {
     "thatch": "wood",
 }
 BRICK_TYPES = ("church", "chapel", "cathedral", "school", "house", "detached", "terrace", "farm")
+GLASS_TYPES = ("greenhouse", "conservatory")
 CONCRETE_TYPES = ("industrial", "warehouse", "garage", "garages", "parking", "manufacture")
 
 
 @dataclass(frozen=True)
 class Rise:
-    """How far a building's underside and top are above its lowest ground, metres."""
+    """How far a building's underside and top are above its lowest ground, metres.
+
+    Attributes:
+        low_m: its underside.
+        high_m: its top.
+        eaves_m: where the storeys below the roof end, if they are all that is mapped: a sloped
+            roof then rises from there, whatever ``high_m`` is.
+        storey_m: height of a storey.
+        is_mapped: whether the top is mapped as a height.
+    """
 
     low_m: float
     high_m: float
+    eaves_m: float | None = None
+    storey_m: float = LEVEL_M
+    is_mapped: bool = False
 
 
 def building_type(tags: Mapping[str, str]) -> str:
@@ -88,11 +103,14 @@ def building_rise(
     """
     storey = LEVEL_M
     high = _mapped_height(tags, notes)
+    is_mapped = high is not None
     levels = _mapped_levels(tags)
+    eaves: float | None = None
     if high is not None and levels is not None and 2.2 <= high / levels <= 6.0:
         storey = high / levels
     if high is None and levels is not None:
         high = levels * LEVEL_M
+        eaves = min(count_of(tags.get("building:levels")) or 0.0, MOST_LEVELS) * LEVEL_M
         notes["height from levels"] += 1
     if high is None:
         high = _mapped_height(outline_tags, Counter())
@@ -114,7 +132,7 @@ def building_rise(
     if low > high - 0.2:
         notes["min_height not below height, ignored"] += 1
         low = 0.0
-    return Rise(low, high)
+    return Rise(low, high, eaves, storey, is_mapped)
 
 
 def building_materials(tags: Mapping[str, str], outline_tags: Mapping[str, str]) -> tuple[str, str]:
@@ -128,6 +146,8 @@ def building_materials(tags: Mapping[str, str], outline_tags: Mapping[str, str])
     elif kind in CONCRETE_TYPES:
         wall = "concrete"
     roof = "roofing"
+    if kind in GLASS_TYPES:
+        wall = roof = "glass"
     for source in (outline_tags, tags):
         wall = WALLS.get(source.get("building:material", ""), wall)
         wall = WALLS.get(source.get("building:facade:material", ""), wall)

@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 from shapely import Geometry
 
-from urbantwin.scene.extrude import Body
+from urbantwin.scene.body import Body
 from urbantwin.scene.solids import Solid, box
 
 __all__ = ["canopy_posts"]

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 from shapely import Geometry, LineString, Polygon
 
-from urbantwin.scene.extrude import Body, clean_polygons
+from urbantwin.scene.body import Body, clean_polygons
 from urbantwin.scene.tag import length_m_of
 from urbantwin.site.extract import OsmFeature
 
@@ -88,11 +88,13 @@ def open_bodies(bodies: Sequence[Body], openings: Sequence[Opening]) -> list[Bod
                 opened.append(body)
                 continue
             beside = body.footprint.difference(opening.footprint)
-            opened += [Body(piece, body.low, body.high) for piece in clean_polygons(beside)]
-            if body.high - ceiling > 0.3:
+            opened += [replace(body, footprint=piece) for piece in clean_polygons(beside)]
+            if max(body.eaves, body.low) - ceiling > 0.3 or (
+                not body.roof and body.high - ceiling > 0.3
+            ):
                 above = body.footprint.intersection(opening.footprint)
                 opened += [
-                    Body(piece, ceiling, body.high)
+                    replace(body, footprint=piece, low=ceiling)
                     for piece in clean_polygons(above, smallest_m2=0.0, thinnest_m=0.0)
                 ]
         bodies = opened

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 
-__all__ = ["count_of", "length_m_of", "yaw_of_direction"]
+__all__ = ["angle_deg_of", "count_of", "length_m_of", "yaw_of_direction"]
 
 _NUMBER = r"(\d+(?:[.,]\d+)?|[.,]\d+)"
 _METRIC = re.compile(rf"^~?\s*{_NUMBER}\s*(m|metres?|meters?|mtrs?|cm|mm)?\.?$", re.IGNORECASE)
@@ -66,3 +66,12 @@ def yaw_of_direction(text: str | None) -> float | None:
     else:
         return None
     return math.radians(90.0 - degrees)
+
+
+def angle_deg_of(text: str | None) -> float | None:
+    """Return the degrees that a tag's value means (``30``, ``30°``, ``30 deg``), or ``None``."""
+    if text is None:
+        return None
+    plain = text.strip().lower().removesuffix("degrees").removesuffix("deg").rstrip(" °")
+    match = _COUNT.match(plain)
+    return _number(match[1]) if match else None

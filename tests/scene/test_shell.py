@@ -5,13 +5,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import Polygon, box
 
-from urbantwin.scene.extrude import Body, clean_polygons, extrude, prism, triangulate
+from urbantwin.scene.body import Body, clean_polygons, triangulate
+from urbantwin.scene.shell import shell
 from urbantwin.scene.solids import Solid
 
 COURTYARD = Polygon(
     [(0, 0), (20, 0), (20, 10), (0, 10)],
     [[(5, 3), (5, 7), (9, 7), (9, 3)], [(12, 2), (15, 5), (12, 8)]],
 )
+
+
+def extrude(bodies) -> Solid:
+    return shell(bodies).build().solid
+
+
+def prism(footprint, low, high) -> Solid:
+    return extrude([Body(footprint, low, high)])
 
 
 def edge_balance(solid: Solid) -> int:

@@ -1,0 +1,138 @@
+"""The bodies of a mapped building: its outline and parts with their heights and roofs."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import shapely
+from shapely import Polygon
+
+from urbantwin.scene.body import Body, clean_polygons
+from urbantwin.scene.building_height import (
+    ROOF_TYPES,
+    Rise,
+    building_materials,
+    building_rise,
+    building_type,
+)
+from urbantwin.scene.building_outline import MappedBuilding
+from urbantwin.scene.roof import RoofTags, roof_facets, roof_span, roof_tags
+
+__all__ = ["Volume", "building_volumes"]
+
+#: A roof without walls is a slab of this thickness, metres.
+SLAB_M = 0.3
+#: Walls under a roof whose height was assumed are at least this high, metres.
+WALL_M = 2.2
+
+
+@dataclass(frozen=True)
+class Volume:
+    """A body in heights above the building's lowest ground, and what it is made of.
+
+    Attributes:
+        body: the body.
+        tags: of the outline or the part.
+        materials: names of the walls' and the roof's.
+        is_roof: whether it is a roof without walls, on posts.
+        storey_m: height of a storey.
+        eaves_m: where its walls end.
+    """
+
+    body: Body
+    tags: Mapping[str, str]
+    materials: tuple[str, str]
+    is_roof: bool
+    storey_m: float
+    eaves_m: float
+
+
+def building_volumes(building: MappedBuilding, notes: Counter[str]) -> list[Volume]:
+    """Return the bodies of a building.
+
+    Parts replace the outline where they stand; what they leave of it is built as the outline's
+    own tags say, with a level top where that is less than two thirds of it.
+    """
+    volumes = []
+    area = sum(p.area for p in building.footprints)
+    top = 0.0
+    own_notes = notes if not building.parts else Counter[str]()
+    if building.footprints:
+        rise = building_rise(building.tags, {}, area, own_notes)
+        top = rise.high_m
+    replaced = []
+    for tags, polygon in building.parts:
+        part_rise = building_rise(tags, building.tags, polygon.area, notes)
+        volumes.append(_volume(polygon, tags, building.tags, part_rise, notes))
+        if part_rise.low_m < top - 0.5:  # else it stands on the roof of its building
+            replaced.append(polygon)
+    for polygon in building.footprints:
+        rest = [polygon]
+        if replaced:
+            # Opened by 15 cm: what is left between parts drawn a little apart is no building.
+            left = shapely.difference(polygon, shapely.union_all(replaced))
+            left = left.buffer(-0.15, join_style="mitre").buffer(0.15, join_style="mitre")
+            rest = clean_polygons(left, smallest_m2=2.0, thinnest_m=0.5)
+        for piece in rest:
+            whole = piece.area > 2 / 3 * polygon.area
+            own = building.tags if whole else _without_roof(building.tags)
+            volumes.append(_volume(piece, own, {}, rise, own_notes))
+    return volumes
+
+
+def _volume(
+    polygon: Polygon,
+    tags: Mapping[str, str],
+    outline_tags: Mapping[str, str],
+    rise: Rise,
+    notes: Counter[str],
+) -> Volume:
+    is_roof = building_type(tags) in ROOF_TYPES
+    roof = roof_tags(tags, notes)
+    footprint = _snapped(polygon) if roof.shape != "flat" else polygon
+    low, high, eaves = rise.low_m, rise.high_m, rise.high_m
+    facets = []
+    if roof.shape != "flat":
+        height = _roof_height(roof, roof_span(roof.shape, footprint, tags), rise, notes)
+        facets = roof_facets(roof.shape, footprint, tags, height, notes)
+        if facets:
+            notes[f"{roof.shape} roofs"] += 1
+            high = (rise.eaves_m if rise.eaves_m is not None else high - height) + height
+            eaves = high - height
+    if is_roof and low == 0.0:
+        low = max(eaves - SLAB_M, 0.5 * eaves)
+    body = Body(
+        footprint, low, high, tuple(facet.placed(1.0, eaves) for facet in facets), eaves=eaves
+    )
+    materials = building_materials(tags, outline_tags)
+    return Volume(body, tags, materials, is_roof, rise.storey_m, eaves)
+
+
+def _roof_height(roof: RoofTags, span_m: float, rise: Rise, notes: Counter[str]) -> float:
+    """Return the height of a sloped roof, no more than there is room for."""
+    height = roof.rise_m(span_m)
+    said = roof.height_m is not None or roof.pitch_deg is not None
+    if not said:
+        notes["height of a roof assumed"] += 1
+    if rise.eaves_m is not None:
+        return height
+    room = rise.high_m - rise.low_m
+    if not said and room > WALL_M + 0.5:
+        room -= WALL_M
+    if height > room and said:
+        notes["roofs lowered: higher than their building"] += 1
+    return min(height, room)
+
+
+def _snapped(polygon: Polygon) -> Polygon:
+    """Put a footprint on the grid of a centimetre, where its roof's creases can meet it."""
+    snapped = shapely.set_precision(polygon, 0.01)
+    return snapped if isinstance(snapped, Polygon) and not snapped.is_empty else polygon
+
+
+def _without_roof(tags: Mapping[str, str]) -> dict[str, str]:
+    return {key: value for key, value in tags.items() if not key.startswith("roof:")} | {
+        key: tags[key] for key in ("roof:material",) if key in tags
+    }
