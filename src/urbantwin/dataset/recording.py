@@ -86,7 +86,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
                 yield Task(index, rows_at(motion, times_s[index]))
 
         count = min(usable_processors() if workers is None else workers, max(1, len(missing)))
-        frames = Recipe(twin.mesh, rig, seed, partial, done, motion.meshes)
+        frames = Recipe(twin.mesh, rig, seed, partial, done, motion.meshes, twin.surface_materials)
         ready = len(times_s) - len(missing)
         if missing:
             for number, _ in enumerate(record_frames(frames, tasks(), count), start=ready + 1):

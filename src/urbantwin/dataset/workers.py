@@ -16,7 +16,7 @@ from pathlib import Path
 from urbantwin.dataset.layout import frame_name, write_frame
 from urbantwin.dataset.moment import Rows, posed_actors
 from urbantwin.errors import StageError
-from urbantwin.geometry import LabelledMesh
+from urbantwin.geometry import LabelledMesh, SurfaceMaterials
 from urbantwin.lidar import Rig, Scanner
 from urbantwin.traffic.assets import asset_mesh
 
@@ -46,6 +46,7 @@ class Recipe:
         done: where the mark of every finished frame goes; written last, so a frame that has its
             mark is whole.
         meshes: by asset and phase; what is not here comes from the catalogue.
+        surface: materials of the ground that are finer than the static world's triangles.
     """
 
     static: LabelledMesh
@@ -54,12 +55,15 @@ class Recipe:
     folder: Path
     done: Path
     meshes: Mapping[tuple[str, int], LabelledMesh] = field(default_factory=dict)
+    surface: SurfaceMaterials | None = None
 
 
 class _Recorder:
     def __init__(self, recipe: Recipe) -> None:
         self._recipe = recipe
-        self._scanner = Scanner(recipe.static, recipe.rig, recipe.seed, meshes=self._mesh)
+        self._scanner = Scanner(
+            recipe.static, recipe.rig, recipe.seed, meshes=self._mesh, surface=recipe.surface
+        )
 
     def _mesh(self, asset: str, phase: int) -> LabelledMesh:
         own = self._recipe.meshes.get((asset, phase))

@@ -13,12 +13,15 @@ from urbantwin.geometry.mesh import LabelledMesh
 from urbantwin.geometry.polyline import stations_of_points
 from urbantwin.geometry.pose import Pose, rotation_from_ypr, ypr_from_rotation
 from urbantwin.geometry.probe import DownwardProbe
+from urbantwin.geometry.surface_material import MaterialLayer, SurfaceMaterials
 
 __all__ = [
     "DownwardProbe",
     "LabelledMesh",
+    "MaterialLayer",
     "Pose",
     "SiteFrame",
+    "SurfaceMaterials",
     "area_difference",
     "area_intersection",
     "area_union",

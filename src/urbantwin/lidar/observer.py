@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.geometry import LabelledMesh, Pose
+from urbantwin.geometry import LabelledMesh, Pose, SurfaceMaterials
 from urbantwin.lidar.actors import ActorShape, cast_actors, nearest
 from urbantwin.lidar.gather import StaticReturns, gather
 from urbantwin.lidar.labels import BOX_MARGIN_M, outside, spans_in_box
@@ -55,10 +55,15 @@ class Observer:
         mounted: the sensor.
         static: the static world, site frame.
         dataset_SE3_site: to the frame that points are given in.
+        surface: materials of the ground that are finer than the static world's triangles.
     """
 
     def __init__(
-        self, mounted: MountedSensor, static: LabelledMesh, dataset_SE3_site: Pose
+        self,
+        mounted: MountedSensor,
+        static: LabelledMesh,
+        dataset_SE3_site: Pose,
+        surface: SurfaceMaterials | None = None,
     ) -> None:
         self._pose = mounted.site_SE3_sensor
         self._range_max_m = mounted.sensor.range_max_m
@@ -75,7 +80,11 @@ class Observer:
         self._origin = dataset_SE3_site.apply(self._pose.translation[None])[0]
         self._wavelength_nm = mounted.sensor.assumed_wavelength_nm
         hits = cast_static(
-            static, self._pose.translation, in_site, wavelength_nm=self._wavelength_nm
+            static,
+            self._pose.translation,
+            in_site,
+            wavelength_nm=self._wavelength_nm,
+            surface=surface,
         )
         self._range_m = hits.range_m
         # What no ray hit has no level, so its range never counts: any finite number will do.

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.geometry import LabelledMesh
+from urbantwin.geometry import LabelledMesh, SurfaceMaterials
 from urbantwin.lidar.actors import ActorShape, MeshSource, PosedActor
 from urbantwin.lidar.labels import BoxLabel, LabelledFrame, posed_box
 from urbantwin.lidar.observer import Observation, Observer
@@ -33,10 +33,17 @@ class Scanner:
         rig: the sensors.
         seed: of all random numbers.
         meshes: gives the mesh of an asset; ``traffic.assets.asset_mesh`` when not given.
+        surface: materials of the ground that are finer than the static world's triangles.
     """
 
     def __init__(
-        self, static: LabelledMesh, rig: Rig, seed: int, *, meshes: MeshSource | None = None
+        self,
+        static: LabelledMesh,
+        rig: Rig,
+        seed: int,
+        *,
+        meshes: MeshSource | None = None,
+        surface: SurfaceMaterials | None = None,
     ) -> None:
         if meshes is None:
             from urbantwin.traffic.assets import asset_mesh
@@ -46,7 +53,9 @@ class Scanner:
         self._shapes: dict[tuple[str, int], ActorShape] = {}
         self._rig = rig
         self._seed = seed
-        self._observers = [Observer(one, static, rig.dataset_SE3_site) for one in rig.sensors]
+        self._observers = [
+            Observer(one, static, rig.dataset_SE3_site, surface) for one in rig.sensors
+        ]
 
     def scan(self, index: int, actors: Sequence[PosedActor]) -> LabelledFrame:
         """Return the frame of that number.

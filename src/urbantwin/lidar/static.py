@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.geometry import LabelledMesh
+from urbantwin.geometry import LabelledMesh, SurfaceMaterials
 from urbantwin.lidar.casting import EmbreeCaster
 from urbantwin.lidar.returns import scatter_of_materials
 
@@ -43,6 +43,7 @@ def cast_static(
     directions: NDArray[np.float64],
     *,
     wavelength_nm: float = 905.0,
+    surface: SurfaceMaterials | None = None,
 ) -> StaticHits:
     """Cast rays at the static world.
 
@@ -55,6 +56,7 @@ def cast_static(
         origin: (3,) where all rays leave, in the mesh's frame.
         directions: (N, 3) unit vectors, in the mesh's frame.
         wavelength_nm: of the sensor's laser.
+        surface: materials of the ground that are finer than the mesh, where a ray hits it.
     """
     moved = mesh.vertices - origin
     found = EmbreeCaster(moved, mesh.faces).cast(np.zeros(3), directions.astype(np.float32))
@@ -72,8 +74,12 @@ def cast_static(
     cosine = np.zeros(count, np.float32)
     cosine[hit] = np.abs(slant)
     backscatter = np.zeros(count, np.float32)
+    material = mesh.material[face]
+    if surface is not None:
+        places = origin + directions[hit] * exact[:, None]
+        material = surface.materials_of(mesh, face, places)
     scatter = scatter_of_materials(wavelength_nm)
-    backscatter[hit] = scatter.backscatter(mesh.material[face], cosine[hit])
+    backscatter[hit] = scatter.backscatter(material, cosine[hit])
     semantic = np.zeros(count, np.uint16)
     semantic[hit] = mesh.semantic[face]
     return StaticHits(range_m.astype(np.float32), found.face, cosine, backscatter, semantic)

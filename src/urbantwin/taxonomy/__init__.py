@@ -2,11 +2,17 @@
 
 from urbantwin.taxonomy.actor import ACTOR_CLASSES, ACTOR_SEMANTICS
 from urbantwin.taxonomy.material import WAVELENGTHS_NM, Material, material_id, materials
-from urbantwin.taxonomy.semantic import SemanticClass, semantic_classes, semantic_id
+from urbantwin.taxonomy.semantic import (
+    GROUND_CLASSES,
+    SemanticClass,
+    semantic_classes,
+    semantic_id,
+)
 
 __all__ = [
     "ACTOR_CLASSES",
     "ACTOR_SEMANTICS",
+    "GROUND_CLASSES",
     "WAVELENGTHS_NM",
     "Material",
     "SemanticClass",

@@ -7,7 +7,11 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 
-__all__ = ["SemanticClass", "semantic_classes", "semantic_id", "table_rows"]
+__all__ = ["GROUND_CLASSES", "SemanticClass", "semantic_classes", "semantic_id", "table_rows"]
+
+
+#: Classes that one can stand on.
+GROUND_CLASSES = ("road", "parking", "sidewalk", "other-ground", "terrain")
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from urbantwin.roads import build_roads, driving_side
 from urbantwin.roads.imported import ImportedMap, build_imported_roads, prepared_map, read_map
 from urbantwin.roads.signals import heads_of
 from urbantwin.scene import build_scene
+from urbantwin.scene.ground_material import surface_materials
 from urbantwin.site import (
     Extract,
     OsmFeature,
@@ -86,6 +87,9 @@ def build_twin(site: Site, out: Path, progress: Progress | None = None) -> Twin:
         heads = heads_of(roads.model)
         scene = build_scene(roads.network, roads.surface, elevation, site.region, features, heads)
         scene.mesh.save(folder / "scene.npz")
+        tell(0.85, "materials")
+        surface = surface_materials(roads.model, roads.network, site.region, roads.surface.height)
+        surface.save(folder / "surface_material.npz")
         tell(0.9, "writing")
         resolved = site.resolved()
         _write_yaml(folder / "site.yaml", {**resolved, "rig": "rig.yaml"})

@@ -13,16 +13,13 @@ import yaml
 
 from urbantwin.artefact import read_json, sha256_of
 from urbantwin.errors import InputError
-from urbantwin.geometry import LabelledMesh, SiteFrame
+from urbantwin.geometry import LabelledMesh, SiteFrame, SurfaceMaterials
 from urbantwin.ground import Elevation
 from urbantwin.roads import LaneModel, RoadNetwork
 from urbantwin.site import RigSpec, load_rig_spec
-from urbantwin.taxonomy import semantic_id
+from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
 
 __all__ = ["GROUND_CLASSES", "Twin", "load_twin"]
-
-#: Semantic classes that one can stand on.
-GROUND_CLASSES = ("road", "parking", "sidewalk", "other-ground", "terrain")
 
 
 @dataclass(frozen=True)
@@ -59,6 +56,14 @@ class Twin:
         classes = [semantic_id(name) for name in GROUND_CLASSES]
         level = self.mesh.normals()[:, 2] > 0.1
         return self.mesh.select(np.isin(self.mesh.semantic, classes) & level)
+
+    @cached_property
+    def surface_materials(self) -> SurfaceMaterials:
+        """Materials of the ground that are finer than the mesh: lane paint, what imagery shows."""
+        name = "surface_material.npz"
+        if name not in self.manifest.get("files", {}):
+            return SurfaceMaterials()
+        return SurfaceMaterials.load(self._file(name))
 
     @cached_property
     def lane_model(self) -> LaneModel:

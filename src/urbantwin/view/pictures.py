@@ -16,7 +16,6 @@ from urbantwin.twin import Twin
 from urbantwin.view.birdseye import birdseye
 from urbantwin.view.histogram import histogram
 from urbantwin.view.labelled_frame import read_labelled_points
-from urbantwin.view.markings import markings
 from urbantwin.view.plan import plan
 from urbantwin.view.range_image import range_image
 from urbantwin.view.scene import scene_picture
@@ -59,13 +58,12 @@ def pictures_of_twin(twin: Twin, out: Path, *, progress: Progress | None = None)
     )
     tell(0.2, "drawing the scene")
     second = scene_picture(
-        LabelledMesh.concatenate(
-            [twin.mesh, markings(twin.roads, twin.ground_mesh, twin.lane_model)]
-        ),
+        twin.mesh,
         out / "scene.png",
         title=name,
         below=_size(twin),
         attribution=sources,
+        surface=twin.surface_materials,
     )
     tell(1.0, "drawn")
     return [first, second]
@@ -130,8 +128,7 @@ def pictures_of_dataset(
     )
     if twin is not None and motion is not None:
         tell(0.6, "drawing the scene")
-        parts = [twin.mesh, markings(twin.roads, twin.ground_mesh, twin.lane_model)]
-        parts += actor_meshes(rows_at(motion, frame.time_s))
+        parts = [twin.mesh, *actor_meshes(rows_at(motion, frame.time_s))]
         drawn.append(
             scene_picture(
                 LabelledMesh.concatenate(parts),
@@ -139,6 +136,7 @@ def pictures_of_dataset(
                 title=title_of(twin),
                 below=f"frame {frame.name}   {frame.time_s:.1f} s",
                 attribution=sources,
+                surface=twin.surface_materials,
             )
         )
     tell(1.0, "drawn")

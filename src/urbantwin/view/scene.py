@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import uniform_filter
 
-from urbantwin.geometry import DownwardProbe, LabelledMesh
+from urbantwin.geometry import DownwardProbe, LabelledMesh, SurfaceMaterials
 from urbantwin.view import style
-from urbantwin.view.surface_colours import surface_colours
+from urbantwin.view.surface_colours import material_colours, surface_colours
 
 __all__ = ["Camera", "clear_camera", "render", "scene_picture"]
 
@@ -97,6 +97,7 @@ def scene_picture(
     title: str = "",
     below: str = "",
     attribution: str | Iterable[str] = (),
+    surface: SurfaceMaterials | None = None,
 ) -> Path:
     """Draw the twin's mesh from a height, in daylight.
 
@@ -108,9 +109,10 @@ def scene_picture(
         title: written into the sky.
         below: a line under it.
         attribution: whose data it shows.
+        surface: materials of the ground that are finer than the mesh.
     """
     width, height = size
-    picture = render(mesh, camera or clear_camera(mesh), width, height)
+    picture = render(mesh, camera or clear_camera(mesh), width, height, surface)
     figure = style.new_figure(width / 100, height / 100)
     axes = figure.add_axes((0, 0, 1, 1))
     style.bare(axes)
@@ -175,7 +177,13 @@ def clear_camera(mesh: LabelledMesh, target: ArrayLike = (0.0, 0.0, 0.0)) -> Cam
     return best
 
 
-def render(mesh: LabelledMesh, camera: Camera, width: int, height: int) -> NDArray[np.uint8]:
+def render(
+    mesh: LabelledMesh,
+    camera: Camera,
+    width: int,
+    height: int,
+    surface: SurfaceMaterials | None = None,
+) -> NDArray[np.uint8]:
     """Return the picture (height, width, 3), 0..255.
 
     Args:
@@ -183,6 +191,7 @@ def render(mesh: LabelledMesh, camera: Camera, width: int, height: int) -> NDArr
         camera: from where.
         width: pixels.
         height: pixels.
+        surface: materials of the ground that are finer than the mesh.
     """
     caster = _Caster(mesh)
     rays = camera.rays(width * _SAMPLES, height * _SAMPLES)
@@ -193,7 +202,7 @@ def render(mesh: LabelledMesh, camera: Camera, width: int, height: int) -> NDArr
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         list(pool.map(lambda band: _look(caster, origin, rays, sun, seen, band), bands))
         ambient = _smoothed(seen.sky)
-        colours = surface_colours(mesh).astype(np.float32)
+        colours = _Colours(mesh, surface, camera.place)
         picture = np.empty((height, width, 3), np.float32)
 
         def paint(band: slice) -> None:
@@ -218,6 +227,32 @@ class _Seen:
     def empty(cls, shape: tuple[int, ...]) -> _Seen:
         floats = [np.full(shape, np.nan, np.float32) for _ in range(3)]
         return cls(np.full(shape, -1, np.int32), *floats)
+
+
+class _Colours:
+    """Colours of what rays from one place meet."""
+
+    def __init__(
+        self, mesh: LabelledMesh, surface: SurfaceMaterials | None, origin: NDArray[np.float64]
+    ) -> None:
+        self._mesh, self._surface, self._origin = mesh, surface, origin
+        self._faces = surface_colours(mesh).astype(np.float32)
+        self._materials = material_colours().astype(np.float32)
+
+    def of(
+        self,
+        face: NDArray[np.int32],
+        way: NDArray[np.float32],
+        distance: NDArray[np.float32],
+    ) -> NDArray[np.float32]:
+        """Return the colour (N, 3) where rays that run along ``way`` (N, 3) meet faces (N,)."""
+        found = self._faces[face]
+        if self._surface is not None and len(face):
+            places = self._origin + way.astype(np.float64) * distance[:, None]
+            material = self._surface.materials_of(self._mesh, face, places)
+            finer = material != self._mesh.material[face]
+            found[finer] = self._materials[material[finer]]
+        return found
 
 
 def _look(
@@ -254,7 +289,7 @@ def _look(
 
 def _shade(
     caster: _Caster,
-    colours: NDArray[np.float32],
+    colours: _Colours,
     rays: NDArray[np.float32],
     sun: NDArray[np.float32],
     seen: _Seen,
@@ -273,7 +308,8 @@ def _shade(
     light += (sky * (0.65 + 0.35 * normal[:, 2]))[:, None] * _SKYLIGHT
     light += (sky * 0.12 * (1 - normal[:, 2]))[:, None] * _GROUNDLIGHT
     haze = (1 - np.exp(-np.maximum(distance[hit] - distance_m, 0) / np.float32(700)))[:, None]
-    colour[hit] = colours[face[hit]] * light * (1 - haze) + _HORIZON * haze
+    own = colours.of(face[hit], rays[band].reshape(-1, 3)[hit], distance[hit])
+    colour[hit] = own * light * (1 - haze) + _HORIZON * haze
     return colour.reshape(*seen.face[band].shape, 3)
 
 

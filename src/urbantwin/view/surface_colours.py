@@ -7,9 +7,9 @@ from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh
-from urbantwin.taxonomy import material_id, semantic_id
+from urbantwin.taxonomy import material_id, materials, semantic_id
 
-__all__ = ["surface_colours"]
+__all__ = ["material_colours", "surface_colours"]
 
 _BY_CLASS = {
     "unlabelled": "#a0a0a0",
@@ -51,6 +51,20 @@ _BY_CLASS_AND_MATERIAL = {
     ("terrain", "paving"): "#b3a999",
     ("sidewalk", "concrete"): "#c6c2b9",
 }
+#: Materials that lie on the ground's triangles, where imagery or the lane model knows them.
+_ON_THE_GROUND = {
+    "road-paint": "#f3f1e8",
+    "asphalt": "#5d6166",
+    "asphalt-dark": "#45484d",
+    "asphalt-light": "#85888a",
+    "concrete": "#c6c2b9",
+    "paving": "#b3a999",
+    "gravel": "#a39b8f",
+    "grass": "#7f9f52",
+    "soil": "#a08a68",
+    "water": "#4f7186",
+    "snow": "#f7f9fb",
+}
 #: Materials that look the same on every actor.
 _ON_ACTORS = {
     "glass": "#27323c",
@@ -87,6 +101,11 @@ def surface_colours(mesh: LabelledMesh) -> NDArray[np.float64]:
     spread = (_scattered(mesh.part[plant]) % 1000) / 1000.0 - 0.5
     colours[plant] *= 1 + spread[:, None] * np.array([0.5, 0.3, 0.3])
     return colours
+
+
+def material_colours() -> NDArray[np.float64]:
+    """Return the colour (M, 3) of materials on the ground by number; grey for all others."""
+    return np.array([_linear(_ON_THE_GROUND.get(name, "#9a9a9a")) for name in materials()])
 
 
 def _linear(colour: str) -> NDArray[np.float64]:

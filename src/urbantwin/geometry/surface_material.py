@@ -1,0 +1,176 @@
+"""Materials of the ground finer than its triangles: sparse rasters of single bits.
+
+A layer says where one material is: tiles of 64 x 64 cells on a grid through the site frame's
+origin, eight cells a byte, and only tiles that hold any. Lane marks of a district take a few
+megabytes so, and where nothing is painted nothing is stored. Each tile knows the height of the
+surface that it lies on, so that what is painted on a bridge is not on the street below.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from urbantwin.geometry.mesh import LabelledMesh
+from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
+
+__all__ = ["TILE", "MaterialLayer", "SurfaceMaterials"]
+
+#: Cells along a tile's side.
+TILE = 64
+#: How far above or below a tile's surface a point may lie and still be on it, metres: less than
+#: the clearance under a bridge, more than a tile's surface leaves the bilinear one of its corners.
+REACH_M = 1.5
+#: Triangles steeper than this (cosine to the vertical) are walls, curbs and banks.
+UP = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class MaterialLayer:
+    """Where one material is, on one level.
+
+    Attributes:
+        material: its number.
+        level: 0 on the ground, 1, 2, ... above other roads.
+        cell_m: side of a cell, metres.
+        tiles: (T, 2) int32, column and row of each tile, sorted by row and then by column: tile
+            (c, r) covers x from c to c + 1 times ``TILE`` cells.
+        bits: (T, TILE, TILE / 8) uint8, rows from south to north, columns from west to east, the
+            first cell in a byte's highest bit.
+        heights: (T, 2, 2) float32, metres, of the surface at the tile's corners: row south then
+            north, column west then east.
+    """
+
+    material: int
+    level: int
+    cell_m: float
+    tiles: NDArray[np.int32]
+    bits: NDArray[np.uint8]
+    heights: NDArray[np.float32]
+
+    @cached_property
+    def _keys(self) -> NDArray[np.int64]:
+        return _key(self.tiles[:, 0], self.tiles[:, 1])
+
+    @property
+    def area(self) -> float:
+        """What is covered, square metres."""
+        return float(np.unpackbits(self.bits).sum()) * self.cell_m**2
+
+    def covers(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which points (N, 2) or (N, 3) have the material; with z, only on its surface."""
+        found = np.zeros(len(points), bool)
+        if not len(self.tiles) or not len(points):
+            return found
+        cell = np.floor(points[:, :2] / self.cell_m).astype(np.int64)
+        tile = cell // TILE
+        key = _key(tile[:, 0], tile[:, 1])
+        at = np.minimum(np.searchsorted(self._keys, key), len(self._keys) - 1)
+        here = np.flatnonzero(self._keys[at] == key)
+        at, within = at[here], cell[here] - tile[here] * TILE
+        byte = self.bits[at, within[:, 1], within[:, 0] >> 3]
+        hit = (byte >> (7 - (within[:, 0] & 7)).astype(np.uint8)) & 1 == 1
+        if points.shape[1] == 3:
+            share = points[here, :2] / (self.cell_m * TILE) - tile[here]
+            east, north = share[:, 0], share[:, 1]
+            corner = self.heights[at]
+            south = corner[:, 0, 0] * (1 - east) + corner[:, 0, 1] * east
+            top = corner[:, 1, 0] * (1 - east) + corner[:, 1, 1] * east
+            hit &= np.abs(points[here, 2] - (south * (1 - north) + top * north)) <= REACH_M
+        found[here] = hit
+        return found
+
+
+def _key(column: NDArray[np.integer], row: NDArray[np.integer]) -> NDArray[np.int64]:
+    return (row.astype(np.int64) << 32) + column.astype(np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceMaterials:
+    """Materials that replace those of the ground's triangles where they are known more finely.
+
+    Attributes:
+        layers: of two that cover a point the first one counts.
+    """
+
+    layers: tuple[MaterialLayer, ...] = ()
+
+    def at(self, points: ArrayLike) -> NDArray[np.uint8]:
+        """Return the number of the material at points (N, 2) or (N, 3); 0 for the triangle's own.
+
+        Args:
+            points: site frame, metres; without z, whatever level it is on.
+        """
+        places = np.asarray(points, np.float64)
+        found = np.zeros(len(places), np.uint8)
+        rest = np.arange(len(places))
+        for layer in self.layers:
+            covered = layer.covers(places[rest])
+            found[rest[covered]] = layer.material
+            rest = rest[~covered]
+        return found
+
+    def materials_of(
+        self, mesh: LabelledMesh, face: NDArray[np.integer], points: NDArray[np.float64]
+    ) -> NDArray[np.uint8]:
+        """Return the materials (N,) where rays hit a mesh.
+
+        Only triangles of the ground that face up take another material than their own.
+
+        Args:
+            mesh: the static world, site frame.
+            face: (N,) the triangle that was hit.
+            points: (N, 3) where, site frame, metres.
+        """
+        material: NDArray[np.uint8] = mesh.material[face]
+        if not self.layers:
+            return material
+        ground = np.isin(mesh.semantic[face], [semantic_id(name) for name in GROUND_CLASSES])
+        which = np.flatnonzero(ground)
+        a, b, c = np.moveaxis(mesh.vertices[mesh.faces[face[which]]], 1, 0)
+        normal = np.cross(b - a, c - a)
+        which = which[normal[:, 2] > UP * np.linalg.norm(normal, axis=1)]
+        own = self.at(points[which])
+        material[which] = np.where(own > 0, own, material[which])
+        return material
+
+    def save(self, path: Path) -> None:
+        """Write a ``.npz``; the same materials give the same bytes."""
+        np.savez_compressed(
+            path,
+            material=np.array([layer.material for layer in self.layers], np.uint8),
+            level=np.array([layer.level for layer in self.layers], np.int32),
+            cell_m=np.array([layer.cell_m for layer in self.layers], np.float64),
+            count=np.array([len(layer.tiles) for layer in self.layers], np.int64),
+            tiles=_joined([layer.tiles for layer in self.layers], (0, 2), np.int32),
+            bits=_joined([layer.bits for layer in self.layers], (0, TILE, TILE // 8), np.uint8),
+            heights=_joined([layer.heights for layer in self.layers], (0, 2, 2), np.float32),
+        )
+
+    @classmethod
+    def load(cls, path: Path) -> SurfaceMaterials:
+        """Read what ``save`` wrote."""
+        with np.load(path) as data:
+            ends = np.cumsum(data["count"])
+            parts = [
+                np.split(data[name], ends[:-1]) if len(ends) else []
+                for name in ("tiles", "bits", "heights")
+            ]
+            heads = zip(data["material"], data["level"], data["cell_m"], *parts, strict=True)
+            return cls(
+                tuple(
+                    MaterialLayer(int(material), int(level), float(cell), tiles, bits, heights)
+                    for material, level, cell, tiles, bits, heights in heads
+                )
+            )
+
+
+def _joined(
+    arrays: Sequence[NDArray[np.generic]], shape: tuple[int, ...], kind: type[np.generic]
+) -> NDArray[np.generic]:
+    return np.concatenate([np.zeros(shape, kind), *arrays])
