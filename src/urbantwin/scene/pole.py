@@ -6,12 +6,21 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 from shapely import Geometry, Point, Polygon
 
 from urbantwin.geometry import LabelledMesh
-from urbantwin.scene.placement import beside_carriageway, grounded, toward_carriageway
-from urbantwin.scene.solids import Assembly, GroundHeight, box, columns, rods
+from urbantwin.scene.lamp import add_lamps, add_wall_lamps, seeded_lamps
+from urbantwin.scene.placement import (
+    along_nearest,
+    beside_carriageway,
+    grounded,
+    left_of_map,
+    toward_carriageway,
+)
+from urbantwin.scene.sign_plate import add_plates
+from urbantwin.scene.solids import Assembly, GroundHeight, box, columns
 from urbantwin.scene.tag import length_m_of, yaw_of_direction
 from urbantwin.site.extract import OsmFeature
 
@@ -26,6 +35,7 @@ FARTHEST_M = 8.0
 ARM_REACH_M = 15.0
 
 HUNG = "lamps hung or on walls, not drawn"
+POWER_LINES = ("line", "minor_line")
 HUNG_LAMPS = ("wall", "wall_mounted", "suspended", "ceiling", "ground", "catenary", "bollard")
 
 
@@ -35,31 +45,37 @@ def pole_mesh(
     region: Polygon,
     ground_height: GroundHeight,
     carriageway: Geometry,
+    without: Geometry | None = None,
 ) -> tuple[LabelledMesh, dict[str, int]]:
     """Build what stands on poles, traffic signals apart (``signal_pole``).
 
-    Plates are class ``traffic-sign``, all else ``pole``.
+    Plates are class ``traffic-sign``, all else ``pole``. Streets with ``lit=yes`` without a lamp
+    in the map get seeded ones.
 
     Args:
         features: the map's features, site frame.
         region: objects outside it are left out.
         ground_height: heights of the ground.
         carriageway: where no pole may stand; lamps reach toward it.
+        without: where imported geometry has the poles.
 
     Returns:
         The mesh, ``part`` 1, 2, ... per pole, and counts of what was built or left out.
     """
     notes: Counter[str] = Counter()
     assembly = Assembly()
-    kinds: dict[str, list[OsmFeature]] = {name: [] for name in _KINDS}
-    for feature in features:
+    kinds: dict[str, list[OsmFeature]] = {name: [] for name in (*_KINDS, HUNG)}
+    for feature in left_of_map([f for f in features if _kind(f.tags)], without):
         name = _kind(feature.tags)
-        if name is None or not isinstance(feature.geometry, Point):
-            continue
-        if name == HUNG:
-            notes[name] += 1
-        elif region.covers(feature.geometry):
+        if name and isinstance(feature.geometry, Point) and region.covers(feature.geometry):
             kinds[name].append(feature)
+    houses = [
+        f.geometry for f in features
+        if "building" in f.tags and f.geometry.geom_type.endswith("Polygon")
+    ]  # fmt: skip
+    hung = kinds.pop(HUNG)
+    notes["lamps on walls"] = add_wall_lamps(assembly, hung, houses, ground_height)
+    notes[HUNG] = len(hung) - notes["lamps on walls"]
     for name, found in kinds.items():
         if not found:
             continue
@@ -74,10 +90,32 @@ def pole_mesh(
             continue
         feet = grounded(xy[keep], ground_height(xy[keep]))
         tags = [f.tags for f, kept in zip(found, keep, strict=True) if kept]
-        _KINDS[name](assembly, feet, tags, toward_carriageway(
-            feet[:, :2], carriageway, farthest_m=ARM_REACH_M
-        ))  # fmt: skip
+        first = assembly.parts + 1
+        road = toward_carriageway(feet[:, :2], carriageway, farthest_m=ARM_REACH_M)
+        if name == "street lamps":
+            add_lamps(assembly, feet, tags, carriageway)
+        else:
+            toward = road
+            if name == "utility poles":
+                lines = [f.geometry for f in features if f.tags.get("power") in POWER_LINES]
+                along = along_nearest(feet[:, :2], lines, farthest_m=2.0)
+                toward = np.where(np.isfinite(along), along + np.pi / 2, toward)
+            adder = _KINDS[name]
+            assert adder is not None
+            adder(assembly, feet, tags, toward)
+        signs = [k for k, own in enumerate(tags) if _carries_signs(name, own)]
+        for k in signs:
+            add_plates(assembly, feet[k], tags[k], first + k, _facing(tags[k], road[k]), 2.9, 0.13)
+        notes["signs on other poles"] += len(signs)
         notes[name] += len(feet)
+    taken = shapely.union_all([h for h in houses if region.intersects(h)])
+    if without is not None:
+        taken = shapely.union(taken, without)
+    lamps = seeded_lamps(features, region, carriageway, taken)
+    if len(lamps):
+        feet = grounded(lamps, ground_height(lamps))
+        add_lamps(assembly, feet, [{}] * len(feet), carriageway)
+        notes["street lamps seeded where lit=yes"] = len(lamps)
     return assembly.mesh(), dict(sorted((k, n) for k, n in notes.items() if n))
 
 
@@ -106,35 +144,22 @@ def _kind(tags: dict[str, str]) -> str | None:
     return next((name for name, holds in tests.items() if holds), None)
 
 
+def _carries_signs(name: str, tags: dict[str, str]) -> bool:
+    return name in ("street lamps", "utility poles") and tags.get("traffic_sign", "no") != "no"
+
+
+def _facing(tags: dict[str, str], toward: float) -> float:
+    """Return where a sign looks: as mapped, else along the road beside it."""
+    said = yaw_of_direction(tags.get("traffic_sign:direction") or tags.get("direction"))
+    return float(np.nan_to_num(toward)) + np.pi / 2 if said is None else said
+
+
 def _heights(
     tags: Sequence[dict[str, str]], default: float, low: float, high: float
 ) -> NDArray[np.float64]:
     """Return mapped heights, kept within what such a pole can have."""
     mapped = [length_m_of(t.get("height")) or default for t in tags]
     return np.asarray(np.clip(mapped, low, high), np.float64)
-
-
-def _add_lamps(
-    assembly: Assembly,
-    feet: NDArray[np.float64],
-    tags: Sequence[dict[str, str]],
-    road: NDArray[np.float64],
-) -> None:
-    for foot, own, yaw in zip(feet, tags, road, strict=True):
-        with_arm = bool(np.isfinite(yaw))
-        height = _heights([own], 7.0 if with_arm else 4.5, 2.0, 30.0)[0]
-        part = assembly.new_part()
-        pole = columns(foot - [0, 0, BURIED_M], height + BURIED_M - 0.05, 0.08, 0.05)
-        assembly.add(pole, "pole", "metal-painted", part)
-        top = foot + [0, 0, height]
-        if with_arm:
-            ahead = np.array([np.cos(yaw), np.sin(yaw), 0.0])
-            arm = rods([top - [0, 0, 0.09]], [top + 1.3 * ahead - [0, 0, 0.06]], 0.04, 0.03, 6)
-            assembly.add(arm, "pole", "metal-painted", part)
-            head = box(top + 1.5 * ahead - [0, 0, 0.06], [0.6, 0.25, 0.12], yaw)
-        else:
-            head = box(top - [0, 0, 0.2], [0.35, 0.35, 0.4])
-        assembly.add(head, "pole", "metal-painted", part)
 
 
 def _add_utility_poles(
@@ -158,19 +183,13 @@ def _add_signs(
     tags: Sequence[dict[str, str]],
     road: NDArray[np.float64],
 ) -> None:
-    """Add signs: a round plate that faces its mapped direction, else along the road beside it."""
+    """Add signs: plates that face their mapped direction, else along the road beside them."""
     for foot, own, yaw in zip(feet, tags, road, strict=True):
-        facing = yaw_of_direction(own.get("direction") or own.get("traffic_sign:direction"))
-        if facing is None:
-            facing = float(np.nan_to_num(yaw)) + np.pi / 2
         height = _heights([own], 2.6, 1.0, 6.0)[0]
         part = assembly.new_part()
         pole = columns(foot - [0, 0, BURIED_M], height + BURIED_M, 0.035, 0.035)
         assembly.add(pole, "pole", "metal-painted", part)
-        ahead = np.array([np.cos(facing), np.sin(facing), 0.0])
-        middle = foot + [0, 0, height - 0.3]
-        plate = rods([middle + 0.04 * ahead], [middle + 0.06 * ahead], 0.3, 0.3, 12)
-        assembly.add(plate, "traffic-sign", "retroreflector", part)
+        add_plates(assembly, foot, own, part, _facing(own, float(yaw)), height, 0.05)
 
 
 def _add_bus_stops(
@@ -212,8 +231,8 @@ def _add_other_poles(
 Adder = Callable[
     [Assembly, NDArray[np.float64], Sequence[dict[str, str]], NDArray[np.float64]], None
 ]
-_KINDS: dict[str, Adder] = {
-    "street lamps": _add_lamps,
+_KINDS: dict[str, Adder | None] = {
+    "street lamps": None,
     "bus stops": _add_bus_stops,
     "bollards": _add_bollards,
     "utility poles": _add_utility_poles,

@@ -13,14 +13,11 @@ from urbantwin.geometry import DownwardProbe, LabelledMesh
 from urbantwin.ground import Elevation
 from urbantwin.roads import RoadNetwork, RoadSurface
 from urbantwin.roads.signals import Head
-from urbantwin.scene.barrier import barrier_mesh
 from urbantwin.scene.building import building_mesh
 from urbantwin.scene.deck import deck_mesh
 from urbantwin.scene.dropped_curb import DroppedCurbs
-from urbantwin.scene.pole import pole_mesh
-from urbantwin.scene.signal_pole import signal_mesh
+from urbantwin.scene.furnishing import furnishings
 from urbantwin.scene.surface import PARTS, Spacing, surface_mesh
-from urbantwin.scene.tree import tree_mesh
 from urbantwin.scene.zones import ground_zones
 from urbantwin.site import OsmFeature
 
@@ -78,20 +75,16 @@ def build_scene(
         return np.where(np.isnan(found), elevation.raw_at(xy), found)
 
     carriageway = shapely.union_all([z.area for z in zones if z.kind == "carriageway"])
-    inside = [head for head in heads if region.covers(shapely.Point(head.x, head.y))]
     objects: dict[str, tuple[LabelledMesh, dict[str, int]]] = {
         "buildings": building_mesh(
             features, region=region, ground_height=ground_height, carriageway=carriageway
         ),
-        "signals": signal_mesh(inside, ground_height=ground_height, carriageway=carriageway),
-        "poles": pole_mesh(
-            features, region=region, ground_height=ground_height, carriageway=carriageway
-        ),
-        "trees": tree_mesh(
-            features, region=region, ground_height=ground_height, carriageway=carriageway
-        ),
-        "barriers": barrier_mesh(
-            features, region=region, ground_height=ground_height, carriageway=carriageway
+        **furnishings(
+            features,
+            heads,
+            region=region,
+            ground_height=ground_height,
+            carriageway=carriageway,
         ),
     }
     meshes, first = [ground, decks], FIRST_OBJECT

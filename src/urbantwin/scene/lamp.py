@@ -1,0 +1,235 @@
+"""Street lamps: masts with arms over the carriageway, on walls, and seeded along lit streets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import Geometry, Polygon
+
+from urbantwin.scene.placement import grounded, toward_carriageway
+from urbantwin.scene.solids import Assembly, GroundHeight, box, columns, rods
+from urbantwin.scene.tag import count_of, length_m_of, yaw_of_direction
+from urbantwin.site.extract import OsmFeature
+
+__all__ = ["add_lamps", "add_wall_lamps", "seeded_lamps"]
+
+BURIED_M = 0.3
+#: Lamps farther than this from any carriageway light a path: no arm, and a lower mast.
+ARM_REACH_M = 15.0
+#: Masts beside streets and beside paths; arms reach this far beyond the curb, within limits.
+STREET_M, PATH_M = 8.0, 4.5
+BEYOND_CURB_M, SHORTEST_ARM_M, LONGEST_ARM_M = 0.6, 1.3, 3.5
+#: A carriageway this near on both sides makes a lamp stand on a median: two arms.
+MEDIAN_M = 4.0
+#: Lamps on walls hang this high and this far out; a wall must be this near.
+WALL_M, BRACKET_M, NEAREST_WALL_M = 5.0, 0.8, 2.5
+#: Seeded lamps: 3.5 times the height of the mast apart, the rule of thumb for EN 13201's even
+#: light on one side after the other; none within reach of a mapped one.
+SPACING_M, MAPPED_M = 28.0, 32.0
+CURB_M = 0.6
+STREETS = (
+    "motorway", "trunk", "primary", "secondary", "tertiary", "unclassified", "residential",
+    "living_street", "motorway_link", "trunk_link", "primary_link", "secondary_link",
+    "tertiary_link",
+)  # fmt: skip
+PATHS = ("footway", "path", "cycleway", "pedestrian", "service")
+LIT = ("yes", "24/7", "automatic", "sunset-sunrise", "dusk-dawn")
+
+
+def add_lamps(
+    assembly: Assembly,
+    feet: NDArray[np.float64],
+    tags: Sequence[dict[str, str]],
+    carriageway: Geometry,
+) -> None:
+    """Add lamps on (N, 3) points of the ground.
+
+    Beside a carriageway an arm reaches over it, from medians one to each side, unless
+    ``lamp_mount=straight_mast`` or ``light:count`` say otherwise; elsewhere the light is on top.
+    """
+    road = toward_carriageway(feet[:, :2], carriageway, farthest_m=ARM_REACH_M)
+    away = shapely.distance(carriageway, shapely.points(feet[:, :2]))
+    shapely.prepare(carriageway)
+    for foot, own, yaw, gap in zip(feet, tags, road.tolist(), away.tolist(), strict=True):
+        said = yaw_of_direction(own.get("light:direction") or own.get("direction"))
+        mount = own.get("lamp_mount") or own.get("light:mount") or ""
+        straight = "straight" in mount or own.get("lamp_type") == "post_top"
+        near = bool(np.isfinite(yaw))
+        usual = STREET_M if near else PATH_M
+        height = min(max(length_m_of(own.get("height")) or usual, 2.0), 40.0)
+        if straight or not (near or (said is not None and "bent" in mount)):
+            _add_post_top(assembly, foot, height)
+            continue
+        turn = yaw if said is None else said
+        yaws = [turn]
+        arms = count_of(own.get("lamp_arms") or own.get("light:count"))
+        if (arms or 0) >= 2 or (arms is None and _on_median(foot, yaw, carriageway)):
+            yaws = [turn + 2 * np.pi * k / max(int(arms or 2), 2) for k in range(int(arms or 2))]
+        reach = float(np.clip(gap + BEYOND_CURB_M, SHORTEST_ARM_M, LONGEST_ARM_M))
+        _add_mast(assembly, foot, height, yaws[:6], reach, bent="bent" in mount)
+
+
+def _on_median(foot: NDArray[np.float64], yaw: float, carriageway: Geometry) -> bool:
+    if not np.isfinite(yaw):
+        return False
+    back = foot[:2] - np.linspace(0.4, MEDIAN_M, 10)[:, None] * [np.cos(yaw), np.sin(yaw)]
+    ahead = foot[:2] + np.linspace(0.4, MEDIAN_M, 10)[:, None] * [np.cos(yaw), np.sin(yaw)]
+    both = [shapely.contains_xy(carriageway, *side.T).any() for side in (back, ahead)]
+    return bool(all(both))
+
+
+def _add_post_top(assembly: Assembly, foot: NDArray[np.float64], height: float) -> None:
+    part = assembly.new_part()
+    pole = columns(foot - [0, 0, BURIED_M], height + BURIED_M - 0.35, 0.08, 0.05)
+    assembly.add(pole, "pole", "metal-painted", part)
+    head = box(foot + [0, 0, height - 0.2], [0.35, 0.35, 0.4])
+    assembly.add(head, "pole", "metal-painted", part)
+
+
+def _add_mast(
+    assembly: Assembly,
+    foot: NDArray[np.float64],
+    height: float,
+    yaws: Sequence[float],
+    reach: float,
+    *,
+    bent: bool,
+) -> None:
+    """Add a mast whose lights hang ``reach`` away from it; the highest point is ``height``."""
+    part = assembly.new_part()
+    shaft = height - 0.05 if not bent else 0.88 * height
+    pole = columns(foot - [0, 0, BURIED_M], shaft + BURIED_M, 0.09, 0.05)
+    assembly.add(pole, "pole", "metal-painted", part)
+    top = foot + [0, 0, height]
+    for yaw in yaws:
+        ahead = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+        if bent:  # a quarter of an ellipse
+            turn = np.radians([0.0, 30.0, 60.0, 90.0])[:, None]
+            rise = 0.12 * height - 0.06
+            curve = foot + [0, 0, shaft - 0.02] + reach * (1 - np.cos(turn)) * ahead
+            curve = curve + rise * np.sin(turn) * [0, 0, 1]
+            arm = rods(curve[:-1], curve[1:], 0.045, 0.04, 6)
+        else:
+            arm = rods([top - [0, 0, 0.09]], [top + reach * ahead - [0, 0, 0.06]], 0.045, 0.03, 6)
+        assembly.add(arm, "pole", "metal-painted", part)
+        head = box(top + (reach + 0.2) * ahead - [0, 0, 0.06], [0.6, 0.25, 0.12], yaw)
+        assembly.add(head, "pole", "metal-painted", part)
+
+
+def add_wall_lamps(
+    assembly: Assembly,
+    lamps: Sequence[OsmFeature],
+    buildings: Sequence[Geometry],
+    ground_height: GroundHeight,
+) -> int:
+    """Add lamps on brackets at the walls beside which they are mapped; return how many."""
+    walls = shapely.STRtree([b.boundary for b in buildings])
+    if not lamps or not len(walls.geometries):
+        return 0
+    xy = np.array([[lamp.geometry.x, lamp.geometry.y] for lamp in lamps])
+    number, nearest = walls.query_nearest(
+        shapely.points(xy), max_distance=NEAREST_WALL_M, all_matches=False
+    )
+    feet = grounded(xy, ground_height(xy))
+    for k, wall in zip(number.tolist(), nearest.tolist(), strict=True):
+        boundary, spot = buildings[wall].boundary, shapely.Point(xy[k])
+        at = boundary.interpolate(boundary.project(spot))
+        out = xy[k] - [at.x, at.y]
+        inside = buildings[wall].contains(spot)
+        if np.hypot(*out) < 1e-3:
+            continue
+        out = (-out if inside else out) / np.hypot(*out)
+        height = min(max(length_m_of(lamps[k].tags.get("height")) or WALL_M, 2.0), 20.0)
+        ahead = np.array([out[0], out[1], 0.0])
+        start = np.array([at.x, at.y, feet[k, 2] + height - 0.15]) - 0.1 * ahead
+        part = assembly.new_part()
+        arm = rods([start], [start + (BRACKET_M + 0.1) * ahead], 0.03, 0.03, 6)
+        assembly.add(arm, "pole", "metal-painted", part)
+        head = box(
+            start + (BRACKET_M + 0.2) * ahead, [0.45, 0.25, 0.3], float(np.arctan2(out[1], out[0]))
+        )
+        assembly.add(head, "pole", "metal-painted", part)
+    return len(number)
+
+
+def seeded_lamps(
+    features: Sequence[OsmFeature], region: Polygon, carriageway: Geometry, taken: Geometry
+) -> NDArray[np.float64]:
+    """Return places (N, 2) of lamps along streets that are said to be lit but have none mapped.
+
+    They stand 28 m apart, on one side after the other, 0.6 m behind the curb; along paths that
+    are lit and away from streets 1 m beside them.
+
+    Args:
+        features: the map's features, site frame.
+        region: where lamps are wanted.
+        carriageway: where they cannot stand.
+        taken: buildings and the like, where they cannot stand either.
+    """
+    mapped = shapely.STRtree(
+        [f.geometry for f in features
+         if f.tags.get("highway") == "street_lamp" and f.geometry.geom_type == "Point"]
+    )  # fmt: skip
+    blocked = shapely.union_all([carriageway.buffer(CURB_M - 0.05), taken])
+    shapely.prepare(blocked)
+    placed: list[NDArray[np.float64]] = []
+    for kinds in (STREETS, PATHS):
+        lines = [f.geometry for f in features if _is_lit(f, kinds)]
+        joined = (
+            shapely.line_merge(shapely.union_all(lines)) if lines else shapely.MultiLineString()
+        )
+        for line in shapely.get_parts(shapely.intersection(joined, region)):
+            if line.geom_type == "LineString" and line.length > SPACING_M / 2:
+                _seed_along(line, kinds is PATHS, mapped, placed, region, carriageway, blocked)
+    return np.array(placed).reshape(-1, 2)
+
+
+def _is_lit(feature: OsmFeature, kinds: Sequence[str]) -> bool:
+    tags = feature.tags
+    return (
+        tags.get("highway") in kinds
+        and feature.geometry.geom_type == "LineString"
+        and tags.get("lit") in LIT
+        and tags.get("tunnel", "no") == "no"
+        and tags.get("bridge", "no") == "no"
+        and tags.get("indoor", "no") == "no"
+        and not tags.get("layer", "0").startswith("-")
+    )
+
+
+def _seed_along(
+    line: shapely.LineString,
+    is_path: bool,
+    mapped: shapely.STRtree,
+    placed: list[NDArray[np.float64]],
+    region: Polygon,
+    carriageway: Geometry,
+    blocked: Geometry,
+) -> None:
+    count = max(int(line.length / SPACING_M), 1)
+    stations = (np.arange(count) + 0.5) / count * line.length
+    at = shapely.get_coordinates(shapely.line_interpolate_point(line, stations))
+    ends = [shapely.line_interpolate_point(line, stations + step) for step in (-0.5, 0.5)]
+    way = shapely.get_coordinates(ends[1]) - shapely.get_coordinates(ends[0])
+    way /= np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9)
+    left = np.column_stack([-way[:, 1], way[:, 0]])
+    reach = np.array([2.0]) if is_path else np.arange(1.0, 16.0, 0.25)
+    for k in range(count):
+        spot = shapely.Point(at[k])
+        if len(mapped.query(spot, predicate="dwithin", distance=MAPPED_M)):
+            continue
+        if is_path and carriageway.distance(spot) < ARM_REACH_M:
+            continue  # the street's lamps light it
+        for side in (1.0, -1.0) if k % 2 else (-1.0, 1.0):
+            tries = at[k] + side * reach[:, None] * left[k]
+            free = ~shapely.contains_xy(blocked, tries[:, 0], tries[:, 1])
+            if not free.any():
+                continue
+            found = tries[int(np.argmax(free))]
+            near = placed and np.linalg.norm(np.array(placed) - found, axis=1).min() < 12.0
+            if not near and region.covers(shapely.Point(found)):
+                placed.append(found)
+                break
