@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from shapely import Polygon, box
 
 from urbantwin.scene.body import Body, clean_polygons, triangulate
-from urbantwin.scene.shell import shell
+from urbantwin.scene.shell import ShellPlan
 from urbantwin.scene.solids import Solid
 
 COURTYARD = Polygon(
@@ -16,7 +16,7 @@ COURTYARD = Polygon(
 
 
 def extrude(bodies) -> Solid:
-    return shell(bodies).build().solid
+    return ShellPlan(bodies).build().solid
 
 
 def prism(footprint, low, high) -> Solid:

@@ -15,7 +15,8 @@ from urbantwin.scene.body import Body, clean_polygons
 from urbantwin.scene.building_outline import building_footprints, mapped_buildings
 from urbantwin.scene.building_volume import Volume, building_volumes
 from urbantwin.scene.canopy import canopy_posts
-from urbantwin.scene.facade import Front, facade_openings, mapped_doors
+from urbantwin.scene.facade import Front, facade_openings, mapped_doors, mapped_shops
+from urbantwin.scene.face import DOOR, GLASS, ROOF
 from urbantwin.scene.passage import (
     ROAD_CLEARANCE_M,
     Opening,
@@ -23,7 +24,7 @@ from urbantwin.scene.passage import (
     open_bodies,
     passages_of,
 )
-from urbantwin.scene.shell import DOOR, GLASS, ROOF, Shell, ShellPlan
+from urbantwin.scene.shell import Shell, ShellPlan
 from urbantwin.scene.solids import Assembly, GroundHeight, Solid
 from urbantwin.site.extract import OsmFeature
 from urbantwin.taxonomy import material_id
@@ -93,7 +94,12 @@ def building_mesh(
         placed.append(found)
         fronts.append(Front(building, found.volumes, found.plan.walls, plan, datum))
     windows = facade_openings(
-        fronts, mapped_doors(features), carriageway, ground_height=ground_height, notes=notes
+        fronts,
+        mapped_doors(features),
+        mapped_shops(features),
+        carriageway,
+        ground_height=ground_height,
+        notes=notes,
     )
     assembly = Assembly()
     for found, holes in zip(placed, windows, strict=True):

@@ -20,14 +20,13 @@ from shapely import LineString, Polygon
 
 from urbantwin.scene.body import Body, rings_of, triangulate
 from urbantwin.scene.facade.wall import Opening, Wall, WallMesh, wall_mesh
+from urbantwin.scene.face import FLOOR, ROOF, WALL
 from urbantwin.scene.manifold import with_simple_edges
 from urbantwin.scene.roof.facet import Facet
 from urbantwin.scene.solids import Solid
 
-__all__ = ["DOOR", "FLOOR", "GLASS", "ROOF", "WALL", "Shell", "shell"]
+__all__ = ["Shell", "ShellPlan"]
 
-#: Kinds of faces: undersides, walls, roofs, window panes, doors.
-FLOOR, WALL, ROOF, GLASS, DOOR = range(5)
 #: Outlines that meet are joined on this grid, metres: OpenStreetMap stores 1e-7 degrees = 1 cm.
 GRID_M = 0.01
 #: Creases of roofs are joined to outlines on this one.
@@ -49,11 +48,6 @@ class Shell:
     solid: Solid
     kind: NDArray[np.uint8]
     body: NDArray[np.int32]
-
-
-def shell(bodies: Sequence[Body]) -> ShellPlan:
-    """Lay out the union of bodies; ``ShellPlan.build`` makes its surface."""
-    return ShellPlan(bodies)
 
 
 class ShellPlan:

@@ -1,15 +1,19 @@
 """Facades: which walls are seen, and the windows and doors that are set back in them."""
 
+from urbantwin.scene.facade.door import Door, mapped_doors
 from urbantwin.scene.facade.front import Front
-from urbantwin.scene.facade.layout import facade_openings, mapped_doors
+from urbantwin.scene.facade.layout import facade_openings
+from urbantwin.scene.facade.style import mapped_shops
 from urbantwin.scene.facade.wall import Opening, Wall, WallMesh, wall_mesh
 
 __all__ = [
+    "Door",
     "Front",
     "Opening",
     "Wall",
     "WallMesh",
     "facade_openings",
     "mapped_doors",
+    "mapped_shops",
     "wall_mesh",
 ]

@@ -10,10 +10,9 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-__all__ = ["Opening", "Wall", "WallMesh", "wall_mesh"]
+from urbantwin.scene.face import WALL
 
-#: The kind of a wall's own faces, as in ``scene.shell``.
-WALL = 1
+__all__ = ["Opening", "Wall", "WallMesh", "wall_mesh"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +50,7 @@ class Opening:
         start, end: metres along the wall from its start.
         low, high: heights, metres.
         depth: of the reveal, metres.
-        kind: of the pane's faces, as in ``scene.shell``.
+        kind: of the pane's faces, as in ``scene.face``.
     """
 
     start: float

@@ -1,0 +1,8 @@
+"""What the faces of a building are."""
+
+from __future__ import annotations
+
+__all__ = ["DOOR", "FLOOR", "GLASS", "ROOF", "WALL"]
+
+#: Undersides, walls, roofs, window panes, doors.
+FLOOR, WALL, ROOF, GLASS, DOOR = range(5)
