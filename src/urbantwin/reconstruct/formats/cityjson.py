@@ -1,0 +1,274 @@
+"""CityJSON 1.0 to 2.0 (OGC 20-072r5) and CityJSONSeq, as labelled triangles."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pyproj import CRS
+
+from urbantwin.errors import InputError
+from urbantwin.reconstruct.formats.cityjson_geometry import Surface, surfaces_of
+from urbantwin.reconstruct.formats.cityjson_semantics import semantic_number
+from urbantwin.reconstruct.formats.coordinate_system import crs_of
+from urbantwin.reconstruct.formats.polygons import cut_polygons
+from urbantwin.reconstruct.formats.sound import content_of, sound_faces, sound_points
+from urbantwin.reconstruct.model import ImportedModel, TriangleMesh
+
+__all__ = ["read_cityjson"]
+
+#: A text longer than this does not fit into memory as objects, bytes.
+LONGEST = 400_000_000
+_GREY = 128
+
+
+@dataclass
+class _Gathered:
+    """Rings of all surfaces so far."""
+
+    points: list[NDArray[np.float64]] = field(default_factory=list)
+    ring: list[NDArray[np.int64]] = field(default_factory=list)
+    polygon: list[int] = field(default_factory=list)
+    number: list[int] = field(default_factory=list)
+    semantic: list[int] = field(default_factory=list)
+    colour: list[tuple[int, int, int] | None] = field(default_factory=list)
+    names: dict[str, int] = field(default_factory=dict)
+    problems: list[str] = field(default_factory=list)
+    objects: int = 0
+    lods: dict[str, int] = field(default_factory=dict)
+    polygons: int = 0
+
+
+def read_cityjson(path: Path) -> ImportedModel:
+    """Read the finest geometry of every city object.
+
+    Triangles are named ``Building ID / RoofSurface``; semantic surfaces and the objects' types
+    give their semantic classes. Coordinates are z up, in the system that
+    ``metadata.referenceSystem`` names.
+
+    Raises:
+        InputError: it is not CityJSON, or holds no surface.
+    """
+    documents = list(_documents(path))
+    head = documents[0]
+    crs = _system(head, path)
+    found = _Gathered()
+    for document in documents:
+        vertices = _vertices(document, head, path)
+        _take(document, vertices, _templates(head, path), head, found)
+    if not found.polygon:
+        raise InputError("holds no surface", file=path, expected="CityJSON with geometry")
+    mesh, dropped = _mesh(found, path)
+    notes: dict[str, object] = {
+        "triangles": len(mesh.faces),
+        "faces_without_area_dropped": dropped,
+        "city_objects": found.objects,
+        "levels_of_detail": dict(sorted(found.lods.items())),
+        "version": str(head.get("version", "")),
+    }
+    return ImportedModel(
+        mesh,
+        crs=crs,
+        up="z",
+        unit_m=None if crs is not None else 1.0,
+        problems=tuple(found.problems),
+        notes=notes,
+        files=content_of(path),
+    )
+
+
+def _documents(path: Path) -> Iterator[dict[str, Any]]:
+    """Yield the document, or of CityJSONSeq the first line's and every feature."""
+    if path.stat().st_size > LONGEST:
+        raise InputError(
+            "is larger than 400 MB", file=path, expected="CityJSON cut to the site, or CityJSONSeq"
+        )
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+        try:
+            documents = [json.loads(text)]
+        except json.JSONDecodeError:
+            lines = [line for line in text.splitlines() if line.strip()]
+            if len(lines) < 2 or not lines[0].rstrip().endswith("}"):
+                raise
+            documents = [json.loads(line) for line in lines]
+    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
+        why = str(error) if isinstance(error, json.JSONDecodeError) else "not text"
+        raise InputError(f"is not JSON ({why})", file=path, expected="CityJSON") from None
+    kinds = [one.get("type") if isinstance(one, dict) else None for one in documents]
+    if kinds[0] != "CityJSON" or any(kind != "CityJSONFeature" for kind in kinds[1:]):
+        raise InputError("is not CityJSON", file=path, expected='"type": "CityJSON"')
+    yield from documents
+
+
+def _system(head: dict[str, Any], path: Path) -> CRS | None:
+    metadata = head.get("metadata")
+    if not isinstance(metadata, dict):
+        return None
+    named = metadata.get("referenceSystem")
+    if named is None and isinstance(metadata.get("crs"), dict):  # before 1.0
+        named = f"EPSG:{metadata['crs'].get('epsg')}"
+    if not named:
+        return None
+    crs = crs_of(str(named))
+    if crs is None:
+        raise InputError(
+            f"is {named!r}", file=path, place="metadata.referenceSystem", expected="a known CRS"
+        )
+    return crs
+
+
+def _vertices(document: dict[str, Any], head: dict[str, Any], path: Path) -> NDArray[np.float64]:
+    vertices = _array(document.get("vertices", []), path, "vertices")
+    transform = head.get("transform")
+    if transform is None:
+        return vertices
+    try:
+        scale = np.array(transform["scale"], np.float64).reshape(3)
+        translate = np.array(transform["translate"], np.float64).reshape(3)
+    except (KeyError, TypeError, ValueError):
+        raise InputError(
+            "is not a scale and a translate", file=path, place="transform", expected="3 + 3 numbers"
+        ) from None
+    return np.asarray(vertices * scale + translate)
+
+
+def _templates(head: dict[str, Any], path: Path) -> tuple[list[Any], NDArray[np.float64]]:
+    given = head.get("geometry-templates")
+    if not isinstance(given, dict):
+        return [], np.zeros((0, 3))
+    place = "geometry-templates.vertices-templates"
+    return list(given.get("templates", [])), _array(
+        given.get("vertices-templates", []), path, place
+    )
+
+
+def _array(value: object, path: Path, place: str) -> NDArray[np.float64]:
+    try:
+        points = np.array(value, np.float64).reshape(-1, 3)
+    except (TypeError, ValueError):
+        raise InputError(
+            "are not triples of numbers", file=path, place=place, expected="[[x, y, z], ...]"
+        ) from None
+    sound_points(points, path)
+    return points
+
+
+def _take(
+    document: dict[str, Any],
+    vertices: NDArray[np.float64],
+    templates: tuple[list[Any], NDArray[np.float64]],
+    head: dict[str, Any],
+    found: _Gathered,
+) -> None:
+    objects = document.get("CityObjects")
+    if not isinstance(objects, dict):
+        return
+    colours = _material_colours(document if "appearance" in document else head)
+    for name, one in objects.items():
+        if not isinstance(one, dict):
+            continue
+        found.objects += 1
+        geometries = _finest(one)
+        if not geometries or _left_to_parts(one, objects, geometries):
+            continue
+        for geometry in geometries:
+            try:
+                surfaces = list(surfaces_of(geometry, vertices, templates))
+            except (KeyError, IndexError, TypeError, ValueError, RecursionError):
+                found.problems.append(f"{name}: its geometry is wrong and was left out")
+                continue
+            lod = str(geometry.get("lod", "?"))
+            found.lods[lod] = found.lods.get(lod, 0) + 1
+            for surface in surfaces:
+                _add(surface, name, str(one.get("type", "")), colours, found)
+
+
+def _finest(one: dict[str, Any]) -> list[dict[str, Any]]:
+    """Return the geometries of the highest level of detail that are surfaces."""
+    known = [
+        geometry
+        for geometry in one.get("geometry") or []
+        if isinstance(geometry, dict)
+        and geometry.get("type") not in ("MultiPoint", "MultiLineString", None)
+    ]
+    if not known:
+        return []
+    finest = max(_level(geometry) for geometry in known)
+    return [geometry for geometry in known if _level(geometry) == finest]
+
+
+def _level(geometry: dict[str, Any]) -> float:
+    try:
+        return float(geometry.get("lod", -1))
+    except (TypeError, ValueError):
+        return -1.0
+
+
+def _left_to_parts(
+    one: dict[str, Any], objects: dict[str, Any], geometries: list[dict[str, Any]]
+) -> bool:
+    """Whether an object's parts have its shape as fine as itself, so that it is not built twice."""
+    parts = [objects.get(child) for child in one.get("children") or []]
+    levels = [
+        _level(geometry)
+        for part in parts
+        if isinstance(part, dict) and str(part.get("type", "")).endswith("Part")
+        for geometry in _finest(part)
+    ]
+    return bool(levels) and max(levels) >= _level(geometries[0])
+
+
+def _add(
+    surface: Surface,
+    name: str,
+    kind: str,
+    colours: list[tuple[int, int, int] | None],
+    found: _Gathered,
+) -> None:
+    label = f"{kind} {name}" + (f" / {surface.semantic}" if surface.semantic else "")
+    for ring in surface.rings:
+        found.points.append(ring)
+        found.ring.append(np.full(len(ring), len(found.polygon), np.int64))
+        found.polygon.append(found.polygons)
+    found.polygons += 1
+    found.number.append(found.names.setdefault(label, len(found.names)))
+    found.semantic.append(semantic_number(kind, surface.semantic))
+    known = surface.material is not None and 0 <= surface.material < len(colours)
+    found.colour.append(colours[surface.material or 0] if known else None)
+
+
+def _material_colours(document: dict[str, Any]) -> list[tuple[int, int, int] | None]:
+    appearance = document.get("appearance")
+    given = appearance.get("materials", []) if isinstance(appearance, dict) else []
+    found: list[tuple[int, int, int] | None] = []
+    for one in given:
+        try:
+            r, g, b = (round(255 * min(max(float(v), 0.0), 1.0)) for v in one["diffuseColor"])
+            found.append((r, g, b))
+        except (KeyError, TypeError, ValueError):
+            found.append(None)
+    return found
+
+
+def _mesh(found: _Gathered, path: Path) -> tuple[TriangleMesh, int]:
+    points = np.concatenate(found.points)
+    triangles, owner = cut_polygons(points, np.concatenate(found.ring), np.array(found.polygon))
+    vertices, index = np.unique(points + 0.0, axis=0, return_inverse=True)
+    faces, kept = sound_faces(index.ravel()[triangles], len(vertices), path)
+    if not len(faces):
+        raise InputError("holds no surface with an area", file=path, expected="CityJSON surfaces")
+    owner = owner[kept]
+    colour = None
+    if any(one is not None for one in found.colour):
+        table = np.array([one or (_GREY,) * 3 for one in found.colour], np.uint8)
+        colour = table[owner]
+    number = np.array(found.number, np.int32)[owner]
+    semantic = np.array(found.semantic, np.uint16)[owner]
+    mesh = TriangleMesh(vertices, faces, colour, number, tuple(found.names), semantic)
+    return mesh, int((~kept).sum())

@@ -1,0 +1,166 @@
+"""Where images were taken: GPS tags in the images (EXIF 2.32), or a list beside a model."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from urbantwin.geometry import SiteFrame
+from urbantwin.reconstruct.model import Geotag
+
+__all__ = ["ImagePlaces", "fitted_places", "image_places"]
+
+_GPS = 0x8825
+#: More images than this add nothing to the fit.
+_MOST = 2000
+_NUMBER = r"[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?"
+_ROW = re.compile(rf"^(\S.*?)[\s,;]+({_NUMBER})[\s,;]+({_NUMBER})[\s,;]+({_NUMBER})\s*$")
+#: Images that the fit leaves further off than this many medians are not used.
+_OUTLIER = 5.0
+#: Images must spread at least this far from a line, metres.
+_LEAST_SPREAD_M = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class ImagePlaces:
+    """Where images were taken.
+
+    Attributes:
+        lonlat: degrees, by the image's name.
+        height: metres of an unknown datum, by the image's name.
+        source: who says so.
+    """
+
+    lonlat: dict[str, tuple[float, float]]
+    height: dict[str, float]
+    source: str
+
+
+def image_places(folder: Path, names: list[str]) -> ImagePlaces | None:
+    """Return where images were taken, by a list in the folder or else by their own tags.
+
+    Args:
+        folder: of the reconstruction; images are looked for in it, in ``images`` and beside it.
+        names: of the images, as the reconstruction has them.
+    """
+    wanted = {name.lower(): name for name in names}
+    for file in sorted(folder.glob("*.txt")) + sorted(folder.glob("*.csv")):
+        listed = _listed(file, wanted)
+        if listed is not None:
+            return listed
+    places, heights = {}, {}
+    for name in sorted(names)[:_MOST]:
+        for below in ("", "images", "../images", ".."):
+            file = folder / below / name
+            if ".." not in Path(name).parts and file.is_file():
+                tag = _tag(file)
+                if tag is not None:
+                    places[name], heights[name] = (tag[0], tag[1]), tag[2]
+                break
+    return ImagePlaces(places, heights, "GPS tags of the images") if len(places) >= 3 else None
+
+
+def _listed(file: Path, wanted: dict[str, str]) -> ImagePlaces | None:
+    """Read ``name latitude longitude height`` a line, as COLMAP's model_aligner takes it."""
+    if file.stat().st_size > 1 << 24:
+        return None
+    places, heights = {}, {}
+    for line in file.read_bytes().decode("utf-8", "replace").splitlines():
+        match = _ROW.match(line.strip())
+        name = wanted.get(match[1].lower()) if match else None
+        if match and name:
+            latitude, longitude, height = (float(match[k]) for k in (2, 3, 4))
+            if abs(latitude) > 90 or abs(longitude) > 180:
+                return None
+            places[name], heights[name] = (longitude, latitude), height
+    return ImagePlaces(places, heights, file.name) if len(places) >= 3 else None
+
+
+def _tag(file: Path) -> tuple[float, float, float] | None:
+    """Return longitude, latitude and height of an image's GPS tag."""
+    try:
+        with Image.open(file) as image:
+            gps = image.getexif().get_ifd(_GPS)
+        latitude = _degrees(gps[2]) * (-1 if str(gps.get(1, "N")).upper().startswith("S") else 1)
+        longitude = _degrees(gps[4]) * (-1 if str(gps.get(3, "E")).upper().startswith("W") else 1)
+        below = gps.get(5, 0) in (1, b"\x01")
+        height = float(gps.get(6, 0.0)) * (-1 if below else 1)
+    except (OSError, KeyError, TypeError, ValueError, ZeroDivisionError, IndexError, SyntaxError):
+        return None
+    sound = all(math.isfinite(v) for v in (latitude, longitude, height))
+    return (longitude, latitude, height) if sound and abs(latitude) <= 90 else None
+
+
+def _degrees(value: tuple[float, float, float]) -> float:
+    degrees, minutes, seconds = (float(part) for part in value)
+    return degrees + minutes / 60 + seconds / 3600
+
+
+def fitted_places(
+    centres: dict[str, NDArray[np.float64]], places: ImagePlaces
+) -> tuple[NDArray[np.float64], Geotag, dict[str, object]] | None:
+    """Return what turns a reconstruction into east, north, up metres about the images' middle.
+
+    A similarity by least squares (Umeyama 1991), once more without outliers.
+
+    Args:
+        centres: where the images are in the reconstruction.
+        places: where they were taken.
+
+    Returns:
+        matrix (4, 4), where its origin lies, and what was measured; ``None`` where the images
+        stand in a line, so that the turn about it is open.
+    """
+    names = sorted(set(centres) & set(places.lonlat))
+    if len(names) < 3:
+        return None
+    lonlat = np.array([places.lonlat[name] for name in names])
+    height = np.array([places.height[name] for name in names])
+    longitude, latitude = np.median(lonlat, axis=0)
+    frame = SiteFrame(round(float(latitude), 9), round(float(longitude), 9))
+    base = round(float(np.median(height)), 3)
+    target = np.column_stack([frame.site_from_lonlat(lonlat), height - base])
+    source = np.array([centres[name] for name in names])
+    used = np.ones(len(names), np.bool_)
+    for _ in range(3):
+        if used.sum() < 3 or _spread(target[used]) < _LEAST_SPREAD_M:
+            return None
+        matrix = _similarity(source[used], target[used])
+        off = np.linalg.norm(source @ matrix[:3, :3].T + matrix[:3, 3] - target, axis=1)
+        now = off <= max(_OUTLIER * float(np.median(off)), 1e-6)
+        if (now == used).all():
+            break
+        used = now
+    tag = Geotag(frame.latitude, frame.longitude, base)
+    notes: dict[str, object] = {
+        "placed_by": places.source,
+        "images": len(names),
+        "images_used": int(used.sum()),
+        "residual_rms_m": round(float(np.sqrt((off[used] ** 2).mean())), 3),
+        "scale": float(f"{np.cbrt(np.linalg.det(matrix[:3, :3])):.9g}"),
+    }
+    return matrix, tag, notes
+
+
+def _spread(points: NDArray[np.float64]) -> float:
+    """Standard deviation across the line that fits points best, metres."""
+    singular = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return float(singular[1] / math.sqrt(len(points)))
+
+
+def _similarity(source: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
+    a, b = source - source.mean(axis=0), target - target.mean(axis=0)
+    u, singular, vt = np.linalg.svd(b.T @ a)
+    sign = np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))])
+    rotation = u @ sign @ vt
+    scale = float((singular * np.diag(sign)).sum() / (a**2).sum())
+    matrix = np.eye(4)
+    matrix[:3, :3] = scale * rotation
+    matrix[:3, 3] = target.mean(axis=0) - scale * rotation @ source.mean(axis=0)
+    return matrix

@@ -1,0 +1,175 @@
+"""LAS and LAZ (ASPRS LAS 1.4 R15), read in pieces and cropped to the region."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import laspy
+import lazrs
+import numpy as np
+import shapely
+from pyproj import CRS
+from pyproj.exceptions import CRSError
+
+from urbantwin.errors import InputError
+from urbantwin.geometry import SiteFrame
+from urbantwin.reconstruct.formats.coordinate_system import compound
+from urbantwin.reconstruct.formats.region_bounds import bounds_in
+from urbantwin.reconstruct.formats.sound import MOST_POINTS, content_of, count_within
+from urbantwin.reconstruct.model import ImportedModel, PointCloud
+
+__all__ = ["read_las"]
+
+#: Points that are read together.
+PIECE = 1_000_000
+_GEO_KEYS, _VERTICAL = 34735, 4096
+_WITHHELD = "withheld"
+
+
+def read_las(
+    path: Path,
+    frame: SiteFrame,
+    region: shapely.Polygon,
+    crs: CRS | None = None,
+    *,
+    crop: bool = True,
+) -> ImportedModel:
+    """Read the points of a LAS or LAZ, those around the region where its CRS is known.
+
+    Withheld points are left out. Heights are as the file has them; a vertical CRS is taken from
+    its keys.
+
+    Args:
+        path: the file.
+        frame: the site frame.
+        region: the region, site frame.
+        crs: its system where the file does not say.
+        crop: whether its coordinates lie in that system.
+
+    Raises:
+        InputError: it is no LAS, is cut short, has nothing there or too much.
+    """
+    try:
+        reader = laspy.open(path)
+    except (laspy.LaspyException, lazrs.LazrsError, ValueError, OSError, OverflowError) as error:
+        why = " ".join(str(error).split())[:80] or type(error).__name__
+        raise InputError(
+            f"cannot be read as LAS ({why})", file=path, expected="LAS or LAZ"
+        ) from None
+    with reader:
+        header = reader.header
+        own = _system(header)
+        known = own if own is not None else crs
+        bounds = bounds_in(known, frame, region) if known is not None and crop else None
+        if not header.point_count:
+            raise InputError("holds no point", file=path, expected="a survey")
+        if not all(np.isfinite([*header.scales, *header.offsets])) or not all(header.scales):
+            raise InputError("has a scale or an offset that is no number", file=path)
+        found = _points(reader, path, bounds)
+    cloud, read = found
+    notes: dict[str, object] = {"points_in_file": int(header.point_count), "points": read}
+    if not read:
+        low, high = header.mins, header.maxs
+        raise InputError(
+            f"has no point in the region (it covers {low[0]:.0f} {low[1]:.0f} to "
+            f"{high[0]:.0f} {high[1]:.0f} in {known.name if known is not None else 'its frame'})",
+            file=path,
+            expected="a survey of the site, or its right crs",
+        )
+    if cloud.classification is not None:
+        kinds, counts = np.unique(cloud.classification, return_counts=True)
+        notes["classes"] = {str(k): int(n) for k, n in zip(kinds, counts, strict=True)}
+    return ImportedModel(
+        cloud=cloud,
+        crs=own,
+        up="z",
+        unit_m=None,
+        notes=notes,
+        files=content_of(path),
+    )
+
+
+def _points(
+    reader: laspy.LasReader, path: Path, bounds: tuple[float, float, float, float] | None
+) -> tuple[PointCloud, int]:
+    pieces: list[PointCloud] = []
+    total = kept = 0
+    try:
+        for piece in reader.chunk_iterator(PIECE):
+            total += len(piece)
+            cloud = _piece(piece, bounds)
+            kept += len(cloud.points)
+            count_within(kept, MOST_POINTS, "points in the region", path)
+            pieces.append(cloud)
+    except (laspy.LaspyException, lazrs.LazrsError, ValueError, OSError, EOFError):
+        total = -1
+    if total != reader.header.point_count:
+        raise InputError(
+            f"is cut short: its {reader.header.point_count:,} points cannot all be read",
+            file=path,
+            expected="the whole file",
+        )
+    return _joined(pieces), kept
+
+
+def _piece(
+    piece: laspy.ScaleAwarePointRecord, bounds: tuple[float, float, float, float] | None
+) -> PointCloud:
+    points = np.column_stack([piece.x, piece.y, piece.z]).astype(np.float64)
+    keep = np.isfinite(points).all(axis=1)
+    names = set(piece.point_format.dimension_names)
+    if _WITHHELD in names:
+        keep &= np.asarray(piece[_WITHHELD]) == 0
+    if bounds is not None:
+        west, south, east, north = bounds
+        x, y = points[:, 0], points[:, 1]
+        keep &= (x >= west) & (x <= east) & (y >= south) & (y <= north)
+    colour = None
+    if {"red", "green", "blue"} <= names:
+        colour = np.column_stack([piece.red, piece.green, piece.blue])[keep]
+    last = np.asarray(piece.return_number) >= np.asarray(piece.number_of_returns)
+    label = np.asarray(piece.classification, np.uint8)
+    return PointCloud(points[keep], colour, label[keep], last[keep])
+
+
+def _joined(pieces: list[PointCloud]) -> PointCloud:
+    colour = None
+    if all(piece.colour is not None for piece in pieces):
+        wide = np.concatenate([piece.colour for piece in pieces if piece.colour is not None])
+        # LAS wants 16 bits a channel; many programs write 8 (the specification's note on RGB).
+        colour = (wide // 257 if wide.max(initial=0) > 255 else wide).astype(np.uint8)
+        colour = colour if wide.any() else None
+    labels = np.concatenate([p.classification for p in pieces if p.classification is not None])
+    return PointCloud(
+        np.concatenate([piece.points for piece in pieces]),
+        colour,
+        labels if labels.any() else None,
+        np.concatenate([piece.last for piece in pieces if piece.last is not None]),
+    )
+
+
+def _system(header: laspy.LasHeader) -> CRS | None:
+    """Return the CRS of the header, with the vertical one of its GeoTIFF keys."""
+    try:
+        found: CRS | None = header.parse_crs()
+    except (CRSError, ValueError, RuntimeError, IndexError, KeyError):
+        return None
+    if found is None or len(found.axis_info) == 3 or found.is_compound:
+        return found
+    vertical = _vertical_code(header)
+    if vertical is None:
+        return found
+    try:
+        return compound(found, CRS.from_epsg(vertical))
+    except CRSError:
+        return found
+
+
+def _vertical_code(header: laspy.LasHeader) -> int | None:
+    """Return VerticalCSTypeGeoKey of the header, which laspy leaves out."""
+    for record in (*header.vlrs, *(header.evlrs or ())):
+        if record.record_id == _GEO_KEYS and hasattr(record, "geo_keys"):
+            for key in record.geo_keys:
+                if key.id == _VERTICAL and key.tiff_tag_location == 0 and key.value_offset < 32767:
+                    return int(key.value_offset)
+    return None

@@ -1,0 +1,135 @@
+"""Numbers of large text files, read by line kind without a loop over lines."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+
+__all__ = ["TextLines", "numbers_of", "text_chunks"]
+
+#: Bytes that are looked at together.
+CHUNK = 1 << 24
+#: A line longer than this is no line of a model.
+LONGEST_LINE = 1 << 26
+_NEWLINE, _SPACE = 10, 32
+
+
+def text_chunks(path: Path, *, size: int = CHUNK) -> Iterator[tuple[bytes, int]]:
+    """Yield pieces of a text file that end with whole lines, and the number of lines before each.
+
+    A backslash at the end of a line joins it to the next (as OBJ has it).
+
+    Raises:
+        InputError: the file holds zero bytes or a line without an end: it is not text.
+    """
+    rest, line = b"", 0
+    with path.open("rb") as stream:
+        while True:
+            data = stream.read(size)
+            if b"\0" in data:
+                raise InputError("is not text", file=path, expected="a text file of that ending")
+            piece = rest + data
+            end = len(piece)
+            if data:
+                end = piece.rfind(b"\n") + 1
+                while end > 1 and piece[:end].rstrip(b"\r\n").endswith(b"\\"):
+                    end = piece.rfind(b"\n", 0, end - 1) + 1
+                if end == 0 and len(piece) > LONGEST_LINE:
+                    raise InputError("is not text", file=path, expected="lines")
+            whole, rest = piece[:end], piece[end:]
+            if whole:
+                joined = whole.replace(b"\\\r\n", b"   ").replace(b"\\\n", b"  ")
+                yield (joined if joined.endswith(b"\n") else joined + b"\n"), line
+                line += whole.count(b"\n")
+            if not data:
+                return
+
+
+class TextLines:
+    """The lines of a piece of text.
+
+    Args:
+        data: bytes that end with a newline.
+    """
+
+    def __init__(self, data: bytes) -> None:
+        self.data = np.frombuffer(data, np.uint8)
+        self.ends = np.flatnonzero(self.data == _NEWLINE)
+        self.starts = np.concatenate([[0], self.ends[:-1] + 1]).astype(np.int64)
+        visible = np.flatnonzero(self.data > _SPACE)
+        at = np.searchsorted(visible, self.starts)
+        there = np.append(visible, len(self.data))[at]
+        #: Where the first word of each line starts; the line's end where it is empty.
+        self.first = np.minimum(there, self.ends)
+
+    def word_is(self, word: bytes) -> NDArray[np.bool_]:
+        """Return for every line whether its first word is ``word``."""
+        found = np.ones(len(self.first), np.bool_)
+        last = len(self.data) - 1
+        for offset, letter in enumerate(word):
+            found &= self.data[np.minimum(self.first + offset, last)] == letter
+        after = self.data[np.minimum(self.first + len(word), last)]
+        return np.asarray(found & (after <= _SPACE))
+
+    def text(self, line: int) -> str:
+        """Return a line as text."""
+        piece = self.data[self.first[line] : self.ends[line]].tobytes()
+        return piece.decode("utf-8", "replace").strip()
+
+    def body(
+        self, lines: NDArray[np.bool_] | NDArray[np.int64], skip: int
+    ) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+        """Return the bytes of lines after their first ``skip`` letters, and where each starts."""
+        begin, end = self.first[lines] + skip, self.ends[lines] + 1
+        length = np.maximum(end - begin, 1)
+        begin = end - length
+        starts = np.concatenate([[0], np.cumsum(length)[:-1]]).astype(np.int64)
+        where = np.repeat(begin - starts, length) + np.arange(int(length.sum()))
+        return self.data[where], starts
+
+    def numbers(
+        self, lines: NDArray[np.bool_] | NDArray[np.int64], skip: int
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return the numbers of lines after their first ``skip`` letters, and how many each has.
+
+        Raises:
+            ValueError: something is not a number; its argument is the index among the lines.
+        """
+        body, starts = self.body(lines, skip)
+        if not len(starts):
+            return np.zeros(0), np.zeros(0, np.int64)
+        counts = np.add.reduceat(_token_starts(body).astype(np.int64), starts)
+        values = numbers_of(body.tobytes())
+        if len(values) != counts.sum():
+            raise ValueError(int(np.searchsorted(np.cumsum(counts), len(values), side="right")))
+        return values, counts
+
+
+def _token_starts(body: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    visible = body > _SPACE
+    started = visible.copy()
+    started[1:] &= ~visible[:-1]
+    return started
+
+
+def numbers_of(text: bytes, dtype: type = np.float64) -> NDArray[np.float64]:
+    """Return the numbers of a text up to the first thing that is none."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)
+        try:
+            return np.asarray(np.fromstring(text, dtype=dtype, sep=" "))
+        except (ValueError, DeprecationWarning):
+            pass
+    good: list[float] = []
+    for word in text.split():
+        try:
+            good.append(float(word))
+        except ValueError:
+            break
+    return np.asarray(good, dtype)

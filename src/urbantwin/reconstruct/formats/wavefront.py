@@ -1,0 +1,260 @@
+"""Wavefront OBJ with its materials (Wavefront Advanced Visualizer manual, appendix B)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+from urbantwin.reconstruct.formats.material_library import MtlMaterial, read_materials
+from urbantwin.reconstruct.formats.obj_faces import face_corners
+from urbantwin.reconstruct.formats.polygons import cut_polygons
+from urbantwin.reconstruct.formats.sound import (
+    MOST_POINTS,
+    MOST_TRIANGLES,
+    content_of,
+    count_within,
+    sound_faces,
+    sound_points,
+)
+from urbantwin.reconstruct.formats.text_lines import TextLines, text_chunks
+from urbantwin.reconstruct.formats.texture import beside, picture_of, texture_colours
+from urbantwin.reconstruct.model import ImportedModel, PointCloud, TriangleMesh
+
+__all__ = ["read_obj"]
+
+#: Keywords that change what the following faces belong to.
+_STATES = (b"o", b"g", b"usemtl", b"mtllib")
+_GREY = 128
+State = tuple[str, str, str]
+
+
+@dataclass
+class _Gathered:
+    """What the pieces of a file held so far."""
+
+    path: Path
+    vertices: list[NDArray[np.float64]] = field(default_factory=list)
+    colours: list[NDArray[np.float64]] = field(default_factory=list)
+    texture: list[NDArray[np.float64]] = field(default_factory=list)
+    corners: list[NDArray[np.int64]] = field(default_factory=list)
+    corner_texture: list[NDArray[np.int64]] = field(default_factory=list)
+    sizes: list[NDArray[np.int64]] = field(default_factory=list)
+    objects: list[NDArray[np.int64]] = field(default_factory=list)
+    known: dict[State, int] = field(default_factory=dict)
+    state: State = ("", "", "")
+    libraries: list[str] = field(default_factory=list)
+    vertex_count: int = 0
+    texture_count: int = 0
+    triangle_count: int = 0
+
+
+def read_obj(path: Path) -> ImportedModel:
+    """Read the triangles (or, where it has no faces, the points) of an OBJ.
+
+    Faces are an object per combination of ``o``, ``g`` and ``usemtl``. A triangle's colour is the
+    mean of its texture, else of its vertices' colours, else its material's ``Kd``. OBJ knows
+    neither units nor axes.
+
+    Raises:
+        InputError: a line is wrong, or the file holds nothing.
+    """
+    found = _Gathered(path)
+    for data, line in text_chunks(path):
+        _take(TextLines(data), line, found)
+    vertices = np.concatenate(found.vertices) if found.vertices else np.zeros((0, 3))
+    sound_points(vertices, path)
+    files = content_of(path)
+    coloured = bool(found.colours) and len(found.colours) == len(found.vertices)
+    painted = _eight_bit(np.concatenate(found.colours)) if coloured else None
+    if not found.sizes:
+        if not len(vertices):
+            raise InputError("holds no face and no vertex", file=path, expected="an OBJ model")
+        cloud = PointCloud(vertices, painted)
+        return ImportedModel(cloud=cloud, notes={"points": len(vertices)}, files=files)
+    corners, face, uv = _triangles(vertices, found)
+    faces, kept = sound_faces(corners, len(vertices), path)
+    if not len(faces):
+        raise InputError("holds no triangle", file=path, expected="an OBJ model")
+    number = np.concatenate(found.objects)[face[kept]]
+    states = tuple(found.known)
+    problems: list[str] = []
+    library, more = _library(found, problems)
+    colour = _material_colours(path, states, library, problems, number, uv[kept])
+    if painted is not None and not any(m.picture for m in library.values()):
+        colour = painted[faces].mean(axis=1).round().astype(np.uint8)
+    names = tuple(" / ".join(dict.fromkeys(part for part in s if part)) for s in states)
+    mesh = TriangleMesh(vertices, faces, colour, number.astype(np.int32), names)
+    notes: dict[str, object] = {
+        "triangles": len(faces),
+        "faces_without_area_dropped": int((~kept).sum()),
+        "objects": len(names),
+    }
+    return ImportedModel(mesh, problems=tuple(problems), notes=notes, files={**files, **more})
+
+
+def _take(lines: TextLines, before: int, found: _Gathered) -> None:
+    """Take what a piece of the file holds."""
+    is_vertex, is_texture = lines.word_is(b"v"), lines.word_is(b"vt")
+    vertex_lines, texture_lines = np.flatnonzero(is_vertex), np.flatnonzero(is_texture)
+    if len(vertex_lines):
+        values, counts = _numbers(lines, before, vertex_lines, 1, 3, found.path)
+        at = np.cumsum(counts) - counts
+        found.vertices.append(values[at[:, None] + np.arange(3)])
+        if (counts >= 6).all():
+            found.colours.append(values[at[:, None] + np.arange(3, 6)])
+    if len(texture_lines):
+        values, counts = _numbers(lines, before, texture_lines, 2, 1, found.path)
+        at = np.cumsum(counts) - counts
+        second = np.where(counts > 1, values[at + (counts > 1)], 0.0)
+        found.texture.append(np.column_stack([values[at], second]))
+    earlier, earlier_texture = found.vertex_count, found.texture_count
+    found.vertex_count += len(vertex_lines)
+    found.texture_count += len(texture_lines)
+    count_within(found.vertex_count, MOST_POINTS, "vertices", found.path)
+    face_lines = np.flatnonzero(lines.word_is(b"f"))
+    state_lines = np.flatnonzero(np.any([lines.word_is(word) for word in _STATES], axis=0))
+    states = [found.state]
+    for state_line in state_lines:
+        _change(lines.text(int(state_line)), found)
+        states.append(found.state)
+    if not len(face_lines):
+        return
+    corner, texture, sizes = _corners(lines, before, face_lines, found.path)
+    line = np.repeat(face_lines, sizes)
+    seen = earlier + np.cumsum(is_vertex)[line]
+    seen_texture = earlier_texture + np.cumsum(is_texture)[line]
+    found.corners.append(np.where(corner < 0, seen + corner, corner - 1))
+    relative = np.where(texture < 0, seen_texture + texture, texture - 1)
+    found.corner_texture.append(np.where(texture == 0, -1, relative))
+    found.sizes.append(sizes)
+    found.triangle_count += int((sizes - 2).sum())
+    count_within(found.triangle_count, MOST_TRIANGLES, "triangles", found.path)
+    segment = np.searchsorted(state_lines, face_lines)
+    used, which = np.unique(segment, return_inverse=True)
+    numbers = [found.known.setdefault(states[k], len(found.known)) for k in used]
+    found.objects.append(np.array(numbers, np.int64)[which.ravel()])
+
+
+def _numbers(
+    lines: TextLines, before: int, which: NDArray[np.int64], skip: int, least: int, path: Path
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    try:
+        values, counts = lines.numbers(which, skip)
+        if (counts >= least).all():
+            return values, counts
+        bad = int(np.argmax(counts < least))
+    except ValueError as error:
+        bad = int(error.args[0])
+    raise _wrong_line(lines, before, int(which[bad]), path, f"{least} numbers")
+
+
+def _corners(
+    lines: TextLines, before: int, which: NDArray[np.int64], path: Path
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    body, starts = lines.body(which, 1)
+    try:
+        corner, texture, sizes = face_corners(body, starts)
+        if (sizes >= 3).all() and (corner != 0).all():
+            return corner, texture, sizes
+        zero = np.repeat(np.arange(len(sizes)), sizes)[corner == 0]
+        bad = int(np.argmax(sizes < 3)) if (sizes < 3).any() else int(zero[0])
+    except ValueError as error:
+        bad = int(error.args[0])
+    raise _wrong_line(lines, before, int(which[bad]), path, "three or more vertices, from 1")
+
+
+def _wrong_line(lines: TextLines, before: int, line: int, path: Path, expected: str) -> InputError:
+    text = lines.text(line)[:40]
+    return InputError(
+        f"has {text!r}", file=path, place=f"line {before + line + 1}", expected=expected
+    )
+
+
+def _change(text: str, found: _Gathered) -> None:
+    word, _, rest = text.partition(" ")
+    rest = rest.strip()
+    name, group, material = found.state
+    if word == "o":
+        found.state = (rest, "", material)
+    elif word == "g":
+        found.state = (name, "" if rest in ("default", "off") else rest, material)
+    elif word == "usemtl":
+        found.state = (name, group, rest)
+    else:
+        found.libraries.append(rest)
+
+
+def _triangles(
+    vertices: NDArray[np.float64], found: _Gathered
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    """Return triangles (F, 3), the face (F,) of each, and its texture coordinates (F, 3, 2)."""
+    corner = np.concatenate(found.corners)
+    sizes = np.concatenate(found.sizes)
+    face = np.repeat(np.arange(len(sizes)), sizes)
+    if (sizes == 3).all():
+        index = np.arange(len(corner)).reshape(-1, 3)
+        owner = np.arange(len(sizes))
+    else:
+        inside = np.clip(corner, 0, len(vertices) - 1)
+        index, owner = cut_polygons(vertices[inside], face, np.arange(len(sizes)))
+    texture = np.concatenate(found.corner_texture)[index]
+    uv = np.full((*index.shape, 2), np.nan)
+    if found.texture:
+        table = np.concatenate(found.texture)
+        named = (texture >= 0) & (texture < len(table))
+        uv[named] = table[texture[named]]
+    return corner[index], owner, uv
+
+
+def _library(
+    found: _Gathered, problems: list[str]
+) -> tuple[dict[str, MtlMaterial], dict[str, str]]:
+    """Read the libraries that the file names; one that is missing is told."""
+    library: dict[str, MtlMaterial] = {}
+    files: dict[str, str] = {}
+    for name in dict.fromkeys(found.libraries):
+        path = beside(found.path.parent, name)
+        if path is None:
+            problems.append(f"{found.path.name}: its materials {name} are not beside it")
+            continue
+        library.update(read_materials(path))
+        files.update(content_of(path))
+    return library, files
+
+
+def _material_colours(
+    path: Path,
+    states: Sequence[State],
+    library: dict[str, MtlMaterial],
+    problems: list[str],
+    number: NDArray[np.int64],
+    uv: NDArray[np.float64],
+) -> NDArray[np.uint8] | None:
+    """Return colours (F, 3) by material, ``None`` where no material has any."""
+    materials = [library.get(state[2], MtlMaterial()) for state in states]
+    if all(m.colour is None and not m.picture for m in materials):
+        return None
+    plain = np.array([[_GREY] * 3 if m.colour is None else m.colour for m in materials])
+    colour = plain.astype(np.uint8)[number]
+    named = ~np.isnan(uv).any(axis=(1, 2))
+    for name in dict.fromkeys(m.picture for m in materials if m.picture):
+        file = beside(path.parent, name)
+        picture = None if file is None else picture_of(file)
+        if picture is None:
+            wrong = "is not beside it" if file is None else "cannot be read"
+            problems.append(f"{path.name}: its picture {name} {wrong}; plain colours instead")
+            continue
+        own = np.array([m.picture == name for m in materials])[number] & named
+        colour[own] = texture_colours(uv[own], picture)
+    return colour
+
+
+def _eight_bit(colours: NDArray[np.float64]) -> NDArray[np.uint8]:
+    """Return colours 0..1 (or already 0..255) as bytes."""
+    scale = 255.0 if colours.max(initial=0.0) <= 1.0 else 1.0
+    return np.clip(np.round(np.nan_to_num(colours) * scale), 0, 255).astype(np.uint8)
