@@ -1,0 +1,181 @@
+"""A mesh or a point cloud that somebody made, made fit for a static world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike
+
+from urbantwin.geometry import SiteFrame
+from urbantwin.ground import Elevation
+from urbantwin.reconstruct.cleaning.clip import clipped
+from urbantwin.reconstruct.cleaning.connected import pieces_of
+from urbantwin.reconstruct.cleaning.decimate import decimated
+from urbantwin.reconstruct.cleaning.removal import Removal, Spots, measures
+from urbantwin.reconstruct.cleaning.shards import find_shards
+from urbantwin.reconstruct.cleaning.traffic import without_traffic
+from urbantwin.reconstruct.cleaning.weld import cleared
+from urbantwin.reconstruct.model import TriangleMesh
+from urbantwin.site.geometry import CleanSpec
+
+__all__ = ["Cleaned", "CleaningPicture", "cleaned"]
+
+#: What lies this far beyond the region is looked at too, so that a car at its border is whole.
+_MARGIN_M = 8.0
+#: A piece wider than this is the ground or a block of houses: no override takes it, metres.
+_WIDEST_PIECE_M = 40.0
+
+
+@dataclass(frozen=True, eq=False)
+class CleaningPicture:
+    """What a picture of cleaning shows, before and after.
+
+    Attributes:
+        before: the mesh (or points) as it came, in the region and a little around.
+        after: as it is now.
+        removed: what was taken out.
+        kept: what an override kept.
+        passed: things on the carriageway that are no vehicles by the rules.
+        region: of interest.
+        roads: carriageways, may be empty.
+    """
+
+    before: Any
+    after: Any
+    removed: tuple[Removal, ...]
+    kept: tuple[Removal, ...]
+    passed: tuple[Removal, ...]
+    region: shapely.Geometry
+    roads: shapely.Geometry
+
+
+@dataclass(frozen=True, eq=False)
+class Cleaned:
+    """A mesh after cleaning.
+
+    Attributes:
+        mesh: site frame, metres; welded.
+        report: what was done, for ``geometry.json``: ``before`` and ``after`` (triangles, area,
+            bounds, pieces), ``removed`` and ``kept`` (what, why, where, size), ``left_out``,
+            ``decimation``, ``notes``.
+        picture: what ``view.cleaning`` draws.
+    """
+
+    mesh: TriangleMesh
+    report: dict[str, Any] = field(default_factory=dict)
+    picture: CleaningPicture | None = None
+
+
+def cleaned(
+    mesh: TriangleMesh,
+    spec: CleanSpec,
+    *,
+    region: shapely.Polygon,
+    elevation: Elevation | None = None,
+    roads: shapely.Geometry | None = None,
+    sensors: ArrayLike | None = None,
+    name: str = "",
+    frame: SiteFrame | None = None,
+) -> Cleaned:
+    """Crop a mesh, drop its shards, take traffic out of it, and decimate it.
+
+    Args:
+        mesh: in the site frame, metres, z up.
+        spec: which steps, and overrides.
+        region: what is kept, in plan; triangles are cut at its border.
+        elevation: unused by meshes that show their own ground; kept for those that do not.
+        roads: carriageways and parking in plan; without any, only single cars are looked for.
+        sensors: (S, 3) places of the sensors, for the error of decimation.
+        name: of the source, for the report.
+        frame: for latitudes and longitudes in the report and in overrides.
+    """
+    roads = shapely.MultiPolygon() if roads is None else roads
+    places = np.zeros((0, 3)) if sensors is None else np.asarray(sensors, np.float64).reshape(-1, 3)
+    keep, remove = Spots(list(spec.keep), frame), Spots(list(spec.remove), frame)
+    mesh, left_out = cleared(mesh)
+    report: dict[str, Any] = {"name": name, "before": measures(mesh), "left_out": left_out}
+    mesh = _roughly(mesh, region)
+    near = mesh
+    removed: list[Removal] = []
+    kept: list[Removal] = []
+    passed: list[Removal] = []
+    around = shapely.buffer(region, _MARGIN_M, join_style="mitre")
+    if spec.shards and len(mesh.faces):
+        shards = find_shards(mesh, spec.smallest_m, keep)
+        mesh = mesh.select(~shards.faces)
+        removed += shards.removed
+        kept += shards.kept
+    if spec.traffic:
+        street = without_traffic(mesh, around, roads, keep)
+        mesh = street.mesh
+        removed += street.removed
+        kept += street.kept
+        passed += street.passed
+    if len(remove):
+        mesh, named = _named(mesh, remove)
+        removed += named
+    mesh, pieces = clipped(mesh, region) if len(mesh.faces) else (mesh, 0)
+    left_out["cut_at_the_border"] = pieces
+    removed = [one for one in removed if shapely.intersects_xy(around, *one.at[:2])]
+    if spec.chordal_error_m != 0.0 and len(mesh.faces):
+        before = len(mesh.faces)
+        fewer = decimated(mesh, places, spec.chordal_error_m)
+        mesh = fewer.mesh
+        report["decimation"] = {
+            "triangles_before": before,
+            "triangles_after": len(mesh.faces),
+            "zones": [
+                {"bound_m": bound, "measured_m": round(most, 5), "p95_m": round(p95, 5)}
+                for bound, most, p95 in zip(fewer.error, fewer.measured, fewer.p95, strict=True)
+            ],
+        }
+    mesh, _ = cleared(mesh)
+    report |= {
+        "after": measures(mesh),
+        "removed": [one.line(frame) for one in removed],
+        "kept": [one.line(frame) for one in kept],
+        "not_vehicles": [one.line(frame) for one in passed],
+        "notes": keep.unmet("keep") + remove.unmet("remove"),
+    }
+    picture = CleaningPicture(near, mesh, tuple(removed), tuple(kept), tuple(passed), region, roads)
+    return Cleaned(mesh, report, picture)
+
+
+def _roughly(mesh: TriangleMesh, region: shapely.Polygon) -> TriangleMesh:
+    """Return the triangles that come near the region's bounds."""
+    if not len(mesh.faces):
+        return mesh
+    west, south, east, north = region.bounds
+    x, y = mesh.vertices[:, 0][mesh.faces], mesh.vertices[:, 1][mesh.faces]
+    near = (x.max(axis=1) >= west - _MARGIN_M) & (x.min(axis=1) <= east + _MARGIN_M)
+    near &= (y.max(axis=1) >= south - _MARGIN_M) & (y.min(axis=1) <= north + _MARGIN_M)
+    return mesh if near.all() else mesh.select(near)
+
+
+def _named(mesh: TriangleMesh, remove: Spots) -> tuple[TriangleMesh, list[Removal]]:
+    """Return a mesh without what overrides name: whole pieces, or what stands on the surface."""
+    pieces = pieces_of(mesh)
+    middle, size = pieces.middle, pieces.size
+    gone = remove.near(middle) & (size[:, :2].max(axis=1) < _WIDEST_PIECE_M)
+    removed = [
+        Removal(
+            "piece",
+            "named by an override",
+            middle[number],
+            np.array([size[number, :2].max(), size[number, :2].min(), size[number, 2]]),
+            float(pieces.area[number]),
+            int(pieces.triangles[number]),
+        )
+        for number in np.flatnonzero(gone).tolist()
+    ]
+    if gone.any():
+        mesh = mesh.select(~gone[pieces.of_face])
+    where = shapely.union_all(remove.areas())
+    if not where.is_empty and len(mesh.faces):
+        street = without_traffic(mesh, shapely.box(*where.bounds), where, Spots([], None), remove)
+        mesh = street.mesh
+        removed += street.removed
+    return mesh, removed

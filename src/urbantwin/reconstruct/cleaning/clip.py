@@ -1,0 +1,265 @@
+"""Triangles cut exactly along the outline of an area in plan."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.reconstruct.model import TriangleMesh
+
+__all__ = ["Cut", "clipped", "cut_along"]
+
+#: A vertex nearer than this to a line lies on it, metres.
+_ON_LINE_M = 1e-6
+#: Cells along each side of the grid that tells triangles far from the outline.
+_COARSE = 128
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """A mesh that was cut along an outline.
+
+    Attributes:
+        vertices: (V', 3) the mesh's own vertices, then those that the cut made.
+        faces: (F', 3) triangles; none crosses the outline.
+        parent: (F',) the triangle of the mesh that each is a piece of.
+        inside: (F',) whether it lies inside the outline in plan.
+    """
+
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int32]
+    parent: NDArray[np.int64]
+    inside: NDArray[np.bool_]
+
+
+def clipped(
+    mesh: TriangleMesh, region: shapely.Polygon | shapely.MultiPolygon
+) -> tuple[TriangleMesh, int]:
+    """Return what of a mesh lies in a region, cut at its border, and how many triangles were cut.
+
+    Args:
+        mesh: welded, site frame, metres.
+        region: in plan, site frame, metres.
+    """
+    cut = cut_along(mesh, region)
+    pieces = len(cut.parent) - len(np.unique(cut.parent))
+    return _part(mesh, cut, cut.inside), pieces
+
+
+def cut_along(
+    mesh: TriangleMesh,
+    area: shapely.Polygon | shapely.MultiPolygon,
+    among: NDArray[np.int64] | None = None,
+) -> Cut:
+    """Cut triangles along an outline so that none crosses it; neighbours stay joined.
+
+    Each edge of the outline is a vertical plane. The edges of triangles that it crosses get one
+    new vertex each, whichever triangles share them, so no cracks and no T-junctions appear.
+
+    Args:
+        mesh: welded, site frame, metres.
+        area: in plan, site frame, metres.
+        among: numbers of the triangles that may meet the outline; all others are left alone and
+            count as outside.
+    """
+    faces = mesh.faces.astype(np.int64)
+    x, y = mesh.vertices[:, 0], mesh.vertices[:, 1]
+    candidates = np.arange(len(faces)) if among is None else among
+    west, south, east, north = area.bounds
+    fx, fy = x[faces[candidates]], y[faces[candidates]]
+    low = np.column_stack([fx.min(axis=1), fy.min(axis=1)])
+    high = np.column_stack([fx.max(axis=1), fy.max(axis=1)])
+    shapely.prepare(area)
+    outline = area.boundary
+    shapely.prepare(outline)
+    beyond = (high[:, 0] < west) | (high[:, 1] < south) | (low[:, 0] > east) | (low[:, 1] > north)
+    within = np.zeros(len(candidates), bool)
+    near = np.flatnonzero(~beyond)
+    coarse, inner = _coarse(area, low[near], high[near])
+    within[near[~coarse]] = inner[~coarse]
+    near = near[coarse]
+    boxes = shapely.box(low[near, 0], low[near, 1], high[near, 0], high[near, 1])
+    meets = shapely.intersects(outline, boxes)
+    clear = near[~meets]
+    within[clear] = shapely.contains_xy(area, low[clear, 0], low[clear, 1])
+    work = near[meets]
+    # Neighbours of what is cut share its edges and must be cut with it.
+    touched = np.zeros(len(x), bool)
+    touched[faces[candidates[work]].ravel()] = True
+    around = np.asarray(touched[faces[candidates]].any(axis=1))
+    around[work] = True
+
+    used, local = np.unique(faces[candidates[around]], return_inverse=True)
+    vertices, pieces, parent = _split(
+        mesh.vertices[used], local.reshape(-1, 3), candidates[around], _segments(area)
+    )
+    middle = vertices[pieces].mean(axis=1)
+    # Back to the mesh's numbers; new vertices follow the mesh's own.
+    number = np.concatenate([used, len(x) + np.arange(len(vertices) - len(used))])
+    pieces = number[pieces]
+    vertices = np.concatenate([mesh.vertices, vertices[len(used) :]])
+    inside_piece = shapely.contains_xy(area, middle[:, 0], middle[:, 1])
+    rest = np.ones(len(faces), bool)
+    rest[candidates[around]] = False
+    inside_rest = np.zeros(len(faces), bool)
+    inside_rest[candidates] = within
+    return Cut(
+        vertices,
+        np.concatenate([faces[rest], pieces]).astype(np.int32),
+        np.concatenate([np.flatnonzero(rest), parent]),
+        np.concatenate([inside_rest[rest], inside_piece]),
+    )
+
+
+def _coarse(
+    area: shapely.Geometry, low: NDArray[np.float64], high: NDArray[np.float64]
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return which boxes (N,) may meet an area's outline, and of the others which are inside."""
+    west, south, east, north = area.bounds
+    step = np.maximum(np.array([east - west, north - south]) / _COARSE, 1e-9)
+    edge_x, edge_y = (np.arange(_COARSE + 1) * step[k] + (west, south)[k] for k in (0, 1))
+    x, y = np.meshgrid(edge_x[:-1], edge_y[:-1])
+    # A hair wider, so that rounding puts no outline between two cells.
+    hair = 1e-3 * step
+    cells = shapely.box(x - hair[0], y - hair[1], x + step[0] + hair[0], y + step[1] + hair[1])
+    met = shapely.intersects(area.boundary, cells)
+    within = shapely.contains_xy(area, x + step[0] / 2, y + step[1] / 2)
+    sums = np.zeros((_COARSE + 1, _COARSE + 1), np.int64)
+    sums[1:, 1:] = met.cumsum(axis=0).cumsum(axis=1)
+    first = np.clip(((low - (west, south)) / step).astype(np.int64), 0, _COARSE - 1)
+    last = np.clip(((high - (west, south)) / step).astype(np.int64), 0, _COARSE - 1) + 1
+    total = (
+        sums[last[:, 1], last[:, 0]]
+        - sums[first[:, 1], last[:, 0]]
+        - sums[last[:, 1], first[:, 0]]
+        + sums[first[:, 1], first[:, 0]]
+    )
+    return total > 0, within[first[:, 1], first[:, 0]]
+
+
+def _segments(area: shapely.Geometry) -> NDArray[np.float64]:
+    """Return the edges (E, 2, 2) of an area's outline."""
+    rings = []
+    for polygon in shapely.get_parts(area):
+        for ring in shapely.get_rings(polygon):
+            corners = shapely.get_coordinates(ring)
+            rings.append(np.stack([corners[:-1], corners[1:]], axis=1))
+    return np.concatenate(rings) if rings else np.zeros((0, 2, 2))
+
+
+def _split(
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int64],
+    parent: NDArray[np.int64],
+    segments: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+    """Split triangles by the vertical plane through each segment that they meet."""
+    for start, end in segments:
+        way = end - start
+        length = float(np.hypot(*way))
+        if length < _ON_LINE_M:
+            continue
+        way = way / length
+        corner = vertices[faces][:, :, :2] - start
+        across = corner[:, :, 0] * -way[1] + corner[:, :, 1] * way[0]
+        across[np.abs(across) < _ON_LINE_M] = 0.0
+        along = corner @ way
+        crosses = (across.min(axis=1) < 0) & (across.max(axis=1) > 0)
+        crosses &= (along.max(axis=1) > -_ON_LINE_M) & (along.min(axis=1) < length + _ON_LINE_M)
+        # Far from the segment a triangle crosses its line only.
+        crosses[crosses] = _meets(corner[crosses], across[crosses], way, length)
+        if not crosses.any():
+            continue
+        count = len(vertices)
+        following = np.roll(faces, -1, axis=1)
+        a, b = np.minimum(faces, following), np.maximum(faces, following)
+        keys = a * np.int64(count) + b
+        opposite = across * np.roll(across, -1, axis=1) < 0
+        cut_keys = np.unique(keys[crosses][opposite[crosses]])
+        if not len(cut_keys):
+            # The line runs through a corner of each: into two along the opposite edge, or not.
+            continue
+        is_cut = np.isin(keys, cut_keys)
+        first, second = vertices[cut_keys // count], vertices[cut_keys % count]
+        d1 = (first[:, :2] - start) @ np.array([-way[1], way[0]])
+        d2 = (second[:, :2] - start) @ np.array([-way[1], way[0]])
+        share = (d1 / (d1 - d2))[:, None]
+        vertices = np.concatenate([vertices, first + share * (second - first)])
+        middle = np.where(is_cut, count + np.searchsorted(cut_keys, keys), -1)
+        faces, parent = _split_edges(faces, parent, middle)
+    return vertices, faces, parent
+
+
+def _meets(
+    corner: NDArray[np.float64],
+    across: NDArray[np.float64],
+    way: NDArray[np.float64],
+    length: float,
+) -> NDArray[np.bool_]:
+    """Return whether triangles (N,) that cross a segment's line cross the segment."""
+    along = corner @ way
+    following, across2 = np.roll(along, -1, axis=1), np.roll(across, -1, axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        at = along + across / (across - across2) * (following - along)
+    on_edge = across * across2 < 0
+    places = np.concatenate(
+        [np.where(on_edge, at, np.nan), np.where(across == 0, along, np.nan)], 1
+    )
+    low, high = np.nanmin(places, axis=1), np.nanmax(places, axis=1)
+    return np.asarray((high > -_ON_LINE_M) & (low < length + _ON_LINE_M))
+
+
+def _split_edges(
+    faces: NDArray[np.int64], parent: NDArray[np.int64], middle: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Split triangles at the new vertices (F, 3) of their edges, -1 where an edge has none."""
+    number = (middle >= 0).sum(axis=1)
+    out, parents = [faces[number == 0]], [parent[number == 0]]
+
+    one = np.flatnonzero(number == 1)
+    if len(one):
+        turn = np.argmax(middle[one] >= 0, axis=1)  # the edge that is cut goes first
+        a, b, c, m, _, _ = _turned(faces[one], middle[one], turn)
+        out += [np.column_stack([a, m, c]), np.column_stack([m, b, c])]
+        parents += [parent[one]] * 2
+
+    two = np.flatnonzero(number == 2)
+    if len(two):
+        turn = (np.argmax(middle[two] < 0, axis=1) + 1) % 3  # the edge that is whole goes last
+        a, b, c, m, n, _ = _turned(faces[two], middle[two], turn)
+        out += [np.column_stack([m, b, n]), np.column_stack([a, m, n]), np.column_stack([a, n, c])]
+        parents += [parent[two]] * 3
+
+    three = np.flatnonzero(number == 3)
+    if len(three):  # a line cannot; kept whole in shape all the same
+        a, b, c, m, n, k = _turned(faces[three], middle[three], np.zeros(len(three), np.int64))
+        out += [np.column_stack(t) for t in ((a, m, k), (m, b, n), (k, n, c), (m, n, k))]
+        parents += [parent[three]] * 4
+    return np.concatenate(out), np.concatenate(parents)
+
+
+def _turned(
+    faces: NDArray[np.int64], middle: NDArray[np.int64], turn: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], ...]:
+    """Return corners and edge vertices, begun from the corner ``turn`` (N,)."""
+    rows = np.arange(len(faces))
+    corners = [faces[rows, (turn + k) % 3] for k in range(3)]
+    edges = [middle[rows, (turn + k) % 3] for k in range(3)]
+    return (*corners, *edges)
+
+
+def _part(mesh: TriangleMesh, cut: Cut, keep: NDArray[np.bool_]) -> TriangleMesh:
+    """Return the pieces where ``keep`` (F',) is true, with their triangles' attributes."""
+    parent = cut.parent[keep]
+    whole = replace(
+        mesh,
+        vertices=cut.vertices,
+        faces=cut.faces[keep],
+        colour=None if mesh.colour is None else mesh.colour[parent],
+        object=mesh.object[parent],
+        semantic=None if mesh.semantic is None else mesh.semantic[parent],
+    )
+    return whole.select(np.ones(len(whole.faces), bool))

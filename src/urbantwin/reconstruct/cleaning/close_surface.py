@@ -1,0 +1,235 @@
+"""A vehicle cut out of a surface, and the surface closed again from its rim."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pythoncdt
+import shapely
+from numpy.typing import NDArray
+from scipy.interpolate import RBFInterpolator
+from scipy.ndimage import binary_dilation, binary_fill_holes, label, maximum_filter
+from scipy.spatial import cKDTree
+
+from urbantwin.reconstruct.cleaning.grid import Grid
+from urbantwin.reconstruct.cleaning.rays import Rays
+
+__all__ = ["Ground", "Outline", "fill", "outline_of"]
+
+#: Cells of the close look at one vehicle, metres.
+_FINE_M = 0.1
+#: How far around a vehicle's cells its skirt and the ground beside it are looked at, metres.
+_AROUND_M = 1.6
+#: What is higher over the ground is a vehicle's for certain, metres.
+_SURE_M = 0.25
+#: Where a scan melts a flank into the street the surface still falls outwards by this per cell.
+_FALLS_M = 0.02
+#: Farthest that a skirt reaches, cells.
+_SKIRT = 8
+#: Sides of the triangles that close the surface, metres.
+_SIDE_M = 0.6
+#: Most rim points that an interpolation takes.
+_MOST = 250
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """The ground under a vehicle, from the ground around it.
+
+    A thin-plate spline (Duchon 1977): the smoothest surface through given heights; it repeats a
+    plane of any slope exactly. It is kept within the heights that it was made from.
+    """
+
+    spline: RBFInterpolator
+    low: float
+    high: float
+
+    @classmethod
+    def through(cls, points: NDArray[np.float64]) -> Ground | None:
+        """Return the surface through points (N, 3), or ``None`` where they are too few."""
+        if len(points) > _MOST:
+            points = points[np.linspace(0, len(points) - 1, _MOST).round().astype(int)]
+        _, once = np.unique(np.round(points[:, :2], 4), axis=0, return_index=True)
+        points = points[np.sort(once)]
+        spread = np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0), compute_uv=False)
+        if len(points) < 4 or spread[-1] < 0.05:
+            return None
+        # A hair of smoothing: nearly equal points would make the equations singular.
+        spline = RBFInterpolator(
+            points[:, :2], points[:, 2], kernel="thin_plate_spline", degree=1, smoothing=1e-6
+        )
+        return cls(spline, float(points[:, 2].min()), float(points[:, 2].max()))
+
+    def at(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return heights (N,) at places (N, 2)."""
+        if not len(xy):
+            return np.zeros(0)
+        return np.asarray(np.clip(self.spline(xy), self.low, self.high))
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """Where a vehicle meets the ground.
+
+    Attributes:
+        area: in plan: everything of it lies inside, and its rim on the ground.
+        ground: the ground under it.
+        top: greatest height of it, metres.
+        covered: the surface goes on under it, so that nothing is to be closed.
+        around: (N, 3) the ground around it.
+    """
+
+    area: shapely.Polygon
+    ground: Ground
+    top: float
+    covered: bool
+    around: NDArray[np.float64]
+
+    def joined(self, other: Outline) -> Outline:
+        """Return the outline of two vehicles that stand side by side."""
+        area = shapely.union(self.area, other.area, grid_size=1e-6)
+        area = max(shapely.get_parts(area), key=lambda part: part.area)
+        area = shapely.polygons(shapely.get_exterior_ring(area))
+        around = np.concatenate([self.around, other.around])
+        around = around[~shapely.contains_xy(area, around[:, 0], around[:, 1])]
+        return Outline(
+            area,
+            Ground.through(around) or self.ground,
+            max(self.top, other.top),
+            self.covered and other.covered,
+            around,
+        )
+
+
+def outline_of(
+    rays: Rays,
+    seed: shapely.Geometry,
+    bare: NDArray[np.float64],
+    places: NDArray[np.float64],
+    reach_m: float,
+) -> Outline | None:
+    """Look closely at a vehicle: to where its flanks and skirts reach, and the ground around it.
+
+    Args:
+        rays: into the mesh.
+        seed: where it surely is, in plan.
+        bare: (N,) rough heights of the street about it.
+        places: (N, 2) where those are.
+        reach_m: how far over the street to begin.
+
+    Returns:
+        ``None`` where too little of the ground around it is to be seen.
+    """
+    west, south, east, north = shapely.buffer(seed, _AROUND_M).bounds
+    grid = Grid.over((west, south, east, north), _FINE_M)
+    xy = grid.centres()
+    rough = bare[cKDTree(places).query(xy)[1]]
+    top = rays.heights(xy, rough + reach_m).reshape(grid.shape)
+    rough = rough.reshape(grid.shape)
+    core = grid.inside(shapely.buffer(seed, 0.3))
+    height = np.nan_to_num(top - rough, nan=0.0)
+    number, _ = label(height > _SURE_M)
+    own = np.unique(number[core & (number > 0)])
+    mask = np.isin(number, own[own > 0]) & grid.inside(shapely.buffer(seed, 0.6))
+    if not mask.any():
+        return None
+    # Poles beside it stay: a cell far above the rest of it is not its own.
+    level = float(np.percentile(height[mask], 95))
+    foreign = binary_dilation(height > level + 0.8, np.ones((3, 3), bool))
+    mask &= ~foreign
+    seen = np.where(np.isnan(top), np.inf, top)
+    for _ in range(_SKIRT):
+        edge = maximum_filter(np.where(mask, top, -np.inf), 3)
+        more = ~mask & ~foreign & (seen < edge - _FALLS_M) & binary_dilation(mask)
+        if not more.any():
+            break
+        mask |= more
+    mask = binary_fill_holes(mask)
+    area = shapely.buffer(shapely.buffer(grid.squares(mask), 0.05, join_style="mitre"), 0.0)
+    area = max(shapely.get_parts(area), key=lambda part: part.area)
+    area = shapely.polygons(shapely.get_exterior_ring(area)).simplify(0.06)
+    if area.geom_type != "Polygon" or not area.is_valid or area.is_empty:
+        return None
+    grown = binary_dilation(mask, iterations=2)
+    ring = binary_dilation(grown, iterations=6) & ~grown & ~np.isnan(top)
+    ring &= np.abs(height) < _SURE_M + 0.1
+    around = np.column_stack([grid.centres(ring), top[ring]])
+    around = _even(around)
+    ground = Ground.through(around)
+    if ground is None:
+        return None
+    inner = grid.centres(mask)
+    expected = ground.at(inner)
+    below = rays.heights(inner, expected - 1.0, up=True)
+    layer = np.abs(below - expected) < 0.1
+    apart = top[mask] - below > 0.1
+    covered = bool((layer & apart).mean() > 0.8)
+    return Outline(area, ground, float(np.nanmax(top[mask])), covered, around)
+
+
+def _even(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points without those off the rest: what else stands around."""
+    if len(points) < 20:
+        return np.asarray(points, np.float64)
+    centred = np.column_stack([points[:, :2] - points[:, :2].mean(axis=0), np.ones(len(points))])
+    good = np.ones(len(points), bool)
+    for _ in range(3):
+        plane = np.linalg.lstsq(centred[good], points[good, 2], rcond=None)[0]
+        off = np.abs(points[:, 2] - centred @ plane)
+        good = off < max(0.03, 3.0 * float(np.median(off[good])))
+    return np.asarray(points[good])
+
+
+def fill(
+    area: shapely.Polygon, rim: NDArray[np.float64], ground: Ground
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Return a surface that closes an area: its own vertices, and triangles.
+
+    Args:
+        area: the outline that was cut.
+        rim: (R, 3) vertices of the surface that lie on the outline.
+        ground: heights where there is no rim.
+
+    Returns:
+        New vertices (N, 3), and triangles (T, 3): indices of the rim's vertices and, from R on,
+        of the new ones; counter-clockwise from above.
+    """
+    corners = shapely.get_coordinates(area.exterior)[:-1]
+    line = area.exterior
+    if len(rim):
+        distance, _ = cKDTree(rim[:, :2]).query(corners)
+        corners = corners[distance > 1e-4]
+    border = np.concatenate([rim[:, :2], corners])
+    spline = Ground.through(rim) or ground if len(rim) else ground
+    station = shapely.line_locate_point(line, shapely.points(border))
+    order = np.argsort(station, kind="stable")
+    edges = np.column_stack([order, np.roll(order, -1)])
+    inner = _spread(area, border)
+    points = np.concatenate([border, inner])
+    triangulation = pythoncdt.Triangulation(
+        pythoncdt.VertexInsertionOrder.AUTO, pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0
+    )
+    # numpy arrays are buffers; the stubs' Buffer is Python 3.12's, which mypy does not see here.
+    triangulation.insert_vertices(np.ascontiguousarray(points))  # type: ignore[call-overload]
+    triangulation.insert_edges(edges.astype(np.uint32))  # type: ignore[call-overload]
+    triangulation.erase_outer_triangles_and_holes()
+    triangles = triangulation.triangles_array()["vertices"].astype(np.int32)
+    extra = np.concatenate([corners, inner])
+    heights = spline.at(extra)
+    return np.column_stack([extra, heights]), triangles
+
+
+def _spread(area: shapely.Polygon, border: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points (N, 2) inside an area, evenly spread, not near its border."""
+    west, south, east, north = area.bounds
+    x = np.arange(west + _SIDE_M / 2, east, _SIDE_M)
+    y = np.arange(south + _SIDE_M / 2, north, _SIDE_M)
+    gx, gy = (k.ravel() for k in np.meshgrid(x, y))
+    inside = shapely.contains_xy(area, gx, gy)
+    points = np.column_stack([gx, gy])[inside]
+    if len(points):
+        far = cKDTree(border).query(points)[0] > 0.4 * _SIDE_M
+        far &= shapely.distance(area.exterior, shapely.points(points)) > 0.3 * _SIDE_M
+        points = points[far]
+    return np.asarray(points, np.float64)

@@ -1,0 +1,178 @@
+"""Fewer triangles within an error that a LiDAR would not see."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import fast_simplification
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.reconstruct.cleaning.deviation import Deviation, deviation
+from urbantwin.reconstruct.cleaning.weld import areas_of_faces
+from urbantwin.reconstruct.model import TriangleMesh
+
+__all__ = ["Decimated", "decimated", "unseen_error"]
+
+#: A third of the range accuracy of +-3 cm that datasheets give (Velodyne VLP-32C 63-9378, HDL-32E
+#: 97-0038), metres: what moves a surface less is lost in the noise of any single return.
+NEAR_M = 0.01
+#: Growth with range: a sixth of a beam's width of 3 mrad (Velodyne VLP-32C: 3.0 x 1.5 mrad; Ouster
+#: OS1: 0.35 degree = 6 mrad; the beam's footprint at 100 m is 0.3 m).
+PER_METRE = 0.5e-3
+#: Never more than this, metres.
+FAR_M = 0.05
+#: The first try: quadrics add up the squares of all planes that met in a vertex, so that their
+#: root lies well above the true distance.
+_FIRST_TRY = 2.0
+_TRIES = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Decimated:
+    """A mesh with fewer triangles.
+
+    Attributes:
+        mesh: the mesh.
+        error: (Z,) bound of each zone, metres, nearest zone first.
+        measured: (Z,) how far the surfaces are apart at most, both ways, metres.
+        p95: (Z,) 95 % of the samples are nearer than this, metres.
+    """
+
+    mesh: TriangleMesh
+    error: list[float]
+    measured: list[float]
+    p95: list[float]
+
+
+def unseen_error(distance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the chordal error (N,) that a LiDAR at some distances (N,) does not see, metres."""
+    return np.clip(PER_METRE * distance, NEAR_M, FAR_M)
+
+
+def decimated(
+    mesh: TriangleMesh,
+    sensors: NDArray[np.float64],
+    error_m: float | None,
+    label: NDArray[np.int64] | None = None,
+) -> Decimated:
+    """Return a mesh with fewer triangles whose surface stays within a bound of the old one.
+
+    Edges are collapsed while the quadric error (Garland and Heckbert 1997) of the new vertex is
+    below the bound; borders stay to the vertex. The distance between both surfaces is then
+    measured, both ways, and the bound of the quadrics is lowered until it holds. Zones of
+    distance to the nearest sensor have bounds of their own and are joined without a gap.
+
+    Args:
+        mesh: welded, site frame, metres.
+        sensors: (S, 3) places of the sensors; without any every place is near.
+        error_m: one bound for all of it, metres; ``None`` for ``unseen_error``.
+        label: (F,) numbers; borders between triangles of different labels stay.
+    """
+    zone, errors = _zones(mesh, sensors, error_m)
+    kinds = zone if label is None else zone * (int(label.max(initial=0)) + 1) + label
+    parts, measured, p95 = [], [], []
+    for number, error in enumerate(errors):
+        part = mesh.select(zone == number)
+        result, gap = _within(part, kinds[zone == number], error)
+        parts.append(result)
+        measured.append(gap.most)
+        p95.append(gap.p95)
+    joined = TriangleMesh.concatenate(parts)
+    if parts:
+        joined = TriangleMesh(
+            joined.vertices,
+            joined.faces,
+            joined.colour,
+            np.concatenate([part.object for part in parts if len(part.faces)]),
+            mesh.names,
+            joined.semantic,
+        )
+    return Decimated(joined, errors, measured, p95)
+
+
+def _zones(
+    mesh: TriangleMesh, sensors: NDArray[np.float64], error_m: float | None
+) -> tuple[NDArray[np.int64], list[float]]:
+    """Return each triangle's zone (F,) and each zone's bound."""
+    count = len(mesh.faces)
+    if error_m is not None or not len(sensors):
+        return np.zeros(count, np.int64), [NEAR_M if error_m is None else error_m]
+    corner = mesh.vertices[mesh.faces]
+    distance = np.full(count, np.inf)
+    for sensor in np.asarray(sensors, np.float64).reshape(-1, 3):
+        away = np.sqrt(((corner - sensor) ** 2).sum(axis=2).min(axis=1))
+        distance = np.minimum(distance, away)
+    # Bounds double from zone to zone; a zone's is that of its nearest triangle.
+    steps = np.floor(np.log2(unseen_error(distance) / NEAR_M)).astype(np.int64)
+    numbers, zone = np.unique(steps, return_inverse=True)
+    return zone.ravel(), [float(NEAR_M * 2.0**n) for n in numbers]
+
+
+def _within(
+    mesh: TriangleMesh, kinds: NDArray[np.int64], error: float
+) -> tuple[TriangleMesh, Deviation]:
+    """Return a mesh with fewer triangles, and how far it is from the old one."""
+    bound = _FIRST_TRY * error
+    for _ in range(_TRIES):
+        fewer = _collapsed(mesh, kinds, bound)
+        if len(fewer[1]) >= 0.97 * len(mesh.faces):
+            break
+        gap = deviation(mesh, *fewer, error)
+        if gap.most <= error:
+            return _attributed(mesh, *fewer, gap), gap
+        bound /= max(2.0, gap.most / error)
+    return mesh, Deviation.none(len(mesh.faces))
+
+
+def _collapsed(
+    mesh: TriangleMesh, kinds: NDArray[np.int64], bound: float
+) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    """Return vertices and triangles after all collapses with a quadric error below a bound.
+
+    The library collapses every edge whose error is below the square root of double's epsilon in
+    the mesh's own unit: a unit in which that is the bound makes it ours.
+    """
+    # A vertex of two kinds becomes two: borders of kinds become borders of the mesh, which stay.
+    keys = mesh.faces.astype(np.int64) + len(mesh.vertices) * kinds[:, None]
+    used, faces = np.unique(keys, return_inverse=True)
+    vertices = mesh.vertices[used % len(mesh.vertices)]
+    middle = vertices.mean(axis=0)
+    scale = float(np.sqrt(np.finfo(np.float64).eps)) / bound
+    points, triangles = fast_simplification.simplify(
+        (vertices - middle) * scale,
+        faces.reshape(-1, 3).astype(np.int32),
+        target_count=1,
+        lossless=True,
+        preserve_border=True,
+    )
+    points = np.asarray(points, np.float64) / scale + middle
+    return points, np.asarray(triangles, np.int32)
+
+
+def _attributed(
+    mesh: TriangleMesh,
+    points: NDArray[np.float64],
+    triangles: NDArray[np.int32],
+    gap: Deviation,
+) -> TriangleMesh:
+    """Return the new triangles with the colours and names of the old ones under them."""
+    colour = None
+    if mesh.colour is not None:
+        # The mean of the old triangles that lie on a new one, by their areas.
+        area = areas_of_faces(mesh)
+        weight = np.bincount(gap.new_of_old, area, len(triangles))
+        colour = mesh.colour[gap.old_of_new]
+        mean = [
+            np.bincount(gap.new_of_old, area * mesh.colour[:, k], len(triangles)) for k in range(3)
+        ]
+        some = weight > 0
+        colour[some] = np.rint(np.column_stack(mean)[some] / weight[some, None]).astype(np.uint8)
+    return TriangleMesh(
+        points,
+        triangles,
+        colour,
+        mesh.object[gap.old_of_new],
+        mesh.names,
+        None if mesh.semantic is None else mesh.semantic[gap.old_of_new],
+    )

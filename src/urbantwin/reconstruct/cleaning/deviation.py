@@ -1,0 +1,168 @@
+"""How far two surfaces are apart, measured both ways."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from urbantwin.reconstruct.cleaning.rays import Rays
+from urbantwin.reconstruct.model import TriangleMesh
+
+__all__ = ["Deviation", "deviation", "distances_to_triangles"]
+
+#: Triangles that are measured exactly where a ray finds none: nearest by their middles.
+_NEIGHBOURS = 24
+
+
+@dataclass(frozen=True, eq=False)
+class Deviation:
+    """Distances between an old and a new surface.
+
+    Attributes:
+        most: greatest of all samples, metres.
+        p95: 95 % of them are less.
+        old_of_new: (F',) the old triangle at each new one's middle.
+        new_of_old: (F,) the new triangle at each old one's middle.
+    """
+
+    most: float
+    p95: float
+    old_of_new: NDArray[np.int64]
+    new_of_old: NDArray[np.int64]
+
+    @classmethod
+    def none(cls, count: int) -> Deviation:
+        """Return that of a mesh and itself."""
+        return cls(0.0, 0.0, np.arange(count), np.arange(count))
+
+
+def deviation(
+    mesh: TriangleMesh,
+    points: NDArray[np.float64],
+    triangles: NDArray[np.int32],
+    reach: float,
+) -> Deviation:
+    """Measure how far a mesh and a simpler one are apart (a sampled Hausdorff distance).
+
+    Samples are the old mesh's vertices and the middles of its triangles, and the middles of the
+    new triangles and of their edges. From each a ray runs along the surface's normal, both ways;
+    what it meets is an upper bound of the distance. Where it meets nothing within the bound (at
+    edges and borders) the distance to the nearest triangles is computed.
+
+    Args:
+        mesh: the old one.
+        points: (V', 3) vertices of the new one.
+        triangles: (F', 3) of the new one.
+        reach: metres: nearer is near enough for a ray's answer.
+    """
+    old, new = mesh.vertices[mesh.faces], points[triangles]
+    old_normal, new_normal = _normals(old), _normals(new)
+    to_new = _Surface(points, triangles, new)
+    to_old = _Surface(mesh.vertices, mesh.faces, old)
+
+    d1, new_of_old = to_new.nearest(old.mean(axis=1), old_normal, reach)
+    at_vertex = np.zeros(len(mesh.vertices), np.int64)
+    at_vertex[mesh.faces.ravel()] = np.repeat(np.arange(len(mesh.faces)), 3)
+    d2, _ = to_new.nearest(mesh.vertices, old_normal[at_vertex], reach)
+    d3, old_of_new = to_old.nearest(new.mean(axis=1), new_normal, reach)
+    sides = ((new + np.roll(new, -1, axis=1)) / 2).reshape(-1, 3)
+    d4, _ = to_old.nearest(sides, np.repeat(new_normal, 3, axis=0), reach)
+    all_of_them = np.concatenate([d1, d2, d3, d4])
+    return Deviation(
+        float(all_of_them.max(initial=0.0)),
+        float(np.percentile(all_of_them, 95)) if len(all_of_them) else 0.0,
+        old_of_new,
+        new_of_old,
+    )
+
+
+class _Surface:
+    """Triangles, and what lies near points."""
+
+    def __init__(
+        self,
+        vertices: NDArray[np.float64],
+        faces: NDArray[np.int32],
+        corners: NDArray[np.float64],
+    ) -> None:
+        self._rays = Rays(vertices, faces)
+        self._corners = corners
+        self._tree: cKDTree | None = None
+
+    def nearest(
+        self, places: NDArray[np.float64], normal: NDArray[np.float64], reach: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return a bound of the distance (N,) to the surface, and the triangle (N,) there."""
+        # One ray through the place from beyond it: both sides at once.
+        start = places - normal * (2 * reach)
+        face, along = self._rays.first(start, normal.astype(np.float32))
+        found = face.astype(np.int64)
+        distance = np.abs(along.astype(np.float64) - 2 * reach)
+        again = np.flatnonzero(~(distance <= reach))
+        if len(again):
+            # What lies in between may have stopped it: from the place itself, both ways.
+            for sign in (1.0, -1.0):
+                way = sign * normal[again]
+                face, along = self._rays.first(places[again] - way * 1e-4, way.astype(np.float32))
+                better = along < distance[again]
+                distance[again[better]] = along[better]
+                found[again[better]] = face[better]
+            again = again[~(distance[again] <= reach)]
+        if len(again):
+            if self._tree is None:
+                self._tree = cKDTree(self._corners.mean(axis=1))
+            count = min(_NEIGHBOURS, len(self._corners))
+            for part in np.array_split(again, max(1, len(again) // 50_000)):
+                _, index = self._tree.query(places[part], k=count, workers=-1)
+                index = index.reshape(len(part), count)
+                exact = distances_to_triangles(
+                    np.repeat(places[part], count, axis=0), self._corners[index.ravel()]
+                ).reshape(len(part), count)
+                best = exact.argmin(axis=1)
+                rows = np.arange(len(part))
+                value = exact[rows, best]
+                better = value < distance[part]
+                distance[part[better]] = value[better]
+                found[part[better]] = index[rows, best][better]
+        return distance, found
+
+
+def _normals(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    a, b, c = np.moveaxis(corners, 1, 0)
+    cross = np.cross(b - a, c - a)
+    length = np.linalg.norm(cross, axis=1, keepdims=True)
+    up = np.broadcast_to(np.array([0.0, 0.0, 1.0]), cross.shape).copy()
+    return np.asarray(np.divide(cross, length, out=up, where=length > 1e-12))
+
+
+def distances_to_triangles(
+    points: NDArray[np.float64], corners: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the distance (N,) of points (N, 3) to triangles (N, 3, 3), one each.
+
+    Ericson 2005, "Real-time collision detection", 3.4: the projection where it falls inside,
+    else the nearest of the three edges.
+    """
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    normal = _normals(corners)
+    best = np.minimum.reduce([_to_segment(points, p, q) for p, q in ((a, b), (b, c), (c, a))])
+    side = [
+        np.einsum("ij,ij->i", np.cross(q - p, points - p), normal)
+        for p, q in ((a, b), (b, c), (c, a))
+    ]
+    inside = (side[0] >= 0) & (side[1] >= 0) & (side[2] >= 0)
+    plane = np.abs(np.einsum("ij,ij->i", points - a, normal))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) > 1e-12
+    return np.asarray(np.where(inside & area, plane, best))
+
+
+def _to_segment(
+    points: NDArray[np.float64], start: NDArray[np.float64], end: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    way = end - start
+    square = np.maximum(np.einsum("ij,ij->i", way, way), 1e-30)
+    share = np.clip(np.einsum("ij,ij->i", points - start, way) / square, 0.0, 1.0)
+    return np.asarray(np.linalg.norm(points - (start + share[:, None] * way), axis=1))

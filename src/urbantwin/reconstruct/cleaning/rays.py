@@ -1,0 +1,84 @@
+"""Rays into a mesh without labels (Embree, robust), on all processors."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+
+import embreex.mesh_construction
+import embreex.rtcore_scene
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["Rays"]
+
+_AT_ONCE = 1 << 17
+
+
+class Rays:
+    """Casts rays at triangles.
+
+    Coordinates are moved to the mesh's middle before they become float32, so that a model that
+    is 100 m wide is exact to 10 micrometres wherever it stands.
+
+    Args:
+        vertices: (V, 3) metres.
+        faces: (F, 3) indices.
+    """
+
+    def __init__(self, vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> None:
+        self._middle = (
+            (vertices.min(axis=0) + vertices.max(axis=0)) / 2 if len(vertices) else np.zeros(3)
+        )
+        self._scene = embreex.rtcore_scene.EmbreeScene(robust=True)
+        # Kept: the scene refers to its geometry without owning it.
+        self._mesh = embreex.mesh_construction.TriangleMesh(
+            self._scene,
+            (vertices - self._middle).astype(np.float32),
+            np.ascontiguousarray(faces, np.int32),
+        )
+        # The first ray builds the tree, which must not happen in two threads at once.
+        self._scene.run(np.zeros((1, 3), np.float32), np.array([[0, 0, 1]], np.float32))
+
+    def first(
+        self, origins: NDArray[np.float64], directions: ArrayLike
+    ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
+        """Return the first triangle (N,) along each ray, -1 for none, and its distance (N,).
+
+        Args:
+            origins: (N, 3) metres.
+            directions: (N, 3) unit vectors, or one (3,) for all.
+        """
+        count = len(origins)
+        face, distance = np.full(count, -1, np.int32), np.full(count, np.inf, np.float32)
+        ways = np.broadcast_to(np.asarray(directions, np.float32), (count, 3))
+
+        def cast(start: int) -> None:
+            part = slice(start, start + _AT_ONCE)
+            found = self._scene.run(
+                (origins[part] - self._middle).astype(np.float32),
+                np.ascontiguousarray(ways[part]),
+                output=True,
+            )
+            hit = found["geomID"] >= 0
+            face[part] = np.where(hit, found["primID"].astype(np.int64), -1)
+            distance[part] = np.where(hit, found["tfar"], np.float32(np.inf))
+
+        with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+            list(pool.map(cast, range(0, count, _AT_ONCE)))
+        return face, distance
+
+    def heights(
+        self, xy: NDArray[np.float64], start: ArrayLike, *, up: bool = False
+    ) -> NDArray[np.float64]:
+        """Return the height (N,) of what a vertical ray meets first, nan where nothing.
+
+        Args:
+            xy: (N, 2) places, metres.
+            start: (N,) or one height to start from.
+            up: upwards, not down.
+        """
+        z = np.broadcast_to(np.asarray(start, np.float64), (len(xy),))
+        way = 1.0 if up else -1.0
+        _, distance = self.first(np.column_stack([xy, z]), [0.0, 0.0, way])
+        return np.where(np.isfinite(distance), z + way * distance, np.nan)

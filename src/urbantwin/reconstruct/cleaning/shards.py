@@ -1,0 +1,174 @@
+"""Shards: pieces of a mesh that float, or that are too small to be anything."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from urbantwin.reconstruct.cleaning.bare_earth import bare_earth
+from urbantwin.reconstruct.cleaning.connected import Pieces, pieces_of
+from urbantwin.reconstruct.cleaning.contact import contacts
+from urbantwin.reconstruct.cleaning.grid import Grid, filled
+from urbantwin.reconstruct.cleaning.rays import Rays
+from urbantwin.reconstruct.cleaning.removal import Removal, Spots
+from urbantwin.reconstruct.model import TriangleMesh
+
+__all__ = ["Shards", "find_shards"]
+
+#: Pieces nearer than this hold each other, metres: gaps of models and of scans.
+_TOUCH_M = 0.12
+#: A small piece belongs to something only if it touches it, metres.
+_CLOSE_M = 0.03
+#: A piece whose foot is at most this far over what is below stands on it, metres.
+_FOOT_M = 0.3
+#: Pieces with a side of this length or more may be the ground, metres.
+_GROUND_SIDE_M = 4.0
+#: Cells of the grid of the ground, metres.
+_CELL_M = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Shards:
+    """What is to go and what an override kept.
+
+    Attributes:
+        faces: (F,) bool, triangles of shards.
+        removed: the shards.
+        kept: pieces that the rules would have taken and an override kept.
+    """
+
+    faces: NDArray[np.bool_]
+    removed: list[Removal]
+    kept: list[Removal]
+
+
+def find_shards(mesh: TriangleMesh, smallest_m: float, keep: Spots) -> Shards:
+    """Return the pieces of a mesh that float or are too small.
+
+    Pieces hold each other where they touch. A piece stands if its foot is on the ground or on a
+    piece that stands, or if a piece that stands holds it: a lamp post, a roof on walls, a sign
+    on its pole. Everything else floats. A piece smaller than ``smallest_m`` that lies on the
+    ground or floats is a scan's speck; one that touches a thing that stands is a part of it.
+
+    Args:
+        mesh: welded, site frame, metres.
+        smallest_m: pieces whose longest side is below this are too small, metres.
+        keep: pieces that stay whatever the rules say.
+    """
+    pieces = pieces_of(mesh)
+    none = np.zeros(len(mesh.faces), bool)
+    if len(pieces) < 2:
+        return Shards(none, [], [])
+    ground, on_ground, base = _standing(mesh, pieces)
+    longest = pieces.size.max(axis=1)
+    small = longest < smallest_m
+    loose = ~on_ground | (small & ~ground)
+    holds = contacts(mesh, pieces, loose, _TOUCH_M)
+    beside = np.zeros(len(pieces), bool)
+    beside[holds.ravel()] = True
+    close = contacts(mesh, pieces, small & ~ground & beside, _CLOSE_M)
+    rests = _resting(mesh, pieces, ~on_ground)
+    anchored = on_ground & ~small
+    stands = _reached(len(pieces), anchored | ground, np.concatenate([holds, rests]), ~small)
+    # A small piece is carried by a thing, not by the ground that it happens to lie on.
+    part = _reached(len(pieces), stands & ~ground, close, stands | small)
+    shard = np.where(small, ~part & ~ground, ~stands)
+
+    numbers = np.flatnonzero(shard)
+    kept_here = keep.near(pieces.middle[numbers])
+    removed: list[Removal] = []
+    kept: list[Removal] = []
+    middle, extent = pieces.middle, pieces.size
+    for number, spared in zip(numbers.tolist(), kept_here.tolist(), strict=True):
+        gap = float(pieces.low[number, 2] - base[number])
+        if not small[number]:
+            why = f"floats {gap:.2f} m over what is below" if gap > 0 else "held by nothing"
+        elif gap > _FOOT_M:
+            why = f"smaller than {smallest_m:g} m, floats {gap:.2f} m over what is below"
+        else:
+            why = f"smaller than {smallest_m:g} m, part of nothing"
+        size = extent[number]
+        one = Removal(
+            "shard",
+            why,
+            middle[number],
+            np.array([size[:2].max(), size[:2].min(), size[2]]),
+            float(pieces.area[number]),
+            int(pieces.triangles[number]),
+        )
+        (kept if spared else removed).append(one)
+    gone = np.zeros(len(pieces), bool)
+    gone[numbers[~kept_here]] = True
+    return Shards(gone[pieces.of_face], removed, kept)
+
+
+def _standing(
+    mesh: TriangleMesh, pieces: Pieces
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.float64]]:
+    """Return which pieces (K,) are ground, which stand on it, and the ground's height there."""
+    wide = pieces.size[:, :2].max(axis=1) >= _GROUND_SIDE_M
+    if not wide.any():
+        wide = pieces.area >= 0.2 * pieces.area.max()
+    grid = Grid.over(
+        (*pieces.low[:, :2].min(axis=0), *pieces.high[:, :2].max(axis=0)), _grid_step(pieces)
+    )
+    some = wide[pieces.of_face]
+    used, faces = np.unique(mesh.faces[some], return_inverse=True)
+    rays = Rays(mesh.vertices[used], faces.reshape(-1, 3).astype(np.int32))
+    below = float(pieces.low[:, 2].min()) - 1.0
+    lowest = rays.heights(grid.centres(), below, up=True).reshape(grid.shape)
+    earth = filled(np.where(bare_earth(lowest, grid.step), lowest, np.nan))
+    foot = mesh.vertices[pieces.foot]
+    # On a slope the foot's cell may be higher than the foot: its own height there decides.
+    row, column = grid.cells(foot[:, :2])
+    base = earth[row, column]
+    slack = _FOOT_M + 0.1 * grid.step
+    on_ground = foot[:, 2] <= base + slack
+    # Ground itself: wide, and most of its vertices are at the ground's height.
+    at = earth[grid.cells(mesh.vertices[:, :2])]
+    low = np.abs(mesh.vertices[:, 2] - at) < slack
+    of_vertex = np.zeros(len(mesh.vertices), np.int32)
+    of_vertex[mesh.faces.ravel()] = np.repeat(pieces.of_face, 3)
+    share = np.bincount(of_vertex, low, len(pieces)) / np.maximum(
+        np.bincount(of_vertex, minlength=len(pieces)), 1
+    )
+    flat = pieces.size[:, 2] < np.maximum(0.3 * pieces.size[:, :2].max(axis=1), 0.05)
+    ground = on_ground & wide & (share > 0.3)
+    # Slabs of which a pavement may be made: flat, and nothing is under them.
+    under = rays.heights(pieces.middle[:, :2], pieces.low[:, 2] - 1e-3)
+    ground |= on_ground & flat & np.isnan(under) & ~wide & (share > 0.5)
+    return ground, on_ground, base
+
+
+def _grid_step(pieces: Pieces) -> float:
+    span = float((pieces.high[:, :2].max(axis=0) - pieces.low[:, :2].min(axis=0)).max())
+    return max(_CELL_M, span / 2000)
+
+
+def _resting(mesh: TriangleMesh, pieces: Pieces, loose: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return pairs (P, 2) of pieces of which the first has its foot on the second."""
+    numbers = np.flatnonzero(loose)
+    if not len(numbers):
+        return np.zeros((0, 2), np.int64)
+    foot = mesh.vertices[pieces.foot[numbers]] - [0, 0, 1e-3]
+    face, distance = Rays(mesh.vertices, mesh.faces).first(foot, [0.0, 0.0, -1.0])
+    near = (face >= 0) & (distance < _FOOT_M)
+    return np.column_stack([numbers[near], pieces.of_face[face[near]]]).astype(np.int64)
+
+
+def _reached(
+    count: int, start: NDArray[np.bool_], pairs: NDArray[np.int64], through: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """Return which of K things hang together with one of ``start`` by pairs among ``through``."""
+    able = start | through
+    pairs = pairs[able[pairs].all(axis=1)] if len(pairs) else pairs
+    # One more thing that all of the start are tied to.
+    rows = np.concatenate([pairs[:, 0], np.flatnonzero(start)])
+    columns = np.concatenate([pairs[:, 1], np.full(int(start.sum()), count)])
+    graph = coo_matrix((np.ones(len(rows), np.int8), (rows, columns)), (count + 1, count + 1))
+    _, label = connected_components(graph, directed=False)
+    return np.asarray(label[:count] == label[count])

@@ -1,0 +1,91 @@
+"""Vertices at one place made one; triangles that are none left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.reconstruct.model import TriangleMesh
+
+__all__ = ["WELD_M", "areas_of_faces", "cleared", "welded"]
+
+#: Vertices nearer than this are one, metres: below what float32 keeps within 1 km of the origin.
+WELD_M = 1e-4
+#: Triangles with less area have none, square metres.
+_NO_AREA_M2 = 1e-9
+
+
+def welded(mesh: TriangleMesh) -> TriangleMesh:
+    """Return the mesh with vertices at one place made one; files repeat them for textures.
+
+    Args:
+        mesh: site frame, metres, without nan.
+    """
+    if not len(mesh.vertices):
+        return mesh
+    low = mesh.vertices.min(axis=0)
+    cells = np.rint((mesh.vertices - low) / WELD_M).astype(np.int64)
+    span = cells.max(axis=0) + 1
+    if float(span[0]) * float(span[1]) * float(span[2]) < 2**62:
+        keys = (cells[:, 0] * span[1] + cells[:, 1]) * span[2] + cells[:, 2]
+        _, first, place = np.unique(keys, return_index=True, return_inverse=True)
+    else:
+        _, first, place = np.unique(cells, axis=0, return_index=True, return_inverse=True)
+    # In the order in which the file has them, so that neighbours stay near in memory.
+    order = np.argsort(first, kind="stable")
+    rank = np.empty(len(order), np.int32)
+    rank[order] = np.arange(len(order), dtype=np.int32)
+    faces = rank[place.ravel()][mesh.faces]
+    return replace(mesh, vertices=mesh.vertices[first[order]], faces=faces)
+
+
+def cleared(mesh: TriangleMesh) -> tuple[TriangleMesh, dict[str, int]]:
+    """Return the mesh welded, without triangles that are none, and how many of each were left out.
+
+    Args:
+        mesh: site frame, metres.
+
+    Returns:
+        The mesh, and counts: ``not_finite`` (a corner is nan or infinite), ``degenerate`` (no
+        area), ``duplicate`` (the same three corners again, facing either way).
+    """
+    finite = np.asarray(np.isfinite(mesh.vertices).all(axis=1))
+    good = np.asarray(finite[mesh.faces].all(axis=1))
+    counts = {"not_finite": int((~good).sum())}
+    if not good.all():
+        mesh = mesh.select(good)
+    elif not finite.all():
+        mesh = mesh.select(np.ones(len(mesh.faces), bool))
+    mesh = welded(mesh)
+    flat = areas_of_faces(mesh) < _NO_AREA_M2
+    a, b, c = mesh.faces.T
+    flat |= (a == b) | (b == c) | (c == a)
+    counts["degenerate"] = int(flat.sum())
+    again = _repeated(mesh.faces) & ~flat
+    counts["duplicate"] = int(again.sum())
+    if counts["degenerate"] or counts["duplicate"]:
+        mesh = mesh.select(~(flat | again))
+    return mesh, counts
+
+
+def areas_of_faces(mesh: TriangleMesh) -> NDArray[np.float64]:
+    """Return areas (F,), square metres."""
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+
+
+def _repeated(faces: NDArray[np.int32]) -> NDArray[np.bool_]:
+    """Return whether a triangle (F,) has the corners of an earlier one."""
+    count = len(faces)
+    again = np.zeros(count, bool)
+    if not count:
+        return again
+    corners = np.sort(faces, axis=1).astype(np.int64)
+    base = np.int64(corners.max() + 1)
+    # Two corners make a key of 64 bits; of triangles that share them the third is compared.
+    order = np.lexsort((corners[:, 2], corners[:, 0] * base + corners[:, 1]))
+    same = (corners[order[1:]] == corners[order[:-1]]).all(axis=1)
+    again[order[1:][same]] = True
+    return again
