@@ -28,7 +28,7 @@ from urbantwin.reconstruct.georeference.reach import (
     check_meets,
     distance_to,
 )
-from urbantwin.reconstruct.georeference.register import Registration, register
+from urbantwin.reconstruct.georeference.register import Freedom, Registration, register
 from urbantwin.reconstruct.georeference.settle import (
     UNSTATED_M,
     Settled,
@@ -69,6 +69,10 @@ class Placed:
     registration: Registration | None = None
 
 
+#: A first place of which everything is known.
+_NONE = Freedom()
+
+
 @dataclass(frozen=True, eq=False)
 class _First:
     """A model after its first placing."""
@@ -77,14 +81,9 @@ class _First:
     report: dict[str, object]
     heights: SiteHeights | None
     how: str
-    field: str | None = None
+    said: str | None = None
     problems: tuple[str, ...] = ()
-    #: What registration may still change.
-    upright: bool = True
-    heading_known: bool = True
-    place_known: bool = True
-    scale_known: bool = True
-    level: bool = True
+    freedom: Freedom = _NONE
 
 
 def placed(
@@ -124,7 +123,7 @@ def placed(
     report: dict[str, object] = {"source": source.name, "method": first.how, **first.report}
     registration = None
     if source.spec.register_to is not None:
-        if first.place_known:
+        if not first.freedom.place:
             _check(first, surroundings, source)
         tell(0.3, "registering")
         registration = register(
@@ -132,10 +131,8 @@ def placed(
             source,
             surroundings,
             elevation,
-            heading_known=first.heading_known,
-            place_known=first.place_known,
-            scale_known=first.scale_known,
-            level_known=first.level,
+            first.freedom,
+            lambda share, text: tell(0.3 + 0.7 * share, text),
         )
         report["registration"] = registration.report
         first = replace(
@@ -154,7 +151,7 @@ def placed(
 
 
 def _check(first: _First, surroundings: Surroundings, source: GeometrySource) -> None:
-    check_meets(first.model, surroundings.region, source, how=first.how, field=first.field)
+    check_meets(first.model, surroundings.region, source, how=first.how, field=first.said)
 
 
 def _first(
@@ -268,9 +265,12 @@ def _by_origin(
         "origin",
         "origin",
         problems,
-        heading_known="heading_deg" in spec.model_fields_set,
-        scale_known=axes.unit_known,
-        level=axes.up_known,
+        Freedom(
+            heading="heading_deg" not in spec.model_fields_set,
+            scale=not axes.unit_known,
+            level=not axes.up_known,
+            pivot=_xy(frame, spec.longitude, spec.latitude),
+        ),
     )
 
 
@@ -316,8 +316,12 @@ def _by_geotag(
         "geotag",
         None,
         (*problems, *told.problems),
-        scale_known=axes.unit_known,
-        level=axes.up_known,
+        Freedom(
+            heading=False,
+            scale=not axes.unit_known,
+            level=not axes.up_known,
+            pivot=_xy(frame, tag.longitude, tag.latitude),
+        ),
     )
 
 
@@ -401,10 +405,12 @@ def _in_the_middle(
         "nothing but registration",
         "register",
         (),
-        heading_known=False,
-        place_known=False,
-        scale_known=axes.unit_known,
-        level=axes.up_known,
+        Freedom(
+            heading=True,
+            place=True,
+            scale=not axes.unit_known,
+            level=not axes.up_known,
+        ),
     )
 
 
@@ -420,6 +426,11 @@ def _at(
     xy = frame.site_from_lonlat([[longitude, latitude]])[0]
     turn = Similarity.in_plan(-float(np.radians(heading_deg)), [xy[0], xy[1], 0.0])
     return moved(model, turn.after(axes.transform()))
+
+
+def _xy(frame: SiteFrame, longitude: float, latitude: float) -> tuple[float, float]:
+    x, y = frame.site_from_lonlat([[longitude, latitude]])[0]
+    return float(x), float(y)
 
 
 def _with_offset(
