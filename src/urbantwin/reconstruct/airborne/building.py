@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from urbantwin.reconstruct.airborne.roof_cells import RoofPatch, roof_patches
 from urbantwin.reconstruct.airborne.roof_lines import roof_lines
+from urbantwin.reconstruct.airborne.roof_objects import roof_objects
 from urbantwin.reconstruct.airborne.roof_planes import roof_planes
 from urbantwin.reconstruct.airborne.roof_solid import flat_solid, roof_solid
 
@@ -19,6 +20,8 @@ __all__ = ["BuiltRoof", "build_roof"]
 _FEWEST = 12
 #: Below the lowest ground at the building, metres.
 FOUNDATION_M = 1.0
+
+Triangles = tuple[NDArray[np.float64], NDArray[np.int32]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +72,8 @@ def build_roof(
         patches = [RoofPatch(plain, np.array([0.0, 0.0, top]))]
     else:
         (vertices, faces), patches = found
+    density = len(local) / max(plain.area, 1.0)
+    vertices, faces = _together([(vertices, faces), *roof_objects(plain, patches, local, density)])
     moved = tuple(
         RoofPatch(
             shapely.transform(p.polygon, lambda xy: xy + origin[:2]),
@@ -77,6 +82,14 @@ def build_roof(
         for p in patches
     )
     return BuiltRoof(vertices + origin, faces, moved, shape)
+
+
+def _together(solids: list[Triangles]) -> Triangles:
+    start = np.cumsum([0] + [len(vertices) for vertices, _ in solids[:-1]])
+    return (
+        np.concatenate([vertices for vertices, _ in solids]),
+        np.concatenate([f + np.int32(k) for (_, f), k in zip(solids, start, strict=True)]),
+    )
 
 
 def _plain(outline: shapely.Polygon) -> shapely.Polygon | None:
@@ -91,7 +104,7 @@ def _plain(outline: shapely.Polygon) -> shapely.Polygon | None:
 
 def _with_planes(
     outline: shapely.Polygon, points: NDArray[np.float64], base: float
-) -> tuple[tuple[NDArray[np.float64], NDArray[np.int32]], list[RoofPatch]] | None:
+) -> tuple[Triangles, list[RoofPatch]] | None:
     found = roof_planes(points, len(points) / max(outline.area, 1.0))
     if not len(found.planes):
         return None

@@ -24,6 +24,12 @@ from urbantwin.reconstruct.airborne.ground_filter import (
     inside_any,
 )
 from urbantwin.reconstruct.airborne.noise import is_noise
+from urbantwin.reconstruct.airborne.outlines import (
+    SMALLEST_M2,
+    cut_blocks,
+    find_outlines,
+    is_plane_like,
+)
 from urbantwin.reconstruct.airborne.raster import Raster, filled
 from urbantwin.reconstruct.airborne.trees import find_trees
 from urbantwin.reconstruct.model import PointCloud
@@ -36,6 +42,8 @@ __all__ = ["AirborneModel", "from_airborne"]
 MARGIN_M = 40.0
 #: Lower than this nothing is a roof, metres above the ground.
 LOWEST_ROOF_M = 1.8
+#: Lower than this (a bus, a container) nothing is outlined, metres above the ground.
+_LOWEST_FOUND_M = 2.2
 _BUILDING, _VEGETATION = 6, (3, 4, 5)
 _BRIDGE = (17, 26)  # ASPRS LAS 1.4: bridge deck; 26 in the Dutch AHN: civil structures
 _UNKNOWN = (0, 1)
@@ -164,7 +172,20 @@ class _Survey:
 
     def outlines(self) -> list[shapely.Polygon]:
         """Return the outlines of buildings: those given, and those found beside them."""
-        return list(self.footprints)
+        roof = self._roof_points() & (self.above > _LOWEST_FOUND_M)
+        roof[roof] = ~inside_any(
+            [f.buffer(1.0) for f in self.footprints], self.cloud.points[roof, :2]
+        )
+        points = self.cloud.points[roof]
+        if not (self.classes == _BUILDING).any():
+            points = points[is_plane_like(points)]
+        found = cut_blocks(find_outlines(points), points)
+        found = [o for o in found if o.intersects(self.region)]
+        if found and self.footprints:
+            known = shapely.union_all(self.footprints)
+            rest = shapely.difference(np.array(found, dtype=object), known.buffer(0.05))
+            found = [p for p in shapely.get_parts(rest) if p.area > SMALLEST_M2]
+        return [*self.footprints, *found]
 
     def _roof_points(self) -> NDArray[np.bool_]:
         """Tell (N,) which points may be of roofs."""

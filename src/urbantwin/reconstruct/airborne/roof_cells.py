@@ -25,7 +25,7 @@ GRID_M = 0.001
 #: Misfit of a point beyond this does not count more, metres: it is of something else.
 _FAR_M = 0.8
 #: What a metre of border costs, in cubic metres of misfit.
-_BORDER = 0.05
+_BORDER = 0.08
 #: What a square metre costs for each metre that its plane lies away from the plane's own points.
 _STRANGE = 0.04
 #: Cut by more lines than this, a plan is cut only near each line.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 import shapely
@@ -203,30 +202,37 @@ def _free_direction(at: NDArray[np.float64]) -> list[float]:
 def _distinct(lines: list[RoofLine], outline: shapely.Polygon) -> list[RoofLine]:
     """Return lines without those that another (or a side of the outline) already is."""
     ring = np.asarray(outline.exterior.coords)[:, :2]
-    kept = [RoofLine(a, b, float(np.linalg.norm(b - a)), False) for a, b in pairwise(ring)]
-    sides = len(kept)
+    sides = len(ring) - 1
     # Creases are exact: they come first, then the longest.
-    for line in sorted(lines, key=lambda item: (not item.crease, -item.support)):
-        if not any(_same(line, other) for other in kept):
-            kept.append(line)
-    return kept[sides:]
+    ranked = sorted(lines, key=lambda item: (not item.crease, -item.support))
+    start = np.concatenate([ring[:-1], np.array([line.start for line in ranked]).reshape(-1, 2)])
+    end = np.concatenate([ring[1:], np.array([line.end for line in ranked]).reshape(-1, 2)])
+    kept = np.zeros(len(start), bool)
+    kept[:sides] = True
+    for k in range(sides, len(start)):
+        kept[k] = not _along_any(start[k], end[k], start[kept], end[kept])
+    return [line for line, keep in zip(ranked, kept[sides:], strict=True) if keep]
 
 
-def _same(line: RoofLine, other: RoofLine) -> bool:
-    """Tell whether a line lies along another, over nearly all its length."""
-    along = other.end - other.start
-    length = float(np.linalg.norm(along))
-    own = line.end - line.start
-    size = float(np.linalg.norm(own))
-    if length < 1e-6 or size < 1e-6:
+def _along_any(
+    start: NDArray[np.float64],
+    end: NDArray[np.float64],
+    starts: NDArray[np.float64],
+    ends: NDArray[np.float64],
+) -> bool:
+    """Tell whether a line lies along one of others (K, 2), over nearly all its length."""
+    own = end - start
+    size = float(np.hypot(own[0], own[1]))
+    if size < 1e-6:
         return True
-    along = along / length
-    if abs(along[0] * own[1] - along[1] * own[0]) / size > np.sin(np.radians(_SAME_DEG)):
-        return False
-    ends = np.array([line.start, line.end]) - other.start
-    off = np.abs(ends @ np.array([-along[1], along[0]]))
-    reach = ends @ along
-    if off.max() > _SAME_M:
-        return False
-    overlap = min(reach.max(), length) - max(reach.min(), 0.0)
-    return bool(overlap > size - 1.0)
+    along = ends - starts
+    length = np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)
+    along = along / length[:, None]
+    turned = np.abs(along[:, 0] * own[1] - along[:, 1] * own[0]) / size
+    near = turned <= np.sin(np.radians(_SAME_DEG))
+    first, second = start - starts, end - starts
+    for to in (first, second):
+        near &= np.abs(along[:, 0] * to[:, 1] - along[:, 1] * to[:, 0]) <= _SAME_M
+    a, b = (along * first).sum(axis=1), (along * second).sum(axis=1)
+    overlap = np.minimum(np.maximum(a, b), length) - np.maximum(np.minimum(a, b), 0.0)
+    return bool((near & (overlap > size - 1.0)).any())
