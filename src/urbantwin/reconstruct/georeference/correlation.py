@@ -148,7 +148,7 @@ class _Search:
         self._half = int(radius / raster.cell) + 2
         full = [n + 2 * self._half + 1 for n in raster.shape]
         self._shape = (next_fast_len(full[0], real=True), next_fast_len(full[1], real=True))
-        known, value = raster.known, raster.value
+        known, value = raster.known.astype(np.float32), raster.value.astype(np.float32)
         self._map = [rfft2(one, self._shape) for one in (known, value, value * value)]
         # A cell of the model that is larger than the map's covers several.
         self._cover = features.cell_m * scale / raster.cell
@@ -164,7 +164,8 @@ class _Search:
         seen = np.bincount(place, minlength=side * side).reshape(side, side).astype(np.float64)
         tall = np.bincount(place[self._is_tall], minlength=side * side).reshape(side, side)
         share = np.divide(tall, seen, out=np.zeros_like(seen), where=seen > 0)
-        mask = (seen > 0).astype(np.float64)
+        mask = (seen > 0).astype(np.float32)
+        share = share.astype(np.float32)
         if self._cover > 1.0:
             blur = 0.5 * self._cover
             mask, share = gaussian_filter(mask, blur), gaussian_filter(share, blur)

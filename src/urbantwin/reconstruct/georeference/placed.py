@@ -28,7 +28,8 @@ from urbantwin.reconstruct.georeference.reach import (
     check_meets,
     distance_to,
 )
-from urbantwin.reconstruct.georeference.register import Freedom, Registration, register
+from urbantwin.reconstruct.georeference.register import Registration, register
+from urbantwin.reconstruct.georeference.search import Freedom
 from urbantwin.reconstruct.georeference.settle import (
     UNSTATED_M,
     Settled,

@@ -11,61 +11,32 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-import shapely
 from numpy.typing import NDArray
 
 from urbantwin.ground import Elevation
 from urbantwin.reconstruct.georeference.complaint import complaint
-from urbantwin.reconstruct.georeference.correlation import Candidate, MapRaster, candidates
+from urbantwin.reconstruct.georeference.correlation import Candidate, MapRaster
 from urbantwin.reconstruct.georeference.ground_level import height_at_anchor, samples_of
 from urbantwin.reconstruct.georeference.levelling import GroundFit, fit_ground, upright
 from urbantwin.reconstruct.georeference.outline_fit import (
     Agreement,
-    Outlines,
     agreement,
-    fit_outlines,
 )
-from urbantwin.reconstruct.georeference.plan_features import PlanFeatures, plan_features
+from urbantwin.reconstruct.georeference.search import Freedom, Search, coarse_cell
 from urbantwin.reconstruct.georeference.similarity import Similarity, moved
 from urbantwin.reconstruct.model import ImportedModel
 from urbantwin.reconstruct.surroundings import Surroundings
 from urbantwin.site.geometry import GeometrySource
 
-__all__ = ["Freedom", "Registration", "register"]
+__all__ = ["Registration", "register"]
 
 Progress = Callable[[float, str], None]
 
-#: Cells of the map, coarse and fine, metres.
-_COARSE_M, _FINE_M = 4.0, 2.0
 #: A second way that is nearly as good makes the first one a guess.
 AMBIGUOUS = 0.85
 #: Less agreement between walls and outlines than this is none.
 _LEAST_SCORE = 0.15
-#: A known heading is searched no farther than this, degrees, unless site.yaml says so.
-_KNOWN_HEADING_DEG = 5.0
-_CANDIDATES = 10
-#: A model that is made for a site shows between a third and three times of it.
-WIDEST = 3.0
 _MOST_SHOWN = 8_000
-
-
-@dataclass(frozen=True, eq=False)
-class Freedom:
-    """What of a model's first place is not known, and may be changed.
-
-    Attributes:
-        heading: any heading is searched; else a few degrees, unless ``search_deg`` says more.
-        place: any place on the site is searched; else as far as ``search_m`` says.
-        scale: its unit was only guessed.
-        level: its upward axis was only guessed: it may have to be levelled.
-        pivot: (2,) site frame: about which it is turned.
-    """
-
-    heading: bool = False
-    place: bool = False
-    scale: bool = False
-    level: bool = False
-    pivot: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +83,7 @@ def register(
     spec = source.spec.register_to
     assert spec is not None
     tell = progress or (lambda share, text: None)
-    raster = MapRaster(surroundings, _COARSE_M)
+    raster = MapRaster(surroundings, coarse_cell(surroundings.region))
     if not raster.tells:
         raise complaint(
             source,
@@ -121,19 +92,11 @@ def register(
             expected="control_points, or origin",
         )
     levelled, level_notes = _levelled(model, freedom, elevation)
-    if spec.scale and freedom.scale:
-        levelled = _as_large_as(surroundings.region, model, levelled, freedom.pivot)
-    features = _features(model, levelled, source)
-    best, ranked, pivot = _in_plan(features, raster, source, surroundings, freedom, tell)
-    if spec.scale and abs(np.log(best.scale)) > 0.08:
-        # What stands high was looked for in the wrong scale: once more in the right one.
-        levelled = _scaled(best.scale, freedom.pivot).after(levelled)
-        freedom = replace(freedom, scale=False)
-        features = _features(model, levelled, source)
-        best, ranked, pivot = _in_plan(features, raster, source, surroundings, freedom, tell)
-    outlines = Outlines.of(surroundings)
+    search = Search(model, levelled, source, surroundings, freedom)
+    levelled, features, ranked, best = search.run(raster, tell)
+    pivot, outlines = search.pivot, search.outlines
     found = None
-    if outlines is not None and len(features.walls) >= 50:
+    if outlines is not None and search.has_walls(features):
         found = agreement(features, outlines, best, pivot, surroundings)
     in_plan = _similarity(best, pivot)
     tell(0.9, "laying it on the ground")
@@ -145,9 +108,8 @@ def register(
     _check(source, report, best, ranked, found, fit)
     step = max(1, len(features.walls) // _MOST_SHOWN)
     walls = np.column_stack([features.walls, np.zeros(len(features.walls))])[::step]
-    before = Similarity(1.0, np.eye(3), np.zeros(3)).apply(walls)
     after = in_plan.apply(walls)
-    return Registration(transform, report, before[:, :2], after[:, :2], _lines(report))
+    return Registration(transform, report, walls[:, :2], after[:, :2], _lines(report))
 
 
 def _levelled(
@@ -162,138 +124,6 @@ def _levelled(
     if angle < (0.2 if elevation is not None else 6.0):
         return still, {}
     return turn, {"levelled_deg": round(angle, 2), "turned_over": over}
-
-
-def _features(model: ImportedModel, transform: Similarity, source: GeometrySource) -> PlanFeatures:
-    out = plan_features(samples_of(moved(model, transform)))
-    if len(out.tall) + len(out.low) < 50:
-        raise complaint(source, "is too small to be registered", "register")
-    return out
-
-
-def _scaled(scale: float, pivot: tuple[float, float] | None) -> Similarity:
-    fixed = np.array([*(pivot or (0.0, 0.0)), 0.0])
-    return Similarity(scale, np.eye(3), fixed * (1.0 - scale))
-
-
-def _as_large_as(
-    region: shapely.Polygon,
-    model: ImportedModel,
-    levelled: Similarity,
-    pivot: tuple[float, float] | None,
-) -> Similarity:
-    """Make a model whose unit is a guess as large as the region: where the search starts."""
-    points = levelled.apply(samples_of(model).points)
-    low, high = np.quantile(points[:, :2], [0.02, 0.98], axis=0)
-    scale = 2 * float(np.sqrt(region.area / np.pi)) / max(float((high - low).max()), 1e-9)
-    return _scaled(scale, pivot).after(levelled)
-
-
-def _in_plan(
-    features: PlanFeatures,
-    raster: MapRaster,
-    source: GeometrySource,
-    surroundings: Surroundings,
-    freedom: Freedom,
-    tell: Progress,
-) -> tuple[Candidate, list[Candidate], NDArray[np.float64]]:
-    """Return the best way to lay a model on the map, all that were looked at, and the pivot."""
-    spec = source.spec.register_to
-    assert spec is not None
-    region = surroundings.region
-    middle = np.array([region.centroid.x, region.centroid.y])
-    everything = np.vstack([features.tall, features.low])
-    pivot = middle if freedom.pivot is None else np.array(freedom.pivot)
-    centre, reach = pivot, spec.search_m
-    if freedom.place:
-        pivot = (np.quantile(everything, 0.02, axis=0) + np.quantile(everything, 0.98, axis=0)) / 2
-        centre = middle
-        corners = shapely.get_coordinates(region) - middle
-        reach = max(reach, float(np.hypot(*corners.T).max()))
-    widest = spec.search_deg
-    if not freedom.heading and "search_deg" not in spec.model_fields_set:
-        widest = _KNOWN_HEADING_DEG
-    tell(0.1, "comparing it with the map")
-    scales = _scales(spec.scale, freedom.scale)
-    step = 4.0 if len(scales) > 20 else 3.0
-    first = candidates(
-        features,
-        raster,
-        pivot,
-        centre,
-        reach_m=reach,
-        yaws=_yaws(widest, step),
-        scales=scales,
-        most=_CANDIDATES,
-    )
-    if not first:
-        raise complaint(
-            source,
-            f"cannot be registered: nothing of it looks like the map within {reach:.0f} m and "
-            f"{widest:.0f} degrees",
-            "register",
-            expected="a larger search_m, scale: true, or control_points",
-        )
-    fine = MapRaster(surroundings, _FINE_M)
-    better: list[Candidate] = []
-    for number, one in enumerate(first):
-        tell(0.4 + 0.04 * number, "comparing it in detail")
-        near = candidates(
-            features,
-            fine,
-            pivot,
-            np.array([one.x, one.y]),
-            reach_m=8.0,
-            yaws=one.yaw + _yaws(step, 1.0),
-            scales=one.scale * (np.exp(np.linspace(-0.02, 0.02, 3)) if spec.scale else np.ones(1)),
-            most=1,
-        )
-        better += near or [one]
-    outlines = Outlines.of(surroundings)
-    if outlines is not None and len(features.walls) >= 50:
-        better = [
-            _refined(features, outlines, one, pivot, surroundings, spec.scale) for one in better
-        ]
-    ranked: list[Candidate] = []
-    for one in sorted(better, key=lambda c: (-c.score, c.yaw, c.x, c.y)):
-        if not any(one.near(other) for other in ranked):
-            ranked.append(one)
-    best = ranked[0]
-    if outlines is not None and len(features.walls) >= 50:
-        best = fit_outlines(features, outlines, best, pivot, with_scale=spec.scale, most=40_000)
-    return best, ranked, pivot
-
-
-def _refined(
-    features: PlanFeatures,
-    outlines: Outlines,
-    one: Candidate,
-    pivot: NDArray[np.float64],
-    surroundings: Surroundings,
-    with_scale: bool,
-) -> Candidate:
-    at = fit_outlines(features, outlines, one, pivot, with_scale=with_scale, most=6_000)
-    return replace(at, score=agreement(features, outlines, at, pivot, surroundings).score)
-
-
-def _scales(
-    asked: bool,
-    guessed: bool,
-) -> NDArray[np.float64]:
-    """Return the scales to try: about one, or where the unit is only a guess far about it."""
-    if not asked:
-        return np.ones(1)
-    if not guessed:
-        return np.asarray(np.exp(np.arange(-8, 9) * 0.03))
-    return np.asarray(np.exp(np.arange(np.log(1 / WIDEST), np.log(WIDEST), 0.035)))
-
-
-def _yaws(widest_deg: float, step_deg: float) -> NDArray[np.float64]:
-    """Return turns to try, radians."""
-    if widest_deg >= 180.0 - step_deg / 2:
-        return np.asarray(np.radians(np.arange(0.0, 360.0, step_deg)))
-    steps = int(np.ceil(widest_deg / step_deg)) if widest_deg > 0 else 0
-    return np.asarray(np.radians(np.linspace(-widest_deg, widest_deg, 2 * steps + 1)))
 
 
 def _similarity(at: Candidate, pivot: NDArray[np.float64]) -> Similarity:
