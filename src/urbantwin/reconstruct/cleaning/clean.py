@@ -17,7 +17,7 @@ from urbantwin.reconstruct.cleaning.decimate import decimated
 from urbantwin.reconstruct.cleaning.removal import Removal, Spots, measures
 from urbantwin.reconstruct.cleaning.shards import find_shards
 from urbantwin.reconstruct.cleaning.traffic import without_traffic
-from urbantwin.reconstruct.cleaning.weld import cleared
+from urbantwin.reconstruct.cleaning.weld import cleared, selected
 from urbantwin.reconstruct.model import TriangleMesh
 from urbantwin.site.geometry import CleanSpec
 
@@ -96,16 +96,17 @@ def cleaned(
     places = np.zeros((0, 3)) if sensors is None else np.asarray(sensors, np.float64).reshape(-1, 3)
     keep, remove = Spots(list(spec.keep), frame), Spots(list(spec.remove), frame)
     mesh, left_out = cleared(mesh)
-    report: dict[str, Any] = {"name": name, "before": measures(mesh), "left_out": left_out}
-    mesh = _roughly(mesh, region)
-    near = mesh
+    pieces = pieces_of(mesh)
+    report: dict[str, Any] = {"name": name, "before": measures(mesh, pieces), "left_out": left_out}
+    near = _roughly(mesh, region)
+    pieces, mesh = pieces if near is mesh else pieces_of(near), near
     removed: list[Removal] = []
     kept: list[Removal] = []
     passed: list[Removal] = []
     around = shapely.buffer(region, _MARGIN_M, join_style="mitre")
     if spec.shards and len(mesh.faces):
-        shards = find_shards(mesh, spec.smallest_m, keep)
-        mesh = mesh.select(~shards.faces)
+        shards = find_shards(mesh, pieces, spec.smallest_m, keep)
+        mesh = selected(mesh, ~shards.faces)
         removed += shards.removed
         kept += shards.kept
     if spec.traffic:
@@ -117,8 +118,8 @@ def cleaned(
     if len(remove):
         mesh, named = _named(mesh, remove)
         removed += named
-    mesh, pieces = clipped(mesh, region) if len(mesh.faces) else (mesh, 0)
-    left_out["cut_at_the_border"] = pieces
+    mesh, crossed = clipped(mesh, region) if len(mesh.faces) else (mesh, 0)
+    left_out["cut_at_the_border"] = crossed
     removed = [one for one in removed if shapely.intersects_xy(around, *one.at[:2])]
     if spec.chordal_error_m != 0.0 and len(mesh.faces):
         before = len(mesh.faces)
@@ -152,7 +153,7 @@ def _roughly(mesh: TriangleMesh, region: shapely.Polygon) -> TriangleMesh:
     x, y = mesh.vertices[:, 0][mesh.faces], mesh.vertices[:, 1][mesh.faces]
     near = (x.max(axis=1) >= west - _MARGIN_M) & (x.min(axis=1) <= east + _MARGIN_M)
     near &= (y.max(axis=1) >= south - _MARGIN_M) & (y.min(axis=1) <= north + _MARGIN_M)
-    return mesh if near.all() else mesh.select(near)
+    return mesh if near.all() else selected(mesh, near)
 
 
 def _named(mesh: TriangleMesh, remove: Spots) -> tuple[TriangleMesh, list[Removal]]:
@@ -172,7 +173,7 @@ def _named(mesh: TriangleMesh, remove: Spots) -> tuple[TriangleMesh, list[Remova
         for number in np.flatnonzero(gone).tolist()
     ]
     if gone.any():
-        mesh = mesh.select(~gone[pieces.of_face])
+        mesh = selected(mesh, ~gone[pieces.of_face])
     where = shapely.union_all(remove.areas())
     if not where.is_empty and len(mesh.faces):
         street = without_traffic(mesh, shapely.box(*where.bounds), where, Spots([], None), remove)

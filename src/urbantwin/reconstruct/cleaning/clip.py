@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from urbantwin.reconstruct.cleaning.weld import selected
 from urbantwin.reconstruct.model import TriangleMesh
 
 __all__ = ["Cut", "clipped", "cut_along"]
@@ -45,8 +46,8 @@ def clipped(
         region: in plan, site frame, metres.
     """
     cut = cut_along(mesh, region)
-    pieces = len(cut.parent) - len(np.unique(cut.parent))
-    return _part(mesh, cut, cut.inside), pieces
+    crossed = np.bincount(cut.parent, minlength=len(mesh.faces)) > 1
+    return _part(mesh, cut, cut.inside), int(crossed.sum())
 
 
 def cut_along(
@@ -262,4 +263,4 @@ def _part(mesh: TriangleMesh, cut: Cut, keep: NDArray[np.bool_]) -> TriangleMesh
         object=mesh.object[parent],
         semantic=None if mesh.semantic is None else mesh.semantic[parent],
     )
-    return whole.select(np.ones(len(whole.faces), bool))
+    return selected(whole)

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter, minimum_filter
+from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
 from urbantwin.reconstruct.cleaning.connected import Pieces
 from urbantwin.reconstruct.cleaning.grid import Grid
+from urbantwin.reconstruct.cleaning.rays import Rays
 from urbantwin.reconstruct.model import TriangleMesh
 
-__all__ = ["contacts"]
+__all__ = ["Contacts"]
 
 #: Most steps along a triangle's longest side.
 _MOST_STEPS = 128
@@ -19,106 +21,151 @@ _MOST_STEPS = 128
 _NEIGHBOURS = 16
 #: Points worked on at once.
 _AT_ONCE = 200_000
+#: Cells of the grid of heights that tells what flies above everything, metres.
+_CELL_M = 1.0
+_AXES = np.array([[0, 0, -1], [0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]], np.float32)
 
-_Range = tuple[Grid, NDArray[np.float64], NDArray[np.float64]]
+_NONE = np.zeros((0, 2), np.int64)
 
 
-def contacts(
-    mesh: TriangleMesh, pieces: Pieces, some: NDArray[np.bool_], reach: float
-) -> NDArray[np.int64]:
-    """Return pairs (P, 2) of pieces that come within about ``reach``, one of them of ``some``.
-
-    Triangles are sampled at the reach; points of different pieces are compared.
+class Contacts:
+    """Finds what some loose pieces touch: pieces that are not loose, and each other.
 
     Args:
         mesh: welded, site frame, metres.
         pieces: of the mesh, K of them.
-        some: (K,) bool.
-        reach: metres.
+        loose: (K,) bool.
     """
-    none = np.zeros((0, 2), np.int64)
-    mine = np.flatnonzero(some[pieces.of_face])
-    if not len(mine):
-        return none
-    corners = mesh.vertices[mesh.faces]
-    points, owner = _sampled(corners[mine], pieces.of_face[mine], reach)
-    tree = cKDTree(points)
-    span = max(float(np.ptp(points[:, :2], axis=0).max()), 1.0)
-    grid = Grid.over(
-        (*(points[:, :2].min(axis=0) - 1.0), *(points[:, :2].max(axis=0) + 1.0)),
-        max(0.5, span / 1000),
-    )
-    low = minimum_filter(np.nan_to_num(grid.lowest(points), nan=np.inf), 3) - reach
-    high = maximum_filter(np.nan_to_num(grid.highest(points), nan=-np.inf), 3) + reach
-    other = _beside((grid, low, high), corners, ~some[pieces.of_face])
-    around, others = _sampled(corners[other], pieces.of_face[other], reach, (grid, low, high))
-    pairs = [none]
-    for places, owners in ((points, owner), (around, others)):
-        for part in np.array_split(np.arange(len(places)), max(1, len(places) // _AT_ONCE)):
-            if not len(part):
-                continue
-            count = min(_NEIGHBOURS, len(points))
-            distance, index = tree.query(
-                places[part], k=count, distance_upper_bound=1.2 * reach, workers=-1
+
+    def __init__(self, mesh: TriangleMesh, pieces: Pieces, loose: NDArray[np.bool_]) -> None:
+        self._pieces, self._loose = pieces, loose
+        of_loose = loose[pieces.of_face]
+        self._corners = mesh.vertices[mesh.faces[of_loose]]
+        self._owner = pieces.of_face[of_loose]
+        self._fixed = np.flatnonzero(~of_loose)
+        faces = mesh.faces[self._fixed]
+        self._rays = Rays(mesh.vertices, faces) if len(faces) else None
+        self._feet = mesh.vertices[pieces.foot]
+        self._low = self._over_everything(mesh.vertices, faces)
+
+    def _over_everything(
+        self, vertices: NDArray[np.float64], faces: NDArray[np.int32]
+    ) -> NDArray[np.bool_]:
+        """Return which pieces (K,) may touch what is not loose: all but those far above it."""
+        pieces = self._pieces
+        able = self._loose.copy()
+        if not len(faces):
+            return np.zeros(len(pieces), bool)
+        corners = vertices[faces]
+        low, high = corners.min(axis=1), corners.max(axis=1)
+        bounds = (*low[:, :2].min(axis=0), *high[:, :2].max(axis=0))
+        span = max(bounds[2] - bounds[0], bounds[3] - bounds[1])
+        grid = Grid.over(bounds, max(_CELL_M, span / 1000))
+        top = np.full(grid.shape, -np.inf)
+        wide = (high - low)[:, :2].max(axis=1) > grid.step
+        small, large = ~wide, np.flatnonzero(wide)
+        for x, y in ((low, low), (low, high), (high, low), (high, high)):
+            cell = grid.cells(np.column_stack([x[small, 0], y[small, 1]]))
+            np.maximum.at(top, cell, high[small, 2])
+        # A wide triangle marks the cells around the places on it.
+        places, whose = _sampled(corners[large], np.arange(len(large)), grid.step, 1024)
+        np.maximum.at(top, grid.cells(places), high[large[whose], 2])
+        top = maximum_filter(top, 5)
+        over = pieces.low[:, 2] - top[grid.cells(pieces.middle[:, :2])]
+        over[pieces.size[:, :2].max(axis=1) > 2 * grid.step] = -np.inf
+        return np.asarray(able & (over < 0.5))
+
+    def resting(self, reach: float) -> NDArray[np.int64]:
+        """Return pairs (P, 2): a loose piece, and the one that its foot is at most above."""
+        numbers = np.flatnonzero(self._low)
+        if self._rays is None or not len(numbers):
+            return _NONE
+        face, distance = self._rays.first(self._feet[numbers] + [0, 0, 1e-3], _AXES[0])
+        near = (face >= 0) & (distance < reach)
+        other = self._pieces.of_face[self._fixed[face[near]]]
+        return np.column_stack([numbers[near], other]).astype(np.int64)
+
+    def within(self, reach: float, among: NDArray[np.bool_] | None = None) -> NDArray[np.int64]:
+        """Return pairs (P, 2) of pieces that come within about a distance of each other.
+
+        From points on the loose pieces, as far apart as the distance, rays run along the axes.
+
+        Args:
+            reach: metres.
+            among: (K,) bool: only these of the loose pieces.
+        """
+        chosen = self._loose if among is None else self._loose & among
+        return np.concatenate(
+            [self._fixed_within(reach, chosen), self._loose_within(reach, chosen)]
+        )
+
+    def _fixed_within(self, reach: float, chosen: NDArray[np.bool_]) -> NDArray[np.int64]:
+        some = (chosen & self._low)[self._owner]
+        if self._rays is None or not some.any():
+            return _NONE
+        points, owner = _sampled(self._corners[some], self._owner[some], reach)
+        pairs = [_NONE]
+        for axis in _AXES:
+            face, distance = self._rays.first(points - 1e-3 * axis, axis)
+            near = (face >= 0) & (distance < reach)
+            other = self._pieces.of_face[self._fixed[face[near]]]
+            pairs.append(np.unique(np.column_stack([owner[near], other]), axis=0))
+        return np.concatenate(pairs).astype(np.int64)
+
+    def _loose_within(self, reach: float, chosen: NDArray[np.bool_]) -> NDArray[np.int64]:
+        numbers = np.flatnonzero(chosen)
+        if len(numbers) < 2:
+            return _NONE
+        low, high = self._pieces.low[numbers] - reach / 2, self._pieces.high[numbers] + reach / 2
+        boxes = shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1])
+        first, second = shapely.STRtree(boxes).query(boxes, predicate="intersects")
+        meet = (first < second) & (low[first, 2] < high[second, 2])
+        meet &= low[second, 2] < high[first, 2]
+        beside = np.zeros(len(self._pieces), bool)
+        beside[numbers[first[meet]]] = True
+        beside[numbers[second[meet]]] = True
+        some = beside[self._owner]
+        if not some.any():
+            return _NONE
+        points, owner = _sampled(self._corners[some], self._owner[some], reach)
+        tree = cKDTree(points)
+        count = min(_NEIGHBOURS, len(points))
+        pairs = [_NONE]
+        for part in np.array_split(np.arange(len(points)), max(1, len(points) // _AT_ONCE)):
+            _, index = tree.query(
+                points[part], k=count, distance_upper_bound=1.2 * reach, workers=-1
             )
             index = index.reshape(len(part), count)
-            hit = np.isfinite(distance.reshape(len(part), count))
-            row, column = np.nonzero(hit)
-            first, second = owner[index[row, column]], owners[part][row]
-            apart = first != second
-            found = np.column_stack([first[apart], second[apart]])
+            row, column = np.nonzero(index < len(points))
+            one, other = owner[index[row, column]], owner[part][row]
+            apart = one != other
+            found = np.column_stack([one[apart], other[apart]])
             pairs.append(np.unique(found, axis=0).astype(np.int64))
-    return np.unique(np.concatenate(pairs), axis=0)
-
-
-def _beside(
-    where: _Range, corners: NDArray[np.float64], able: NDArray[np.bool_]
-) -> NDArray[np.int64]:
-    """Return which triangles (F, 3, 3) have bounds that meet the occupied cells of a grid."""
-    grid, low, high = where
-    face_low, face_high = corners.min(axis=1), corners.max(axis=1)
-    sums = np.zeros((grid.rows + 1, grid.columns + 1), np.int64)
-    sums[1:, 1:] = (high > low).cumsum(axis=0).cumsum(axis=1)
-    east, north = grid.west + grid.columns * grid.step, grid.south + grid.rows * grid.step
-    able = able & (face_high[:, 0] >= grid.west) & (face_low[:, 0] <= east)
-    able &= (face_high[:, 1] >= grid.south) & (face_low[:, 1] <= north)
-    able &= (face_high[:, 2] >= low.min()) & (face_low[:, 2] <= high.max())
-    numbers = np.flatnonzero(able)
-    r0, c0 = grid.cells(face_low[numbers, :2])
-    r1, c1 = grid.cells(face_high[numbers, :2])
-    total = sums[r1 + 1, c1 + 1] - sums[r0, c1 + 1] - sums[r1 + 1, c0] + sums[r0, c0]
-    return np.asarray(numbers[total > 0])
+        return np.unique(np.concatenate(pairs), axis=0)
 
 
 def _sampled(
     corners: NDArray[np.float64],
-    owner: NDArray[np.int32],
+    owner: NDArray[np.integer],
     spacing: float,
-    where: _Range | None = None,
-) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+    most: int = _MOST_STEPS,
+) -> tuple[NDArray[np.float64], NDArray[np.integer]]:
     """Return points (N, 3) on triangles, about ``spacing`` apart, and whose they are (N,)."""
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     sides = (a - b, b - c, c - a)
-    longest = np.sqrt(np.maximum.reduce([(side**2).sum(axis=1) for side in sides]))
-    steps = np.clip(longest / spacing, 1, _MOST_STEPS)
-    # In powers of two, so that all triangles of one kind are worked on at once.
-    level = 2 ** np.ceil(np.log2(steps)).astype(np.int64)
-    points, owners = [np.zeros((0, 3))], [np.zeros(0, np.int32)]
-    for n in np.unique(level):
-        i, j = (k.ravel() for k in np.indices((n + 1, n + 1)))
-        inside = i + j <= n
-        u, v = (i[inside] / n)[None, :, None], (j[inside] / n)[None, :, None]
-        members = np.flatnonzero(level == n)
-        parts = max(1, len(members) * u.size // (4 * _AT_ONCE))
-        for part in np.array_split(members, parts):
-            place = a[part][:, None] - u * sides[0][part][:, None] + v * sides[2][part][:, None]
-            place = place.reshape(-1, 3)
-            whose = np.repeat(owner[part], u.size)
-            if where is not None:
-                grid, low, high = where
-                cell = grid.cells(place[:, :2])
-                near = (place[:, 2] >= low[cell]) & (place[:, 2] <= high[cell])
-                place, whose = place[near], whose[near]
-            points.append(place)
-            owners.append(whose)
+    points, owners = [np.zeros((0, 3))], [np.zeros(0, owner.dtype)]
+    if len(corners):
+        longest = np.sqrt(np.maximum.reduce([(side**2).sum(axis=1) for side in sides]))
+        # In powers of two, so that all triangles of one kind are worked on at once.
+        steps = np.clip(longest / spacing, 1, most)
+        level = 2 ** np.ceil(np.log2(steps)).astype(np.int64)
+        for n in np.unique(level):
+            i, j = (k.ravel() for k in np.indices((n + 1, n + 1)))
+            inside = i + j <= n
+            u, v = (i[inside] / n)[None, :, None], (j[inside] / n)[None, :, None]
+            members = np.flatnonzero(level == n)
+            place = a[members][:, None] - u * sides[0][members][:, None]
+            place += v * sides[2][members][:, None]
+            points.append(place.reshape(-1, 3))
+            owners.append(np.repeat(owner[members], u.size))
     return np.concatenate(points), np.concatenate(owners)

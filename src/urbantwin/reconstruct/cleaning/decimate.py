@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import fast_simplification
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.reconstruct.cleaning.deviation import Deviation, deviation
-from urbantwin.reconstruct.cleaning.weld import areas_of_faces
+from urbantwin.reconstruct.cleaning.deviation import Deviation, Surface, deviation
+from urbantwin.reconstruct.cleaning.weld import areas_of_faces, selected
 from urbantwin.reconstruct.model import TriangleMesh
 
 __all__ = ["Decimated", "decimated", "unseen_error"]
@@ -22,10 +22,9 @@ NEAR_M = 0.01
 PER_METRE = 0.5e-3
 #: Never more than this, metres.
 FAR_M = 0.05
-#: The first try: quadrics add up the squares of all planes that met in a vertex, so that their
-#: root lies well above the true distance.
-_FIRST_TRY = 2.0
-_TRIES = 3
+#: Bounds of the quadrics in terms of the error, one try after the other: quadrics add up the
+#: squares of all planes that met in a vertex, so that their root lies above the true distance.
+_TRIES = (2.0, 2.0, 1.0, 0.5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +59,9 @@ def decimated(
 
     Edges are collapsed while the quadric error (Garland and Heckbert 1997) of the new vertex is
     below the bound; borders stay to the vertex. The distance between both surfaces is then
-    measured, both ways, and the bound of the quadrics is lowered until it holds. Zones of
-    distance to the nearest sensor have bounds of their own and are joined without a gap.
+    measured, both ways; where it is too large the old surface stays, until the bound holds
+    everywhere. Zones of distance to the nearest sensor have bounds of their own and are joined
+    without a gap.
 
     Args:
         mesh: welded, site frame, metres.
@@ -73,22 +73,21 @@ def decimated(
     kinds = zone if label is None else zone * (int(label.max(initial=0)) + 1) + label
     parts, measured, p95 = [], [], []
     for number, error in enumerate(errors):
-        part = mesh.select(zone == number)
+        part = selected(mesh, zone == number)
         result, gap = _within(part, kinds[zone == number], error)
         parts.append(result)
         measured.append(gap.most)
         p95.append(gap.p95)
-    joined = TriangleMesh.concatenate(parts)
-    if parts:
-        joined = TriangleMesh(
-            joined.vertices,
-            joined.faces,
-            joined.colour,
-            np.concatenate([part.object for part in parts if len(part.faces)]),
-            mesh.names,
-            joined.semantic,
-        )
-    return Decimated(joined, errors, measured, p95)
+    return Decimated(_joined(parts, mesh), errors, measured, p95)
+
+
+def _joined(parts: list[TriangleMesh], mesh: TriangleMesh) -> TriangleMesh:
+    """Return parts of one mesh as one again."""
+    some = [part for part in parts if len(part.faces)]
+    if not some:
+        return selected(mesh, np.zeros(len(mesh.faces), bool))
+    objects = np.concatenate([part.object for part in some])
+    return replace(TriangleMesh.concatenate(some), object=objects, names=mesh.names)
 
 
 def _zones(
@@ -113,15 +112,27 @@ def _within(
     mesh: TriangleMesh, kinds: NDArray[np.int64], error: float
 ) -> tuple[TriangleMesh, Deviation]:
     """Return a mesh with fewer triangles, and how far it is from the old one."""
-    bound = _FIRST_TRY * error
-    for _ in range(_TRIES):
-        fewer = _collapsed(mesh, kinds, bound)
-        if len(fewer[1]) >= 0.97 * len(mesh.faces):
-            break
-        gap = deviation(mesh, *fewer, error)
+    free = np.ones(len(mesh.faces), bool)
+    old = Surface(mesh.vertices, mesh.faces)
+    for bound in error * np.array(_TRIES):
+        part = selected(mesh, free)
+        fewer = _collapsed(part, kinds[free], bound)
+        gap = deviation(part, *fewer, old, error)
         if gap.most <= error:
-            return _attributed(mesh, *fewer, gap), gap
-        bound /= max(2.0, gap.most / error)
+            new = _attributed(mesh, part, *fewer, gap)
+            return _joined([new, selected(mesh, ~free)], mesh), gap
+        # Where it went too far the surface stays as it is, with the triangles around.
+        far = (gap.old > error) | (gap.new > error)[gap.new_of_old]
+        some = np.zeros(len(mesh.faces), bool)
+        some[gap.old_of_new[gap.new > error]] = True
+        far |= some[free]
+        if not far.any():
+            break
+        touched = np.zeros(len(part.vertices), bool)
+        touched[part.faces[far].ravel()] = True
+        free[np.flatnonzero(free)[touched[part.faces].any(axis=1)]] = False
+        if not free.any():
+            break
     return mesh, Deviation.none(len(mesh.faces))
 
 
@@ -152,19 +163,20 @@ def _collapsed(
 
 def _attributed(
     mesh: TriangleMesh,
+    part: TriangleMesh,
     points: NDArray[np.float64],
     triangles: NDArray[np.int32],
     gap: Deviation,
 ) -> TriangleMesh:
     """Return the new triangles with the colours and names of the old ones under them."""
     colour = None
-    if mesh.colour is not None:
+    if mesh.colour is not None and part.colour is not None:
         # The mean of the old triangles that lie on a new one, by their areas.
-        area = areas_of_faces(mesh)
+        area = areas_of_faces(part)
         weight = np.bincount(gap.new_of_old, area, len(triangles))
         colour = mesh.colour[gap.old_of_new]
         mean = [
-            np.bincount(gap.new_of_old, area * mesh.colour[:, k], len(triangles)) for k in range(3)
+            np.bincount(gap.new_of_old, area * part.colour[:, k], len(triangles)) for k in range(3)
         ]
         some = weight > 0
         colour[some] = np.rint(np.column_stack(mean)[some] / weight[some, None]).astype(np.uint8)

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from urbantwin.reconstruct.cleaning.rays import Rays
 from urbantwin.reconstruct.model import TriangleMesh
 
-__all__ = ["Deviation", "deviation", "distances_to_triangles"]
+__all__ = ["Deviation", "Surface", "deviation", "distances_to_triangles"]
 
 #: Triangles that are measured exactly where a ray finds none: nearest by their middles.
 _NEIGHBOURS = 24
@@ -24,72 +24,78 @@ class Deviation:
     Attributes:
         most: greatest of all samples, metres.
         p95: 95 % of them are less.
-        old_of_new: (F',) the old triangle at each new one's middle.
-        new_of_old: (F,) the new triangle at each old one's middle.
+        old: (F,) greatest at each old triangle, metres.
+        new: (F',) greatest at each new one.
+        old_of_new: (F',) the triangle of the old surface at each new one's middle.
+        new_of_old: (F,) the new triangle at each old one's first corner.
     """
 
     most: float
     p95: float
+    old: NDArray[np.float64]
+    new: NDArray[np.float64]
     old_of_new: NDArray[np.int64]
     new_of_old: NDArray[np.int64]
 
     @classmethod
     def none(cls, count: int) -> Deviation:
         """Return that of a mesh and itself."""
-        return cls(0.0, 0.0, np.arange(count), np.arange(count))
+        zero = np.zeros(count)
+        return cls(0.0, 0.0, zero, zero, np.arange(count), np.arange(count))
 
 
 def deviation(
-    mesh: TriangleMesh,
+    part: TriangleMesh,
     points: NDArray[np.float64],
     triangles: NDArray[np.int32],
+    old: Surface,
     reach: float,
 ) -> Deviation:
     """Measure how far a mesh and a simpler one are apart (a sampled Hausdorff distance).
 
-    Samples are the old mesh's vertices and the middles of its triangles, and the middles of the
-    new triangles and of their edges. From each a ray runs along the surface's normal, both ways;
-    what it meets is an upper bound of the distance. Where it meets nothing within the bound (at
-    edges and borders) the distance to the nearest triangles is computed.
+    Samples are all old vertices, and the middles of the new triangles and of their edges. From
+    each a ray runs along the surface's normal, both ways; what it meets is an upper bound of the
+    distance. Where it meets nothing within reach (at edges and borders) the distance to the
+    nearest triangles is computed.
 
     Args:
-        mesh: the old one.
-        points: (V', 3) vertices of the new one.
-        triangles: (F', 3) of the new one.
+        part: the old triangles that became the new ones.
+        points: (V', 3) vertices of the new ones.
+        triangles: (F', 3) the new ones.
+        old: the surface that the old triangles are a part of.
         reach: metres: nearer is near enough for a ray's answer.
     """
-    old, new = mesh.vertices[mesh.faces], points[triangles]
-    old_normal, new_normal = _normals(old), _normals(new)
-    to_new = _Surface(points, triangles, new)
-    to_old = _Surface(mesh.vertices, mesh.faces, old)
-
-    d1, new_of_old = to_new.nearest(old.mean(axis=1), old_normal, reach)
-    at_vertex = np.zeros(len(mesh.vertices), np.int64)
-    at_vertex[mesh.faces.ravel()] = np.repeat(np.arange(len(mesh.faces)), 3)
-    d2, _ = to_new.nearest(mesh.vertices, old_normal[at_vertex], reach)
-    d3, old_of_new = to_old.nearest(new.mean(axis=1), new_normal, reach)
-    sides = ((new + np.roll(new, -1, axis=1)) / 2).reshape(-1, 3)
-    d4, _ = to_old.nearest(sides, np.repeat(new_normal, 3, axis=0), reach)
-    all_of_them = np.concatenate([d1, d2, d3, d4])
+    corners = points[triangles]
+    old_normal, new_normal = _normals(part.vertices[part.faces]), _normals(corners)
+    new = Surface(points, triangles)
+    at_vertex = np.zeros(len(part.vertices), np.int64)
+    at_vertex[part.faces.ravel()] = np.repeat(np.arange(len(part.faces)), 3)
+    d1, new_of_vertex = new.nearest(part.vertices, old_normal[at_vertex], reach)
+    d2, old_of_new = old.nearest(corners.mean(axis=1), new_normal, reach)
+    sides = ((corners + np.roll(corners, -1, axis=1)) / 2).reshape(-1, 3)
+    d3, _ = old.nearest(sides, np.repeat(new_normal, 3, axis=0), reach)
+    all_of_them = np.concatenate([d1, d2, d3])
     return Deviation(
         float(all_of_them.max(initial=0.0)),
         float(np.percentile(all_of_them, 95)) if len(all_of_them) else 0.0,
+        d1[part.faces].max(axis=1),
+        np.maximum(d2, d3.reshape(-1, 3).max(axis=1)),
         old_of_new,
-        new_of_old,
+        new_of_vertex[part.faces[:, 0]],
     )
 
 
-class _Surface:
-    """Triangles, and what lies near points."""
+class Surface:
+    """Triangles, and what lies near points.
 
-    def __init__(
-        self,
-        vertices: NDArray[np.float64],
-        faces: NDArray[np.int32],
-        corners: NDArray[np.float64],
-    ) -> None:
+    Args:
+        vertices: (V, 3) metres.
+        faces: (F, 3) indices.
+    """
+
+    def __init__(self, vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> None:
         self._rays = Rays(vertices, faces)
-        self._corners = corners
+        self._corners = vertices[faces]
         self._tree: cKDTree | None = None
 
     def nearest(
@@ -132,8 +138,9 @@ class _Surface:
 
 def _normals(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     a, b, c = np.moveaxis(corners, 1, 0)
-    cross = np.cross(b - a, c - a)
-    length = np.linalg.norm(cross, axis=1, keepdims=True)
+    (ux, uy, uz), (vx, vy, vz) = (b - a).T, (c - a).T
+    cross = np.column_stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
+    length = np.sqrt(np.einsum("ij,ij->i", cross, cross))[:, None]
     up = np.broadcast_to(np.array([0.0, 0.0, 1.0]), cross.shape).copy()
     return np.asarray(np.divide(cross, length, out=up, where=length > 1e-12))
 

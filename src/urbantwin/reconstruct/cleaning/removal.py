@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.geometry import SiteFrame
-from urbantwin.reconstruct.cleaning.connected import pieces_of
+from urbantwin.reconstruct.cleaning.connected import Pieces, pieces_of
 from urbantwin.reconstruct.cleaning.weld import areas_of_faces
 from urbantwin.reconstruct.model import TriangleMesh
 from urbantwin.site.geometry import Spot
@@ -112,16 +112,20 @@ class Spots:
         ]
 
 
-def measures(mesh: TriangleMesh) -> dict[str, Any]:
-    """Return triangles, area, bounds and number of pieces of a mesh, for reports."""
+def measures(mesh: TriangleMesh, pieces: Pieces | None = None) -> dict[str, Any]:
+    """Return triangles, area, bounds and number of pieces of a mesh, for reports.
+
+    Args:
+        mesh: every vertex used.
+        pieces: of the mesh, where they are known.
+    """
     if not len(mesh.faces):
         return {"triangles": 0, "vertices": 0, "area_m2": 0.0, "bounds_m": None, "pieces": 0}
-    used = mesh.vertices[mesh.faces.ravel()]
-    bounds = [used.min(axis=0), used.max(axis=0)]
+    bounds = [mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)]
     return {
         "triangles": len(mesh.faces),
         "vertices": len(mesh.vertices),
         "area_m2": round(float(areas_of_faces(mesh).sum()), 2),
         "bounds_m": [[round(float(v), 3) for v in corner] for corner in bounds],
-        "pieces": len(pieces_of(mesh)),
+        "pieces": len(pieces_of(mesh) if pieces is None else pieces),
     }

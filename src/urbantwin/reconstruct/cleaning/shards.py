@@ -10,8 +10,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from urbantwin.reconstruct.cleaning.bare_earth import bare_earth
-from urbantwin.reconstruct.cleaning.connected import Pieces, pieces_of
-from urbantwin.reconstruct.cleaning.contact import contacts
+from urbantwin.reconstruct.cleaning.connected import Pieces
+from urbantwin.reconstruct.cleaning.contact import Contacts
 from urbantwin.reconstruct.cleaning.grid import Grid, filled
 from urbantwin.reconstruct.cleaning.rays import Rays
 from urbantwin.reconstruct.cleaning.removal import Removal, Spots
@@ -46,7 +46,7 @@ class Shards:
     kept: list[Removal]
 
 
-def find_shards(mesh: TriangleMesh, smallest_m: float, keep: Spots) -> Shards:
+def find_shards(mesh: TriangleMesh, pieces: Pieces, smallest_m: float, keep: Spots) -> Shards:
     """Return the pieces of a mesh that float or are too small.
 
     Pieces hold each other where they touch. A piece stands if its foot is on the ground or on a
@@ -56,10 +56,10 @@ def find_shards(mesh: TriangleMesh, smallest_m: float, keep: Spots) -> Shards:
 
     Args:
         mesh: welded, site frame, metres.
+        pieces: of the mesh.
         smallest_m: pieces whose longest side is below this are too small, metres.
         keep: pieces that stay whatever the rules say.
     """
-    pieces = pieces_of(mesh)
     none = np.zeros(len(mesh.faces), bool)
     if len(pieces) < 2:
         return Shards(none, [], [])
@@ -67,11 +67,12 @@ def find_shards(mesh: TriangleMesh, smallest_m: float, keep: Spots) -> Shards:
     longest = pieces.size.max(axis=1)
     small = longest < smallest_m
     loose = ~on_ground | (small & ~ground)
-    holds = contacts(mesh, pieces, loose, _TOUCH_M)
+    touching = Contacts(mesh, pieces, loose)
+    holds = touching.within(_TOUCH_M)
     beside = np.zeros(len(pieces), bool)
     beside[holds.ravel()] = True
-    close = contacts(mesh, pieces, small & ~ground & beside, _CLOSE_M)
-    rests = _resting(mesh, pieces, ~on_ground)
+    close = touching.within(_CLOSE_M, small & ~ground & beside)
+    rests = touching.resting(_FOOT_M)
     anchored = on_ground & ~small
     stands = _reached(len(pieces), anchored | ground, np.concatenate([holds, rests]), ~small)
     # A small piece is carried by a thing, not by the ground that it happens to lie on.
@@ -147,17 +148,6 @@ def _standing(
 def _grid_step(pieces: Pieces) -> float:
     span = float((pieces.high[:, :2].max(axis=0) - pieces.low[:, :2].min(axis=0)).max())
     return max(_CELL_M, span / 2000)
-
-
-def _resting(mesh: TriangleMesh, pieces: Pieces, loose: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return pairs (P, 2) of pieces of which the first has its foot on the second."""
-    numbers = np.flatnonzero(loose)
-    if not len(numbers):
-        return np.zeros((0, 2), np.int64)
-    foot = mesh.vertices[pieces.foot[numbers]] - [0, 0, 1e-3]
-    face, distance = Rays(mesh.vertices, mesh.faces).first(foot, [0.0, 0.0, -1.0])
-    near = (face >= 0) & (distance < _FOOT_M)
-    return np.column_stack([numbers[near], pieces.of_face[face[near]]]).astype(np.int64)
 
 
 def _reached(

@@ -16,6 +16,7 @@ from urbantwin.reconstruct.cleaning.rays import Rays
 from urbantwin.reconstruct.cleaning.removal import Removal, Spots
 from urbantwin.reconstruct.cleaning.street import REACH_M, street_of_mesh
 from urbantwin.reconstruct.cleaning.vehicle import Blob, find_blobs, vehicle_kind
+from urbantwin.reconstruct.cleaning.weld import selected
 from urbantwin.reconstruct.model import TriangleMesh
 
 __all__ = ["Untrafficked", "without_traffic"]
@@ -181,7 +182,7 @@ def _cut_out(
         if mesh.semantic is None or work.semantic is None
         else np.concatenate([mesh.semantic[rest], work.semantic]),
     )
-    return whole.select(np.ones(len(whole.faces), bool)), removed
+    return selected(whole), removed
 
 
 def _groups(outlines: list[Outline]) -> list[tuple[Outline, list[int]]]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from urbantwin.reconstruct.model import TriangleMesh
 
-__all__ = ["WELD_M", "areas_of_faces", "cleared", "welded"]
+__all__ = ["WELD_M", "areas_of_faces", "cleared", "selected", "welded"]
 
 #: Vertices nearer than this are one, metres: below what float32 keeps within 1 km of the origin.
 WELD_M = 1e-4
@@ -55,9 +55,9 @@ def cleared(mesh: TriangleMesh) -> tuple[TriangleMesh, dict[str, int]]:
     good = np.asarray(finite[mesh.faces].all(axis=1))
     counts = {"not_finite": int((~good).sum())}
     if not good.all():
-        mesh = mesh.select(good)
+        mesh = selected(mesh, good)
     elif not finite.all():
-        mesh = mesh.select(np.ones(len(mesh.faces), bool))
+        mesh = selected(mesh)
     mesh = welded(mesh)
     flat = areas_of_faces(mesh) < _NO_AREA_M2
     a, b, c = mesh.faces.T
@@ -66,14 +66,38 @@ def cleared(mesh: TriangleMesh) -> tuple[TriangleMesh, dict[str, int]]:
     again = _repeated(mesh.faces) & ~flat
     counts["duplicate"] = int(again.sum())
     if counts["degenerate"] or counts["duplicate"]:
-        mesh = mesh.select(~(flat | again))
+        mesh = selected(mesh, ~(flat | again))
     return mesh, counts
+
+
+def selected(
+    mesh: TriangleMesh, keep: NDArray[np.bool_] | NDArray[np.int64] | None = None
+) -> TriangleMesh:
+    """Return some triangles (a mask or numbers; ``None``: all) without unused vertices.
+
+    As ``TriangleMesh.select``, in the time that it takes to mark the vertices once.
+    """
+    part = slice(None) if keep is None else keep
+    faces = mesh.faces[part]
+    used = np.zeros(len(mesh.vertices), bool)
+    used[faces.ravel()] = True
+    number = np.cumsum(used, dtype=np.int32) - np.int32(1)
+    return TriangleMesh(
+        mesh.vertices[used],
+        number[faces],
+        None if mesh.colour is None else mesh.colour[part],
+        mesh.object[part],
+        mesh.names,
+        None if mesh.semantic is None else mesh.semantic[part],
+    )
 
 
 def areas_of_faces(mesh: TriangleMesh) -> NDArray[np.float64]:
     """Return areas (F,), square metres."""
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
-    return np.asarray(np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2)
+    (ux, uy, uz), (vx, vy, vz) = (b - a).T, (c - a).T
+    x, y, z = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+    return np.asarray(np.sqrt(x * x + y * y + z * z) / 2)
 
 
 def _repeated(faces: NDArray[np.int32]) -> NDArray[np.bool_]:
