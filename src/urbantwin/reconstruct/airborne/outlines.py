@@ -25,6 +25,8 @@ SMALLEST_M2 = 12.0
 _THIN_M = 1.0
 #: Larger outlines are blocks of houses: they are cut into pieces below this, square metres.
 LARGEST_M2 = 350.0
+#: Cut where mean heights jump by this, metres; one roof is cut only above this area, square metres.
+_JUMP_M, _HALL_M2 = 0.3, 5000.0
 #: Points whose neighbourhood is thinner than this lie in a plane, metres.
 _THICK_M = 0.10
 #: Sides within this of the building's directions are turned to them, degrees.
@@ -129,6 +131,8 @@ def _halves(outline: shapely.Polygon, points: NDArray[np.float64]) -> list[shape
         count, 1
     )
     jump = np.abs(np.diff(mean[1:-1])) if len(edges) > 4 else np.zeros(0)
+    if outline.area < _HALL_M2 and jump.max(initial=0.0) < _JUMP_M:
+        return []
     at = float(edges[1 + int(np.argmax(jump))]) if jump.size else float(low + size / 2)
     across = np.array([-along[1], along[0]])
     far = 2.0 * (size + np.abs(ring).max())
