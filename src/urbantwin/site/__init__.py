@@ -3,8 +3,10 @@
 from urbantwin.site.dem import DemGrid, check_dem, read_heights
 from urbantwin.site.extract import Extract, OsmFeature, Relation, Way, WayPiece, read_extract
 from urbantwin.site.geometry import GeometrySource, GeometrySpec
+from urbantwin.site.imagery import ImagerySource, ImagerySpec
 from urbantwin.site.init import init_site
 from urbantwin.site.junction import JunctionProposal, propose_junction
+from urbantwin.site.orthophoto import Orthophoto, read_orthophoto
 from urbantwin.site.rig import Effects, RigSpec, SensorSpec, load_rig_spec
 from urbantwin.site.site import InputFile, Site, TrafficSpec, check_extract, load_site
 
@@ -14,8 +16,11 @@ __all__ = [
     "Extract",
     "GeometrySource",
     "GeometrySpec",
+    "ImagerySource",
+    "ImagerySpec",
     "InputFile",
     "JunctionProposal",
+    "Orthophoto",
     "OsmFeature",
     "Relation",
     "RigSpec",
@@ -32,4 +37,5 @@ __all__ = [
     "propose_junction",
     "read_extract",
     "read_heights",
+    "read_orthophoto",
 ]

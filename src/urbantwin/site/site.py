@@ -19,6 +19,7 @@ from urbantwin.site.dem import check_dem
 from urbantwin.site.document import Document, nearest, read_document, wrong
 from urbantwin.site.extract import Extract
 from urbantwin.site.geometry import GeometrySource, GeometrySpec
+from urbantwin.site.imagery import ImagerySource, ImagerySpec
 from urbantwin.site.region import (
     FARTHEST_M,
     circle,
@@ -166,6 +167,7 @@ class _SiteFile(_Strict):
     dem: _File | None = None
     roads: _Roads = _Roads()
     geometry: list[GeometrySpec] = []
+    imagery: list[ImagerySpec] = []
     signals: list[SignalSpec] = []
     closed_loop: bool = True
     traffic: TrafficSpec = TrafficSpec()
@@ -212,6 +214,7 @@ class Site:
         roads: a map of the roads, OpenDRIVE or Lanelet2, that is used instead of the extract's.
         anchor_m: that map's own x, y of the anchor, where it has no georeference.
         geometry: meshes, 3D Tiles and point clouds that the scene is made from.
+        imagery: pictures of the ground from above, which tell its materials.
     """
 
     file: Path
@@ -231,6 +234,7 @@ class Site:
     roads: InputFile | None = None
     anchor_m: tuple[float, float] | None = None
     geometry: tuple[GeometrySource, ...] = ()
+    imagery: tuple[ImagerySource, ...] = ()
 
     #: How coordinates of a region are rounded in what we write: 1e-9 degrees are 0.1 mm.
     _DECIMALS: ClassVar[int] = 9
@@ -265,6 +269,7 @@ class Site:
             **value,
             "roads": {**roads, "driving_side": self.driving_side},
             **self._geometry(),
+            **self._imagery(),
             **self._signals(),
             "closed_loop": self.closed_loop,
             "traffic": self.traffic.model_dump(),
@@ -281,6 +286,17 @@ class Site:
             sources.append(spec)
         return {"geometry": sources} if sources else {}
 
+    def _imagery(self) -> dict[str, Any]:
+        pictures = []
+        for source in self.imagery:
+            spec = source.spec.model_dump(exclude_none=True, exclude_defaults=True)
+            if source.path is not None:
+                spec["file"] = source.path.name
+            else:
+                spec["xyz"] = source.tiles
+            pictures.append(spec)
+        return {"imagery": pictures} if pictures else {}
+
     def _signals(self) -> dict[str, Any]:
         plans = [plan.spec.model_dump(exclude_none=True) for plan in self.signals]
         return {"signals": plans} if plans else {}
@@ -288,6 +304,16 @@ class Site:
     def inputs(self) -> list[dict[str, str]]:
         """Return what the site is made from: kind, name, sha256, licence and attribution."""
         files = (("osm", self.osm), ("roads", self.roads), ("dem", self.dem))
+        pictures = [
+            {
+                "kind": "imagery",
+                "name": source.name,
+                "sha256": "" if source.path is None else sha256_of(source.path),
+                "licence": source.spec.licence,
+                "attribution": source.spec.attribution,
+            }
+            for source in self.imagery
+        ]
         return [
             {
                 "kind": kind,
@@ -298,7 +324,7 @@ class Site:
             }
             for kind, item in files
             if item
-        ]
+        ] + pictures
 
 
 def _file_entry(item: InputFile) -> dict[str, str]:
@@ -354,6 +380,7 @@ def load_site(path: Path) -> Site:
         roads=roads,
         anchor_m=(raw.roads.anchor_m[0], raw.roads.anchor_m[1]) if raw.roads.anchor_m else None,
         geometry=_geometry_sources(document, raw.geometry),
+        imagery=_imagery_sources(document, raw.imagery),
     )
 
 
@@ -367,6 +394,15 @@ def _geometry_sources(document: Document, specs: list[GeometrySpec]) -> tuple[Ge
         if source.footprints is not None:
             kind = "outlines of buildings (GeoPackage, GeoJSON, SpatiaLite)"
             _must_exist(document, (*where, "footprints"), source.footprints, kind)
+    return sources
+
+
+def _imagery_sources(document: Document, specs: list[ImagerySpec]) -> tuple[ImagerySource, ...]:
+    sources = tuple(ImagerySource(spec, document, k) for k, spec in enumerate(specs))
+    for source in sources:
+        if source.path is not None:
+            where = ("imagery", source.number, "file")
+            _must_exist(document, where, source.path, "a picture as GeoTIFF")
     return sources
 
 

@@ -1,0 +1,118 @@
+"""Pictures of the ground from above, as people name them in ``site.yaml``: what there is of one."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from urbantwin.site.document import Document, wrong
+
+__all__ = ["ImagerySource", "ImagerySpec"]
+
+
+class ImagerySpec(BaseModel):
+    """One picture of the ground: a file, or tiles of the web's map grid.
+
+    Attributes:
+        file: a GeoTIFF of three bands (red, green, blue), or four with opacity; relative to
+            ``site.yaml``.
+        crs: its coordinate reference system where the file does not say.
+        xyz: instead of ``file``, the address of tiles with ``{z}``, ``{x}`` and ``{y}`` (or
+            ``{-y}`` where rows are counted from the south), or a pattern of local files.
+        zoom: of the tiles; one pixel of zoom 19 is 0.3 m at the equator.
+        key_env: name of the environment variable that holds the address's key. It goes where the
+            address says ``{key}``, or else is added as ``key=``.
+        licence: on what terms it may be used.
+        attribution: who made it.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+    file: Annotated[str, Field(min_length=1)] | None = None
+    crs: Annotated[str, Field(min_length=1)] | None = None
+    xyz: Annotated[str, Field(min_length=1)] | None = None
+    zoom: Annotated[int, Field(ge=10, le=24)] = 19
+    key_env: Annotated[str, Field(min_length=1)] | None = None
+    licence: str = "not stated"
+    attribution: str = "not stated"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _short_form(cls, value: Any) -> Any:  # noqa: ANN401
+        if isinstance(value, str):
+            return {"xyz": value} if "{z}" in value else {"file": value}
+        return value
+
+    @field_validator("xyz")
+    @classmethod
+    def _has_places(cls, value: str | None) -> str | None:
+        if value is not None:
+            missing = [name for name in ("{z}", "{x}") if name not in value]
+            missing += [] if "{y}" in value or "{-y}" in value else ["{y}"]
+            unknown = set(re.findall(r"\{[^}]*\}", value)) - {"{z}", "{x}", "{y}", "{-y}", "{key}"}
+            if missing or unknown:
+                problem = f"lacks {missing[0]}" if missing else f"holds {sorted(unknown)[0]}"
+                raise wrong(problem, "an address such as https://host/{z}/{x}/{y}.png")
+        return value
+
+    @model_validator(mode="after")
+    def _one_source(self) -> ImagerySpec:
+        if (self.file is None) == (self.xyz is None):
+            raise wrong("is not one picture", "file or xyz, and not both")
+        if self.file is not None and {"zoom", "key_env"} & self.model_fields_set:
+            raise wrong("has a zoom or a key for a file", "them for xyz only")
+        if self.xyz is not None and self.crs is not None:
+            raise wrong("has a crs for tiles", "none: tiles lie on the grid of EPSG:3857")
+        if self.xyz is not None and "{key}" in self.xyz and self.key_env is None:
+            raise wrong("has no key for {key}", "key_env: the name of an environment variable")
+        return self
+
+
+@dataclass(frozen=True)
+class ImagerySource:
+    """A picture whose file is known to exist, or tiles.
+
+    Attributes:
+        spec: what the person wrote.
+        document: the ``site.yaml``, for error messages.
+        number: which of the list it is, from 0.
+    """
+
+    spec: ImagerySpec
+    document: Document
+    number: int
+
+    @property
+    def path(self) -> Path | None:
+        """Its file; ``None`` for tiles."""
+        return None if self.spec.file is None else self.document.file.parent / self.spec.file
+
+    @property
+    def is_web(self) -> bool:
+        """Whether its tiles come from an address."""
+        return self.spec.xyz is not None and re.match(r"https?://", self.spec.xyz) is not None
+
+    @property
+    def name(self) -> str:
+        """What it is called in reports: never with a key."""
+        if self.path is not None:
+            return self.path.name
+        return re.sub(r"[?#].*", "", self.tiles)
+
+    @property
+    def tiles(self) -> str:
+        """The address of its tiles; of a pattern of files the last folder and what follows it."""
+        pattern = self.spec.xyz or ""
+        if self.is_web:
+            return pattern
+        parts = pattern.replace("\\", "/").split("/")
+        first = next((k for k, part in enumerate(parts) if "{" in part), 0)
+        return "/".join(parts[max(0, first - 1) :])
+
+    def place(self, *below: int | str) -> str:
+        """Return ``imagery[0].file (line 12)``: where in ``site.yaml`` a field stands."""
+        return self.document.place(("imagery", self.number, *below))

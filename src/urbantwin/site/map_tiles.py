@@ -1,0 +1,193 @@
+"""Picture tiles of the web's map grid (EPSG:3857): from an address or from files.
+
+Tile (0, 0) of zoom z is the north-western of 2^z by 2^z (OGC 17-083r2, WebMercatorQuad).
+"""
+
+from __future__ import annotations
+
+import http.client
+import io
+import math
+import os
+import urllib.error
+import urllib.parse
+import urllib.request
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from urbantwin import __version__
+from urbantwin.errors import InputError
+from urbantwin.site.imagery import ImagerySource
+
+__all__ = ["Mosaic", "read_tiles"]
+
+#: Half the width of the grid: pi times the radius of the Earth, metres.
+HALF_M = math.pi * 6378137.0
+#: Sides that tiles have, pixels.
+SIDES = (256, 512, 1024)
+#: Most pixels of a mosaic, and most bytes of one tile.
+MOST_PIXELS, MOST_BYTES = 100_000_000, 5_000_000
+#: How long one tile may take, seconds, and how many are asked for at once.
+TIMEOUT_S, AT_ONCE = 10.0, 4
+#: Problems that are listed one by one.
+LISTED = 10
+#: Of so many tiles one at least must be answered before the others are asked for.
+TRIED_FIRST = 2
+UNREACHED = "cannot be fetched"
+
+
+class _NoPictureError(Exception):
+    """Why some bytes are no tile."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mosaic:
+    """Tiles side by side.
+
+    Attributes:
+        pixels: (4, H, W) uint8: red, green, blue, opacity; row 0 is the northernmost.
+        west: of the first column, metres, EPSG:3857.
+        north: of the first row.
+        cell_m: side of a pixel, metres of EPSG:3857.
+        problems: tiles that could not be read.
+    """
+
+    pixels: NDArray[np.uint8]
+    west: float
+    north: float
+    cell_m: float
+    problems: tuple[str, ...]
+
+
+def read_tiles(
+    source: ImagerySource,
+    lonlat: NDArray[np.float64],
+    environment: Mapping[str, str] | None = None,
+) -> Mosaic:
+    """Read the tiles that cover some points.
+
+    Args:
+        source: where they are.
+        lonlat: (N, 2) points around the area, degrees, WGS84.
+        environment: where the key is; the process's own when not given.
+
+    Raises:
+        InputError: the key is not set, there would be too many tiles, or none can be read.
+    """
+    count = 1 << source.spec.zoom
+    xy = (mercator(lonlat) / HALF_M * [1, -1] + 1) / 2 * count
+    low = np.floor(xy.min(axis=0)).astype(int)
+    high = np.floor(xy.max(axis=0)).astype(int) + 1
+    columns, rows = (int(n) for n in high - low)
+    if columns * rows * SIDES[0] ** 2 > MOST_PIXELS:
+        raise source.document.error(
+            f"is {source.spec.zoom}: the region is {columns * rows} tiles",
+            ("imagery", source.number, "zoom"),
+            f"a lower one, of at most {MOST_PIXELS // SIDES[0] ** 2} tiles",
+        )
+    key = _key(source, environment)
+    places = [(x, y) for y in range(low[1], high[1]) for x in range(low[0], high[0])]
+    found = [_tile(source, place, key) for place in places[:TRIED_FIRST]]
+    if any(not isinstance(one, str) or UNREACHED not in one for one in found):
+        with ThreadPoolExecutor(AT_ONCE) as pool:
+            rest = places[TRIED_FIRST:]
+            found += pool.map(lambda place: _tile(source, place, key), rest)
+    else:  # nobody answers: it would take minutes to be told so of every tile
+        found += [f"{UNREACHED} either"] * (len(places) - len(found))
+    pictures = [one for one in found if not isinstance(one, str)]
+    problems = [one for one in found if isinstance(one, str)]
+    if not pictures:
+        raise InputError(
+            f"no tile of {source.name} can be read ({problems[0]})",
+            file=source.document.file,
+            place=source.place("xyz"),
+            expected="tiles of the region",
+        )
+    side = max(len(one) for one in pictures)
+    if columns * rows * side**2 > 4 * MOST_PIXELS:
+        side = SIDES[0]
+    pixels = np.zeros((4, rows * side, columns * side), np.uint8)
+    for (x, y), one in zip(places, found, strict=True):
+        if not isinstance(one, str):
+            whole = Image.fromarray(one).resize((side, side), Image.Resampling.BOX)
+            i, j = (y - low[1]) * side, (x - low[0]) * side
+            pixels[:, i : i + side, j : j + side] = np.moveaxis(np.asarray(whole), 2, 0)
+    more = len(problems) - LISTED
+    listed = problems[:LISTED] + ([f"and {more} more"] if more > 0 else [])
+    tile_m = 2 * HALF_M / count
+    return Mosaic(
+        pixels, low[0] * tile_m - HALF_M, HALF_M - low[1] * tile_m, tile_m / side, tuple(listed)
+    )
+
+
+def mercator(lonlat: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return x, y (N, 2) in EPSG:3857 of longitude and latitude (N, 2) in degrees."""
+    angle = np.radians(np.clip(lonlat, [-180, -85.06], [180, 85.06]))
+    y = np.arcsinh(np.tan(angle[:, 1]))
+    return np.column_stack([angle[:, 0], y]) * 6378137.0
+
+
+def _key(source: ImagerySource, environment: Mapping[str, str] | None) -> str:
+    name = source.spec.key_env
+    if name is None:
+        return ""
+    value = (os.environ if environment is None else environment).get(name, "").strip()
+    if not value:
+        raise InputError(
+            f"the environment variable {name} is not set",
+            file=source.document.file,
+            place=source.place("key_env"),
+            expected="the key of the tiles' address",
+        )
+    return value
+
+
+def _tile(source: ImagerySource, place: tuple[int, int], key: str) -> NDArray[np.uint8] | str:
+    """Return a tile's pixels (S, S, 4), or what is wrong with it."""
+    zoom, (x, y) = source.spec.zoom, place
+    address = (source.spec.xyz or "").replace("{z}", str(zoom)).replace("{x}", str(x))
+    address = address.replace("{-y}", str((1 << zoom) - 1 - y)).replace("{y}", str(y))
+    try:
+        return _decoded(_fetched(address, key) if source.is_web else _read(source, address))
+    except urllib.error.HTTPError as error:
+        problem = f"not there (status {error.code})"
+    except FileNotFoundError:
+        problem = "not found"
+    except (OSError, http.client.HTTPException):
+        problem = UNREACHED
+    except _NoPictureError as error:
+        problem = str(error)
+    return f"tile {zoom}/{x}/{y}: {problem}"
+
+
+def _decoded(data: bytes) -> NDArray[np.uint8]:
+    if len(data) > MOST_BYTES:
+        raise _NoPictureError(f"more than {MOST_BYTES} bytes")
+    try:
+        with Image.open(io.BytesIO(data), formats=("PNG", "JPEG", "WEBP")) as picture:
+            if picture.size not in [(side, side) for side in SIDES]:
+                raise _NoPictureError(f"{picture.size[0]} x {picture.size[1]} pixels")
+            return np.asarray(picture.convert("RGBA"))
+    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+        raise _NoPictureError("is no picture") from None
+
+
+def _fetched(address: str, key: str) -> bytes:
+    if "{key}" in address:
+        address = address.replace("{key}", urllib.parse.quote(key, safe=""))
+    elif key:
+        address += ("&" if "?" in address else "?") + urllib.parse.urlencode({"key": key})
+    agent = {"User-Agent": f"urbantwin/{__version__}"}
+    request = urllib.request.Request(address, headers=agent)
+    with urllib.request.urlopen(request, timeout=TIMEOUT_S) as answer:
+        return bytes(answer.read(MOST_BYTES + 1))
+
+
+def _read(source: ImagerySource, name: str) -> bytes:
+    with (source.document.file.parent / name).open("rb") as stream:
+        return stream.read(MOST_BYTES + 1)
