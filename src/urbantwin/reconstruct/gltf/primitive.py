@@ -17,8 +17,10 @@ from urbantwin.reconstruct.gltf.malformed import MalformedError, flag, table, wh
 from urbantwin.reconstruct.gltf.material import Material, Materials
 from urbantwin.reconstruct.gltf.texture import srgb_from_linear
 
-__all__ = ["Primitive", "PrimitiveReader"]
+__all__ = ["FARTHEST", "Primitive", "PrimitiveReader"]
 
+#: Coordinates and numbers of transforms beyond this are taken for garbage.
+FARTHEST = 1e12
 POINTS, TRIANGLES, STRIP, FAN = 0, 4, 5, 6
 
 
@@ -81,7 +83,7 @@ class PrimitiveReader:
             return self._points(attributes, material)
         used, faces = _compact(self._corners(spec, mode, attributes), attributes.count)
         vertices = attributes.values("POSITION", used)
-        finite = np.asarray(np.isfinite(vertices).all(axis=1))
+        finite = _bounded(vertices)
         problem = ""
         if not finite.all():
             problem = f"{int((~finite).sum())} of {len(finite)} vertices are not finite numbers"
@@ -122,7 +124,7 @@ class PrimitiveReader:
 
     def _points(self, attributes: _Attributes, material: Material) -> Primitive:
         points = attributes.values("POSITION")
-        finite = np.asarray(np.isfinite(points).all(axis=1))
+        finite = _bounded(points)
         light = attributes.colour(None)
         if light is None and material.factor is not None:
             light = np.broadcast_to(material.factor, points.shape)
@@ -252,6 +254,11 @@ class _Attributes:
         if top > 1.0:
             value = value / (255.0 if top <= 255.0 else 65535.0)
         return np.clip(np.nan_to_num(value), 0.0, 1.0)
+
+
+def _bounded(points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which points are finite and not beyond any place in the solar system."""
+    return np.asarray((np.abs(points) < FARTHEST).all(axis=1))
 
 
 def _triangles(index: NDArray[np.int64], mode: int) -> NDArray[np.int64]:

@@ -14,7 +14,7 @@ from urbantwin.reconstruct.gltf.buffers import Buffers
 from urbantwin.reconstruct.gltf.container import open_container
 from urbantwin.reconstruct.gltf.malformed import MalformedError, items, numbers, table, text
 from urbantwin.reconstruct.gltf.nodes import PlacedMesh, placed_meshes
-from urbantwin.reconstruct.gltf.primitive import Primitive, PrimitiveReader
+from urbantwin.reconstruct.gltf.primitive import FARTHEST, Primitive, PrimitiveReader
 from urbantwin.reconstruct.model import PointCloud, TriangleMesh
 
 __all__ = ["MOST_TRIANGLES", "Scene", "read_scene", "shown"]
@@ -44,6 +44,7 @@ class Scene:
     skipped: dict[str, int]
 
 
+@np.errstate(all="ignore")  # what is not a number is looked for, and told
 def read_scene(
     data: bytes, resolve: Callable[[str], bytes], *, feature_names: Sequence[str] = ()
 ) -> Scene:
@@ -109,7 +110,7 @@ class _Gathered:
         """Add the mesh of a node at all its places."""
         if placed.mesh not in self._read:
             self._read[placed.mesh] = self._primitives(placed.mesh)
-        if not np.isfinite(placed.transforms).all():
+        if not (np.abs(placed.transforms) < FARTHEST).all():
             self.problems.append(f"node {placed.node} has a transform without bounds")
             return
         spec = self._specs[placed.mesh] if placed.mesh < len(self._specs) else {}

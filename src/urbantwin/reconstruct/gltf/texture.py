@@ -109,9 +109,9 @@ class Texture:
         a, b = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
         texels = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]) * (0.5 * width * height)
         result = np.empty((len(uv), 3))
-        for parts, chosen in ((2, texels <= 16), (4, (texels > 16) & (texels <= 4096))):
-            self._fill(result, uv, np.flatnonzero(chosen), parts, use_alpha)
-        self._fill(result, uv, np.flatnonzero(~(texels <= 4096)), 16, use_alpha)
+        few, many = texels <= 16, ~(texels <= 256)
+        for count, chosen in ((4, few), (16, ~few & ~many), (256, many)):
+            self._fill(result, uv, np.flatnonzero(chosen), count, use_alpha)
         return result
 
     def _fill(
@@ -119,10 +119,10 @@ class Texture:
         result: NDArray[np.float64],
         uv: NDArray[np.float64],
         chosen: NDArray[np.int64],
-        parts: int,
+        count: int,
         use_alpha: bool,
     ) -> None:
-        weights, linear = _centres(parts), _linear_of_byte()
+        weights, linear = _spread(count), _linear_of_byte()
         step = max(1, _CHUNK // len(weights))
         for start in range(0, len(chosen), step):
             some = chosen[start : start + step]
@@ -149,10 +149,20 @@ def _index(value: NDArray[np.float64], size: int, wrap: int) -> NDArray[np.int64
 
 
 @lru_cache(maxsize=4)
-def _centres(parts: int) -> NDArray[np.float64]:
-    """Return barycentric weights (parts^2, 3) of the middles of equal parts of a triangle."""
-    i, j = np.meshgrid(np.arange(parts), np.arange(parts), indexing="ij")
-    upright, inverted = i + j < parts, i + j < parts - 1
-    u = np.concatenate([(i[upright] + 1 / 3), (i[inverted] + 2 / 3)]) / parts
-    v = np.concatenate([(j[upright] + 1 / 3), (j[inverted] + 2 / 3)]) / parts
+def _spread(count: int) -> NDArray[np.float64]:
+    """Return barycentric weights (count, 3) of points spread over a triangle.
+
+    Four are the middles of its quarters. More follow the R2 sequence (M. Roberts 2018, "The
+    Unreasonable Effectiveness of Quasirandom Sequences"), folded into the triangle: a regular
+    lattice would fall in step with textures that repeat.
+    """
+    if count == 4:
+        u = np.array([1 / 6, 1 / 6, 2 / 3, 1 / 3])
+        v = np.array([1 / 6, 2 / 3, 1 / 6, 1 / 3])
+    else:
+        golden = 1.32471795724474602596
+        number = np.arange(1, count + 1)
+        u, v = np.mod(0.5 + number / golden, 1.0), np.mod(0.5 + number / golden**2, 1.0)
+        outside = u + v > 1
+        u, v = np.where(outside, 1 - u, u), np.where(outside, 1 - v, v)
     return np.stack([1 - u - v, u, v], axis=1)
