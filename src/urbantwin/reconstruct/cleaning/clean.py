@@ -14,6 +14,7 @@ from urbantwin.ground import Elevation
 from urbantwin.reconstruct.cleaning.clip import clipped
 from urbantwin.reconstruct.cleaning.connected import pieces_of
 from urbantwin.reconstruct.cleaning.decimate import decimated
+from urbantwin.reconstruct.cleaning.picture import CleaningPicture
 from urbantwin.reconstruct.cleaning.removal import Removal, Spots, measures
 from urbantwin.reconstruct.cleaning.shards import find_shards
 from urbantwin.reconstruct.cleaning.traffic import without_traffic
@@ -21,35 +22,12 @@ from urbantwin.reconstruct.cleaning.weld import cleared, selected
 from urbantwin.reconstruct.model import TriangleMesh
 from urbantwin.site.geometry import CleanSpec
 
-__all__ = ["Cleaned", "CleaningPicture", "cleaned"]
+__all__ = ["Cleaned", "cleaned"]
 
 #: What lies this far beyond the region is looked at too, so that a car at its border is whole.
 _MARGIN_M = 8.0
 #: A piece wider than this is the ground or a block of houses: no override takes it, metres.
 _WIDEST_PIECE_M = 40.0
-
-
-@dataclass(frozen=True, eq=False)
-class CleaningPicture:
-    """What a picture of cleaning shows, before and after.
-
-    Attributes:
-        before: the mesh (or points) as it came, in the region and a little around.
-        after: as it is now.
-        removed: what was taken out.
-        kept: what an override kept.
-        passed: things on the carriageway that are no vehicles by the rules.
-        region: of interest.
-        roads: carriageways, may be empty.
-    """
-
-    before: Any
-    after: Any
-    removed: tuple[Removal, ...]
-    kept: tuple[Removal, ...]
-    passed: tuple[Removal, ...]
-    region: shapely.Geometry
-    roads: shapely.Geometry
 
 
 @dataclass(frozen=True, eq=False)

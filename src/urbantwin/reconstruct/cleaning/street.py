@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from urbantwin.reconstruct.cleaning.bare_earth import bare_street
-from urbantwin.reconstruct.cleaning.grid import Grid
+from urbantwin.reconstruct.cleaning.grid import Grid, filled
 from urbantwin.reconstruct.cleaning.rays import Rays
 
 __all__ = ["STREET_CELL_M", "Street", "street_of_mesh", "street_of_points"]
@@ -76,6 +77,7 @@ def street_of_points(
     points: NDArray[np.float64],
     region: shapely.Geometry,
     roads: shapely.Geometry | None,
+    step: float = STREET_CELL_M,
 ) -> Street:
     """Return the street as points (N, 3) of a survey show it.
 
@@ -83,18 +85,25 @@ def street_of_points(
         points: site frame, metres.
         region: where to look.
         roads: carriageways; ``None`` or empty looks everywhere.
+        step: side of a cell, metres: somewhat more than the distance between points.
     """
     bounds = np.array([points.min(axis=0), points.max(axis=0)])
-    grid, asked, _, shape = _asked(bounds, region, roads)
+    grid, asked, _, shape = _asked(bounds, region, roads, step)
     lowest = grid.lowest(points)
     bare = bare_street(lowest, grid.step, _WIDEST_M)
     over = points[:, 2] - bare[grid.cells(points[:, :2])]
     top = grid.highest(points[over < REACH_M])
+    # A cell that no point fell into between cells of a roof is the roof's.
+    gap = np.isnan(top)
+    top[gap] = median_filter(filled(top), 3)[gap]
     return Street(grid, bare, top, asked, shape)
 
 
 def _asked(
-    bounds: NDArray[np.float64], region: shapely.Geometry, roads: shapely.Geometry | None
+    bounds: NDArray[np.float64],
+    region: shapely.Geometry,
+    roads: shapely.Geometry | None,
+    step: float = STREET_CELL_M,
 ) -> tuple[Grid, NDArray[np.bool_], NDArray[np.bool_], shapely.Geometry | None]:
     box = shapely.box(*bounds[0, :2], *bounds[1, :2])
     if roads is None or roads.is_empty:
@@ -105,5 +114,5 @@ def _asked(
         where = shapely.intersection(shapely.intersection(shape, region), box)
         near = shapely.intersection(shapely.buffer(where, _WIDEST_M, quad_segs=4), box)
     place = near if not near.is_empty else box
-    grid = Grid.over(place.bounds, STREET_CELL_M)
+    grid = Grid.over(place.bounds, step)
     return grid, grid.inside(where), grid.inside(near), shape

@@ -97,7 +97,7 @@ def without_traffic(
             elif remove is None and not _closed_sides(rays, outline, blob):
                 kind, why = "", f"{why}; open below or at its sides"
         if outline is None or not kind:
-            if blob.width > 0.5 and blob.length < 25.0:
+            if known and remove is None and blob.width > 0.5 and blob.length < 25.0:
                 passed.append(_removal(blob, "other", why))
             continue
         chosen.append((blob, kind, why, outline))

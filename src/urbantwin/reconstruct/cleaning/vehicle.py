@@ -17,6 +17,8 @@ __all__ = ["Blob", "find_blobs", "vehicle_kind"]
 _SEED_M = 0.3
 #: A wall stands this much over its surroundings within a cell: buildings, not vehicles.
 _TALLER_M = REACH_M - 0.3
+#: Cells wider than this are too coarse to take thin things away, metres.
+_COARSE_M = 0.35
 #: Share of a vehicle that is on the carriageway: some park with two wheels on the sidewalk.
 _ON_ROAD = 0.6
 
@@ -68,7 +70,8 @@ def find_blobs(street: Street, least_m: float = _SEED_M) -> list[Blob]:
     height = street.height
     above = height > least_m
     # A pole or a mirror's width does not tie a vehicle to what is beside it.
-    above = binary_opening(above, np.ones((3, 3), bool)) & above
+    if street.grid.step < _COARSE_M:
+        above = binary_opening(above, np.ones((3, 3), bool))
     taller = np.pad(height > _TALLER_M, 1)
     number, count = label(above, np.ones((3, 3), int))
     met = np.zeros(count + 1, bool)

@@ -1,0 +1,233 @@
+"""A point cloud of a survey made fit: cropped, without noise, stray points and traffic."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from urbantwin.geometry import SiteFrame
+from urbantwin.ground import Elevation
+from urbantwin.reconstruct.cleaning.picture import CleaningPicture
+from urbantwin.reconstruct.cleaning.removal import Removal, Spots
+from urbantwin.reconstruct.cleaning.street import STREET_CELL_M, Street, street_of_points
+from urbantwin.reconstruct.cleaning.vehicle import Blob, find_blobs, vehicle_kind
+from urbantwin.reconstruct.model import PointCloud
+from urbantwin.site.geometry import CleanSpec
+
+__all__ = ["CleanedCloud", "cleaned_cloud"]
+
+#: ASPRS LAS 1.4, table 17: 7 low noise, 18 high noise.
+_NOISE = (7, 18)
+#: Classes that are no vehicle: ground, vegetation, buildings, water, bridge decks.
+_SETTLED = (2, 3, 4, 5, 6, 9, 17)
+#: A point with fewer neighbours than this within reach is alone.
+_COMPANY = 3
+#: Reach within which it must have them: this many spacings of the cloud, at least this, metres.
+_SPACINGS, _LEAST_REACH_M = 6.0, 1.5
+#: What is higher than this over the street inside a vehicle is the vehicle's, metres.
+_OVER_M = 0.2
+#: Points looked at for the spacing of a cloud.
+_SOME = 20_000
+_MARGIN_M = 8.0
+
+
+@dataclass(frozen=True, eq=False)
+class CleanedCloud:
+    """A point cloud after cleaning.
+
+    Attributes:
+        cloud: site frame, metres.
+        report: what was done, for ``geometry.json``.
+        picture: what ``view.cleaning`` draws.
+    """
+
+    cloud: PointCloud
+    report: dict[str, Any] = field(default_factory=dict)
+    picture: CleaningPicture | None = None
+
+
+def cleaned_cloud(
+    cloud: PointCloud,
+    spec: CleanSpec,
+    *,
+    region: shapely.Polygon,
+    elevation: Elevation | None = None,
+    roads: shapely.Geometry | None = None,
+    name: str = "",
+    frame: SiteFrame | None = None,
+) -> CleanedCloud:
+    """Crop a cloud, drop what its file calls noise, stray points, and the points of traffic.
+
+    Args:
+        cloud: in the site frame, metres.
+        spec: which steps, and overrides; the chordal error is of meshes only.
+        region: what is kept, in plan.
+        elevation: not needed: the cloud shows its own ground.
+        roads: carriageways and parking in plan; without any, only single cars are looked for.
+        name: of the source, for the report.
+        frame: for latitudes and longitudes in the report and in overrides.
+    """
+    roads = shapely.MultiPolygon() if roads is None else roads
+    keep, remove = Spots(list(spec.keep), frame), Spots(list(spec.remove), frame)
+    finite = np.asarray(np.isfinite(cloud.points).all(axis=1))
+    left_out: dict[str, int] = {"not_finite": int((~finite).sum())}
+    report: dict[str, Any] = {"name": name, "before": _measures(cloud.select(finite))}
+    around = shapely.buffer(region, _MARGIN_M, join_style="mitre")
+    finite[finite] = shapely.contains_xy(around, *cloud.points[finite, :2].T)
+    near = cloud = cloud.select(finite)
+    spacing = _spacing(cloud.points)
+    removed: list[Removal] = []
+    kept: list[Removal] = []
+    passed: list[Removal] = []
+    if spec.shards and len(cloud.points):
+        noise = np.zeros(len(cloud.points), bool)
+        if cloud.classification is not None:
+            noise = np.isin(cloud.classification, _NOISE)
+        left_out["noise_by_its_file"] = int(noise.sum())
+        alone = _alone(cloud.points, max(_LEAST_REACH_M, _SPACINGS * spacing)) & ~noise
+        numbers = np.flatnonzero(alone)
+        spared = keep.near(cloud.points[numbers])
+        lines = [
+            Removal("stray point", "no company", place, np.zeros(3), 0.0, 1)
+            for place in cloud.points[numbers]
+        ]
+        kept += [line for line, stays in zip(lines, spared, strict=True) if stays]
+        removed += [line for line, stays in zip(lines, spared, strict=True) if not stays]
+        alone[numbers[spared]] = False
+        cloud = cloud.select(~(noise | alone))
+    if (spec.traffic or len(remove)) and len(cloud.points):
+        cloud, gone, stays, others = _without_vehicles(
+            cloud, spec.traffic, around, roads, keep, remove, spacing
+        )
+        removed, kept, passed = removed + gone, kept + stays, passed + others
+    inside = np.asarray(shapely.contains_xy(region, *cloud.points[:, :2].T))
+    cloud = cloud.select(inside)
+    report |= {
+        "after": _measures(cloud),
+        "spacing_m": round(spacing, 3),
+        "left_out": left_out,
+        "removed": [one.line(frame, "points") for one in removed],
+        "kept": [one.line(frame, "points") for one in kept],
+        "not_vehicles": [one.line(frame, "points") for one in passed],
+        "notes": keep.unmet("keep") + remove.unmet("remove"),
+    }
+    picture = CleaningPicture(
+        near, cloud, tuple(removed), tuple(kept), tuple(passed), region, roads
+    )
+    return CleanedCloud(cloud, report, picture)
+
+
+def _measures(cloud: PointCloud) -> dict[str, Any]:
+    if not len(cloud.points):
+        return {"points": 0, "bounds_m": None}
+    bounds = [cloud.points.min(axis=0), cloud.points.max(axis=0)]
+    return {
+        "points": len(cloud.points),
+        "bounds_m": [[round(float(v), 3) for v in corner] for corner in bounds],
+    }
+
+
+def _spacing(points: NDArray[np.float64]) -> float:
+    """Return the usual distance between neighbours in plan, metres."""
+    if len(points) < 10:
+        return 1.0
+    some = points[:: max(1, len(points) // _SOME)]
+    distance, _ = cKDTree(points[:, :2]).query(some[:, :2], k=2, workers=-1)
+    return float(np.clip(np.percentile(distance[:, 1], 75), 0.01, 5.0))
+
+
+def _alone(points: NDArray[np.float64], reach: float) -> NDArray[np.bool_]:
+    """Return which points (N,) have too few others within reach."""
+    # Cells of a voxel grid with many points hold no stray one: only the others are asked.
+    cells = np.floor((points - points.min(axis=0)) / (reach / np.sqrt(3))).astype(np.int64)
+    span = cells.max(axis=0) + 1
+    keys = (cells[:, 0] * span[1] + cells[:, 1]) * span[2] + cells[:, 2]
+    _, place, count = np.unique(keys, return_inverse=True, return_counts=True)
+    asked = np.flatnonzero(count[place.ravel()] <= _COMPANY)
+    alone = np.zeros(len(points), bool)
+    if len(asked):
+        number = min(_COMPANY + 1, len(points))
+        distance, _ = cKDTree(points).query(
+            points[asked], k=number, distance_upper_bound=reach, workers=-1
+        )
+        alone[asked] = ~np.isfinite(distance.reshape(len(asked), number)[:, -1])
+    return alone
+
+
+def _without_vehicles(
+    cloud: PointCloud,
+    traffic: bool,
+    region: shapely.Geometry,
+    roads: shapely.Geometry,
+    keep: Spots,
+    remove: Spots,
+    spacing: float,
+) -> tuple[PointCloud, list[Removal], list[Removal], list[Removal]]:
+    """Return a cloud without vehicles, what was removed, kept, and what else stands there."""
+    gone = np.zeros(len(cloud.points), bool)
+    removed: list[Removal] = []
+    kept: list[Removal] = []
+    passed: list[Removal] = []
+    step = max(STREET_CELL_M, 1.5 * spacing)
+    spots = shapely.union_all(remove.areas())
+    rounds = [(roads, False)] if traffic else []
+    if not spots.is_empty:
+        rounds.append((spots, True))
+    for where, named in rounds:
+        street = street_of_points(cloud.points, region, where, step)
+        known = street.shape is not None
+        for blob in find_blobs(street, 0.2 if named else 0.3):
+            if named:
+                kind = "piece" if remove.near([blob.middle])[0] else ""
+                why = "named by an override"
+            else:
+                kind, why = vehicle_kind(blob, roads_known=known)
+            mine = np.zeros(0, np.int64)
+            if kind:
+                mine = _points_of(cloud, street, blob, settled=not named)
+            line = Removal(
+                kind or "other", why, blob.middle, blob.size, 0.0, len(mine), blob.outline
+            )
+            if not kind or not len(mine):
+                if known and not named and blob.width > 0.5 and blob.length < 25.0:
+                    passed.append(line)
+            elif not named and keep.near([blob.middle])[0]:
+                kept.append(line)
+            else:
+                gone[mine] = True
+                removed.append(line)
+    return cloud.select(~gone), removed, kept, passed
+
+
+def _points_of(
+    cloud: PointCloud, street: Street, blob: Blob, *, settled: bool
+) -> NDArray[np.int64]:
+    """Return the points of a blob: over the street, in its cells or beside them."""
+    grid = street.grid
+    west = grid.west + (blob.column - 1) * grid.step
+    south = grid.south + (blob.row - 1) * grid.step
+    rows, columns = blob.mask.shape
+    x, y, z = cloud.points.T
+    near = (x >= west) & (x < west + (columns + 2) * grid.step)
+    near &= (y >= south) & (y < south + (rows + 2) * grid.step)
+    numbers = np.flatnonzero(near)
+    row, column = grid.cells(cloud.points[numbers, :2])
+    mask = np.pad(blob.mask, 2)
+    grown = np.zeros_like(mask)
+    for dr in (-1, 0, 1):
+        for dc in (-1, 0, 1):
+            grown |= np.roll(mask, (dr, dc), axis=(0, 1))
+    within = grown[
+        np.clip(row - blob.row + 2, 0, mask.shape[0] - 1),
+        np.clip(column - blob.column + 2, 0, mask.shape[1] - 1),
+    ]
+    over = z[numbers] - street.bare[row, column]
+    mine = within & (over > _OVER_M) & (over < blob.height + 1.0)
+    if settled and cloud.classification is not None:
+        mine &= ~np.isin(cloud.classification[numbers], _SETTLED)
+    return np.asarray(numbers[mine])

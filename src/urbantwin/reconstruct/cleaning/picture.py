@@ -1,0 +1,35 @@
+"""What a picture of cleaning shows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import shapely
+
+from urbantwin.reconstruct.cleaning.removal import Removal
+from urbantwin.reconstruct.model import PointCloud, TriangleMesh
+
+__all__ = ["CleaningPicture"]
+
+
+@dataclass(frozen=True, eq=False)
+class CleaningPicture:
+    """What a picture of cleaning shows, before and after.
+
+    Attributes:
+        before: the mesh (or points) as it came, in the region and a little around.
+        after: as it is now.
+        removed: what was taken out.
+        kept: what an override kept.
+        passed: things on the carriageway that are no vehicles by the rules.
+        region: of interest.
+        roads: carriageways, may be empty.
+    """
+
+    before: TriangleMesh | PointCloud
+    after: TriangleMesh | PointCloud
+    removed: tuple[Removal, ...]
+    kept: tuple[Removal, ...]
+    passed: tuple[Removal, ...]
+    region: shapely.Geometry
+    roads: shapely.Geometry
