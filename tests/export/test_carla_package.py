@@ -16,11 +16,11 @@ from scipy.spatial import cKDTree
 from urbantwin.errors import InputError, StageError
 from urbantwin.export import export_twin
 from urbantwin.export.carla import live
-from urbantwin.export.carla.fbx import blender_python
 from urbantwin.export.carla.frame import carla_transform, pose_of_carla
 from urbantwin.export.carla.live import SEMANTIC_POINT, chosen_blueprints, drive, site_points
 from urbantwin.export.carla.names import OBJECTS, folder_of, map_name
 from urbantwin.export.carla.rig import carla_sensor
+from urbantwin.export.mesh import blender_python
 from urbantwin.geometry import Pose
 from urbantwin.lidar.rig import place_rig
 

@@ -21,6 +21,12 @@ urbantwin export twin/ --to geojson -o layers/
 urbantwin export twin/ --to geojson -o lanes.geojson
 urbantwin export twin/ --to plan -o plan/
 urbantwin export twin/ --to plan -o plan.svg
+urbantwin export twin/ --to glb -o scene.glb
+urbantwin export twin/ --to obj -o scene.obj
+urbantwin export twin/ --to ply -o scene.ply
+urbantwin export twin/ --to usd -o scene.usd
+urbantwin export twin/ --to fbx -o scene.fbx
+urbantwin export twin/ --to cityjson -o buildings.city.json
 """
 
 
@@ -32,7 +38,8 @@ def export(
             "--to",
             metavar="FORMAT",
             help="opendrive, carla (a package of a map), sumo (a run that is set up) or "
-            "geojson (for QGIS: one file, or one per layer in a folder) or plan (SVG, PNG).",
+            "geojson (for QGIS: one file, or one per layer in a folder), plan (SVG, PNG), or the "
+            "scene as glb, obj, ply, usd, fbx, or its buildings as cityjson.",
         ),
     ],
     version: Annotated[
@@ -51,7 +58,7 @@ def export(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Write a twin for other programs: OpenDRIVE, CARLA, SUMO, GeoJSON, a plan."""
+    """Write a twin for other programs: OpenDRIVE, CARLA, SUMO, GeoJSON, a plan, 3D scenes."""
     from urbantwin.export import export_twin
     from urbantwin.twin import load_twin
 

@@ -11,6 +11,7 @@ from urbantwin.errors import InputError
 from urbantwin.export.carla import write_carla
 from urbantwin.export.geojson import write_geojson
 from urbantwin.export.plan import write_plan
+from urbantwin.export.scene import write_scene
 from urbantwin.export.sumo import write_sumo
 from urbantwin.roads.opendrive import VERSIONS, write_opendrive
 from urbantwin.twin import Twin
@@ -49,6 +50,10 @@ def _opendrive(twin: Twin, path: Path, version: str) -> None:
     write_opendrive(twin.lane_model, twin.frame, path, version=version, name=name)
 
 
+def _scene(name: str, ending: str) -> Format:
+    return Format(name, ending, (), lambda twin, path, _: write_scene(twin, path, name))
+
+
 FORMATS: Mapping[str, Format] = {
     entry.name: entry
     for entry in (
@@ -57,6 +62,12 @@ FORMATS: Mapping[str, Format] = {
         Format("sumo", "", (), lambda twin, path, _: write_sumo(twin, path)),
         Format("carla", "", (), lambda twin, path, _: write_carla(twin, path)),
         Format("plan", "", (), lambda twin, path, _: write_plan(twin, path)),
+        _scene("glb", ".glb"),
+        _scene("obj", ".obj"),
+        _scene("ply", ".ply"),
+        _scene("usd", ".usd"),
+        _scene("fbx", ".fbx"),
+        _scene("cityjson", ".city.json"),
     )
 }
 

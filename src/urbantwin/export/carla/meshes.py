@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.export.mesh import MeshObject
 from urbantwin.geometry import LabelledMesh
 from urbantwin.taxonomy import materials, semantic_classes
 
-__all__ = ["MeshObject", "named_objects"]
+__all__ = ["named_objects"]
 
 #: Edge of the squares that ground and plants are cut into, metres.
 CELL_M = 100.0
@@ -44,25 +44,6 @@ _ROADRUNNER = {
     ("Terrain", "soil"): "Rural_Ground",
     ("Terrain", ""): "Apartment_Ground",
 }
-
-
-@dataclass(frozen=True, eq=False)
-class MeshObject:
-    """One mesh of the map.
-
-    Attributes:
-        name: such as ``Road_Road_3``; what stands before the number is a key of ``names.OBJECTS``.
-        vertices: (V, 3) site frame, metres.
-        faces: (F, 3) indices, counter-clockwise seen from outside.
-        material: (F,) index into ``materials``.
-        materials: names of the materials of its faces.
-    """
-
-    name: str
-    vertices: NDArray[np.float64]
-    faces: NDArray[np.int32]
-    material: NDArray[np.int32]
-    materials: tuple[str, ...]
 
 
 def named_objects(mesh: LabelledMesh, paint: LabelledMesh) -> list[MeshObject]:

@@ -5,14 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 
 from urbantwin.artefact import replaced_folder, write_json
-from urbantwin.export.carla.fbx import HOW_TO_GET_FBX, blender_python, write_fbx
-from urbantwin.export.carla.mesh_files import write_glb, write_obj
+from urbantwin.export.carla.looks import looks_of
 from urbantwin.export.carla.meshes import named_objects
 from urbantwin.export.carla.names import map_name
 from urbantwin.export.carla.readme import readme
 from urbantwin.export.carla.rig import carla_rig
 from urbantwin.export.carla.spawn_points import spawn_points
 from urbantwin.export.carla.traffic import carla_traffic
+from urbantwin.export.mesh import (
+    HOW_TO_GET_FBX,
+    blender_python,
+    write_fbx,
+    write_glb,
+    write_obj,
+)
 from urbantwin.lidar.rig import place_rig
 from urbantwin.roads.opendrive import write_opendrive
 from urbantwin.twin import Twin
@@ -50,16 +56,17 @@ def write_carla(twin: Twin, folder: Path) -> list[str]:
     name = map_name(title, twin.frame.latitude, twin.frame.longitude)
     package = f"UrbanTwin_{name}"
     objects = named_objects(twin.mesh, markings(twin.roads, twin.ground_mesh, twin.lane_model))
+    looks = looks_of(objects)
     interpreter = blender_python()
     notes = []
     with replaced_folder(folder, kind="carla") as scratch:
         here = scratch / package / name
         here.mkdir(parents=True)
         if interpreter:
-            write_fbx(objects, here / f"{name}.fbx", interpreter)
+            write_fbx(objects, here / f"{name}.fbx", looks, interpreter)
         else:
-            write_glb(objects, here / f"{name}.glb")
-            write_obj(objects, here / f"{name}.obj")
+            write_glb(objects, here / f"{name}.glb", looks)
+            write_obj(objects, here / f"{name}.obj", looks)
             notes.append(f"no FBX, glTF and OBJ instead: {HOW_TO_GET_FBX}")
         write_opendrive(
             twin.lane_model, twin.frame, here / f"{name}.xodr", version="1.4", name=name

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from urbantwin.export.carla.fbx import HOW_TO_GET_FBX
 from urbantwin.export.carla.names import OBJECTS, folder_of
+from urbantwin.export.mesh import HOW_TO_GET_FBX
 
 __all__ = ["readme"]
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 
 import laspy
-import lazrs
 import numpy as np
 import shapely
 from pyproj import CRS
@@ -51,7 +50,7 @@ def read_las(
     """
     try:
         reader = laspy.open(path)
-    except (laspy.LaspyException, lazrs.LazrsError, ValueError, OSError, OverflowError) as error:
+    except Exception as error:  # laspy, its decompressor and struct each raise their own
         why = " ".join(str(error).split())[:80] or type(error).__name__
         raise InputError(
             f"cannot be read as LAS ({why})", file=path, expected="LAS or LAZ"
@@ -101,7 +100,9 @@ def _points(
             kept += len(cloud.points)
             count_within(kept, MOST_POINTS, "points in the region", path)
             pieces.append(cloud)
-    except (laspy.LaspyException, lazrs.LazrsError, ValueError, OSError, EOFError):
+    except InputError:
+        raise
+    except Exception:  # laspy, its decompressor and struct each raise their own
         total = -1
     if total != reader.header.point_count:
         raise InputError(

@@ -1,4 +1,4 @@
-"""The map's mesh as FBX, written by Blender in a process of its own.
+"""FBX, written by Blender in a process of its own.
 
 Blender's Python module ``bpy`` is an optional extra under the GPL; UrbanTwin never imports it but
 runs ``blender_fbx.py`` as a program beside itself.
@@ -12,14 +12,13 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from urbantwin.errors import StageError
-from urbantwin.export.carla.mesh_files import colour_of
-from urbantwin.export.carla.meshes import MeshObject
+from urbantwin.export.mesh.mesh_object import Look, MeshObject
 
 __all__ = ["HOW_TO_GET_FBX", "blender_python", "write_fbx"]
 
@@ -37,7 +36,9 @@ def blender_python() -> str | None:
     return sys.executable if importlib.util.find_spec("bpy") else None
 
 
-def write_fbx(objects: Sequence[MeshObject], path: Path, interpreter: str) -> None:
+def write_fbx(
+    objects: Sequence[MeshObject], path: Path, looks: Mapping[str, Look], interpreter: str
+) -> None:
     """Write FBX 7.4: one mesh per object, named as it; x east, y north, z up, centimetres.
 
     Unreal mirrors y as it imports (``FbxMainImport.cpp``, ``ConvertPos``), so the mesh comes out
@@ -46,6 +47,7 @@ def write_fbx(objects: Sequence[MeshObject], path: Path, interpreter: str) -> No
     Args:
         objects: what to write.
         path: the file.
+        looks: how the objects' materials look, by name.
         interpreter: a Python with ``bpy``.
 
     Raises:
@@ -61,7 +63,7 @@ def write_fbx(objects: Sequence[MeshObject], path: Path, interpreter: str) -> No
         used = sorted({name for one in objects for name in one.materials})
         job = {
             "objects": [{"name": one.name, "materials": one.materials} for one in objects],
-            "colours": {name: colour_of(name) for name in used},
+            "colours": {name: looks[name].colour for name in used},
             "out": str(path.resolve()),
         }
         (Path(scratch) / "job.json").write_text(json.dumps(job))

@@ -1,0 +1,34 @@
+"""Where a scene is, for formats that have no coordinate system of their own."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from urbantwin.twin import Twin
+
+__all__ = ["georeference", "height_above", "utm_code"]
+
+
+def georeference(twin: Twin) -> dict[str, Any]:
+    """Return the site frame as JSON values: its anchor, its PROJ string and what z is."""
+    return {
+        "latitude": twin.frame.latitude,
+        "longitude": twin.frame.longitude,
+        "proj": twin.frame.proj,
+        "z": "metres above the ground at the anchor",
+        "anchor_height_m": height_above(twin),
+        "twin": str(twin.manifest["name"]),
+    }
+
+
+def height_above(twin: Twin) -> float | None:
+    """Return the height of the anchor's ground in the DEM's datum, ``None`` without a DEM."""
+    ground = twin.manifest.get("notes", {}).get("ground", {})
+    value = ground.get("anchor_height_m") if isinstance(ground, dict) else None
+    return float(value) if isinstance(value, int | float) else None
+
+
+def utm_code(latitude: float, longitude: float) -> int:
+    """Return the EPSG code of the UTM zone of WGS 84 at a place."""
+    zone = min(int((longitude + 180.0) // 6.0) + 1, 60)
+    return (32600 if latitude >= 0 else 32700) + zone

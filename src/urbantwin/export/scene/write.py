@@ -1,0 +1,112 @@
+"""A twin's scene for programs that show or simulate 3D: glTF, OBJ, PLY, USD, FBX, CityJSON."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from urbantwin.errors import InputError
+from urbantwin.export.mesh import (
+    HOW_TO_GET_FBX,
+    blender_python,
+    write_fbx,
+    write_glb,
+    write_obj,
+)
+from urbantwin.export.scene.cityjson import write_cityjson
+from urbantwin.export.scene.georeference import georeference
+from urbantwin.export.scene.objects import named_objects
+from urbantwin.export.scene.ply import write_ply
+from urbantwin.export.scene.usd import write_usd
+from urbantwin.twin import Twin
+
+__all__ = ["SCENE_FORMATS", "write_scene"]
+
+Notes = Sequence[str] | None
+
+
+def write_scene(twin: Twin, path: Path, name: str) -> Notes:
+    """Write a twin's static world to a file, whole or not at all.
+
+    Args:
+        twin: the twin.
+        path: the file; OBJ has its materials in a ``.mtl`` beside it.
+        name: one of ``SCENE_FORMATS``.
+
+    Returns:
+        What a person should be told.
+
+    Raises:
+        InputError: ``path`` cannot be used, or what writes the format is not installed.
+        StageError: Blender failed.
+    """
+    if path.is_dir():
+        raise InputError(
+            "is a folder", file=path, expected=f"a file, such as {path.name}/scene.{name}"
+        )
+    with _beside(path) as scratch:
+        return SCENE_FORMATS[name](twin, scratch)
+
+
+def _glb(twin: Twin, path: Path) -> Notes:
+    objects, looks = named_objects(twin.mesh)
+    write_glb(objects, path, looks, {"georeference": georeference(twin)})
+    return None
+
+
+def _obj(twin: Twin, path: Path) -> Notes:
+    objects, looks = named_objects(twin.mesh)
+    place = georeference(twin)
+    comments = [f"{key}: {value}" for key, value in place.items() if value is not None]
+    write_obj(objects, path, looks, comments)
+    return None
+
+
+def _ply(twin: Twin, path: Path) -> Notes:
+    place = {key: value for key, value in georeference(twin).items() if value is not None}
+    write_ply(twin.mesh, path, place)
+    return None
+
+
+def _usd(twin: Twin, path: Path) -> Notes:
+    objects, looks = named_objects(twin.mesh)
+    write_usd(objects, path, looks, georeference(twin))
+    return None
+
+
+def _fbx(twin: Twin, path: Path) -> Notes:
+    interpreter = blender_python()
+    if interpreter is None:
+        raise InputError("Blender is not installed", place="--to fbx", expected=HOW_TO_GET_FBX)
+    objects, looks = named_objects(twin.mesh)
+    write_fbx(objects, path, looks, interpreter)
+    return None
+
+
+SCENE_FORMATS: dict[str, Callable[[Twin, Path], Notes]] = {
+    "glb": _glb,
+    "obj": _obj,
+    "ply": _ply,
+    "usd": _usd,
+    "fbx": _fbx,
+    "cityjson": write_cityjson,
+}
+
+
+@contextmanager
+def _beside(path: Path) -> Iterator[Path]:
+    """Yield a path of the same name in a new folder; its files are moved beside it in the end."""
+    folder = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
+    try:
+        yield folder / path.name
+        for file in sorted(folder.iterdir(), key=lambda file: file.name == path.name):
+            umask = os.umask(0)
+            os.umask(umask)
+            file.chmod(0o666 & ~umask)
+            file.replace(path.parent / file.name)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
