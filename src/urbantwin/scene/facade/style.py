@@ -105,7 +105,7 @@ def style_of(volume: Volume, outline: Mapping[str, str], rng: np.random.Generato
         return replace(style, height=max(0.5 * rise if style.width < 2 else 1.0, 0.8))
     count = max(1, round(rise / volume.storey_m))
     storey = rise / count
-    floors = tuple((base + storey * np.arange(count)).tolist())
+    floors = _floors_below(base, storey) + (base + storey * np.arange(count)).tolist()
     height = min(style.height * vary[1], storey - 1.2)
     return replace(
         style,
@@ -114,9 +114,14 @@ def style_of(volume: Volume, outline: Mapping[str, str], rng: np.random.Generato
         sill=style.sill,
         spacing=style.spacing * vary[2],
         depth=float(np.clip(style.depth * vary[3], 0.10, 0.15)),
-        storeys=floors,
-        ground=style.ground if base == 0 or style.ground == "windows" else "windows",
+        storeys=tuple(floors),
     )
+
+
+def _floors_below(base: float, storey: float) -> list[float]:
+    """Return the floors under a raised body: of the body below that its walls join."""
+    count = round(base / storey)
+    return (base / max(count, 1) * np.arange(count)).tolist()  # type: ignore[no-any-return]
 
 
 def mapped_shops(features: Iterable[OsmFeature]) -> NDArray[np.object_]:

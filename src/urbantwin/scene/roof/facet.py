@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 from shapely import Polygon
 
-__all__ = ["Facet", "Plane", "half_plane", "profiled"]
+__all__ = ["Facet", "Plane", "half_plane", "half_planes", "profiled"]
 
 #: (a, b, c): the height of a plane at (x, y) is a x + b y + c.
 Plane = tuple[float, float, float]
@@ -43,22 +43,27 @@ class Facet:
 
 
 def half_plane(a: float, b: float, c: float, reach: float, near: ArrayLike) -> Polygon:
-    """Return a square of side 2 ``reach`` on the side of a line where a x + b y + c > 0.
+    """Return ``half_planes`` of one line."""
+    return half_planes(np.array([[a, b, c]]), reach, near)[0]
+
+
+def half_planes(lines: NDArray[np.float64], reach: float, near: ArrayLike) -> NDArray[np.object_]:
+    """Return squares (N,) of side 2 ``reach`` on the side of lines where a x + b y + c > 0.
 
     Args:
-        a: of the line; (a, b) of any length above 0.
-        b: of the line.
-        c: of the line.
-        reach: metres; the square covers everything within ``reach`` of ``near`` on that side.
+        lines: (N, 3) a, b, c; (a, b) of any length above 0.
+        reach: metres; a square covers everything within ``reach`` of ``near`` on its side.
         near: a point (2,).
     """
-    length = float(np.hypot(a, b))
-    normal = np.array([a, b]) / length
+    length = np.hypot(lines[:, 0], lines[:, 1])[:, None]
+    normal = lines[:, :2] / length
     point = np.asarray(near, np.float64)
-    foot = point - normal * (float(normal @ point) + c / length)
-    along = np.array([-normal[1], normal[0]]) * reach
-    side = normal * (2 * reach + float(np.hypot(*(foot - point))))
-    return Polygon([foot - along, foot - along + side, foot + along + side, foot + along])
+    away = normal @ point + lines[:, 2] / length[:, 0]
+    foot = point - normal * away[:, None]
+    along = np.column_stack([-normal[:, 1], normal[:, 0]]) * reach
+    side = normal * (2 * reach + np.abs(away))[:, None]
+    corners = [foot - along, foot - along + side, foot + along + side, foot + along]
+    return np.asarray(shapely.polygons(np.stack(corners, axis=1)), dtype=object)
 
 
 def profiled(facets: Sequence[Facet], profile: Sequence[tuple[float, float]]) -> list[Facet]:

@@ -26,15 +26,16 @@ TWO_PITCHES: Profile = ((0.0, 0.0), (0.35, 0.65), (1.0, 1.0))
 ARC = 6
 #: Footprints that fill less of their tightest rectangle than this are wings, not one block.
 BLOCK = 0.8
-SKELETAL = ("hipped", "mansard")
+SKELETAL = ("hipped", "mansard", "side_hipped")
+RADIAL = ("pyramidal", "cone", "dome", "onion")
 RIDGED = ("gabled", "half-hipped", "gambrel", "round")
 
 
 def roof_span(shape: str, footprint: Polygon, tags: Mapping[str, str]) -> float:
     """Return the width that a roof spans, metres: across its ridge, or twice the way to its top."""
-    if _has_wings(footprint) and shape in (*SKELETAL, *RIDGED):
+    if _has_wings(footprint) and shape in (*SKELETAL, *RIDGED, *RADIAL):
         return 2 * float(shapely.maximum_inscribed_circle(footprint, 0.25).length)
-    if shape in SKELETAL or shape in ("pyramidal", "dome", "cone", "onion"):
+    if shape in (*SKELETAL, *RADIAL):
         return _narrow(footprint)
     return axes_of(footprint, roof_yaw(tags, footprint)[0]).span
 
@@ -66,7 +67,7 @@ def roof_facets(
 def _unit_facets(
     shape: str, footprint: Polygon, tags: Mapping[str, str], rise_m: float, notes: Counter[str]
 ) -> list[Facet]:
-    if shape in ("pyramidal", "cone", "dome", "onion"):
+    if shape in RADIAL:
         apex = apex_of(footprint)
         if apex is not None:
             profile = {"dome": _arc(_narrow(footprint) / 2, rise_m), "onion": _onion()}
@@ -77,7 +78,7 @@ def _unit_facets(
     if shape in ("skillion", "butterfly", "saltbox") and not mapped:
         notes[f"direction of a {shape} roof assumed"] += 1
     winged = _has_wings(footprint) and not (mapped and not footprint.interiors)
-    if shape in SKELETAL or shape == "side_hipped" or (winged and shape in RIDGED):
+    if shape in SKELETAL or (winged and shape in RIDGED):
         facets = _skeletal(shape, footprint)
         if facets:
             bend = {"mansard": TWO_PITCHES, "gambrel": TWO_PITCHES}
@@ -111,7 +112,7 @@ def _skeletal(shape: str, footprint: Polygon) -> list[Facet] | None:
     facets = skeleton_facets(outline)
     if facets is None:
         return None
-    if shape not in SKELETAL:
+    if shape not in ("hipped", "mansard"):
         ends = gable_ends(outline, facets)
         raised = dict.fromkeys(ends, np.inf)
         if shape == "half-hipped":

@@ -19,7 +19,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from urbantwin.scene.roof.facet import SPECK_M2, Facet, half_plane
+from urbantwin.scene.roof.facet import SPECK_M2, Facet, half_planes
 
 __all__ = ["MOST_EDGES", "gable_ends", "skeleton_facets"]
 
@@ -27,6 +27,8 @@ __all__ = ["MOST_EDGES", "gable_ends", "skeleton_facets"]
 MOST_EDGES = 48
 #: The facets must cover the outline but for this share of it.
 UNCOVERED = 2e-3
+
+POLYGON = int(shapely.GeometryType.POLYGON)
 
 Points = NDArray[np.float64]
 
@@ -88,26 +90,34 @@ def skeleton_facets(
             no eaves: gables, from which no facet rises (infinity), or half-hips, where one rises
             from the given height.
     """
-    raised = raised or {}
+    try:
+        return _envelope(outline, raised or {})
+    except (shapely.GEOSException, np.linalg.LinAlgError):
+        return None  # the caller has a simpler roof for such outlines
+
+
+def _envelope(outline: Polygon, raised: Mapping[int, float]) -> list[Facet] | None:
     edges = _Edges.of(outline)
-    reach = 2.0 * float(np.hypot(*np.ptp(edges.start, axis=0)))
-    slabs = _slabs(edges, _tracks(edges, outline), raised, reach)
     bases = np.array([raised.get(k, 0.0) for k in range(len(edges.start))])
     planes = np.column_stack([edges.inward, bases - (edges.inward * edges.start).sum(axis=1)])
     rising = np.flatnonzero(np.isfinite(bases))
+    if not edges.reflex.any() and not outline.interiors:
+        return _covering(_convex(edges.start, planes, rising), outline)
+    reach = 2.0 * float(np.hypot(*np.ptp(edges.start, axis=0)))
+    slabs = _slabs(edges, _tracks(edges, outline), raised, reach)
     tree = shapely.STRtree(slabs[rising])
     centre = edges.start.mean(axis=0)
     facets = []
     for k in rising.tolist():
         area = _area(shapely.intersection(slabs[k], outline))
-        lower = []
-        for other in rising[np.sort(tree.query(area))].tolist():
-            a, b, c = planes[k] - planes[other]
-            if other == k or np.hypot(a, b) < 1e-9:
-                continue
-            lower.append(shapely.intersection(slabs[other], half_plane(a, b, c, reach, centre)))
-        lower = [piece for piece in lower if isinstance(piece, Polygon)]
-        if lower and not area.is_empty:
+        others = rising[np.sort(tree.query(area))]
+        steep = np.hypot(*(planes[k] - planes[others])[:, :2].T)
+        others = others[(others != k) & (steep > 1e-9)]
+        lower = shapely.intersection(
+            slabs[others], half_planes(planes[k] - planes[others], reach, centre)
+        )
+        lower = lower[shapely.get_type_id(lower) == POLYGON]
+        if len(lower) and not area.is_empty:
             # Snapped to a hundredth of a millimetre: no slits remain where planes meet.
             area = shapely.difference(area, shapely.union_all(lower), grid_size=1e-5)
         plane = (float(planes[k, 0]), float(planes[k, 1]), float(planes[k, 2]))
@@ -116,8 +126,7 @@ def skeleton_facets(
             for part in shapely.get_parts(area)
             if isinstance(part, Polygon) and part.area > SPECK_M2
         ]
-    covered = sum(facet.area.area for facet in facets)
-    return facets if abs(covered - outline.area) <= UNCOVERED * outline.area else None
+    return _covering(facets, outline)
 
 
 def gable_ends(outline: Polygon, facets: list[Facet]) -> dict[int, float]:
@@ -150,6 +159,51 @@ def gable_ends(outline: Polygon, facets: list[Facet]) -> dict[int, float]:
         if own[0].area.area < 0.505 * length[k] * top + 0.01:
             ends[k] = top
     return ends
+
+
+def _covering(facets: list[Facet], outline: Polygon) -> list[Facet] | None:
+    covered = sum(facet.area.area for facet in facets)
+    return facets if abs(covered - outline.area) <= UNCOVERED * outline.area else None
+
+
+def _convex(corners: Points, planes: Points, rising: NDArray[np.int64]) -> list[Facet]:
+    """Return the lower envelope of planes over a convex outline (N, 2): no slabs are needed."""
+    facets = []
+    count = len(corners)
+    whole = [(float(x), float(y)) for x, y in corners]
+    for k in rising.tolist():
+        ring = whole
+        # The neighbours first: they cut off most.
+        for other in sorted(rising.tolist(), key=lambda n: min((n - k) % count, (k - n) % count)):
+            a, b, c = (planes[other] - planes[k]).tolist()
+            if other != k and abs(a) + abs(b) > 1e-9:
+                ring = _cut(ring, a, b, c)
+                if len(ring) < 3:
+                    break
+        if len(ring) >= 3:
+            area = Polygon(ring)
+            if area.area > SPECK_M2:
+                plane = (float(planes[k, 0]), float(planes[k, 1]), float(planes[k, 2]))
+                facets.append(Facet(area, plane))
+    return facets
+
+
+def _cut(
+    ring: list[tuple[float, float]], a: float, b: float, c: float
+) -> list[tuple[float, float]]:
+    """Return what of a convex ring is where a x + b y + c >= 0."""
+    side = [a * x + b * y + c for x, y in ring]
+    if min(side) >= -1e-9:
+        return ring
+    kept = []
+    for n, (x, y) in enumerate(ring):
+        if side[n - 1] * side[n] < 0:
+            share = side[n - 1] / (side[n - 1] - side[n])
+            left, low = ring[n - 1]
+            kept.append((left + share * (x - left), low + share * (y - low)))
+        if side[n] >= 0:
+            kept.append((x, y))
+    return kept
 
 
 def _area(shape: shapely.Geometry) -> shapely.MultiPolygon:
@@ -208,16 +262,32 @@ def _slabs(
     for k in range(len(edges.start)):
         far = edges.inward[k] * reach
         left, right = int(edges.before[k]), int(edges.after[k])
-        ring = [edges.start[k], edges.end[k]]
-        if right in tracks:
-            ring.append(edges.end[k] + tracks[right])
-        ring.append(ring[-1] + _border(edges.ahead[right], far, np.isinf(raised.get(right, 0.0))))
-        back = [edges.start[k]]
-        if k in tracks:
-            back.append(edges.start[k] + tracks[k])
-        back.append(back[-1] + _border(-edges.ahead[left], far, np.isinf(raised.get(left, 0.0))))
-        slabs.append(Polygon([*ring, *back[:0:-1]]))
+        across, back = edges.ahead[k] * reach, edges.start[k] - edges.inward[k]
+        ring = [
+            (float(x), float(y))
+            for x, y in (back - across, back + across, back + across + far, back - across + far)
+        ]
+        for corner, beside, track, end in (
+            (edges.start[k], -edges.ahead[left], tracks.get(k), left),
+            (edges.end[k], edges.ahead[right], tracks.get(right), right),
+        ):
+            side = edges.ahead[k] if end == left else -edges.ahead[k]
+            foot = corner
+            if track is not None and np.hypot(*track) > 1e-6:
+                ring = _cut(ring, *_beside(foot, track, side))
+                foot = corner + track
+            border = _border(beside, far, bool(np.isinf(raised.get(end, 0.0))))
+            ring = _cut(ring, *_beside(foot, border, side))
+        slabs.append(Polygon(ring) if len(ring) > 2 else Polygon())
     return np.array(slabs)
+
+
+def _beside(foot: Points, along: Points, side: Points) -> tuple[float, float, float]:
+    """Return the half plane (a, b, c) beside a line, on the side that a vector points to."""
+    a, b = -float(along[1]), float(along[0])
+    if a * side[0] + b * side[1] < 0:
+        a, b = -a, -b
+    return a, b, -float(a * foot[0] + b * foot[1])
 
 
 def _border(beside: Points, far: Points, gable: bool) -> Points:

@@ -48,6 +48,8 @@ SYNONYMS = {
 #: Pitch where the map gives no height, degrees.
 PITCH_DEG = {"skillion": 10.0, "butterfly": 10.0, "pyramidal": 35.0, "saltbox": 30.0}
 OTHER_PITCH_DEG = 33.0
+#: Wide roofs are flatter: none whose height is assumed is higher than this, metres; domes, twice.
+HIGHEST_M = 6.0
 #: Height over half the span where the map gives none: half-circles, and roofs with two pitches.
 RISE = {"round": 0.6, "dome": 1.0, "onion": 2.0, "cone": 1.0, "gambrel": 0.9, "mansard": 0.9}
 #: Roofs drawn with a slope over the whole span.
@@ -75,8 +77,9 @@ class RoofTags:
         if self.pitch_deg is not None:
             return run * math.tan(math.radians(self.pitch_deg))
         if self.shape in RISE:
-            return run * RISE[self.shape]
-        return run * math.tan(math.radians(PITCH_DEG.get(self.shape, OTHER_PITCH_DEG)))
+            return min(run * RISE[self.shape], 2 * HIGHEST_M)
+        pitch = PITCH_DEG.get(self.shape, OTHER_PITCH_DEG)
+        return min(run * math.tan(math.radians(pitch)), HIGHEST_M)
 
 
 def roof_tags(tags: Mapping[str, str], notes: Counter[str]) -> RoofTags:
