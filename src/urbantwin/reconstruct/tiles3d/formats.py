@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import struct
 
+import numpy as np
+
 from urbantwin.reconstruct.gltf.malformed import MalformedError
 from urbantwin.reconstruct.tiles3d.batched import read_batched
 from urbantwin.reconstruct.tiles3d.content import Content, Context, read_model
@@ -16,6 +18,7 @@ _DEEPEST = 8
 _READERS = {b"b3dm": read_batched, b"i3dm": read_instanced, b"pnts": read_points}
 
 
+@np.errstate(all="ignore")  # what is not a number is looked for, and told
 def read_content(data: bytes, context: Context, depth: int = 0) -> Content:
     """Read a b3dm, i3dm, pnts, cmpt, glb or glTF.
 

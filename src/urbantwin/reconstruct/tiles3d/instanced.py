@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.reconstruct.gltf.malformed import MalformedError, flag
+from urbantwin.reconstruct.gltf.primitive import FARTHEST
 from urbantwin.reconstruct.model import PointCloud, TriangleMesh
 from urbantwin.reconstruct.tiles3d.batched import split_tables
 from urbantwin.reconstruct.tiles3d.content import Content, Context, read_model
@@ -37,7 +38,7 @@ def read_instanced(data: bytes, context: Context) -> Content:
     if centre is not None:
         places = places + centre
     linear = _orientations(table, count, places, context) * _scales(table, count)[:, None, :]
-    if not (np.isfinite(places).all() and np.isfinite(linear).all()):
+    if not ((np.abs(places) < FARTHEST).all() and (np.abs(linear) < FARTHEST).all()):
         raise MalformedError("has instances whose places are not finite")
     if form == 0:
         uri = model.split(b"\0")[0].decode("utf-8", "replace").strip()

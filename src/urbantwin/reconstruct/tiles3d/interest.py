@@ -166,7 +166,7 @@ def _site_from_crs(source: GeometrySource, frame: SiteFrame) -> NDArray[np.float
         crs = CRS.from_user_input(source.spec.crs)
         if not crs.is_projected and not (crs.is_compound and crs.sub_crs_list[0].is_projected):
             return None
-        to_crs = Transformer.from_crs(frame.proj, crs, always_xy=True)
+        to_crs = Transformer.from_crs(frame.proj_with_datum, crs, always_xy=True)
         reach = 1000.0
         x, y = to_crs.transform([0.0, reach, 0.0], [0.0, 0.0, reach])
     except (CRSError, ProjError):

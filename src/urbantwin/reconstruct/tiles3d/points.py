@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from urbantwin.reconstruct.gltf.draco import unpack_draco
 from urbantwin.reconstruct.gltf.malformed import MalformedError, numbers, table, whole
+from urbantwin.reconstruct.gltf.primitive import FARTHEST
 from urbantwin.reconstruct.model import PointCloud
 from urbantwin.reconstruct.tiles3d.batched import split_tables
 from urbantwin.reconstruct.tiles3d.content import Content, Context
@@ -42,7 +43,7 @@ def read_points(data: bytes, context: Context) -> Content:
         points = points + centre
     colour = unpacked.get("RGB", unpacked.get("RGBA"))
     colour = _colours(features, count) if colour is None else colour[:, :3].astype(np.uint8)
-    finite = np.isfinite(points).all(axis=1)
+    finite = (np.abs(points) < FARTHEST).all(axis=1)
     content = Content()
     if not finite.all():
         content.problems.append(f"{int((~finite).sum())} of {count} points are not finite numbers")

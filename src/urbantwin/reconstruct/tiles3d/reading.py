@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.reconstruct.gltf.malformed import MalformedError
+from urbantwin.reconstruct.gltf.primitive import FARTHEST
 from urbantwin.reconstruct.gltf.scene import MOST_TRIANGLES, shown
 from urbantwin.reconstruct.model import PointCloud, TriangleMesh
 from urbantwin.reconstruct.tiles3d.content import Content, Context
@@ -120,7 +121,7 @@ class Reading:
 
     def _moved(self, mesh: TriangleMesh, transform: NDArray[np.float64], name: str) -> TriangleMesh:
         vertices = mesh.vertices @ transform[:3, :3].T + transform[:3, 3]
-        if not np.isfinite(vertices).all():
+        if not (np.abs(vertices) < FARTHEST).all():
             raise MalformedError("has vertices without bounds")
         faces = mesh.faces
         if np.linalg.det(transform[:3, :3]) < 0:
@@ -132,7 +133,7 @@ class Reading:
 
     def _moved_cloud(self, cloud: PointCloud, transform: NDArray[np.float64]) -> PointCloud:
         points = cloud.points @ transform[:3, :3].T + transform[:3, 3]
-        if not np.isfinite(points).all():
+        if not (np.abs(points) < FARTHEST).all():
             raise MalformedError("has points without bounds")
         moved = PointCloud(points, cloud.colour)
         near = self._interest.near_points(points)

@@ -17,6 +17,7 @@ from urbantwin.reconstruct.gltf.malformed import (
     table,
     text,
 )
+from urbantwin.reconstruct.gltf.primitive import FARTHEST
 from urbantwin.reconstruct.gltf.reader import Y_UP_TO_Z_UP
 from urbantwin.reconstruct.tiles3d.implicit import implicit_tiling
 from urbantwin.reconstruct.tiles3d.tile import ContentLink, Tile, Tileset
@@ -116,7 +117,7 @@ def _tile(spec: dict[str, Any], parent: Tile | None, tileset: Tileset) -> Tile:
     transform = matrix(spec, "transform")
     if parent is not None:
         transform = parent.transform @ transform
-    if not np.isfinite(transform).all():
+    if not (np.abs(transform) < FARTHEST).all():
         raise MalformedError("has a transform without bounds")
     error = 0.0 if parent is None else parent.error
     if spec.get("geometricError") is not None:
