@@ -24,6 +24,8 @@ _LEAST_OVERLAP = 0.35
 #: Candidates that are nearer to each other than this are one: metres, degrees, share of scale.
 APART_M, APART_DEG, APART_SCALE = 6.0, 8.0, 0.06
 _PEAKS_PER_HEADING = 3
+#: What a road says of what stands high, beside a building: elsewhere may stand trees.
+_ROAD = 0.35
 
 
 @dataclass(frozen=True)
@@ -76,7 +78,7 @@ class MapRaster:
 
         buildings = shapely.union_all(list(surroundings.footprints))
         self.known = inside(surroundings.region)
-        value = inside(buildings) - inside(surroundings.roads)
+        value = inside(buildings) - _ROAD * inside(surroundings.roads)
         self.value = gaussian_filter(value, 0.7) * self.known
 
     @property

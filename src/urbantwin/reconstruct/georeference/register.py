@@ -8,7 +8,7 @@ be clearly better than the second best, or the model is refused.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,10 +18,7 @@ from urbantwin.reconstruct.georeference.complaint import complaint
 from urbantwin.reconstruct.georeference.correlation import Candidate, MapRaster
 from urbantwin.reconstruct.georeference.ground_level import height_at_anchor, samples_of
 from urbantwin.reconstruct.georeference.levelling import GroundFit, fit_ground, upright
-from urbantwin.reconstruct.georeference.outline_fit import (
-    Agreement,
-    agreement,
-)
+from urbantwin.reconstruct.georeference.outline_fit import Agreement
 from urbantwin.reconstruct.georeference.search import Freedom, Search, coarse_cell
 from urbantwin.reconstruct.georeference.similarity import Similarity, moved
 from urbantwin.reconstruct.model import ImportedModel
@@ -36,6 +33,8 @@ Progress = Callable[[float, str], None]
 AMBIGUOUS = 0.85
 #: Less agreement between walls and outlines than this is none.
 _LEAST_SCORE = 0.15
+#: A model that was tilted by more than this had leaning walls, degrees.
+_TILT_DEG = 0.1
 _MOST_SHOWN = 8_000
 
 
@@ -80,8 +79,6 @@ def register(
         InputError: there is nothing to recognise, two ways are nearly as good, or the residual is
             above ``worst_residual_m``.
     """
-    spec = source.spec.register_to
-    assert spec is not None
     tell = progress or (lambda share, text: None)
     raster = MapRaster(surroundings, coarse_cell(surroundings.region))
     if not raster.tells:
@@ -91,25 +88,29 @@ def register(
             "register",
             expected="control_points, or origin",
         )
-    levelled, level_notes = _levelled(model, freedom, elevation)
+    levelled, notes = _levelled(model, freedom, elevation)
     search = Search(model, levelled, source, surroundings, freedom)
     levelled, features, ranked, best = search.run(raster, tell)
-    pivot, outlines = search.pivot, search.outlines
-    found = None
-    if outlines is not None and search.has_walls(features):
-        found = agreement(features, outlines, best, pivot, surroundings)
-    in_plan = _similarity(best, pivot)
+    _check_clear(source, ranked)
     tell(0.9, "laying it on the ground")
-    in_plan_after_level = in_plan.after(levelled)
-    ground = in_plan.apply(features.ground)
-    fit, up = _laid(model, in_plan_after_level, ground, elevation, freedom)
-    transform = up.after(in_plan_after_level)
-    report = _report(transform.scale, best, ranked, pivot, found, fit, level_notes)
-    _check(source, report, best, ranked, found, fit)
+    transform = search.similarity(best).after(levelled)
+    features = search.features(transform)
+    fit, up = _laid(features.ground, model, transform, elevation, freedom)
+    transform = up.after(transform)
+    notes["tilt_deg"] = 0.0 if fit is None else round(fit.tilt_deg, 3)
+    features = search.features(transform)
+    if fit is not None and fit.tilt_deg > _TILT_DEG:
+        # Its walls leaned: they are laid on their outlines once more, and then the ground.
+        transform = search.polished(features).after(transform)
+        fit, up = _laid(search.features(transform).ground, model, transform, elevation, freedom)
+        transform = up.after(transform)
+        features = search.features(transform)
+    found = search.agreement(features)
+    report = {**_moves(transform, search.pivot), **notes, **_quality(ranked, found, fit)}
+    _check_residuals(source, found, fit)
     step = max(1, len(features.walls) // _MOST_SHOWN)
-    walls = np.column_stack([features.walls, np.zeros(len(features.walls))])[::step]
-    after = in_plan.apply(walls)
-    return Registration(transform, report, walls[:, :2], after[:, :2], _lines(report))
+    after = features.walls[::step]
+    return Registration(transform, report, _before(after, transform), after, _lines(report))
 
 
 def _levelled(
@@ -126,16 +127,10 @@ def _levelled(
     return turn, {"levelled_deg": round(angle, 2), "turned_over": over}
 
 
-def _similarity(at: Candidate, pivot: NDArray[np.float64]) -> Similarity:
-    turn = Similarity.in_plan(at.yaw, np.zeros(3), at.scale)
-    shift = np.array([at.x, at.y, 0.0]) - turn.apply(np.array([[*pivot, 0.0]]))[0]
-    return replace(turn, translation=shift)
-
-
 def _laid(
+    ground: NDArray[np.float64],
     model: ImportedModel,
     transform: Similarity,
-    ground: NDArray[np.float64],
     elevation: Elevation | None,
     freedom: Freedom,
 ) -> tuple[GroundFit | None, Similarity]:
@@ -148,24 +143,32 @@ def _laid(
     return None, Similarity(1.0, np.eye(3), np.array([0.0, 0.0, -(own or 0.0)]))
 
 
-def _report(
-    scale: float,
-    best: Candidate,
-    ranked: list[Candidate],
-    pivot: NDArray[np.float64],
-    found: Agreement | None,
-    fit: GroundFit | None,
-    notes: dict[str, object],
+def _before(after: NDArray[np.float64], transform: Similarity) -> NDArray[np.float64]:
+    """Return where registered points in plan were at first; a tilt is left out."""
+    scale, turn = transform.scale, transform.rotation[:2, :2]
+    return np.asarray(np.linalg.solve(turn * scale, (after - transform.translation[:2]).T).T)
+
+
+def _moves(transform: Similarity, pivot: NDArray[np.float64]) -> dict[str, object]:
+    shift = transform.apply(np.array([[*pivot, 0.0]]))[0, :2] - pivot
+    yaw = np.degrees(np.arctan2(transform.rotation[1, 0], transform.rotation[0, 0]))
+    return {
+        "shift_m": np.round(shift, 3).tolist(),
+        "turn_deg": round(float(yaw), 3),
+        "scale": float(f"{transform.scale:.6g}"),
+    }
+
+
+def _quality(
+    ranked: list[Candidate], found: Agreement | None, fit: GroundFit | None
 ) -> dict[str, object]:
     second = ranked[1].score / max(1e-9, ranked[0].score) if len(ranked) > 1 else 0.0
     report: dict[str, object] = {
-        **notes,
-        "shift_m": [round(best.x - float(pivot[0]), 3), round(best.y - float(pivot[1]), 3)],
-        "turn_deg": round(float(np.degrees(np.angle(np.exp(1j * best.yaw)))), 3),
-        "scale": float(f"{scale:.6g}"),
         "score": round(ranked[0].score, 3),
         "second_best": round(max(0.0, second), 3),
         "confidence": round(1.0 - max(0.0, second), 3),
+        "outlines": "not known: neither the model's walls nor the map's buildings were enough",
+        "ground": "not known: laid on z = 0 at the anchor",
     }
     if found is not None:
         report["outlines"] = {
@@ -174,45 +177,37 @@ def _report(
             "share_with_a_wall": round(found.walled, 3),
         }
     if fit is not None:
-        report["ground"] = {
-            "median_m": round(fit.median_m, 3),
-            "p95_m": round(fit.p95_m, 3),
-            "tilt_deg": round(fit.tilt_deg, 3),
-            "raised_m": round(float(fit.transform.translation[2]), 3),
-        }
-    else:
-        report["ground"] = "not known: laid on z = 0 at the anchor"
+        report["ground"] = {"median_m": round(fit.median_m, 3), "p95_m": round(fit.p95_m, 3)}
     return report
 
 
-def _check(
-    source: GeometrySource,
-    report: dict[str, object],
-    best: Candidate,
-    ranked: list[Candidate],
-    found: Agreement | None,
-    fit: GroundFit | None,
-) -> None:
+def _check_clear(source: GeometrySource, ranked: list[Candidate]) -> None:
     """Raise where the registration is no more than a guess."""
-    spec = source.spec.register_to
-    assert spec is not None
-    if len(ranked) > 1 and ranked[1].score > AMBIGUOUS * ranked[0].score:
-        turn = np.degrees(np.angle(np.exp(1j * (ranked[1].yaw - ranked[0].yaw))))
-        away = np.hypot(ranked[1].x - ranked[0].x, ranked[1].y - ranked[0].y)
+    first = ranked[0]
+    if first.score < _LEAST_SCORE:
         raise complaint(
             source,
-            f"fits the map in two ways that are nearly as good ({ranked[0].score:.2f} and "
+            f"does not look like the map: agreement {first.score:.2f} of 1",
+            "register",
+            expected="a model of this place, scale: true, or control_points",
+        )
+    if len(ranked) > 1 and ranked[1].score > AMBIGUOUS * first.score:
+        turn = np.degrees(np.angle(np.exp(1j * (ranked[1].yaw - first.yaw))))
+        away = np.hypot(ranked[1].x - first.x, ranked[1].y - first.y)
+        raise complaint(
+            source,
+            f"fits the map in two ways that are nearly as good ({first.score:.2f} and "
             f"{ranked[1].score:.2f} of 1, {away:.0f} m and {abs(turn):.0f} degrees apart)",
             "register",
             expected="origin with heading_deg, a smaller search_m or search_deg, or control_points",
         )
-    if ranked[0].score < _LEAST_SCORE:
-        raise complaint(
-            source,
-            f"does not look like the map: agreement {ranked[0].score:.2f} of 1",
-            "register",
-            expected="a model of this place, scale: true, or control_points",
-        )
+
+
+def _check_residuals(
+    source: GeometrySource, found: Agreement | None, fit: GroundFit | None
+) -> None:
+    spec = source.spec.register_to
+    assert spec is not None
     parts = [] if found is None else [("outlines of buildings", found.all_median_m)]
     parts += [] if fit is None else [("ground", fit.median_m)]
     for what, residual in parts:
@@ -229,7 +224,7 @@ def _lines(report: dict[str, object]) -> tuple[str, ...]:
     shift = report["shift_m"]
     assert isinstance(shift, list)
     lines = [
-        f"moved {shift[0]:+.2f} m east, {shift[1]:+.2f} m north",
+        f"moved {shift[0]:+.2f} m east, {shift[1]:+.2f} m north, "
         f"turned {report['turn_deg']:+.2f}°, scale {report['scale']:.5g}",
         f"agreement {report['score']:.2f} of 1, second best {report['second_best']:.0%} of that",
     ]

@@ -10,9 +10,19 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.reconstruct.georeference.complaint import complaint
-from urbantwin.reconstruct.georeference.correlation import Candidate, MapRaster, candidates
+from urbantwin.reconstruct.georeference.correlation import (
+    APART_M,
+    Candidate,
+    MapRaster,
+    candidates,
+)
 from urbantwin.reconstruct.georeference.ground_level import samples_of
-from urbantwin.reconstruct.georeference.outline_fit import Outlines, agreement, fit_outlines
+from urbantwin.reconstruct.georeference.outline_fit import (
+    Agreement,
+    Outlines,
+    agreement,
+    fit_outlines,
+)
 from urbantwin.reconstruct.georeference.plan_features import PlanFeatures, plan_features
 from urbantwin.reconstruct.georeference.similarity import Similarity, moved
 from urbantwin.reconstruct.model import ImportedModel
@@ -32,6 +42,7 @@ _WIDEST = 3.0
 #: Steps of the wide search for a scale: of its logarithm, and of the heading in degrees.
 _SCALE_STEP, _WIDE_STEP_DEG, _STEP_DEG = 0.045, 5.0, 3.0
 _LEAST_WALLS = 50
+_WIDE_PEAK_M = 20.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +108,7 @@ class Search:
         wide = spec.scale and self._freedom.scale
         if wide:
             levelled = self._scaled(self._as_large_as_the_region()).after(levelled)
-        features = self._features(levelled)
+        features = self.features(levelled)
         tell(0.1, "comparing it with the map")
         step = _WIDE_STEP_DEG if wide else _STEP_DEG
         found = self._coarse(features, raster, step)
@@ -105,15 +116,17 @@ class Search:
         if abs(np.log(scale)) > 0.08:
             # What stands high was looked for in the wrong scale.
             levelled = self._scaled(scale).after(levelled)
-            features = self._features(levelled)
+            features = self.features(levelled)
             found = [replace(one, scale=one.scale / scale) for one in found]
         found = self._finer(features, found, step, tell)
         tell(0.8, "laying walls on outlines")
         if self.has_walls(features):
             found = [self._refined(features, one) for one in found]
+        # Without walls the peaks are as wide as streets.
+        reach = APART_M if self.has_walls(features) else _WIDE_PEAK_M
         ranked: list[Candidate] = []
         for one in sorted(found, key=lambda c: (-c.score, c.yaw, c.x, c.y)):
-            if not any(one.near(other) for other in ranked):
+            if not any(one.near(other, reach) for other in ranked):
                 ranked.append(one)
         best = ranked[0]
         if self.outlines is not None and self.has_walls(features):
@@ -122,7 +135,31 @@ class Search:
             )
         return levelled, features, ranked, best
 
-    def _features(self, transform: Similarity) -> PlanFeatures:
+    def polished(self, features: PlanFeatures) -> Similarity:
+        """Lay walls on outlines once more, after the model was made upright by its ground."""
+        still = Candidate(0.0, 0.0, float(self.pivot[0]), float(self.pivot[1]))
+        if self.outlines is None or not self.has_walls(features):
+            return self.similarity(still)
+        scale = self._spec.scale
+        return self.similarity(
+            fit_outlines(features, self.outlines, still, self.pivot, with_scale=scale, most=40_000)
+        )
+
+    def agreement(self, features: PlanFeatures) -> Agreement | None:
+        """Return how well a registered model's walls meet the outlines; ``None``: too few."""
+        if self.outlines is None or not self.has_walls(features):
+            return None
+        still = Candidate(0.0, 0.0, 0.0, 0.0)
+        return agreement(features, self.outlines, still, np.zeros(2), self._surroundings)
+
+    def similarity(self, at: Candidate) -> Similarity:
+        """Return a candidate as a transform of the model at its first place."""
+        turn = Similarity.in_plan(at.yaw, np.zeros(3), at.scale)
+        shift = np.array([at.x, at.y, 0.0]) - turn.apply(np.array([[*self.pivot, 0.0]]))[0]
+        return replace(turn, translation=shift)
+
+    def features(self, transform: Similarity) -> PlanFeatures:
+        """Return what of the transformed model can be recognised."""
         out = plan_features(samples_of(moved(self._model, transform)))
         if len(out.tall) + len(out.low) < 50:
             raise complaint(self._source, "is too small to be registered", "register")
