@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -140,6 +141,21 @@ class PointCloud:
             None if self.classification is None else self.classification[keep],
             None if self.last is None else self.last[keep],
         )
+
+    @classmethod
+    def concatenate(cls, clouds: Sequence[PointCloud]) -> PointCloud:
+        """Join clouds; what one of them does not say is left out of all."""
+        return cls(
+            np.concatenate([cloud.points for cloud in clouds]),
+            _joined([cloud.colour for cloud in clouds]),
+            _joined([cloud.classification for cloud in clouds]),
+            _joined([cloud.last for cloud in clouds]),
+        )
+
+
+def _joined(columns: Sequence[NDArray[Any] | None]) -> NDArray[Any] | None:
+    known = [column for column in columns if column is not None]
+    return np.concatenate(known) if len(known) == len(columns) else None
 
 
 @dataclass(frozen=True)

@@ -304,15 +304,17 @@ class Site:
     def inputs(self) -> list[dict[str, str]]:
         """Return what the site is made from: kind, name, sha256, licence and attribution."""
         files = (("osm", self.osm), ("roads", self.roads), ("dem", self.dem))
-        pictures = [
+        sources = [
             {
-                "kind": "imagery",
+                "kind": kind,
                 "name": source.name,
-                "sha256": "" if source.path is None else sha256_of(source.path),
+                # Of folders and addresses: every file that was read is in geometry.json.
+                "sha256": sha256_of(source.path) if source.path and source.path.is_file() else "",
                 "licence": source.spec.licence,
                 "attribution": source.spec.attribution,
             }
-            for source in self.imagery
+            for kind, group in (("geometry", self.geometry), ("imagery", self.imagery))
+            for source in group
         ]
         return [
             {
@@ -324,7 +326,7 @@ class Site:
             }
             for kind, item in files
             if item
-        ] + pictures
+        ] + sources
 
 
 def _file_entry(item: InputFile) -> dict[str, str]:

@@ -1,5 +1,6 @@
 """The lane model: roads of reference lines, profiles and lane sections, joined at junctions."""
 
+from urbantwin.roads.model.carriageway import carriageway_in_plan
 from urbantwin.roads.model.curve import Curve, Piece, all_turned, filleted, splined, turned
 from urbantwin.roads.model.furniture import RoadArea, RoadSignal, SignalController
 from urbantwin.roads.model.junction import Connection, ModelJunction
@@ -32,6 +33,7 @@ __all__ = [
     "SectionLane",
     "SignalController",
     "all_turned",
+    "carriageway_in_plan",
     "filleted",
     "fitted",
     "splined",

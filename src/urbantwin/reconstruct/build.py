@@ -1,0 +1,206 @@
+"""From sources of geometry to what they give to a scene: read, place, clean, tell apart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import shapely
+
+from urbantwin.errors import InputError
+from urbantwin.geometry import LabelledMesh, SiteFrame, area_union
+from urbantwin.ground import Elevation, ElevationPatch, merged_elevation
+from urbantwin.reconstruct.airborne import AirborneModel, from_airborne, read_footprints
+from urbantwin.reconstruct.cleaning import cleaned, cleaned_cloud
+from urbantwin.reconstruct.formats import read_model
+from urbantwin.reconstruct.georeference import SiteHeights, placed
+from urbantwin.reconstruct.model import ImportedModel, PointCloud
+from urbantwin.reconstruct.reconstruction import Reconstruction, SurveyedTree
+from urbantwin.reconstruct.surroundings import Surroundings
+from urbantwin.site import GeometrySource
+
+__all__ = ["reconstruct"]
+
+Progress = Callable[[float, str], None]
+
+
+@dataclass
+class _Gathered:
+    """What the sources up to now have given."""
+
+    patches: list[ElevationPatch]
+    meshes: list[LabelledMesh] = field(default_factory=list)
+    parts: int = 0
+    trees: list[SurveyedTree] = field(default_factory=list)
+    covers: dict[str, list[shapely.Geometry]] = field(default_factory=dict)
+
+    def add(self, mesh: LabelledMesh, covers: dict[str, shapely.Geometry]) -> None:
+        """Add what stands, its objects numbered on from those before."""
+        moved = np.where(mesh.part > 0, mesh.part + self.parts, 0).astype(np.int32)
+        self.meshes.append(replace(mesh, part=moved))
+        self.parts += int(mesh.part.max(initial=0))
+        for name, area in covers.items():
+            self.covers.setdefault(name, []).append(area)
+
+    def elevation(self, region: shapely.Polygon) -> Elevation | None:
+        """Return the bare earth as it is known up to now."""
+        return merged_elevation(self.patches, region)[0] if self.patches else None
+
+
+def reconstruct(
+    sources: Sequence[GeometrySource],
+    frame: SiteFrame,
+    surroundings: Surroundings,
+    *,
+    dem: ElevationPatch | None = None,
+    heights: SiteHeights | None = None,
+    progress: Progress | None = None,
+) -> Reconstruction:
+    """Read every source, lay it on its place, clean it, and tell ground from what stands on it.
+
+    Sources are taken in their order; one that gives the ground helps to place those after it.
+    Clouds of which ``site.yaml`` says the same are one survey.
+
+    Args:
+        sources: what ``site.yaml`` names.
+        frame: the site frame.
+        surroundings: the region, and what the map knows there.
+        dem: the elevation model, where there is one.
+        heights: what the anchor's ground is in the DEM's heights.
+        progress: told the share done (0..1) and what is being done.
+
+    Raises:
+        InputError: a source cannot be read or placed, or nothing of it lies in the region.
+    """
+    tell = progress or (lambda share, text: None)
+    gathered = _Gathered([dem] if dem else [])
+    reports: list[dict[str, object]] = []
+    surveys = [_survey_of(source) for source in sources]
+    waiting: dict[str, list[PointCloud]] = {}
+    for number, (source, survey) in enumerate(zip(sources, surveys, strict=True)):
+        told = _part_of(tell, number, len(sources), source.name)
+        told(0.0, "reading")
+        model = read_model(source, frame, surroundings.region, told)
+        told(0.3, "placing")
+        elevation = gathered.elevation(surroundings.region)
+        placement = placed(
+            model, source, frame, surroundings, elevation, heights=heights, progress=told
+        )
+        heights = placement.heights
+        report = _read_report(source, model)
+        report["placed"] = placement.report
+        reports.append(report)
+        told(0.5, "cleaning")
+        if placement.model.mesh is not None and len(placement.model.mesh.faces):
+            _take_mesh(source, placement.model, frame, surroundings, gathered, report)
+        if placement.model.cloud is not None and len(placement.model.cloud.points):
+            waiting.setdefault(survey, []).append(placement.model.cloud)
+        if "mesh" not in report and survey not in waiting:
+            raise InputError(
+                "has nothing within the region",
+                file=source.document.file,
+                place=source.place(),
+                expected=f"geometry around {frame.latitude:.6f}, {frame.longitude:.6f}",
+            )
+        if survey in waiting and survey not in surveys[number + 1 :]:
+            cloud = PointCloud.concatenate(waiting.pop(survey))
+            _take_cloud(source, cloud, frame, surroundings, gathered, report)
+    return Reconstruction(
+        LabelledMesh.concatenate(gathered.meshes),
+        tuple(gathered.patches[1 if dem else 0 :]),
+        tuple(gathered.trees),
+        {name: area_union(areas) for name, areas in sorted(gathered.covers.items())},
+        {"sources": reports},
+    )
+
+
+def _survey_of(source: GeometrySource) -> str:
+    """Return what is the same for all files of one survey: they are cut along arbitrary lines."""
+    own = {"file", "url", "licence", "attribution"}
+    return source.spec.model_dump_json(exclude=own)
+
+
+def _part_of(tell: Progress, number: int, count: int, name: str) -> Progress:
+    """Return what tells of one of several sources."""
+    return lambda share, text: tell((number + share) / count, f"{name}: {text}")
+
+
+def _read_report(source: GeometrySource, model: ImportedModel) -> dict[str, object]:
+    return {
+        "name": source.name,
+        "licence": source.spec.licence,
+        "attribution": source.spec.attribution,
+        "files": model.files,
+        "read": model.notes,
+        "problems": list(model.problems),
+    }
+
+
+def _take_mesh(
+    source: GeometrySource,
+    model: ImportedModel,
+    frame: SiteFrame,
+    surroundings: Surroundings,
+    gathered: _Gathered,
+    report: dict[str, object],
+) -> None:
+    """Clean a mesh and take from it what the source provides."""
+    from urbantwin.reconstruct.classify import classified
+
+    assert model.mesh is not None
+    spec, known = source.spec, gathered.elevation(surroundings.region)
+    clean = cleaned(
+        model.mesh,
+        spec.clean,
+        region=surroundings.region,
+        elevation=known,
+        roads=surroundings.roads,
+        sensors=surroundings.sensors,
+        name=source.name,
+        frame=frame,
+    )
+    report["mesh"] = clean.report
+    if not len(clean.mesh.faces):
+        return
+    told_apart = classified(clean.mesh, spec, elevation=known, roads=surroundings.roads)
+    report["told_apart"] = told_apart.report
+    if told_apart.ground is not None and "ground" in spec.provides:
+        gathered.patches.append(told_apart.ground)
+    gathered.add(told_apart.mesh, told_apart.covers)
+
+
+def _take_cloud(
+    source: GeometrySource,
+    cloud: PointCloud,
+    frame: SiteFrame,
+    surroundings: Surroundings,
+    gathered: _Gathered,
+    report: dict[str, object],
+) -> None:
+    """Clean a cloud and take from it what the source provides."""
+    spec, region = source.spec, surroundings.region
+    clean = cleaned_cloud(
+        cloud,
+        spec.clean,
+        region=region,
+        elevation=gathered.elevation(region),
+        roads=surroundings.roads,
+        name=source.name,
+        frame=frame,
+    )
+    report["cloud"] = clean.report
+    footprints: Sequence[shapely.Polygon] = surroundings.footprints
+    if source.footprints is not None:
+        footprints = read_footprints(source.footprints, frame, region)
+    survey: AirborneModel = from_airborne(
+        clean.cloud, footprints=footprints, region=region, name=source.name
+    )
+    report["survey"] = survey.report
+    if survey.ground is not None and "ground" in spec.provides:
+        gathered.patches.append(survey.ground)
+    wanted = {k: area for k, area in survey.covers.items() if k in spec.provides}
+    if "buildings" in spec.provides:
+        gathered.add(survey.buildings, wanted)
+    if "trees" in spec.provides:
+        gathered.trees += survey.trees

@@ -1,0 +1,89 @@
+"""What a site knows of its ground and of what stands on it, before there are roads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from urbantwin.ground import Elevation, ElevationPatch, merged_elevation
+from urbantwin.reconstruct import Reconstruction, reconstruct, surroundings_of
+from urbantwin.reconstruct.georeference import SiteHeights
+from urbantwin.roads.model import LaneModel, carriageway_in_plan
+from urbantwin.site import OsmFeature, Site, read_heights
+
+__all__ = ["SurveyedSite", "surveyed"]
+
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class SurveyedSite:
+    """The bare earth, and the geometry that people gave.
+
+    Attributes:
+        elevation: of the bare earth; a level plain where nothing is known.
+        is_known: whether a DEM or another source of geometry says the heights.
+        reconstruction: what the sources of geometry give; ``None`` where there are none.
+        notes: where the heights are from.
+    """
+
+    elevation: Elevation
+    is_known: bool
+    reconstruction: Reconstruction | None
+    notes: dict[str, object]
+
+
+def surveyed(
+    site: Site,
+    features: Sequence[OsmFeature],
+    model: LaneModel | None,
+    progress: Progress | None = None,
+) -> SurveyedSite:
+    """Read a site's DEM and its sources of geometry.
+
+    Args:
+        site: the site.
+        features: what is mapped in the region.
+        model: the map of the roads, where there is one.
+        progress: told the share done (0..1) and what is being done.
+
+    Raises:
+        InputError: the DEM or a source cannot be used.
+    """
+    patches: list[ElevationPatch] = []
+    notes: dict[str, object] = {}
+    heights = None
+    if site.dem is not None:
+        grid = read_heights(site.dem.path, site.frame, site.region)
+        heights = SiteHeights.of_dem(grid, site.dem.path.name)
+        patches.append(
+            ElevationPatch(
+                grid.x0, grid.y0, grid.step_m, grid.heights, grid.source_step_m, heights.name
+            )
+        )
+        notes = {
+            "source": site.dem.path.name,
+            "anchor_height_m": round(grid.anchor_height_m, 3),
+            "missing_share": round(grid.missing_share, 4),
+            "cell_m": round(grid.source_step_m, 3),
+        }
+    found = None
+    if site.geometry:
+        lanes = carriageway_in_plan(model, site.region) if model else None
+        found = reconstruct(
+            site.geometry,
+            site.frame,
+            surroundings_of(features, site.region, site.rig, lanes),
+            dem=patches[0] if patches else None,
+            heights=heights,
+            progress=progress,
+        )
+        patches += found.ground
+    if not patches:
+        return SurveyedSite(Elevation.flat(), False, found, {"source": "no DEM: a level plain"})
+    if found is None or not found.ground:
+        dem = patches[0]
+        elevation = Elevation(dem.west, dem.south, dem.step, dem.heights, dem.detail_m)
+        return SurveyedSite(elevation, True, found, notes)
+    elevation, shares = merged_elevation(patches, site.region)
+    return SurveyedSite(elevation, True, found, {**notes, "shares_of_region": shares})
