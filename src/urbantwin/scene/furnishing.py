@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 from shapely import Geometry, Point, Polygon
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.roads.signals import Head
 from urbantwin.scene.barrier import barrier_mesh
+from urbantwin.scene.bridge import bridge_decks, bridge_mesh
 from urbantwin.scene.furniture import furniture_mesh
 from urbantwin.scene.pole import pole_mesh
+from urbantwin.scene.rail import rail_mesh
 from urbantwin.scene.signal_pole import signal_mesh
 from urbantwin.scene.solids import GroundHeight
 from urbantwin.scene.tree import tree_mesh
+from urbantwin.scene.water import pier_mesh
+from urbantwin.scene.wire import wire_mesh
 from urbantwin.site import OsmFeature
 
 __all__ = ["furnishings"]
+
+Built = tuple[LabelledMesh, dict[str, int]]
+MeshOf = Callable[..., Built]
 
 
 def furnishings(
@@ -27,8 +35,9 @@ def furnishings(
     ground_height: GroundHeight,
     carriageway: Geometry,
     covers: Mapping[str, Geometry] | None = None,
-) -> dict[str, tuple[LabelledMesh, dict[str, int]]]:
-    """Return signals, poles, trees, barriers and furniture.
+    lane_decks: Geometry | None = None,
+) -> dict[str, Built]:
+    """Return signals, poles, trees, barriers, furniture, bridges, tracks, wires and piers.
 
     Args:
         features: the map's features, site frame.
@@ -37,6 +46,7 @@ def furnishings(
         ground_height: heights of the ground.
         carriageway: where nothing stands that is not mapped there.
         covers: where imported geometry has the ``trees`` and the ``other`` things.
+        lane_decks: decks of the lane model in plan.
 
     Returns:
         Per subject its mesh, ``part`` 1, 2, ... per object, and counts of what was built and
@@ -44,12 +54,34 @@ def furnishings(
     """
     known = covers or {}
     trees, other = known.get("trees"), known.get("other")
-    place = {"region": region, "ground_height": ground_height, "carriageway": carriageway}
     inside = [head for head in heads if region.covers(Point(head.x, head.y))]
+    decks, deck_notes = bridge_decks(
+        features,
+        region=region,
+        ground_height=ground_height,
+        lane_decks=lane_decks if lane_decks is not None else Polygon(),
+    )
+    rides = decks.over(ground_height, ("rail",))
+
+    def built(mesh_of: MeshOf, without: Geometry | None, **more: object) -> Built:
+        return mesh_of(
+            features,
+            region=region,
+            ground_height=ground_height,
+            carriageway=carriageway,
+            without=without,
+            **more,
+        )
+
+    bridges, bridge_notes = built(partial(bridge_mesh, decks=decks), other)
     return {
         "signals": signal_mesh(inside, ground_height=ground_height, carriageway=carriageway),
-        "poles": pole_mesh(features, without=other, **place),
-        "trees": tree_mesh(features, without=trees, **place),
-        "barriers": barrier_mesh(features, without=other, **place),
-        "furniture": furniture_mesh(features, without=other, **place),
+        "poles": built(pole_mesh, other),
+        "trees": built(tree_mesh, trees),
+        "barriers": built(barrier_mesh, other),
+        "furniture": built(furniture_mesh, other),
+        "bridges": (bridges, {**deck_notes, **bridge_notes}),
+        "tracks": built(rail_mesh, other, ride_height=rides),
+        "wires": built(wire_mesh, other, ride_height=rides),
+        "piers": built(pier_mesh, other),
     }

@@ -36,7 +36,9 @@ ARM_REACH_M = 15.0
 
 HUNG = "lamps hung or on walls, not drawn"
 POWER_LINES = ("line", "minor_line")
-HUNG_LAMPS = ("wall", "wall_mounted", "suspended", "ceiling", "ground", "catenary", "bollard")
+HUNG_LAMPS = ("wall", "wall_mounted", "ceiling", "ground", "bollard")
+#: Lamps on wires are drawn by ``wire_mesh``.
+ON_WIRES = ("suspended", "catenary")
 
 
 def pole_mesh(
@@ -132,7 +134,7 @@ def _kind(tags: dict[str, str]) -> str | None:
     mounts = {tags.get(k) for k in ("lamp_mount", "support", "light:mount")}
     tests = {
         HUNG: highway == "street_lamp" and bool(mounts & set(HUNG_LAMPS)),
-        "street lamps": highway == "street_lamp",
+        "street lamps": highway == "street_lamp" and not mounts & set(ON_WIRES),
         "bus stops": highway == "bus_stop",
         "bollards": tags.get("barrier") == "bollard",
         "utility poles": tags.get("power") == "pole"

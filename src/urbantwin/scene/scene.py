@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import DownwardProbe, LabelledMesh
 from urbantwin.ground import Elevation
+from urbantwin.reconstruct import Reconstruction
 from urbantwin.roads import RoadNetwork, RoadSurface
 from urbantwin.roads.signals import Head
 from urbantwin.scene.building import building_mesh
@@ -18,6 +19,8 @@ from urbantwin.scene.deck import deck_mesh
 from urbantwin.scene.dropped_curb import DroppedCurbs
 from urbantwin.scene.furnishing import furnishings
 from urbantwin.scene.surface import PARTS, Spacing, surface_mesh
+from urbantwin.scene.tree import surveyed_tree_mesh
+from urbantwin.scene.water import water_bodies, with_water
 from urbantwin.scene.zones import ground_zones
 from urbantwin.site import OsmFeature
 
@@ -45,6 +48,7 @@ def build_scene(
     region: shapely.Polygon,
     features: Sequence[OsmFeature],
     heads: Sequence[Head] = (),
+    imported: Reconstruction | None = None,
 ) -> Scene:
     """Build ground, decks, buildings and street furniture.
 
@@ -55,13 +59,16 @@ def build_scene(
         region: region of interest, site frame.
         features: the map's features that touch the region.
         heads: signals and signs of the lane model, where they are.
+        imported: what sources of geometry give; it stands in place of what is mapped there.
     """
+    covers = imported.covers if imported else {}
     spacing = ON_A_PLAIN if elevation.is_flat and len(network.levels) == 1 else ON_A_HILL
-    zones = ground_zones(network, region, features)
+    waters = water_bodies(features, region)
+    zones = ground_zones(network, region, features, waters)
     ground = surface_mesh(
         zones,
         road_height=surface.height,
-        terrain_height=elevation.raw_at,
+        terrain_height=with_water(elevation.raw_at, waters, region),
         spacing=spacing,
         lines=surface.ridges(0),
         drops=DroppedCurbs.of_network(network, 0),
@@ -77,7 +84,11 @@ def build_scene(
     carriageway = shapely.union_all([z.area for z in zones if z.kind == "carriageway"])
     objects: dict[str, tuple[LabelledMesh, dict[str, int]]] = {
         "buildings": building_mesh(
-            features, region=region, ground_height=ground_height, carriageway=carriageway
+            features,
+            region=region,
+            ground_height=ground_height,
+            carriageway=carriageway,
+            without=covers.get("buildings"),
         ),
         **furnishings(
             features,
@@ -85,8 +96,20 @@ def build_scene(
             region=region,
             ground_height=ground_height,
             carriageway=carriageway,
+            covers=covers,
+            lane_decks=shapely.union_all(
+                [
+                    shapely.union(network.carriageway(level), network.footway(level))
+                    for level in network.levels[1:]
+                ]
+            ),
         ),
     }
+    if imported is not None:
+        objects["imported"] = (imported.mesh, {"triangles": len(imported.mesh.faces)})
+        objects["surveyed trees"] = surveyed_tree_mesh(
+            imported.trees, ground_height, region=region, carriageway=carriageway
+        )
     meshes, first = [ground, decks], FIRST_OBJECT
     notes: dict[str, object] = {"surface": _ground_notes(ground, network)}
     for name, (mesh, counts) in objects.items():

@@ -42,7 +42,7 @@ class Assembly:
 
     def __init__(self) -> None:
         self._solids: list[Solid] = []
-        self._labels: list[tuple[int, ArrayLike, ArrayLike]] = []
+        self._labels: list[tuple[ArrayLike, ArrayLike, ArrayLike]] = []
         self.parts = 0
 
     def new_part(self) -> int:
@@ -50,11 +50,14 @@ class Assembly:
         self.parts += 1
         return self.parts
 
-    def add(self, solid: Solid, semantic: str, material: str | ArrayLike, part: ArrayLike) -> None:
-        """Add a solid; material numbers and parts may be given per face."""
+    def add(
+        self, solid: Solid, semantic: str | ArrayLike, material: str | ArrayLike, part: ArrayLike
+    ) -> None:
+        """Add a solid; numbers of classes and materials, and parts, may be given per face."""
+        kind = semantic_id(semantic) if isinstance(semantic, str) else semantic
         number = material_id(material) if isinstance(material, str) else material
         self._solids.append(solid)
-        self._labels.append((semantic_id(semantic), number, part))
+        self._labels.append((kind, number, part))
 
     def mesh(self) -> LabelledMesh:
         """Return everything added as one mesh."""

@@ -20,7 +20,15 @@ from urbantwin.taxonomy import material_id, semantic_id
 __all__ = ["PARTS", "Spacing", "surface_mesh"]
 
 #: ``part`` numbers of the ground's triangles; other objects come after ``FIRST_OBJECT``.
-PARTS = {"terrain": 0, "carriageway": 1, "footway": 2, "island": 3, "paved": 4, "curb": 5}
+PARTS = {
+    "terrain": 0,
+    "carriageway": 1,
+    "footway": 2,
+    "island": 3,
+    "paved": 4,
+    "curb": 5,
+    "water": 6,
+}
 #: How far from every zone a triangle may lie and still belong to the ground.
 SPECK_M = 0.1
 #: Vertices are snapped to this grid, so that zones that touch share their vertices.
@@ -81,7 +89,8 @@ def surface_mesh(
     triangles, zone = triangles[zone >= 0], zone[zone >= 0]
     step = np.array([np.nan if z.step is None else z.step for z in zones])[zone]
     step = step[:, None] * drops.share(xy)[triangles]
-    corner_z = _heights(xy, triangles, step, road, terrain_height(xy))
+    still = np.array([z.kind == "water" for z in zones])[zone]
+    corner_z = _heights(xy, triangles, step, road, terrain_height(xy), still)
     vertices, faces = _weld(xy, triangles, corner_z)
     part = np.array([PARTS[z.kind] for z in zones])[zone]
     semantic = np.array([z.semantic for z in zones])[zone]
@@ -247,8 +256,12 @@ def _heights(
     step: NDArray[np.float64],
     road: NDArray[np.float64],
     terrain: NDArray[np.float64],
+    still: NDArray[np.bool_],
 ) -> NDArray[np.float64]:
-    """Return the height (F, 3) of each triangle's corners; ``step`` (F, 3) above the road."""
+    """Return the height (F, 3) of each triangle's corners; ``step`` (F, 3) above the road.
+
+    Terrain that is ``still`` (F,), water, keeps its height beside roads.
+    """
     natural = np.isnan(step[:, 0])
     z = road[triangles] + np.where(natural[:, None], 0.0, step)
     if not natural.any():
@@ -258,6 +271,7 @@ def _heights(
     np.maximum.at(top, triangles[~natural].ravel(), z[~natural].ravel())
     fixed = np.isfinite(top)
     correction = np.where(fixed, top - terrain, 0.0)
+    fixed[triangles[still].ravel()] = True
     correction = _spread(xy, triangles[natural], correction, fixed)
     z[natural] = (terrain + correction)[triangles[natural]]
     return z

@@ -17,6 +17,7 @@ from urbantwin.geometry import (
 from urbantwin.roads import RoadNetwork
 from urbantwin.roads.model import CURB_HEIGHT_M
 from urbantwin.roads.network import CARRIAGEWAY_KINDS
+from urbantwin.scene.water.plan import WaterBody
 from urbantwin.site.extract import OsmFeature
 from urbantwin.taxonomy import material_id, semantic_id
 
@@ -54,7 +55,7 @@ class Zone:
     """A surface in plan.
 
     Attributes:
-        kind: carriageway, footway, island, paved (flush with the terrain) or terrain.
+        kind: carriageway, footway, island, paved (flush with the terrain), water or terrain.
         area: where it is, site frame.
         semantic: its semantic class.
         material: its material.
@@ -74,7 +75,10 @@ class Zone:
 
 
 def ground_zones(
-    network: RoadNetwork, region: shapely.Polygon, features: Sequence[OsmFeature]
+    network: RoadNetwork,
+    region: shapely.Polygon,
+    features: Sequence[OsmFeature],
+    waters: Sequence[WaterBody] = (),
 ) -> list[Zone]:
     """Return the zones of the ground level; together they tile the region and its margin."""
     carriageway = _closed(network.carriageway(0), SEAM_M)
@@ -100,10 +104,11 @@ def ground_zones(
         _zone("footway", footway, "sidewalk", "paving"),
         _zone("island", islands, "other-ground", "concrete"),
     ]
-    for area, semantic, material in _flush_areas(features):
+    for area, semantic, material in _flush_areas(features, waters):
         free = area_difference(area_intersection(area, everything), taken)
         if not free.is_empty:
             kind = "terrain" if semantic == "terrain" else "paved"
+            kind = "water" if material == "water" else kind
             zones.append(_zone(kind, free, semantic, material))
             taken = area_union([taken, free])
     rest = area_difference(everything, taken)
@@ -135,7 +140,7 @@ def _zone(kind: str, area: shapely.Geometry, semantic: str, material: str) -> Zo
 
 
 def _flush_areas(
-    features: Sequence[OsmFeature],
+    features: Sequence[OsmFeature], waters: Sequence[WaterBody]
 ) -> list[tuple[shapely.Geometry, str, str]]:
     """Surfaces that the map knows beside the lane network, the more important first."""
     groups: dict[tuple[str, str], list[shapely.Geometry]] = {}
@@ -153,6 +158,10 @@ def _flush_areas(
             groups.setdefault(("parking", "asphalt"), []).append(shape)
         elif is_area and any(tags.get(key) in values for key, values in GREEN.items()):
             groups.setdefault(("terrain", "grass"), []).append(shape)
+    for body in waters:
+        groups.setdefault(("other-ground", "water"), []).append(body.area)
+        if not body.wall.is_empty:
+            groups.setdefault(("other-ground", "concrete"), []).append(body.wall)
     order = ["road", "parking", "sidewalk", "other-ground", "terrain"]
     return [
         (_closed(area_union(groups[key]), SEAM_M), *key)

@@ -1,0 +1,155 @@
+"""Where water is, in plan."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from shapely import Geometry, LineString, Polygon
+
+from urbantwin.geometry import area_difference, area_union
+from urbantwin.scene.tag import length_m_of
+from urbantwin.site.extract import OsmFeature
+
+__all__ = ["WaterBody", "water_bodies"]
+
+#: Widths of waterways that are mapped as a line only, metres.
+WIDTHS_M = {"river": 15.0, "canal": 12.0, "stream": 2.0, "drain": 1.5, "ditch": 1.2}
+#: How far water lies below the land around it where no elevation model says so, metres.
+BELOW_M = {"canal": 1.2, "dock": 1.5, "harbour": 1.5, "sea": 1.2, "river": 1.2, "pool": 0.15,
+           "stream": 0.4, "drain": 0.4, "ditch": 0.4, "pond": 0.4}  # fmt: skip
+#: The wall of a quay is this thick, metres.
+QUAY_M = 0.4
+WALLED = ("canal", "dock", "harbour", "pool")
+#: How far around the region the sea is found, metres.
+SEA_M = 150.0
+
+
+@dataclass(frozen=True)
+class WaterBody:
+    """Water.
+
+    Attributes:
+        kind: river, canal, stream, drain, ditch, dock, harbour, pond, pool or sea.
+        area: its surface in plan, site frame.
+        wall: the wall around it; empty for natural banks.
+        below: how far it is assumed below the land around it, metres.
+        follows: whether it follows the ground instead of lying level: streams and ditches.
+    """
+
+    kind: str
+    area: Geometry
+    wall: Geometry
+    below: float
+    follows: bool
+
+
+def water_bodies(features: Sequence[OsmFeature], region: Polygon) -> list[WaterBody]:
+    """Return the waters of the map that touch a region and its surroundings.
+
+    Areas first, then lines where no area has them; water in tunnels is left out.
+    """
+    near = region.buffer(SEA_M, join_style="mitre")
+    areas: dict[str, list[Geometry]] = {}
+    lines: dict[str, list[Geometry]] = {}
+    for feature in features:
+        tags, shape = feature.tags, feature.geometry
+        if _is_hidden(tags):
+            continue
+        if shape.geom_type.endswith("Polygon"):
+            kind = _area_kind(tags)
+            if kind:
+                areas.setdefault(kind, []).append(shape)
+        elif isinstance(shape, LineString) and tags.get("waterway") in WIDTHS_M:
+            kind = tags["waterway"]
+            width = min(length_m_of(tags.get("width")) or WIDTHS_M[kind], 200.0)
+            lines.setdefault(kind, []).append(shape.buffer(width / 2, cap_style="flat"))
+    sea = _sea(features, near)
+    if not sea.is_empty:
+        areas.setdefault("sea", []).append(sea)
+    islands = shapely.union_all(
+        [f.geometry for f in features
+         if f.tags.get("place") in ("island", "islet") and f.geometry.geom_type.endswith("Polygon")]
+    )  # fmt: skip
+    bodies: list[WaterBody] = []
+    taken: Geometry = islands
+    for kind, shapes in [*sorted(areas.items()), *sorted(lines.items())]:
+        whole = shapely.intersection(area_union(shapes), near)
+        whole = area_difference(whole, taken)
+        taken = area_union([taken, whole])
+        for area in shapely.get_parts(whole):
+            if area.area < 1.0:
+                continue
+            wall: Geometry = Polygon()
+            surface = area
+            if kind in WALLED:
+                surface = area.buffer(-QUAY_M, join_style="mitre")
+                wall = area_difference(area, surface)
+            if not surface.is_empty:
+                follows = kind in ("stream", "drain", "ditch")
+                bodies.append(WaterBody(kind, surface, wall, BELOW_M[kind], follows))
+    return bodies
+
+
+def _is_hidden(tags: Mapping[str, str]) -> bool:
+    return (
+        tags.get("tunnel", "no") != "no"
+        or tags.get("covered", "no") == "yes"
+        or tags.get("layer", "0").startswith("-2")
+        or tags.get("location") in ("underground", "indoor")
+        or tags.get("intermittent") == "yes"
+    )
+
+
+def _area_kind(tags: Mapping[str, str]) -> str | None:
+    if "building" in tags:
+        return None
+    if tags.get("leisure") == "swimming_pool":
+        return "pool"
+    if tags.get("waterway") in ("riverbank", "dock", "canal", "river"):
+        return {"riverbank": "river"}.get(tags["waterway"], tags["waterway"])
+    if tags.get("harbour") == "yes" and tags.get("natural") == "water":
+        return "harbour"
+    if tags.get("natural") == "water" or tags.get("landuse") in ("pond", "reservoir"):
+        said = tags.get("water", "pond")
+        known = {"river": "river", "canal": "canal", "stream": "stream", "harbour": "harbour",
+                 "dock": "dock", "basin": "pond", "ditch": "ditch", "moat": "pond",
+                 "reflecting_pool": "pool", "fountain": "pool"}  # fmt: skip
+        return known.get(said, "pond")
+    return None
+
+
+def _sea(features: Sequence[OsmFeature], near: Polygon) -> Geometry:
+    """Return the sea: coastlines have it on their right."""
+    coast = [
+        line
+        for f in features
+        if f.tags.get("natural") == "coastline"
+        for line in shapely.get_parts(
+            shapely.intersection(
+                f.geometry.boundary if f.geometry.geom_type.endswith("Polygon") else f.geometry,
+                near,
+            )
+        )
+        if isinstance(line, LineString)
+    ]
+    if not coast:
+        return Polygon()
+    faces = shapely.get_parts(
+        shapely.polygonize(shapely.get_parts(shapely.union_all([near.boundary, *coast])))
+    )
+    votes = np.zeros(len(faces))
+    for line in coast:
+        xy = shapely.get_coordinates(line)
+        way = np.diff(xy, axis=0)
+        length = np.linalg.norm(way, axis=1)
+        keep = length > 0.01
+        middle = (xy[:-1] + xy[1:])[keep] / 2
+        right = np.column_stack([way[:, 1], -way[:, 0]])[keep] / length[keep, None]
+        for sign in (1.0, -1.0):
+            spots = middle + sign * 0.2 * right
+            for k, face in enumerate(faces):
+                votes[k] += sign * (shapely.contains_xy(face, *spots.T) * length[keep]).sum()
+    return shapely.union_all([face for face, vote in zip(faces, votes, strict=True) if vote > 0])
