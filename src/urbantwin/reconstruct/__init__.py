@@ -1,6 +1,5 @@
 """Imported geometry: meshes, 3D Tiles and point clouds, placed on the site, cleaned, labelled."""
 
-from urbantwin.reconstruct.build import reconstruct
 from urbantwin.reconstruct.model import Geotag, ImportedModel, PointCloud, TriangleMesh
 from urbantwin.reconstruct.reconstruction import Reconstruction, SurveyedTree
 from urbantwin.reconstruct.surroundings import Surroundings, surroundings_of
@@ -13,6 +12,5 @@ __all__ = [
     "Surroundings",
     "SurveyedTree",
     "TriangleMesh",
-    "reconstruct",
     "surroundings_of",
 ]

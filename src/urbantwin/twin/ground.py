@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from urbantwin.ground import Elevation, ElevationPatch, merged_elevation
-from urbantwin.reconstruct import Reconstruction, reconstruct, surroundings_of
-from urbantwin.reconstruct.georeference import SiteHeights
+from urbantwin.reconstruct import Reconstruction, surroundings_of
+from urbantwin.reconstruct.georeference.heights import SiteHeights
 from urbantwin.roads.model import LaneModel, carriageway_in_plan
 from urbantwin.site import OsmFeature, Site, read_heights
 
@@ -69,6 +69,8 @@ def surveyed(
         }
     found = None
     if site.geometry:
+        from urbantwin.reconstruct.build import reconstruct
+
         lanes = carriageway_in_plan(model, site.region) if model else None
         found = reconstruct(
             site.geometry,
