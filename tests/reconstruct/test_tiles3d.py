@@ -15,35 +15,11 @@ from pyproj import Transformer
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
-from urbantwin.reconstruct.tiles3d import read_tiles3d
-from urbantwin.site.document import Document
-from urbantwin.site.geometry import GeometrySource, GeometrySpec
 
 from .tile_bytes import Gltf, b3dm, same_triangles
+from .tileset_site import FRAME, REGION, names, on_site, read, tile, write
 
-LATITUDE, LONGITUDE = 40.0425, -75.6121
-FRAME = SiteFrame(LATITUDE, LONGITUDE)
-REGION = shapely.box(-50, -50, 50, 50)
 GEODETIC = Transformer.from_crs("EPSG:4978", "EPSG:4979", always_xy=True)
-
-
-def east_north_up() -> np.ndarray:
-    """ECEF from east, north, up at the site's anchor (Snyder's formulas, WGS84)."""
-    lat, lon = math.radians(LATITUDE), math.radians(LONGITUDE)
-    a, e2 = 6378137.0, 0.00669437999014
-    n = a / math.sqrt(1 - e2 * math.sin(lat) ** 2)
-    up = np.array([math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), math.sin(lat)])
-    east = np.array([-math.sin(lon), math.cos(lon), 0.0])
-    result = np.eye(4)
-    result[:3, :3] = np.column_stack([east, np.cross(up, east), up])
-    result[:3, 3] = n * up * [1, 1, 1 - e2]
-    return result
-
-
-def read(file: Path, region=REGION, frame=FRAME, **spec):
-    document = Document(file.parent / "site.yaml", {})
-    source = GeometrySource(GeometrySpec(file=file.name, **spec), document, 0)
-    return read_tiles3d(source, frame, region)
 
 
 def cube(x: float, y: float, size: float = 4.0, name: str = "cube") -> bytes:
@@ -53,36 +29,6 @@ def cube(x: float, y: float, size: float = 4.0, name: str = "cube") -> bytes:
     scene = trimesh.Scene()
     scene.add_geometry(box, node_name=name)
     return scene.export(file_type="glb")
-
-
-def tile(error: float, x0, y0, x1, y1, **more) -> dict:
-    middle, half = [(x0 + x1) / 2, (y0 + y1) / 2, 10], [(x1 - x0) / 2, (y1 - y0) / 2, 10]
-    box = [*middle, half[0], 0, 0, 0, half[1], 0, 0, 0, half[2]]
-    return {"boundingVolume": {"box": box}, "geometricError": error, **more}
-
-
-def write(folder: Path, root: dict, files: dict[str, bytes], name: str = "tileset.json") -> Path:
-    """Write a tileset that stands at the anchor."""
-    place = east_north_up().T.reshape(-1).tolist()
-    document = {
-        "asset": {"version": "1.1"},
-        "geometricError": 500,
-        "root": {**root, "transform": place},
-    }
-    for path, data in {name: json.dumps(document).encode(), **files}.items():
-        (folder / path).parent.mkdir(parents=True, exist_ok=True)
-        (folder / path).write_bytes(data)
-    return folder / name
-
-
-def on_site(model) -> np.ndarray:
-    """Vertices in the tangent plane at the anchor."""
-    to_ecef = east_north_up()
-    return (model.mesh.vertices - to_ecef[:3, 3]) @ to_ecef[:3, :3]
-
-
-def names(model) -> set[str]:
-    return {model.mesh.names[k].split(" / ")[0] for k in np.unique(model.mesh.object)}
 
 
 # --- real samples -----------------------------------------------------------------------------
@@ -222,7 +168,7 @@ def test_refinement_stops_at_the_geometric_error(tmp_path, refine, error, expect
 
 def test_cubes_land_where_they_were_put(tmp_path):
     model = read(quarters("REPLACE", tmp_path))
-    vertices = on_site(model)
+    vertices = on_site(model.mesh.vertices)
     expected = []
     for size, x, y in [(4, -20, -20), (4, 20, -20), (4, -20, 20), (5, 20, 20)]:
         box = trimesh.creation.box([size] * 3)
@@ -237,7 +183,7 @@ def test_a_missing_child_leaves_its_siblings_and_its_parents_part(tmp_path):
     model = read(quarters("REPLACE", tmp_path, missing="se.glb"))
     assert model.problems == ("se.glb: not found",)
     assert names(model) == {"sw.glb", "nw.glb", "finer.glb", "slab.glb"}
-    vertices = on_site(model)
+    vertices = on_site(model.mesh.vertices)
     slab = [k for k, name in enumerate(model.mesh.names) if name.startswith("slab")]
     middles = vertices[model.mesh.faces[np.isin(model.mesh.object, slab)]].mean(axis=1)
     assert (middles[:, 0] > -0.1).all()
@@ -287,7 +233,9 @@ def test_regions_boxes_and_spheres_are_tested_conservatively(tmp_path):
     distances = {
         name: shapely.distance(
             region,
-            shapely.Point(on_site(model)[model.mesh.faces[model.mesh.object == k][0, 0]][:2]),
+            shapely.Point(
+                on_site(model.mesh.vertices)[model.mesh.faces[model.mesh.object == k][0, 0]][:2]
+            ),
         )
         for k, name in enumerate(n.split(" / ")[0] for n in model.mesh.names)
         if (model.mesh.object == k).any()
@@ -338,7 +286,7 @@ def test_external_tilesets_cascade_their_transforms(tmp_path):
         },
     )
     model = read(path)
-    vertices = on_site(model)
+    vertices = on_site(model.mesh.vertices)
     np.testing.assert_allclose(vertices.min(axis=0), [10 - 4 - 4, 2 - 4, 20 - 4], atol=1e-6)
     np.testing.assert_allclose(vertices.max(axis=0), [10 + 4 - 4, 2 + 4, 20 + 4], atol=1e-6)
     assert names(model) == {"sub set/deep/cube.b3dm"}

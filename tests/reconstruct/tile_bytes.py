@@ -44,7 +44,7 @@ class Gltf:
         primitive = {"attributes": {"POSITION": self.accessor(points, "f4")}, "mode": mode, **more}
         primitive["attributes"].update(attributes or {})
         if indices is not None:
-            primitive["indices"] = self.accessor(indices, "u4")
+            primitive["indices"] = self.accessor(np.ravel(indices), "u4")
         return self.add("meshes", {"primitives": [primitive]})
 
     def scene(self, *nodes: dict) -> "Gltf":

@@ -113,7 +113,10 @@ class PrimitiveReader:
         if corners is None:
             index = np.arange(attributes.count)
             if spec.get("indices") is not None:
-                index = self._accessors.raw(whole(spec, "indices"))[:, 0].astype(np.int64)
+                stored = self._accessors.raw(whole(spec, "indices"))
+                if stored.shape[1] != 1 or stored.dtype.kind != "u":
+                    raise MalformedError("has indices that are not whole numbers")
+                index = stored[:, 0].astype(np.int64)
             corners = _triangles(index, mode)
         if len(corners) and (corners.max() >= attributes.count or corners.min() < 0):
             raise MalformedError(

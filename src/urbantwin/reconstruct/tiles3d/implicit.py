@@ -79,7 +79,7 @@ class SubtreeLink:
         if not subtree.tiles[0]:
             return False
         cell = Cell(self.tiling, subtree, self, 0, (0,) * self.tiling.axes)
-        tile.links, tile.below = cell.links(), cell
+        tile.links, tile.below = cell.links(), None if cell.is_leaf() else cell
         return True
 
 
@@ -122,28 +122,34 @@ class Cell:
             if there[index]
         )
 
+    def is_leaf(self) -> bool:
+        """Return whether there is nothing below it."""
+        return next(self._available(), None) is None
+
     def tiles(self, parent: Tile) -> Iterator[Tile | MalformedError]:
         """Yield the children; those that begin a further subtree wait for it as their ``below``."""
-        tiling, level = self.tiling, self.level + 1
-        if level >= tiling.available:
+        tiling, level, depth = self.tiling, self.level + 1, self.depth + 1
+        for local in self._available():
+            if depth < tiling.levels:
+                cell = Cell(tiling, self.subtree, self.link, depth, local)
+                yield _tile(parent, tiling, level, cell.place, cell)
+                continue
+            pairs = zip(self.link.place, local, strict=True)
+            place = tuple((top << depth) + own for top, own in pairs)
+            yield _tile(parent, tiling, level, place, SubtreeLink(tiling, level, place))
+
+    def _available(self) -> Iterator[tuple[int, ...]]:
+        """Yield the places, within the subtree's next level, of children that there are."""
+        tiling, depth = self.tiling, self.depth + 1
+        if self.level + 1 >= tiling.available:
             return
-        branches, depth = tiling.branches, self.depth + 1
-        first = (branches**depth - 1) // (branches - 1)
-        within = depth < tiling.levels
+        first = (tiling.branches**depth - 1) // (tiling.branches - 1)
         for step in product((0, 1), repeat=tiling.axes):
             local = tuple(2 * at + s for at, s in zip(self.local, reversed(step), strict=True))
             index = morton(local)
-            there = self.subtree.tiles[first + index] if within else self.subtree.children[index]
-            if not there:
-                continue
-            if within:
-                cell: Cell | SubtreeLink = Cell(tiling, self.subtree, self.link, depth, local)
-                yield _tile(parent, tiling, level, cell.place, cell)
-            else:
-                place = tuple(
-                    (top << depth) + own for top, own in zip(self.link.place, local, strict=True)
-                )
-                yield _tile(parent, tiling, level, place, SubtreeLink(tiling, level, place))
+            within = depth < tiling.levels
+            if self.subtree.tiles[first + index] if within else self.subtree.children[index]:
+                yield local
 
 
 def _tile(
@@ -158,7 +164,7 @@ def _tile(
         tiling.error / 2.0**level,
         parent.replaces,
         below.links() if isinstance(below, Cell) else (),
-        below,
+        None if isinstance(below, Cell) and below.is_leaf() else below,
         parent.depth + 1,
     )
 
