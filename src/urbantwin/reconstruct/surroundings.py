@@ -65,10 +65,12 @@ def surroundings_of(
         if tags.get("highway") in WIDTHS_M and shape.geom_type == "LineString":
             if tags.get("tunnel", "no") == "no" and tags.get("bridge", "no") == "no":
                 roads.append(shape.buffer(_width_m(tags) / 2, cap_style="flat"))
-        elif tags.get("amenity") == "parking" and shape.geom_type.endswith("Polygon"):
-            roads.append(shape)
         elif tags.get("building", "no") != "no" and shape.geom_type.endswith("Polygon"):
+            # Before parking: a multi-storey car park is both.
             footprints += [part for part in shapely.get_parts(shape) if part.area > 1.0]
+        elif tags.get("amenity") == "parking" and shape.geom_type.endswith("Polygon"):
+            if tags.get("parking") != "underground":
+                roads.append(shape)
     places = [[s.east_m, s.north_m, s.height_m] for s in rig.sensors]
     return Surroundings(
         region,

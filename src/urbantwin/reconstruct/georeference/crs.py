@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pyproj import CRS
 from pyproj.exceptions import CRSError, ProjError
-from pyproj.transformer import TransformerGroup
+from pyproj.transformer import AreaOfInterest, TransformerGroup
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.reconstruct.georeference.complaint import complaint
@@ -100,16 +100,14 @@ def in_plan(
             expected="crs, control_points, similarity, origin or register in site.yaml",
         )
     target = CRS("EPSG:4979") if plan.is_geocentric else _WGS84
+    here = area_of(frame.longitude, frame.latitude)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # that the best is not at hand: told below
         try:
-            group = TransformerGroup(
-                plan,
-                target,
-                always_xy=True,
-                area_of_interest=area_of(frame.longitude, frame.latitude),
-                allow_ballpark=False,
-            )
+            group = _group(plan, target, here)
+            if not group.transformers and not group.unavailable_operations:
+                # Of another part of the world: how far off is told in the end.
+                group = _group(plan, target, None)
         except (CRSError, ProjError) as error:
             raise complaint(
                 source,
@@ -152,3 +150,7 @@ def in_plan(
     if plan == _WGS84 or (plan.is_geocentric and accuracy is None):
         accuracy = 0.0
     return InPlan(xy, lonlat, height, best.description, accuracy, missing)
+
+
+def _group(a: CRS, b: CRS, area: AreaOfInterest | None) -> TransformerGroup:
+    return TransformerGroup(a, b, always_xy=True, area_of_interest=area, allow_ballpark=False)

@@ -49,7 +49,7 @@ def samples_of(model: ImportedModel, *, ground: bool = False) -> Samples:
         total = np.cumsum(area)
         if total[-1] > 0:
             random = np.random.Generator(np.random.Philox(key=len(area)))
-            count = min(MOST_SAMPLES, max(20_000, 4 * len(area)))
+            count = min(MOST_SAMPLES, max(MOST_SAMPLES // 2, 4 * len(area)))
             face = np.searchsorted(total, (np.arange(count) + 0.5) / count * total[-1])
             u, v = random.random((2, count))
             fold = u + v > 1

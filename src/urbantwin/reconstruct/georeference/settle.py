@@ -140,7 +140,9 @@ def settled(
     name = source.name
     if heights is None:
         model = _with_heights(model, lambda _, z: z * _metres(system) + offset)
-        own = height_at_anchor(samples_of(model, ground=True))
+        # Ground that is known without a datum (of a map's roads, of a local model) is laid on.
+        found = ground_above_site(model, elevation)
+        own = height_at_anchor(samples_of(model, ground=True)) if found is None else found[0]
         zero = 0.0 if own is None else own
         work.report["anchor"] = SiteHeights(zero, system, name).as_report()
         return Settled(shifted(model, -zero), work.report, (), SiteHeights(zero, system, name))
