@@ -99,7 +99,10 @@ class Reading:
         spent = 0
 
         def resolve(uri: str) -> bytes:
-            return self._files.read(self._files.resolve(address, uri))
+            try:
+                return self._files.read(self._files.resolve(address, uri))
+            except MalformedError as error:
+                raise MalformedError(f"{shown(uri)} {error}") from None
 
         def spend(count: int) -> None:
             nonlocal spent
