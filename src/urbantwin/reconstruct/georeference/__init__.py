@@ -2,5 +2,6 @@
 
 from urbantwin.reconstruct.georeference.heights import SiteHeights
 from urbantwin.reconstruct.georeference.placed import Placed, placed
+from urbantwin.reconstruct.georeference.register import Registration
 
-__all__ = ["Placed", "SiteHeights", "placed"]
+__all__ = ["Placed", "Registration", "SiteHeights", "placed"]
