@@ -22,6 +22,8 @@ __all__ = ["Web", "open_web"]
 _TIMEOUT_S = 30.0
 _DEADLINE_S = 300.0
 _TRIES = 4
+#: Before the second try; each further pause is four times as long.
+_PAUSE_S = 0.25
 _CHUNK = 1 << 20
 #: Parts of an address that say who asks, and not what for.
 _PERSONAL = frozenset({"key", "session", "access_token", "token", "sig", "signature"})
@@ -164,7 +166,7 @@ class Web:
         why = "cannot be fetched"
         for attempt in range(_TRIES):
             if attempt:
-                time.sleep(0.25 * 4 ** (attempt - 1))
+                time.sleep(_PAUSE_S * 4 ** (attempt - 1))
             try:
                 request = urllib.request.Request(address, headers=headers)
                 with self._opener.open(request, timeout=_TIMEOUT_S) as response:
