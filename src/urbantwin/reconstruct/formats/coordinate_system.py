@@ -46,7 +46,8 @@ def compound(horizontal: CRS, vertical: CRS | None) -> CRS:
     """Return a horizontal system with a vertical one; alone where there is no vertical one."""
     if vertical is None or not vertical.is_vertical:
         return horizontal
-    return CompoundCRS(f"{horizontal.name} + {vertical.name}", [horizontal, vertical])
+    both = CompoundCRS(f"{horizontal.name} + {vertical.name}", [horizontal, vertical])
+    return CRS.from_wkt(both.to_wkt())  # its own class cannot be made two-dimensional
 
 
 def _known(text: str) -> CRS | None:
