@@ -11,6 +11,7 @@ import shapely
 from shapely import Geometry, Polygon
 
 from urbantwin.geometry import LabelledMesh
+from urbantwin.geometry.manifold import is_closed
 from urbantwin.scene.body import Body, clean_polygons
 from urbantwin.scene.building_outline import building_footprints, mapped_buildings
 from urbantwin.scene.building_volume import Volume, building_volumes
@@ -37,6 +38,8 @@ FOUNDATION_M = 0.5
 #: by more than the given area, square metres.
 KERB_M = 0.3
 OVERLAP_M2 = 1.0
+#: Half the width of a street of walkers, metres.
+PROMENADE_M = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,15 +100,29 @@ def building_mesh(
         fronts,
         mapped_doors(features),
         mapped_shops(features),
-        carriageway,
+        shapely.union_all([carriageway, *_promenades(features)]),
         ground_height=ground_height,
         notes=notes,
     )
     assembly = Assembly()
     for found, holes in zip(placed, windows, strict=True):
-        _add(assembly, found, found.plan.build(holes))
+        surface = found.plan.build(holes)
+        if not is_closed(surface.solid.faces):
+            notes["roofs drawn level: their surface does not close"] += 1
+            level = [replace(body, roof=()) for body in found.plan.bodies]
+            surface = ShellPlan(level).build()
+        _add(assembly, found, surface)
     notes["buildings"] = assembly.parts
     return assembly.mesh(), {k: n for k, n in sorted(notes.items()) if n or k == "buildings"}
+
+
+def _promenades(features: Sequence[OsmFeature]) -> list[Geometry]:
+    """Return the streets of walkers, where sensors stand as well as on carriageways."""
+    return [
+        feature.geometry.buffer(PROMENADE_M, cap_style="flat")
+        for feature in features
+        if feature.tags.get("highway") == "pedestrian" and "tunnel" not in feature.tags
+    ]
 
 
 def _lowest_ground(

@@ -128,7 +128,7 @@ def _roof_height(roof: RoofTags, span_m: float, rise: Rise, notes: Counter[str])
 
 def _snapped(polygon: Polygon) -> Polygon:
     """Put a footprint on the grid of a centimetre, where its roof's creases can meet it."""
-    snapped = shapely.set_precision(polygon, 0.01)
+    snapped = shapely.set_precision(shapely.set_precision(polygon, 0.01), 0)
     return snapped if isinstance(snapped, Polygon) and not snapped.is_empty else polygon
 
 

@@ -18,6 +18,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import LineString, Polygon
 
+from urbantwin.geometry.manifold import is_closed
 from urbantwin.scene.body import Body, rings_of, triangulate
 from urbantwin.scene.facade.wall import Opening, Wall, WallMesh, wall_mesh
 from urbantwin.scene.face import FLOOR, ROOF, WALL
@@ -33,6 +34,9 @@ GRID_M = 0.01
 FINE_M = 0.001
 #: Heights of one corner that are nearer to each other than this are one height.
 SAME_HEIGHT_M = 0.02
+
+#: An edge is split at crossings of surfaces this many times over.
+SPLITS = 6
 
 #: A surface: (body, facet), facet -1 for the body's underside, -2 for its level top.
 Surface = tuple[int, int]
@@ -54,11 +58,12 @@ class ShellPlan:
     """The cells of a union of bodies, its columns of heights, and its walls.
 
     Attributes:
+        bodies: what it is the union of.
         walls: the upright pieces of the surface, to be given openings.
     """
 
     def __init__(self, bodies: Sequence[Body]) -> None:
-        self._bodies = bodies
+        self.bodies = bodies
         self._place: list[tuple[float, float]] = []
         self._number: dict[tuple[float, float], int] = {}
         self._facets: list[list[Facet]] = []
@@ -129,7 +134,9 @@ class ShellPlan:
             places.append(mesh.vertices)
             count += len(mesh.vertices)
         solid = Solid(np.concatenate(places), np.concatenate(pieces).astype(np.int32))
-        return Shell(with_simple_edges(solid), np.concatenate(own_kind), np.concatenate(own_body))
+        if not is_closed(solid.faces):
+            solid = with_simple_edges(solid)
+        return Shell(solid, np.concatenate(own_kind), np.concatenate(own_body))
 
     def _corner(self, x: float, y: float) -> int:
         number = self._number.setdefault((x, y), len(self._number))
@@ -139,7 +146,7 @@ class ShellPlan:
 
     def _height(self, surface: Surface, xy: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return a surface's heights (N,) at points (N, 2)."""
-        body = self._bodies[surface[0]]
+        body = self.bodies[surface[0]]
         if surface[1] == UNDER:
             return np.full(len(xy), body.low)
         if surface[1] == LEVEL:
@@ -149,7 +156,7 @@ class ShellPlan:
 
     def _cells(self) -> list[Polygon]:
         """Divide the plan."""
-        bodies = self._bodies
+        bodies = self.bodies
         self._alone = False
         self._facets = [list(body.roof) for body in bodies]
         if len(bodies) == 1 and not bodies[0].roof:
@@ -159,8 +166,9 @@ class ShellPlan:
             if self._alone:
                 return [alone]
         grid = GRID_M if len(bodies) > 1 else FINE_M
+        # Snapped, and then free: what is cut from them later is to keep its own places.
         outlines = [
-            shapely.set_precision(body.footprint, grid, mode="valid_output") for body in bodies
+            shapely.set_precision(shapely.set_precision(body.footprint, grid), 0) for body in bodies
         ]
         self._inside = outlines
         lines = [outline.boundary for outline in outlines]
@@ -197,13 +205,13 @@ class ShellPlan:
                         yield from self._crossing(first, second, area)
 
     def _surfaces(self, body: int) -> list[tuple[Surface, Polygon]]:
-        found = [((body, UNDER), self._bodies[body].footprint)]
+        found = [((body, UNDER), self.bodies[body].footprint)]
         if not self._facets[body]:
-            return [*found, ((body, LEVEL), self._bodies[body].footprint)]
+            return [*found, ((body, LEVEL), self.bodies[body].footprint)]
         return found + [((body, k), facet.area) for k, facet in enumerate(self._facets[body])]
 
     def _plane(self, surface: Surface) -> NDArray[np.float64]:
-        body = self._bodies[surface[0]]
+        body = self.bodies[surface[0]]
         if surface[1] < 0:
             return np.array([0.0, 0.0, body.low if surface[1] == UNDER else body.high])
         return np.array(self._facets[surface[0]][surface[1]].plane)
@@ -228,7 +236,7 @@ class ShellPlan:
         points = np.array([cell.representative_point() for cell in cells])
         xy = shapely.get_coordinates(points)
         found: list[list[tuple[float, float, Surface, Surface]]] = [[] for _ in cells]
-        for k, body in enumerate(self._bodies):
+        for k, body in enumerate(self.bodies):
             inside = np.arange(len(cells))
             if not self._alone:
                 shapely.prepare(self._inside[k])
@@ -266,16 +274,44 @@ class ShellPlan:
             if all(surface[1] < 0 for surface in surfaces):
                 continue
             ends = np.array([self._place[p], self._place[q]])
-            height = np.array([self._height(s, ends) for s in sorted(surfaces)])
-            gap = height[:, None] - height[None]
-            cross = (gap[..., 0] > SAME_HEIGHT_M) & (gap[..., 1] < -SAME_HEIGHT_M)
-            if cross.any():
-                share = np.unique(np.round(gap[cross][:, 0] / np.ptp(gap[cross], axis=1), 6))
-                points = ends[0] + share[:, None] * (ends[1] - ends[0])
+            shares = self._crossings(ends, sorted(surfaces), (0.0, 1.0), SPLITS)
+            if shares:
+                points = ends[0] + np.array(shares)[:, None] * (ends[1] - ends[0])
                 new[p, q] = [self._corner(x, y) for x, y in points.tolist()]
         if not new:
             return rings
         return [[_with_corners(ring, new) for ring in cell] for cell in rings]
+
+    def _crossings(
+        self,
+        ends: NDArray[np.float64],
+        surfaces: list[Surface],
+        between: tuple[float, float],
+        most: int,
+    ) -> list[float]:
+        """Return where on an edge surfaces cross, 0..1, such that none cross between the places."""
+        share = np.array(between)
+        points = ends[0] + share[:, None] * (ends[1] - ends[0])
+        height = np.array([self._height(surface, points) for surface in surfaces])
+        gap = height[:, None] - height[None]
+        found = np.argwhere((gap[..., 0] > SAME_HEIGHT_M) & (gap[..., 1] < -SAME_HEIGHT_M))
+        if not len(found) or not most:
+            return []
+        first, second = (surfaces[k] for k in found[0])
+        low, high = between
+        # Halving: surfaces end at their eaves and top, so that a gap need not be linear.
+        for _ in range(40):
+            middle = (low + high) / 2
+            place = ends[:1] + middle * (ends[1:] - ends[:1])
+            apart = float((self._height(first, place) - self._height(second, place))[0])
+            if abs(apart) < 1e-6:
+                break
+            low, high = (middle, high) if apart > 0 else (low, middle)
+        return [
+            *self._crossings(ends, surfaces, (between[0], middle), most - 1),
+            middle,
+            *self._crossings(ends, surfaces, (middle, between[1]), most - 1),
+        ]
 
     def _columns(self) -> dict[tuple[int, Surface], float]:
         """Return the height of every surface at every corner, nearly equal ones made equal."""

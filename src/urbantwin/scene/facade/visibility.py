@@ -16,7 +16,7 @@ __all__ = ["REACH_M", "seen_from"]
 #: Beyond this the reveal of a window is lost in a LiDAR's spot and noise, metres.
 REACH_M = 80.0
 #: Directions in which a wall looks, degrees from square.
-LOOKS_DEG = (-70, -45, -20, 0, 20, 45, 70)
+LOOKS_DEG = (-60, -40, -20, 0, 20, 40, 60)
 #: Rays start this far before their wall, metres.
 AHEAD_M = 0.05
 

@@ -76,9 +76,10 @@ def ridged(footprint: Polygon, axes: Axes, profile: Profile) -> list[Facet]:
 
 
 def half_hipped(footprint: Polygon, axes: Axes, from_height: float) -> list[Facet]:
-    """Return a gabled roof whose ends are hipped above a height (0..1), pitches all the same."""
+    """Return a gabled roof whose ends are hipped above a height (0..1), at the same pitch."""
     gabled = ridged(footprint, axes, ((0.0, 0.0), (0.5, 1.0), (1.0, 0.0)))
-    slope = 2 / axes.span
+    # Steeper where the ridge is so short that the hips would meet below it.
+    slope = max(2 / axes.span, 2 * (1 - from_height) / (axes.end - axes.start))
     x, y = (axes.along * slope).tolist()
     hips: list[Plane] = [
         (x, y, from_height - slope * axes.start),
