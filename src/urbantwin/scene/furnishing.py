@@ -5,12 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
+import numpy as np
+import shapely
+from numpy.typing import NDArray
 from shapely import Geometry, Point, Polygon
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.roads.signals import Head
 from urbantwin.scene.barrier import barrier_mesh
-from urbantwin.scene.bridge import bridge_decks, bridge_mesh
+from urbantwin.scene.bridge import Decks, bridge_decks, bridge_mesh
 from urbantwin.scene.furniture import furniture_mesh
 from urbantwin.scene.pole import pole_mesh
 from urbantwin.scene.rail import rail_mesh
@@ -25,6 +28,8 @@ __all__ = ["furnishings"]
 
 Built = tuple[LabelledMesh, dict[str, int]]
 MeshOf = Callable[..., Built]
+#: What is this near to a track on a bridge is on the bridge, metres.
+BESIDE_TRACK_M = 1.5
 
 
 def furnishings(
@@ -36,6 +41,7 @@ def furnishings(
     carriageway: Geometry,
     covers: Mapping[str, Geometry] | None = None,
     lane_decks: Geometry | None = None,
+    deck_height: GroundHeight | None = None,
 ) -> dict[str, Built]:
     """Return signals, poles, trees, barriers, furniture, bridges, tracks, wires and piers.
 
@@ -47,6 +53,7 @@ def furnishings(
         carriageway: where nothing stands that is not mapped there.
         covers: where imported geometry has the ``trees`` and the ``other`` things.
         lane_decks: decks of the lane model in plan.
+        deck_height: heights of the uppermost of them, else of the ground.
 
     Returns:
         Per subject its mesh, ``part`` 1, 2, ... per object, and counts of what was built and
@@ -55,13 +62,14 @@ def furnishings(
     known = covers or {}
     trees, other = known.get("trees"), known.get("other")
     inside = [head for head in heads if region.covers(Point(head.x, head.y))]
+    over = lane_decks if lane_decks is not None else Polygon()
     decks, deck_notes = bridge_decks(
         features,
         region=region,
         ground_height=ground_height,
-        lane_decks=lane_decks if lane_decks is not None else Polygon(),
+        lane_decks=over,
     )
-    rides = decks.over(ground_height, ("rail",))
+    rides = _ride_height(features, decks, ground_height, deck_height or ground_height)
 
     def built(mesh_of: MeshOf, without: Geometry | None, **more: object) -> Built:
         return mesh_of(
@@ -76,8 +84,8 @@ def furnishings(
     bridges, bridge_notes = built(partial(bridge_mesh, decks=decks), other)
     return {
         "signals": signal_mesh(inside, ground_height=ground_height, carriageway=carriageway),
-        "poles": built(pole_mesh, other),
-        "trees": built(tree_mesh, trees),
+        "poles": built(pole_mesh, other, decks=over, deck_height=deck_height),
+        "trees": built(tree_mesh, trees, decks=over),
         "barriers": built(barrier_mesh, other),
         "furniture": built(furniture_mesh, other),
         "bridges": (bridges, {**deck_notes, **bridge_notes}),
@@ -85,3 +93,31 @@ def furnishings(
         "wires": built(wire_mesh, other, ride_height=rides),
         "piers": built(pier_mesh, other),
     }
+
+
+def _ride_height(
+    features: Sequence[OsmFeature],
+    decks: Decks,
+    ground_height: GroundHeight,
+    deck_height: GroundHeight,
+) -> GroundHeight:
+    """Return heights of tracks: of decks where a track is mapped on a bridge, else the ground's."""
+    lines = [
+        f.geometry
+        for f in features
+        if "railway" in f.tags
+        and f.tags.get("bridge", "no") != "no"
+        and f.geometry.geom_type == "LineString"
+    ]
+    bridges = shapely.union_all(shapely.buffer(lines, BESIDE_TRACK_M, cap_style="flat"))
+    above = decks.over(deck_height, ("rail",))
+    shapely.prepare(bridges)
+
+    def height(xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        z = np.array(ground_height(xy), np.float64)
+        on = shapely.contains_xy(bridges, xy[:, 0], xy[:, 1])
+        if on.any():
+            z[on] = above(xy[on])
+        return z
+
+    return height

@@ -48,6 +48,8 @@ def pole_mesh(
     ground_height: GroundHeight,
     carriageway: Geometry,
     without: Geometry | None = None,
+    decks: Geometry | None = None,
+    deck_height: GroundHeight | None = None,
 ) -> tuple[LabelledMesh, dict[str, int]]:
     """Build what stands on poles, traffic signals apart (``signal_pole``).
 
@@ -60,6 +62,8 @@ def pole_mesh(
         ground_height: heights of the ground.
         carriageway: where no pole may stand; lamps reach toward it.
         without: where imported geometry has the poles.
+        decks: decks over the ground in plan: mapped lamps and signs stand on them.
+        deck_height: heights of decks, else of the ground.
 
     Returns:
         The mesh, ``part`` 1, 2, ... per pole, and counts of what was built or left out.
@@ -90,7 +94,9 @@ def pole_mesh(
         notes["poles on carriageways, left out"] += int((~keep).sum())
         if not keep.any():
             continue
-        feet = grounded(xy[keep], ground_height(xy[keep]))
+        on_decks = name in ("street lamps", "traffic signs")
+        height = deck_height if on_decks and deck_height else ground_height
+        feet = grounded(xy[keep], height(xy[keep]))
         tags = [f.tags for f, kept in zip(found, keep, strict=True) if kept]
         first = assembly.parts + 1
         road = toward_carriageway(feet[:, :2], carriageway, farthest_m=ARM_REACH_M)
@@ -111,8 +117,9 @@ def pole_mesh(
         notes["signs on other poles"] += len(signs)
         notes[name] += len(feet)
     taken = shapely.union_all([h for h in houses if region.intersects(h)])
-    if without is not None:
-        taken = shapely.union(taken, without)
+    for other in (without, decks):
+        if other is not None:
+            taken = shapely.union(taken, other)
     lamps = seeded_lamps(features, region, carriageway, taken)
     if len(lamps):
         feet = grounded(lamps, ground_height(lamps))

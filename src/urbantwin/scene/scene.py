@@ -15,7 +15,7 @@ from urbantwin.reconstruct import Reconstruction
 from urbantwin.roads import RoadNetwork, RoadSurface
 from urbantwin.roads.signals import Head
 from urbantwin.scene.building import building_mesh
-from urbantwin.scene.deck import deck_mesh
+from urbantwin.scene.deck import deck_area, deck_height, deck_mesh, deck_pier_mesh
 from urbantwin.scene.dropped_curb import DroppedCurbs
 from urbantwin.scene.furnishing import furnishings
 from urbantwin.scene.surface import PARTS, Spacing, surface_mesh
@@ -97,14 +97,14 @@ def build_scene(
             ground_height=ground_height,
             carriageway=carriageway,
             covers=covers,
-            lane_decks=shapely.union_all(
-                [
-                    shapely.union(network.carriageway(level), network.footway(level))
-                    for level in network.levels[1:]
-                ]
-            ),
+            lane_decks=deck_area(network),
+            deck_height=deck_height(network, surface, ground_height),
         ),
     }
+    if len(network.levels) > 1:
+        objects["deck piers"] = deck_pier_mesh(
+            network, surface, region=region, ground_height=ground_height
+        )
     if imported is not None:
         objects["imported"] = (imported.mesh, {"triangles": len(imported.mesh.faces)})
         objects["surveyed trees"] = surveyed_tree_mesh(

@@ -33,6 +33,8 @@ RAISED = ("median", "island")
 MARGIN_M = 25.0
 #: How far terrain goes on beside roads outside of that: a bus that turns swings out beyond them.
 VERGE_M = 5.0
+#: Thickness of walls between water and what is paved, metres.
+WALL_M = 0.4
 
 #: Widths of ways that are paved but not in the lane network, metres, and their surface.
 OTHER_WAYS: dict[str, tuple[float, str, str]] = {
@@ -108,7 +110,12 @@ def ground_zones(
         free = area_difference(area_intersection(area, everything), taken)
         if not free.is_empty:
             kind = "terrain" if semantic == "terrain" else "paved"
-            kind = "water" if material == "water" else kind
+            if material == "water":
+                # Beside what is paved it has a wall, or it would slope up to it.
+                kind, wall = "water", area_intersection(free, grown(taken, WALL_M))
+                zones.append(_zone("paved", wall, "other-ground", "concrete"))
+                free = area_difference(free, wall)
+                taken = area_union([taken, wall])
             zones.append(_zone(kind, free, semantic, material))
             taken = area_union([taken, free])
     rest = area_difference(everything, taken)

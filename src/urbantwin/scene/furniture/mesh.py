@@ -14,7 +14,7 @@ from shapely import Geometry, LineString, Point, Polygon
 from urbantwin.geometry import LabelledMesh
 from urbantwin.scene.furniture.basin import add_basin
 from urbantwin.scene.furniture.monument import fountain, monument, monument_kind
-from urbantwin.scene.furniture.piece import Piece, add_pieces
+from urbantwin.scene.furniture.piece import Piece, add_pieces, moved
 from urbantwin.scene.furniture.shelter import SHELTER_M, cycle_stands, oriented, shelter
 from urbantwin.scene.furniture.street import STREET
 from urbantwin.scene.placement import (
@@ -32,6 +32,8 @@ __all__ = ["furniture_mesh"]
 
 #: Furniture stands this far from carriageways; a mapped piece is moved no farther, metres.
 KERB_M, FARTHEST_M = 0.3, 3.0
+#: Shelters of stops are behind and beside the pole where buses stop, metres.
+BEHIND_STOP_M = (-1.3, 2.6, 0.0)
 #: Pieces nearer than this to a carriageway face it, those nearer to a way face that, metres.
 ROAD_M, WAY_M = 12.0, 8.0
 INDOORS = ("indoor", "room")
@@ -132,6 +134,8 @@ def _object(feature: OsmFeature) -> _Object | None:
     if kind in ("shelter", "bus_stop"):
         # A shelter for the stop stands behind it, away from the road.
         pieces = shelter(tags, deep or SHELTER_M[0], long or SHELTER_M[1])
+        if kind == "bus_stop":
+            pieces = [moved(piece, BEHIND_STOP_M) for piece in pieces]
         name = "shelters"
     elif kind == "bicycle_parking":
         pieces = cycle_stands(tags, deep, long)

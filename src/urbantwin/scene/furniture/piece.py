@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.scene.solids import Assembly, Solid, box, columns, rods
 
-__all__ = ["Piece", "add_pieces", "bar", "block", "drum"]
+__all__ = ["Piece", "add_pieces", "bar", "block", "drum", "moved"]
 
 #: How far what stands on the ground reaches into it, metres.
 BURIED_M = 0.3
@@ -68,6 +68,12 @@ def bar(
 ) -> Piece:
     """Return a thin round bar."""
     return Piece(rods(np.asarray(start), np.asarray(end), radius, radius, 6), semantic, material)
+
+
+def moved(piece: Piece, by: ArrayLike) -> Piece:
+    """Return a piece elsewhere in its own frame."""
+    solid = Solid(piece.solid.vertices + np.asarray(by, np.float64), piece.solid.faces)
+    return Piece(solid, piece.semantic, piece.material)
 
 
 def add_pieces(

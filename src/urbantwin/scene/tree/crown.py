@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 __all__ = ["CLUMPS", "crown_clumps"]
 
-#: Triangles of a crown that is drawn in full.
+#: Triangles of a crown for which sizes of clumps are given.
 CLUMPS = 480
 LOBES = 9
 FRONDS, LEAFLETS = 18, 6

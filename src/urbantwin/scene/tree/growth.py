@@ -16,13 +16,14 @@ from urbantwin.geometry import LabelledMesh
 from urbantwin.reconstruct import SurveyedTree
 from urbantwin.scene.placement import beside_carriageway, grounded
 from urbantwin.scene.solids import Assembly, GroundHeight, Solid, columns
-from urbantwin.scene.tree.crown import CLUMPS, crown_clumps
+from urbantwin.scene.tree.crown import crown_clumps
 from urbantwin.scene.tree.size import TreeSize, surveyed_size
+from urbantwin.taxonomy import material_id
 
 __all__ = ["GrownTree", "grow", "surveyed_tree_mesh"]
 
-#: Crowns of a scene have about so many triangles in all, and each at least the lesser number.
-MOST_TRIANGLES, FEWEST_CLUMPS = 300_000, 120
+#: Crowns of a scene have about so many triangles in all, and each so many at least and at most.
+MOST_TRIANGLES, FEWEST_CLUMPS, MOST_CLUMPS = 300_000, 120, 900
 #: Crowns are cut back over carriageways to this height (RASt 06, AASHTO: 4.5 m), metres.
 CLEARANCE_M = 4.5
 BURIED_M = 0.3
@@ -59,7 +60,7 @@ def grow(
     top = clear + reach * (height - clear)
     trunks = columns(feet - [0, 0, BURIED_M], top + BURIED_M, radius, 0.35 * radius)
     assembly.add(trunks, "trunk", "bark", np.repeat(parts, len(trunks.faces) // len(trees)))
-    count = int(np.clip(MOST_TRIANGLES / len(trees), FEWEST_CLUMPS, CLUMPS))
+    count = int(np.clip(MOST_TRIANGLES / len(trees), FEWEST_CLUMPS, MOST_CLUMPS))
     crowns = [
         crown_clumps(
             tree.size.form,
@@ -77,7 +78,9 @@ def grow(
     keep = _clear_of_traffic(clumps, foot, carriageway)
     vertices = clumps[keep].reshape(-1, 3)
     leaves = Solid(vertices, np.arange(len(vertices), dtype=np.int32).reshape(-1, 3))
-    assembly.add(leaves, "vegetation", "foliage", part[keep])
+    needles = np.repeat([size.needles for size in sizes], many)[keep]
+    leaf = np.where(needles, material_id("foliage-needle"), material_id("foliage"))
+    assembly.add(leaves, "vegetation", leaf, part[keep])
 
 
 def _clear_of_traffic(

@@ -61,6 +61,7 @@ def tree_mesh(
     ground_height: GroundHeight,
     carriageway: Geometry,
     without: Geometry | None = None,
+    decks: Geometry | None = None,
 ) -> tuple[LabelledMesh, dict[str, int]]:
     """Build mapped trees, rows of trees, woods, orchards, and shrubs.
 
@@ -74,13 +75,15 @@ def tree_mesh(
         ground_height: heights of the ground.
         carriageway: where no trunk may stand; crowns leave 4.5 m clear above it.
         without: where imported geometry has the trees.
+        decks: decks over the ground in plan, under which nothing is seeded.
 
     Returns:
         The mesh, ``part`` 1, 2, ... per tree or area of shrubs, and counts of what was built and
         left out.
     """
     notes: Counter[str] = Counter()
-    taken = _taken(features, region, carriageway)
+    blocked = carriageway if decks is None else shapely.union(carriageway, decks)
+    taken = _taken(features, region, blocked)
     green = [f for f in features if _is_green(f.tags)]
     mine = left_of_map(green, without)
     trees = _mapped_trees(mine, region, carriageway, notes)
