@@ -4,6 +4,7 @@ import json
 import random
 import resource
 import struct
+import zlib
 
 import numpy as np
 import pytest
@@ -173,3 +174,24 @@ def test_any_byte_may_be_wrong(shared_data):
             assert model.mesh.faces.max(initial=0) < len(model.mesh.vertices)
     assert lines
     assert not any("\n" in line for line in lines)
+
+
+def test_an_image_that_claims_the_moon_is_not_unpacked():
+    """A PNG header of 30,000 x 30,000 pixels: 3.6 GB if it were believed."""
+    header = struct.pack(">2I5B", 30_000, 30_000, 8, 6, 0, 0, 0)
+    chunk = b"IHDR" + header
+    lie = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk
+    lie += struct.pack(">I", zlib.crc32(chunk))
+    data = zlib.compress(bytes(1000))
+    lie += (
+        struct.pack(">I", len(data))
+        + b"IDAT"
+        + data
+        + struct.pack(">I", zlib.crc32(b"IDAT" + data))
+    )
+    gltf = Gltf()
+    gltf.add("images", {"bufferView": gltf.view(lie)})
+    gltf.add("textures", {"source": 0})
+    gltf.add("materials", {"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}})
+    model = read(gltf.scene({"mesh": gltf.mesh(SQUARE, TWO, material=0)}).glb())
+    assert "claims 30000 x 30000 pixels" in model.problems[0]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import warnings
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -15,7 +14,8 @@ from urbantwin.reconstruct.gltf.malformed import MalformedError
 
 __all__ = ["Texture", "linear_from_srgb", "open_image", "srgb_from_linear"]
 
-_MOST_PIXELS = 1 << 27
+#: Pixels that are unpacked at once, and the longest side that is believed.
+_MOST_PIXELS, _LONGEST = 1 << 28, 1 << 15
 #: Larger images are halved until they fit: a triangle's mean does not need them.
 _SIDE = 2048
 _REPEAT, _CLAMP, _MIRROR = 10497, 33071, 33648
@@ -45,24 +45,28 @@ def open_image(data: bytes) -> NDArray[np.uint8]:
     Raises:
         MalformedError: it is not an image that Pillow reads, or is larger than reason.
     """
+    usual = Image.MAX_IMAGE_PIXELS
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            picture = Image.open(io.BytesIO(data))
-            if picture.width * picture.height > _MOST_PIXELS:
-                raise MalformedError(f"an image claims {picture.width} x {picture.height} pixels")
-            picture.draft("RGB", (_SIDE, _SIDE))
-            factor = -(-max(picture.size) // _SIDE)
-            rgba = picture.convert("RGBA")
-            if factor > 1:
-                rgba = rgba.reduce(factor)
-            return np.asarray(rgba)
+        # Photogrammetry comes with 16384 x 16384, which Pillow takes for an attack.
+        Image.MAX_IMAGE_PIXELS = None
+        picture = Image.open(io.BytesIO(data))
+        claimed = picture.size
+        # A JPEG is unpacked at an eighth of its size at once where that is enough.
+        picture.draft("RGB", (_SIDE, _SIDE))
+        if max(claimed) > _LONGEST or picture.width * picture.height > _MOST_PIXELS:
+            raise MalformedError(f"an image claims {claimed[0]} x {claimed[1]} pixels")
+        factor = -(-max(picture.size) // _SIDE)
+        if factor == 1:
+            return np.asarray(picture.convert("RGBA"))
+        plain = picture.mode in ("RGB", "RGBA", "L", "LA")
+        smaller = (picture if plain else picture.convert("RGBA")).reduce(factor)
+        return np.asarray(smaller.convert("RGBA"))
     except MalformedError:
         raise
-    except Image.DecompressionBombError:
-        raise MalformedError("an image claims more pixels than can be") from None
-    except (UnidentifiedImageError, OSError, ValueError, SyntaxError, EOFError):
+    except (UnidentifiedImageError, OSError, ValueError, SyntaxError, EOFError, MemoryError):
         raise MalformedError("an image cannot be read") from None
+    finally:
+        Image.MAX_IMAGE_PIXELS = usual
 
 
 @dataclass(frozen=True, eq=False)

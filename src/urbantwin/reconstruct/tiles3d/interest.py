@@ -54,7 +54,7 @@ class Interest:
 
     def meets(self, volume: Volume) -> bool:
         """Return whether a volume may hold something of the region."""
-        if volume.kind == "unknown":
+        if volume.kind in ("cell", "unknown"):
             return True
         if volume.kind == "region":
             west, south, east, north = volume.values[:4]
@@ -106,7 +106,7 @@ class Interest:
 
 def is_on_earth(volume: Volume) -> bool:
     """Return whether a root's volume is one of an Earth-centred frame and not of a local one."""
-    if volume.kind in ("region", "unknown"):
+    if volume.kind in ("region", "cell", "unknown"):
         return True
     distance = float(np.linalg.norm(volume.values[:3]))
     if volume.kind == "sphere":

@@ -173,7 +173,7 @@ def _may_be_on_earth(source: GeometrySource, volume: Volume) -> bool:
     spec = source.spec
     if spec.origin is not None or spec.control_points is not None or spec.similarity is not None:
         return False
-    if spec.crs is None or volume.kind == "region":
+    if spec.crs is None or volume.kind in ("region", "cell"):
         return True
     try:
         return bool(CRS.from_user_input(spec.crs).is_geocentric)

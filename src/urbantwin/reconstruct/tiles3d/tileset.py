@@ -63,7 +63,11 @@ def read_tileset(data: bytes, address: str, parent: Tile | None) -> Tile:
     if up not in _AXES:
         raise MalformedError(f"has an asset.gltfUpAxis of {up!r:.20}")
     chain = () if parent is None else parent.tileset.chain
-    return _tile(document["root"], parent, Tileset(address, _AXES[up], (*chain, address)))
+    spec = document["root"]
+    if spec.get("geometricError") is None and parent is None:
+        # Without any error said, nothing but the finest is good enough.
+        spec = {**spec, "geometricError": document.get("geometricError", 1e12)}
+    return _tile(spec, parent, Tileset(address, _AXES[up], (*chain, address)))
 
 
 class _Written:

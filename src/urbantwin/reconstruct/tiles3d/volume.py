@@ -35,17 +35,18 @@ class Volume:
     """Where a tile's content lies, in the tileset's own frame.
 
     Attributes:
-        kind: ``region``, ``box``, ``sphere``, or ``unknown``, which holds everything.
+        kind: ``region``, ``box``, ``sphere``; ``cell`` (of S2), which is taken to hold the whole
+            Earth, or ``unknown``, which is taken to hold everything.
         values: region: west, south, east, north (radians, east > west), lowest, highest (metres
             above the ellipsoid); box: centre and three half axes; sphere: centre and radius.
     """
 
-    kind: Literal["region", "box", "sphere", "unknown"]
+    kind: Literal["region", "box", "sphere", "cell", "unknown"]
     values: NDArray[np.float64]
 
     def transformed(self, transform: NDArray[np.float64]) -> Volume:
         """Return it moved by a (4, 4) transform, which regions are not subject to."""
-        if self.kind in ("region", "unknown"):
+        if self.kind in ("region", "cell", "unknown"):
             return self
         values, linear = self.values.copy(), transform[:3, :3]
         values[:3] = linear @ values[:3] + transform[:3, 3]
@@ -129,4 +130,5 @@ def read_volume(spec: dict[str, Any]) -> Volume:
         if values[3] < 0:
             raise MalformedError("has a sphere of negative radius")
         return Volume("sphere", values)
-    return Volume("unknown", np.zeros(0))
+    on_cells = "3DTILES_bounding_volume_S2" in table(volume, "extensions")
+    return Volume("cell" if on_cells else "unknown", np.zeros(0))
