@@ -101,7 +101,7 @@ def test_a_shed_roof_with_a_dormer_and_a_chimney():
         return np.where((np.abs(x - 1.5) < 0.5) & (np.abs(y - 8) < 0.5), 10.0, z)
 
     outline = shapely.box(0, 0, 10, 10)
-    roof, mesh = built_with_boxes(outline, height)
+    mesh = with_boxes(outline, height)
     plain = 10 * 10 * (1 + 4 + 2.5)
     dormer = 3 * 3 * (7.5 - 4 - 0.5 * 3.5)
     assert mesh.volume == pytest.approx(plain + dormer, abs=8.0)
@@ -111,11 +111,11 @@ def test_a_shed_roof_with_a_dormer_and_a_chimney():
     assert np.median(top[:, :2], axis=0) == pytest.approx([1.5, 8.0], abs=0.3)
 
 
-def built_with_boxes(outline, height):
+def with_boxes(outline, height):
     roof = build_roof(outline, sampled(outline, height), -1.0)
     mesh = trimesh.Trimesh(roof.vertices, roof.faces, process=False)
     assert mesh.is_watertight
-    return roof, mesh
+    return mesh
 
 
 def test_a_dome_becomes_facets_within_a_decimetre():

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.reconstruct.airborne.roof_cells import RoofPatch, roof_patches
+from urbantwin.reconstruct.airborne.roof_cells import GRID_M, RoofPatch, roof_patches
 from urbantwin.reconstruct.airborne.roof_lines import roof_lines
 from urbantwin.reconstruct.airborne.roof_objects import roof_objects
 from urbantwin.reconstruct.airborne.roof_planes import roof_planes
@@ -93,11 +93,11 @@ def _together(solids: list[Triangles]) -> Triangles:
 
 
 def _plain(outline: shapely.Polygon) -> shapely.Polygon | None:
-    """Return the outline on a grid of millimetres, without corners that change nothing."""
+    """Return the outline on a grid of centimetres, without corners that change nothing."""
     smooth = shapely.simplify(outline, 0.02)
     if not smooth.is_valid or smooth.geom_type != "Polygon":
         smooth = outline
-    snapped = shapely.set_precision(smooth, 0.001)
+    snapped = shapely.set_precision(smooth, GRID_M)
     parts = [p for p in shapely.get_parts(snapped) if p.geom_type == "Polygon" and p.area > 1.0]
     return max(parts, key=lambda p: p.area) if parts else None
 

@@ -75,9 +75,8 @@ def ground_by_filter(
 
 def inside_any(footprints: Sequence[shapely.Polygon], xy: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Tell (N,) which points lie in any of the outlines."""
-    inside = np.zeros(len(xy), bool)
     if not len(footprints):
-        return inside
-    tree = shapely.STRtree(shapely.points(xy))
-    inside[tree.query(np.array(footprints, dtype=object), predicate="contains")[1]] = True
-    return inside
+        return np.zeros(len(xy), bool)
+    area = shapely.union_all(list(footprints))
+    shapely.prepare(area)
+    return np.asarray(shapely.contains_xy(area, xy))

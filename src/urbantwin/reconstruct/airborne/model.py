@@ -200,21 +200,23 @@ class _Survey:
 
     def buildings(self, outlines: Sequence[shapely.Polygon]) -> list[BuiltRoof | None]:
         """Build each outline over its points; ``None`` where nothing stands."""
-        chosen = np.flatnonzero(self._roof_points())
-        xy = self.cloud.points[chosen]
-        tree = shapely.STRtree(shapely.points(xy[:, :2]))
-        owner, point = tree.query(np.array(outlines, dtype=object), predicate="contains")
-        order = np.argsort(owner, kind="stable")
-        starts = np.searchsorted(owner[order], np.arange(len(outlines) + 1))
+        roof = self.cloud.points[self._roof_points()]
+        roof = roof[np.argsort(roof[:, 0], kind="stable")]
         built: list[BuiltRoof | None] = []
-        for k, outline in enumerate(outlines):
-            mine = xy[point[order[starts[k] : starts[k + 1]]]]
+        for outline in outlines:
+            west, south, east, north = outline.bounds
+            strip = roof[slice(*np.searchsorted(roof[:, 0], [west, east]).tolist())]
+            strip = strip[(strip[:, 1] > south) & (strip[:, 1] < north)]
+            mine = strip[shapely.contains_xy(outline, strip[:, 0], strip[:, 1])]
             if len(mine) < 4:
                 built.append(None)
                 continue
             rim = shapely.get_coordinates(outline.segmentize(2.0))
             base = float(self._grid.sample(self._heights, rim).min()) - FOUNDATION_M
-            built.append(build_roof(outline, mine, base))
+            house = build_roof(outline, mine, base)
+            if house is not None and house.shape == "flat" and len(built) >= self.given:
+                house = None  # Nothing but points says that a house stands here: too few do.
+            built.append(house)
         return built
 
     def trees(self, outlines: Sequence[shapely.Polygon]) -> tuple[SurveyedTree, ...]:

@@ -18,12 +18,14 @@ from scipy.sparse.csgraph import connected_components
 
 from urbantwin.reconstruct.airborne.roof_lines import RoofLine
 
-__all__ = ["RoofPatch", "roof_patches"]
+__all__ = ["GRID_M", "RoofPatch", "roof_patches"]
 
 #: Corners lie on this grid, metres.
-GRID_M = 0.001
+GRID_M = 0.01
 #: Misfit of a point beyond this does not count more, metres: it is of something else.
 _FAR_M = 0.8
+#: Corners whose triangle with both neighbours is below the square of this go, metres.
+_PLAIN_M = 0.15
 #: What a metre of border costs, in cubic metres of misfit.
 _BORDER = 0.08
 #: What a square metre costs for each metre that its plane lies away from the plane's own points.
@@ -188,7 +190,7 @@ def _dissolved(
             joined.append(part)
             number.append(k)
     polygons = np.array(joined, dtype=object)
-    plain = shapely.coverage_simplify(polygons, 0.03, simplify_boundary=True)
+    plain = shapely.coverage_simplify(polygons, _PLAIN_M, simplify_boundary=True)
     if shapely.is_valid(plain).all() and shapely.coverage_is_valid(plain):
         polygons = plain
     return [RoofPatch(p, planes[k]) for p, k in zip(polygons, number, strict=True)]

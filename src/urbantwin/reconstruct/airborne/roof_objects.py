@@ -11,7 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from urbantwin.reconstruct.airborne.roof_cells import RoofPatch
+from urbantwin.reconstruct.airborne.roof_cells import GRID_M, RoofPatch
 from urbantwin.reconstruct.airborne.roof_lines import main_directions
 from urbantwin.reconstruct.airborne.roof_solid import flat_solid
 
@@ -70,7 +70,7 @@ def roof_objects(
         corners = np.vstack([shapely.get_coordinates(place), place.centroid.coords[0]])
         foot = np.nanmin(np.append(surface_heights(patches, corners), top))
         if top - foot > _HIGH_M / 2:
-            found.append(flat_solid(shapely.set_precision(place, 0.001), foot - _SUNK_M, top))
+            found.append(flat_solid(shapely.set_precision(place, GRID_M), foot - _SUNK_M, top))
     return found
 
 

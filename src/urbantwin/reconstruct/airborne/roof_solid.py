@@ -15,6 +15,8 @@ __all__ = ["flat_solid", "roof_solid"]
 
 #: Heights of two patches at a corner that differ by less are one, metres: no LiDAR sees the step.
 _STEP_M = 0.12
+#: Planes that cross this near to a corner cross at it, metres.
+_SHORT_M = 0.05
 #: Triangles below this area are degenerate, square metres.
 _AREA_M2 = 1e-7
 
@@ -146,10 +148,13 @@ class _Body:
                 continue
             t = here / (here - there)
             (x0, y0), (x1, y1) = self.xy[p], self.xy[q]
+            end = min(t, 1 - t) * np.hypot(x1 - x0, y1 - y0)
+            if end < _SHORT_M:
+                corner = p if t < 0.5 else q
+                self.z[corner, a] = self.z[corner, b]
+                continue
             z = self.z[p, a] + t * (self.z[q, a] - self.z[p, a])
             corner = self._corner(x0 + t * (x1 - x0), y0 + t * (y1 - y0))
-            if corner in (p, q):
-                continue
             self.z[corner, a] = self.z[corner, b] = z
             put[p, q] = put[q, p] = corner
         if not put:

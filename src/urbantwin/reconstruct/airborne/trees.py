@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter, maximum_filter, watershed_ift
+from scipy.ndimage import gaussian_filter, maximum_filter
+from scipy.spatial import cKDTree
 
 from urbantwin.reconstruct.airborne.raster import Raster
 from urbantwin.reconstruct.reconstruction import SurveyedTree
@@ -24,6 +25,10 @@ _CELL_M = 0.5
 LOWEST_M = 3.0
 #: A crown ends where it falls below this share of its top (Dalponte and Coomes 2016: 0.45).
 _CROWN_SHARE = 0.4
+#: Largest radius of the window, cells.
+_WIDEST = 10
+#: Tops of one crown have a lesser dip between them than this share of their height.
+_DIP = 0.06
 #: Narrower is a pole; a crown that fills less of its circle is a wire.
 _NARROWEST_M, _ROUNDEST = 1.6, 0.3
 #: So many points make a tree, and so thick a layer of them (0.1 to 0.9 quantile of heights).
@@ -89,24 +94,83 @@ def _crowns(xyh: NDArray[np.float64]) -> tuple[_Crowns, NDArray[np.float64]]:
     smooth = gaussian_filter(np.where(canopy > 0, canopy, np.where(closed > 2, closed, 0.0)), 1.0)
     # Popescu and Wynne 2004: width of the crown = 3.09632 + 0.00895 h^2, metres.
     width = 3.09632 + 0.00895 * smooth**2
-    radius = np.clip(np.rint(width / 2 / _CELL_M), 2, 10).astype(int)
+    radius = np.clip(np.rint(width / 2 / _CELL_M), 2, _WIDEST).astype(int)
     top = np.zeros(grid.shape, bool)
     for r in np.unique(radius).tolist():
         window = np.hypot(*np.mgrid[-r : r + 1, -r : r + 1]) <= r
         highest = maximum_filter(smooth, footprint=window)
         top |= (radius == r) & (smooth >= highest) & (smooth > LOWEST_M * 0.8)
     rows, columns = np.nonzero(top)
-    marker = np.zeros(grid.shape, np.int32)
-    marker[rows, columns] = np.arange(1, len(rows) + 1)
-    depth = np.clip((60.0 - smooth) * 1000.0, 0, 65535).astype(np.uint16)
-    marker[smooth < 1.5] = -1
-    basin = watershed_ift(depth, marker, structure=np.ones((3, 3), int)).astype(np.int64)
-    basin[basin < 0] = 0
+    if not len(rows):
+        return _Crowns(np.zeros(grid.shape, np.int64), grid), np.zeros((0, 3))
+    basin = _uphill(smooth, rows, columns)
+    root = _one_crown(smooth, basin, np.column_stack([rows, columns]))
+    rows, columns, basin = rows[root[0]], columns[root[0]], root[1][basin]
+    basin[smooth < 1.5] = 0
     peak = np.concatenate([[0.0], smooth[rows, columns]])
     basin[smooth < _CROWN_SHARE * peak[basin]] = 0
     x = grid.west + columns * _CELL_M
     y = grid.south + rows * _CELL_M
     return _Crowns(basin, grid), np.column_stack([x, y, smooth[rows, columns]])
+
+
+def _uphill(
+    canopy: NDArray[np.float64], rows: NDArray[np.int64], columns: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Return the number (1, 2, ...) of the top that each cell's steepest way up leads to.
+
+    A lesser maximum on the way belongs to the top that is nearest to it; to none (0) if far.
+    """
+    height, width = canopy.shape
+    padded = np.pad(canopy, 1, constant_values=-1.0)
+    shifts = [(dy, dx) for dy in (0, -1, 1) for dx in (0, -1, 1)]
+    around = np.stack(
+        [padded[1 + dy : 1 + dy + height, 1 + dx : 1 + dx + width] for dy, dx in shifts]
+    )
+    step = np.array([dy * width + dx for dy, dx in shifts])[around.argmax(axis=0)]
+    way = np.arange(canopy.size) + step.ravel()
+    while not np.array_equal(further := way[way], way):
+        way = further
+    ends = np.unique(way)
+    place = np.column_stack(np.divmod(ends, width))
+    tops = cKDTree(np.column_stack([rows, columns]))
+    away, nearest = tops.query(place, distance_upper_bound=_WIDEST)
+    number = np.zeros(canopy.size, np.int64)
+    number[ends] = np.where(np.isfinite(away), nearest + 1, 0)
+    return np.asarray(number[way].reshape(canopy.shape))
+
+
+def _one_crown(
+    canopy: NDArray[np.float64], basin: NDArray[np.int64], tops: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Join tops of one crown: close together, with hardly a dip between them.
+
+    Returns:
+        Which tops stay (K,), and the new number of each old one (0 stays 0).
+    """
+    deepest: dict[tuple[int, int], float] = {}
+    for one, other in ((np.s_[:, 1:], np.s_[:, :-1]), (np.s_[1:], np.s_[:-1])):
+        a, b = basin[one], basin[other]
+        border = a != b
+        saddle = np.minimum(canopy[one], canopy[other])[border]
+        pairs = np.sort(np.column_stack([a[border], b[border]]), axis=1)
+        kinds, number = np.unique(pairs, axis=0, return_inverse=True)
+        highest = np.full(len(kinds), -np.inf)
+        np.maximum.at(highest, number.ravel(), saddle)
+        for (i, j), z in zip(kinds.tolist(), highest.tolist(), strict=True):
+            deepest[i, j] = max(deepest.get((i, j), -np.inf), z)
+    peak = canopy[tops[:, 0], tops[:, 1]]
+    root = np.arange(len(tops))
+    for (i, j), z in sorted(deepest.items(), key=lambda item: -item[1]):
+        if i == 0:
+            continue
+        low, high = sorted((root[i - 1], root[j - 1]), key=lambda k: (peak[k], k))
+        apart = float(np.linalg.norm(tops[low] - tops[high])) * _CELL_M
+        near = apart < 0.8 * (3.09632 + 0.00895 * peak[high] ** 2)
+        if low != high and near and peak[low] - z < _DIP * peak[low]:
+            root[root == low] = high
+    kept, number = np.unique(root, return_inverse=True)
+    return kept, np.concatenate([[0], number.ravel() + 1])
 
 
 def _tree(
@@ -132,9 +196,13 @@ def _tree(
         return None
     if not sure and not _leafy(upper, through):
         return None
-    # The lowest branches: below them only few pulses hit trunk and undergrowth.
-    base = float(np.percentile(xyh[:, 2], 8))
     at = (top[:2] + middle) / 2
+    own = xyh[np.linalg.norm(xyh[:, :2] - at, axis=1) < crown / 2 + 0.3]
+    if len(own) < _FEWEST or own[:, 2].max() < LOWEST_M:
+        return None
+    height = float(np.percentile(own[:, 2], 99.5))
+    # The lowest branches: below them only few pulses hit trunk and undergrowth.
+    base = float(np.percentile(own[:, 2], 8))
     return SurveyedTree(
         round(float(at[0]), 3),
         round(float(at[1]), 3),
