@@ -80,7 +80,7 @@ def archive(path):
         ("m.json", b'{"a": 1}', "another kind"),
         ("m.json", b'{"a": ', "not JSON"),
         ("m.json", b'{"a":' * 100_000, "not JSON"),
-        ("m.b3dm", b"b3dm\x01\x00", "one tile"),
+        ("m.b3dm", b"b3dm\x01\x00", "m.b3dm"),
         ("m.pts", b"1 2 3\n1 2\n", "line 2"),
         ("m.pts", b"1 2 nan\n", "not a place"),
         ("m.pts", b"hello\n", "no point"),

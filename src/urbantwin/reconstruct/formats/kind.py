@@ -39,7 +39,7 @@ _ENDINGS = {
     ".txt": "points",
     ".csv": "points",
 }
-_TILE = (b"b3dm", b"i3dm", b"pnts", b"cmpt", b"subt")
+_TILE = (b"b3dm", b"i3dm", b"pnts", b"cmpt")
 _PEEK = 1 << 16
 
 
@@ -66,8 +66,8 @@ def kind_of(path: Path) -> str:
     for beginning, kind in _BEGINNINGS:
         if start.startswith(beginning):
             return kind
-    if start[:4] in _TILE:
-        raise InputError("is one tile", file=path, expected="the tileset.json that names it")
+    if start[:4] in _TILE or ending == ".3tz":
+        return "tiles"
     if start.startswith(b"PK\x03\x04") or ending in CLOSED:
         known = CLOSED.get(ending, CLOSED[".zip"])
         raise InputError(f"is {known}", file=path, expected="a model that others can read")
