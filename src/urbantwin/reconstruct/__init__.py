@@ -1,7 +1,8 @@
 """Imported geometry: meshes, 3D Tiles and point clouds, placed on the site, cleaned, labelled."""
 
 from urbantwin.reconstruct.model import Geotag, ImportedModel, PointCloud, TriangleMesh
-from urbantwin.reconstruct.reconstruction import Reconstruction, SurveyedTree
+from urbantwin.reconstruct.outcome import outcome
+from urbantwin.reconstruct.reconstruction import Reconstruction, SourceFigures, SurveyedTree
 from urbantwin.reconstruct.surroundings import Surroundings, surroundings_of
 
 __all__ = [
@@ -9,8 +10,10 @@ __all__ = [
     "ImportedModel",
     "PointCloud",
     "Reconstruction",
+    "SourceFigures",
     "Surroundings",
     "SurveyedTree",
     "TriangleMesh",
+    "outcome",
     "surroundings_of",
 ]

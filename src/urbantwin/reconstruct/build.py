@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import shapely
@@ -12,11 +13,12 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, SiteFrame, area_union
 from urbantwin.ground import Elevation, ElevationPatch, merged_elevation
 from urbantwin.reconstruct.airborne import AirborneModel, from_airborne, read_footprints
-from urbantwin.reconstruct.cleaning import cleaned, cleaned_cloud
+from urbantwin.reconstruct.classify import classified
+from urbantwin.reconstruct.cleaning import CleaningPicture, cleaned, cleaned_cloud
 from urbantwin.reconstruct.formats import read_model
 from urbantwin.reconstruct.georeference import SiteHeights, placed
 from urbantwin.reconstruct.model import ImportedModel, PointCloud
-from urbantwin.reconstruct.reconstruction import Reconstruction, SurveyedTree
+from urbantwin.reconstruct.reconstruction import Reconstruction, SourceFigures, SurveyedTree
 from urbantwin.reconstruct.surroundings import Surroundings
 from urbantwin.site import GeometrySource
 
@@ -75,7 +77,8 @@ def reconstruct(
     """
     tell = progress or (lambda share, text: None)
     gathered = _Gathered([dem] if dem else [])
-    reports: list[dict[str, object]] = []
+    reports: list[dict[str, Any]] = []
+    figures: list[SourceFigures] = []
     surveys = [_survey_of(source) for source in sources]
     waiting: dict[str, list[PointCloud]] = {}
     for number, (source, survey) in enumerate(zip(sources, surveys, strict=True)):
@@ -88,12 +91,13 @@ def reconstruct(
             model, source, frame, surroundings, elevation, heights=heights, progress=told
         )
         heights = placement.heights
-        report = _read_report(source, model)
+        report = _read_report(source, placement.model)
         report["placed"] = placement.report
         reports.append(report)
         told(0.5, "cleaning")
+        picture = None
         if placement.model.mesh is not None and len(placement.model.mesh.faces):
-            _take_mesh(source, placement.model, frame, surroundings, gathered, report)
+            picture = _take_mesh(source, placement.model, frame, surroundings, gathered, report)
         if placement.model.cloud is not None and len(placement.model.cloud.points):
             waiting.setdefault(survey, []).append(placement.model.cloud)
         if "mesh" not in report and survey not in waiting:
@@ -105,13 +109,16 @@ def reconstruct(
             )
         if survey in waiting and survey not in surveys[number + 1 :]:
             cloud = PointCloud.concatenate(waiting.pop(survey))
-            _take_cloud(source, cloud, frame, surroundings, gathered, report)
+            picture = _take_cloud(source, cloud, frame, surroundings, gathered, report)
+        figures.append(SourceFigures(source.name, placement.registration, picture))
     return Reconstruction(
         LabelledMesh.concatenate(gathered.meshes),
         tuple(gathered.patches[1 if dem else 0 :]),
         tuple(gathered.trees),
         {name: area_union(areas) for name, areas in sorted(gathered.covers.items())},
         {"sources": reports},
+        tuple(figures),
+        surroundings,
     )
 
 
@@ -126,7 +133,7 @@ def _part_of(tell: Progress, number: int, count: int, name: str) -> Progress:
     return lambda share, text: tell((number + share) / count, f"{name}: {text}")
 
 
-def _read_report(source: GeometrySource, model: ImportedModel) -> dict[str, object]:
+def _read_report(source: GeometrySource, model: ImportedModel) -> dict[str, Any]:
     return {
         "name": source.name,
         "licence": source.spec.licence,
@@ -143,11 +150,9 @@ def _take_mesh(
     frame: SiteFrame,
     surroundings: Surroundings,
     gathered: _Gathered,
-    report: dict[str, object],
-) -> None:
+    report: dict[str, Any],
+) -> CleaningPicture | None:
     """Clean a mesh and take from it what the source provides."""
-    from urbantwin.reconstruct.classify import classified
-
     assert model.mesh is not None
     spec, known = source.spec, gathered.elevation(surroundings.region)
     clean = cleaned(
@@ -162,12 +167,15 @@ def _take_mesh(
     )
     report["mesh"] = clean.report
     if not len(clean.mesh.faces):
-        return
-    told_apart = classified(clean.mesh, spec, elevation=known, roads=surroundings.roads)
+        return clean.picture
+    told_apart = classified(
+        clean.mesh, spec, elevation=known, roads=surroundings.roads, name=source.name
+    )
     report["told_apart"] = told_apart.report
     if told_apart.ground is not None and "ground" in spec.provides:
         gathered.patches.append(told_apart.ground)
     gathered.add(told_apart.mesh, told_apart.covers)
+    return clean.picture
 
 
 def _take_cloud(
@@ -176,8 +184,8 @@ def _take_cloud(
     frame: SiteFrame,
     surroundings: Surroundings,
     gathered: _Gathered,
-    report: dict[str, object],
-) -> None:
+    report: dict[str, Any],
+) -> CleaningPicture | None:
     """Clean a cloud and take from it what the source provides."""
     spec, region = source.spec, surroundings.region
     clean = cleaned_cloud(
@@ -204,3 +212,4 @@ def _take_cloud(
         gathered.add(survey.buildings, wanted)
     if "trees" in spec.provides:
         gathered.trees += survey.trees
+    return clean.picture

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import shapely
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.ground import ElevationPatch
+from urbantwin.reconstruct.surroundings import Surroundings
 
-__all__ = ["Reconstruction", "SurveyedTree"]
+if TYPE_CHECKING:
+    from urbantwin.reconstruct.cleaning import CleaningPicture
+    from urbantwin.reconstruct.georeference import Registration
+
+__all__ = ["Reconstruction", "SourceFigures", "SurveyedTree"]
 
 
 @dataclass(frozen=True)
@@ -31,6 +37,21 @@ class SurveyedTree:
 
 
 @dataclass(frozen=True, eq=False)
+class SourceFigures:
+    """What pictures of one source show.
+
+    Attributes:
+        name: of the source.
+        registration: where it came from and where it went, if it was registered.
+        cleaning: what it was before and after.
+    """
+
+    name: str
+    registration: Registration | None = None
+    cleaning: CleaningPicture | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class Reconstruction:
     """Everything that sources of geometry give, cleaned and labelled, site frame.
 
@@ -41,10 +62,14 @@ class Reconstruction:
         trees: trees for the scene to grow.
         covers: where the map's own things are left out: ``buildings``, ``trees``, ``other``.
         report: what was read, placed, removed and kept, for ``geometry.json``.
+        figures: what pictures of the sources show.
+        surroundings: what the sources were compared with.
     """
 
     mesh: LabelledMesh
     ground: tuple[ElevationPatch, ...] = ()
     trees: tuple[SurveyedTree, ...] = ()
     covers: dict[str, shapely.Geometry] = field(default_factory=dict)
-    report: dict[str, object] = field(default_factory=dict)
+    report: dict[str, Any] = field(default_factory=dict)
+    figures: tuple[SourceFigures, ...] = ()
+    surroundings: Surroundings | None = None

@@ -68,9 +68,12 @@ def surroundings_of(
         elif tags.get("building", "no") != "no" and shape.geom_type.endswith("Polygon"):
             # Before parking: a multi-storey car park is both.
             footprints += [part for part in shapely.get_parts(shape) if part.area > 1.0]
-        elif tags.get("amenity") == "parking" and shape.geom_type.endswith("Polygon"):
-            if tags.get("parking") != "underground":
-                roads.append(shape)
+        elif (
+            tags.get("amenity") == "parking"
+            and tags.get("parking") != "underground"
+            and shape.geom_type.endswith("Polygon")
+        ):
+            roads.append(shape)
     places = [[s.east_m, s.north_m, s.height_m] for s in rig.sensors]
     return Surroundings(
         region,
