@@ -176,6 +176,19 @@ def test_any_byte_may_be_wrong(shared_data):
     assert not any("\n" in line for line in lines)
 
 
+def test_colours_and_features_that_are_broken_leave_the_surface():
+    gltf = Gltf()
+    gltf.add("materials", {"pbrMetallicRoughness": {"baseColorTexture": {"index": 4}}})
+    attributes = {"COLOR_0": 99, "_FEATURE_ID_0": 98}
+    sets = {"EXT_mesh_features": {"featureIds": [{"featureCount": 1, "attribute": 0}]}}
+    first = gltf.mesh(SQUARE, TWO, material=0)
+    second = gltf.mesh(SQUARE, TWO, attributes=attributes, extensions=sets)
+    third = gltf.mesh(SQUARE, TWO, material=7)
+    model = read(gltf.scene({"mesh": first}, {"mesh": second}, {"mesh": third}).glb())
+    assert len(model.mesh.faces) == 6
+    assert len(model.problems) == 3
+
+
 def test_an_image_that_claims_the_moon_is_not_unpacked():
     """A PNG header of 30,000 x 30,000 pixels: 3.6 GB if it were believed."""
     header = struct.pack(">2I5B", 30_000, 30_000, 8, 6, 0, 0, 0)

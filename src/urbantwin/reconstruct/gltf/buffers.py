@@ -45,6 +45,7 @@ class Buffers:
     ) -> None:
         self._buffers = items(document, "buffers")
         self._views = items(document, "bufferViews")
+        self._required = items(document, "extensionsRequired")
         self._binary = binary
         self._resolve = resolve
         self._bytes: dict[int, bytes] = {}
@@ -80,9 +81,20 @@ class Buffers:
             if name in extensions:
                 packed = table(extensions, name)
                 if number not in self._unpacked:
-                    self._unpacked[number] = self._meshopt(packed)
+                    try:
+                        self._unpacked[number] = self._meshopt(packed)
+                    except MalformedError:
+                        # Whoever does not require the extension has the plain bytes as well.
+                        if name in self._required or not self._has_plain(spec):
+                            raise
+                        break
                 return self._unpacked[number], whole(packed, "byteStride")
         return self._slice(spec, f"bufferView {number}"), whole(spec, "byteStride", 0)
+
+    def _has_plain(self, spec: dict[str, Any]) -> bool:
+        number = whole(spec, "buffer")
+        named = bool(text(_entry(self._buffers, number, "buffer"), "uri"))
+        return named or (number == 0 and self._binary is not None)
 
     def _slice(self, spec: dict[str, Any], name: str) -> memoryview:
         start, length = whole(spec, "byteOffset", 0), whole(spec, "byteLength")

@@ -52,7 +52,11 @@ class Materials:
     def material(self, number: int) -> Material:
         """Return material ``number``."""
         if number not in self._materials:
-            self._materials[number] = self._read(self._entry("materials", number))
+            try:
+                self._materials[number] = self._read(self._entry("materials", number))
+            except MalformedError as error:
+                self._tell(f"material {number}: {error}; what is of it has no colour")
+                self._materials[number] = Material()
         return self._materials[number]
 
     def texture(self, info: dict[str, Any]) -> tuple[Texture | None, int]:

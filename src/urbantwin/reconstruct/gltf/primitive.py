@@ -89,21 +89,22 @@ class PrimitiveReader:
             problem = f"{int((~finite).sum())} of {len(finite)} vertices are not finite numbers"
             faces = faces[finite[faces].all(axis=1)]
             vertices = np.where(finite[:, None], vertices, 0.0)
-        features = feature_set(spec)
         feature: NDArray[np.int64] | None = None
         names: Sequence[str] = []
-        if features is not None:
-            feature = self._feature(features, attributes, used, faces)
-            names = self._feature_names(features)
-        return Primitive(
-            vertices,
-            faces,
-            self._colour(material, attributes, used, faces),
-            feature,
-            names,
-            material.name,
-            problem,
-        )
+        colour: NDArray[np.uint8] | None = None
+        # The surface is worth having without either.
+        try:
+            features = feature_set(spec)
+            if features is not None:
+                feature = self._feature(features, attributes, used, faces)
+                names = self._feature_names(features)
+        except MalformedError as error:
+            problem = problem or f"its features are left out ({error})"
+        try:
+            colour = self._colour(material, attributes, used, faces)
+        except MalformedError as error:
+            problem = problem or f"its colours are left out ({error})"
+        return Primitive(vertices, faces, colour, feature, names, material.name, problem)
 
     def _corners(
         self, spec: dict[str, Any], mode: int, attributes: _Attributes
