@@ -50,6 +50,18 @@ _BY_CLASS_AND_MATERIAL = {
     ("road", "road-paint"): "#f3f1e8",
     ("terrain", "paving"): "#b3a999",
     ("sidewalk", "concrete"): "#c6c2b9",
+    ("other-ground", "water"): "#4f7186",
+    ("other-ground", "gravel"): "#8f877b",
+    ("other-ground", "metal-bare"): "#5b5e62",
+    ("other-structure", "glass"): "#8ba3b1",
+    ("other-structure", "wood"): "#94714c",
+    ("other-object", "wood"): "#94714c",
+    ("fence", "wood"): "#94714c",
+    ("fence", "brick"): "#a5664a",
+    ("fence", "concrete"): "#b0ada6",
+    ("fence", "stone"): "#a8a194",
+    ("pole", "wood"): "#7d6650",
+    ("vegetation", "foliage-needle"): "#436f3c",
 }
 #: Materials that lie on the ground's triangles, where imagery or the lane model knows them.
 _ON_THE_GROUND = {

@@ -8,11 +8,13 @@ from collections.abc import Sequence
 import numpy as np
 import shapely
 import shapely.ops
+from numpy.typing import NDArray
 from shapely import Geometry, LineString, Polygon
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.scene.barrier import fence
 from urbantwin.scene.bridge.decks import Deck, Decks
+from urbantwin.scene.bridge.profile import WIDTHS_M
 from urbantwin.scene.placement import grounded
 from urbantwin.scene.slab import plain_polygons, plan_of, slab
 from urbantwin.scene.solids import Assembly, GroundHeight, box
@@ -63,19 +65,15 @@ def bridge_mesh(
     rails = [f.geometry for f in features if "railway" in f.tags and f.geometry.length > 0]
     blocked = shapely.union_all([carriageway.buffer(CLEAR_M), *shapely.buffer(rails, 2.0)])
     shapely.prepare(blocked)
-    outlines = [
-        f.geometry for f in features
-        if f.tags.get("man_made") == "bridge" and f.geometry.geom_type.endswith("Polygon")
-    ]  # fmt: skip
+    outlines = _outlines(features)
     done: Geometry = Polygon()
     order = sorted(decks.decks, key=lambda deck: deck.is_ramp)
     for deck in order:
         plan = deck.plan
         if not deck.is_ramp:
-            holding = [
-                o for o in outlines if o.intersection(deck.line).length > 0.5 * deck.line.length
-            ]
-            if holding and carriageway.intersection(holding[0]).area < 0.1 * holding[0].area:
+            half = 0.5 * deck.line.length
+            holding = [o for o in outlines if o.intersection(deck.line).length > half]
+            if holding:
                 plan = shapely.union(plan, holding[0])
         low = plan if deck.is_ramp else _low_part(deck, ground_height)
         in_the_way = shapely.intersection(low, carriageway.buffer(0.1))
@@ -91,6 +89,24 @@ def bridge_mesh(
         notes["ramps" if deck.is_ramp else "decks"] += 1
     notes["covered ways"] = _add_roofs(assembly, features, place, blocked, ground_height)
     return assembly.mesh(), dict(sorted((k, n) for k, n in notes.items() if n))
+
+
+def _outlines(features: Sequence[OsmFeature]) -> list[Geometry]:
+    """Return the outlines of bridges, those of roads left out: the lane model has these."""
+    roads = [
+        f.geometry for f in features
+        if f.tags.get("bridge", "no") != "no"
+        and f.tags.get("highway", "footway") not in WIDTHS_M
+        and f.geometry.geom_type == "LineString"
+    ]  # fmt: skip
+    areas = [
+        f.geometry for f in features
+        if f.tags.get("man_made") == "bridge" and f.geometry.geom_type.endswith("Polygon")
+    ]  # fmt: skip
+    return [
+        area for area in areas
+        if not any(area.intersection(road).length > 0.5 * road.length for road in roads)
+    ]  # fmt: skip
 
 
 def _low_part(deck: Deck, ground_height: GroundHeight) -> Geometry:
@@ -175,10 +191,9 @@ def _add_piers(
 ) -> int:
     """Add abutments at the ends and piers between, where nothing drives."""
     length = deck.line.length
-    count = max(round(length / PIER_STEP_M), 1)
-    stations = np.concatenate([[0.4], np.arange(1, count) / count * length, [length - 0.4]])
     if length < 1.0:
         return 0
+    stations = np.concatenate([[0.4], np.arange(2.0, length - 1.5), [length - 0.4]])
     xy = shapely.get_coordinates(shapely.line_interpolate_point(deck.line, stations))
     ahead = shapely.get_coordinates(shapely.line_interpolate_point(deck.line, stations + 0.3))
     behind = shapely.get_coordinates(shapely.line_interpolate_point(deck.line, stations - 0.3))
@@ -190,6 +205,7 @@ def _add_piers(
     at_end = np.zeros(len(xy), bool)
     at_end[[0, -1]] = True
     keep = free & (under - ground > np.where(at_end, 0.3, LOWEST_PIER_M))
+    keep[1:-1] = _chosen(stations[1:-1], keep[1:-1], length)
     if not keep.any():
         return 0
     tall = (under - ground)[keep] + BURIED_M + 0.02
@@ -199,6 +215,20 @@ def _add_piers(
     piers = box(centre, size, np.arctan2(way[keep, 1], way[keep, 0]))
     assembly.add(piers, "other-structure", "concrete", part)
     return int(keep.sum())
+
+
+def _chosen(
+    stations: NDArray[np.float64], possible: NDArray[np.bool_], length: float
+) -> NDArray[np.bool_]:
+    """Return the possible stations nearest to those of evenly spaced piers."""
+    chosen = np.zeros(len(stations), bool)
+    places = np.flatnonzero(possible)
+    count = max(round(length / PIER_STEP_M), 1)
+    for wanted in np.arange(1, count) / count * length:
+        if len(places):
+            nearest = places[np.abs(stations[places] - wanted).argmin()]
+            chosen[nearest] |= bool(abs(stations[nearest] - wanted) < PIER_STEP_M / 2)
+    return chosen
 
 
 def _add_roofs(

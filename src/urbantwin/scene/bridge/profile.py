@@ -18,7 +18,7 @@ from urbantwin.scene.solids import GroundHeight
 from urbantwin.scene.tag import length_m_of
 from urbantwin.site.extract import OsmFeature
 
-__all__ = ["bridge_decks"]
+__all__ = ["WIDTHS_M", "bridge_decks"]
 
 #: Clear height under bridges (RAS-Q, AASHTO: 4.5 to 4.9 m over streets; EN 15273 gauge and
 #: contact wire: 6.0 m over railways; 2.5 m over paths), metres.

@@ -13,6 +13,7 @@ from shapely import Geometry, LineString, Point, Polygon
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.scene.furniture.basin import add_basin
+from urbantwin.scene.furniture.gantry import add_gantries
 from urbantwin.scene.furniture.monument import fountain, monument, monument_kind
 from urbantwin.scene.furniture.piece import Piece, add_pieces, moved
 from urbantwin.scene.furniture.shelter import SHELTER_M, cycle_stands, oriented, shelter
@@ -90,6 +91,16 @@ def furniture_mesh(
         elif found.pieces:
             objects.append(found)
     _place(assembly, objects, ways, carriageway, ground_height, notes)
+    gantries = left_of_map([f for f in features if f.tags.get("man_made") == "gantry"], without)
+    add_gantries(
+        assembly,
+        gantries,
+        ways,
+        region=region,
+        ground_height=ground_height,
+        carriageway=carriageway,
+        notes=notes,
+    )
     return assembly.mesh(), dict(sorted((k, n) for k, n in notes.items() if n))
 
 

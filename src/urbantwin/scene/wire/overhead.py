@@ -148,10 +148,11 @@ def _add_line(
     step = RAILWAY_STEP_M if kind == "rail" else STREET_STEP_M
     count = max(round(line.length / step), 1)
     stations = (np.arange(count) + 0.5) / count * line.length
-    held = _held_by_masts(assembly, line, works, part, notes)
+    mapped = _held_by_masts(assembly, line, works, part, notes)
+    held = list(mapped)
     for station in stations.tolist():
         at = line.interpolate(station)
-        if held and min(abs(station - h) for h in held) < 1.2 * step:
+        if mapped and min(abs(station - h) for h in mapped) < 1.2 * step:
             continue
         if any(at.distance(other) < SHARED_M for other in works.spans):
             continue
