@@ -29,6 +29,12 @@ _FALLS_M = 0.02
 _SKIRT = 8
 #: Sides of the triangles that close the surface, metres.
 _SIDE_M = 0.6
+#: What lies farther off the surface than this is beyond a step: a curb, metres.
+_STEP_M = 0.08
+#: And than this, or three times the surface's own roughness, metres.
+_ROUGH_M = 0.02
+#: The foot of a step runs this far inside the outline, metres.
+_FOOT_M = 0.05
 #: Most rim points that an interpolation takes.
 _MOST = 250
 
@@ -69,6 +75,65 @@ class Ground:
 
 
 @dataclass(frozen=True, eq=False)
+class Plane:
+    """The street under a vehicle, roughly: ``z = c0 + c1 x + c2 y``, as an opening left it."""
+
+    factors: NDArray[np.float64]
+    middle: NDArray[np.float64]
+
+    @classmethod
+    def through(cls, places: NDArray[np.float64], heights: NDArray[np.float64]) -> Plane:
+        """Return the plane that a fifth of heights (N,) at places (N, 2) lie under.
+
+        Beside a curb the opening takes the sidewalk's height for some of the cells: the lower
+        of both is the street (quantile regression, by reweighting).
+        """
+        middle = places.mean(axis=0)
+        terms = np.column_stack([np.ones(len(places)), places - middle])
+        # Damped: a row of cells says nothing of the slope across it.
+        damping = np.diag([0.0, 0.05, 0.05])
+        right = np.concatenate([heights, np.zeros(3)])
+        weight = np.ones(len(places))
+        factors = np.zeros(3)
+        for _ in range(20):
+            root = np.concatenate([np.sqrt(weight), np.ones(3)])
+            left = np.concatenate([terms, damping]) * root[:, None]
+            factors = np.linalg.lstsq(left, right * root, rcond=None)[0]
+            over = heights - terms @ factors
+            weight = np.where(over > 0, 0.2, 0.8) / np.maximum(np.abs(over), 2e-3)
+        return cls(factors, middle)
+
+    def even(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which of points (N, 3) around a vehicle are of the surface it stands on.
+
+        A sidewalk on one side is a curb higher, a wall more. The opening lies as low as the
+        lower of two surfaces that a vehicle touches: what is low over it is the street.
+        """
+        if len(points) < 12:
+            return np.ones(len(points), bool)
+        over = points[:, 2] - self.factors[0] - (points[:, :2] - self.middle) @ self.factors[1:]
+        even = np.abs(over - np.percentile(over, 30)) < _STEP_M
+        # Of those, what most agree on: the face of a curb lies between street and sidewalk.
+        off = _off_most(points, even)
+        return np.asarray(even & (off < max(_ROUGH_M, 3.0 * float(np.median(off[even])))))
+
+
+def _off_most(points: NDArray[np.float64], some: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return how far points (N, 3) are off the quadratic of least absolute deviations of some."""
+    x, y = (points[:, :2] - points[some, :2].mean(axis=0)).T
+    terms = np.column_stack([np.ones(len(x)), x, y, x * x, x * y, y * y])
+    weight = np.ones(int(some.sum()))
+    off = np.zeros(len(x))
+    for degree in [3] * 10 + [6] * 10:  # a plane first: a quadratic could bend to a curb
+        root = np.sqrt(weight)
+        left = np.concatenate([terms[some, :degree] * root[:, None], 1e-4 * np.eye(degree)])
+        right = np.concatenate([points[some, 2] * root, np.zeros(degree)])
+        off = np.abs(points[:, 2] - terms[:, :degree] @ np.linalg.lstsq(left, right, rcond=None)[0])
+        weight = 1.0 / np.maximum(off[some], 1e-3)
+    return off
+
+
+@dataclass(frozen=True, eq=False)
 class Outline:
     """Where a vehicle meets the ground.
 
@@ -78,6 +143,7 @@ class Outline:
         top: greatest height of it, metres.
         covered: the surface goes on under it, so that nothing is to be closed.
         around: (N, 3) the ground around it.
+        plane: the street under it, roughly.
     """
 
     area: shapely.Polygon
@@ -85,6 +151,7 @@ class Outline:
     top: float
     covered: bool
     around: NDArray[np.float64]
+    plane: Plane
 
     def joined(self, other: Outline) -> Outline:
         """Return the outline of two vehicles that stand side by side."""
@@ -99,6 +166,7 @@ class Outline:
             max(self.top, other.top),
             self.covered and other.covered,
             around,
+            self.plane,
         )
 
 
@@ -155,7 +223,8 @@ def outline_of(
     ring = binary_dilation(grown, iterations=6) & ~grown & ~np.isnan(top)
     ring &= np.abs(height) < _SURE_M + 0.1
     around = np.column_stack([grid.centres(ring), top[ring]])
-    around = _even(around)
+    plane = Plane.through(places, bare)
+    around = around[plane.even(around)]
     ground = Ground.through(around)
     if ground is None:
         return None
@@ -165,47 +234,37 @@ def outline_of(
     layer = np.abs(below - expected) < 0.1
     apart = top[mask] - below > 0.1
     covered = bool((layer & apart).mean() > 0.8)
-    return Outline(area, ground, float(np.nanmax(top[mask])), covered, around)
-
-
-def _even(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return points without those off the rest: what else stands around."""
-    if len(points) < 20:
-        return np.asarray(points, np.float64)
-    centred = np.column_stack([points[:, :2] - points[:, :2].mean(axis=0), np.ones(len(points))])
-    good = np.ones(len(points), bool)
-    for _ in range(3):
-        plane = np.linalg.lstsq(centred[good], points[good, 2], rcond=None)[0]
-        off = np.abs(points[:, 2] - centred @ plane)
-        good = off < max(0.03, 3.0 * float(np.median(off[good])))
-    return np.asarray(points[good])
+    return Outline(area, ground, float(np.nanmax(top[mask])), covered, around, plane)
 
 
 def fill(
-    area: shapely.Polygon, rim: NDArray[np.float64], ground: Ground
+    outline: Outline, rim: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
     """Return a surface that closes an area: its own vertices, and triangles.
 
     Args:
-        area: the outline that was cut.
+        outline: where the surface was cut.
         rim: (R, 3) vertices of the surface that lie on the outline.
-        ground: heights where there is no rim.
 
     Returns:
         New vertices (N, 3), and triangles (T, 3): indices of the rim's vertices and, from R on,
         of the new ones; counter-clockwise from above.
     """
+    area = outline.area
     corners = shapely.get_coordinates(area.exterior)[:-1]
     line = area.exterior
     if len(rim):
         distance, _ = cKDTree(rim[:, :2]).query(corners)
         corners = corners[distance > 1e-4]
     border = np.concatenate([rim[:, :2], corners])
-    spline = Ground.through(rim) or ground if len(rim) else ground
+    even = outline.plane.even(rim)
+    spline = (Ground.through(rim[even]) if even.sum() > 3 else None) or outline.ground
     station = shapely.line_locate_point(line, shapely.points(border))
     order = np.argsort(station, kind="stable")
     edges = np.column_stack([order, np.roll(order, -1)])
     inner = _spread(area, border)
+    if not even.all():
+        inner = np.concatenate([inner, _foot_of_steps(area, rim[~even, :2], inner)])
     points = np.concatenate([border, inner])
     triangulation = pythoncdt.Triangulation(
         pythoncdt.VertexInsertionOrder.AUTO, pythoncdt.IntersectingConstraintEdges.NOT_ALLOWED, 0.0
@@ -232,4 +291,21 @@ def _spread(area: shapely.Polygon, border: NDArray[np.float64]) -> NDArray[np.fl
         far = cKDTree(border).query(points)[0] > 0.4 * _SIDE_M
         far &= shapely.distance(area.exterior, shapely.points(points)) > 0.3 * _SIDE_M
         points = points[far]
+    return np.asarray(points, np.float64)
+
+
+def _foot_of_steps(
+    area: shapely.Polygon, raised: NDArray[np.float64], others: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return points (N, 2) just inside the outline where its rim is beyond a step.
+
+    Without them the surface would rise to the curb like a ramp.
+    """
+    inset = shapely.buffer(area, -_FOOT_M, join_style="mitre")
+    rings = [shapely.segmentize(part.exterior, 0.2) for part in shapely.get_parts(inset)]
+    points = np.concatenate([shapely.get_coordinates(ring)[:-1] for ring in rings] or [raised[:0]])
+    if len(points):
+        points = points[cKDTree(raised).query(points)[0] < 0.3]
+    if len(points) and len(others):
+        points = points[cKDTree(others).query(points)[0] > 0.02]
     return np.asarray(points, np.float64)

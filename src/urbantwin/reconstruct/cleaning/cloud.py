@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.ndimage import binary_dilation
 from scipy.spatial import cKDTree
 
 from urbantwin.geometry import SiteFrame
@@ -31,6 +32,8 @@ _COMPANY = 3
 _SPACINGS, _LEAST_REACH_M = 6.0, 1.5
 #: What is higher than this over the street inside a vehicle is the vehicle's, metres.
 _OVER_M = 0.2
+#: How far what hangs on to a vehicle is taken with it, cells.
+_SKIRT = 3
 #: Points looked at for the spacing of a cloud.
 _SOME = 20_000
 _MARGIN_M = 8.0
@@ -207,26 +210,25 @@ def _without_vehicles(
 def _points_of(
     cloud: PointCloud, street: Street, blob: Blob, *, settled: bool
 ) -> NDArray[np.int64]:
-    """Return the points of a blob: over the street, in its cells or beside them."""
+    """Return the points of a blob: over the street, in its cells and those that hang on to them."""
     grid = street.grid
-    west = grid.west + (blob.column - 1) * grid.step
-    south = grid.south + (blob.row - 1) * grid.step
-    rows, columns = blob.mask.shape
-    x, y, z = cloud.points.T
-    near = (x >= west) & (x < west + (columns + 2) * grid.step)
-    near &= (y >= south) & (y < south + (rows + 2) * grid.step)
+    row, column = max(blob.row - _SKIRT, 0), max(blob.column - _SKIRT, 0)
+    window = (
+        slice(row, blob.row + blob.mask.shape[0] + _SKIRT),
+        slice(column, blob.column + blob.mask.shape[1] + _SKIRT),
+    )
+    above = street.height[window] > _OVER_M
+    mask = np.zeros(above.shape, bool)
+    mask[blob.row - row :, blob.column - column :][: blob.mask.shape[0], : blob.mask.shape[1]] = (
+        blob.mask
+    )
+    mask = binary_dilation(mask, np.ones((3, 3), bool), iterations=_SKIRT, mask=above | mask)
+    rows, columns = np.floor((cloud.points[:, 1::-1] - (grid.south, grid.west)) / grid.step).T
+    rows, columns = rows - row, columns - column
+    near = (rows >= 0) & (columns >= 0) & (rows < mask.shape[0]) & (columns < mask.shape[1])
     numbers = np.flatnonzero(near)
-    row, column = grid.cells(cloud.points[numbers, :2])
-    mask = np.pad(blob.mask, 2)
-    grown = np.zeros_like(mask)
-    for dr in (-1, 0, 1):
-        for dc in (-1, 0, 1):
-            grown |= np.roll(mask, (dr, dc), axis=(0, 1))
-    within = grown[
-        np.clip(row - blob.row + 2, 0, mask.shape[0] - 1),
-        np.clip(column - blob.column + 2, 0, mask.shape[1] - 1),
-    ]
-    over = z[numbers] - street.bare[row, column]
+    within = mask[rows[numbers].astype(int), columns[numbers].astype(int)]
+    over = cloud.points[numbers, 2] - street.bare[grid.cells(cloud.points[numbers, :2])]
     mine = within & (over > _OVER_M) & (over < blob.height + 1.0)
     if settled and cloud.classification is not None:
         mine &= ~np.isin(cloud.classification[numbers], _SETTLED)

@@ -19,6 +19,8 @@ __all__ = ["Contacts"]
 _MOST_STEPS = 128
 #: Nearest points looked at: at the reach apart, a sheet has five within reach.
 _NEIGHBOURS = 16
+#: Loose pieces hold each other over gaps this many times as wide: leaves of a crown.
+_CLUSTER = 2.5
 #: Points worked on at once.
 _AT_ONCE = 200_000
 #: Cells of the grid of heights that tells what flies above everything, metres.
@@ -85,22 +87,19 @@ class Contacts:
         other = self._pieces.of_face[self._fixed[face[near]]]
         return np.column_stack([numbers[near], other]).astype(np.int64)
 
-    def within(self, reach: float, among: NDArray[np.bool_] | None = None) -> NDArray[np.int64]:
+    def within(self, reach: float) -> NDArray[np.int64]:
         """Return pairs (P, 2) of pieces that come within about a distance of each other.
 
         From points on the loose pieces, as far apart as the distance, rays run along the axes.
 
         Args:
             reach: metres.
-            among: (K,) bool: only these of the loose pieces.
         """
-        chosen = self._loose if among is None else self._loose & among
-        return np.concatenate(
-            [self._fixed_within(reach, chosen), self._loose_within(reach, chosen)]
-        )
+        fixed, loose = self._fixed_within(reach), self._loose_within(_CLUSTER * reach)
+        return np.concatenate([fixed, loose])
 
-    def _fixed_within(self, reach: float, chosen: NDArray[np.bool_]) -> NDArray[np.int64]:
-        some = (chosen & self._low)[self._owner]
+    def _fixed_within(self, reach: float) -> NDArray[np.int64]:
+        some = self._low[self._owner]
         if self._rays is None or not some.any():
             return _NONE
         points, owner = _sampled(self._corners[some], self._owner[some], reach)
@@ -112,8 +111,8 @@ class Contacts:
             pairs.append(np.unique(np.column_stack([owner[near], other]), axis=0))
         return np.concatenate(pairs).astype(np.int64)
 
-    def _loose_within(self, reach: float, chosen: NDArray[np.bool_]) -> NDArray[np.int64]:
-        numbers = np.flatnonzero(chosen)
+    def _loose_within(self, reach: float) -> NDArray[np.int64]:
+        numbers = np.flatnonzero(self._loose)
         if len(numbers) < 2:
             return _NONE
         low, high = self._pieces.low[numbers] - reach / 2, self._pieces.high[numbers] + reach / 2

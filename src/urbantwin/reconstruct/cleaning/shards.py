@@ -21,12 +21,14 @@ __all__ = ["Shards", "find_shards"]
 
 #: Pieces nearer than this hold each other, metres: gaps of models and of scans.
 _TOUCH_M = 0.12
-#: A small piece belongs to something only if it touches it, metres.
-_CLOSE_M = 0.03
 #: A piece whose foot is at most this far over what is below stands on it, metres.
 _FOOT_M = 0.3
 #: Pieces with a side of this length or more may be the ground, metres.
 _GROUND_SIDE_M = 4.0
+#: A crown without its trunk: at least this thick and this long, at most this high up, metres.
+_CROWN_M = (1.0, 2.5, 6.0)
+#: A wire: at least this long, sagging less than this, and not this wide, metres.
+_WIRE_M = (8.0, 6.0, 0.5)
 #: Cells of the grid of the ground, metres.
 _CELL_M = 1.0
 
@@ -51,8 +53,9 @@ def find_shards(mesh: TriangleMesh, pieces: Pieces, smallest_m: float, keep: Spo
 
     Pieces hold each other where they touch. A piece stands if its foot is on the ground or on a
     piece that stands, or if a piece that stands holds it: a lamp post, a roof on walls, a sign
-    on its pole. Everything else floats. A piece smaller than ``smallest_m`` that lies on the
-    ground or floats is a scan's speck; one that touches a thing that stands is a part of it.
+    on its pole, the leaves of a tree. Everything else floats, and is a shard; so is what is
+    smaller than ``smallest_m`` and held by the ground alone. Two things float and stay: the crown
+    of a tree whose trunk no scan saw, and wires.
 
     Args:
         mesh: welded, site frame, metres.
@@ -68,17 +71,12 @@ def find_shards(mesh: TriangleMesh, pieces: Pieces, smallest_m: float, keep: Spo
     small = longest < smallest_m
     loose = ~on_ground | (small & ~ground)
     touching = Contacts(mesh, pieces, loose)
-    holds = touching.within(_TOUCH_M)
-    beside = np.zeros(len(pieces), bool)
-    beside[holds.ravel()] = True
-    close = touching.within(_CLOSE_M, small & ~ground & beside)
-    rests = touching.resting(_FOOT_M)
-    anchored = on_ground & ~small
-    stands = _reached(len(pieces), anchored | ground, np.concatenate([holds, rests]), ~small)
+    pairs = np.concatenate([touching.within(_TOUCH_M), touching.resting(_FOOT_M)])
     # A small piece is carried by a thing, not by the ground that it happens to lie on.
-    part = _reached(len(pieces), stands & ~ground, close, stands | small)
-    shard = np.where(small, ~part & ~ground, ~stands)
-
+    lies = (small[pairs[:, 0]] & ground[pairs[:, 1]]) | (small[pairs[:, 1]] & ground[pairs[:, 0]])
+    pairs = pairs[~lies]
+    stands = _reached(pairs, ground | (on_ground & ~small))
+    shard = ~stands & ~_crowns_and_wires(pieces, pairs, stands, base)
     numbers = np.flatnonzero(shard)
     kept_here = keep.near(pieces.middle[numbers])
     removed: list[Removal] = []
@@ -150,12 +148,34 @@ def _grid_step(pieces: Pieces) -> float:
     return max(_CELL_M, span / 2000)
 
 
-def _reached(
-    count: int, start: NDArray[np.bool_], pairs: NDArray[np.int64], through: NDArray[np.bool_]
+def _crowns_and_wires(
+    pieces: Pieces,
+    pairs: NDArray[np.int64],
+    stands: NDArray[np.bool_],
+    base: NDArray[np.float64],
 ) -> NDArray[np.bool_]:
-    """Return which of K things hang together with one of ``start`` by pairs among ``through``."""
-    able = start | through
-    pairs = pairs[able[pairs].all(axis=1)] if len(pairs) else pairs
+    """Return which pieces (K,) are of floating groups that have a crown's or a wire's shape."""
+    floats = ~stands
+    count = len(pieces)
+    pairs = pairs[floats[pairs].all(axis=1)]
+    graph = coo_matrix((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), (count, count))
+    number, label = connected_components(graph, directed=False)
+    low, high = np.full((number, 3), np.inf), np.full((number, 3), -np.inf)
+    np.minimum.at(low, label, pieces.low)
+    np.maximum.at(high, label, pieces.high)
+    under = np.full(number, np.inf)
+    np.minimum.at(under, label, pieces.low[:, 2] - base)
+    size = high - low
+    crown = (size.min(axis=1) > _CROWN_M[0]) & (size.max(axis=1) > _CROWN_M[1])
+    crown &= under < _CROWN_M[2]
+    wire = (size[:, :2].max(axis=1) > _WIRE_M[0]) & (size[:, 2] < _WIRE_M[1])
+    wire &= np.bincount(label, pieces.area, number) < _WIRE_M[2] * size.max(axis=1)
+    return np.asarray(floats & (crown | wire)[label])
+
+
+def _reached(pairs: NDArray[np.int64], start: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which of K things hang together with one of ``start`` (K,) by pairs."""
+    count = len(start)
     # One more thing that all of the start are tied to.
     rows = np.concatenate([pairs[:, 0], np.flatnonzero(start)])
     columns = np.concatenate([pairs[:, 1], np.full(int(start.sum()), count)])

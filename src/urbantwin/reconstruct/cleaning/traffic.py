@@ -234,7 +234,7 @@ def _cut_one(work: TriangleMesh, outline: Outline) -> tuple[TriangleMesh, float,
         return work, 0.0, 0, 0.0
     rim = _rim(cut.vertices, cut.faces, gone, outline)
     try:
-        extra, triangles = fill(outline.area, cut.vertices[rim], outline.ground)
+        extra, triangles = fill(outline, cut.vertices[rim])
     except (RuntimeError, ValueError):  # an outline that crosses itself: the vehicle stays
         return work, 0.0, 0, 0.0
     number = np.concatenate([rim, len(cut.vertices) + np.arange(len(extra))])

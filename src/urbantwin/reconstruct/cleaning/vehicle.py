@@ -101,10 +101,10 @@ def _blob(
         ]
     )
     h = street.top[window][mask] - street.bare[window][mask]
-    half = step / 2
-    corners = np.concatenate([xy + [dx, dy] for dx in (-half, half) for dy in (-half, half)])
-    hull = shapely.convex_hull(shapely.multipoints(corners))
-    outline = shapely.oriented_envelope(hull)
+    # The body reaches on average half a cell beyond the outermost middles.
+    hull = shapely.oriented_envelope(shapely.convex_hull(shapely.multipoints(xy)))
+    outline = shapely.buffer(hull, step / 2, join_style="mitre")
+    outline = shapely.oriented_envelope(outline)
     ring = shapely.get_coordinates(outline)
     sides = np.linalg.norm(np.diff(ring[:3], axis=0), axis=1)
     way = np.diff(ring[:3], axis=0)[int(np.argmax(sides))]
@@ -130,7 +130,7 @@ def _blob(
         length=length,
         width=width,
         height=high,
-        middle=np.array([*hull.centroid.coords[0], base + high / 2]),
+        middle=np.array([*outline.centroid.coords[0], base + high / 2]),
         on_road=on_road,
         full=float(mask.sum() * step**2 / max(outline.area, 1e-9)),
         boxy=float((h > 0.7 * high).mean()),
