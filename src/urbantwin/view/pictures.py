@@ -14,6 +14,7 @@ from urbantwin.traffic import Motion
 from urbantwin.traffic.assets import asset_mesh
 from urbantwin.twin import Twin
 from urbantwin.view.birdseye import birdseye
+from urbantwin.view.ground_picture import ground_picture
 from urbantwin.view.histogram import histogram
 from urbantwin.view.labelled_frame import read_labelled_points
 from urbantwin.view.plan import plan
@@ -33,7 +34,7 @@ Progress = Callable[[float, str], None]
 
 
 def pictures_of_twin(twin: Twin, out: Path, *, progress: Progress | None = None) -> list[Path]:
-    """Draw a twin into ``out``: ``plan.png`` and ``scene.png``.
+    """Draw a twin into ``out``: ``plan.png``, ``scene.png`` and, of imagery, ``ground.png``.
 
     Args:
         twin: the twin.
@@ -65,8 +66,21 @@ def pictures_of_twin(twin: Twin, out: Path, *, progress: Progress | None = None)
         attribution=sources,
         surface=twin.surface_materials,
     )
+    drawn = [first, second]
+    if twin.site.get("imagery"):
+        tell(0.9, "drawing the ground")
+        drawn.append(
+            ground_picture(
+                twin.mesh,
+                twin.surface_materials,
+                twin.region,
+                out / "ground.png",
+                title=f"{name}   materials of the ground",
+                attribution=sources,
+            )
+        )
     tell(1.0, "drawn")
-    return [first, second]
+    return drawn
 
 
 def pictures_of_dataset(
@@ -167,7 +181,7 @@ def title_of(twin: Twin) -> str:
 def attributions(manifest: dict[str, Any]) -> list[str]:
     """Return whose data an artefact was made from, each once."""
     found = [str(one.get("attribution") or "") for one in manifest.get("inputs", [])]
-    return [one for one in dict.fromkeys(found) if one]
+    return [one for one in dict.fromkeys(found) if one not in ("", "not stated")]
 
 
 def _size(twin: Twin) -> str:

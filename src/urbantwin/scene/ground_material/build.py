@@ -2,13 +2,30 @@
 
 from __future__ import annotations
 
-import shapely
+from dataclasses import dataclass
 
-from urbantwin.geometry import SurfaceMaterials
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.geometry import LabelledMesh, SurfaceMaterials
+from urbantwin.geometry.surface_material import MaterialLayer
 from urbantwin.roads import LaneModel, RoadNetwork
 from urbantwin.scene.ground_material.paint import LevelHeight, paint_layers
+from urbantwin.scene.ground_material.picture import picture_materials
+from urbantwin.scene.ground_material.rasterise import cells_of_layer, layer_of_cells
+from urbantwin.scene.ground_material.seen import ground_heights
+from urbantwin.site import Orthophoto
 
-__all__ = ["surface_materials"]
+__all__ = ["GroundMaterials", "ground_materials", "surface_materials"]
+
+
+@dataclass(frozen=True)
+class GroundMaterials:
+    """Materials on the ground, and what was counted while finding them."""
+
+    surface: SurfaceMaterials
+    notes: dict[str, object]
 
 
 def surface_materials(
@@ -17,12 +34,81 @@ def surface_materials(
     region: shapely.Polygon,
     height: LevelHeight,
 ) -> SurfaceMaterials:
-    """Return the materials that lie on the ground's triangles: lane paint.
+    """Return the lane model's paint; see `ground_materials`."""
+    return ground_materials(model, network, region, height).surface
+
+
+def ground_materials(
+    model: LaneModel | None,
+    network: RoadNetwork,
+    region: shapely.Polygon,
+    height: LevelHeight,
+    *,
+    mesh: LabelledMesh | None = None,
+    photo: Orthophoto | None = None,
+) -> GroundMaterials:
+    """Return the materials that lie on the ground's triangles.
+
+    Paint is the lane model's. Where a picture shows a carriageway clearly its paint is used
+    instead; under trees, vehicles and other things that hide the road the lane model's stays.
 
     Args:
         model: the lane model; without it little is known of what is painted.
         network: its lanes.
         region: region of interest, site frame.
         height: of the roads' surface on a level.
+        mesh: the static world; only a picture needs it.
+        photo: a picture of the ground.
     """
-    return SurfaceMaterials(tuple(paint_layers(model, network, region, height)))
+    paint = paint_layers(model, network, region, height)
+    if photo is None or mesh is None:
+        return GroundMaterials(SurfaceMaterials(tuple(paint)), {"lane_paint_m2": _area(paint)})
+    ground = _Ground(mesh, height)
+    modelled = SurfaceMaterials(tuple(paint))
+    seen = picture_materials(
+        photo, mesh, network.levels, ground, lambda points: modelled.at(points) > 0
+    )
+    kept = []
+    for layer in paint:
+        cells = cells_of_layer(layer)
+        hidden = ~seen.shows(np.asarray((cells + 0.5) * layer.cell_m, np.float64))
+        kept.append(
+            layer_of_cells(
+                cells[hidden],
+                material=layer.material,
+                level=layer.level,
+                cell_m=layer.cell_m,
+                height=_Level(height, layer.level),
+            )
+        )
+    notes: dict[str, object] = {"lane_paint_m2": _area(kept), "imagery": list(photo.notes)}
+    return GroundMaterials(SurfaceMaterials((*kept, *seen.layers)), notes | seen.notes)
+
+
+def _area(layers: list[MaterialLayer]) -> float:
+    return round(sum(layer.area for layer in layers), 1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Ground:
+    """Height of the ground on level 0, of roads above it."""
+
+    mesh: LabelledMesh
+    roads: LevelHeight
+
+    def __call__(self, xy: NDArray[np.float64], level: int) -> NDArray[np.float64]:
+        if level:
+            return self.roads(xy, level)
+        z = ground_heights(self.mesh, xy)
+        missing = np.isnan(z)
+        z[missing] = self.roads(xy[missing], 0)
+        return z
+
+
+@dataclass(frozen=True, eq=False)
+class _Level:
+    height: LevelHeight
+    level: int
+
+    def __call__(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        return self.height(xy, self.level)

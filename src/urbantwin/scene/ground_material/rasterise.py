@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry.surface_material import TILE, MaterialLayer
 
-__all__ = ["Cells", "cells_of_quads", "layer_of_cells"]
+__all__ = ["Cells", "cells_of_layer", "cells_of_quads", "layer_of_cells"]
 
 #: Columns and rows (N, 2) of cells.
 Cells = NDArray[np.int64]
@@ -75,6 +75,12 @@ def _unique(parts: Iterator[Cells]) -> Cells:
     whole = np.concatenate([np.zeros((0, 2), np.int64), *parts])
     keys = np.unique((whole[:, 1] << 32) + whole[:, 0] + (1 << 31))
     return np.column_stack([(keys & 0xFFFFFFFF) - (1 << 31), keys >> 32])
+
+
+def cells_of_layer(layer: MaterialLayer) -> Cells:
+    """Return the columns and rows (N, 2) of a layer's cells."""
+    tile, row, column = np.nonzero(np.unpackbits(layer.bits, axis=2))
+    return layer.tiles[tile].astype(np.int64) * TILE + np.column_stack([column, row])
 
 
 def layer_of_cells(
