@@ -217,6 +217,9 @@ def test_nothing_is_left_where_writing_fails(two_avenues_twin, tmp_path, monkeyp
     assert len(list(tmp_path.iterdir())) == 1
     with pytest.raises(InputError, match="folder"):
         export_twin(two_avenues_twin, "ply", tmp_path)
+    for name in ("glb", "usd", "fbx", "cityjson"):
+        with pytest.raises(InputError, match="ends in"):
+            export_twin(two_avenues_twin, name, tmp_path / "scene.gltf")
 
 
 BLENDER = """

@@ -27,6 +27,15 @@ from urbantwin.twin import Twin
 __all__ = ["SCENE_FORMATS", "write_scene"]
 
 Notes = Sequence[str] | None
+#: What readers know a format by.
+_ENDINGS = {
+    "glb": (".glb",),
+    "obj": (".obj",),
+    "ply": (".ply",),
+    "usd": (".usd", ".usda", ".usdc"),
+    "fbx": (".fbx",),
+    "cityjson": (".json",),
+}
 
 
 def write_scene(twin: Twin, path: Path, name: str) -> Notes:
@@ -47,6 +56,12 @@ def write_scene(twin: Twin, path: Path, name: str) -> Notes:
     if path.is_dir():
         raise InputError(
             "is a folder", file=path, expected=f"a file, such as {path.name}/scene.{name}"
+        )
+    if path.suffix.lower() not in _ENDINGS[name]:
+        raise InputError(
+            f"ends in {path.suffix or 'nothing'}",
+            file=path,
+            expected=f"a name that ends in {' or '.join(_ENDINGS[name])}",
         )
     with _beside(path) as scratch:
         return SCENE_FORMATS[name](twin, scratch)

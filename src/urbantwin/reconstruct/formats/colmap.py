@@ -84,7 +84,7 @@ def _binary_points(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     return rows["xyz"].astype(np.float64), rows["rgb"].copy()
 
 
-@numba.njit(cache=False)
+@numba.njit(cache=True)
 def _starts(data, starts):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Fill where each point's row starts; return how many are whole."""
     at = 8

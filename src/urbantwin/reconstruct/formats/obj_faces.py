@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.reconstruct.formats.text_lines import numbers_of
-
 __all__ = ["face_corners"]
 
-_SLASH, _SPACE = ord("/"), ord(" ")
+_SPACE, _SLASH, _MINUS, _PLUS, _ZERO, _NINE = (ord(letter) for letter in " /-+09")
+#: No model has more vertices than this: a longer number is no number of a vertex.
+_MOST = 1 << 40
 
 
 def face_corners(
@@ -28,30 +29,51 @@ def face_corners(
     Raises:
         ValueError: a corner is no number; its argument is the index among the lines.
     """
-    visible = body > _SPACE
-    started = visible.copy()
-    started[1:] &= ~visible[:-1]
-    sizes = np.add.reduceat(started.astype(np.int64), starts)
-    slash = np.cumsum(body == _SLASH)
-    first = np.flatnonzero(started)
-    token = np.cumsum(started) - 1
-    # Slashes before a letter in its own token: 0 vertex, 1 texture, 2 normal.
-    field = np.where(visible, slash - slash[first][np.maximum(token, 0)], -1)
-    vertex = _integers(np.where(field == 0, body, _SPACE).astype(np.uint8))
-    if len(vertex) != len(first):
-        raise ValueError(int(np.searchsorted(np.cumsum(sizes), len(vertex), side="right")))
-    texture = np.zeros(len(first), np.int64)
-    second = (field == 1) & (body != _SLASH)
-    if second.any():
-        named = token[second]  # rising
-        has = named[np.concatenate([[True], named[1:] != named[:-1]])]
-        values = _integers(np.where(second, body, _SPACE).astype(np.uint8))
-        if len(values) != len(has):
-            line = np.searchsorted(np.cumsum(sizes), has[len(values)], side="right")
-            raise ValueError(int(line))
-        texture[has] = values
-    return vertex, texture, sizes
+    # A corner takes two bytes at least: a digit and what parts it from the next.
+    vertex = np.zeros(len(body) // 2 + 1, np.int64)
+    texture = np.zeros(len(vertex), np.int64)
+    sizes = np.zeros(len(starts), np.int64)
+    ends = np.append(starts[1:], len(body))
+    count, wrong = _scan(body, starts, ends, vertex, texture, sizes)
+    if wrong >= 0:
+        raise ValueError(int(wrong))
+    return vertex[:count].copy(), texture[:count].copy(), sizes
 
 
-def _integers(body: NDArray[np.uint8]) -> NDArray[np.int64]:
-    return numbers_of(body.tobytes(), np.int64).astype(np.int64)
+@numba.njit(cache=True)
+def _scan(body, starts, ends, vertex, texture, sizes):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Fill the numbers; return how many corners there are, and the first wrong line or -1."""
+    count = 0
+    for line in range(len(starts)):
+        at, end = starts[line], ends[line]
+        while True:
+            while at < end and body[at] <= _SPACE:
+                at += 1
+            if at >= end:
+                break
+            for field in range(3):
+                sign, value, digits = 1, 0, 0
+                if at < end and (body[at] == _MINUS or body[at] == _PLUS):
+                    sign = -1 if body[at] == _MINUS else 1
+                    at += 1
+                while at < end and _ZERO <= body[at] <= _NINE and value < _MOST:
+                    value = value * 10 + (int(body[at]) - _ZERO)
+                    at += 1
+                    digits += 1
+                if digits == 0 and (field == 0 or sign < 0):
+                    return count, line
+                if field == 0:
+                    vertex[count] = sign * value
+                elif field == 1:
+                    texture[count] = sign * value
+                if at < end and body[at] == _SLASH:
+                    at += 1
+                    if field == 2:
+                        return count, line
+                    continue
+                break
+            if at < end and body[at] > _SPACE:
+                return count, line
+            count += 1
+            sizes[line] += 1
+    return count, -1

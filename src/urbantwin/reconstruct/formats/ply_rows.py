@@ -89,7 +89,7 @@ def _cut_short(path: Path, element: Element, rows: int) -> InputError:
     )
 
 
-@numba.njit(cache=False)
+@numba.njit(cache=True)
 def _list_lengths(data, at, lengths, sizes, counts, big):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Fill the lengths of lists; return the number of whole rows and where they end."""
     last = len(data)
@@ -196,7 +196,7 @@ def ascii_tables(path: Path, start: int, elements: list[Element]) -> dict[str, T
     return found
 
 
-@numba.njit(cache=False)
+@numba.njit(cache=True)
 def _ascii_lengths(values, at, lengths, is_list):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Fill the lengths of lists; return the number of whole rows and where they end."""
     for row in range(lengths.shape[0]):

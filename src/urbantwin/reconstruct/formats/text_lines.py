@@ -62,20 +62,24 @@ class TextLines:
         self.data = np.frombuffer(data, np.uint8)
         self.ends = np.flatnonzero(self.data == _NEWLINE)
         self.starts = np.concatenate([[0], self.ends[:-1] + 1]).astype(np.int64)
-        visible = np.flatnonzero(self.data > _SPACE)
-        at = np.searchsorted(visible, self.starts)
-        there = np.append(visible, len(self.data))[at]
         #: Where the first word of each line starts; the line's end where it is empty.
-        self.first = np.minimum(there, self.ends)
+        self.first = self.starts.copy()
+        blank = np.flatnonzero((self.data[self.first] <= _SPACE) & (self.first < self.ends))
+        while len(blank):
+            self.first[blank] += 1
+            at = self.first[blank]
+            blank = blank[(self.data[at] <= _SPACE) & (at < self.ends[blank])]
 
     def word_is(self, word: bytes) -> NDArray[np.bool_]:
         """Return for every line whether its first word is ``word``."""
-        found = np.ones(len(self.first), np.bool_)
         last = len(self.data) - 1
-        for offset, letter in enumerate(word):
-            found &= self.data[np.minimum(self.first + offset, last)] == letter
-        after = self.data[np.minimum(self.first + len(word), last)]
-        return np.asarray(found & (after <= _SPACE))
+        found = self.data[self.first] == word[0]
+        which = np.flatnonzero(found)  # few of the lines: look at the rest of the word there only
+        good = self.data[np.minimum(self.first[which] + len(word), last)] <= _SPACE
+        for offset, letter in enumerate(word[1:], 1):
+            good &= self.data[np.minimum(self.first[which] + offset, last)] == letter
+        found[which] = good
+        return np.asarray(found)
 
     def text(self, line: int) -> str:
         """Return a line as text."""
