@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
@@ -101,7 +101,7 @@ def cleaned(
     removed = [one for one in removed if shapely.intersects_xy(around, *one.at[:2])]
     if spec.chordal_error_m != 0.0 and len(mesh.faces):
         before = len(mesh.faces)
-        fewer = decimated(mesh, places, spec.chordal_error_m)
+        fewer = decimated(mesh, places, spec.chordal_error_m, _apart(mesh))
         mesh = fewer.mesh
         report["decimation"] = {
             "triangles_before": before,
@@ -132,6 +132,13 @@ def _roughly(mesh: TriangleMesh, region: shapely.Polygon) -> TriangleMesh:
     near = (x.max(axis=1) >= west - _MARGIN_M) & (x.min(axis=1) <= east + _MARGIN_M)
     near &= (y.max(axis=1) >= south - _MARGIN_M) & (y.min(axis=1) <= north + _MARGIN_M)
     return mesh if near.all() else selected(mesh, near)
+
+
+def _apart(mesh: TriangleMesh) -> NDArray[np.int64]:
+    """Return numbers (F,) of things whose borders decimation keeps: objects and their classes."""
+    if mesh.semantic is None:
+        return mesh.object.astype(np.int64)
+    return mesh.object.astype(np.int64) * 256 + mesh.semantic
 
 
 def _named(mesh: TriangleMesh, remove: Spots) -> tuple[TriangleMesh, list[Removal]]:

@@ -8,7 +8,7 @@ import fast_simplification
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.reconstruct.cleaning.deviation import Deviation, Surface, deviation
+from urbantwin.reconstruct.cleaning.deviation import Deviation, Surface, deviation, normals_of
 from urbantwin.reconstruct.cleaning.weld import areas_of_faces, selected
 from urbantwin.reconstruct.model import TriangleMesh
 
@@ -171,8 +171,12 @@ def _attributed(
     """Return the new triangles with the colours and names of the old ones under them."""
     colour = None
     if mesh.colour is not None and part.colour is not None:
-        # The mean of the old triangles that lie on a new one, by their areas.
-        area = areas_of_faces(part)
+        # The mean of the old triangles that lie on a new one, by their areas; at an edge only of
+        # those that are of the same thing and face the same way.
+        new_normal = normals_of(points[triangles])[gap.new_of_old]
+        alike = np.einsum("ij,ij->i", normals_of(part.vertices[part.faces]), new_normal) > 0.7
+        alike &= part.object == mesh.object[gap.old_of_new][gap.new_of_old]
+        area = areas_of_faces(part) * alike
         weight = np.bincount(gap.new_of_old, area, len(triangles))
         colour = mesh.colour[gap.old_of_new]
         mean = [

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from urbantwin.reconstruct.cleaning.rays import Rays
 from urbantwin.reconstruct.model import TriangleMesh
 
-__all__ = ["Deviation", "Surface", "deviation", "distances_to_triangles"]
+__all__ = ["Deviation", "Surface", "deviation", "distances_to_triangles", "normals_of"]
 
 #: Triangles that are measured exactly where a ray finds none: nearest by their middles.
 _NEIGHBOURS = 24
@@ -66,7 +66,7 @@ def deviation(
         reach: metres: nearer is near enough for a ray's answer.
     """
     corners = points[triangles]
-    old_normal, new_normal = _normals(part.vertices[part.faces]), _normals(corners)
+    old_normal, new_normal = normals_of(part.vertices[part.faces]), normals_of(corners)
     new = Surface(points, triangles)
     at_vertex = np.zeros(len(part.vertices), np.int64)
     at_vertex[part.faces.ravel()] = np.repeat(np.arange(len(part.faces)), 3)
@@ -136,7 +136,8 @@ class Surface:
         return distance, found
 
 
-def _normals(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+def normals_of(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return unit normals (N, 3) of triangles (N, 3, 3); upwards where one has no area."""
     a, b, c = np.moveaxis(corners, 1, 0)
     (ux, uy, uz), (vx, vy, vz) = (b - a).T, (c - a).T
     cross = np.column_stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
@@ -154,7 +155,7 @@ def distances_to_triangles(
     else the nearest of the three edges.
     """
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    normal = _normals(corners)
+    normal = normals_of(corners)
     best = np.minimum.reduce([_to_segment(points, p, q) for p, q in ((a, b), (b, c), (c, a))])
     side = [
         np.einsum("ij,ij->i", np.cross(q - p, points - p), normal)
