@@ -67,18 +67,37 @@ def edited(**changes) -> bytes:
         (edited(accessors={"type": "MAT4"}), "not of 3 numbers"),
         (edited(bufferViews={"byteLength": 2**33}), "runs to byte"),
         (edited(bufferViews={"byteOffset": "x"}), "not a whole number"),
-        (edited(nodes={"mesh": 3}), "mesh 3"),
-        (edited(nodes={"children": [0]}), "not a tree"),
-        (edited(nodes={"children": [9]}), "node 9"),
+        (edited(nodes={"mesh": 3}), "mesh 3 does not exist"),
         (edited(nodes={"matrix": [1] * 15}), "16 numbers"),
         (edited(nodes={"matrix": [float("nan")] * 16}), "NaN"),
-        (edited(nodes={"rotation": [0, 0, 0, 0]}), "rotation is zero"),
+        (edited(nodes={"rotation": [0, 0, 0, 0]}), "rotation that is zero"),
         (edited(nodes={"scale": [1e300, 1e300, 1e300]}), "without bounds"),
         (edited(scenes={"nodes": "all"}), "not a list"),
     ],
 )
 def test_what_is_wrong_is_told_in_one_line(data, words):
     assert words in told(data)
+
+
+def test_nodes_that_loop_or_are_not_there_leave_the_others():
+    gltf = Gltf()
+    mesh = gltf.mesh(SQUARE, TWO)
+    gltf.scene(
+        {"mesh": mesh, "children": [0, 1, 9]},
+        {"mesh": mesh, "children": [2]},
+        {"children": [1]},
+        {"mesh": mesh, "scale": [1, 2]},
+        {"mesh": mesh},
+    )
+    gltf.document["scenes"] = [{"nodes": [0, 3, 4]}]
+    model = read(gltf.glb())
+    assert len(model.mesh.faces) == 6
+    assert model.problems == (
+        "node 0 is reached twice: nodes are not a tree",
+        "node 1 is reached twice: nodes are not a tree",
+        "node 9 does not exist",
+        "node 3 scale is not a list of 3 numbers",
+    )
 
 
 def test_an_index_beyond_the_vertices_leaves_the_other_mesh():

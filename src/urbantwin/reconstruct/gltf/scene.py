@@ -75,7 +75,7 @@ def read_scene(
     if table(extensions, "CESIUM_RTC"):
         centre = numbers(table(extensions, "CESIUM_RTC"), "center", 3)
     gathered = _Gathered(reader, items(document, "meshes"), feature_names)
-    for placed in placed_meshes(document, reader.accessors):
+    for placed in placed_meshes(document, reader.accessors, gathered.problems):
         gathered.add(placed)
     skipped = {"primitives of lines": gathered.lines} if gathered.lines else {}
     if document.get("skins"):
@@ -161,10 +161,11 @@ class _Gathered:
 
     def _primitives(self, number: int) -> list[Primitive]:
         """Read the primitives of a mesh; one that cannot be read is a line of ``problems``."""
-        if number >= len(self._specs) or not isinstance(self._specs[number], dict):
-            raise MalformedError(f"refers to mesh {number}, which it does not have")
-        spec = self._specs[number]
-        read = []
+        spec = self._specs[number] if number < len(self._specs) else None
+        if not isinstance(spec, dict):
+            self.problems.append(f"mesh {number} does not exist")
+            return []
+        read: list[Primitive] = []
         for k, entry in enumerate(items(spec, "primitives")):
             place = f"mesh {number} ({shown(text(spec, 'name'))}), primitive {k}"
             place = place.replace(" ()", "")

@@ -18,7 +18,7 @@ __all__ = ["Traversal"]
 
 _DEEPEST_NESTING = 64
 _DEEPEST = 512
-_MOST_TILES = 500_000
+_MOST_TILES = 200_000
 
 
 class Traversal:

@@ -24,6 +24,8 @@ _DEADLINE_S = 300.0
 _TRIES = 4
 #: Before the second try; each further pause is four times as long.
 _PAUSE_S = 0.25
+#: Tries in a row without any answer after which a server is given up.
+_PATIENCE = 64
 _CHUNK = 1 << 20
 #: Parts of an address that say who asks, and not what for.
 _PERSONAL = frozenset({"key", "session", "access_token", "token", "sig", "signature"})
@@ -99,6 +101,7 @@ class Web:
         self._key = key
         self._bearer = bearer
         self._cache = cache
+        self._unanswered = 0
         self._home = urlsplit(self.root)
         self._opener = urllib.request.build_opener(_Redirect(self._home.hostname))
 
@@ -163,6 +166,8 @@ class Web:
                 ]
                 query.append(("key", self._key))
                 address = urlunsplit(parts._replace(query=urlencode(query)))
+        if self._unanswered >= _PATIENCE:
+            raise MalformedError("is not asked for: the server has stopped to answer")
         why = "cannot be fetched"
         for attempt in range(_TRIES):
             if attempt:
@@ -170,8 +175,10 @@ class Web:
             try:
                 request = urllib.request.Request(address, headers=headers)
                 with self._opener.open(request, timeout=_TIMEOUT_S) as response:
+                    self._unanswered = 0
                     return _body(response)
             except urllib.error.HTTPError as error:
+                self._unanswered = 0
                 error.close()
                 why = _answer(error.code)
                 if error.code not in (408, 425, 429) and error.code < 500:
@@ -184,6 +191,7 @@ class Web:
             except (urllib.error.URLError, http.client.HTTPException, OSError) as error:
                 reason = getattr(error, "reason", error)
                 why = f"cannot be fetched ({type(reason).__name__})"
+                self._unanswered += 1
         # The address may hold the key: no error of urllib's is passed on.
         raise MalformedError(why)
 
