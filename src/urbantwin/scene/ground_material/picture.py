@@ -24,8 +24,8 @@ COVER_M = 0.25
 #: The coarsest picture in which a line 0.15 m wide can be seen, metres a pixel.
 PAINT_PIXEL_M = 0.25
 #: Less paint than this share of the lane model's means that the picture does not show it (worn,
-#: blurred, older than the marks), more than that multiple that it shows something else.
-LEAST_PAINT, MOST_PAINT = 0.25, 4.0
+#: blurred, older than the marks); more than that share of the road, that it shows something else.
+LEAST_PAINT, MOST_PAINT = 0.25, 0.2
 
 #: Heights (N,) of a level's surface at points (N, 2), and the level of points (N, 3).
 LevelHeight = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
@@ -145,8 +145,10 @@ def _compared(
     why = ""
     if photo.source_cell_m > PAINT_PIXEL_M:
         why = f"pixels of {photo.source_cell_m:.2f} m are too coarse for lane marks"
-    elif model and not LEAST_PAINT <= seen / model <= MOST_PAINT:
-        why = f"it shows {seen / model:.2f} times the lane model's paint"
+    elif model and seen < LEAST_PAINT * model:
+        why = f"it shows {seen / model:.2f} times as much"
+    elif seen > MOST_PAINT * len(points):
+        why = f"{seen / len(points):.0%} of the road looks like paint"
     notes["paint"] = f"of the lane model: {why}" if why else "of the picture where it is clear"
     return not why, notes
 
