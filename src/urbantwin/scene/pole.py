@@ -19,7 +19,7 @@ from urbantwin.scene.placement import (
     left_of_map,
     toward_carriageway,
 )
-from urbantwin.scene.sign_plate import add_plates
+from urbantwin.scene.sign_plate import add_plates, stack_m
 from urbantwin.scene.solids import Assembly, GroundHeight, box, columns
 from urbantwin.scene.tag import length_m_of, yaw_of_direction
 from urbantwin.site.extract import OsmFeature
@@ -29,6 +29,8 @@ __all__ = ["bollards", "pole_mesh"]
 #: Poles stand this far from carriageways and reach this far into the ground, metres.
 KERB_M = 0.4
 BURIED_M = 0.3
+#: People pass below plates (VwV-StVO to section 39: 2.0 m above sidewalks).
+CLEAR_M = 2.0
 #: A pole mapped within a carriageway is moved to its side if that is nearer than this, metres.
 FARTHEST_M = 8.0
 #: Lamps farther than this from any carriageway light a path: no arm, and a lower pole.
@@ -194,7 +196,7 @@ def _add_signs(
 ) -> None:
     """Add signs: plates that face their mapped direction, else along the road beside them."""
     for foot, own, yaw in zip(feet, tags, road, strict=True):
-        height = _heights([own], 2.6, 1.0, 6.0)[0]
+        height = _heights([own], max(2.6, CLEAR_M + stack_m(own)), 1.0, 6.0)[0]
         part = assembly.new_part()
         pole = columns(foot - [0, 0, BURIED_M], height + BURIED_M, 0.035, 0.035)
         assembly.add(pole, "pole", "metal-painted", part)

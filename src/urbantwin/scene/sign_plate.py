@@ -11,11 +11,19 @@ from numpy.typing import NDArray
 from urbantwin.scene.solids import Assembly, Solid, box, sweep
 from urbantwin.scene.tag import count_of
 
-__all__ = ["add_plates"]
+__all__ = ["add_plates", "stack_m"]
 
 #: Sizes of urban streets (VwV-StVO size 2, MUTCD table 2B-1 rounded), metres.
 DISC_M, OCTAGON_M, TRIANGLE_M, BOARD_M = 0.6, 0.75, 0.9, (0.6, 0.35)
-MOST = 4
+HEIGHTS_M = {
+    "disc": DISC_M,
+    "octagon": OCTAGON_M,
+    "up": 0.87 * TRIANGLE_M,
+    "down": 0.87 * TRIANGLE_M,
+    "board": BOARD_M[1],
+}
+MOST, GAP_M = 4, 0.03
+#: No plate hangs lower than this, whatever the mapped height of its post.
 LOWEST_M = 1.5
 
 
@@ -42,13 +50,18 @@ def add_plates(
     ahead = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     for number, said in enumerate(_signs(tags)):
         shape = _shape(said, number)
-        tall = {"disc": DISC_M, "octagon": OCTAGON_M, "up": TRIANGLE_M * 0.87}.get(shape, 0.0)
-        tall = TRIANGLE_M * 0.87 if shape == "down" else tall or BOARD_M[1]
+        tall = HEIGHTS_M[shape]
         if number and top - tall < LOWEST_M:
             return
         middle = foot + [0, 0, top - tall / 2] + off * ahead
         assembly.add(_plate(shape, middle, ahead, yaw), "traffic-sign", "retroreflector", part)
-        top -= tall + 0.03
+        top -= tall + GAP_M
+
+
+def stack_m(tags: Mapping[str, str]) -> float:
+    """Return how high all plates of a node are together, metres."""
+    shapes = [_shape(said, number) for number, said in enumerate(_signs(tags))]
+    return sum(HEIGHTS_M[shape] + GAP_M for shape in shapes)
 
 
 def _signs(tags: Mapping[str, str]) -> list[str]:
@@ -65,7 +78,7 @@ def _shape(said: str, number: int) -> str:
         return "octagon"
     if word in ("give_way", "yield", "205", "r1-2"):
         return "down"
-    if word in ("hazard", "warning") or re.fullmatch(r"1\d\d.*", word):
+    if word in ("hazard", "warning") or re.fullmatch(r"1\d\d(\D.*)?", word):
         return "up"  # Vienna Convention numbering of DE, FI, AT and others: 1xx are warnings
     if word in ("city_limit", "maxspeed", "overtaking"):
         return "board" if word == "city_limit" else "disc"

@@ -32,6 +32,7 @@ BURIED_M = 0.4
 LOWEST_ROOM_M = 3.8
 #: Roofs over covered ways: clear height, thickness, distance of posts, metres.
 ROOF_M, ROOF_THICK_M, ROOF_POST_M = 2.7, 0.15, 4.0
+ROOF_OFF_M = 0.5
 FINE_M = 2.0
 
 
@@ -83,11 +84,13 @@ def bridge_mesh(
         for shape in plain_polygons(plan.simplify(0.02), smallest_m2=0.3):
             _add_slab(assembly, deck, shape, ground_height, part)
         done = shapely.union_all([done, shapely.buffer(plan, 0.005)])
-        _add_railings(assembly, deck, decks, place, ground_height, part)
+        clear = shapely.difference(place, in_the_way.buffer(0.1))
+        _add_railings(assembly, deck, decks, clear, ground_height, part)
         if not deck.is_ramp:
             notes["piers"] += _add_piers(assembly, deck, place, blocked, ground_height, part)
         notes["ramps" if deck.is_ramp else "decks"] += 1
-    notes["covered ways"] = _add_roofs(assembly, features, place, blocked, ground_height)
+    open_air = shapely.difference(place, carriageway.buffer(ROOF_OFF_M))
+    notes["covered ways"] = _add_roofs(assembly, features, open_air, blocked, ground_height)
     return assembly.mesh(), dict(sorted((k, n) for k, n in notes.items() if n))
 
 
@@ -257,16 +260,21 @@ def _add_roofs(
         open_air = shapely.difference(shapely.intersection(line, place), houses.buffer(0.3))
         for piece in shapely.get_parts(open_air):
             if isinstance(piece, LineString) and piece.length > 2.0:
-                _add_roof(assembly, piece, blocked, ground_height)
+                _add_roof(assembly, piece, place, blocked, ground_height)
                 count += 1
     return count
 
 
 def _add_roof(
-    assembly: Assembly, line: LineString, blocked: Geometry, ground_height: GroundHeight
+    assembly: Assembly,
+    line: LineString,
+    place: Geometry,
+    blocked: Geometry,
+    ground_height: GroundHeight,
 ) -> None:
     part = assembly.new_part()
-    for shape in plain_polygons(line.buffer(1.5, cap_style="flat", join_style="mitre")):
+    cover = line.buffer(1.5, cap_style="flat", join_style="mitre").intersection(place)
+    for shape in plain_polygons(cover):
         fine = shapely.segmentize(shape, FINE_M)
         xy, _, _ = plan_of(fine)
         under = grounded(xy, ground_height(xy))[:, 2] + ROOF_M
