@@ -44,6 +44,7 @@ def face_corners(
 def _scan(body, starts, ends, vertex, texture, sizes):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Fill the numbers; return how many corners there are, and the first wrong line or -1."""
     count = 0
+    numbers = np.zeros(3, np.int64)
     for line in range(len(starts)):
         at, end = starts[line], ends[line]
         while True:
@@ -51,29 +52,32 @@ def _scan(body, starts, ends, vertex, texture, sizes):  # type: ignore[no-untype
                 at += 1
             if at >= end:
                 break
-            for field in range(3):
-                sign, value, digits = 1, 0, 0
-                if at < end and (body[at] == _MINUS or body[at] == _PLUS):
-                    sign = -1 if body[at] == _MINUS else 1
-                    at += 1
-                while at < end and _ZERO <= body[at] <= _NINE and value < _MOST:
-                    value = value * 10 + (int(body[at]) - _ZERO)
-                    at += 1
-                    digits += 1
-                if digits == 0 and (field == 0 or sign < 0):
-                    return count, line
-                if field == 0:
-                    vertex[count] = sign * value
-                elif field == 1:
-                    texture[count] = sign * value
-                if at < end and body[at] == _SLASH:
-                    at += 1
-                    if field == 2:
-                        return count, line
-                    continue
-                break
-            if at < end and body[at] > _SPACE:
+            at = _corner(body, at, end, numbers)
+            if at < 0:
                 return count, line
+            vertex[count], texture[count] = numbers[0], numbers[1]
             count += 1
             sizes[line] += 1
     return count, -1
+
+
+@numba.njit(cache=True)
+def _corner(body, at, end, numbers):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Fill the numbers of a corner, 0 for none; return where it ends, -1 where it is none."""
+    numbers[:] = 0
+    for field in range(3):
+        sign = 1
+        if at < end and (body[at] == _MINUS or body[at] == _PLUS):
+            sign = -1 if body[at] == _MINUS else 1
+            at += 1
+        first = at
+        while at < end and _ZERO <= body[at] <= _NINE and numbers[field] < _MOST:
+            numbers[field] = numbers[field] * 10 + (int(body[at]) - _ZERO)
+            at += 1
+        if at == first and (field == 0 or sign < 0):
+            return -1
+        numbers[field] *= sign
+        if at >= end or body[at] != _SLASH:
+            break
+        at += 1
+    return at if at >= end or body[at] <= _SPACE else -1

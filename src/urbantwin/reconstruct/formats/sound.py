@@ -20,7 +20,7 @@ __all__ = [
 ]
 
 #: More of them do not fit into memory beside the rest (2 GB).
-MOST_TRIANGLES = 20_000_000
+MOST_TRIANGLES = 12_000_000
 MOST_POINTS = 40_000_000
 
 
@@ -61,7 +61,7 @@ def sound_points(points: NDArray[np.float64], path: Path, what: str = "vertex") 
 
 
 def sound_faces(
-    faces: NDArray[np.int64], vertices: int, path: Path
+    faces: NDArray[np.int64] | NDArray[np.int32], vertices: int, path: Path
 ) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
     """Return faces as int32 without those that use a vertex twice, and which (F,) were kept.
 

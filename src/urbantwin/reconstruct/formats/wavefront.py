@@ -41,8 +41,8 @@ class _Gathered:
     vertices: list[NDArray[np.float64]] = field(default_factory=list)
     colours: list[NDArray[np.float64]] = field(default_factory=list)
     texture: list[NDArray[np.float64]] = field(default_factory=list)
-    corners: list[NDArray[np.int64]] = field(default_factory=list)
-    corner_texture: list[NDArray[np.int64]] = field(default_factory=list)
+    corners: list[NDArray[np.int32]] = field(default_factory=list)
+    corner_texture: list[NDArray[np.int32]] = field(default_factory=list)
     sizes: list[NDArray[np.int64]] = field(default_factory=list)
     objects: list[NDArray[np.int64]] = field(default_factory=list)
     known: dict[State, int] = field(default_factory=dict)
@@ -76,7 +76,7 @@ def read_obj(path: Path) -> ImportedModel:
             raise InputError("holds no face and no vertex", file=path, expected="an OBJ model")
         cloud = PointCloud(vertices, painted)
         return ImportedModel(cloud=cloud, notes={"points": len(vertices)}, files=files)
-    corners, face, uv = _triangles(vertices, found)
+    corners, face, texture = _triangles(vertices, found)
     faces, kept = sound_faces(corners, len(vertices), path)
     if not len(faces):
         raise InputError("holds no triangle", file=path, expected="an OBJ model")
@@ -84,7 +84,7 @@ def read_obj(path: Path) -> ImportedModel:
     states = tuple(found.known)
     problems: list[str] = []
     library, more = _library(found, problems)
-    colour = _material_colours(path, states, library, problems, number, uv[kept])
+    colour = _material_colours(found, states, library, problems, number, texture[kept])
     if painted is not None and not any(m.picture for m in library.values()):
         colour = painted[faces].mean(axis=1).round().astype(np.uint8)
     names = tuple(" / ".join(dict.fromkeys(part for part in s if part)) for s in states)
@@ -128,9 +128,9 @@ def _take(lines: TextLines, before: int, found: _Gathered) -> None:
     line = np.repeat(face_lines, sizes)
     seen = earlier + np.cumsum(is_vertex)[line]
     seen_texture = earlier_texture + np.cumsum(is_texture)[line]
-    found.corners.append(np.where(corner < 0, seen + corner, corner - 1))
+    found.corners.append(_fitting(np.where(corner < 0, seen + corner, corner - 1)))
     relative = np.where(texture < 0, seen_texture + texture, texture - 1)
-    found.corner_texture.append(np.where(texture == 0, -1, relative))
+    found.corner_texture.append(_fitting(np.where(texture == 0, -1, relative)))
     found.sizes.append(sizes)
     found.triangle_count += int((sizes - 2).sum())
     count_within(found.triangle_count, MOST_TRIANGLES, "triangles", found.path)
@@ -191,24 +191,22 @@ def _change(text: str, found: _Gathered) -> None:
 
 def _triangles(
     vertices: NDArray[np.float64], found: _Gathered
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-    """Return triangles (F, 3), the face (F,) of each, and its texture coordinates (F, 3, 2)."""
+) -> tuple[NDArray[np.int32], NDArray[np.int64], NDArray[np.int32]]:
+    """Return triangles (F, 3), the face (F,) of each, and numbers of texture coordinates (F, 3)."""
     corner = np.concatenate(found.corners)
+    texture = np.concatenate(found.corner_texture)
     sizes = np.concatenate(found.sizes)
-    face = np.repeat(np.arange(len(sizes)), sizes)
     if (sizes == 3).all():
-        index = np.arange(len(corner)).reshape(-1, 3)
-        owner = np.arange(len(sizes))
-    else:
-        inside = np.clip(corner, 0, len(vertices) - 1)
-        index, owner = cut_polygons(vertices[inside], face, np.arange(len(sizes)))
-    texture = np.concatenate(found.corner_texture)[index]
-    uv = np.full((*index.shape, 2), np.nan)
-    if found.texture:
-        table = np.concatenate(found.texture)
-        named = (texture >= 0) & (texture < len(table))
-        uv[named] = table[texture[named]]
-    return corner[index], owner, uv
+        return corner.reshape(-1, 3), np.arange(len(sizes)), texture.reshape(-1, 3)
+    face = np.repeat(np.arange(len(sizes)), sizes)
+    inside = np.clip(corner, 0, len(vertices) - 1)
+    index, owner = cut_polygons(vertices[inside], face, np.arange(len(sizes)))
+    return corner[index], owner, texture[index]
+
+
+def _fitting(numbers: NDArray[np.int64]) -> NDArray[np.int32]:
+    """Return numbers as int32; what does not fit names nothing that is there."""
+    return np.clip(numbers, -1, np.iinfo(np.int32).max).astype(np.int32)
 
 
 def _library(
@@ -228,12 +226,12 @@ def _library(
 
 
 def _material_colours(
-    path: Path,
+    found: _Gathered,
     states: Sequence[State],
     library: dict[str, MtlMaterial],
     problems: list[str],
     number: NDArray[np.int64],
-    uv: NDArray[np.float64],
+    texture: NDArray[np.int32],
 ) -> NDArray[np.uint8] | None:
     """Return colours (F, 3) by material, ``None`` where no material has any."""
     materials = [library.get(state[2], MtlMaterial()) for state in states]
@@ -241,16 +239,17 @@ def _material_colours(
         return None
     plain = np.array([[_GREY] * 3 if m.colour is None else m.colour for m in materials])
     colour = plain.astype(np.uint8)[number]
-    named = ~np.isnan(uv).any(axis=(1, 2))
+    table = np.concatenate(found.texture) if found.texture else np.zeros((0, 2))
+    named = ((texture >= 0) & (texture < len(table))).all(axis=1)
     for name in dict.fromkeys(m.picture for m in materials if m.picture):
-        file = beside(path.parent, name)
+        file = beside(found.path.parent, name)
         picture = None if file is None else picture_of(file)
         if picture is None:
             wrong = "is not beside it" if file is None else "cannot be read"
-            problems.append(f"{path.name}: its picture {name} {wrong}; plain colours instead")
+            problems.append(f"{found.path.name}: its picture {name} {wrong}; plain colours instead")
             continue
         own = np.array([m.picture == name for m in materials])[number] & named
-        colour[own] = texture_colours(uv[own], picture)
+        colour[own] = texture_colours(table[texture[own]], picture)
     return colour
 
 
