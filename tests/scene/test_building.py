@@ -171,6 +171,20 @@ def test_a_mapped_passage_is_open_and_the_building_goes_on_above_it():
     assert uneven_edges(mesh) == 0
 
 
+def test_an_arcade_is_open_to_its_street_between_columns():
+    mesh, _ = build(
+        feature(box(0, 0, 30, 12), building="yes", height="15"),
+        feature(LineString([(-1, 1.2), (31, 1.2)]), 2, highway="footway", covered="arcade"),
+    )
+    # Along it nothing; into it, some rays meet a column, most the wall behind.
+    assert crossings(mesh, (-5, 1.3, 1.5), (35, 1.3, 1.5)) == 0
+    hits = [crossings(mesh, (x, -5, 1.5), (x, 2.0, 1.5)) for x in np.arange(0.05, 30, 0.1)]
+    assert set(hits) == {0, 2}
+    assert 0.05 < np.mean(np.array(hits) == 2) < 0.25
+    assert crossings(mesh, (14, -5, 4), (14, 2, 4)) == 1
+    assert uneven_edges(mesh) == 0
+
+
 def test_a_carriageway_is_cut_out_where_no_passage_is_mapped():
     road = box(-50, 8, 50, 14)
     mesh, notes = build(feature(box(0, 0, 30, 10), building="yes", height="15"), road=road)
@@ -253,9 +267,11 @@ def test_real_passages_are_open(shared_data):
             assert crossings(mesh, (*start, 2.0), (*end, 2.0)) == 0, passage.id
 
 
-@pytest.mark.parametrize(("name", "fewest"), [("taipei", 15), ("neukolln", 20)])
-def test_real_buildings_are_closed_and_as_high_as_mapped(shared_data, name, fewest):
-    features, region = real_features(shared_data, name, 150)
+@pytest.mark.parametrize(
+    ("name", "radius", "fewest"), [("taipei", 150, 15), ("neukolln", 150, 20), ("munich", 300, 40)]
+)
+def test_real_buildings_are_closed_and_as_high_as_mapped(shared_data, name, radius, fewest):
+    features, region = real_features(shared_data, name, radius)
     mesh, notes = build(*features, region=region, ground=tilted)
     assert notes["buildings"] > 50
     assert uneven_edges(mesh) == 0

@@ -15,7 +15,7 @@ from urbantwin.geometry.manifold import is_closed
 from urbantwin.scene.body import Body, clean_polygons
 from urbantwin.scene.building_outline import building_footprints, mapped_buildings
 from urbantwin.scene.building_volume import Volume, building_volumes
-from urbantwin.scene.canopy import canopy_posts
+from urbantwin.scene.canopy import arcade_columns, canopy_posts
 from urbantwin.scene.facade import Front, facade_openings, mapped_doors, mapped_shops
 from urbantwin.scene.face import DOOR, GLASS, ROOF
 from urbantwin.scene.passage import (
@@ -91,9 +91,19 @@ def building_mesh(
         volumes = building_volumes(building, notes)
         near = [passages[k] for k in sorted(passage_tree.query(plan).tolist())]
         openings = _openings(plan, near, carriageway, ground_height, datum, notes)
-        found = _place(volumes, openings, carriageway, datum)
+        try:
+            found = _place(volumes, openings, carriageway, datum)
+        except shapely.GEOSException:  # a plan that cannot be divided: without its slopes it can
+            notes["roofs drawn level: their plan could not be divided"] += 1
+            found = _place([_level(volume) for volume in volumes], openings, carriageway, datum)
         if found is None:
             continue
+        for passage, opening in zip(_crossing(near, plan), openings, strict=False):
+            if passage.has_columns:
+                top = datum + opening.ceiling + 0.05
+                found.posts.extend(
+                    arcade_columns(plan, passage.corridor, datum - FOUNDATION_M, top)
+                )
         placed.append(found)
         fronts.append(Front(building, found.volumes, found.plan.walls, plan, datum))
     windows = facade_openings(
@@ -109,8 +119,7 @@ def building_mesh(
         surface = found.plan.build(holes)
         if not is_closed(surface.solid.faces):
             notes["roofs drawn level: their surface does not close"] += 1
-            level = [replace(body, roof=()) for body in found.plan.bodies]
-            surface = ShellPlan(level).build()
+            surface = ShellPlan([replace(body, roof=()) for body in found.plan.bodies]).build()
         _add(assembly, found, surface)
     notes["buildings"] = assembly.parts
     return assembly.mesh(), {k: n for k, n in sorted(notes.items()) if n or k == "buildings"}
@@ -158,7 +167,7 @@ def _openings(
         height = height[np.isfinite(height)]
         return float(max(height.max() - datum, 0.0) if len(height) else 0.0) + clearance
 
-    crossing = [p for p in passages if p.line.intersection(plan).length > 0.5]
+    crossing = _crossing(passages, plan)
     openings = [Opening(p.corridor, ceiling(p.corridor, p.clearance_m), 0.0) for p in crossing]
     notes["passages through buildings"] += len(openings)
     if not carriageway.intersects(plan):
@@ -173,6 +182,11 @@ def _openings(
         openings.append(Opening(grown, clear if covered else np.inf, clear))
         notes["carriageways cut out of buildings"] += not covered
     return openings
+
+
+def _crossing(passages: Sequence[Passage], plan: Geometry) -> list[Passage]:
+    """Return the passages that run through a building."""
+    return [p for p in passages if p.line.intersection(plan).length > 0.5]
 
 
 def _place(
@@ -194,6 +208,10 @@ def _place(
         bodies += [_founded(piece, datum) for piece in opened]
         owners += [volume] * len(opened)
     return _Placed(ShellPlan(bodies), owners, posts) if bodies else None
+
+
+def _level(volume: Volume) -> Volume:
+    return replace(volume, body=replace(volume.body, roof=()))
 
 
 def _add(assembly: Assembly, building: _Placed, surface: Shell) -> None:

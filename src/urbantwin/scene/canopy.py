@@ -1,19 +1,23 @@
-"""Posts of roofs without walls: carports, canopies, petrol stations."""
+"""What carries roofs without walls (carports, canopies, petrol stations) and arcades."""
 
 from __future__ import annotations
 
 import numpy as np
 import shapely
-from shapely import Geometry
+from shapely import Geometry, LineString, Polygon
 
 from urbantwin.scene.body import Body
 from urbantwin.scene.solids import Solid, box
 
-__all__ = ["canopy_posts"]
+__all__ = ["arcade_columns", "canopy_posts"]
 
 POST_M = 0.25
 INSET_M = 0.4
 SPACING_M = 8.0
+#: Columns of arcades: side, distance, and how far they stand within the outline, metres.
+COLUMN_M, BAY_M, EDGE_M = 0.45, 4.0, 0.3
+#: Shorter openings than this, metres, are an arcade's ends.
+OPEN_SIDE_M = 6.0
 
 
 def canopy_posts(
@@ -43,3 +47,26 @@ def canopy_posts(
     centre = np.column_stack([spots, np.full(len(spots), (low + high) / 2)])
     size = np.broadcast_to([POST_M, POST_M, high - low], centre.shape)
     return [box(centre, size)]
+
+
+def arcade_columns(plan: Geometry, corridor: Polygon, low: float, high: float) -> list[Solid]:
+    """Return the columns along the open side of an arcade.
+
+    Args:
+        plan: the building's footprint.
+        corridor: the ground that the arcade takes.
+        low: height of the columns' feet, metres.
+        high: height of the ceiling.
+    """
+    inside = shapely.buffer(plan, -EDGE_M, join_style="mitre")
+    sides = shapely.line_merge(shapely.intersection(inside.boundary, corridor.buffer(EDGE_M)))
+    spots = [
+        shapely.get_coordinates(shapely.segmentize(side, BAY_M))
+        for side in shapely.get_parts(sides)
+        if isinstance(side, LineString) and side.length >= OPEN_SIDE_M
+    ]
+    if not spots or high <= low:
+        return []
+    xy = np.concatenate(spots)
+    centre = np.column_stack([xy, np.full(len(xy), (low + high) / 2)])
+    return [box(centre, np.broadcast_to([COLUMN_M, COLUMN_M, high - low], centre.shape))]

@@ -29,16 +29,27 @@ WIDTH_M = {
 WIDER_M = 7.0
 #: A body whose underside is lower than this above its building's ground stands on the ground.
 RAISED_M = 2.0
+#: Values of ``covered`` under buildings; those with columns along their open side.
+ARCADES = ("arcade", "colonnade")
+COVERED = ("yes", *ARCADES)
 PATHS = ("footway", "path", "cycleway", "steps", "corridor", "pedestrian")
 
 
 @dataclass(frozen=True)
 class Passage:
-    """A mapped way through buildings: its line, the ground it takes, and its clear height."""
+    """A mapped way through buildings.
+
+    Attributes:
+        line: its middle.
+        corridor: the ground that it takes.
+        clearance_m: its clear height.
+        has_columns: whether columns stand along its open side: an arcade or a colonnade.
+    """
 
     line: LineString
     corridor: Polygon
     clearance_m: float
+    has_columns: bool = False
 
 
 @dataclass(frozen=True)
@@ -61,10 +72,7 @@ def passages_of(features: Iterable[OsmFeature]) -> list[Passage]:
     found = []
     for feature in features:
         tags = feature.tags
-        covered = tags.get("tunnel") == "building_passage" or tags.get("covered") in (
-            "yes",
-            "arcade",
-        )
+        covered = tags.get("tunnel") == "building_passage" or tags.get("covered") in COVERED
         if not covered or "highway" not in tags or not isinstance(feature.geometry, LineString):
             continue
         kind = tags["highway"]
@@ -73,7 +81,8 @@ def passages_of(features: Iterable[OsmFeature]) -> list[Passage]:
         if corridor.is_empty:
             continue
         clearance = PATH_CLEARANCE_M if kind in PATHS else ROAD_CLEARANCE_M
-        found.append(Passage(feature.geometry, corridor, clearance))
+        has_columns = tags.get("covered") in ARCADES or tags.get("arcade:type") is not None
+        found.append(Passage(feature.geometry, corridor, clearance, has_columns))
     return found
 
 

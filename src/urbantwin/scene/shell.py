@@ -18,6 +18,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import LineString, Polygon
 
+from urbantwin.geometry import area_intersection
 from urbantwin.geometry.manifold import is_closed
 from urbantwin.scene.body import Body, rings_of, triangulate
 from urbantwin.scene.facade.wall import Opening, Wall, WallMesh, wall_mesh
@@ -193,14 +194,14 @@ class ShellPlan:
                 continue
             if not outlines[i].intersects(outlines[j]):
                 continue
-            both = outlines[i].intersection(outlines[j])
+            both = area_intersection(outlines[i], outlines[j])
             if both.area < 0.01:
                 continue
             for first, first_area in self._surfaces(i):
                 for second, second_area in self._surfaces(j):
                     if first[1] < 0 and second[1] < 0:
                         continue
-                    area = both.intersection(first_area).intersection(second_area)
+                    area = area_intersection(area_intersection(both, first_area), second_area)
                     if area.area > 0.01:
                         yield from self._crossing(first, second, area)
 
@@ -273,6 +274,8 @@ class ShellPlan:
             surfaces = {s for n in cells_here for layer in self._layers[n] for s in layer}
             if all(surface[1] < 0 for surface in surfaces):
                 continue
+            if len(self.bodies) == 1 and self._meet(p, q, surfaces):
+                continue
             ends = np.array([self._place[p], self._place[q]])
             shares = self._crossings(ends, sorted(surfaces), (0.0, 1.0), SPLITS)
             if shares:
@@ -281,6 +284,17 @@ class ShellPlan:
         if not new:
             return rings
         return [[_with_corners(ring, new) for ring in cell] for cell in rings]
+
+    def _meet(self, p: int, q: int, surfaces: set[Surface]) -> bool:
+        """Tell whether the facets beside an edge of one roof meet in it, as they do."""
+        facets = [self._facets[k][number].plane for k, number in surfaces if number >= 0]
+        if len(facets) == 1:
+            return True
+        for x, y in (self._place[p], self._place[q]):
+            heights = [a * x + b * y + c for a, b, c in facets]
+            if max(heights) - min(heights) > SAME_HEIGHT_M:
+                return False
+        return True
 
     def _crossings(
         self,

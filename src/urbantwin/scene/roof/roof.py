@@ -60,7 +60,11 @@ def roof_facets(
     """
     if shape == "flat" or rise_m < 0.05:
         return []
-    unit = _unit_facets(shape, footprint, tags, rise_m, notes)
+    try:
+        unit = _unit_facets(shape, footprint, tags, rise_m, notes)
+    except shapely.GEOSException:  # an outline that cannot be cut
+        notes[f"{shape} roof built level over a difficult outline"] += 1
+        return []
     return [facet.placed(rise_m, 0.0) for facet in unit]
 
 
@@ -85,7 +89,7 @@ def _unit_facets(
             if shape == "round":
                 bend["round"] = _arc(_narrow(footprint) / 2, rise_m)
             return profiled(facets, bend.get(shape, LEVEL))
-        notes[f"{shape} roof built as gabled over a difficult outline"] += 1
+        notes[f"{shape} roof built with one ridge over a difficult outline"] += 1
         shape = "gabled"
     return _along_ridge(shape, footprint, axes_of(footprint, yaw), rise_m)
 

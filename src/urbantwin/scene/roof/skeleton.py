@@ -27,6 +27,8 @@ __all__ = ["MOST_EDGES", "gable_ends", "skeleton_facets"]
 MOST_EDGES = 48
 #: The facets must cover the outline but for this share of it.
 UNCOVERED = 2e-3
+#: and may overlap on this share of it.
+OVERLAPPING = 0.03
 
 POLYGON = int(shapely.GeometryType.POLYGON)
 
@@ -116,7 +118,8 @@ def _envelope(outline: Polygon, raised: Mapping[int, float]) -> list[Facet] | No
         lower = shapely.intersection(
             slabs[others], half_planes(planes[k] - planes[others], reach, centre)
         )
-        lower = lower[shapely.get_type_id(lower) == POLYGON]
+        shapely.prepare(area)
+        lower = lower[(shapely.get_type_id(lower) == POLYGON) & shapely.intersects(area, lower)]
         if len(lower) and not area.is_empty:
             # Snapped to a hundredth of a millimetre: no slits remain where planes meet.
             area = shapely.difference(area, shapely.union_all(lower), grid_size=1e-5)
@@ -162,8 +165,13 @@ def gable_ends(outline: Polygon, facets: list[Facet]) -> dict[int, float]:
 
 
 def _covering(facets: list[Facet], outline: Polygon) -> list[Facet] | None:
-    covered = sum(facet.area.area for facet in facets)
-    return facets if abs(covered - outline.area) <= UNCOVERED * outline.area else None
+    """Return facets if they cover the outline; where two are nearly one, they may overlap."""
+    total = sum(facet.area.area for facet in facets)
+    if abs(total - outline.area) <= UNCOVERED * outline.area:
+        return facets
+    covered = shapely.union_all([facet.area for facet in facets], grid_size=1e-4).area
+    spread = total - outline.area <= OVERLAPPING * outline.area
+    return facets if spread and outline.area - covered <= UNCOVERED * outline.area else None
 
 
 def _convex(corners: Points, planes: Points, rising: NDArray[np.int64]) -> list[Facet]:
