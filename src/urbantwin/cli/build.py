@@ -30,7 +30,7 @@ def build(
     from urbantwin.cli.summary import summary
 
     console = Console(quiet=quiet, as_json=as_json)
-    twin = build_stage(site_with_known_sensors(site), out, console)
+    twin = build_stage(site_with_known_sensors(site), out, console, pictures=pictures)
     if pictures:
         twin_pictures_stage(twin, console)
     console.result(summary(out))

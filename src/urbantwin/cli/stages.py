@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from urbantwin.geometry import LabelledMesh
     from urbantwin.lidar import Rig
+    from urbantwin.reconstruct import Reconstruction
     from urbantwin.site import RigSpec, Site
     from urbantwin.traffic import Motion
     from urbantwin.twin import Twin
@@ -78,20 +79,26 @@ def site_with_known_sensors(path: Path) -> Site:
     return site
 
 
-def build_stage(site: Site, out: Path, console: Console) -> Twin:
-    """Build a twin that the site's own rig stands in."""
+def build_stage(site: Site, out: Path, console: Console, *, pictures: bool = True) -> Twin:
+    """Build a twin that the site's own rig stands in; draw how its geometry was cleaned."""
     from urbantwin.twin import build_twin, load_twin
 
+    found: list[Reconstruction] = []
     with (
         new_folder(out.parent),
         replaced_folder(out, kind="twin") as scratch,
         console.stage("twin") as progress,
     ):
-        twin = build_twin(site, scratch / "twin", progress)
+        twin = build_twin(site, scratch / "twin", progress, watch=found.append)
         placed_rig(site.rig, twin.mesh, file=site.rig_file, field=_rig_field(site))
         for entry in sorted((scratch / "twin").iterdir()):
             entry.replace(scratch / entry.name)
         (scratch / "twin").rmdir()
+        if pictures and found:
+            from urbantwin.view.geometry_pictures import pictures_of_geometry
+
+            sources = list(dict.fromkeys(item["attribution"] for item in site.inputs()))
+            pictures_of_geometry(found[0], scratch / "pictures", attribution=sources)
     return load_twin(out)
 
 
@@ -160,7 +167,7 @@ def whole_line(
 ) -> dict[str, Any]:
     """Go from a site to a dataset with pictures, and say where everything is."""
     with new_folder(out):
-        twin = build_stage(site, out / "twin", console)
+        twin = build_stage(site, out / "twin", console, pictures=pictures)
         motion = traffic_stage(twin, out / "motion", console, seconds=None, seed=None)
         record_stage(twin, motion, None, out / "dataset", console, workers=workers)
         drawn: list[Path] = []

@@ -12,34 +12,46 @@ import yaml
 from urbantwin import __version__
 from urbantwin.artefact import replaced_folder, sha256_of, write_json
 from urbantwin.errors import InputError
-from urbantwin.ground import Elevation
+from urbantwin.reconstruct import Reconstruction, outcome
 from urbantwin.roads import build_roads, driving_side
 from urbantwin.roads.imported import ImportedMap, build_imported_roads, prepared_map, read_map
 from urbantwin.roads.signals import heads_of
 from urbantwin.scene import build_scene
-from urbantwin.scene.ground_material import surface_materials
+from urbantwin.scene.ground_material import ground_materials
 from urbantwin.site import (
     Extract,
     OsmFeature,
     Site,
     check_extract,
     read_extract,
-    read_heights,
+    read_orthophoto,
 )
+from urbantwin.twin.ground import surveyed
 from urbantwin.twin.twin import Twin, load_twin
 
 __all__ = ["build_twin"]
 
+#: Pictures of the ground are read this far beyond the region, metres.
+PICTURE_MARGIN_M = 25.0
+
 Progress = Callable[[float, str], None]
 
 
-def build_twin(site: Site, out: Path, progress: Progress | None = None) -> Twin:
+def build_twin(
+    site: Site,
+    out: Path,
+    progress: Progress | None = None,
+    *,
+    watch: Callable[[Reconstruction], None] | None = None,
+) -> Twin:
     """Build a site's twin and write it to a folder, whole or not at all.
 
     Args:
         site: the checked site.
         out: the folder to write; an older twin there is replaced.
         progress: told the share done (0..1) and what is being done.
+        watch: given what the sources of geometry gave, for pictures of how they were placed and
+            cleaned.
 
     Raises:
         InputError: the map, the DEM or the region cannot be used.
@@ -51,25 +63,33 @@ def build_twin(site: Site, out: Path, progress: Progress | None = None) -> Twin:
     imported = read_map(site.roads.path, site.frame, site.anchor_m) if site.roads else None
     features = _features(site, extract)
     side = _driving_side(site, imported)
+    around = site.region.buffer(PICTURE_MARGIN_M)
+    photo = read_orthophoto(site.imagery, site.frame, around) if site.imagery else None
     with replaced_folder(out, kind="twin") as folder:
         tell(0.1, "ground")
-        elevation, ground_notes = _elevation(site)
+        ground = surveyed(
+            site,
+            features,
+            imported.model if imported else None,
+            lambda share, text: tell(0.1 + 0.2 * share, text),
+        )
+        elevation, ground_notes, found = ground.elevation, ground.notes, ground.reconstruction
         net = folder / "network.net.xml"
         if imported:
             prepared = prepared_map(
                 imported,
                 site.region,
-                elevation if site.dem else None,
+                elevation if ground.is_known else None,
                 closed_loop=site.closed_loop,
             )
             elevation = prepared.elevation
-            if site.dem is None and not elevation.is_flat:
+            if not ground.is_known and not elevation.is_flat:
                 ground_notes = {"source": "no DEM: the heights of the map's roads, joined up"}
-            tell(0.2, "roads")
+            tell(0.3, "roads")
             roads = build_imported_roads(prepared, site.frame, out=net, plans=site.signals)
         else:
             assert extract is not None
-            tell(0.2, "roads")
+            tell(0.3, "roads")
             roads = build_roads(
                 extract,
                 site.frame,
@@ -85,11 +105,30 @@ def build_twin(site: Site, out: Path, progress: Progress | None = None) -> Twin:
         roads.network.save(folder / "roads.json")
         tell(0.4, "scene")
         heads = heads_of(roads.model)
-        scene = build_scene(roads.network, roads.surface, elevation, site.region, features, heads)
+        scene = build_scene(
+            roads.network,
+            roads.surface,
+            elevation,
+            site.region,
+            features,
+            heads,
+            found,
+        )
         scene.mesh.save(folder / "scene.npz")
         tell(0.85, "materials")
-        surface = surface_materials(roads.model, roads.network, site.region, roads.surface.height)
-        surface.save(folder / "surface_material.npz")
+        material = ground_materials(
+            roads.model,
+            roads.network,
+            site.region,
+            roads.surface.height,
+            mesh=scene.mesh,
+            photo=photo,
+        )
+        material.surface.save(folder / "surface_material.npz")
+        if found is not None:
+            write_json(folder / "geometry.json", found.report)
+            if watch is not None:
+                watch(found)
         tell(0.9, "writing")
         resolved = site.resolved()
         _write_yaml(folder / "site.yaml", {**resolved, "rig": "rig.yaml"})
@@ -108,7 +147,13 @@ def build_twin(site: Site, out: Path, progress: Progress | None = None) -> Twin:
                 "driving_side": side,
                 "region_m": np.round(shapely.get_coordinates(site.region), 4).tolist(),
                 "inputs": site.inputs(),
-                "notes": {"ground": ground_notes, "roads": roads.notes, **scene.notes},
+                "notes": {
+                    "ground": ground_notes,
+                    "roads": roads.notes,
+                    **({"geometry": outcome(found.report)} if found else {}),
+                    **scene.notes,
+                    "materials": material.notes,
+                },
                 "files": {
                     path.name: sha256_of(path)
                     for path in sorted(folder.iterdir())
@@ -158,19 +203,6 @@ def _driving_side(site: Site, imported: ImportedMap | None) -> str:
             expected="auto",
         )
     return mapped
-
-
-def _elevation(site: Site) -> tuple[Elevation, dict[str, object]]:
-    if site.dem is None:
-        return Elevation.flat(), {"source": "no DEM: a level plain"}
-    grid = read_heights(site.dem.path, site.frame, site.region)
-    notes: dict[str, object] = {
-        "source": site.dem.path.name,
-        "anchor_height_m": round(grid.anchor_height_m, 3),
-        "missing_share": round(grid.missing_share, 4),
-        "cell_m": round(grid.source_step_m, 3),
-    }
-    return Elevation(grid.x0, grid.y0, grid.step_m, grid.heights, grid.source_step_m), notes
 
 
 def _write_yaml(path: Path, value: object) -> None:
