@@ -20,7 +20,16 @@ def plain_polygons(shape: shapely.Geometry, *, smallest_m2: float = 0.05) -> lis
     smooth = shapely.remove_repeated_points(shapely.force_2d(shape), 0.01)
     snapped = shapely.set_precision(shapely.make_valid(smooth), GRID_M)
     pieces = shapely.get_parts(shapely.get_parts(snapped))
-    return [p for p in pieces if isinstance(p, Polygon) and p.area >= smallest_m2]
+    whole = [p for p in pieces if isinstance(p, Polygon) and p.area >= smallest_m2]
+    # Where rings touch, a wall's upright edge would have four faces: they are drawn apart.
+    apart = [p if not p.interiors or p.boundary.is_simple else _shrunk(p) for p in whole]
+    parts = shapely.get_parts(apart)
+    return [p for p in parts if isinstance(p, Polygon) and p.area >= smallest_m2]
+
+
+def _shrunk(polygon: Polygon) -> shapely.Geometry:
+    inner = polygon.buffer(-5 * GRID_M, join_style="mitre", mitre_limit=2)
+    return shapely.set_precision(shapely.remove_repeated_points(inner, GRID_M), GRID_M)
 
 
 def plan_of(polygon: Polygon) -> tuple[NDArray[np.float64], NDArray[np.int32], NDArray[np.int64]]:

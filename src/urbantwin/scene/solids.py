@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,9 @@ from urbantwin.geometry import LabelledMesh
 from urbantwin.taxonomy import material_id, semantic_id
 
 __all__ = ["Assembly", "GroundHeight", "Solid", "box", "columns", "rods", "sweep"]
+
+#: Triangles of less than this area, doubled, are none.
+SLIVER_M2 = 1e-7
 
 #: Heights (N,) of the ground, metres, at (N, 2) points of the site frame; nan where unknown.
 GroundHeight = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -186,7 +189,26 @@ def sweep(path: ArrayLike, profile: ArrayLike, *, closed: bool = False) -> Solid
     if not closed:
         fan = np.column_stack([np.zeros(sides - 2, int), corner[1:-1], corner[2:]])
         faces += [fan, fan[:, ::-1] + (count - 1) * sides]
-    return Solid(vertices.reshape(-1, 3), np.concatenate(faces).astype(np.int32))
+    solid = Solid(vertices.reshape(-1, 3), np.concatenate(faces).astype(np.int32))
+    if count == 2 or _smallest_m2(solid) > SLIVER_M2:
+        return solid
+    # On the inside of a turn corners fell onto each other: every piece becomes its own solid.
+    ends = np.arange(count if closed else count - 1)
+    return _joined([sweep(points[[k, (k + 1) % count]], outline[[k, (k + 1) % count]])
+                    for k in ends.tolist()])  # fmt: skip
+
+
+def _smallest_m2(solid: Solid) -> float:
+    """Return twice the area of the smallest triangle."""
+    a, b, c = np.moveaxis(solid.vertices[solid.faces], 1, 0)
+    return float(np.linalg.norm(np.cross(b - a, c - a), axis=1).min())
+
+
+def _joined(solids: Sequence[Solid]) -> Solid:
+    starts = np.cumsum([0] + [len(solid.vertices) for solid in solids[:-1]])
+    faces = [solid.faces + start for solid, start in zip(solids, starts, strict=True)]
+    vertices = np.concatenate([solid.vertices for solid in solids])
+    return Solid(vertices, np.concatenate(faces).astype(np.int32))
 
 
 def _mitres(xy: NDArray[np.float64], closed: bool) -> NDArray[np.float64]:

@@ -22,7 +22,7 @@ CLEAR_M, BOARD_M, BEAM_M, POST_M = 5.5, (1.6, 2.5), 0.4, 0.35
 #: A board over every lane.
 LANE_M = 3.5
 BURIED_M = 0.5
-FARTHEST_M = 30.0
+NEAREST_M, FARTHEST_M = 2.0, 30.0
 
 
 def add_gantries(
@@ -49,11 +49,12 @@ def add_gantries(
         if isinstance(shape, Point):
             xy = np.array([[shape.x, shape.y]])
             yaw = float(np.nan_to_num(along_nearest(xy, ways, farthest_m=10.0)[0])) + np.pi / 2
-            middle, reach = xy[0], 1.0
+            middle, reach = xy[0], NEAREST_M
         elif isinstance(shape, LineString):
             ends = shapely.get_coordinates(shape)[[0, -1]]
             yaw = float(np.arctan2(*(ends[1] - ends[0])[::-1]))
             middle, reach = ends.mean(axis=0), float(np.hypot(*(ends[1] - ends[0]))) / 2
+            reach = max(reach, NEAREST_M)
         else:
             continue
         if not region.covers(Point(middle)):

@@ -22,7 +22,7 @@ __all__ = ["add_hung"]
 WIRE_HIGH_M, SAG, LAMP_M = 7.5, 0.02, 6.5
 #: How far from a hung lamp a wall is looked for, metres.
 FARTHEST_M = 30.0
-ON_WIRE_M = 1.5
+ON_WIRE_M, SHORTEST_M = 1.5, 0.3
 SUSPENDED = ("suspended", "catenary")
 
 
@@ -45,7 +45,10 @@ def add_hung(
         if len(xy) > 1:
             points = grounded(xy, ground_height(xy)) + [0, 0, high]
             span = np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1)
-            curves = hanging(points[:-1], points[1:], SAG * span, 6)
+            far = span > SHORTEST_M
+            if not far.any():
+                continue
+            curves = hanging(points[:-1][far], points[1:][far], SAG * span[far], 6)
             assembly.add(wire_solid(curves), "other-object", "metal-bare", assembly.new_part())
             notes["wires across streets"] += 1
     _add_lamps(assembly, features, region, ground_height, notes)

@@ -24,6 +24,7 @@ TOWER_SAG, POLE_SAG = 0.03, 0.015
 POLE_M = 9.0
 TOWERS_M = ((300, 50.0), (200, 42.0), (100, 30.0), (50, 25.0), (0, 20.0))
 BURIED_M = 0.5
+SHORTEST_M = 2.0
 STEPS = 14
 SUPPORTS = ("tower", "pole", "portal", "terminal")
 
@@ -53,7 +54,7 @@ def add_power_lines(
         if tags.get("location") in ("underground", "underwater", "indoor"):
             continue
         xy = shapely.get_coordinates(shapely.remove_repeated_points(line, 0.5))
-        if len(xy) < 2:
+        if len(xy) < 2 or line.length < SHORTEST_M:
             continue
         feet = grounded(xy, ground_height(xy))
         on_towers = tags["power"] == "line"
@@ -90,7 +91,7 @@ def _across(xy: NDArray[np.float64]) -> NDArray[np.float64]:
     both = np.concatenate([way[:1], way[:-1] + way[1:], way[-1:]])
     flat = np.linalg.norm(both, axis=1) < 1e-6
     both[flat] = np.concatenate([way[:1], way])[flat]
-    both /= np.linalg.norm(both, axis=1, keepdims=True)
+    both /= np.maximum(np.linalg.norm(both, axis=1, keepdims=True), 1e-9)
     return np.column_stack([-both[:, 1], both[:, 0]])
 
 
