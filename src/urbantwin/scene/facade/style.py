@@ -76,6 +76,7 @@ NO_WINDOWS = ("no", "none", "0")
 SHOPS = ("restaurant", "cafe", "bar", "pub", "fast_food", "bank", "pharmacy", "marketplace")
 #: Bodies lower than this have no windows; what hangs higher than this has no ground floor.
 LOWEST_M = 2.3
+THINNEST_M = 1.0
 
 
 def style_of(volume: Volume, outline: Mapping[str, str], rng: np.random.Generator) -> Style | None:
@@ -91,6 +92,8 @@ def style_of(volume: Volume, outline: Mapping[str, str], rng: np.random.Generato
     rise = volume.eaves_m - max(volume.body.low, 0.0)
     if volume.is_roof or rise < LOWEST_M or volume.materials[0] == "glass":
         return None
+    if volume.body.footprint.buffer(-THINNEST_M / 2).is_empty:
+        return None  # the reveals of both sides would meet
     if any(tags.get(key) in NO_WINDOWS for key in ("window", "windows", "building:window")):
         return replace(BLIND, storeys=(0.0,))
     kind = building_type(volume.tags)

@@ -26,6 +26,8 @@ TWO_PITCHES: Profile = ((0.0, 0.0), (0.35, 0.65), (1.0, 1.0))
 ARC = 6
 #: Footprints that fill less of their tightest rectangle than this are wings, not one block.
 BLOCK = 0.8
+#: Domes over outlines with more corners are simplified.
+MOST_CORNERS = 73
 SKELETAL = ("hipped", "mansard", "side_hipped")
 RADIAL = ("pyramidal", "cone", "dome", "onion")
 RIDGED = ("gabled", "half-hipped", "gambrel", "round")
@@ -72,10 +74,11 @@ def _unit_facets(
     shape: str, footprint: Polygon, tags: Mapping[str, str], rise_m: float, notes: Counter[str]
 ) -> list[Facet]:
     if shape in RADIAL:
-        apex = apex_of(footprint)
+        outline = _with_fewer_corners(footprint)
+        apex = apex_of(outline)
         if apex is not None:
             profile = {"dome": _arc(_narrow(footprint) / 2, rise_m), "onion": _onion()}
-            return radial(footprint, apex, profile.get(shape, LEVEL))
+            return radial(outline, apex, profile.get(shape, LEVEL))
         notes[f"{shape} roof over wings or a courtyard built as hipped"] += 1
         shape = "hipped"
     yaw, mapped = roof_yaw(tags, footprint)
@@ -144,6 +147,15 @@ def _simple(footprint: Polygon) -> Polygon | None:
             outline = Polygon(rings[0], rings[1:])
             return shapely.orient_polygons(outline) if outline.is_valid else None
     return None
+
+
+def _with_fewer_corners(footprint: Polygon) -> Polygon:
+    """Return an outline that a roof of many facets can stand on in reasonable time."""
+    for tolerance in (0.0, 0.05, 0.2, 0.5):
+        outline = footprint.simplify(tolerance) if tolerance else footprint
+        if len(shapely.get_coordinates(outline)) <= MOST_CORNERS:
+            break
+    return outline if isinstance(outline, Polygon) and outline.is_valid else footprint
 
 
 def _collinear(ring: np.ndarray, tolerance: float) -> np.ndarray:

@@ -52,6 +52,8 @@ OTHER_PITCH_DEG = 33.0
 HIGHEST_M = 6.0
 #: Height over half the span where the map gives none: half-circles, and roofs with two pitches.
 RISE = {"round": 0.6, "dome": 1.0, "onion": 2.0, "cone": 1.0, "gambrel": 0.9, "mansard": 0.9}
+#: No roof is higher than this, metres.
+STEEPEST_M = 150.0
 #: Roofs drawn with a slope over the whole span.
 ONE_SIDED = ("skillion",)
 STOREY_M = 3.2
@@ -75,7 +77,7 @@ class RoofTags:
             return self.height_m
         run = span_m if self.shape in ONE_SIDED else span_m / 2
         if self.pitch_deg is not None:
-            return run * math.tan(math.radians(self.pitch_deg))
+            return min(run * math.tan(math.radians(self.pitch_deg)), STEEPEST_M)
         if self.shape in RISE:
             return min(run * RISE[self.shape], 2 * HIGHEST_M)
         pitch = PITCH_DEG.get(self.shape, OTHER_PITCH_DEG)
@@ -89,6 +91,9 @@ def roof_tags(tags: Mapping[str, str], notes: Counter[str]) -> RoofTags:
     levels = count_of(tags.get("roof:levels"))
     if height is None and "roof:height" in tags and tags["roof:height"].strip() not in ("0", "0 m"):
         notes["roof:height not understood"] += 1
+    if height is not None and height > STEEPEST_M:
+        notes["roof:height not understood"] += 1
+        height = None
     if pitch is not None and not 0 < pitch < 85:
         pitch = None
     mapped = tags.get("roof:shape", tags.get("building:roof:shape", "")).strip().lower()
