@@ -96,8 +96,9 @@ def build_stage(site: Site, out: Path, console: Console, *, pictures: bool = Tru
         (scratch / "twin").rmdir()
         if pictures and found:
             from urbantwin.view.geometry_pictures import pictures_of_geometry
+            from urbantwin.view.pictures import attributions
 
-            sources = list(dict.fromkeys(item["attribution"] for item in site.inputs()))
+            sources = attributions({"inputs": site.inputs()})
             pictures_of_geometry(found[0], scratch / "pictures", attribution=sources)
     return load_twin(out)
 
