@@ -92,14 +92,14 @@ def above(
     return float(q[1]), float(q[2] - q[0]) / 2
 
 
-def height_at_anchor(samples: Samples) -> float | None:
+def height_at_anchor(samples: Samples, farthest_m: float = np.inf) -> float | None:
     """Return the height of a model's ground at the origin of the plan, or the nearest there is.
 
     The lowest points of small cells around the anchor; a plane through them that lets go of what
-    stands above it.
+    stands above it. ``None`` where there is none within ``farthest_m``.
     """
     distance = np.hypot(samples.points[:, 0], samples.points[:, 1])
-    if not len(distance):
+    if not len(distance) or distance.min() > farthest_m:
         return None
     radius = max(15.0, 1.3 * float(distance.min()))
     while (distance < radius).sum() < 200 and radius < distance.max():

@@ -101,17 +101,29 @@ def fit_outlines(
     *,
     with_scale: bool,
     most: int,
+    patient: bool = False,
 ) -> Candidate:
     """Refine a candidate: every wall to the line of the outline nearest to it, again and again.
 
     Point-to-line ICP (Y. Chen, G. Medioni, "Object modelling by registration of multiple range
     images", 1992) with weights that let go of what is far (Geman-McClure).
+
+    Args:
+        features: the model.
+        outlines: the map.
+        first: where it lies roughly.
+        pivot: (2,) point of the model that ``first`` speaks of.
+        with_scale: whether the scale is refined, too.
+        most: how many walls are looked at.
+        patient: whether walls are drawn from as far as they are off on the whole: right for a map
+            that is sloppy, where else some of its houses draw alone, and wrong among trees.
     """
     step = max(1, len(features.walls) // most)
     walls = features.walls[::step] - pivot
     facing = None if features.wall_normals is None else features.wall_normals[::step]
-    at = first
-    for reach in _REACHES_M:
+    at, spread = first, 0.0
+    for planned in _REACHES_M:
+        reach = max(planned, 2.5 * spread) if patient else planned
         turned = _turned(walls, at)
         distance, nearest = outlines.tree.query(turned, distance_upper_bound=2 * reach)
         pair = np.flatnonzero(np.isfinite(distance))
@@ -124,6 +136,7 @@ def fit_outlines(
         q, n = outlines.points[nearest[pair]], outlines.normals[nearest[pair]]
         p = turned[pair]
         error = np.einsum("ij,ij->i", q - p, n)
+        spread = 1.4826 * float(np.median(np.abs(error)))
         weight = 1.0 / (1.0 + (error / (0.5 * reach)) ** 2) ** 2
         arm = p - [at.x, at.y]
         terms = [n[:, 0], n[:, 1], n[:, 1] * arm[:, 0] - n[:, 0] * arm[:, 1]]

@@ -84,7 +84,7 @@ def by_crs(
         problems.append(f"the transformation of its CRS is {said}{better}")
     system = HeightSystem.of(crs)
     first = FirstPlace(out, report, heights, "its CRS", "crs")
-    check_meets(out, surroundings.region, source, how=f"its CRS {crs.name!r}", field="crs")
+    check_meets(out, surroundings.region, source, frame, how=f"its CRS {crs.name!r}", field="crs")
     if system is None:
         # Heights without a datum of their own are in the unit of the plan.
         lengths = lengths_of(crs) or 1.0

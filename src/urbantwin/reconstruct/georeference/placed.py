@@ -92,7 +92,7 @@ def placed(
     registration = None
     if source.spec.register_to is not None:
         if not first.freedom.place:
-            _check(first, surroundings, source)
+            _check(first, surroundings, source, frame)
         tell(0.3, "registering")
         registration = register(
             first.model,
@@ -109,7 +109,7 @@ def placed(
             how=f"{first.how}, registration",
         )
         report["method"] = first.how
-    _check(first, surroundings, source)
+    _check(first, surroundings, source, frame)
     if first.problems:
         report["problems"] = list(first.problems)
     out = replace(first.model, crs=None, up="z", unit_m=1.0, geotag=None)
@@ -118,8 +118,10 @@ def placed(
     return Placed(out, report, first.heights, registration)
 
 
-def _check(first: FirstPlace, surroundings: Surroundings, source: GeometrySource) -> None:
-    check_meets(first.model, surroundings.region, source, how=first.how, field=first.said)
+def _check(
+    first: FirstPlace, surroundings: Surroundings, source: GeometrySource, frame: SiteFrame
+) -> None:
+    check_meets(first.model, surroundings.region, source, frame, how=first.how, field=first.said)
 
 
 def _first(

@@ -25,7 +25,7 @@ _WALL_M = 2.0
 #: The widest building under which the ground is still found, metres.
 _WIDEST_M = 60.0
 _MOST_CELLS = 2_000_000
-_MOST_WALLS = 40_000
+_MOST_WALLS = 20_000
 #: A triangle steeper than this is of a wall: sine of 10 degrees.
 _STEEP = 0.17
 

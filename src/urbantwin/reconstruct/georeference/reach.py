@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from pyproj import Geod
 
+from urbantwin.geometry import SiteFrame
 from urbantwin.reconstruct.georeference.complaint import complaint
 from urbantwin.reconstruct.model import ImportedModel
 from urbantwin.site.geometry import GeometrySource
@@ -13,6 +15,7 @@ from urbantwin.site.geometry import GeometrySource
 __all__ = ["all_points", "check_finite", "check_meets", "distance_to"]
 
 _MOST_POINTS = 200_000
+_FAR_M = 10_000.0
 
 
 def all_points(model: ImportedModel) -> list[NDArray[np.float64]]:
@@ -61,6 +64,7 @@ def check_meets(
     model: ImportedModel,
     region: shapely.Polygon,
     source: GeometrySource,
+    frame: SiteFrame,
     *,
     how: str,
     field: str | None,
@@ -70,10 +74,17 @@ def check_meets(
     Raises:
         InputError: it does not; the line says by how far.
     """
-    off = distance_to(region, all_points(model))
+    arrays = all_points(model)
+    off = distance_to(region, arrays)
     if off <= 0:
         return
-    far = f"{off / 1000:,.0f} km" if off > 10_000 else f"{off:,.0f} m"
+    if off > _FAR_M:
+        # Along the Earth: far from the anchor the plane's metres are not the ground's.
+        middle = np.median(arrays[0][:: max(1, len(arrays[0]) // 1000), :2], axis=0)
+        lonlat = frame.lonlat_from_site(middle[None])[0]
+        if np.isfinite(lonlat).all():
+            off = Geod(ellps="WGS84").inv(frame.longitude, frame.latitude, *lonlat)[2]
+    far = f"{off / 1000:,.0f} km" if off > _FAR_M else f"{off:,.0f} m"
     raise complaint(
         source,
         f"lies {far} from the site's region when it is placed by {how}",

@@ -41,6 +41,8 @@ _CANDIDATES = 10
 _WIDEST = 3.0
 #: Steps of the wide search for a scale: of its logarithm, and of the heading in degrees.
 _SCALE_STEP, _WIDE_STEP_DEG, _STEP_DEG = 0.045, 5.0, 3.0
+#: A search over scales looks at coarser cells.
+_WIDE_CELLS = 1.5
 _LEAST_WALLS = 50
 _WIDE_PEAK_M = 20.0
 
@@ -111,6 +113,8 @@ class Search:
         features = self.features(levelled)
         tell(0.1, "comparing it with the map")
         step = _WIDE_STEP_DEG if wide else _STEP_DEG
+        if wide:
+            raster = MapRaster(self._surroundings, _WIDE_CELLS * raster.cell)
         found = self._coarse(features, raster, step)
         scale = found[0].scale
         if abs(np.log(scale)) > 0.08:
@@ -128,11 +132,7 @@ class Search:
         for one in sorted(found, key=lambda c: (-c.score, c.yaw, c.x, c.y)):
             if not any(one.near(other, reach) for other in ranked):
                 ranked.append(one)
-        best = ranked[0]
-        if self.outlines is not None and self.has_walls(features):
-            best = fit_outlines(
-                features, self.outlines, best, self.pivot, with_scale=spec.scale, most=40_000
-            )
+        best = self._fitted(features, ranked[0])
         return levelled, features, ranked, best
 
     def polished(self, features: PlanFeatures) -> Similarity:
@@ -140,10 +140,29 @@ class Search:
         still = Candidate(0.0, 0.0, float(self.pivot[0]), float(self.pivot[1]))
         if self.outlines is None or not self.has_walls(features):
             return self.similarity(still)
-        scale = self._spec.scale
-        return self.similarity(
-            fit_outlines(features, self.outlines, still, self.pivot, with_scale=scale, most=40_000)
-        )
+        return self.similarity(self._fitted(features, still))
+
+    def _fitted(self, features: PlanFeatures, first: Candidate) -> Candidate:
+        """Lay walls on outlines, hastily and patiently, and return what agrees better."""
+        if self.outlines is None or not self.has_walls(features):
+            return first
+        found = [
+            fit_outlines(
+                features,
+                self.outlines,
+                first,
+                self.pivot,
+                with_scale=self._spec.scale,
+                most=12_000,
+                patient=patient,
+            )
+            for patient in (False, True)
+        ]
+        scores = [
+            agreement(features, self.outlines, one, self.pivot, self._surroundings).score
+            for one in found
+        ]
+        return found[int(np.argmax(scores))]
 
     def agreement(self, features: PlanFeatures) -> Agreement | None:
         """Return how well a registered model's walls meet the outlines; ``None``: too few."""
@@ -239,7 +258,7 @@ class Search:
     def _refined(self, features: PlanFeatures, one: Candidate) -> Candidate:
         assert self.outlines is not None
         scale = self._spec.scale
-        at = fit_outlines(features, self.outlines, one, self.pivot, with_scale=scale, most=6_000)
+        at = fit_outlines(features, self.outlines, one, self.pivot, with_scale=scale, most=3_000)
         found = agreement(features, self.outlines, at, self.pivot, self._surroundings)
         return replace(at, score=found.score)
 

@@ -33,6 +33,9 @@ UNSTATED_M = 1.0
 #: The same where both are stated: a survey and a mesh of buildings may differ by this much.
 STATED_M = 5.0
 
+#: Ground this near the anchor is at the anchor's height, roughly, metres.
+_AT_ANCHOR_M = 15.0
+
 WAYS_OUT = "height_offset_m or register: true"
 
 
@@ -184,10 +187,11 @@ def _compare(
         InputError: it is not, and nobody said that it may be.
     """
     found = ground_above_site(model, elevation)
-    if found is None:
-        own = height_at_anchor(samples_of(model, ground=True))
-        found = None if own is None or elevation is not None else (own, 0.0)
     stated = system is not None and heights.datum is not None
+    if found is None and elevation is None and not stated:
+        # Of the site's ground only the anchor's height is known.
+        own = height_at_anchor(samples_of(model, ground=True), farthest_m=_AT_ANCHOR_M)
+        found = None if own is None else (own, 0.0)
     if found is None:
         if not stated:
             work.problems.append(
