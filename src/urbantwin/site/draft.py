@@ -218,6 +218,13 @@ region:
 #     footprints: buildings.gpkg    # outlines of buildings; the map's without it
 #     licence: CC-BY-4.0
 #     attribution: "who made it"
+
+# Pictures of the ground from above, if you have them: they tell paint, asphalt, grass and soil.
+# imagery:
+#   - file: ortho.tif               # GeoTIFF of red, green and blue
+#   - xyz: "https://host/tiles/{{z}}/{{x}}/{{y}}.png"
+#     zoom: 19
+#     key_env: TILES_KEY            # the environment variable that holds the address's key
 {roads}
 # Programs of signals, if you know them; else they are assumed. `urbantwin inspect` of the twin
 # lists its junctions with their streets, approaches and phases.

@@ -55,7 +55,8 @@ class ImagerySpec(BaseModel):
             missing += [] if "{y}" in value or "{-y}" in value else ["{y}"]
             unknown = set(re.findall(r"\{[^}]*\}", value)) - {"{z}", "{x}", "{y}", "{-y}", "{key}"}
             if missing or unknown:
-                problem = f"lacks {missing[0]}" if missing else f"holds {sorted(unknown)[0]}"
+                names = [name.strip("{}") for name in missing or sorted(unknown)]
+                problem = f"{'lacks' if missing else 'holds'} {names[0]!r} in braces"
                 raise wrong(problem, "an address such as https://host/{z}/{x}/{y}.png")
         return value
 

@@ -171,7 +171,8 @@ def _from_file(
         with raster:
             return _window(raster, source, path, frame, bounds)
     except RasterioError as error:
-        text = f"cannot be read as a GeoTIFF ({str(error).splitlines()[0][:120]})"
+        why = " ".join(str(error.__cause__ or error).split())[:120]
+        text = f"cannot be read as a GeoTIFF ({why})"
         raise InputError(text, file=path, expected=_EXPECTED) from None
 
 
