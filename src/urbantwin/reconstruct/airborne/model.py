@@ -23,7 +23,7 @@ from urbantwin.reconstruct.airborne.ground_filter import (
     has_ground_class,
     inside_any,
 )
-from urbantwin.reconstruct.airborne.noise import is_noise
+from urbantwin.reconstruct.airborne.noise import is_noise, thinned
 from urbantwin.reconstruct.airborne.outlines import (
     SMALLEST_M2,
     cut_blocks,
@@ -109,14 +109,16 @@ def from_airborne(
     near = cloud.select(inside)
     noise = is_noise(near)
     near = near.select(~noise)
+    near = thinned(near)
     survey = _Survey(near, footprints, region, name, detail_m)
     outlines = survey.outlines()
     built = survey.buildings(outlines)
     mesh, kept = _labelled(built, outlines, wall_material, roof_material)
     trees = survey.trees([outlines[k] for k in kept])
     report: dict[str, object] = {
-        "points": len(near.points),
+        "points": len(noise),
         "noise_points": int(noise.sum()),
+        "thinned_points": int((~noise).sum()) - len(near.points),
         "ground_points": int(survey.ground.sum()),
         "ground_by": "classes" if survey.classified else "filter",
         "outlines": len(outlines),
@@ -156,7 +158,8 @@ class _Survey:
         else:
             candidate = ~np.isin(self.classes, (_BUILDING, *_VEGETATION, *_BRIDGE))
             self.ground = np.zeros(len(points), bool)
-            self.ground[candidate] = ground_by_filter(points[candidate], self.footprints)
+            if candidate.any():
+                self.ground[candidate] = ground_by_filter(points[candidate], self.footprints)
         if self.ground.sum() < 3:
             raise InputError(
                 f"{name}: none of its points in the region is ground",
@@ -164,6 +167,11 @@ class _Survey:
             )
         flat = levelled_water(points, water & self.ground)
         self.patch = bare_earth(flat[self.ground], region, name=name, detail_m=detail_m)
+        if not np.isfinite(self.patch.heights).any():
+            raise InputError(
+                f"{name}: its ground points in the region span no area",
+                expected="a survey that shows the ground",
+            )
         self._grid = Raster(
             self.patch.west, self.patch.south, self.patch.step, self.patch.heights.shape
         )

@@ -1,6 +1,8 @@
-"""Points that are no surface: marked noise, and points alone in the air or below the ground."""
+"""Points to leave out: noise that is marked or alone, and more of them than shapes need."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,12 +11,14 @@ from scipy.ndimage import median_filter
 from urbantwin.reconstruct.airborne.raster import Raster, filled
 from urbantwin.reconstruct.model import PointCloud
 
-__all__ = ["is_noise"]
+__all__ = ["is_noise", "thinned"]
 
 #: ASPRS LAS 1.4-R15, table 17: low point (noise) and high noise.
 _NOISE_CLASSES = (7, 18)
 #: A point with fewer than this many in its 3 x 3 x 3 voxels is alone.
 _ALONE, _VOXEL_M = 4, 2.0
+#: More points on a square metre than this are thinned, to one in voxels of this size.
+_DENSE, _THIN_M = 40.0, 0.3
 #: Deeper below the surroundings than this is a reflection, not a pit.
 _DEEP_M = 1.5
 
@@ -33,6 +37,31 @@ def is_noise(cloud: PointCloud) -> NDArray[np.bool_]:
     good = np.flatnonzero(~noise)
     noise[good[_deep(points[good])]] = True
     return noise
+
+
+def thinned(cloud: PointCloud) -> PointCloud:
+    """Return one point for each small voxel where a cloud is very dense: the mean of its points.
+
+    Roofs need no more than a dozen points on a square metre; photogrammetry gives hundreds.
+    """
+    points = cloud.points
+    if len(points) < 1000:
+        return cloud
+    grid = Raster.over(points.min(axis=0), points.max(axis=0), 2.0)
+    count = grid.count(points[:, :2])
+    if np.median(count[count > 0]) / 4.0 <= _DENSE:
+        return cloud
+    voxel = np.floor((points - points.min(axis=0)) / _THIN_M).astype(np.int64)
+    sizes = voxel.max(axis=0) + 1
+    key = (voxel[:, 0] * sizes[1] + voxel[:, 1]) * sizes[2] + voxel[:, 2]
+    _, first, number, size = np.unique(
+        key, return_index=True, return_inverse=True, return_counts=True
+    )
+    sums = [np.bincount(number.ravel(), weights=points[:, axis]) for axis in range(3)]
+    keep = np.zeros(len(points), bool)
+    keep[first] = True
+    mean = (np.column_stack(sums) / size[:, None])[np.argsort(first)]
+    return replace(cloud.select(keep), points=mean)
 
 
 def _few_around(points: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -70,7 +70,7 @@ def find_outlines(points: NDArray[np.float64]) -> list[shapely.Polygon]:
     grid = Raster.over(points.min(axis=0), points.max(axis=0), max(0.5, 1.3 * spacing), pad=3)
     covered = grid.count(points[:, :2]) > 0
     block = np.ones((3, 3), bool)
-    covered = binary_opening(binary_closing(covered, block, iterations=2), block)
+    covered = binary_opening(binary_closing(covered, block), block)
     pieces, number = label(covered)
     owner = pieces.ravel()[grid.cells(points[:, :2])]
     order = np.argsort(owner, kind="stable")
