@@ -17,6 +17,7 @@ from urbantwin.export.scene.planes import flat_faces
 from urbantwin.reconstruct.formats.cityjson import read_cityjson
 from urbantwin.reconstruct.formats.fbx import read_fbx
 from urbantwin.taxonomy import materials, semantic_classes, semantic_id
+from urbantwin.view.markings import markings
 
 ENDINGS = {"glb": "glb", "obj": "obj", "ply": "ply", "usd": "usd", "cityjson": "city.json"}
 
@@ -46,7 +47,8 @@ def test_glb_has_a_node_per_object_with_its_class(files, two_avenues_twin):
     document = gltf(files["glb"])
     mesh = two_avenues_twin.mesh
     names = [node["name"] for node in document["nodes"]]
-    assert len(names) == len(set(names)) == len(np.unique(mesh.part))
+    assert len(names) == len(set(names)) == len(np.unique(mesh.part)) + 1
+    assert names[-1] == "lane paint"
     assert {"road", "sidewalk", "terrain", "building 1", "pole 1"} <= set(names)
     wanted = expected_by_part(mesh)
     scene = trimesh.load(files["glb"])
@@ -55,8 +57,9 @@ def test_glb_has_a_node_per_object_with_its_class(files, two_avenues_twin):
         transform, name = scene.graph[node]
         assert np.allclose(transform, np.eye(4))
         areas[scene.geometry[name].metadata.get("name", name)] += scene.geometry[name].area
+    assert areas.pop("lane paint") > 50.0
     assert sum(areas.values()) == pytest.approx(sum(wanted.values()), rel=1e-4)
-    for node in document["nodes"]:
+    for node in document["nodes"][:-1]:
         part = node["extras"]["part"]
         kind = node["extras"]["semantic"]
         assert node["extras"]["semantic_id"] == semantic_id(kind)
@@ -79,6 +82,7 @@ def test_glb_materials_name_class_and_material(files, two_avenues_twin):
         f"{classes[int(s)]}/{stuff[int(m)]}"
         for s, m in zip(mesh.semantic, mesh.material, strict=True)
     }
+    pairs.add("road/road-paint")
     assert {one["name"] for one in document["materials"]} == pairs
     for one in document["materials"]:
         assert f"{one['extras']['semantic']}/{one['extras']['material']}" == one["name"]
@@ -92,8 +96,10 @@ def test_obj_is_the_same_scene(files, two_avenues_twin):
     names = [line[2:] for line in text.splitlines() if line.startswith("o ")]
     assert {"building_1", "road", "pole_1"} <= set(names)
     mesh = trimesh.load(files["obj"], force="mesh", process=False, skip_materials=True)
-    assert len(mesh.faces) == len(two_avenues_twin.mesh.faces)
-    assert mesh.area == pytest.approx(two_avenues_twin.mesh.areas().sum(), rel=1e-3)
+    twin = two_avenues_twin
+    paint = markings(twin.roads, twin.ground_mesh, twin.lane_model)
+    assert len(mesh.faces) == len(twin.mesh.faces) + len(paint.faces)
+    assert mesh.area == pytest.approx(twin.mesh.areas().sum() + paint.areas().sum(), rel=1e-3)
     used = {line[7:] for line in text.splitlines() if line.startswith("usemtl ")}
     library = files["obj"].with_suffix(".mtl").read_text()
     assert used == {line[7:] for line in library.splitlines() if line.startswith("newmtl ")}
@@ -124,12 +130,13 @@ def test_usd_is_a_sound_stage_with_names_and_classes(files, two_avenues_twin):
         data = prim.GetCustomData()["urbantwin"]
         points = np.array(geometry.Mesh(prim).GetPointsAttr().Get(), float)
         faces = np.array(geometry.Mesh(prim).GetFaceVertexIndicesAttr().Get()).reshape(-1, 3)
-        found[data["part"]] = trimesh.Trimesh(points, faces, process=False).area
+        found[data.get("part", "lane paint")] = trimesh.Trimesh(points, faces, process=False).area
         subsets = geometry.Subset.GetAllGeomSubsets(geometry.Imageable(prim))
         assert sum(len(s.GetIndicesAttr().Get()) for s in subsets) in (0, len(faces))
         bound = [shade.MaterialBindingAPI(s.GetPrim()).GetDirectBinding() for s in subsets]
         bound = bound or [shade.MaterialBindingAPI(prim).GetDirectBinding()]
         assert all(one.GetMaterial() for one in bound)
+    assert found.pop("lane paint") > 50.0
     assert found == pytest.approx(wanted, rel=1e-3)
     assert stage.GetPrimAtPath("/World/building_1").GetDisplayName() == "building 1"
 

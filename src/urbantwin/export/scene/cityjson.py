@@ -15,25 +15,21 @@ from urbantwin.export.scene.georeference import height_above, utm_code
 from urbantwin.export.scene.planes import flat_faces
 from urbantwin.geometry import LabelledMesh, SiteFrame
 from urbantwin.scene import FIRST_OBJECT
-from urbantwin.taxonomy import material_id, materials, semantic_id
+from urbantwin.scene.building_surface import SURFACES, building_surfaces
+from urbantwin.taxonomy import materials, semantic_id
 from urbantwin.twin import Twin
 
 __all__ = ["write_cityjson"]
 
 #: Coordinates are whole millimetres.
 _SCALE = 0.001
-#: A surface whose normal rises by less than this is a wall (15 degrees).
-_LEVEL = float(np.sin(np.radians(15.0)))
-#: Underneath this high above a building's foot is a ceiling (eaves, passages), metres.
-_FOOT_M = 0.5
-_SURFACES = ("GroundSurface", "WallSurface", "RoofSurface", "OuterCeilingSurface", "Window")
 
 
 def write_cityjson(twin: Twin, path: Path) -> list[str]:
     """Write every building as a ``MultiSurface``.
 
     Triangles that lie in one plane are one surface. Which it is, is told by its normal: roof,
-    wall, ground or outer ceiling; panes of glass in walls are windows. Coordinates are in the UTM
+    wall, ground or outer ceiling; panes of glass in walls are windows, wood in them doors. Coordinates are in the UTM
     zone of WGS 84 at the site; heights are the DEM's, or without one metres above the anchor's
     ground.
 
@@ -98,10 +94,9 @@ def _objects(
     length = np.linalg.norm(cross, axis=1)
     kept = (length > 1e-9) & (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2])
     mesh, faces = mesh_rows(mesh, kept), faces[kept]
-    rise = cross[kept, 2] / length[kept]
-    kind = _kinds(mesh, vertices, faces, rise)
+    kind = building_surfaces(mesh)
     parts, number = np.unique(mesh.part, return_inverse=True)
-    label = (number.ravel() * len(_SURFACES) + kind) * 256 + mesh.material
+    label = (number.ravel() * len(SURFACES) + kind) * 256 + mesh.material
     named = {one.id: one.name for one in materials().values()}
     found: dict[str, Any] = {
         f"building-{k + 1}": {
@@ -126,10 +121,10 @@ def _objects(
         key = (int(number.ravel()[face.first]), int(label[face.first]))
         if key not in known:
             known[key] = len(semantics["surfaces"])
-            surface = _SURFACES[int(kind[face.first])]
+            surface = SURFACES[int(kind[face.first])]
             material = named[int(mesh.material[face.first])]
             semantics["surfaces"].append({"type": surface, "material": material})
-            if surface == "Window":
+            if surface in ("Window", "Door"):
                 geometry["lod"] = "3"
         geometry["boundaries"].append(face.rings)
         semantics["values"].append(known[key])
@@ -145,23 +140,3 @@ def mesh_rows(mesh: LabelledMesh, kept: NDArray[np.bool_]) -> LabelledMesh:
     return LabelledMesh(
         mesh.vertices, mesh.faces[kept], mesh.semantic[kept], mesh.material[kept], mesh.part[kept]
     )
-
-
-def _kinds(
-    mesh: LabelledMesh,
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int64],
-    rise: NDArray[np.float64],
-) -> NDArray[np.int64]:
-    """Return the number in ``_SURFACES`` of each triangle."""
-    kind = np.full(len(faces), 1)
-    kind[rise > _LEVEL] = 2
-    _, number = np.unique(mesh.part, return_inverse=True)
-    lowest = np.full(int(number.max()) + 1, np.inf)
-    height = vertices[faces, 2].mean(axis=1)
-    np.minimum.at(lowest, number.ravel(), vertices[faces, 2].min(axis=1))
-    below = rise < -_LEVEL
-    kind[below] = np.where(height[below] < lowest[number.ravel()[below]] + _FOOT_M, 0, 3)
-    glass = mesh.material == material_id("glass")
-    kind[glass & (np.abs(rise) <= _LEVEL)] = 4
-    return kind

@@ -12,7 +12,7 @@ from urbantwin.scene import FIRST_OBJECT
 from urbantwin.scene.surface import PARTS
 from urbantwin.taxonomy import semantic_classes, semantic_id
 
-__all__ = ["kind_of_part", "named_objects"]
+__all__ = ["PAINT", "kind_of_part", "named_objects"]
 
 #: Parts of the ground by their names.
 _GROUND = {"carriageway": "road", "footway": "sidewalk", "paved": "paved ground"}
@@ -29,17 +29,23 @@ _NOUNS = {
     "terrain": "ground",
     "water": "water",
 }
+#: What the paint on the road is called.
+PAINT = "lane paint"
 #: A part that has any of these is called after it, whatever else it has.
 _TELLING = ("building", "trunk", "pole")
 
 
-def named_objects(mesh: LabelledMesh) -> tuple[list[MeshObject], dict[str, Look]]:
+def named_objects(
+    mesh: LabelledMesh, paint: LabelledMesh
+) -> tuple[list[MeshObject], dict[str, Look]]:
     """Return the world as one object per part, in the order of their numbers, and their looks.
 
-    Objects carry their class, its number and their ``part`` of ``scene.npz`` as extras.
+    Objects carry their class, its number and their ``part`` of ``scene.npz`` as extras. The paint
+    on the road is an object of its own, without a part.
 
     Args:
         mesh: the static world, site frame.
+        paint: the paint on the road, close above it.
     """
     order = np.argsort(mesh.part, kind="stable")
     parts, begin = np.unique(mesh.part[order], return_index=True)
@@ -58,6 +64,10 @@ def named_objects(mesh: LabelledMesh) -> tuple[list[MeshObject], dict[str, Look]
             "part": int(part),
         }
         objects.append(_object(name, mesh, faces, extras, looks))
+    if len(paint.faces):
+        extras = {"semantic": "road", "semantic_id": semantic_id("road")}
+        every = np.arange(len(paint.faces))
+        objects.append(_object(PAINT, paint, every, extras, looks))
     return objects, looks
 
 

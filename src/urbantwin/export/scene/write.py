@@ -12,6 +12,8 @@ from pathlib import Path
 from urbantwin.errors import InputError
 from urbantwin.export.mesh import (
     HOW_TO_GET_FBX,
+    Look,
+    MeshObject,
     blender_python,
     write_fbx,
     write_glb,
@@ -23,6 +25,7 @@ from urbantwin.export.scene.objects import named_objects
 from urbantwin.export.scene.ply import write_ply
 from urbantwin.export.scene.usd import write_usd
 from urbantwin.twin import Twin
+from urbantwin.view.markings import markings
 
 __all__ = ["SCENE_FORMATS", "write_scene"]
 
@@ -67,14 +70,18 @@ def write_scene(twin: Twin, path: Path, name: str) -> Notes:
         return SCENE_FORMATS[name](twin, scratch)
 
 
+def _objects(twin: Twin) -> tuple[list[MeshObject], dict[str, Look]]:
+    return named_objects(twin.mesh, markings(twin.roads, twin.ground_mesh, twin.lane_model))
+
+
 def _glb(twin: Twin, path: Path) -> Notes:
-    objects, looks = named_objects(twin.mesh)
+    objects, looks = _objects(twin)
     write_glb(objects, path, looks, {"georeference": georeference(twin)})
     return None
 
 
 def _obj(twin: Twin, path: Path) -> Notes:
-    objects, looks = named_objects(twin.mesh)
+    objects, looks = _objects(twin)
     place = georeference(twin)
     comments = [f"{key}: {value}" for key, value in place.items() if value is not None]
     write_obj(objects, path, looks, comments)
@@ -88,7 +95,7 @@ def _ply(twin: Twin, path: Path) -> Notes:
 
 
 def _usd(twin: Twin, path: Path) -> Notes:
-    objects, looks = named_objects(twin.mesh)
+    objects, looks = _objects(twin)
     write_usd(objects, path, looks, georeference(twin))
     return None
 
@@ -97,7 +104,7 @@ def _fbx(twin: Twin, path: Path) -> Notes:
     interpreter = blender_python()
     if interpreter is None:
         raise InputError("Blender is not installed", place="--to fbx", expected=HOW_TO_GET_FBX)
-    objects, looks = named_objects(twin.mesh)
+    objects, looks = _objects(twin)
     write_fbx(objects, path, looks, interpreter)
     return None
 
