@@ -79,9 +79,10 @@ def cut_along(
     beyond = (high[:, 0] < west) | (high[:, 1] < south) | (low[:, 0] > east) | (low[:, 1] > north)
     within = np.zeros(len(candidates), bool)
     near = np.flatnonzero(~beyond)
-    coarse, inner = _coarse(area, low[near], high[near])
-    within[near[~coarse]] = inner[~coarse]
-    near = near[coarse]
+    if len(near) > _COARSE**2:
+        coarse, inner = _coarse(area, low[near], high[near])
+        within[near[~coarse]] = inner[~coarse]
+        near = near[coarse]
     boxes = shapely.box(low[near, 0], low[near, 1], high[near, 0], high[near, 1])
     meets = shapely.intersects(outline, boxes)
     clear = near[~meets]

@@ -37,16 +37,31 @@ class Contacts:
         mesh: welded, site frame, metres.
         pieces: of the mesh, K of them.
         loose: (K,) bool.
+        wide: (K,) bool, pieces of which there are rays already.
+        rays: into those.
     """
 
-    def __init__(self, mesh: TriangleMesh, pieces: Pieces, loose: NDArray[np.bool_]) -> None:
+    def __init__(
+        self,
+        mesh: TriangleMesh,
+        pieces: Pieces,
+        loose: NDArray[np.bool_],
+        wide: NDArray[np.bool_],
+        rays: Rays,
+    ) -> None:
         self._pieces, self._loose = pieces, loose
         of_loose = loose[pieces.of_face]
         self._corners = mesh.vertices[mesh.faces[of_loose]]
         self._owner = pieces.of_face[of_loose]
-        self._fixed = np.flatnonzero(~of_loose)
-        faces = mesh.faces[self._fixed]
-        self._rays = Rays(mesh.vertices, faces) if len(faces) else None
+        fixed = ~of_loose
+        self._scenes: list[tuple[Rays, NDArray[np.int64]]] = []
+        if not (wide & loose).any():
+            self._scenes.append((rays, np.flatnonzero(wide[pieces.of_face])))
+            fixed &= ~wide[pieces.of_face]
+        rest = np.flatnonzero(fixed)
+        if len(rest):
+            self._scenes.append((Rays(mesh.vertices, mesh.faces[rest]), rest))
+        faces = mesh.faces[~of_loose]
         self._feet = mesh.vertices[pieces.foot]
         self._low = self._over_everything(mesh.vertices, faces)
 
@@ -77,15 +92,27 @@ class Contacts:
         over[pieces.size[:, :2].max(axis=1) > 2 * grid.step] = -np.inf
         return np.asarray(able & (over < 0.5))
 
+    def _first(
+        self, origins: NDArray[np.float64], axis: NDArray[np.float32]
+    ) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        """Return the first piece (N,) that is not loose along rays, and how far it is."""
+        piece = np.full(len(origins), -1, np.int64)
+        nearest = np.full(len(origins), np.inf, np.float32)
+        for rays, numbers in self._scenes:
+            face, distance = rays.first(origins, axis)
+            better = distance < nearest
+            piece[better] = self._pieces.of_face[numbers[face[better]]]
+            nearest[better] = distance[better]
+        return piece, nearest
+
     def resting(self, reach: float) -> NDArray[np.int64]:
         """Return pairs (P, 2): a loose piece, and the one that its foot is at most above."""
         numbers = np.flatnonzero(self._low)
-        if self._rays is None or not len(numbers):
+        if not len(numbers):
             return _NONE
-        face, distance = self._rays.first(self._feet[numbers] + [0, 0, 1e-3], _AXES[0])
-        near = (face >= 0) & (distance < reach)
-        other = self._pieces.of_face[self._fixed[face[near]]]
-        return np.column_stack([numbers[near], other]).astype(np.int64)
+        other, distance = self._first(self._feet[numbers] + [0, 0, 1e-3], _AXES[0])
+        near = distance < reach
+        return np.column_stack([numbers[near], other[near]]).astype(np.int64)
 
     def within(self, reach: float) -> NDArray[np.int64]:
         """Return pairs (P, 2) of pieces that come within about a distance of each other.
@@ -100,15 +127,14 @@ class Contacts:
 
     def _fixed_within(self, reach: float) -> NDArray[np.int64]:
         some = self._low[self._owner]
-        if self._rays is None or not some.any():
+        if not some.any():
             return _NONE
         points, owner = _sampled(self._corners[some], self._owner[some], reach)
         pairs = [_NONE]
         for axis in _AXES:
-            face, distance = self._rays.first(points - 1e-3 * axis, axis)
-            near = (face >= 0) & (distance < reach)
-            other = self._pieces.of_face[self._fixed[face[near]]]
-            pairs.append(np.unique(np.column_stack([owner[near], other]), axis=0))
+            other, distance = self._first(points - 1e-3 * axis, axis)
+            near = distance < reach
+            pairs.append(np.unique(np.column_stack([owner[near], other[near]]), axis=0))
         return np.concatenate(pairs).astype(np.int64)
 
     def _loose_within(self, reach: float) -> NDArray[np.int64]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import fast_simplification
@@ -71,14 +73,19 @@ def decimated(
     """
     zone, errors = _zones(mesh, sensors, error_m)
     kinds = zone if label is None else zone * (int(label.max(initial=0)) + 1) + label
-    parts, measured, p95 = [], [], []
-    for number, error in enumerate(errors):
-        part = selected(mesh, zone == number)
-        result, gap = _within(part, kinds[zone == number], error)
-        parts.append(result)
-        measured.append(gap.most)
-        p95.append(gap.p95)
-    return Decimated(_joined(parts, mesh), errors, measured, p95)
+
+    def fewer(number: int) -> tuple[TriangleMesh, Deviation]:
+        part = zone == number
+        return _within(selected(mesh, part), kinds[part], errors[number])
+
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        done = list(pool.map(fewer, range(len(errors))))
+    return Decimated(
+        _joined([part for part, _ in done], mesh),
+        errors,
+        [gap.most for _, gap in done],
+        [gap.p95 for _, gap in done],
+    )
 
 
 def _joined(parts: list[TriangleMesh], mesh: TriangleMesh) -> TriangleMesh:

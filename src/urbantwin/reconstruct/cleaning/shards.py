@@ -66,11 +66,12 @@ def find_shards(mesh: TriangleMesh, pieces: Pieces, smallest_m: float, keep: Spo
     none = np.zeros(len(mesh.faces), bool)
     if len(pieces) < 2:
         return Shards(none, [], [])
-    ground, on_ground, base = _standing(mesh, pieces)
+    standing = _standing(mesh, pieces)
+    ground, on_ground, base = standing.ground, standing.on_ground, standing.base
     longest = pieces.size.max(axis=1)
     small = longest < smallest_m
     loose = ~on_ground | (small & ~ground)
-    touching = Contacts(mesh, pieces, loose)
+    touching = Contacts(mesh, pieces, loose, standing.wide, standing.rays)
     pairs = np.concatenate([touching.within(_TOUCH_M), touching.resting(_FOOT_M)])
     # A small piece is carried by a thing, not by the ground that it happens to lie on.
     lies = (small[pairs[:, 0]] & ground[pairs[:, 1]]) | (small[pairs[:, 1]] & ground[pairs[:, 0]])
@@ -105,10 +106,19 @@ def find_shards(mesh: TriangleMesh, pieces: Pieces, smallest_m: float, keep: Spo
     return Shards(gone[pieces.of_face], removed, kept)
 
 
-def _standing(
-    mesh: TriangleMesh, pieces: Pieces
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.float64]]:
-    """Return which pieces (K,) are ground, which stand on it, and the ground's height there."""
+@dataclass(frozen=True, eq=False)
+class _Standing:
+    """Of K pieces: which are ground, which stand on it, its height there; the wide ones' rays."""
+
+    ground: NDArray[np.bool_]
+    on_ground: NDArray[np.bool_]
+    base: NDArray[np.float64]
+    wide: NDArray[np.bool_]
+    rays: Rays
+
+
+def _standing(mesh: TriangleMesh, pieces: Pieces) -> _Standing:
+    """Return which pieces are ground, which stand on it, and the ground's height there."""
     wide = pieces.size[:, :2].max(axis=1) >= _GROUND_SIDE_M
     if not wide.any():
         wide = pieces.area >= 0.2 * pieces.area.max()
@@ -116,8 +126,7 @@ def _standing(
         (*pieces.low[:, :2].min(axis=0), *pieces.high[:, :2].max(axis=0)), _grid_step(pieces)
     )
     some = wide[pieces.of_face]
-    used, faces = np.unique(mesh.faces[some], return_inverse=True)
-    rays = Rays(mesh.vertices[used], faces.reshape(-1, 3).astype(np.int32))
+    rays = Rays(mesh.vertices, mesh.faces[some])
     below = float(pieces.low[:, 2].min()) - 1.0
     lowest = rays.heights(grid.centres(), below, up=True).reshape(grid.shape)
     earth = filled(np.where(bare_earth(lowest, grid.step), lowest, np.nan))
@@ -140,7 +149,7 @@ def _standing(
     # Slabs of which a pavement may be made: flat, and nothing is under them.
     under = rays.heights(pieces.middle[:, :2], pieces.low[:, 2] - 1e-3)
     ground |= on_ground & flat & np.isnan(under) & ~wide & (share > 0.5)
-    return ground, on_ground, base
+    return _Standing(ground, on_ground, base, wide, rays)
 
 
 def _grid_step(pieces: Pieces) -> float:

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from urbantwin.reconstruct.cleaning.clip import cut_along
 from urbantwin.reconstruct.cleaning.close_surface import Outline, fill, outline_of
 from urbantwin.reconstruct.cleaning.connected import pieces_of
+from urbantwin.reconstruct.cleaning.grid import Grid
 from urbantwin.reconstruct.cleaning.rays import Rays
 from urbantwin.reconstruct.cleaning.removal import Removal, Spots
 from urbantwin.reconstruct.cleaning.street import REACH_M, street_of_mesh
@@ -25,6 +26,8 @@ __all__ = ["Untrafficked", "without_traffic"]
 _OVER_M = 0.05
 #: The rim lies within this of the ground that is expected, metres.
 _RIM_M = 0.35
+#: Cells of the grid that tells which triangles come near vehicles, metres.
+_COARSE_M = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,51 +141,68 @@ def _cut_out(
     if not chosen:
         return mesh, []
     groups = _groups([outline for *_, outline in chosen])
-    touched = _near([outline for outline, _ in groups], mesh)
-    numbers = np.flatnonzero(touched)
-    used, local = np.unique(mesh.faces[numbers], return_inverse=True)
-    work = replace(
-        mesh,
-        vertices=mesh.vertices[used],
-        faces=local.reshape(-1, 3).astype(np.int32),
-        colour=None if mesh.colour is None else mesh.colour[numbers],
-        object=mesh.object[numbers],
-        semantic=None if mesh.semantic is None else mesh.semantic[numbers],
-    )
-    removed = []
-    for outline, members in groups:
-        work, area, count, closed = _cut_one(work, outline)
-        share = 1.0 / len(members)
-        for k in members:
-            blob, kind, why, _ = chosen[k]
-            removed.append(
-                Removal(
-                    kind,
-                    why,
-                    blob.middle,
-                    blob.size,
-                    area * share,
-                    round(count * share),
-                    outline.area,
-                    closed * share,
+    removed: list[Removal] = []
+    works: list[TriangleMesh] = []
+    used_by: list[NDArray[np.int64]] = []
+    away = np.zeros(len(mesh.faces), bool)
+    for numbers, together in _neighbourhoods([outline for outline, _ in groups], mesh):
+        away[numbers] = True
+        used, local = np.unique(mesh.faces[numbers], return_inverse=True)
+        work = replace(
+            mesh,
+            vertices=mesh.vertices[used],
+            faces=local.reshape(-1, 3).astype(np.int32),
+            colour=None if mesh.colour is None else mesh.colour[numbers],
+            object=mesh.object[numbers],
+            semantic=None if mesh.semantic is None else mesh.semantic[numbers],
+        )
+        for group in together:
+            outline, members = groups[group]
+            work, area, count, closed = _cut_one(work, outline)
+            share = 1.0 / len(members)
+            for k in members:
+                blob, kind, why, _ = chosen[k]
+                removed.append(
+                    replace(
+                        _removal(blob, kind, why),
+                        area=area * share,
+                        count=round(count * share),
+                        outline=outline.area,
+                        closed=closed * share,
+                    )
                 )
-            )
-    rest = np.flatnonzero(~touched)
-    extra = len(mesh.vertices) + np.arange(len(work.vertices) - len(used))
-    number = np.concatenate([used, extra]).astype(np.int32)
-    whole = TriangleMesh(
-        np.concatenate([mesh.vertices, work.vertices[len(used) :]]),
-        np.concatenate([mesh.faces[rest], number[work.faces]]),
-        None
-        if mesh.colour is None or work.colour is None
-        else np.concatenate([mesh.colour[rest], work.colour]),
-        np.concatenate([mesh.object[rest], work.object]),
-        mesh.names,
-        None
-        if mesh.semantic is None or work.semantic is None
-        else np.concatenate([mesh.semantic[rest], work.semantic]),
+        works.append(work)
+        used_by.append(used.astype(np.int64))
+    return _put_back(mesh, ~away, works, used_by), removed
+
+
+def _put_back(
+    mesh: TriangleMesh,
+    rest: NDArray[np.bool_],
+    works: list[TriangleMesh],
+    used_by: list[NDArray[np.int64]],
+) -> TriangleMesh:
+    """Return the rest of a mesh with the parts that were worked on; shared vertices stay shared."""
+    vertices, faces, next_number = [mesh.vertices], [mesh.faces[rest]], len(mesh.vertices)
+    for work, used in zip(works, used_by, strict=True):
+        new = work.vertices[len(used) :]
+        number = np.concatenate([used, next_number + np.arange(len(new))]).astype(np.int32)
+        vertices.append(new)
+        faces.append(number[work.faces])
+        next_number += len(new)
+    colour, semantic = None, None
+    if mesh.colour is not None:
+        parts = [work.colour for work in works if work.colour is not None]
+        colour = np.concatenate([mesh.colour[rest], *parts])
+    if mesh.semantic is not None:
+        kinds = [work.semantic for work in works if work.semantic is not None]
+        semantic = np.concatenate([mesh.semantic[rest], *kinds])
+    objects = np.concatenate([mesh.object[rest], *(work.object for work in works)])
+    return selected(
+        TriangleMesh(
+            np.concatenate(vertices), np.concatenate(faces), colour, objects, mesh.names, semantic
+        )
     )
-    return selected(whole), removed
 
 
 def _groups(outlines: list[Outline]) -> list[tuple[Outline, list[int]]]:
@@ -201,19 +221,44 @@ def _groups(outlines: list[Outline]) -> list[tuple[Outline, list[int]]]:
     return groups
 
 
-def _near(outlines: list[Outline], mesh: TriangleMesh) -> NDArray[np.bool_]:
-    """Return which triangles come near any outline, and their neighbours."""
+def _neighbourhoods(
+    outlines: list[Outline], mesh: TriangleMesh
+) -> list[tuple[NDArray[np.int64], list[int]]]:
+    """Return, for outlines that share no triangle with others, the triangles near, and which."""
     corners = mesh.vertices[:, :2][mesh.faces]
     low, high = corners.min(axis=1), corners.max(axis=1)
-    out = np.zeros(len(mesh.faces), bool)
-    for outline in outlines:
-        west, south, east, north = outline.area.bounds
-        some = (high[:, 0] >= west) & (low[:, 0] <= east)
-        some[some] = (high[some, 1] >= south) & (low[some, 1] <= north)
-        out |= some
-    vertices = np.zeros(len(mesh.vertices), bool)
-    vertices[mesh.faces[out].ravel()] = True
-    return np.asarray(out | vertices[mesh.faces].any(axis=1))
+    bounds = np.array([outline.area.bounds for outline in outlines])
+    grid = Grid.over((*bounds[:, :2].min(axis=0), *bounds[:, 2:].max(axis=0)), _COARSE_M)
+    mask = np.zeros(grid.shape, bool)
+    (r0, c0), (r1, c1) = grid.cells(bounds[:, :2]), grid.cells(bounds[:, 2:])
+    for a, b, c, d in zip(r0, r1, c0, c1, strict=True):
+        mask[a : b + 1, c : d + 1] = True
+    sums = np.zeros((grid.rows + 1, grid.columns + 1), np.int32)
+    sums[1:, 1:] = mask.cumsum(axis=0, dtype=np.int32).cumsum(axis=1, dtype=np.int32)
+    (a, c), (b, d) = grid.cells(low), grid.cells(high)
+    b, d = b + 1, d + 1
+    some = np.flatnonzero(sums[b, d] - sums[a, d] - sums[b, c] + sums[a, c])
+    low, high = low[some], high[some]
+    found: list[tuple[NDArray[np.int64], list[int]]] = []
+    touched = np.zeros(len(mesh.vertices), bool)
+    # Their neighbours are among these: what shares a vertex with them.
+    touched[mesh.faces[some].ravel()] = True
+    ring = np.flatnonzero(touched[mesh.faces].any(axis=1))
+    faces = mesh.faces[ring]
+    for number, (west, south, east, north) in enumerate(bounds):
+        near = (high[:, 0] >= west) & (low[:, 0] <= east)
+        near &= (high[:, 1] >= south) & (low[:, 1] <= north)
+        touched[:] = False
+        touched[mesh.faces[some[near]].ravel()] = True
+        mine, together = ring[touched[faces].any(axis=1)], [number]
+        apart = []
+        for theirs, others in found:
+            if np.isin(mine, theirs, assume_unique=True).any():
+                mine, together = np.union1d(mine, theirs), others + together
+            else:
+                apart.append((theirs, others))
+        found = [*apart, (mine, together)]
+    return found
 
 
 def _cut_one(work: TriangleMesh, outline: Outline) -> tuple[TriangleMesh, float, int, float]:

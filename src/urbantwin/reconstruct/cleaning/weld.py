@@ -107,9 +107,12 @@ def _repeated(faces: NDArray[np.int32]) -> NDArray[np.bool_]:
     if not count:
         return again
     corners = np.sort(faces, axis=1).astype(np.int64)
-    base = np.int64(corners.max() + 1)
-    # Two corners make a key of 64 bits; of triangles that share them the third is compared.
-    order = np.lexsort((corners[:, 2], corners[:, 0] * base + corners[:, 1]))
+    base = int(corners.max()) + 1
+    keys = corners[:, 0] * base + corners[:, 1]
+    if base < 2**21:  # three corners fit into 63 bits
+        order = np.argsort(keys * base + corners[:, 2], kind="stable")
+    else:
+        order = np.lexsort((corners[:, 2], keys))
     same = (corners[order[1:]] == corners[order[:-1]]).all(axis=1)
     again[order[1:][same]] = True
     return again
