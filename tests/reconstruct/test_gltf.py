@@ -5,6 +5,7 @@ import json
 import struct
 
 import DracoPy
+import meshopt
 import numpy as np
 import pytest
 import trimesh
@@ -189,7 +190,6 @@ def test_draco_as_dracopy_packs_it():
 
 
 def test_meshopt_as_meshoptimizer_packs_it():
-    meshopt = pytest.importorskip("meshopt")
     ball = trimesh.creation.icosphere(2, 5.0)
     points = ball.vertices.astype("<f4")
     gltf = Gltf()

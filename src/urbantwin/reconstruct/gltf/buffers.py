@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import base64
 import binascii
-import importlib
 from collections.abc import Callable
 from typing import Any
 from urllib.parse import unquote_to_bytes
+
+from meshopt import decode_gltf_buffer
 
 from urbantwin.reconstruct.gltf.malformed import MalformedError, items, table, text, whole
 
@@ -113,13 +114,7 @@ class Buffers:
         if count * stride > _LARGEST_VIEW or not 1 <= stride <= 256:
             raise MalformedError(f"a packed view claims {count} rows of {stride} bytes")
         try:
-            library = importlib.import_module("meshopt")
-        except ImportError:
-            raise MalformedError(
-                "is packed with EXT_meshopt_compression, which needs the library meshopt"
-            ) from None
-        try:
-            rows = library.decode_gltf_buffer(
+            rows = decode_gltf_buffer(
                 bytes(data), count, stride, text(spec, "mode"), text(spec, "filter", "NONE")
             )
         except Exception as error:
