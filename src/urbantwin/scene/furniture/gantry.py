@@ -17,7 +17,7 @@ from urbantwin.site.extract import OsmFeature
 
 __all__ = ["add_gantries"]
 
-#: Clear height below the boards (ARS 7/20, MUTCD 2A.15: 5.2 to 5.5 m), boards and beam, metres.
+#: Clear height below the boards (MUTCD 2A.18: at least 17 ft), boards and beam, metres.
 CLEAR_M, BOARD_M, BEAM_M, POST_M = 5.5, (1.6, 2.5), 0.4, 0.35
 #: A board over every lane.
 LANE_M = 3.5

@@ -9,7 +9,8 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
-from urbantwin.scene.furniture.piece import Piece, bar, block
+from urbantwin.scene.furniture.piece import Piece, block
+from urbantwin.scene.solids import rods
 from urbantwin.scene.tag import count_of, length_m_of
 
 __all__ = ["cycle_stands", "oriented", "shelter"]
@@ -18,7 +19,7 @@ __all__ = ["cycle_stands", "oriented", "shelter"]
 SHELTER_M = (1.5, 4.0, 2.5)
 #: A Sheffield stand is a hoop 0.75 m long and 0.8 m high; stands are 0.9 m apart; two bikes each.
 HOOP_M, HOOP_HIGH_M, STAND_STEP_M, BIKE_M = 0.75, 0.8, 0.9, 2.0
-MOST_STANDS = 80
+MOST_STANDS, TUBE_M = 80, 0.025
 
 
 def oriented(area: Polygon) -> tuple[NDArray[np.float64], float, float, float]:
@@ -90,17 +91,17 @@ def cycle_stands(tags: Mapping[str, str], deep: float | None, long: float | None
         return [block([0, 0, 0], [deep, wide, high], "metal-painted", "other-structure")]
     low = kind in ("wall_loops", "rack", "anchors", "ground_slots", "crossbar")
     high, reach = (0.45, 0.4) if low else (HOOP_HIGH_M, HOOP_M)
-    pieces = []
+    hoops = []
     for number in range(stands):
         row, place = divmod(number, each)
         x = (row - (rows - 1) / 2) * deep / rows
         y = (place + 0.5) / each * wide - wide / 2
         a, b = x - reach / 2, x + reach / 2
-        pieces += [
-            bar([a, y, -0.3], [a, y, high], 0.025),
-            bar([b, y, -0.3], [b, y, high], 0.025),
-            bar([a, y, high], [b, y, high], 0.025),
-        ]
+        hoops.append([[[a, y, -0.3], [a, y, high]], [[b, y, -0.3], [b, y, high]],
+                      [[a, y, high], [b, y, high]]])  # fmt: skip
+    ends = np.array(hoops).reshape(-1, 2, 3)
+    tubes = rods(ends[:, 0], ends[:, 1], TUBE_M, TUBE_M, 6)
+    pieces = [Piece(tubes, "other-object", "metal-painted")]
     if tags.get("covered") == "yes":
         cover = {"height": tags.get("height", ""), "shelter_type": "sun_shelter", "bench": "no"}
         pieces += shelter(cover, deep, wide)

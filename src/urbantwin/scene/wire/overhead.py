@@ -18,8 +18,8 @@ from urbantwin.site.extract import OsmFeature
 
 __all__ = ["CONTACT_M", "add_overhead"]
 
-#: Height of contact wires above the rails (BOStrab and EN 50122-1: at least 4.7 to 5.5 m in
-#: streets; EN 50119: 5.0 to 5.5 m on railways), and of the wires across that hold them, metres.
+#: Height of contact wires above the rails (EN 50119: nominally 5.0 to 5.75 m), and of the wires
+#: across the street that hold them, metres.
 CONTACT_M, SPAN_M = 5.5, 6.6
 #: Distance between what holds the wire: streets, railways, metres.
 STREET_STEP_M, RAILWAY_STEP_M = 28.0, 55.0
