@@ -139,6 +139,17 @@ def test_parts_replace_the_outline_where_they_stand():
     assert set(mesh.part) == {1}
 
 
+def test_the_height_of_a_tower_is_not_given_to_what_the_parts_leave_over():
+    mesh, notes = build(
+        feature(box(0, 0, 40, 20), building="church", height="50"),
+        feature(box(0, 0, 30, 20), 2, building__part="yes", height="12"),
+        feature(box(30, 0, 36, 6), 3, building__part="yes", height="50"),
+    )
+    assert notes["outlines built as high as most of their parts"] == 1
+    assert roof_height(mesh, 33, 3) == pytest.approx(50)
+    assert roof_height(mesh, 38, 15) == pytest.approx(12)
+
+
 def test_a_building_mapped_as_relation_and_as_way_is_built_once():
     hollow = Polygon(box(0, 0, 20, 20).exterior, [box(5, 5, 15, 15).exterior.coords])
     mesh, notes = build(

@@ -99,6 +99,18 @@ def test_only_walls_that_see_the_street_have_windows():
     assert len(np.unique(middle[:, 0, 2].round(3))) == 4
 
 
+def test_storeys_are_those_below_the_roof():
+    mesh, _ = build(
+        feature(
+            HOUSE, building="yes", building__levels="3", height="13", roof__shape="hipped",
+            roof__height="4",
+        )
+    )  # fmt: skip
+    sills = np.unique(panes(mesh)[..., 2].min(axis=1).round(3))
+    assert len(sills) == 3
+    assert np.diff(sills) == pytest.approx([3.0, 3.0])
+
+
 def test_a_courtyard_has_no_windows():
     hollow = Polygon(HOUSE.exterior, [box(4, 3, 14, 7).exterior.coords])
     mesh, _ = build(feature(hollow, building="apartments", building__levels="3"))

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
+import numpy as np
 import shapely
 from shapely import Polygon
 
@@ -19,6 +20,7 @@ from urbantwin.scene.building_height import (
 )
 from urbantwin.scene.building_outline import MappedBuilding
 from urbantwin.scene.roof import RoofTags, roof_facets, roof_span, roof_tags
+from urbantwin.scene.tag import count_of
 
 __all__ = ["Volume", "building_volumes"]
 
@@ -26,6 +28,8 @@ __all__ = ["Volume", "building_volumes"]
 SLAB_M = 0.3
 #: Walls under a roof whose height was assumed are at least this high, metres.
 WALL_M = 2.2
+#: Storeys are between these heights, metres.
+LOWEST_STOREY_M, HIGHEST_STOREY_M = 2.2, 6.0
 
 
 @dataclass(frozen=True)
@@ -68,6 +72,8 @@ def building_volumes(building: MappedBuilding, notes: Counter[str]) -> list[Volu
         volumes.append(_volume(polygon, tags, building.tags, part_rise, notes))
         if part_rise.low_m < top - 0.5:  # else it stands on the roof of its building
             replaced.append(polygon)
+    if building.footprints and replaced:
+        rise = _rise_of_rest(rise, volumes, notes)
     for polygon in building.footprints:
         rest = [polygon]
         if replaced:
@@ -80,6 +86,25 @@ def building_volumes(building: MappedBuilding, notes: Counter[str]) -> list[Volu
             own = building.tags if whole else _without_roof(building.tags)
             volumes.append(_volume(piece, own, {}, rise, own_notes))
     return volumes
+
+
+def _rise_of_rest(rise: Rise, parts: Sequence[Volume], notes: Counter[str]) -> Rise:
+    """Return how far an outline rises where none of its parts stands.
+
+    Where one of them is as high as the outline is said to be, that height is the whole
+    building's; the rest is then built as high as most of the parts are.
+    """
+    tops = np.array([part.body.high for part in parts])
+    if tops.max() < rise.high_m - 0.5:
+        return rise
+    area = np.array([part.body.footprint.area for part in parts])
+    order = np.argsort(tops, kind="stable")
+    middle = int(np.searchsorted(np.cumsum(area[order]), area.sum() / 2))
+    usual = float(tops[order[middle]])
+    if usual >= rise.high_m - 0.5 or usual <= rise.low_m + WALL_M:
+        return rise
+    notes["outlines built as high as most of their parts"] += 1
+    return replace(rise, high_m=usual, eaves_m=None)
 
 
 def _volume(
@@ -107,7 +132,15 @@ def _volume(
         footprint, low, high, tuple(facet.placed(1.0, eaves) for facet in facets), eaves=eaves
     )
     materials = building_materials(tags, outline_tags)
-    return Volume(body, tags, materials, is_roof, rise.storey_m, eaves)
+    return Volume(body, tags, materials, is_roof, _storey(tags, rise, eaves), eaves)
+
+
+def _storey(tags: Mapping[str, str], rise: Rise, eaves_m: float) -> float:
+    """Return the height of the storeys under a roof."""
+    levels = count_of(tags.get("building:levels"))
+    if levels and LOWEST_STOREY_M <= eaves_m / levels <= HIGHEST_STOREY_M:
+        return eaves_m / levels
+    return rise.storey_m
 
 
 def _roof_height(roof: RoofTags, span_m: float, rise: Rise, notes: Counter[str]) -> float:
