@@ -180,7 +180,7 @@ def test_crs_that_leads_nowhere_is_named(tmp_path: Path, spec: dict, line: str) 
 
 def test_crs_of_the_site_file_goes_before_the_files_own(tmp_path: Path) -> None:
     out = place(tmp_path, ground(5.0, "EPSG:32633"), crs="EPSG:7415")
-    assert out.report["crs"] == "Amersfoort / RD New + NAP height"
+    assert out.report["crs"] == "Amersfoort / RD New + NAP height (EPSG:7415)"
     assert any("was set aside" in one for one in out.model.problems)
 
 

@@ -18,6 +18,10 @@ _GROUND, _NOISE = 2, (7, 18)
 MOST_SAMPLES = 400_000
 #: Within a block of this size some ground is to be seen, metres.
 _BLOCK_M = 25.0
+#: Fewer points than this share lie below the ground by mistake; walls alone reach down to it.
+_LOW = 0.02
+#: Points this near to the plane of the lowest ones are of the ground, too, metres.
+_NEAR_M = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,8 +76,8 @@ def above(
 ) -> tuple[float, float] | None:
     """Return how far a model's ground lies above a surface: the median, and half the spread.
 
-    In every block of 25 m the lowest twentieth of the points is taken for ground: what stands on
-    the ground does not count, nor do a few points below it. ``None`` where nothing is left.
+    In every block of 25 m the lowest points are taken for ground: what stands on the ground does
+    not count, nor do a few points below it. ``None`` where nothing is left.
 
     Args:
         samples: points of the model, in metres.
@@ -85,11 +89,11 @@ def above(
         return None
     height = height[known]
     cell = np.floor(samples.points[known, :2] / _BLOCK_M).astype(np.int64)
-    low = height if samples.ground else _share_of_groups(cell, height, 0.05)
+    low = height if samples.ground else height[_lowest_of_groups(cell, height, least=5)]
     if not len(low):
         return None
     q = np.quantile(low, [0.25, 0.5, 0.75])
-    return float(q[1]), float(q[2] - q[0]) / 2
+    return float(q[1]) + _middle(height - q[1]), float(q[2] - q[0]) / 2
 
 
 def height_at_anchor(samples: Samples, farthest_m: float = np.inf) -> float | None:
@@ -122,25 +126,22 @@ def height_at_anchor(samples: Samples, farthest_m: float = np.inf) -> float | No
         kept = left
     if len(kept) < 4 or distance.min() > radius / 1.2:
         return float(np.quantile(low[:, 2], 0.2))
-    return float(plane[2])
+    return float(plane[2]) + _middle(near[:, 2] - (near[:, :2] @ plane[:2] + plane[2]))
 
 
-def _share_of_groups(
-    cell: NDArray[np.int64], value: NDArray[np.float64], share: float
-) -> NDArray[np.float64]:
-    """Return a quantile of the values in each cell that holds at least five."""
+def _middle(height: NDArray[np.float64]) -> float:
+    """Return where the ground is in heights above its lowest points, which lie in its noise."""
+    near = height[np.abs(height) < _NEAR_M]
+    return float(np.median(near)) if len(near) else 0.0
+
+
+def _lowest_of_groups(
+    cell: NDArray[np.int64], value: NDArray[np.float64], least: int = 1
+) -> NDArray[np.int64]:
+    """Return the place of a low value in each cell that holds enough of them."""
     _, group = np.unique(cell, axis=0, return_inverse=True)
     order = np.lexsort([value, group.ravel()])
     start = np.flatnonzero(np.diff(group.ravel()[order], prepend=-1))
     count = np.diff(start, append=len(order))
-    at = start + (share * (count - 1)).astype(np.int64)
-    return np.asarray(value[order[at]][count >= 5])
-
-
-def _lowest_of_groups(cell: NDArray[np.int64], value: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the place of a low value, the tenth part from below, in each cell."""
-    _, group = np.unique(cell, axis=0, return_inverse=True)
-    order = np.lexsort([value, group.ravel()])
-    start = np.flatnonzero(np.diff(group.ravel()[order], prepend=-1))
-    count = np.diff(start, append=len(order))
-    return np.asarray(order[start + (0.1 * (count - 1)).astype(np.int64)])
+    place = order[start + (_LOW * (count - 1)).astype(np.int64)]
+    return np.asarray(place[count >= least])

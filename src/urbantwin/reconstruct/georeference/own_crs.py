@@ -60,7 +60,7 @@ def by_crs(
         if model.crs is not None and model.crs != crs:
             problems.append(f"its own CRS {model.crs.name!r} was set aside for {crs.name!r}")
     assert crs is not None
-    report: dict[str, object] = {"crs": crs.name}
+    report: dict[str, object] = {"crs": _named(crs)}
     model = _in_units_of(model, crs, source, report)
     up, why = _up_in_crs(model, crs, source, frame, surroundings)
     report |= {"up": up, "up_why": why}
@@ -160,3 +160,8 @@ def _with_points(
     if cloud is not None and len(cloud.points):
         cloud = replace(cloud, points=change(cloud.points))
     return replace(model, mesh=mesh, cloud=cloud)
+
+
+def _named(crs: CRS) -> str:
+    code = crs.to_authority()
+    return crs.name if code is None else f"{crs.name} ({':'.join(code)})"

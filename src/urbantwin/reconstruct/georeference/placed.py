@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.reconstruct.georeference.complaint import complaint
@@ -21,11 +23,13 @@ from urbantwin.reconstruct.georeference.local import (
 )
 from urbantwin.reconstruct.georeference.own_crs import by_crs
 from urbantwin.reconstruct.georeference.reach import (
+    all_points,
     check_finite,
     check_meets,
 )
 from urbantwin.reconstruct.georeference.register import Registration, register
 from urbantwin.reconstruct.georeference.similarity import moved
+from urbantwin.reconstruct.georeference.summary import summary_of
 from urbantwin.reconstruct.model import ImportedModel
 from urbantwin.reconstruct.surroundings import Surroundings
 from urbantwin.site.geometry import GeometrySource
@@ -33,6 +37,9 @@ from urbantwin.site.geometry import GeometrySource
 __all__ = ["Placed", "placed"]
 
 Progress = Callable[[float, str], None]
+
+#: Nobody models about an origin that far away: such coordinates are of a map grid.
+_GRID = 20_000.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +50,8 @@ class Placed:
         model: in the site frame: east-north-up metres, z above the anchor's ground, float64.
             What a person should look at was added to its ``problems``.
         report: how it was placed, for ``geometry.json``: method, systems, transformations with
-            their accuracy, scale, upward axis and why, offsets, residuals.
+            their accuracy, scale, upward axis and why, offsets, residuals; ``summary`` says it in
+            lines for a person.
         heights: what the site's zero is in the heights of a source: to be handed to the next one.
         registration: what a picture of the registration shows; ``None`` where there was none.
     """
@@ -110,6 +118,8 @@ def placed(
         )
         report["method"] = first.how
     _check(first, surroundings, source, frame)
+    lines = registration.lines if registration else ()
+    report["summary"] = summary_of(report, lines)
     if first.problems:
         report["problems"] = list(first.problems)
     out = replace(first.model, crs=None, up="z", unit_m=1.0, geotag=None)
@@ -145,8 +155,10 @@ def _first(
         return by_geotag(model, source, frame, elevation, heights)
     if spec.register_to is not None:
         return in_the_middle(model, source, surroundings, elevation, heights)
+    far = max(float(np.abs(one[:, :2]).max()) for one in all_points(model))
+    seems = " although its coordinates look like those of a map grid" if far > _GRID else ""
     raise complaint(
         source,
-        "does not say where it is",
+        f"does not say where it is{seems}",
         expected="crs, control_points, similarity, origin or register: true",
     )
