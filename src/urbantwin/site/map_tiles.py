@@ -31,7 +31,7 @@ HALF_M = math.pi * 6378137.0
 #: Sides that tiles have, pixels.
 SIDES = (256, 512, 1024)
 #: Most pixels of a mosaic, and most bytes of one tile.
-MOST_PIXELS, MOST_BYTES = 100_000_000, 5_000_000
+MOST_PIXELS, MOST_BYTES = 64_000_000, 5_000_000
 #: How long one tile may take, seconds, and how many are asked for at once.
 TIMEOUT_S, AT_ONCE = 10.0, 4
 #: Problems that are listed one by one.
@@ -109,7 +109,7 @@ def read_tiles(
             expected="tiles of the region",
         )
     side = max(len(one) for one in pictures)
-    if columns * rows * side**2 > 4 * MOST_PIXELS:
+    if columns * rows * side**2 > MOST_PIXELS:
         side = SIDES[0]
     pixels = np.zeros((4, rows * side, columns * side), np.uint8)
     for (x, y), one in zip(places, found, strict=True):

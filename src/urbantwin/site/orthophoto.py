@@ -23,10 +23,10 @@ __all__ = ["Orthophoto", "read_orthophoto"]
 _EXPECTED = "a GeoTIFF of red, green and blue (and opacity), 8 bits each, with a CRS"
 #: Cells of the grid, metres: as fine as the picture, within these.
 FINEST_M, COARSEST_M = 0.05, 2.0
-#: Most cells of a grid: 110 MB of colours.
-MOST_CELLS = 36_000_000
+#: Most cells of a grid: 50 MB of colours, and a gigabyte while materials are told.
+MOST_CELLS = 16_000_000
 #: Most pixels of a file that are read at once; of a finer one its overviews are.
-MOST_PIXELS = 100_000_000
+MOST_PIXELS = 64_000_000
 
 
 @dataclass(frozen=True, eq=False)
