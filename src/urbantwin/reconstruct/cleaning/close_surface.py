@@ -20,7 +20,11 @@ __all__ = ["Ground", "Outline", "fill", "outline_of"]
 #: Cells of the close look at one vehicle, metres.
 _FINE_M = 0.1
 #: How far around a vehicle's cells its skirt and the ground beside it are looked at, metres.
-_AROUND_M = 1.6
+_AROUND_M = 2.6
+#: Cells from one to the next height whose difference gives a slope.
+_RUN = 4
+#: Width of the strip around it that tells the street's slope, metres, and its fewest cells.
+_STRIP_M, _FEWEST = 2.0, 30
 #: What is higher over the ground is a vehicle's for certain, metres.
 _SURE_M = 0.25
 #: Where a scan melts a flank into the street the surface still falls outwards by this per cell.
@@ -33,6 +37,9 @@ _SIDE_M = 0.6
 _STEP_M = 0.08
 #: And than this, or three times the surface's own roughness, metres.
 _ROUGH_M = 0.02
+#: Share of the rim that lies on one surface if there is no step. A tilted plane through a street on
+#: one side and a sidewalk on the other leaves the short ends off.
+_ONE_SURFACE = 0.97
 #: The foot of a step runs this far inside the outline, metres.
 _FOOT_M = 0.05
 #: Most rim points that an interpolation takes.
@@ -76,42 +83,42 @@ class Ground:
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """The street under a vehicle, roughly: ``z = c0 + c1 x + c2 y``, as an opening left it."""
+    """The slope of the street about a vehicle: rise along x and along y."""
 
-    factors: NDArray[np.float64]
-    middle: NDArray[np.float64]
+    slope: NDArray[np.float64]
 
     @classmethod
-    def through(cls, places: NDArray[np.float64], heights: NDArray[np.float64]) -> Plane:
-        """Return the plane that a fifth of heights (N,) at places (N, 2) lie under.
+    def around(cls, top: NDArray[np.float64], known: NDArray[np.bool_]) -> Plane:
+        """Return the slope that most of the ground around has.
 
-        Beside a curb the opening takes the sidewalk's height for some of the cells: the lower
-        of both is the street (quantile regression, by reweighting).
+        The median of differences over a few cells: street and sidewalk slope alike, and a curb
+        between them is in few of the differences.
+
+        Args:
+            top: (rows, columns) heights, cells of ``_FINE_M``.
+            known: which of them are ground.
         """
-        middle = places.mean(axis=0)
-        terms = np.column_stack([np.ones(len(places)), places - middle])
-        # Damped: a row of cells says nothing of the slope across it.
-        damping = np.diag([0.0, 0.05, 0.05])
-        right = np.concatenate([heights, np.zeros(3)])
-        weight = np.ones(len(places))
-        factors = np.zeros(3)
-        for _ in range(20):
-            root = np.concatenate([np.sqrt(weight), np.ones(3)])
-            left = np.concatenate([terms, damping]) * root[:, None]
-            factors = np.linalg.lstsq(left, right * root, rcond=None)[0]
-            over = heights - terms @ factors
-            weight = np.where(over > 0, 0.2, 0.8) / np.maximum(np.abs(over), 2e-3)
-        return cls(factors, middle)
+        values = np.where(known, top, np.nan)
+        slope = np.zeros(2)
+        for axis, far in ((0, values[:, _RUN:]), (1, values[_RUN:])):
+            near = values[:, :-_RUN] if axis == 0 else values[:-_RUN]
+            rise = (far - near)[~np.isnan(far - near)]
+            if len(rise):
+                slope[axis] = float(np.median(rise)) / (_RUN * _FINE_M)
+        return cls(slope)
 
     def even(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return which of points (N, 3) around a vehicle are of the surface it stands on.
 
-        A sidewalk on one side is a curb higher, a wall more. The opening lies as low as the
-        lower of two surfaces that a vehicle touches: what is low over it is the street.
+        A sidewalk on one side is a curb higher. Of two surfaces a vehicle stands on the lower.
         """
         if len(points) < 12:
             return np.ones(len(points), bool)
-        over = points[:, 2] - self.factors[0] - (points[:, :2] - self.middle) @ self.factors[1:]
+        off = _off_most(points, np.ones(len(points), bool))
+        good = off < max(_ROUGH_M, 3.0 * float(np.median(off)))
+        if good.mean() > _ONE_SURFACE:
+            return np.asarray(good)
+        over = points[:, 2] - points[:, :2] @ self.slope
         even = np.abs(over - np.percentile(over, 30)) < _STEP_M
         # Of those, what most agree on: the face of a curb lies between street and sidewalk.
         off = _off_most(points, even)
@@ -220,10 +227,13 @@ def outline_of(
     if area.geom_type != "Polygon" or not area.is_valid or area.is_empty:
         return None
     grown = binary_dilation(mask, iterations=2)
-    ring = binary_dilation(grown, iterations=6) & ~grown & ~np.isnan(top)
-    ring &= np.abs(height) < _SURE_M + 0.1
+    low = ~grown & ~np.isnan(top) & (np.abs(height) < _SURE_M + 0.1)
+    wide = low & binary_dilation(grown, iterations=round(_STRIP_M / _FINE_M))
+    if wide.sum() < _FEWEST:
+        return None
+    plane = Plane.around(top, wide)
+    ring = low & binary_dilation(grown, iterations=6)
     around = np.column_stack([grid.centres(ring), top[ring]])
-    plane = Plane.through(places, bare)
     around = around[plane.even(around)]
     ground = Ground.through(around)
     if ground is None:

@@ -21,6 +21,8 @@ _MOST_STEPS = 128
 _NEIGHBOURS = 16
 #: Loose pieces hold each other over gaps this many times as wide: leaves of a crown.
 _CLUSTER = 2.5
+#: Pieces with a longer side are wide, metres.
+_WIDE_M = 2.0
 #: Points worked on at once.
 _AT_ONCE = 200_000
 #: Cells of the grid of heights that tells what flies above everything, metres.
@@ -134,8 +136,8 @@ class Contacts:
         for axis in _AXES:
             other, distance = self._first(points - 1e-3 * axis, axis)
             near = distance < reach
-            pairs.append(np.unique(np.column_stack([owner[near], other[near]]), axis=0))
-        return np.concatenate(pairs).astype(np.int64)
+            pairs.append(_each_once(owner[near], other[near]))
+        return np.concatenate(pairs)
 
     def _loose_within(self, reach: float) -> NDArray[np.int64]:
         numbers = np.flatnonzero(self._loose)
@@ -143,12 +145,16 @@ class Contacts:
             return _NONE
         low, high = self._pieces.low[numbers] - reach / 2, self._pieces.high[numbers] + reach / 2
         boxes = shapely.box(low[:, 0], low[:, 1], high[:, 0], high[:, 1])
-        first, second = shapely.STRtree(boxes).query(boxes, predicate="intersects")
-        meet = (first < second) & (low[first, 2] < high[second, 2])
+        # Small ones are few points each; of wide ones only those near another are looked at.
+        wide = np.flatnonzero(self._pieces.size[numbers].max(axis=1) > _WIDE_M)
+        first, second = shapely.STRtree(boxes).query(boxes[wide], predicate="intersects")
+        first = wide[first]
+        meet = (first != second) & (low[first, 2] < high[second, 2])
         meet &= low[second, 2] < high[first, 2]
         beside = np.zeros(len(self._pieces), bool)
+        beside[numbers] = True
+        beside[numbers[wide]] = False
         beside[numbers[first[meet]]] = True
-        beside[numbers[second[meet]]] = True
         some = beside[self._owner]
         if not some.any():
             return _NONE
@@ -164,9 +170,14 @@ class Contacts:
             row, column = np.nonzero(index < len(points))
             one, other = owner[index[row, column]], owner[part][row]
             apart = one != other
-            found = np.column_stack([one[apart], other[apart]])
-            pairs.append(np.unique(found, axis=0).astype(np.int64))
-        return np.unique(np.concatenate(pairs), axis=0)
+            pairs.append(_each_once(one[apart], other[apart]))
+        return _each_once(*np.concatenate(pairs).T)
+
+
+def _each_once(one: NDArray[np.integer], other: NDArray[np.integer]) -> NDArray[np.int64]:
+    """Return pairs (P, 2) of numbers below 2**31, each once."""
+    keys = np.unique((one.astype(np.int64) << 32) | other.astype(np.int64))
+    return np.column_stack([keys >> 32, keys & 0xFFFFFFFF])
 
 
 def _sampled(

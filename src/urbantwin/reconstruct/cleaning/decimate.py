@@ -119,7 +119,9 @@ def _within(
     mesh: TriangleMesh, kinds: NDArray[np.int64], error: float
 ) -> tuple[TriangleMesh, Deviation]:
     """Return a mesh with fewer triangles, and how far it is from the old one."""
-    free = np.ones(len(mesh.faces), bool)
+    free = _shared(mesh)
+    if not free.any():
+        return mesh, Deviation.none(len(mesh.faces))
     old = Surface(mesh.vertices, mesh.faces)
     for bound in error * np.array(_TRIES):
         part = selected(mesh, free)
@@ -141,6 +143,15 @@ def _within(
         if not free.any():
             break
     return mesh, Deviation.none(len(mesh.faces))
+
+
+def _shared(mesh: TriangleMesh) -> NDArray[np.bool_]:
+    """Return the triangles (F,) with a corner that three or more share.
+
+    Corners of fewer lie on a border, and stay: leaves of single triangles and quads have no other.
+    """
+    around = np.bincount(mesh.faces.ravel(), minlength=len(mesh.vertices))
+    return np.asarray((around[mesh.faces] > 2).any(axis=1))
 
 
 def _collapsed(

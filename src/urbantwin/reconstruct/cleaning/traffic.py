@@ -15,7 +15,7 @@ from urbantwin.reconstruct.cleaning.connected import pieces_of
 from urbantwin.reconstruct.cleaning.grid import Grid
 from urbantwin.reconstruct.cleaning.rays import Rays
 from urbantwin.reconstruct.cleaning.removal import Removal, Spots
-from urbantwin.reconstruct.cleaning.street import REACH_M, street_of_mesh
+from urbantwin.reconstruct.cleaning.street import REACH_M, Street, street_of_mesh
 from urbantwin.reconstruct.cleaning.vehicle import Blob, find_blobs, vehicle_kind
 from urbantwin.reconstruct.cleaning.weld import selected
 from urbantwin.reconstruct.model import TriangleMesh
@@ -83,18 +83,7 @@ def without_traffic(
             continue
         outline = None
         if kind:
-            window = np.zeros(street.grid.shape, bool)
-            window[
-                blob.row : blob.row + blob.mask.shape[0],
-                blob.column : blob.column + blob.mask.shape[1],
-            ] = blob.mask
-            outline = outline_of(
-                rays,
-                street.grid.squares(window),
-                street.bare[window],
-                street.grid.centres(window),
-                REACH_M,
-            )
+            outline = _look(rays, street, blob)
             if outline is None:
                 kind, why = "", f"{why}; the ground around it is not to be seen"
             elif remove is None and not _closed_sides(rays, outline, blob):
@@ -106,6 +95,15 @@ def without_traffic(
         chosen.append((blob, kind, why, outline))
     mesh, removed = _cut_out(mesh, chosen)
     return Untrafficked(mesh, removed, kept, passed)
+
+
+def _look(rays: Rays, street: Street, blob: Blob) -> Outline | None:
+    """Return the outline of a blob as a close look shows it."""
+    grid = street.grid
+    mask = np.zeros(grid.shape, bool)
+    rows, columns = blob.mask.shape
+    mask[blob.row : blob.row + rows, blob.column : blob.column + columns] = blob.mask
+    return outline_of(rays, grid.squares(mask), street.bare[mask], grid.centres(mask), REACH_M)
 
 
 def _removal(blob: Blob, kind: str, why: str) -> Removal:
