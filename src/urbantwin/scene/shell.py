@@ -107,8 +107,9 @@ class ShellPlan:
             holes = openings[number] if openings is not None else ()
             ring = [vertex(wall.start, z) for z in wall.left[::-1]]
             ring += [vertex(wall.end, z) for z in wall.right]
-            if holes:
-                extra.append(wall_mesh(wall, ring, holes))
+            mesh = wall_mesh(wall, ring, holes) if holes else None
+            if mesh is not None:
+                extra.append(mesh)
                 continue
             for triangle in _zipped(wall, ring):
                 faces.append(triangle)

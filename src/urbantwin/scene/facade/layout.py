@@ -182,13 +182,14 @@ def _add_windows(
     count = 0
     for row in nearest:
         holes = found[row[0]][row[1]]
+        doors = list(holes)
         for window in _windows(facades[row]):
             clear = all(
                 window.start > door.end + PIER_M
                 or window.end < door.start - PIER_M
                 or window.low > door.high + LINTEL_M
-                for door in holes
-                if door.low <= window.low
+                or window.high < door.low - LINTEL_M
+                for door in doors
             )
             if clear:
                 holes.append(window)

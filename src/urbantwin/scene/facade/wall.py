@@ -75,13 +75,16 @@ class WallMesh:
 _CORNERS = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 
 
-def wall_mesh(wall: Wall, ring: Sequence[int], openings: Sequence[Opening]) -> WallMesh:
+def wall_mesh(wall: Wall, ring: Sequence[int], openings: Sequence[Opening]) -> WallMesh | None:
     """Return a wall's triangles: around its openings, their reveals, and the panes.
 
     Args:
         wall: the wall.
         ring: numbers of the vertices over its start, from the top, then over its end, from below.
-        openings: rectangles within the wall that do not meet.
+        openings: rectangles within the wall.
+
+    Returns:
+        ``None`` where openings meet each other or the wall's border.
     """
     p, q = np.array(wall.start_xy), np.array(wall.end_xy)
     length = wall.length
@@ -98,7 +101,10 @@ def wall_mesh(wall: Wall, ring: Sequence[int], openings: Sequence[Opening]) -> W
         axis=-1,
     )  # (O, 4, 2)
     holes = np.concatenate([corner, corner[:, :1]], axis=1)
-    front = _around(outline, ring, corner, Polygon(outline, holes))
+    area = Polygon(outline, holes)
+    if not area.is_valid:
+        return None
+    front = _around(outline, ring, corner, area)
 
     count = len(openings)
     base = 8 * np.arange(count)[:, None]
