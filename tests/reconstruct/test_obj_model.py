@@ -94,6 +94,13 @@ def test_the_reference_of_delft_is_as_another_reader_has_it(shared_data):
     assert "3dfier.mtl" in model.problems[0]
 
 
+def test_comments_after_numbers(tmp_path):
+    lines = ["v 0 0 0 # a", "v 1 0 0", "v 0 1 0", "o house #12", "f 1 2 3 # b"]
+    mesh = read(written(tmp_path / "c.obj", lines)).mesh
+    assert area(mesh) == pytest.approx(0.5)
+    assert mesh.names == ("house #12",)
+
+
 def test_vertices_alone_are_a_cloud(tmp_path):
     cloud = read(written(tmp_path / "p.obj", ["v 1 2 3 1 0 0", "v 4 5 6 0 0 1"])).cloud
     assert cloud.points.tolist() == [[1, 2, 3], [4, 5, 6]]

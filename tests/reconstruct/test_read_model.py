@@ -85,6 +85,7 @@ def archive(path):
         ("m.pts", b"1 2 nan\n", "not a place"),
         ("m.pts", b"hello\n", "no point"),
         ("m.las", b"LASF" + bytes(50), "cannot be read as LAS"),
+        ("m.las", b"LASF" + b"\xff" * 400, "more records than it has"),
         ("m.fbx", b"Kaydara FBX Binary  \x00\x1a\x00" + b"\xff" * 200, "cannot be read as FBX"),
     ],
 )

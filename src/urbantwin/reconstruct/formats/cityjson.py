@@ -143,7 +143,8 @@ def _templates(head: dict[str, Any], path: Path) -> tuple[list[Any], NDArray[np.
     if not isinstance(given, dict):
         return [], np.zeros((0, 3))
     place = "geometry-templates.vertices-templates"
-    return list(given.get("templates", [])), _array(
+    templates = given.get("templates")
+    return templates if isinstance(templates, list) else [], _array(
         given.get("vertices-templates", []), path, place
     )
 
@@ -180,7 +181,7 @@ def _take(
         for geometry in geometries:
             try:
                 surfaces = list(surfaces_of(geometry, vertices, templates))
-            except (KeyError, IndexError, TypeError, ValueError, RecursionError):
+            except (KeyError, IndexError, TypeError, ValueError, AttributeError, RecursionError):
                 found.problems.append(f"{name}: its geometry is wrong and was left out")
                 continue
             lod = str(geometry.get("lod", "?"))
@@ -191,9 +192,10 @@ def _take(
 
 def _finest(one: dict[str, Any]) -> list[dict[str, Any]]:
     """Return the geometries of the highest level of detail that are surfaces."""
+    given = one.get("geometry")
     known = [
         geometry
-        for geometry in one.get("geometry") or []
+        for geometry in (given if isinstance(given, list) else [])
         if isinstance(geometry, dict)
         and geometry.get("type") not in ("MultiPoint", "MultiLineString", None)
     ]
@@ -214,7 +216,8 @@ def _left_to_parts(
     one: dict[str, Any], objects: dict[str, Any], geometries: list[dict[str, Any]]
 ) -> bool:
     """Whether an object's parts have its shape as fine as itself, so that it is not built twice."""
-    parts = [objects.get(child) for child in one.get("children") or []]
+    children = one.get("children")
+    parts = [objects.get(str(k)) for k in children] if isinstance(children, list) else []
     levels = [
         _level(geometry)
         for part in parts
@@ -245,7 +248,8 @@ def _add(
 
 def _material_colours(document: dict[str, Any]) -> list[tuple[int, int, int] | None]:
     appearance = document.get("appearance")
-    given = appearance.get("materials", []) if isinstance(appearance, dict) else []
+    listed = appearance.get("materials") if isinstance(appearance, dict) else None
+    given = listed if isinstance(listed, list) else []
     found: list[tuple[int, int, int] | None] = []
     for one in given:
         try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import laspy
@@ -48,6 +49,7 @@ def read_las(
     Raises:
         InputError: it is no LAS, is cut short, has nothing there or too much.
     """
+    _check_records(path)
     try:
         reader = laspy.open(path)
     except Exception as error:  # laspy, its decompressor and struct each raise their own
@@ -86,6 +88,29 @@ def read_las(
         notes=notes,
         files=content_of(path),
     )
+
+
+def _check_records(path: Path) -> None:
+    """Refuse a header that claims more records than its file has room for.
+
+    They are read one by one, so a damaged count would fill the memory (LAS 1.4, tables 3 and 5).
+    """
+    size = path.stat().st_size
+    with path.open("rb") as stream:
+        head = stream.read(375)
+    if len(head) < 227 or not head.startswith(b"LASF"):
+        return  # laspy says what is wrong
+    header_size, first_point, records = struct.unpack_from("<HII", head, 94)
+    extended, extended_count = 0, 0
+    if head[25] >= 4 and len(head) >= 247:
+        extended, extended_count = struct.unpack_from("<QI", head, 235)
+    room = min(first_point, size) - header_size
+    if records * 54 > room or (extended_count and extended_count * 60 > size - extended):
+        raise InputError(
+            "cannot be read as LAS (its header names more records than it has)",
+            file=path,
+            expected="LAS or LAZ",
+        )
 
 
 def _points(

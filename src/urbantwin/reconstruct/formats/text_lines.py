@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,6 +19,8 @@ CHUNK = 1 << 24
 #: A line longer than this is no line of a model.
 LONGEST_LINE = 1 << 26
 _NEWLINE, _SPACE = 10, 32
+#: A comment after the numbers of a vertex or a face.
+_TRAILING = re.compile(rb"^([ \t]*[vf][nt]? [^\n#]*)#[^\n]*", re.MULTILINE)
 
 
 def text_chunks(path: Path, *, size: int = CHUNK) -> Iterator[tuple[bytes, int]]:
@@ -45,6 +48,8 @@ def text_chunks(path: Path, *, size: int = CHUNK) -> Iterator[tuple[bytes, int]]
             whole, rest = piece[:end], piece[end:]
             if whole:
                 joined = whole.replace(b"\\\r\n", b"   ").replace(b"\\\n", b"  ")
+                if b" #" in joined:
+                    joined = _TRAILING.sub(rb"\1", joined)
                 yield (joined if joined.endswith(b"\n") else joined + b"\n"), line
                 line += whole.count(b"\n")
             if not data:
