@@ -194,6 +194,7 @@ def test_the_person_has_the_last_word(scene) -> None:
         ("Straße / asphalt", "road", "asphalt"),
         ("Baum_07 / Laub", "vegetation", "foliage"),
         ("street_light_03 / chrome", "pole", "metal-painted"),
+        ("pavement / asphalt_light", "road", "asphalt"),
         ("lamp post", "pole", "metal-painted"),
         ("GroundSurface", "terrain", None),
     ],

@@ -64,6 +64,7 @@ def _said(name: str) -> tuple[int, int]:
 
 
 def _words(text: str) -> frozenset[str]:
-    """Return the words of a name in small letters, those in the plural in the singular too."""
-    words = {word.lower() for word in _APART.split(text) if word}
+    """Return the words of a name in small letters, neighbours joined, plurals in the singular."""
+    single = [word.lower() for word in _APART.split(text) if word]
+    words = {*single, *(a + b for a, b in zip(single, single[1:], strict=False))}
     return frozenset(words | {word[:-1] for word in words if word.endswith("s")})
