@@ -79,7 +79,16 @@ def street_materials(u, v):
 
 
 @cache
-def draw(cell_m, *, seed=0, tint=(1.0, 0.95, 0.85), gain=1.6, noise=0.06, marks=True):
+def draw(
+    cell_m,
+    *,
+    seed=0,
+    tint=(1.0, 0.95, 0.85),
+    gain=1.6,
+    noise=0.06,
+    marks=True,
+    sky=(0.27, 0.30, 0.375),
+):
     """Draw the street: texture, cars, shadows in the sky's blue light, blur, noise, 8 bits."""
     rng, names, fine = np.random.default_rng(seed), list(ALBEDO), 3
     n = int(2 * HALF / cell_m)
@@ -109,7 +118,7 @@ def draw(cell_m, *, seed=0, tint=(1.0, 0.95, 0.85), gain=1.6, noise=0.06, marks=
         cars |= body
     across = x + 0.6 * y
     shadow = ((across > 16) & (across < 30) & (y > -30)) | ((x - 20) ** 2 + (y + 9) ** 2 < 20)
-    light = np.where(shadow[..., None], [0.27, 0.30, 0.375], 1.0)
+    light = np.where(shadow[..., None], sky, 1.0)
     seen = (albedo * light).reshape(n, fine, n, fine, 3).mean(axis=(1, 3)) * tint * gain
     seen = gaussian_filter(seen, (0.45, 0.45, 0))
     seen = (
@@ -223,6 +232,39 @@ def test_shade_makes_no_other_asphalt_of_a_road(at_10_cm):
     road = (np.abs(v) < 6.9).reshape(got.shape) & drawn.shadow & ~drawn.cars
     plain = road & (drawn.truth == material_id("asphalt"))
     assert (got[plain] == material_id("asphalt")).mean() > 0.95
+
+
+def test_a_grey_shadow_is_told_by_the_ground_beside_the_road():
+    """Without the sky's blue a shadow looks like dark asphalt, but lies on sidewalks as well."""
+    drawn = draw(0.2, sky=(0.3, 0.3, 0.3))
+    got, _ = told(drawn)
+    _, v = along_street(*middles(drawn.photo).T)
+    half = ((v > 0.5) & (v < 6.4)).reshape(got.shape)  # the other one has asphalt that is dark
+    plain = half & (drawn.truth == material_id("asphalt")) & ~drawn.cars
+    assert (got[plain & drawn.shadow] == material_id("asphalt-dark")).mean() < 0.1
+    assert (got[plain & ~drawn.shadow] == material_id("asphalt")).mean() > 0.9
+
+
+@pytest.mark.parametrize("dark", [25, 45, 70])
+def test_new_asphalt_is_dark_however_dark_it_is(dark):
+    """Flat colours: a street of two asphalts between grass and pale sidewalks."""
+    n, cell_m = 400, 0.2
+    x, y = np.meshgrid(*[(np.arange(n) + 0.5) * cell_m - HALF] * 2)
+    u, v = along_street(x, y)
+    rgb = np.full((n, n, 3), (70, 110, 50), np.uint8)
+    rgb[np.abs(v) < 10] = (185, 180, 172)
+    rgb[np.abs(v) < 7] = (105, 104, 103)
+    rgb[(np.abs(v) < 7) & (u > 15)] = dark
+    rgb[(np.abs(v) < 7) & (u < -20)] = (160, 158, 155)
+    photo = Orthophoto(-HALF, -HALF, cell_m, rgb, np.ones((n, n), bool), cell_m, ())
+    found = picture_materials(photo, street_mesh(), (0,), level, lambda points: points[:, 0] > 1e9)
+    at = SurfaceMaterials(found.layers).at
+    middle = np.column_stack([x.ravel(), y.ravel()])
+    inner = (np.abs(v) < 6).ravel()
+    u = u.ravel()
+    assert (at(middle[inner & (u > 16)]) == material_id("asphalt-dark")).mean() > 0.98
+    assert (at(middle[inner & (u < -21)]) == material_id("asphalt-light")).mean() > 0.98
+    assert (at(middle[inner & (np.abs(u) < 14)]) == 0).mean() > 0.98
 
 
 def test_what_is_taken_for_paint_is_paint_or_next_to_it(at_10_cm):

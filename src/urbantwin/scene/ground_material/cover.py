@@ -3,14 +3,15 @@
 Colours are told by chroma (each colour's share of the light), relative to the asphalt of the same
 picture, so neither the camera's white balance nor a shadow changes them. Brightness tells grey
 materials apart, relative to the asphalt too, and only outside of shadows: what is much darker, or
-darker and bluer (lit by the sky alone), keeps the material that it had.
+darker and bluer (lit by the sky alone), keeps the material that it had. A dark piece of road is
+in a shadow if the ground beside it is dark too, and of dark asphalt if it is not.
 """
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
+from scipy.ndimage import binary_dilation, distance_transform_edt, label, uniform_filter
 
 from urbantwin.scene.ground_material.road_paint import LINEAR
 from urbantwin.scene.ground_material.seen import CARRIAGEWAY, FOOTWAY, OPEN
@@ -26,6 +27,11 @@ GREEN, BROWN = 0.025, 0.06
 CONCRETE, LIGHT, DARK = 1.45, 1.3, 0.78
 #: Below the first it is in shadow; below the second where it is bluer by the third.
 SHADOW, BLUISH, BLUER = 0.5, 0.85, 0.015
+#: Ground within this of a dark piece of road tells whether it is in a shadow, metres: it is where
+#: this share of it is darker than so much of its usual brightness.
+BESIDE_M, SHARE, DARKER = 2.0, 0.5, 0.6
+#: Dark pieces up to twice this apart are one, metres.
+JOINED_M = 0.6
 #: The most frequent cover within this counts, metres.
 AROUND_M = 1.25
 #: Which percentile of the brightness of carriageways is lit asphalt of the usual kind.
@@ -76,9 +82,14 @@ def covers_in_picture(
         usual = float(np.median(total[known])) if known.any() else 1.0
     off = chroma - grey
     bright = total / max(usual, 1e-4)
-    shadow = (bright < SHADOW) | ((bright < BLUISH) & (off[..., 2] > BLUER))
     green = off[..., 1] - (off[..., 0] + off[..., 2]) / 2 > GREEN
     brown = ~green & (off[..., 0] - off[..., 2] > BROWN)
+    shadow = (bright < BLUISH) & (off[..., 2] > BLUER)
+    shadow |= (bright < SHADOW) & (zone != CARRIAGEWAY)
+    kinds = [known & (zone == FOOTWAY), *(known & (zone == OPEN) & c for c in (green, brown))]
+    kinds.append(known & (zone == OPEN) & ~green & ~brown)
+    dim = _darker_than_usual(total, kinds)
+    shadow |= _shaded_pieces(road & ~shadow & (bright < DARK), dim, kinds, cell_m)
     plain = ~green & ~brown & ~shadow
     found = np.zeros(zone.shape, np.uint8)
 
@@ -94,6 +105,42 @@ def covers_in_picture(
     put("asphalt-dark", plain & road & (bright < DARK))
     put("asphalt", plain & road & (bright >= DARK) & (bright <= LIGHT))
     return _most_frequent(found, zone, cell_m)
+
+
+def _darker_than_usual(
+    total: NDArray[np.float32], kinds: list[NDArray[np.bool_]]
+) -> NDArray[np.bool_]:
+    """Return where ground is much darker than most of its kind."""
+    dim = np.zeros(total.shape, bool)
+    for kind in kinds:
+        if kind.any():
+            dim |= kind & (total < DARKER * np.percentile(total[kind], LIT))
+    return dim
+
+
+def _shaded_pieces(
+    dark: NDArray[np.bool_],
+    dim: NDArray[np.bool_],
+    kinds: list[NDArray[np.bool_]],
+    cell_m: float,
+) -> NDArray[np.bool_]:
+    """Return the connected pieces of dark road beside which other ground is dark too.
+
+    Lane marks, of which nothing is told here, do not part them.
+    """
+    if not dark.any():
+        return dark
+    reach = max(1, round(JOINED_M / cell_m))
+    joined = binary_dilation(dark, np.ones((3, 3), bool), iterations=reach)
+    number, count = label(joined, np.ones((3, 3), bool))
+    distance, nearest = distance_transform_edt(~dark, return_indices=True)
+    beside = (distance * cell_m <= BESIDE_M) & np.logical_or.reduce(kinds)
+    owner = number[nearest[0][beside], nearest[1][beside]]
+    around = np.bincount(owner, minlength=count + 1)
+    shaded = np.bincount(owner, dim[beside], minlength=count + 1)
+    in_shadow = (shaded > SHARE * around) & (around > 0)
+    in_shadow[0] = False
+    return np.asarray(in_shadow[number] & dark)
 
 
 def _most_frequent(
