@@ -99,10 +99,12 @@ def fit(points: ControlPoints, upright: Similarity | None) -> tuple[Similarity, 
         InputError: there are too few, two are the same, they lie on a line, or they disagree.
     """
     count = len(points.model)
+    if count < 2:
+        raise _wrong(points, f"{'is' if count == 1 else 'are'} {count}", "at least three")
     _check_apart(points)
     extent = float(np.linalg.norm(np.ptp(points.site, axis=0)))
-    if count < 2 or (count == 2 and upright is None):
-        raise _wrong(points, f"{'is' if count == 1 else 'are'} {count}", "at least three")
+    if count == 2 and upright is None:
+        raise _wrong(points, "are 2", "at least three, or up: y or z")
     flat = count == 2 or any(_on_a_line(side) for side in (points.model, points.site))
     if flat and upright is None:
         raise _wrong(points, "lie on one line, about which the model could turn", "one beside it")

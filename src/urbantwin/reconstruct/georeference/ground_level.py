@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.reconstruct.georeference.similarity import Similarity
 from urbantwin.reconstruct.model import ImportedModel
 
 __all__ = ["Samples", "above", "height_at_anchor", "samples_of"]
@@ -37,6 +38,11 @@ class Samples:
     points: NDArray[np.float64]
     normals: NDArray[np.float64] | None
     ground: bool = False
+
+    def moved(self, transform: Similarity) -> Samples:
+        """Return the samples of the transformed model."""
+        normals = None if self.normals is None else self.normals @ transform.rotation.T
+        return Samples(transform.apply(self.points), normals, self.ground)
 
 
 def samples_of(model: ImportedModel, *, ground: bool = False) -> Samples:

@@ -132,6 +132,7 @@ def by_origin(
             heading="heading_deg" not in spec.model_fields_set,
             scale=not axes.unit_known,
             level=not axes.up_known,
+            height=True,
             pivot=_xy(frame, spec.longitude, spec.latitude),
         ),
     )
@@ -184,6 +185,7 @@ def by_geotag(
             heading=False,
             scale=not axes.unit_known,
             level=not axes.up_known,
+            height=True,
             pivot=_xy(frame, tag.longitude, tag.latitude),
         ),
     )
@@ -217,6 +219,7 @@ def in_the_middle(
             place=True,
             scale=not axes.unit_known,
             level=not axes.up_known,
+            height=True,
         ),
     )
 

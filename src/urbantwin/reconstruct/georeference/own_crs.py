@@ -24,6 +24,7 @@ from urbantwin.reconstruct.georeference.reach import (
     check_meets,
     distance_to,
 )
+from urbantwin.reconstruct.georeference.search import Freedom
 from urbantwin.reconstruct.georeference.settle import (
     settled,
 )
@@ -98,6 +99,7 @@ def by_crs(
         model=laid.model,
         heights=laid.heights,
         problems=(*problems, *laid.problems),
+        freedom=Freedom(height=bool(laid.problems)),
     )
 
 

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from urbantwin.ground import Elevation
 from urbantwin.reconstruct.georeference.complaint import complaint
 from urbantwin.reconstruct.georeference.correlation import Candidate, MapRaster
-from urbantwin.reconstruct.georeference.ground_level import height_at_anchor, samples_of
+from urbantwin.reconstruct.georeference.ground_level import Samples, height_at_anchor, samples_of
 from urbantwin.reconstruct.georeference.levelling import GroundFit, fit_ground, upright
 from urbantwin.reconstruct.georeference.outline_fit import Agreement
 from urbantwin.reconstruct.georeference.search import Freedom, Search, coarse_cell
-from urbantwin.reconstruct.georeference.similarity import Similarity, moved
+from urbantwin.reconstruct.georeference.similarity import Similarity
 from urbantwin.reconstruct.model import ImportedModel
 from urbantwin.reconstruct.surroundings import Surroundings
 from urbantwin.site.geometry import GeometrySource
@@ -88,21 +88,22 @@ def register(
             "register",
             expected="control_points, or origin",
         )
-    levelled, notes = _levelled(model, freedom, elevation)
-    search = Search(model, levelled, source, surroundings, freedom)
+    samples, bare = samples_of(model), samples_of(model, ground=True)
+    levelled, notes = _levelled(samples, freedom, elevation)
+    search = Search(samples, levelled, source, surroundings, freedom)
     levelled, features, ranked, best = search.run(raster, tell)
     _check_clear(source, ranked)
     tell(0.9, "laying it on the ground")
     transform = search.similarity(best).after(levelled)
     features = search.features(transform)
-    fit, up = _laid(features.ground, model, transform, elevation, freedom)
+    fit, up = _laid(features.ground, bare, transform, elevation, freedom)
     transform = up.after(transform)
     notes["tilt_deg"] = 0.0 if fit is None else round(fit.tilt_deg, 3)
     features = search.features(transform)
     if fit is not None and fit.tilt_deg > _TILT_DEG:
         # Its walls leaned: they are laid on their outlines once more, and then the ground.
         transform = search.polished(features).after(transform)
-        fit, up = _laid(search.features(transform).ground, model, transform, elevation, freedom)
+        fit, up = _laid(search.features(transform).ground, bare, transform, elevation, freedom)
         transform = up.after(transform)
         features = search.features(transform)
     found = search.agreement(features)
@@ -114,13 +115,13 @@ def register(
 
 
 def _levelled(
-    model: ImportedModel, freedom: Freedom, elevation: Elevation | None
+    samples: Samples, freedom: Freedom, elevation: Elevation | None
 ) -> tuple[Similarity, dict[str, object]]:
     """Make a model level whose upward axis nobody said."""
     still = Similarity(1.0, np.eye(3), np.zeros(3))
     if not freedom.level:
         return still, {}
-    turn, angle, over = upright(samples_of(model))
+    turn, angle, over = upright(samples)
     # A street may well fall by a few degrees: without a DEM that is not taken away.
     if angle < (0.2 if elevation is not None else 6.0):
         return still, {}
@@ -129,7 +130,7 @@ def _levelled(
 
 def _laid(
     ground: NDArray[np.float64],
-    model: ImportedModel,
+    bare: Samples,
     transform: Similarity,
     elevation: Elevation | None,
     freedom: Freedom,
@@ -139,7 +140,9 @@ def _laid(
         fit = fit_ground(ground, elevation, tilt=freedom.place or freedom.heading or freedom.level)
         if fit is not None:
             return fit, fit.transform
-    own = height_at_anchor(samples_of(moved(model, transform), ground=True))
+    if not freedom.height:
+        return None, Similarity(1.0, np.eye(3), np.zeros(3))
+    own = height_at_anchor(bare.moved(transform))
     return None, Similarity(1.0, np.eye(3), np.array([0.0, 0.0, -(own or 0.0)]))
 
 
@@ -168,7 +171,7 @@ def _quality(
         "second_best": round(max(0.0, second), 3),
         "confidence": round(1.0 - max(0.0, second), 3),
         "outlines": "not known: neither the model's walls nor the map's buildings were enough",
-        "ground": "not known: laid on z = 0 at the anchor",
+        "ground": "not known: only the height at the anchor",
     }
     if found is not None:
         report["outlines"] = {

@@ -16,7 +16,7 @@ from urbantwin.reconstruct.georeference.correlation import (
     MapRaster,
     candidates,
 )
-from urbantwin.reconstruct.georeference.ground_level import samples_of
+from urbantwin.reconstruct.georeference.ground_level import Samples
 from urbantwin.reconstruct.georeference.outline_fit import (
     Agreement,
     Outlines,
@@ -24,8 +24,7 @@ from urbantwin.reconstruct.georeference.outline_fit import (
     fit_outlines,
 )
 from urbantwin.reconstruct.georeference.plan_features import PlanFeatures, plan_features
-from urbantwin.reconstruct.georeference.similarity import Similarity, moved
-from urbantwin.reconstruct.model import ImportedModel
+from urbantwin.reconstruct.georeference.similarity import Similarity
 from urbantwin.reconstruct.surroundings import Surroundings
 from urbantwin.site.geometry import GeometrySource
 
@@ -56,6 +55,7 @@ class Freedom:
         place: any place on the site is searched; else as far as ``search_m`` says.
         scale: its unit was only guessed.
         level: its upward axis was only guessed: it may have to be levelled.
+        height: its heights were only guessed: without a known ground it may be laid on the anchor.
         pivot: (2,) site frame: about which it is turned.
     """
 
@@ -63,6 +63,7 @@ class Freedom:
     place: bool = False
     scale: bool = False
     level: bool = False
+    height: bool = False
     pivot: tuple[float, float] | None = None
 
 
@@ -70,7 +71,8 @@ class Search:
     """One search.
 
     Args:
-        model: at its first place: z-up, metres, roughly in the site frame.
+        samples: points all over the model at its first place: z-up, metres, roughly in the site
+            frame.
         levelled: what makes it level.
         source: what ``site.yaml`` says of it.
         surroundings: the map in plan.
@@ -79,7 +81,7 @@ class Search:
 
     def __init__(
         self,
-        model: ImportedModel,
+        samples: Samples,
         levelled: Similarity,
         source: GeometrySource,
         surroundings: Surroundings,
@@ -87,7 +89,7 @@ class Search:
     ) -> None:
         assert source.spec.register_to is not None
         self._spec = source.spec.register_to
-        self._model, self._levelled, self._source = model, levelled, source
+        self._samples, self._levelled, self._source = samples, levelled, source
         self._surroundings, self._freedom = surroundings, freedom
         centroid = surroundings.region.centroid
         #: Where the model is turned and scaled about, site frame.
@@ -179,7 +181,7 @@ class Search:
 
     def features(self, transform: Similarity) -> PlanFeatures:
         """Return what of the transformed model can be recognised."""
-        out = plan_features(samples_of(moved(self._model, transform)))
+        out = plan_features(self._samples.moved(transform))
         if len(out.tall) + len(out.low) < 50:
             raise complaint(self._source, "is too small to be registered", "register")
         return out
@@ -190,7 +192,7 @@ class Search:
 
     def _as_large_as_the_region(self) -> float:
         """Return what makes a model whose unit is a guess as large as the region."""
-        points = self._levelled.apply(samples_of(self._model).points)
+        points = self._levelled.apply(self._samples.points)
         low, high = np.quantile(points[:, :2], [0.02, 0.98], axis=0)
         across = 2 * float(np.sqrt(self._surroundings.region.area / np.pi))
         return across / max(float((high - low).max()), 1e-9)
