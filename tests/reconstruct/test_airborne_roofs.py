@@ -130,6 +130,47 @@ def test_a_dome_becomes_facets_within_a_decimetre():
     assert np.percentile(far, 95) < 0.35
 
 
+def along(y):
+    return 5 - np.abs(y)
+
+
+def across(x):
+    return 9 - np.abs(x)
+
+
+SHAPES = {
+    "skillion": lambda x, y: 4 + 0.3 * (y + 5),
+    "pyramidal": lambda x, y: 4 + np.minimum(along(y), across(x) * 5 / 9),
+    "half-hipped": lambda x, y: 4 + 0.9 * np.minimum(along(y), across(x) + 2),
+    "mansard": lambda x, y: (
+        4
+        + np.minimum(2 * np.minimum(along(y), across(x)), 3 + 0.3 * np.minimum(along(y), across(x)))
+    ),
+    "crossed": lambda x, y: 4 + 0.8 * np.maximum(along(y), np.minimum(5, 4 - np.abs(x))),
+    "barrel": lambda x, y: 4 + np.sqrt(26 - y**2),
+    "on four levels": lambda x, y: 4 + np.where(x > 3, 4.0, 0) + np.where(y > 2, 2.5, 0),
+}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("yard", [False, True], ids=["", "with a yard"])
+def test_the_volume_under_a_roof(shape, yard):
+    outline = shapely.box(-9, -5, 9, 5)
+    if yard:
+        outline = outline.difference(shapely.box(-4, -2, -1, 1))
+    height = SHAPES[shape]
+    roof, mesh = built(outline, height, 51.0)
+    # The midpoint rule on 5 cm: the house is 1 m deeper than its roof's heights say.
+    x, y = np.meshgrid(np.arange(-8.975, 9, 0.05), np.arange(-4.975, 5, 0.05))
+    inside = shapely.contains_xy(outline, x, y)
+    volume = (height(x, y)[inside] + 1).mean() * outline.area
+    assert mesh.volume == pytest.approx(volume, rel=0.01)
+    truth = sampled(outline, height, seed=9)
+    moved = turned(outline, truth, 51.0)[1]
+    assert np.percentile(distances(roof, moved), 95) < 0.15
+    assert len(mesh.faces) < 200
+
+
 def test_few_points_give_a_flat_roof():
     outline = shapely.box(0, 0, 6, 5)
     points = np.array([[1.0, 1, 3.1], [4, 2, 2.9], [2, 4, 3.0], [5, 4, 3.0], [3, 3, 3.0]])

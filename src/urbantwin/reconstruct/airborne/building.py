@@ -97,7 +97,8 @@ def _plain(outline: shapely.Polygon) -> shapely.Polygon | None:
     smooth = shapely.simplify(outline, 0.02)
     if not smooth.is_valid or smooth.geom_type != "Polygon":
         smooth = outline
-    snapped = shapely.set_precision(smooth, GRID_M)
+    # The second call takes the grid off again: later operations would be held to it.
+    snapped = shapely.set_precision(shapely.set_precision(smooth, GRID_M), 0.0)
     parts = [p for p in shapely.get_parts(snapped) if p.geom_type == "Polygon" and p.area > 1.0]
     return max(parts, key=lambda p: p.area) if parts else None
 

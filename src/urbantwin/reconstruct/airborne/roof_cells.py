@@ -83,8 +83,10 @@ def _cells(outline: shapely.Polygon, lines: Sequence[RoofLine]) -> NDArray[Any]:
     ]
     inner = shapely.intersection(np.array(cuts, dtype=object), outline.buffer(0.2))
     edges = shapely.union_all([outline.boundary, *inner.tolist()], grid_size=GRID_M)
+    # Later operations would be held to the grid.
+    edges = shapely.set_precision(edges, 0.0)
     cells = shapely.get_parts(shapely.polygonize(shapely.get_parts(edges)))
-    inside = shapely.contains(outline.buffer(0.01), shapely.point_on_surface(cells))
+    inside = shapely.contains(outline, shapely.point_on_surface(cells))
     return np.asarray(cells[inside])
 
 

@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from urbantwin.reconstruct.airborne.roof_cells import GRID_M, RoofPatch
 from urbantwin.reconstruct.airborne.roof_lines import main_directions
-from urbantwin.reconstruct.airborne.roof_solid import flat_solid
+from urbantwin.reconstruct.airborne.roof_solid import roof_solid
 
 __all__ = ["roof_objects"]
 
@@ -64,13 +64,16 @@ def roof_objects(
         if box is None:
             continue
         place, top = box
-        place = shapely.intersection(place, inner)
+        place = shapely.set_precision(shapely.intersection(place, inner), GRID_M)
         if place.geom_type != "Polygon" or place.area < _THIN_M**2:
             continue
         corners = np.vstack([shapely.get_coordinates(place), place.centroid.coords[0]])
-        foot = np.nanmin(np.append(surface_heights(patches, corners), top))
-        if top - foot > _HIGH_M / 2:
-            found.append(flat_solid(shapely.set_precision(place, GRID_M), foot - _SUNK_M, top))
+        foot = np.nanmin(np.append(surface_heights(patches, corners), top)) - _SUNK_M
+        if top - foot < _HIGH_M:
+            continue
+        solid = roof_solid([RoofPatch(place, np.array([0.0, 0.0, top]))], foot, (top, top))
+        if solid is not None:
+            found.append(solid)
     return found
 
 
