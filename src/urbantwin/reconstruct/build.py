@@ -24,6 +24,9 @@ from urbantwin.site import GeometrySource
 
 __all__ = ["reconstruct"]
 
+#: Points of a survey this far beyond the region are kept: buildings on its border are whole.
+AROUND_M = 25.0
+
 Progress = Callable[[float, str], None]
 
 
@@ -191,7 +194,7 @@ def _take_cloud(
     clean = cleaned_cloud(
         cloud,
         spec.clean,
-        region=region,
+        region=region.buffer(AROUND_M),
         elevation=gathered.elevation(region),
         roads=surroundings.roads,
         name=source.name,
