@@ -94,14 +94,14 @@ def test_decimation_stays_within_its_bound_by_open3d(error: float) -> None:
         bumps = 0.8 * np.sin(x / 3) * np.cos(y / 4) + np.where(np.abs(x - 5) < 3, 2.0, 0.0)
         return bumps + 0.002 * np.sin(40 * x + 31 * y)
 
-    mesh = grid_mesh(height, 20.0, 181)
+    mesh = grid_mesh(height, 14.0, 127)
     region = shapely.box(-30, -30, 30, 30)
     result = cleaned(mesh, CleanSpec(chordal_error_m=error, **LEAVE), region=region)
     assert len(result.mesh.faces) < 0.5 * len(mesh.faces)
     both = np.concatenate(
         [
-            distances(result.mesh, np.concatenate([mesh.vertices, samples(mesh, 50_000)])),
-            distances(mesh, np.concatenate([result.mesh.vertices, samples(result.mesh, 50_000)])),
+            distances(result.mesh, np.concatenate([mesh.vertices, samples(mesh, 30_000)])),
+            distances(mesh, np.concatenate([result.mesh.vertices, samples(result.mesh, 30_000)])),
         ]
     )
     # Samples between those that cleaning measured may lie a little farther.
@@ -161,3 +161,22 @@ def test_distances_to_triangles_are_open3ds() -> None:
     for k in range(0, 300, 10):
         one = TriangleMesh.build(corners[k], np.array([[0, 1, 2]]))
         assert ours[k] == pytest.approx(float(distances(one, points[k : k + 1])[0]), abs=1e-5)
+
+
+def test_houses_on_a_hill_without_ground_do_not_float() -> None:
+    def house(x: float, z: float) -> TriangleMesh:
+        points = np.array(
+            [[i * 8.0 + x, j * 6.0, k * 5.0 + z] for k in (0, 1) for j in (0, 1) for i in (0, 1)]
+        )
+        quads = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
+        faces = [[q[i] for i in t] for q in quads for t in ((0, 1, 2), (0, 2, 3))]
+        return TriangleMesh.build(points, np.array(faces), name="house")
+
+    hill = TriangleMesh.concatenate([house(15.0 * n, 6.0 * n) for n in range(5)])
+    result = cleaned(hill, CleanSpec(), region=shapely.box(-10, -10, 90, 20))
+    assert result.report["removed"] == []
+    assert areas_of_faces(result.mesh).sum() == pytest.approx(areas_of_faces(hill).sum())
+    # One that hangs over another does.
+    above = TriangleMesh.concatenate([hill, house(15.0, 30.0)])
+    result = cleaned(above, CleanSpec(), region=shapely.box(-10, -10, 90, 20))
+    assert [one["why"][:6] for one in result.report["removed"]] == ["floats"]

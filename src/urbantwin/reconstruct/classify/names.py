@@ -6,6 +6,7 @@ import csv
 import re
 from functools import cache
 from importlib.resources import files
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,5 +67,5 @@ def _said(name: str) -> tuple[int, int]:
 def _words(text: str) -> frozenset[str]:
     """Return the words of a name in small letters, neighbours joined, plurals in the singular."""
     single = [word.lower() for word in _APART.split(text) if word]
-    words = {*single, *(a + b for a, b in zip(single, single[1:], strict=False))}
+    words = {*single, *(a + b for a, b in pairwise(single))}
     return frozenset(words | {word[:-1] for word in words if word.endswith("s")})

@@ -92,7 +92,31 @@ class Contacts:
         top = maximum_filter(top, 5)
         over = pieces.low[:, 2] - top[grid.cells(pieces.middle[:, :2])]
         over[pieces.size[:, :2].max(axis=1) > 2 * grid.step] = -np.inf
-        return np.asarray(able & (over < 0.5))
+        able &= over < 0.5
+        return np.asarray(able & self._beside_something(corners, low, high))
+
+    def _beside_something(
+        self, corners: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]
+    ) -> NDArray[np.bool_]:
+        """Return which pieces (K,) are large, or in or next to a cell with some of what is fixed.
+
+        Most leaves of a crown have nothing but leaves around them.
+        """
+        pieces, cell = self._pieces, _WIDE_M
+        long = (high - low).max(axis=1) > cell / 2
+        places, _ = _sampled(corners[long], np.flatnonzero(long), cell / 2, 1024)
+        places = np.concatenate([places, corners[~long].reshape(-1, 3)])
+        start = np.minimum(places.min(axis=0), pieces.low.min(axis=0)) - 2 * cell
+        here = np.floor((places - start) / cell).astype(np.int64)
+        mine = np.floor((pieces.middle - start) / cell).astype(np.int64)
+        count = np.maximum(here.max(axis=0), mine.max(axis=0)) + 2
+        if np.prod(count.astype(float)) > 2.0**62:
+            return np.ones(len(pieces), bool)
+        weight = np.array([count[1] * count[2], count[2], 1])
+        taken = np.unique(here @ weight)
+        around = (np.indices((3, 3, 3)).reshape(3, -1).T - 1) @ weight
+        near = np.isin(mine @ weight, (taken[:, None] + around).ravel())
+        return np.asarray(near | (pieces.size.max(axis=1) > cell))
 
     def _first(
         self, origins: NDArray[np.float64], axis: NDArray[np.float32]

@@ -136,6 +136,10 @@ def _standing(mesh: TriangleMesh, pieces: Pieces) -> _Standing:
     base = earth[row, column]
     slack = _FOOT_M + 0.1 * grid.step
     on_ground = foot[:, 2] <= base + slack
+    # A house of a model without ground: nothing is under it that it could float over.
+    nothing = np.isnan(rays.heights(foot[:, :2], foot[:, 2] - 1e-3))
+    nothing &= np.isnan(rays.heights(pieces.middle[:, :2], pieces.low[:, 2] - 1e-3))
+    on_ground |= wide & nothing
     # Ground itself: wide, and most of its vertices are at the ground's height.
     at = earth[grid.cells(mesh.vertices[:, :2])]
     low = np.abs(mesh.vertices[:, 2] - at) < slack
