@@ -119,6 +119,7 @@ def test_vertices_alone_are_a_cloud(tmp_path):
         (["v 0 0 0", "v 1 0 0", "v 0 1 0", "f 1 2 -4"], "vertex"),
         (["v 0 0 0", "v 1 0 0", "v 0 1 0", "f 1 a 3"], "line 4"),
         (["v 0 0 0", "v 1 0 0", "v 0 1 0", "f 1 1 3"], "no triangle"),
+        (["v 0 0 0", "v 1 0 0", "v 0 1 0", "vt ", "f 1 2 3"], "line 4"),
         (["hello"], "no face and no vertex"),
         (["\0\0"], "not text"),
     ],

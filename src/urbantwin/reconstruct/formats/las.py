@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from pathlib import Path
+from typing import BinaryIO
 
 import laspy
 import numpy as np
@@ -98,6 +99,7 @@ def _check_records(path: Path) -> None:
     size = path.stat().st_size
     with path.open("rb") as stream:
         head = stream.read(375)
+        chunks = _chunk_count(stream, head, size)
     if len(head) < 227 or not head.startswith(b"LASF"):
         return  # laspy says what is wrong
     header_size, first_point, records = struct.unpack_from("<HII", head, 94)
@@ -105,12 +107,30 @@ def _check_records(path: Path) -> None:
     if head[25] >= 4 and len(head) >= 247:
         extended, extended_count = struct.unpack_from("<QI", head, 235)
     room = min(first_point, size) - header_size
-    if records * 54 > room or (extended_count and extended_count * 60 > size - extended):
+    too_many = records * 54 > room or chunks > size
+    if too_many or (extended_count and extended_count * 60 > size - extended):
         raise InputError(
             "cannot be read as LAS (its header names more records than it has)",
             file=path,
             expected="LAS or LAZ",
         )
+
+
+def _chunk_count(stream: BinaryIO, head: bytes, size: int) -> int:
+    """Return the number of chunks that a LAZ says it has, 0 where it says none (LASzip 2.2)."""
+    if len(head) < 227 or not head[104] & 0x80:
+        return 0
+    (first_point,) = struct.unpack_from("<I", head, 96)
+    stream.seek(min(first_point, size))
+    place = stream.read(8)
+    at = struct.unpack("<q", place)[0] if len(place) == 8 else -1
+    if at == -1 and size > 8:  # written by a program that could not go back: it is at the end
+        stream.seek(size - 8)
+        at = struct.unpack("<q", stream.read(8))[0]
+    if not 0 <= at <= size - 8:
+        return 0
+    stream.seek(at + 4)
+    return int(struct.unpack("<I", stream.read(4))[0])
 
 
 def _points(

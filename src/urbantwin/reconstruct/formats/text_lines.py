@@ -116,7 +116,8 @@ class TextLines:
         counts = np.add.reduceat(_token_starts(body).astype(np.int64), starts)
         values = numbers_of(body.tobytes())
         if len(values) != counts.sum():
-            raise ValueError(int(np.searchsorted(np.cumsum(counts), len(values), side="right")))
+            bad = int(np.searchsorted(np.cumsum(counts), len(values), side="right"))
+            raise ValueError(min(bad, len(counts) - 1))
         return values, counts
 
 
@@ -129,6 +130,8 @@ def _token_starts(body: NDArray[np.uint8]) -> NDArray[np.bool_]:
 
 def numbers_of(text: bytes, dtype: type = np.float64) -> NDArray[np.float64]:
     """Return the numbers of a text up to the first thing that is none."""
+    if text.isspace() or not text:
+        return np.zeros(0, dtype)  # numpy takes blanks for a number
     with warnings.catch_warnings():
         warnings.simplefilter("error", DeprecationWarning)
         try:
