@@ -26,10 +26,7 @@ def outcome(report: dict[str, Any]) -> dict[str, Any]:
 
 def _of_source(source: dict[str, Any]) -> dict[str, Any]:
     placed = source["placed"]
-    told: dict[str, Any] = {"placed by": placed.get("method", "")}
-    for key in ("crs", "scale", "up", "registration", "residuals_m"):
-        if placed.get(key) not in (None, "", [], {}, 1.0):
-            told[key] = placed[key]
+    told: dict[str, Any] = {"placing": placed["summary"]}
     for kind in ("mesh", "cloud"):
         cleaned = source.get(kind) or {}
         removed = Counter(piece.get("what", "piece") for piece in cleaned.get("removed", []))
@@ -38,7 +35,7 @@ def _of_source(source: dict[str, Any]) -> dict[str, Any]:
     for key in ("told_apart", "survey"):
         if source.get(key):
             told[key.replace("_", " ")] = source[key]
-    problems = source["problems"]
+    problems = source["problems"] + placed.get("problems", [])
     if problems:
         told["problems"] = problems[:MOST_PROBLEMS]
         if len(problems) > MOST_PROBLEMS:
