@@ -23,6 +23,9 @@ _NEIGHBOURS = 16
 _CLUSTER = 2.5
 #: Pieces with a longer side are wide, metres.
 _WIDE_M = 2.0
+#: Triangles and quads among as many within so many metres are leaves.
+_LEAVES = 12
+_LEAVES_WITHIN_M = 1.5
 #: Points worked on at once.
 _AT_ONCE = 200_000
 #: Cells of the grid of heights that tells what flies above everything, metres.
@@ -65,7 +68,33 @@ class Contacts:
             self._scenes.append((Rays(mesh.vertices, mesh.faces[rest]), rest))
         faces = mesh.faces[~of_loose]
         self._feet = mesh.vertices[pieces.foot]
+        self._coarse = self._leaves()[self._owner]
         self._low = self._over_everything(mesh.vertices, faces)
+
+    def _leaves(self) -> NDArray[np.bool_]:
+        """Return which pieces (K,) are loose triangles and quads among many: a few points do."""
+        pieces = self._pieces
+        leaf = self._loose & (pieces.triangles <= 2) & (pieces.size.max(axis=1) < _WIDE_M)
+        numbers = np.flatnonzero(leaf)
+        if len(numbers) > _LEAVES:
+            middle = pieces.middle[numbers]
+            far, _ = cKDTree(middle).query(middle, k=[_LEAVES], workers=-1)
+            leaf[numbers[far[:, 0] > _LEAVES_WITHIN_M]] = False
+            return leaf
+        return np.zeros(len(pieces), bool)
+
+    def _points_on(
+        self, some: NDArray[np.bool_], spacing: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.integer]]:
+        """Return points (N, 3) on some of the loose triangles, and the pieces (N,) they are of."""
+        parts = [
+            _sampled(self._corners[part], self._owner[part], step)
+            for part, step in (
+                (some & ~self._coarse, spacing),
+                (some & self._coarse, 2 * spacing),
+            )
+        ]
+        return np.concatenate([p for p, _ in parts]), np.concatenate([o for _, o in parts])
 
     def _over_everything(
         self, vertices: NDArray[np.float64], faces: NDArray[np.int32]
@@ -92,31 +121,7 @@ class Contacts:
         top = maximum_filter(top, 5)
         over = pieces.low[:, 2] - top[grid.cells(pieces.middle[:, :2])]
         over[pieces.size[:, :2].max(axis=1) > 2 * grid.step] = -np.inf
-        able &= over < 0.5
-        return np.asarray(able & self._beside_something(corners, low, high))
-
-    def _beside_something(
-        self, corners: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]
-    ) -> NDArray[np.bool_]:
-        """Return which pieces (K,) are large, or in or next to a cell with some of what is fixed.
-
-        Most leaves of a crown have nothing but leaves around them.
-        """
-        pieces, cell = self._pieces, _WIDE_M
-        long = (high - low).max(axis=1) > cell / 2
-        places, _ = _sampled(corners[long], np.flatnonzero(long), cell / 2, 1024)
-        places = np.concatenate([places, corners[~long].reshape(-1, 3)])
-        start = np.minimum(places.min(axis=0), pieces.low.min(axis=0)) - 2 * cell
-        here = np.floor((places - start) / cell).astype(np.int64)
-        mine = np.floor((pieces.middle - start) / cell).astype(np.int64)
-        count = np.maximum(here.max(axis=0), mine.max(axis=0)) + 2
-        if np.prod(count.astype(float)) > 2.0**62:
-            return np.ones(len(pieces), bool)
-        weight = np.array([count[1] * count[2], count[2], 1])
-        taken = np.unique(here @ weight)
-        around = (np.indices((3, 3, 3)).reshape(3, -1).T - 1) @ weight
-        near = np.isin(mine @ weight, (taken[:, None] + around).ravel())
-        return np.asarray(near | (pieces.size.max(axis=1) > cell))
+        return np.asarray(able & (over < 0.5))
 
     def _first(
         self, origins: NDArray[np.float64], axis: NDArray[np.float32]
@@ -155,7 +160,7 @@ class Contacts:
         some = self._low[self._owner]
         if not some.any():
             return _NONE
-        points, owner = _sampled(self._corners[some], self._owner[some], reach)
+        points, owner = self._points_on(some, reach)
         pairs = [_NONE]
         for axis in _AXES:
             other, distance = self._first(points - 1e-3 * axis, axis)
@@ -182,7 +187,7 @@ class Contacts:
         some = beside[self._owner]
         if not some.any():
             return _NONE
-        points, owner = _sampled(self._corners[some], self._owner[some], reach)
+        points, owner = self._points_on(some, reach)
         tree = cKDTree(points)
         count = min(_NEIGHBOURS, len(points))
         pairs = [_NONE]
