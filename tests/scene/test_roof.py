@@ -106,14 +106,16 @@ def test_gables_of_wings_meet_at_one_height():
     assert roof_volume(shapely.simplify(cross, 0), "gabled") == pytest.approx(expected, rel=1e-3)
 
 
-def test_a_hipped_roof_over_an_ell_is_the_union_of_two():
-    # Wings of one width: both hipped roofs, less what they share.
-    def wedge(length, width, height):
-        return (length - width) * width * height / 2 + width * width * height / 3
-
-    # Where both wings lie, an 8 x 8 square, the lower of their roofs is the square's pyramid.
-    expected = wedge(20, 8, 4) + wedge(25, 8, 4) - 8 * 8 * 4 / 3
-    assert roof_volume(ELL, "hipped") == pytest.approx(expected, rel=1e-3)
+@pytest.mark.parametrize(
+    ("footprint", "width", "lengths"),
+    [(ELL, 8, (20, 25)), (box(0, 0, 4, 4).union(box(0, 3, 6, 7)), 4, (7, 6))],
+)
+def test_a_hipped_roof_over_an_ell_is_the_union_of_two(footprint, width, lengths):
+    # Wings of one width: both hipped roofs, less what they share. Where both wings lie, a square,
+    # the lower of their roofs is the square's pyramid.
+    wings = [(n - width) * width * 4 / 2 + width * width * 4 / 3 for n in lengths]
+    expected = sum(wings) - width * width * 4 / 3
+    assert roof_volume(footprint, "hipped") == pytest.approx(expected, rel=1e-3)
 
 
 @pytest.mark.parametrize("footprint", [ELL, TEE, YOU, COURT])

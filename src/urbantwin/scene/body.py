@@ -53,7 +53,7 @@ def clean_polygons(
         flat = shapely.make_valid(flat, method="structure", keep_collapsed=False)
     found = []
     for piece in shapely.get_parts(shapely.get_parts(flat)):
-        if not isinstance(piece, Polygon) or piece.area < smallest_m2:
+        if not isinstance(piece, Polygon) or piece.area < max(smallest_m2, 1e-3):
             continue
         smooth = shapely.remove_repeated_points(piece, 0.005)
         if not smooth.is_valid:

@@ -92,14 +92,16 @@ class ShellPlan:
 
         for outline, layers in zip(self._outlines, self._layers, strict=True):
             triangles = self._triangles(outline)
-            for low, high in layers:
+            corners = {k for triangle in triangles for k in triangle}
+            stacked = {k: self._stacked(k, layers) for k in corners}
+            for n, (under, over) in enumerate(layers):
                 for a, b, c in triangles:
-                    top = [(k, self._heights[k, high]) for k in (a, b, c)]
-                    foot = [(k, self._heights[k, low]) for k in (a, c, b)]
+                    top = [(k, stacked[k][n][1]) for k in (a, b, c)]
+                    foot = [(k, stacked[k][n][0]) for k in (a, c, b)]
                     if set(top) == set(foot):
                         continue
-                    for corners, kind, owner in ((top, ROOF, high), (foot, FLOOR, low)):
-                        faces.append(tuple(vertex(*corner) for corner in corners))  # type: ignore[arg-type]
+                    for ring_of, kind, owner in ((top, ROOF, over), (foot, FLOOR, under)):
+                        faces.append(tuple(vertex(*place) for place in ring_of))  # type: ignore[arg-type]
                         kinds.append(kind)
                         owners.append(owner[0])
         extra: list[WallMesh] = []
@@ -270,8 +272,6 @@ class ShellPlan:
                     beside.setdefault((min(p, q), max(p, q)), []).append(number)
         new: dict[tuple[int, int], list[int]] = {}
         for (p, q), cells_here in beside.items():
-            if len(cells_here) != 2:
-                continue
             surfaces = {s for n in cells_here for layer in self._layers[n] for s in layer}
             if all(surface[1] < 0 for surface in surfaces):
                 continue
@@ -361,6 +361,19 @@ class ShellPlan:
             self._levels[corner] = levels
         return heights
 
+    def _stacked(self, corner: int, layers: list[Layer]) -> list[tuple[float, float]]:
+        """Return the heights of a cell's layers at one of its corners, none below the last.
+
+        Slivers of a few millimetres are not cut where surfaces cross in them.
+        """
+        stack = []
+        least = -np.inf
+        for under, over in layers:
+            low = max(self._heights[corner, under], least)
+            least = max(self._heights[corner, over], low)
+            stack.append((low, least))
+        return stack
+
     def _triangles(self, outline: list[NDArray[np.int64]]) -> list[list[int]]:
         if len(outline) == 1 and len(outline[0]) == 3:
             return [outline[0].tolist()]
@@ -378,10 +391,8 @@ class ShellPlan:
                     owner[p, q] = number
         for (p, q), number in owner.items():
             beyond = owner.get((q, p))
-            here = [self._interval(p, q, layer) for layer in self._layers[number]]
-            there = []
-            if beyond is not None:
-                there = [self._interval(p, q, layer)[:2] for layer in self._layers[beyond]]
+            here = self._intervals(p, q, number)
+            there = [] if beyond is None else self._intervals(p, q, beyond)
             for low, high, body in _minus(here, there):
                 left = [z for z in self._levels[p] if low[0] <= z <= high[0]]
                 right = [z for z in self._levels[q] if low[1] <= z <= high[1]]
@@ -390,13 +401,15 @@ class ShellPlan:
                         p, q, self._place[p], self._place[q], left, right, body, beyond is None
                     )
 
-    def _interval(self, p: int, q: int, layer: Layer) -> tuple[Ends, Ends, int]:
-        low, high = layer
-        return (
-            (self._heights[p, low], self._heights[q, low]),
-            (self._heights[p, high], self._heights[q, high]),
-            high[0],
-        )
+    def _intervals(self, p: int, q: int, cell: int) -> list[tuple[Ends, Ends, int]]:
+        """Return the layers of a cell over one of its edges: lower, upper ends, and the body."""
+        layers = self._layers[cell]
+        return [
+            ((low, other_low), (high, other_high), over[0])
+            for (low, high), (other_low, other_high), (_, over) in zip(
+                self._stacked(p, layers), self._stacked(q, layers), layers, strict=True
+            )
+        ]
 
 
 def _merged(intervals: list[tuple[float, float, Surface, Surface]]) -> list[Layer]:
@@ -416,7 +429,7 @@ Ends = tuple[float, float]
 
 
 def _minus(
-    here: Sequence[tuple[Ends, Ends, int]], there: Sequence[tuple[Ends, Ends]]
+    here: Sequence[tuple[Ends, Ends, int]], there: Sequence[tuple[Ends, Ends, int]]
 ) -> Iterator[tuple[Ends, Ends, int]]:
     """Yield what of the intervals on one side of an edge is open on the other side.
 
@@ -424,7 +437,7 @@ def _minus(
     """
     for low, high, body in here:
         start = low
-        for other_low, other_high in there:
+        for other_low, other_high, _ in there:
             if sum(other_high) <= sum(start) or sum(other_low) >= sum(high):
                 continue
             if sum(other_low) > sum(start):

@@ -113,11 +113,12 @@ def _envelope(outline: Polygon, raised: Mapping[int, float]) -> list[Facet] | No
     for k in rising.tolist():
         area = _area(shapely.intersection(slabs[k], outline))
         others = rising[np.sort(tree.query(area))]
-        steep = np.hypot(*(planes[k] - planes[others])[:, :2].T)
-        others = others[(others != k) & (steep > 1e-9)]
-        lower = shapely.intersection(
-            slabs[others], half_planes(planes[k] - planes[others], reach, centre)
-        )
+        rise = planes[k] - planes[others]
+        steep = np.hypot(rise[:, 0], rise[:, 1]) > 1e-9
+        crossing = others[steep]
+        lower = shapely.intersection(slabs[crossing], half_planes(rise[steep], reach, centre))
+        # Of planes that never cross one is lower everywhere.
+        lower = np.concatenate([lower, slabs[others[~steep & (rise[:, 2] > 1e-6)]]])
         shapely.prepare(area)
         lower = lower[(shapely.get_type_id(lower) == POLYGON) & shapely.intersects(area, lower)]
         if len(lower) and not area.is_empty:
