@@ -211,7 +211,7 @@ def in_the_middle(
         out,
         axes.as_report(),
         heights,
-        "nothing but registration",
+        "the middle of the region",
         "register",
         (),
         Freedom(

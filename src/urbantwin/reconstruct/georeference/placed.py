@@ -114,7 +114,7 @@ def placed(
         first = replace(
             first,
             model=moved(first.model, registration.transform),
-            how=f"{first.how}, registration",
+            how="registration" if first.freedom.place else f"{first.how}, then registration",
         )
         report["method"] = first.how
     _check(first, surroundings, source, frame)
