@@ -29,6 +29,10 @@ _STRIP_M, _FEWEST = 2.0, 30
 _SURE_M = 0.25
 #: Where a scan melts a flank into the street the surface still falls outwards by this per cell.
 _FALLS_M = 0.02
+#: What is lower over the street than this is the street's roughness, metres.
+_SKIRT_M = 0.08
+#: A skirt lower than this is lost in it in any case, metres.
+_LOST_M = 0.015
 #: Farthest that a skirt reaches, cells.
 _SKIRT = 8
 #: Sides of the triangles that close the surface, metres.
@@ -81,6 +85,39 @@ class Ground:
         return np.asarray(np.clip(self.spline(xy), self.low, self.high))
 
 
+def _to_the_foot(
+    mask: NDArray[np.bool_],
+    foreign: NDArray[np.bool_],
+    top: NDArray[np.float64],
+    height: NDArray[np.float64],
+) -> NDArray[np.bool_]:
+    """Grow a vehicle's cells down its melted skirt until that is lost in the street's roughness."""
+    known = ~np.isnan(top) & (np.abs(height) < _SURE_M + 0.1) & ~foreign
+    strip = known & ~binary_dilation(mask, iterations=5)
+    strip &= binary_dilation(mask, iterations=16)
+    row, column = np.nonzero(strip)
+    if len(row) < _FEWEST:
+        return mask
+    points = np.column_stack([column * _FINE_M, row * _FINE_M, top[strip]])
+    even = Plane.around(top, strip).even(points)
+    every = np.column_stack(
+        [*(k.ravel() * _FINE_M for k in np.indices(top.shape)[::-1]), top.ravel()]
+    )
+    both = np.concatenate([points[even], np.nan_to_num(every)])
+    chosen = np.arange(len(both)) < int(even.sum())
+    over = _over_most(both, chosen)
+    rough = float(np.median(np.abs(over[chosen]))) * 1.4826
+    above = over[int(even.sum()) :].reshape(top.shape)
+    for _ in range(_SKIRT):
+        edge = maximum_filter(np.where(mask, above, -np.inf), 3)
+        more = ~mask & known & binary_dilation(mask)
+        more &= (above > max(_LOST_M, 2.0 * rough)) & (above < edge - 0.005)
+        if not more.any():
+            break
+        mask = mask | more
+    return np.asarray(binary_fill_holes(mask))
+
+
 @dataclass(frozen=True, eq=False)
 class Plane:
     """The slope of the street about a vehicle: rise along x and along y."""
@@ -127,17 +164,22 @@ class Plane:
 
 def _off_most(points: NDArray[np.float64], some: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return how far points (N, 3) are off the quadratic of least absolute deviations of some."""
+    return np.asarray(np.abs(_over_most(points, some)))
+
+
+def _over_most(points: NDArray[np.float64], some: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return how far points (N, 3) are over the quadratic of least absolute deviations of some."""
     x, y = (points[:, :2] - points[some, :2].mean(axis=0)).T
     terms = np.column_stack([np.ones(len(x)), x, y, x * x, x * y, y * y])
     weight = np.ones(int(some.sum()))
-    off = np.zeros(len(x))
+    over = np.zeros(len(x))
     for degree in [3] * 10 + [6] * 10:  # a plane first: a quadratic could bend to a curb
         root = np.sqrt(weight)
         left = np.concatenate([terms[some, :degree] * root[:, None], 1e-4 * np.eye(degree)])
         right = np.concatenate([points[some, 2] * root, np.zeros(degree)])
-        off = np.abs(points[:, 2] - terms[:, :degree] @ np.linalg.lstsq(left, right, rcond=None)[0])
-        weight = 1.0 / np.maximum(off[some], 1e-3)
-    return off
+        over = points[:, 2] - terms[:, :degree] @ np.linalg.lstsq(left, right, rcond=None)[0]
+        weight = 1.0 / np.maximum(np.abs(over[some]), 1e-3)
+    return np.asarray(over)
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,12 +257,13 @@ def outline_of(
     mask &= ~foreign
     seen = np.where(np.isnan(top), np.inf, top)
     for _ in range(_SKIRT):
-        edge = maximum_filter(np.where(mask, top, -np.inf), 3)
+        # From what is still over the street: its own roughness is no skirt.
+        edge = maximum_filter(np.where(mask & (height > _SKIRT_M), top, -np.inf), 3)
         more = ~mask & ~foreign & (seen < edge - _FALLS_M) & binary_dilation(mask)
         if not more.any():
             break
         mask |= more
-    mask = binary_fill_holes(mask)
+    mask = _to_the_foot(binary_fill_holes(mask), foreign, top, height)
     area = shapely.buffer(shapely.buffer(grid.squares(mask), 0.05, join_style="mitre"), 0.0)
     area = max(shapely.get_parts(area), key=lambda part: part.area)
     area = shapely.polygons(shapely.get_exterior_ring(area)).simplify(0.06)

@@ -80,7 +80,7 @@ class Contacts:
             middle = pieces.middle[numbers]
             far, _ = cKDTree(middle).query(middle, k=[_LEAVES], workers=-1)
             leaf[numbers[far[:, 0] > _LEAVES_WITHIN_M]] = False
-            return leaf
+            return np.asarray(leaf)
         return np.zeros(len(pieces), bool)
 
     def _points_on(

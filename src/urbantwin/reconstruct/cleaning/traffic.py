@@ -26,6 +26,8 @@ __all__ = ["Untrafficked", "without_traffic"]
 _OVER_M = 0.05
 #: The rim lies within this of the ground that is expected, metres.
 _RIM_M = 0.35
+#: Share of the rays from half a metre around a vehicle that meet it within a reach, metres.
+_CLOSED, _SIDE_REACH_M = 0.6, 1.4
 #: Cells of the grid that tells which triangles come near vehicles, metres.
 _COARSE_M = 1.0
 
@@ -112,24 +114,24 @@ def _removal(blob: Blob, kind: str, why: str) -> Removal:
 
 def _closed_sides(rays: Rays, outline: Outline, blob: Blob) -> bool:
     """Return whether rays from around meet a vehicle's sides: a shelter or a gantry is open."""
-    ring = shapely.segmentize(outline.area.exterior, 0.4)
+    around = shapely.buffer(blob.outline, 0.5, join_style="mitre")
+    ring = shapely.segmentize(around.exterior, 0.4)
     line = shapely.get_coordinates(ring)
     way = np.diff(line, axis=0)
     length = np.linalg.norm(way, axis=1, keepdims=True)
     middle = line[:-1] + way / 2
     inward = np.column_stack([-way[:, 1], way[:, 0]]) / np.maximum(length, 1e-9)
-    if not shapely.is_ccw(outline.area.exterior):
+    if not shapely.is_ccw(around.exterior):
         inward = -inward
-    start = middle - 0.15 * inward
     base = outline.ground.at(middle)
     met = []
     for height in (0.3, 0.5, 0.8, 1.1):
         if height > 0.8 * blob.height:
             continue
-        origins = np.column_stack([start, base + height])
+        origins = np.column_stack([middle, base + height])
         _, distance = rays.first(origins, np.column_stack([inward, np.zeros(len(inward))]))
-        met.append(float((distance < 1.2).mean()))
-    return not met or max(met) >= 0.7
+        met.append(float((distance < _SIDE_REACH_M).mean()))
+    return not met or max(met) >= _CLOSED
 
 
 def _cut_out(
