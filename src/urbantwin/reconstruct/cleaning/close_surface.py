@@ -72,9 +72,9 @@ class Ground:
         spread = np.linalg.svd(points[:, :2] - points[:, :2].mean(axis=0), compute_uv=False)
         if len(points) < 4 or spread[-1] < 0.05:
             return None
-        # A hair of smoothing: nearly equal points would make the equations singular.
+        # Smoothed: a scan's noise at the rim must not swing up in the middle. Planes stay exact.
         spline = RBFInterpolator(
-            points[:, :2], points[:, 2], kernel="thin_plate_spline", degree=1, smoothing=1e-6
+            points[:, :2], points[:, 2], kernel="thin_plate_spline", degree=1, smoothing=10.0
         )
         return cls(spline, float(points[:, 2].min()), float(points[:, 2].max()))
 
