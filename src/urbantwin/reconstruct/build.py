@@ -18,6 +18,7 @@ from urbantwin.reconstruct.cleaning import CleaningPicture, cleaned, cleaned_clo
 from urbantwin.reconstruct.formats import read_model
 from urbantwin.reconstruct.georeference import SiteHeights, placed
 from urbantwin.reconstruct.model import ImportedModel, PointCloud
+from urbantwin.reconstruct.plausible import implausible_size, refuse_upside_down
 from urbantwin.reconstruct.reconstruction import Reconstruction, SourceFigures, SurveyedTree
 from urbantwin.reconstruct.surroundings import Surroundings
 from urbantwin.site import GeometrySource
@@ -103,9 +104,10 @@ def reconstruct(
             picture = _take_mesh(source, placement.model, frame, surroundings, gathered, report)
         if placement.model.cloud is not None and len(placement.model.cloud.points):
             waiting.setdefault(survey, []).append(placement.model.cloud)
-        if "mesh" not in report and survey not in waiting:
+        if not report.get("mesh", {}).get("after", {}).get("triangles") and survey not in waiting:
+            inside = "mesh" in report and report["mesh"]["before"]["triangles"] == 0
             raise InputError(
-                "has nothing within the region",
+                "has no triangle with an area" if inside else "has nothing within the region",
                 file=source.document.file,
                 place=source.place(),
                 expected=f"geometry around {frame.latitude:.6f}, {frame.longitude:.6f}",
@@ -157,6 +159,9 @@ def _take_mesh(
 ) -> CleaningPicture | None:
     """Clean a mesh and take from it what the source provides."""
     assert model.mesh is not None
+    if odd := implausible_size(model.mesh, source):
+        report["problems"].append(f"{source.name} {odd}")
+    refuse_upside_down(model.mesh, source)
     spec, known = source.spec, gathered.elevation(surroundings.region)
     clean = cleaned(
         model.mesh,
@@ -177,6 +182,9 @@ def _take_mesh(
     report["told_apart"] = told_apart.report
     if told_apart.ground is not None and "ground" in spec.provides:
         gathered.patches.append(told_apart.ground)
+    elif not len(told_apart.mesh.faces):
+        wanted = " or ".join(spec.provides)
+        report["problems"].append(f"{source.name} gives nothing: no {wanted} was found in it")
     gathered.add(told_apart.mesh, told_apart.covers)
     return clean.picture
 

@@ -32,6 +32,8 @@ def _of_source(source: dict[str, Any]) -> dict[str, Any]:
         removed = Counter(piece.get("what", "piece") for piece in cleaned.get("removed", []))
         if removed:
             told[f"removed of its {kind}"] = dict(sorted(removed.items()))
+        if cleaned.get("notes"):
+            told["overrides without effect"] = cleaned["notes"]
     for key in ("told_apart", "survey"):
         if source.get(key):
             told[key.replace("_", " ")] = source[key]

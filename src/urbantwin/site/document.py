@@ -90,8 +90,35 @@ class Document:
             details = error.errors(include_url=False)
         # A misspelt field is reported twice, as unknown and as missing; the former says more.
         first = next((item for item in details if item["type"] == "extra_forbidden"), details[0])
+        place = self._written(first)
+        # Of a field that may be one thing or another, what went furthest into it was meant.
+        for item in details:
+            at = self._written(item)
+            further = len(at) > len(place) or (
+                first["type"] in _TYPES and item["type"] not in _TYPES
+            )
+            if further and at[: len(place)] == place:
+                first, place = item, at
         problem, expected = _in_words(first, model)
-        raise self.error(problem, first["loc"], expected)
+        raise self.error(problem, place, expected)
+
+    def _written(self, item: ErrorDetails) -> tuple[int | str, ...]:
+        """Return an error's location without the names of alternatives: ``str``, ``literal[...]``.
+
+        They are steps that what the person wrote does not have.
+        """
+        here: Any = self.value
+        steps: list[int | str] = []
+        for number, step in enumerate(item["loc"]):
+            last = number == len(item["loc"]) - 1
+            if isinstance(here, Mapping) and (step in here or (last and item["type"] == "missing")):
+                here = here.get(step)
+            elif isinstance(here, list) and isinstance(step, int) and step < len(here):
+                here = here[step]
+            elif step != "[key]":
+                continue
+            steps.append(step)
+        return tuple(steps)
 
     def _node(self, location: Location) -> yaml.Node | None:
         """Return the node to point at for ``location``: its key, or the deepest one above it."""

@@ -183,7 +183,7 @@ class GeometrySpec(_Strict):
     up: Literal["auto", "y", "z"] = "auto"
     geometric_error_m: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] = 0.5
     origin: OriginSpec | None = None
-    control_points: str | list[ControlPoint] | None = None
+    control_points: str | Annotated[list[ControlPoint], Field(min_length=1)] | None = None
     similarity: SimilaritySpec | None = None
     register_to: RegisterSpec | None = Field(default=None, alias="register")
     provides: list[str] = list(PROVIDED)
@@ -209,6 +209,8 @@ class GeometrySpec(_Strict):
     @field_validator("provides")
     @classmethod
     def _known_kinds(cls, value: list[str]) -> list[str]:
+        if not value:
+            raise wrong("is empty", f"some of {', '.join(PROVIDED)}")
         for name in value:
             if name not in PROVIDED:
                 raise wrong(f"holds {name!r}", nearest(name, PROVIDED))

@@ -52,6 +52,8 @@ def kind_of(path: Path) -> str:
     Raises:
         InputError: it is none of them, missing or empty.
     """
+    if path.exists() and not path.is_file():
+        raise InputError("is not a file", file=path, expected="a model")
     try:
         size = path.stat().st_size
         with path.open("rb") as stream:

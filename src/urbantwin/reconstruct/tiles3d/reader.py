@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from urllib.parse import quote, unquote, urlsplit
@@ -130,7 +131,7 @@ def _opened(source: GeometrySource) -> Store:
 
 def _root(source: GeometrySource, store: Store, files: TileFiles) -> Tile:
     """Return the root tile: of a tileset, or made up for a source that is one tile."""
-    name = _name(source, store)
+    name = _name(source)
     try:
         data = files.read(store.root)
         if is_tileset(data) or data[:4] not in _CONTENT:
@@ -164,8 +165,9 @@ def _lies_on_earth(mesh: TriangleMesh | None, cloud: PointCloud | None) -> bool:
     return bool(abs(np.linalg.norm(middle) - 6.367e6) < 60_000.0)
 
 
-def _name(source: GeometrySource, store: Store) -> str | Path:
-    return store.name(store.root) if source.path is None else source.path
+def _name(source: GeometrySource) -> str | Path:
+    """Return what errors call a source: its file, or its address without any key."""
+    return re.sub(r"//[^/@]*@", "//", source.name) if source.path is None else source.path
 
 
 def _may_be_on_earth(source: GeometrySource, volume: Volume) -> bool:
