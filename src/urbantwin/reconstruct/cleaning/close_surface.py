@@ -171,15 +171,16 @@ def _over_most(points: NDArray[np.float64], some: NDArray[np.bool_]) -> NDArray[
     """Return how far points (N, 3) are over the quadratic of least absolute deviations of some."""
     x, y = (points[:, :2] - points[some, :2].mean(axis=0)).T
     terms = np.column_stack([np.ones(len(x)), x, y, x * x, x * y, y * y])
-    weight = np.ones(int(some.sum()))
-    over = np.zeros(len(x))
+    own, height = terms[some], points[some, 2]
+    weight = np.ones(len(own))
+    best = np.zeros(0)
     for degree in [3] * 10 + [6] * 10:  # a plane first: a quadratic could bend to a curb
-        root = np.sqrt(weight)
-        left = np.concatenate([terms[some, :degree] * root[:, None], 1e-4 * np.eye(degree)])
-        right = np.concatenate([points[some, 2] * root, np.zeros(degree)])
-        over = points[:, 2] - terms[:, :degree] @ np.linalg.lstsq(left, right, rcond=None)[0]
-        weight = 1.0 / np.maximum(np.abs(over[some]), 1e-3)
-    return np.asarray(over)
+        used = own[:, :degree]
+        weighted = (used * weight[:, None]).T
+        # Normal equations: a few metres of street are far from ill-conditioned, and they are fast.
+        best = np.linalg.solve(weighted @ used + 1e-8 * np.eye(degree), weighted @ height)
+        weight = 1.0 / np.maximum(np.abs(height - used @ best), 1e-3)
+    return np.asarray(points[:, 2] - terms @ best)
 
 
 @dataclass(frozen=True, eq=False)
