@@ -24,7 +24,7 @@ def inspect(
         Path,
         typer.Argument(
             help="A twin, motion, dataset or report; a site.yaml, rig.yaml or sensor; "
-            "an OpenStreetMap extract, a DEM or a cloud."
+            "an OpenStreetMap extract, a DEM, a cloud or a file of geometry."
         ),
     ],
     quiet: Annotated[

@@ -15,8 +15,13 @@ MANIFESTS = ("twin", "motion", "dataset", "report")
 CLOUDS = (".npy", ".bin", ".pcd", ".ply")
 EXPECTED = (
     "a twin, motion, dataset or report; a site.yaml, rig.yaml or sensor; an OpenStreetMap extract "
-    "(.osm, .osm.bz2, .osm.gz, .osm.pbf), a map of the roads (.xodr, Lanelet2 .osm), a DEM (.tif) "
-    "or a cloud (.npy, .bin, .pcd, .ply)"
+    "(.osm, .osm.bz2, .osm.gz, .osm.pbf), a map of the roads (.xodr, Lanelet2 .osm), a DEM (.tif), "
+    "a cloud (.npy, .bin, .pcd, .ply) or geometry (.glb, .gltf, .obj, .ply, .stl, .fbx, .las, "
+    ".laz, CityJSON, tileset.json, .3tz, a folder of photogrammetry)"
+)
+GEOMETRY = (
+    *(".glb", ".gltf", ".obj", ".stl", ".fbx", ".las", ".laz", ".json", ".jsonl", ".cityjson"),
+    *(".3tz", ".b3dm", ".i3dm", ".pnts", ".cmpt", ".xyz", ".pts"),
 )
 
 
@@ -43,7 +48,9 @@ def _by_ending(name: str) -> Callable[[Path], dict[str, Any]] | None:
         ((".osm",), _extract_or_roads),
         ((".osm.bz2", ".osm.gz", ".pbf", ".xml"), _extract),
         ((".tif", ".tiff"), _dem),
+        ((".ply",), _mesh_or_cloud),
         (CLOUDS, _cloud),
+        (GEOMETRY, _geometry),
     ):
         if name.endswith(endings):
             return describe
@@ -62,7 +69,11 @@ def _folder(folder: Path) -> dict[str, Any]:
     from urbantwin.fidelity.clouds import cloud_files
 
     clouds = [path for path in folder.iterdir() if path.suffix.lower() in CLOUDS]
-    if not clouds:
+    if (folder / "tileset.json").is_file() or not clouds:
+        from urbantwin.reconstruct.formats import holds_model
+
+        if (folder / "tileset.json").is_file() or holds_model(folder):
+            return _geometry(folder)
         raise InputError("holds nothing that UrbanTwin knows", file=folder, expected=EXPECTED)
     return {
         "kind": "clouds",
@@ -224,6 +235,22 @@ def _dem(path: Path) -> dict[str, Any]:
             }
     except RasterioError as error:
         raise InputError(f"cannot be read ({error})", file=path, expected="a GeoTIFF") from None
+
+
+def _mesh_or_cloud(path: Path) -> dict[str, Any]:
+    """Describe a PLY: a mesh if its header declares faces (Turk 1994)."""
+    import re
+
+    with path.open("rb") as stream:
+        head = stream.read(1 << 16).partition(b"end_header")[0]
+    has_faces = re.search(rb"^element\s+face\s+[1-9]", head, re.MULTILINE)
+    return _geometry(path) if has_faces else _cloud(path)
+
+
+def _geometry(path: Path) -> dict[str, Any]:
+    from urbantwin.reconstruct.describe import describe_geometry
+
+    return describe_geometry(path)
 
 
 def _cloud(path: Path) -> dict[str, Any]:

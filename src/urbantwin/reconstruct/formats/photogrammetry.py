@@ -9,7 +9,7 @@ from pathlib import Path
 from urbantwin.errors import InputError
 from urbantwin.reconstruct.formats.colmap import sparse_folder
 
-__all__ = ["CLOSED", "MODELS", "model_files"]
+__all__ = ["CLOSED", "MODELS", "holds_model", "model_files"]
 
 #: Endings that are read, the most telling first.
 MODELS = (
@@ -88,6 +88,14 @@ def model_files(folder: Path) -> list[Path]:
     raise InputError(
         "holds no model", file=folder, expected=f"a file that ends in {', '.join(MODELS)}"
     )
+
+
+def holds_model(folder: Path) -> bool:
+    """Return whether an exported folder holds a model that is read."""
+    try:
+        return bool(model_files(folder)) or sparse_folder(folder) is not None
+    except InputError:
+        return False
 
 
 def _may_be_model(file: Path) -> bool:

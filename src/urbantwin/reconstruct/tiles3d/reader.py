@@ -24,11 +24,11 @@ from urbantwin.reconstruct.tiles3d.store import Archive, Folder, Store
 from urbantwin.reconstruct.tiles3d.tile import ContentLink, Tile, Tileset
 from urbantwin.reconstruct.tiles3d.tileset import is_tileset, read_tileset
 from urbantwin.reconstruct.tiles3d.traversal import Traversal
-from urbantwin.reconstruct.tiles3d.volume import Volume
+from urbantwin.reconstruct.tiles3d.volume import Volume, geodetic_from_ecef
 from urbantwin.reconstruct.tiles3d.web import open_web
 from urbantwin.site.geometry import GeometrySource
 
-__all__ = ["read_tiles3d"]
+__all__ = ["middle_of_tileset", "read_tiles3d"]
 
 _CONTENT = (b"b3dm", b"i3dm", b"pnts", b"cmpt", b"glTF")
 
@@ -113,6 +113,24 @@ def read_tiles3d(
         notes=notes,
         files=dict(sorted(files.digests.items())),
     )
+
+
+def middle_of_tileset(source: GeometrySource) -> tuple[float, float] | None:
+    """Return latitude and longitude (degrees) of a tileset's middle; ``None`` if it is local.
+
+    Raises:
+        InputError: it cannot be read.
+    """
+    store = _opened(source)
+    root = _root(source, store, TileFiles(store))
+    if root.volume.kind not in ("region", "box", "sphere") or not is_on_earth(root.volume):
+        return None
+    v = root.volume.values
+    if root.volume.kind == "region":
+        lon, lat = (v[0] + v[2]) / 2, (v[1] + v[3]) / 2
+    else:
+        lon, lat, _ = geodetic_from_ecef(v[None, :3])[0]
+    return float(np.degrees(lat)), float(np.degrees(lon))
 
 
 def _opened(source: GeometrySource) -> Store:
