@@ -159,7 +159,7 @@ def test_cityjson_holds_every_wall_and_roof_where_it_stands(files, two_avenues_t
     site = frame.site_from_lonlat(np.column_stack(back.transform(vertices[:, 0], vertices[:, 1])))
     anchor = two_avenues_twin.manifest["notes"]["ground"]["anchor_height_m"]
     site = np.column_stack([site, vertices[:, 2] - anchor])
-    mesh = two_avenues_twin.mesh
+    mesh, sills = two_avenues_twin.mesh, 0
     for one in document["CityObjects"].values():
         own = mesh.select(mesh.part == one["attributes"]["part"])
         (geometry,) = one["geometry"]
@@ -178,8 +178,10 @@ def test_cityjson_holds_every_wall_and_roof_where_it_stands(files, two_avenues_t
             rise = turned[2] / np.linalg.norm(turned)
             edges = [np.linalg.norm(site[r] - site[np.roll(r, -1)], axis=1).sum() for r in rings]
             if abs(rise) > 0.99 and 2 * np.linalg.norm(turned) / sum(edges) < 0.2:
-                # The sill or the head of a window, or what a door stands on.
-                assert kind == "WallSurface" or (rise < 0 and kind == "GroundSurface")
+                # The sill or the head of a window, what a door stands on, a narrow roof.
+                level = "RoofSurface" if rise > 0 else "GroundSurface"
+                assert kind in ("WallSurface", level)
+                sills += kind == "WallSurface"
             else:
                 assert (rise > 0.25) == (kind == "RoofSurface")
                 assert (rise < -0.25) == (kind in ("GroundSurface", "OuterCeilingSurface"))
@@ -190,6 +192,7 @@ def test_cityjson_holds_every_wall_and_roof_where_it_stands(files, two_avenues_t
         corners = site[[k for rings in geometry["boundaries"] for ring in rings for k in ring]]
         assert np.abs(corners.min(axis=0) - own.vertices.min(axis=0)).max() < 0.002
         assert np.abs(corners.max(axis=0) - own.vertices.max(axis=0)).max() < 0.002
+    assert sills > 10
     model = read_cityjson(files["cityjson"])
     assert not model.problems
     assert model.mesh.names[0].startswith("Building building-1")
