@@ -95,6 +95,10 @@ class Spots:
             self.met[k] |= bool(hit.any())
         return out
 
+    def widest(self, least: float) -> float:
+        """Return how wide what has its middle in a spot may be, metres: twice the radius."""
+        return max(least, 2.0 * float(self._radius.max(initial=0.0)) + 1.0)
+
     def areas(self) -> list[shapely.Polygon]:
         """Return the spots in plan, with room for what has its middle in them."""
         return [

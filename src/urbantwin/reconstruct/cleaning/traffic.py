@@ -15,7 +15,7 @@ from urbantwin.reconstruct.cleaning.connected import pieces_of
 from urbantwin.reconstruct.cleaning.grid import Grid
 from urbantwin.reconstruct.cleaning.rays import Rays
 from urbantwin.reconstruct.cleaning.removal import Removal, Spots
-from urbantwin.reconstruct.cleaning.street import REACH_M, Street, street_of_mesh
+from urbantwin.reconstruct.cleaning.street import REACH_M, WIDEST_M, Street, street_of_mesh
 from urbantwin.reconstruct.cleaning.vehicle import Blob, find_blobs, vehicle_kind
 from urbantwin.reconstruct.cleaning.weld import selected
 from urbantwin.reconstruct.model import TriangleMesh
@@ -30,6 +30,8 @@ _RIM_M = 0.35
 _CLOSED, _SIDE_REACH_M = 0.6, 1.4
 #: Cells of the grid that tells which triangles come near vehicles, metres.
 _COARSE_M = 1.0
+#: What an override names may be this high, metres.
+_HIGHEST_M = 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +71,8 @@ def without_traffic(
         return Untrafficked(mesh, [], [], [])
     rays = Rays(mesh.vertices, mesh.faces)
     bounds = np.array([mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)])
-    street = street_of_mesh(rays, bounds, region, roads)
+    widest, reach = (WIDEST_M, REACH_M) if remove is None else (remove.widest(WIDEST_M), _HIGHEST_M)
+    street = street_of_mesh(rays, bounds, region, roads, widest, reach)
     known = street.shape is not None
     chosen: list[tuple[Blob, str, str, Outline]] = []
     kept, passed = [], []
@@ -85,7 +88,7 @@ def without_traffic(
             continue
         outline = None
         if kind:
-            outline = _look(rays, street, blob)
+            outline = _look(rays, street, blob, reach)
             if outline is None:
                 kind, why = "", f"{why}; the ground around it is not to be seen"
             elif remove is None and not _closed_sides(rays, outline, blob):
@@ -99,13 +102,13 @@ def without_traffic(
     return Untrafficked(mesh, removed, kept, passed)
 
 
-def _look(rays: Rays, street: Street, blob: Blob) -> Outline | None:
+def _look(rays: Rays, street: Street, blob: Blob, reach: float) -> Outline | None:
     """Return the outline of a blob as a close look shows it."""
     grid = street.grid
     mask = np.zeros(grid.shape, bool)
     rows, columns = blob.mask.shape
     mask[blob.row : blob.row + rows, blob.column : blob.column + columns] = blob.mask
-    return outline_of(rays, grid.squares(mask), street.bare[mask], grid.centres(mask), REACH_M)
+    return outline_of(rays, grid.squares(mask), street.bare[mask], grid.centres(mask), reach)
 
 
 def _removal(blob: Blob, kind: str, why: str) -> Removal:
