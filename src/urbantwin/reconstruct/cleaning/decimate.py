@@ -27,6 +27,10 @@ FAR_M = 0.05
 #: Bounds of the quadrics in terms of the error, one try after the other: quadrics add up the
 #: squares of all planes that met in a vertex, so that their root lies above the true distance.
 _TRIES = (2.0, 2.0, 1.0, 0.5)
+#: A try that leaves more of the triangles is not worth the measuring.
+_WORTH = 0.9
+#: Share of the triangles where a try goes too far: noise about as large as the bound.
+_HOPELESS = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +130,8 @@ def _within(
     for bound in error * np.array(_TRIES):
         part = selected(mesh, free)
         fewer = _collapsed(part, kinds[free], bound)
+        if len(fewer[1]) > _WORTH * len(part.faces):
+            break
         gap = deviation(part, *fewer, old, error)
         if gap.most <= error:
             new = _attributed(mesh, part, *fewer, gap)
@@ -140,7 +146,7 @@ def _within(
         touched = np.zeros(len(part.vertices), bool)
         touched[part.faces[far].ravel()] = True
         free[np.flatnonzero(free)[touched[part.faces].any(axis=1)]] = False
-        if not free.any():
+        if free.sum() < (1.0 - _WORTH) * len(mesh.faces) or far.mean() > _HOPELESS:
             break
     return mesh, Deviation.none(len(mesh.faces))
 
