@@ -13,6 +13,7 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.reconstruct.cleaning.clip import clipped
 from urbantwin.reconstruct.cleaning.connected import pieces_of
+from urbantwin.reconstruct.cleaning.corner import bounds_of_faces
 from urbantwin.reconstruct.cleaning.decimate import decimated
 from urbantwin.reconstruct.cleaning.picture import CleaningPicture
 from urbantwin.reconstruct.cleaning.removal import Removal, Spots, measures
@@ -128,9 +129,14 @@ def _roughly(mesh: TriangleMesh, region: shapely.Polygon) -> TriangleMesh:
     if not len(mesh.faces):
         return mesh
     west, south, east, north = region.bounds
-    x, y = mesh.vertices[:, 0][mesh.faces], mesh.vertices[:, 1][mesh.faces]
-    near = (x.max(axis=1) >= west - _MARGIN_M) & (x.min(axis=1) <= east + _MARGIN_M)
-    near &= (y.max(axis=1) >= south - _MARGIN_M) & (y.min(axis=1) <= north + _MARGIN_M)
+    x, y = mesh.vertices[:, 0], mesh.vertices[:, 1]
+    inside = (x >= west - _MARGIN_M) & (x <= east + _MARGIN_M)
+    inside &= (y >= south - _MARGIN_M) & (y <= north + _MARGIN_M)
+    if inside.all():
+        return mesh
+    low, high = bounds_of_faces(mesh.vertices[:, :2], mesh.faces)
+    near = (high[:, 0] >= west - _MARGIN_M) & (low[:, 0] <= east + _MARGIN_M)
+    near &= (high[:, 1] >= south - _MARGIN_M) & (low[:, 1] <= north + _MARGIN_M)
     return mesh if near.all() else selected(mesh, near)
 
 

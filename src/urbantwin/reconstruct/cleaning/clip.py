@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from urbantwin.reconstruct.cleaning.corner import bounds_of_faces, some_corner
 from urbantwin.reconstruct.cleaning.weld import selected
 from urbantwin.reconstruct.model import TriangleMesh
 
@@ -67,12 +68,11 @@ def cut_along(
             count as outside.
     """
     faces = mesh.faces.astype(np.int64)
-    x, y = mesh.vertices[:, 0], mesh.vertices[:, 1]
+    count = len(mesh.vertices)
     candidates = np.arange(len(faces)) if among is None else among
     west, south, east, north = area.bounds
-    fx, fy = x[faces[candidates]], y[faces[candidates]]
-    low = np.column_stack([fx.min(axis=1), fy.min(axis=1)])
-    high = np.column_stack([fx.max(axis=1), fy.max(axis=1)])
+    looked_at = faces if among is None else faces[candidates]
+    low, high = bounds_of_faces(mesh.vertices[:, :2], looked_at)
     shapely.prepare(area)
     outline = area.boundary
     shapely.prepare(outline)
@@ -89,9 +89,9 @@ def cut_along(
     within[clear] = shapely.contains_xy(area, low[clear, 0], low[clear, 1])
     work = near[meets]
     # Neighbours of what is cut share its edges and must be cut with it.
-    touched = np.zeros(len(x), bool)
+    touched = np.zeros(count, bool)
     touched[faces[candidates[work]].ravel()] = True
-    around = np.asarray(touched[faces[candidates]].any(axis=1))
+    around = some_corner(touched, looked_at)
     around[work] = True
 
     used, local = np.unique(faces[candidates[around]], return_inverse=True)
@@ -100,7 +100,7 @@ def cut_along(
     )
     middle = vertices[pieces].mean(axis=1)
     # Back to the mesh's numbers; new vertices follow the mesh's own.
-    number = np.concatenate([used, len(x) + np.arange(len(vertices) - len(used))])
+    number = np.concatenate([used, count + np.arange(len(vertices) - len(used))])
     pieces = number[pieces]
     vertices = np.concatenate([mesh.vertices, vertices[len(used) :]])
     inside_piece = shapely.contains_xy(area, middle[:, 0], middle[:, 1])

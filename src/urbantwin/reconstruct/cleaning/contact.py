@@ -9,6 +9,7 @@ from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
 from urbantwin.reconstruct.cleaning.connected import Pieces
+from urbantwin.reconstruct.cleaning.corner import bounds_of_faces
 from urbantwin.reconstruct.cleaning.grid import Grid
 from urbantwin.reconstruct.cleaning.rays import Rays
 from urbantwin.reconstruct.model import TriangleMesh
@@ -104,19 +105,18 @@ class Contacts:
         able = self._loose.copy()
         if not len(faces):
             return np.zeros(len(pieces), bool)
-        corners = vertices[faces]
-        low, high = corners.min(axis=1), corners.max(axis=1)
+        low, high = bounds_of_faces(vertices, faces)
         bounds = (*low[:, :2].min(axis=0), *high[:, :2].max(axis=0))
         span = max(bounds[2] - bounds[0], bounds[3] - bounds[1])
         grid = Grid.over(bounds, max(_CELL_M, span / 1000))
         top = np.full(grid.shape, -np.inf)
-        wide = (high - low)[:, :2].max(axis=1) > grid.step
+        wide = np.maximum(*(high - low)[:, :2].T) > grid.step
         small, large = ~wide, np.flatnonzero(wide)
         for x, y in ((low, low), (low, high), (high, low), (high, high)):
             cell = grid.cells(np.column_stack([x[small, 0], y[small, 1]]))
             np.maximum.at(top, cell, high[small, 2])
         # A wide triangle marks the cells around the places on it.
-        places, whose = _sampled(corners[large], np.arange(len(large)), grid.step, 1024)
+        places, whose = _sampled(vertices[faces[large]], np.arange(len(large)), grid.step, 1024)
         np.maximum.at(top, grid.cells(places), high[large[whose], 2])
         top = maximum_filter(top, 5)
         over = pieces.low[:, 2] - top[grid.cells(pieces.middle[:, :2])]

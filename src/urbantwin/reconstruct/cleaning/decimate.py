@@ -10,6 +10,7 @@ import fast_simplification
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.reconstruct.cleaning.corner import some_corner
 from urbantwin.reconstruct.cleaning.deviation import Deviation, Surface, deviation, normals_of
 from urbantwin.reconstruct.cleaning.weld import areas_of_faces, selected
 from urbantwin.reconstruct.model import TriangleMesh
@@ -145,7 +146,7 @@ def _within(
             break
         touched = np.zeros(len(part.vertices), bool)
         touched[part.faces[far].ravel()] = True
-        free[np.flatnonzero(free)[touched[part.faces].any(axis=1)]] = False
+        free[np.flatnonzero(free)[some_corner(touched, part.faces)]] = False
         if free.sum() < (1.0 - _WORTH) * len(mesh.faces) or far.mean() > _HOPELESS:
             break
     return mesh, Deviation.none(len(mesh.faces))
@@ -157,7 +158,7 @@ def _shared(mesh: TriangleMesh) -> NDArray[np.bool_]:
     Corners of fewer lie on a border, and stay: leaves of single triangles and quads have no other.
     """
     around = np.bincount(mesh.faces.ravel(), minlength=len(mesh.vertices))
-    return np.asarray((around[mesh.faces] > 2).any(axis=1))
+    return some_corner(around > 2, mesh.faces)
 
 
 def _collapsed(

@@ -12,6 +12,7 @@ from scipy.spatial import cKDTree
 from urbantwin.reconstruct.cleaning.clip import cut_along
 from urbantwin.reconstruct.cleaning.close_surface import Outline, fill, outline_of
 from urbantwin.reconstruct.cleaning.connected import pieces_of
+from urbantwin.reconstruct.cleaning.corner import bounds_of_faces, some_corner
 from urbantwin.reconstruct.cleaning.grid import Grid
 from urbantwin.reconstruct.cleaning.rays import Rays
 from urbantwin.reconstruct.cleaning.removal import Removal, Spots
@@ -228,8 +229,7 @@ def _neighbourhoods(
     outlines: list[Outline], mesh: TriangleMesh
 ) -> list[tuple[NDArray[np.int64], list[int]]]:
     """Return, for outlines that share no triangle with others, the triangles near, and which."""
-    corners = mesh.vertices[:, :2][mesh.faces]
-    low, high = corners.min(axis=1), corners.max(axis=1)
+    low, high = bounds_of_faces(mesh.vertices[:, :2], mesh.faces)
     bounds = np.array([outline.area.bounds for outline in outlines])
     grid = Grid.over((*bounds[:, :2].min(axis=0), *bounds[:, 2:].max(axis=0)), _COARSE_M)
     mask = np.zeros(grid.shape, bool)
@@ -246,14 +246,14 @@ def _neighbourhoods(
     touched = np.zeros(len(mesh.vertices), bool)
     # Their neighbours are among these: what shares a vertex with them.
     touched[mesh.faces[some].ravel()] = True
-    ring = np.flatnonzero(touched[mesh.faces].any(axis=1))
+    ring = np.flatnonzero(some_corner(touched, mesh.faces))
     faces = mesh.faces[ring]
     for number, (west, south, east, north) in enumerate(bounds):
         near = (high[:, 0] >= west) & (low[:, 0] <= east)
         near &= (high[:, 1] >= south) & (low[:, 1] <= north)
         touched[:] = False
         touched[mesh.faces[some[near]].ravel()] = True
-        mine, together = ring[touched[faces].any(axis=1)], [number]
+        mine, together = ring[some_corner(touched, faces)], [number]
         apart = []
         for theirs, others in found:
             if np.isin(mine, theirs, assume_unique=True).any():

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.reconstruct.cleaning.corner import every_corner
 from urbantwin.reconstruct.model import TriangleMesh
 
 __all__ = ["WELD_M", "areas_of_faces", "cleared", "selected", "welded"]
@@ -52,7 +53,7 @@ def cleared(mesh: TriangleMesh) -> tuple[TriangleMesh, dict[str, int]]:
         area), ``duplicate`` (the same three corners again, facing either way).
     """
     finite = np.asarray(np.isfinite(mesh.vertices).all(axis=1))
-    good = np.asarray(finite[mesh.faces].all(axis=1))
+    good = every_corner(finite, mesh.faces)
     counts = {"not_finite": int((~good).sum())}
     if not good.all():
         mesh = selected(mesh, good)
