@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from urbantwin.geometry import SiteFrame
-from urbantwin.roads.imported.read import is_placed, map_format, read_map
-from urbantwin.roads.lanelet2.places import anchor_of
+from urbantwin.roads.imported.read import anchor_of, is_placed, map_format, read_map
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.opendrive.read import read_opendrive
 
@@ -22,7 +21,7 @@ def describe_map(path: Path) -> dict[str, object]:
     Raises:
         InputError: it cannot be read.
     """
-    if map_format(path) == "Lanelet2":
+    if map_format(path) != "OpenDRIVE":
         place = anchor_of(path) if is_placed(path) else None
         imported = read_map(path, SiteFrame(*(place or (0.0, 0.0))))
         model, notes = imported.model, dict(imported.notes)

@@ -15,8 +15,14 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.roads.imported.build import check_meets
 from urbantwin.roads.imported.crop import cropped, has_traffic
 from urbantwin.roads.imported.propose import MapJunction, busiest_junction, paved_area, volumes
-from urbantwin.roads.imported.read import is_placed, map_format, placed_map, read_map, said_of
-from urbantwin.roads.lanelet2.places import anchor_of
+from urbantwin.roads.imported.read import (
+    anchor_of,
+    is_placed,
+    map_format,
+    placed_map,
+    read_map,
+    said_of,
+)
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.opendrive.placed import crs_of
 from urbantwin.roads.opendrive.read import ReadMap, read_opendrive
@@ -51,7 +57,7 @@ def init_site_of_map(
     radius_m: float | None = None,
     force: bool = False,
 ) -> Path:
-    """Write a commented ``site.yaml`` for an OpenDRIVE or Lanelet2 map and return its path.
+    """Write a commented ``site.yaml`` for a map of the roads and return its path.
 
     Files that lie outside ``folder`` are copied into it, so that the folder can be passed on.
 
@@ -74,7 +80,7 @@ def init_site_of_map(
     checked_target(folder, region, radius_m, force=force)
     polygon = polygon_from_geojson(read_geojson(region), file=region) if region else None
     given = _given(latitude, longitude)
-    read = None if map_format(roads) == "Lanelet2" else read_opendrive(roads)
+    read = read_opendrive(roads) if map_format(roads) == "OpenDRIVE" else None
     frame, anchor_m, found = _anchor(roads, read, given, polygon)
     if read is None:
         imported = read_map(roads, frame, anchor_m)

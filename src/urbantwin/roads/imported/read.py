@@ -1,4 +1,4 @@
-"""Reading a map that somebody made, OpenDRIVE or Lanelet2, into the site frame."""
+"""Reading a map that somebody made, in any format that we read, into the site frame."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from pathlib import Path
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
-from urbantwin.roads.lanelet2 import read_lanelet2
-from urbantwin.roads.lanelet2.places import anchor_of
+from urbantwin.roads import argoverse, lanelet2
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.opendrive.placed import placed, shifted
 from urbantwin.roads.opendrive.read import ReadMap, read_opendrive
 
 __all__ = [
     "ImportedMap",
+    "anchor_of",
     "is_map_of_roads",
     "is_placed",
     "map_format",
@@ -27,9 +27,9 @@ __all__ = [
 ]
 
 #: Endings of the files that we read, and what they hold.
-FORMATS = {".xodr": "OpenDRIVE", ".osm": "Lanelet2"}
+FORMATS = {".xodr": "OpenDRIVE", ".osm": "Lanelet2", ".json": "Argoverse 2"}
 _LANELET = re.compile(rb"""v=["']lanelet["']""")
-EXPECTED = "an OpenDRIVE map (.xodr) or a Lanelet2 map (.osm)"
+EXPECTED = "an OpenDRIVE map (.xodr), a Lanelet2 map (.osm) or one of Argoverse 2 (.json)"
 
 
 @dataclass(frozen=True)
@@ -48,10 +48,10 @@ class ImportedMap:
 
 
 def map_format(path: Path) -> str:
-    """Return ``OpenDRIVE`` or ``Lanelet2`` by a file's ending.
+    """Return ``OpenDRIVE``, ``Lanelet2`` or ``Argoverse 2`` by a file's ending.
 
     Raises:
-        InputError: it is neither.
+        InputError: it is none of them.
     """
     found = FORMATS.get(path.suffix.lower())
     if found is None:
@@ -60,10 +60,12 @@ def map_format(path: Path) -> str:
 
 
 def is_map_of_roads(path: Path) -> bool:
-    """Whether a file is OpenDRIVE or Lanelet2, and not an OpenStreetMap extract, by a first look.
+    """Whether a file is a map that we read, and not an OpenStreetMap extract, by a first look.
 
     Both kinds of ``.osm`` are the same XML; only Lanelet2 has relations of the type ``lanelet``.
     """
+    if path.suffix.lower() == ".json":
+        return argoverse.is_argoverse(path)
     if path.suffix.lower() != ".osm":
         return path.suffix.lower() in FORMATS
     try:
@@ -87,14 +89,16 @@ def read_map(
         InputError: the file cannot be read, or ``anchor_m`` is given for a map that says where
             on earth it is.
     """
-    if map_format(path) == "OpenDRIVE":
+    kind = map_format(path)
+    if kind == "OpenDRIVE":
         return placed_map(path, read_opendrive(path), frame, anchor_m)
-    model, found = read_lanelet2(path, frame)
+    reader = lanelet2.read_lanelet2 if kind == "Lanelet2" else argoverse.read_argoverse
+    model, found = reader(path, frame)
     if anchor_m is not None:
         if is_placed(path):
             raise _placed_twice(path)
         model = shifted(model, (-anchor_m[0], -anchor_m[1], 0.0, 0.0))
-    return ImportedMap(path, model, {"format": "Lanelet2", **found})
+    return ImportedMap(path, model, {"format": kind, **found})
 
 
 def placed_map(
@@ -125,8 +129,21 @@ def said_of(path: Path) -> Iterator[None]:
         ) from None
 
 
+def anchor_of(path: Path) -> tuple[float, float]:
+    """Return latitude and longitude of the middle of a map of lanelets, degrees.
+
+    Raises:
+        InputError: it cannot be read, or does not say where on earth it lies.
+    """
+    if map_format(path) == "Argoverse 2":
+        return argoverse.anchor_of(path)
+    return lanelet2.anchor_of(path)
+
+
 def is_placed(path: Path) -> bool:
-    """Whether a Lanelet2 map has latitudes and longitudes."""
+    """Whether a map of lanelets says where on earth it lies: a Lanelet2 map by its degrees."""
+    if map_format(path) == "Argoverse 2":
+        return argoverse.is_placed(path)
     try:
         anchor_of(path)
     except InputError:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,6 +24,8 @@ __all__ = ["Built", "LaneAt", "built"]
 LOST_M = 0.01
 #: Road, number of the section, lane.
 LaneAt = tuple[int, int, int]
+#: Lanelets of a chain and what is cut off it -> its street; ``None`` if it makes none.
+Made = dict[tuple[object, ...], Street | None]
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,8 @@ class Built:
         plan: what became of each group of lanelets.
         shortened: lanelets that lead nowhere at a junction whose end lies across: what lies beyond
             the end of their street is lost.
+        stubs: lanelets left out because they make neither a street nor a way through a junction:
+            mostly ways within a junction that the border of the map cuts off.
     """
 
     streets: tuple[Street, ...]
@@ -44,6 +48,7 @@ class Built:
     topology: Topology
     plan: Plan
     shortened: tuple[int, ...]
+    stubs: frozenset[int]
 
     @cached_property
     def lanes(self) -> dict[int, tuple[LaneAt, ...]]:
@@ -103,34 +108,44 @@ def built(
     forced: frozenset[int] = frozenset()
     apart: frozenset[int] = frozenset()
     barred: frozenset[int] = frozenset()
-    # Every round takes a lanelet out of a group or of a kind of use, for good.
-    for _ in range(3 * len(drives) + 1):
+    stubs: frozenset[int] = frozenset()
+    made: Made = {}
+    # Every round takes a lanelet out of a group, of a kind of use or of the map, for good.
+    for _ in range(4 * len(drives) + 1):
         groups = [g for g in groups_of(lanes, apart) if any(m.lanelet.drives for m in g.members)]
         topology = Topology(drives, groups)
         plan = planned(topology, forced, barred)
-        ending = _ending(topology, plan)
+        ending = _ending(topology, plan) - apart
         if ending:
             apart |= ending
             continue
-        streets, failed = _streets(topology, plan, side, facts, ways)
+        streets, failed = _streets(topology, plan, side, facts, ways, made)
+        lost: frozenset[int] = frozenset()
         for chain in failed:
             ids = frozenset(i for group in chain.groups for i in group.ids)
             if all(topology.is_through(k) for k in chain.numbers) and not ids & barred:
                 forced |= ids
-            else:
+            elif not ids <= apart:
                 apart |= ids
-        if failed:
-            continue
-        passages = _passages(streets, topology, plan, side, facts, ways)
-        missed = plan.inner - {i for passage in passages for i in passage.lanelets}
-        if not missed:
-            short = _shortened(streets, passages)
-            return Built(tuple(streets), tuple(passages), topology, plan, short)
-        # First what nothing leads to or from: what comes after it may then be reached.
-        before = {k for following in topology.successors.values() for k in following}
-        ends = {i for i in missed if i not in before or not topology.successors[i]}
-        barred |= ends or missed
-        apart |= ends or missed
+            else:
+                lost |= ids
+        if not failed:
+            passages = _passages(streets, topology, plan, side, facts, ways)
+            missed = plan.inner - {i for passage in passages for i in passage.lanelets}
+            if not missed:
+                short = _shortened(streets, passages)
+                return Built(tuple(streets), tuple(passages), topology, plan, short, stubs)
+            # First what nothing leads to or from: what comes after it may then be reached.
+            before = {k for following in topology.successors.values() for k in following}
+            ends = {i for i in missed if i not in before or not topology.successors[i]} or missed
+            if ends <= barred & apart:
+                lost |= ends
+            barred |= ends
+            apart |= ends
+        if lost:
+            stubs |= lost
+            lanes = {i: n for i, n in lanes.items() if i not in lost}
+            drives = {i: n for i, n in drives.items() if i not in lost}
     raise StageError("the lanelets cannot be told apart into streets and junctions")
 
 
@@ -159,8 +174,9 @@ def _streets(
     side: str,
     facts: Callable[[Member], Row],
     ways: Mapping[int, dict[str, str]],
+    made: Made,
 ) -> tuple[list[Street], list[Chain]]:
-    """Return the streets, and the chains that make none."""
+    """Return the streets, and the chains that make none; ``made`` keeps both for the next plan."""
 
     def follows(a: int, b: int) -> bool:
         return b in topology.successors[a]
@@ -168,10 +184,20 @@ def _streets(
     streets: list[Street] = []
     failed: list[Chain] = []
     for number, chain in enumerate(plan.chains):
-        try:
-            streets.append(street_of(1 + number, chain, follows, side, facts, ways))
-        except StreetTooShort:
+        rows = tuple(tuple((m.lanelet.id, m.forward) for m in g.members) for g in chain.groups)
+        key = (rows, chain.cuts)
+        if key not in made:
+            try:
+                made[key] = street_of(1 + number, chain, follows, side, facts, ways)
+            except StreetTooShort:
+                made[key] = None
+        street = made[key]
+        if street is None:
             failed.append(chain)
+        else:
+            # The numbers of groups and of roads are those of this plan.
+            road = replace(street.road, id=1 + len(streets) + len(failed))
+            streets.append(replace(street, road=road, chain=chain))
     return streets, failed
 
 

@@ -57,6 +57,18 @@ class Lanelet:
         return self.kind not in ("", "sidewalk", "crosswalk")
 
     @property
+    def within(self) -> bool | None:
+        """Whether the map says that it lies within an intersection; ``None``: it does not say.
+
+        ``turn_direction`` is Autoware's; ``intersection`` is there where lanelets were made of
+        a map that says it of every lane.
+        """
+        if "turn_direction" in self.tags:
+            return True
+        said = self.tags.get("intersection")
+        return None if said is None else said == "yes"
+
+    @property
     def start(self) -> tuple[int, int]:
         """First node of the left and of the right bound."""
         return self.nodes[0][0], self.nodes[1][0]

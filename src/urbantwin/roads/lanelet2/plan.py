@@ -99,8 +99,9 @@ def _crossed_or_tagged(topology: Topology, forced: frozenset[int]) -> set[int]:
         if not topology.is_through(k):
             continue
         ids = set(group.ids)
-        turns = any("turn_direction" in member.lanelet.tags for member in group.members)
-        if ids & forced or ((turns or ids & crossed) and group.length <= LONGEST_INNER_M):
+        said = {m.lanelet.within for m in group.members if m.lanelet.drives}
+        turns = True in said or (None in said and ids & crossed)
+        if ids & forced or (turns and group.length <= LONGEST_INNER_M):
             inner.add(k)
     return inner
 

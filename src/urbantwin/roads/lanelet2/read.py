@@ -23,7 +23,7 @@ from urbantwin.roads.lanelet2.rules import PAINTED
 from urbantwin.roads.model import LaneModel, ModelRoad
 from urbantwin.roads.model.marks import marked
 
-__all__ = ["Translation", "read_lanelet2", "translate"]
+__all__ = ["Translation", "read_lanelet2", "translate", "translated"]
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,11 @@ def read_lanelet2(path: Path, frame: SiteFrame) -> tuple[LaneModel, dict[str, ob
 
 def translate(path: Path, frame: SiteFrame) -> Translation:
     """Do what ``read_lanelet2`` does, and say where each lanelet is in the model."""
-    document = read_document(path)
+    return translated(read_document(path), frame)
+
+
+def translated(document: Document, frame: SiteFrame) -> Translation:
+    """Translate a map that was read, or made of another format's."""
     notes: dict[str, object] = {}
     lanelets, places = _lanelets(document, frame, notes)
     side = driving_side(frame.latitude, frame.longitude)
@@ -138,7 +142,8 @@ def _note(
     counts: Counter[str] = Counter()
     counts["lanelets"] = len(lanelets)
     for identity, lanelet in lanelets.items():
-        if lanelet.kind != "crosswalk" and identity not in parts.lanes:
+        made = identity in parts.lanes or identity in parts.stubs
+        if lanelet.kind != "crosswalk" and not made:
             subtype = lanelet.tags.get("subtype", "")
             name = f"{subtype}s_apart_from_streets" if lanelet.kind else f"of_subtype_{subtype}"
             counts[f"left_out_lanelets_{name}"] += 1
@@ -153,6 +158,7 @@ def _note(
         elif relation.tags.get("type") == "regulatory_element":
             subtype = relation.tags.get("subtype", "")
             counts[f"left_out_regulatory_elements_of_subtype_{subtype}"] += subtype not in POSTED
+    counts["left_out_lanelets_that_make_no_road"] = len(parts.stubs)
     counts["lanes_that_end_at_junctions_cut_across"] = len(parts.shortened)
     counts["crossings_without_a_junction"] = len(parts.plan.crossed)
     counts["corners_of_borders_that_turn_back"] = sum(

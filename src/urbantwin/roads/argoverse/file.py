@@ -1,0 +1,170 @@
+"""The file of an Argoverse 2 vector map: JSON with lane segments and pedestrian crossings.
+
+Source: argoverse/av2-api, ``src/av2/map/README.md`` ("Vector Map: Lane Graph and Lane Segments",
+"Vector Map: Pedestrian Crossings") and ``src/av2/map/lane_segment.py``.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+
+__all__ = ["EXPECTED", "Crossing", "MapFile", "Segment", "is_argoverse", "places_in", "read_file"]
+
+EXPECTED = "an Argoverse 2 vector map: log_map_archive_....json with lane_segments"
+LANE_TYPES = ("VEHICLE", "BIKE", "BUS")
+#: A file that is larger is no map of a log, bytes.
+MOST_BYTES = 200_000_000
+#: Coordinates beyond this are no city's, metres.
+FAR_M = 1e6
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A lane segment.
+
+    Attributes:
+        id: unique within the map.
+        within: whether it lies within an intersection.
+        kind: ``VEHICLE``, ``BIKE`` or ``BUS``.
+        left: (N, 3) left boundary in the direction of travel, the city's metres.
+        right: (M, 3) right boundary.
+        marks: paint of the left and of the right boundary (``SOLID_WHITE``, ``NONE``, ...).
+        successors: ids of the segments that follow; some may lie beyond the map.
+    """
+
+    id: int
+    within: bool
+    kind: str
+    left: NDArray[np.float64]
+    right: NDArray[np.float64]
+    marks: tuple[str, str]
+    successors: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """A pedestrian crossing between two edges (N, 3) along which people walk."""
+
+    id: int
+    edges: tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+@dataclass(frozen=True)
+class MapFile:
+    """A whole map, by id."""
+
+    path: Path
+    segments: dict[int, Segment]
+    crossings: dict[int, Crossing]
+
+
+def is_argoverse(path: Path) -> bool:
+    """Whether a ``.json`` file holds lane segments, by a first look."""
+    if path.suffix.lower() != ".json":
+        return False
+    try:
+        return b'"lane_segments"' in path.read_bytes()[:MOST_BYTES]
+    except OSError:
+        return False
+
+
+def read_file(path: Path) -> MapFile:
+    """Read lane segments and pedestrian crossings.
+
+    Raises:
+        InputError: not found, not JSON, no lane segments, or one that lacks what it must have.
+    """
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            raise InputError("is too large for the map of a log", file=path, expected=EXPECTED)
+        data = json.loads(path.read_bytes())
+    except OSError:
+        problem = "is a folder" if path.is_dir() else "not found"
+        raise InputError(problem, file=path, expected=EXPECTED) from None
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"is not JSON ({error})", file=path, expected=EXPECTED) from None
+    rows = data.get("lane_segments") if isinstance(data, dict) else None
+    if not isinstance(rows, dict) or not rows:
+        raise InputError("has no lane segments", file=path, expected=EXPECTED)
+    crossings = data.get("pedestrian_crossings") or {}
+    if not isinstance(crossings, dict):
+        raise InputError("pedestrian_crossings is no object", file=path, expected=EXPECTED)
+    segments = [_segment(path, key, row) for key, row in rows.items()]
+    walks = [_crossing(path, key, row) for key, row in crossings.items()]
+    found = MapFile(path, {s.id: s for s in segments}, {c.id: c for c in walks})
+    if len(found.segments) < len(segments) or len(found.crossings) < len(walks):
+        raise InputError("has an id twice", file=path, expected=EXPECTED)
+    return found
+
+
+def places_in(read: MapFile) -> NDArray[np.float64]:
+    """Return all points (N, 3) of boundaries, the city's metres."""
+    return np.vstack([line for s in read.segments.values() for line in (s.left, s.right)])
+
+
+def _segment(path: Path, key: str, row: object) -> Segment:
+    place = f"lane segment {key}"
+    fields = _fields(path, place, row)
+    kind = fields.get("lane_type")
+    if kind not in LANE_TYPES:
+        raise InputError(
+            f"lane_type {kind!r} is unknown", file=path, place=place, expected=", ".join(LANE_TYPES)
+        )
+    following = fields.get("successors") or []
+    if not isinstance(following, list) or not all(isinstance(i, int) for i in following):
+        raise InputError("successors are no list of ids", file=path, place=place)
+    return Segment(
+        _id(path, place, fields),
+        bool(fields.get("is_intersection")),
+        kind,
+        _line(path, place, fields, "left_lane_boundary"),
+        _line(path, place, fields, "right_lane_boundary"),
+        (
+            str(fields.get("left_lane_mark_type") or "NONE"),
+            str(fields.get("right_lane_mark_type") or "NONE"),
+        ),
+        tuple(following),
+    )
+
+
+def _crossing(path: Path, key: str, row: object) -> Crossing:
+    place = f"pedestrian crossing {key}"
+    fields = _fields(path, place, row)
+    edges = tuple(_line(path, place, fields, name) for name in ("edge1", "edge2"))
+    return Crossing(_id(path, place, fields), (edges[0], edges[1]))
+
+
+def _fields(path: Path, place: str, row: object) -> dict[str, object]:
+    if not isinstance(row, dict):
+        raise InputError("is no object", file=path, place=place, expected=EXPECTED)
+    return row
+
+
+def _id(path: Path, place: str, fields: dict[str, object]) -> int:
+    identity = fields.get("id")
+    if not isinstance(identity, int) or isinstance(identity, bool):
+        raise InputError(f"has id {identity!r}", file=path, place=place, expected="a whole number")
+    return identity
+
+
+def _line(path: Path, place: str, fields: dict[str, object], name: str) -> NDArray[np.float64]:
+    try:
+        points = [[p["x"], p["y"], p.get("z", 0.0)] for p in fields.get(name) or []]  # type: ignore[attr-defined]
+        line = np.array(points, dtype=float).reshape(-1, 3)
+    except (TypeError, ValueError, KeyError, AttributeError):
+        line = np.full((2, 3), np.nan)
+    if len(line) < 2 or not (np.abs(line) < FAR_M).all():
+        raise InputError(
+            f"{name} is no line of finite points",
+            file=path,
+            place=place,
+            expected="a list of two or more x, y, z in metres",
+        )
+    return line
