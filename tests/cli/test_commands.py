@@ -104,6 +104,28 @@ def test_one_sensor_is_shown_with_its_channels_and_sources(run_here: Run) -> Non
     assert shown["maker"] in run_here("sensors", "VLP-16").out
 
 
+def test_show_prints_everything_known_of_a_sensor(run_here: Run) -> None:
+    page = run_here("sensors", "show", "VLS-128").out
+    assert page == run_here("sensors", "VLS-128").out
+    # Velodyne VLS-128 user manual: table F-1, 6.1, 9.3.1.
+    assert "0.18 x 0.09 deg" in page
+    assert "retroreflectors" in page
+    assert "53.3 us" in page
+    assert "unknown (no public document" in page
+    shown = json.loads(run_here("sensors", "show", "VLS-128", "--json").out)
+    assert shown["beam_divergence_deg"] == [0.18, 0.09]
+    assert len(shown["firing_time_us"]) == 128
+    assert shown["range_min_m"] is None
+    assert "range_min_m" in shown["unknown"]
+
+
+@pytest.mark.parametrize("words", [["show"], ["OS1-128", "OS1-64"]])
+def test_show_takes_one_sensor(run_here: Run, words: list[str]) -> None:
+    outcome = run_here("sensors", *words)
+    assert outcome.code == 2
+    assert outcome.err.count("\n") == 1
+
+
 def test_an_unknown_sensor_names_the_nearest(run_here: Run) -> None:
     outcome = run_here("sensors", "OS1-129")
     assert outcome.code == 2

@@ -15,6 +15,7 @@ from urbantwin.lidar import load_sensor, sensor, sensor_names
 
 VELODYNE = {
     "VLP-16": "VLP16db.yaml",
+    "VLP-16-Hi-Res": "VLP16_hires_db.yaml",
     "HDL-32E": "32db.yaml",
     "VLP-32C": "VeloView-VLP-32C.yaml",
     "HDL-64E": "64e_s3-xiesc.yaml",
@@ -30,8 +31,29 @@ HESAI = {
     "Pandar128": "Pandar128E3X",
     "QT128": "QT128C2X",
     "OT128": "OT128",
+    "OT128-40": "OT128_40",
+    "Pandar40M": "Pandar40M",
+    "Pandar90": "Pandar90E3X",
+    "XT32M2X": "XT32M2X",
+    "JT128": "JT128",
+    "JT16": "JT16",
+}
+FIRING = {  # file, column of times, factor to microseconds
+    "Pandar40P": ("Pandar40P", 1, 1),
+    "Pandar64": ("Pandar64", 1, 1),
+    "PandarQT": ("PandarQT", 1, 1),
+    "PandarXT-16": ("PandarXT-16", 1, 1),
+    "PandarXT-32": ("PandarXT-32", 1, 1),
+    "XT32M2X": ("PandarXT-32M2X", 1, 1),
+    "JT128": ("JT128", 1, 1),
+    "OT128": ("OT128", 5, 1),
+    "Pandar128": ("Pandar128E3X", 9, 1e-3),
+    "Pandar90": ("Pandar90", 9, 1e-3),
 }
 OUSTER = {
+    "OS0-32": ("OS-0-32-U1_v2.2.0_1024x10.json", 1),
+    "OS1-32": ("OS-1-32-G_v2.1.1_1024x10.json", 1),
+    "OS2-32": ("OS-2-32-U0_v2.0.0_1024x10.json", 1),
     "OS0-128": ("OS-0-128-U1_v2.3.0_1024x10.json", 1),
     "OS0-64": ("OS-0-128-U1_v2.3.0_1024x10.json", 2),
     "OS1-128": ("OS-1-128_v2.3.0_1024x10.json", 1),
@@ -70,11 +92,39 @@ def test_hesai_tables(shared_data, name, file):
         table = {
             int(row[0]): (float(row[1]), float(row[2]))
             for row in csv.reader(stream)
-            if row[0].strip().isdigit()
+            if row[0].strip().isdigit() and row[2:] > [""]
         }
     rows = np.array([table[number] for number in range(1, len(table) + 1)])
     # Hesai's azimuth grows clockwise.
-    assert_table(name, rows[:, 0], -rows[:, 1])
+    assert_table(name, rows[:, 0], (180 - rows[:, 1]) % 360 - 180)
+
+
+@pytest.mark.parametrize(("name", "row"), FIRING.items())
+def test_hesai_firing_times(shared_data, name, row):
+    file, column, factor = row
+    folder = shared_data / "sensors/hesai_sdk2/firetime_correction"
+    text = (folder / f"{file}_Firetime_Correction_File.csv").read_text("utf-8-sig")
+    cells = [line.split(",") for line in text.splitlines()]
+    # Headers of the long tables begin with the distance 2.85, which is no channel.
+    table = {int(row[0]): float(row[column]) for row in cells if row[0].isdigit()}
+    expected = [table[number] * factor for number in range(1, len(table) + 1)]
+    assert sensor(name).firing_time_us == pytest.approx(expected, abs=1e-3)
+
+
+def test_velodyne_firing_times_are_those_of_the_manuals():
+    """VLP-16 manual 9.4: 2.304 us apart, the last at 34.56 us of 55.296 (figure 9-8)."""
+    assert sensor("VLP-16").firing_time_us[[0, 1, 15]] == pytest.approx([0, 2.304, 34.56])
+    # VLP-32C manual 9.5: lasers fire in pairs.
+    assert sensor("VLP-32C").firing_groups == 16
+    # VLS-128 manual 9.3.1.1: groups of eight.
+    assert sensor("VLS-128").firing_groups == 16
+    for name in ("VLP-16", "VLP-32C", "HDL-32E", "HDL-64E-S2", "VLS-128"):
+        lidar = sensor(name)
+        assert lidar.firing_time_us.min() >= 0
+        assert lidar.firing_time_us.max() < lidar.firing_sequence_us
+        # One turn over its columns is one sequence, where the columns are the firings.
+        if name.startswith("HDL"):
+            assert 1e6 / lidar.column_rate_hz == pytest.approx(lidar.firing_sequence_us, rel=2e-3)
 
 
 @pytest.mark.parametrize("name", OUSTER)
@@ -142,9 +192,21 @@ def test_azimuth_offsets_have_the_sign_that_a_real_vlp_32c_shows(shared_data):
 
 
 @pytest.mark.parametrize("name", sensor_names())
-def test_every_known_number_names_its_source(name):
+def test_every_known_number_names_its_source_and_every_other_a_reason(name):
     lidar = sensor(name)
     fields = [
+        "modes",
+        "firing_time_us",
+        "firing_sequence_us",
+        "azimuth_step_deg",
+        "beam_divergence_deg",
+        "beam_origin_m",
+        "return_modes",
+        "intensity_scale",
+        "intensity_of_white",
+        "intensity_max",
+        "detection_range_10_m",
+        "detection_range_80_m",
         "elevation_deg",
         "azimuth_offset_deg",
         "columns",
@@ -161,22 +223,34 @@ def test_every_known_number_names_its_source(name):
         "spin",
     ]
     for field in fields:
-        known = getattr(lidar, field) is not None
-        assert (field in lidar.sources) == known, field
-        assert not known or len(lidar.sources[field]) > 10
+        assert (field in lidar.sources) != (field in lidar.unknown), field
+        assert len(lidar.sources.get(field) or lidar.unknown[field]) > 10, field
+        if getattr(lidar, field) is None:
+            assert field in lidar.unknown, field
+        elif field in lidar.unknown:
+            assert lidar.unknown[field].startswith("assumed"), field
 
 
 @pytest.mark.parametrize("name", sensor_names())
 def test_numbers_are_physical(name):
     lidar = sensor(name)
     assert 800 <= lidar.assumed_wavelength_nm <= 1600
-    assert 0 < lidar.assumed_range_min_m < lidar.range_max_m <= 300
+    assert 0 < lidar.assumed_range_min_m < lidar.assumed_range_max_m <= 300
     assert 0 < lidar.assumed_range_sigma_m <= 0.1
     assert 0 < lidar.assumed_range_resolution_m <= 0.02
     reflectivity, range_m = lidar.assumed_reference
     assert 0 < reflectivity <= 1
-    assert range_m <= lidar.range_max_m
+    assert range_m <= lidar.assumed_range_max_m
     assert np.unique(lidar.elevation_deg).size > lidar.channels / 2
+    ten, eighty = lidar.detection_range_10_m, lidar.detection_range_80_m
+    # Returns fall with the square of the range, so 80 % reach sqrt(8) = 2.83 times as far at most.
+    assert ten is None or eighty is None or 1 < eighty / ten < 3.1
+    assert lidar.modes is None or (lidar.columns, lidar.rate_hz) in lidar.modes
+    for columns, rate in lidar.modes or ():
+        assert columns in lidar.columns_options
+        assert rate in lidar.rate_options
+    for angle in lidar.beam_divergence_deg or ():
+        assert 0.02 < angle < 0.5
 
 
 def test_the_names_that_people_use_are_there():
@@ -242,6 +316,8 @@ def test_a_persons_own_file_works_and_falls_back(tmp_path):
         ("channels: [[0, 0], [-1.5, 2]]", "channels: []", "channels"),
         ("maker: me", "maker: me\ncolour: red", "colour"),
         ("maker: me", "maker: [", "line"),
+        ("maker: me", "maker: me\nfiring_time_us: [0]", "1 times for 2 channels"),
+        ("maker: me", "maker: me\nfiring_time_us: [0, .nan]", r"firing_time_us\.1"),
         (OWN, "", "two.yaml"),
     ],
 )

@@ -16,21 +16,57 @@ __all__ = ["EXAMPLES", "sensors"]
 
 EXAMPLES = """
 urbantwin sensors
-urbantwin sensors OS1-128
+urbantwin sensors show OS1-128
+urbantwin sensors show unit.json
 urbantwin sensors --json | jq '.sensors[].name'
 """
+
+#: Fields of a sensor with their names in print and their units, in the order of the page.
+_LINES = (
+    ("aliases", "also called", ""),
+    ("channels", "channels", ""),
+    ("rates", "columns x turns per second", ""),
+    ("spin", "turns, from above", ""),
+    ("firing_sequence_us", "firing sequence", "us"),
+    ("firing_groups", "firings per column", ""),
+    ("azimuth_step_deg", "azimuth step", "deg"),
+    ("range_min_m", "nearest range", "m"),
+    ("range_max_m", "farthest range", "m"),
+    ("detection_range_10_m", "range at 10 %", "m"),
+    ("detection_range_80_m", "range at 80 %", "m"),
+    ("range_sigma_m", "range noise, 1 sigma", "m"),
+    ("range_resolution_m", "range step", "m"),
+    ("wavelength_nm", "wavelength", "nm"),
+    ("beam_divergence_deg", "divergence, across x up", "deg"),
+    ("beam_origin_m", "beams leave the axis at", "m"),
+    ("return_modes", "returns", ""),
+    ("intensity_scale", "intensity", ""),
+    ("intensity_of_white", "intensity of white", ""),
+    ("intensity_max", "greatest intensity", ""),
+)
 
 
 def sensors(
     name: Annotated[
-        str | None, typer.Argument(help="A model, or the path of a sensor's .yaml file.")
+        str | None,
+        typer.Argument(help="A model, or the path of a sensor's file (.yaml, .json, .csv)."),
+    ] = None,
+    shown: Annotated[
+        str | None, typer.Argument(metavar="[NAME]", help="The model, after `show`.")
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print names only.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """List the sensors of the catalogue, or describe one of them."""
+    """List the sensors of the catalogue, or `show NAME`: everything known of one."""
+    from urbantwin.errors import InputError
     from urbantwin.lidar import sensor, sensor_names
 
+    if name == "show":
+        if shown is None:
+            raise InputError("show needs a sensor", expected="urbantwin sensors show NAME")
+        name = shown
+    elif shown is not None:
+        raise InputError(f"two sensors, {name!r} and {shown!r}", expected="one")
     if name is not None:
         one = sensor(name)
         if as_json:
@@ -64,19 +100,39 @@ def _summary(sensor: Sensor) -> dict[str, Any]:
 
 
 def _everything(sensor: Sensor) -> dict[str, Any]:
+    times, modes = sensor.firing_time_us, sensor.modes
     return {
         **_summary(sensor),
         "aliases": list(sensor.aliases),
+        "modes": None if modes is None else [list(mode) for mode in modes],
+        "column_rate_hz": sensor.column_rate_hz,
+        "firing_sequence_us": sensor.firing_sequence_us,
+        "firing_groups": sensor.firing_groups,
+        "azimuth_step_deg": sensor.azimuth_step_deg,
         "reference_reflectivity": sensor.reference_reflectivity,
         "reference_range_m": sensor.reference_range_m,
+        "detection_range_10_m": sensor.detection_range_10_m,
+        "detection_range_80_m": sensor.detection_range_80_m,
         "range_sigma_m": sensor.range_sigma_m,
         "range_resolution_m": sensor.range_resolution_m,
         "wavelength_nm": sensor.wavelength_nm,
+        "beam_divergence_deg": _listed(sensor.beam_divergence_deg),
+        "beam_origin_m": sensor.beam_origin_m,
+        "return_modes": _listed(sensor.return_modes),
+        "intensity_scale": sensor.intensity_scale,
+        "intensity_of_white": sensor.intensity_of_white,
+        "intensity_max": sensor.intensity_max,
         "spin": sensor.spin,
         "elevation_deg": sensor.elevation_deg.tolist(),
         "azimuth_offset_deg": sensor.azimuth_offset_deg.tolist(),
+        "firing_time_us": None if times is None else times.tolist(),
         "sources": dict(sensor.sources),
+        "unknown": dict(sensor.unknown),
     }
+
+
+def _listed(values: tuple[Any, ...] | None) -> list[Any] | None:
+    return None if values is None else list(values)
 
 
 def _table(entries: list[Sensor]) -> str:
@@ -86,29 +142,53 @@ def _table(entries: list[Sensor]) -> str:
     ]
     for entry in entries:
         low, high = entry.elevation_deg.min(), entry.elevation_deg.max()
+        farthest = "unknown" if entry.range_max_m is None else f"{entry.range_max_m:g}"
         lines.append(
             f"{entry.name:<14}{entry.maker:<10}{entry.channels:>8}  "
             f"{f'{low:+.1f} to {high:+.1f}':<18}"
             f"{' '.join(map(str, entry.columns_options)):<22}"
             f"{' '.join(f'{rate:g}' for rate in entry.rate_options):<10}"
-            f"{entry.range_max_m:>8g}"
+            f"{farthest:>8}"
         )
     return "\n".join(lines)
 
 
 def _page(sensor: Sensor) -> str:
+    values = _everything(sensor) | {"rates": _rates(sensor)}
     lines = [f"{sensor.name} ({sensor.maker})"]
-    for field, value in _everything(sensor).items():
-        if field in ("name", "maker", "sources", "elevation_deg", "azimuth_offset_deg"):
-            continue
+    for field, label, unit in _LINES:
+        value = values[field]
         if value == []:
             continue
-        shown = "not published" if value is None else value
-        shown = ", ".join(f"{item}" for item in shown) if isinstance(shown, list) else shown
-        lines.append(f"  {field:<24}{shown}")
-    lines.append("  channel: elevation, azimuth offset (degrees)")
-    table = zip(sensor.elevation_deg, sensor.azimuth_offset_deg, strict=True)
-    lines += [f"  {number:>5}: {up:+8.3f} {left:+8.3f}" for number, (up, left) in enumerate(table)]
+        why = sensor.unknown.get(field)
+        text = "unknown" if value is None else f"{_text(value)} {unit}".rstrip()
+        if field == "beam_divergence_deg" and value is not None:
+            text = f"{value[0]:g} x {value[1]:g} {unit}"
+        lines.append(f"  {label:<28}{text}" + (f" ({why})" if why else ""))
+    lines.append("  channel: elevation, azimuth offset (degrees), firing time (us)")
+    times = sensor.firing_time_us
+    for number, up in enumerate(sensor.elevation_deg):
+        fires = "unknown" if times is None else f"{times[number]:.3f}"
+        left = sensor.azimuth_offset_deg[number]
+        lines.append(f"  {number:>5}: {up:+8.3f} {left:+8.3f} {fires:>9}")
     lines.append("  sources")
     lines += [f"    {field}: {source}" for field, source in sensor.sources.items()]
+    if sensor.unknown:
+        lines.append("  unknown, or assumed")
+        lines += [f"    {field}: {why}" for field, why in sensor.unknown.items()]
     return "\n".join(lines)
+
+
+def _rates(sensor: Sensor) -> str:
+    if sensor.modes is None:
+        columns = ", ".join(map(str, sensor.columns_options))
+        return f"{columns} x {', '.join(f'{rate:g}' for rate in sensor.rate_options)}"
+    default = f"{sensor.columns} x {sensor.rate_hz:g}, {sensor.column_rate_hz:g} columns/s"
+    modes = ", ".join(f"{columns} x {rate:g}" for columns, rate in sensor.modes)
+    return f"{modes} (default {default})"
+
+
+def _text(value: Any) -> str:  # noqa: ANN401
+    if isinstance(value, list):
+        return ", ".join(_text(item) for item in value)
+    return f"{value:g}" if isinstance(value, float) else f"{value}"

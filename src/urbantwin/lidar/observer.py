@@ -66,7 +66,7 @@ class Observer:
         surface: SurfaceMaterials | None = None,
     ) -> None:
         self._pose = mounted.site_SE3_sensor
-        self._range_max_m = mounted.sensor.range_max_m
+        self._range_max_m = mounted.sensor.assumed_range_max_m
         self._grid = RayGrid(mounted.sensor, mounted.columns)
         self._model = ReturnModel(mounted)
         # Half a step of the range may come on top of the noise.

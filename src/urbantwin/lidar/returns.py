@@ -157,7 +157,7 @@ class ReturnModel:
         self._noise = mounted.effects.noise
         self._sigma_m = entry.assumed_range_sigma_m
         self._resolution_m = entry.assumed_range_resolution_m
-        self._range_m = (entry.assumed_range_min_m, entry.range_max_m)
+        self._range_m = (entry.assumed_range_min_m, entry.assumed_range_max_m)
         reflectivity, range_m = entry.assumed_reference
         self._scale = np.float32(range_m**2 / reflectivity)
 

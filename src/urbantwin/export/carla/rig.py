@@ -42,7 +42,7 @@ def carla_sensor(
     even = np.linspace(elevation[0], elevation[-1], model.channels)
     attributes: dict[str, float] = {
         "channels": model.channels,
-        "range": model.range_max_m,
+        "range": model.assumed_range_max_m,
         "points_per_second": round(model.channels * mounted.columns * rate_hz),
         "rotation_frequency": rate_hz,
         "upper_fov": round(float(elevation[-1]), 4),

@@ -1,0 +1,162 @@
+"""What is known of a LiDAR: where its beams point, when they fire, what its maker says of it.
+
+Signs. Elevation is positive up. An azimuth offset is **counter-clockwise positive** seen from
+above, in the sensor frame (x forward, y left, z up), whatever the maker's own convention:
+
+- Velodyne calibration files: the driver (ros-drivers/velodyne ``rawdata.cc``) computes the
+  direction at clockwise angle ``encoder - rot_correction``, so our offset is ``+rot_correction``.
+- Hesai correction files: the driver (HesaiLidar_General_ROS ``pandarGeneral_internal.cc``) adds
+  the file's azimuth to a clockwise encoder angle, so our offset is ``-Azimuth``.
+- Ouster metadata: the sensor's manual ("Lidar Range to XYZ") turns counter-clockwise by
+  ``-beam_azimuth_angles``, so our offset is ``-beam_azimuth_angles``.
+
+``None`` means that the number is not known: ``Sensor.unknown`` says why. Consumers that need one
+all the same use the documented fallbacks ``Sensor.assumed_*``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Sensor"]
+
+_ASSUMED_RANGE_SIGMA_M = 0.02
+_ASSUMED_RANGE_RESOLUTION_M = 0.001
+_ASSUMED_RANGE_MIN_M = 0.5
+_ASSUMED_RANGE_MAX_M = 100.0
+_ASSUMED_WAVELENGTH_NM = 905.0
+_ASSUMED_REFLECTIVITY = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Sensor:
+    """A spinning LiDAR: where its beams point and what its maker says of its ranges.
+
+    Attributes:
+        name: the model's name.
+        maker: who makes it.
+        elevation_deg: (C,) float64, elevation of each channel, degrees, positive up, in the
+            order in which the maker numbers the channels.
+        azimuth_offset_deg: (C,) float64, direction of each channel relative to the encoder's
+            angle, degrees, counter-clockwise positive.
+        columns: firings per turn by default.
+        columns_options: every number of firings per turn that the sensor offers.
+        rate_hz: turns per second by default.
+        rate_options: every rate that the sensor offers.
+        range_min_m: nearest distance that is measured.
+        range_max_m: farthest distance that is reported.
+        reference_reflectivity: diffuse reflectivity (0..1) that ``reference_range_m`` is for.
+        reference_range_m: distance up to which such a target is detected.
+        range_sigma_m: standard deviation of one distance measurement.
+        range_resolution_m: step of the reported distance.
+        wavelength_nm: of the laser.
+        spin: ``cw`` or ``ccw`` seen from above.
+        sources: field -> document that the value is from.
+        aliases: other names of the model.
+        modes: pairs of columns and turns per second that the sensor offers together.
+        firing_time_us: (C,) float64, when each channel fires, microseconds after the first
+            instant that the maker counts the column's time from; equal times fire together.
+        firing_sequence_us: time from one firing of a channel to its next, where it is fixed and
+            does not follow from the mode.
+        azimuth_step_deg: step of the reported azimuth.
+        beam_divergence_deg: full angle of the beam, horizontal and vertical, degrees.
+        return_modes: which returns the sensor can report.
+        intensity_scale: what the reported intensity means.
+        intensity_of_white: reported for a diffuse reflectivity of 100 %.
+        intensity_max: greatest value that is reported.
+        detection_range_10_m: distance up to which a diffuse target of 10 % is detected.
+        detection_range_80_m: distance up to which a diffuse target of 80 % is detected.
+        beam_origin_m: how far from the axis the beams leave, metres.
+        unknown: field -> why its value is not known.
+    """
+
+    name: str
+    maker: str
+    elevation_deg: NDArray[np.float64]
+    azimuth_offset_deg: NDArray[np.float64]
+    columns: int
+    columns_options: tuple[int, ...]
+    rate_hz: float
+    rate_options: tuple[float, ...]
+    range_min_m: float | None
+    range_max_m: float | None
+    reference_reflectivity: float | None
+    reference_range_m: float | None
+    range_sigma_m: float | None
+    range_resolution_m: float | None
+    wavelength_nm: float | None
+    spin: Literal["cw", "ccw"]
+    sources: dict[str, str]
+    aliases: tuple[str, ...] = ()
+    modes: tuple[tuple[int, float], ...] | None = None
+    firing_time_us: NDArray[np.float64] | None = None
+    firing_sequence_us: float | None = None
+    azimuth_step_deg: float | None = None
+    beam_divergence_deg: tuple[float, float] | None = None
+    return_modes: tuple[str, ...] | None = None
+    intensity_scale: str | None = None
+    intensity_of_white: float | None = None
+    intensity_max: float | None = None
+    detection_range_10_m: float | None = None
+    detection_range_80_m: float | None = None
+    beam_origin_m: float | None = None
+    unknown: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def channels(self) -> int:
+        """Number of channels, C."""
+        return len(self.elevation_deg)
+
+    @property
+    def column_rate_hz(self) -> float:
+        """Columns per second in the default mode."""
+        return self.columns * self.rate_hz
+
+    @property
+    def firing_groups(self) -> int | None:
+        """How many times a column fires; channels that fire together count once."""
+        if self.firing_time_us is None:
+            return None
+        return len(np.unique(self.firing_time_us))
+
+    @property
+    def assumed_range_max_m(self) -> float:
+        """``range_max_m``, or 100 m where it is not published."""
+        return _ASSUMED_RANGE_MAX_M if self.range_max_m is None else self.range_max_m
+
+    @property
+    def assumed_range_min_m(self) -> float:
+        """``range_min_m``, or 0.5 m where it is not published."""
+        return _ASSUMED_RANGE_MIN_M if self.range_min_m is None else self.range_min_m
+
+    @property
+    def assumed_range_sigma_m(self) -> float:
+        """``range_sigma_m``, or 2 cm where it is not published (the usual class of accuracy)."""
+        return _ASSUMED_RANGE_SIGMA_M if self.range_sigma_m is None else self.range_sigma_m
+
+    @property
+    def assumed_range_resolution_m(self) -> float:
+        """``range_resolution_m``, or 1 mm where it is not published."""
+        if self.range_resolution_m is None:
+            return _ASSUMED_RANGE_RESOLUTION_M
+        return self.range_resolution_m
+
+    @property
+    def assumed_wavelength_nm(self) -> float:
+        """``wavelength_nm``, or 905 nm where it is not published."""
+        return _ASSUMED_WAVELENGTH_NM if self.wavelength_nm is None else self.wavelength_nm
+
+    @property
+    def assumed_reference(self) -> tuple[float, float]:
+        """Reflectivity and the distance up to which it is detected.
+
+        Where the maker publishes none, a 10 % target is taken to be seen up to half of
+        ``range_max_m``: about what the makers that publish both state.
+        """
+        if self.reference_reflectivity is None or self.reference_range_m is None:
+            return _ASSUMED_REFLECTIVITY, self.assumed_range_max_m / 2
+        return self.reference_reflectivity, self.reference_range_m

@@ -1,0 +1,154 @@
+"""The form of a sensor's YAML file, in the catalogue and by a person."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import numpy as np
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from urbantwin.errors import InputError
+from urbantwin.lidar.sensor import Sensor
+
+__all__ = ["MOST_CHANNELS", "checked_sensor", "parse_sensor", "read_text"]
+
+#: More channels than any sensor has; a file that claims more is wrong.
+MOST_CHANNELS = 4096
+_MOST_BYTES = 8_000_000
+
+_Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+_NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+_Columns = Annotated[int, Field(ge=1, le=65536)]
+_Elevation = Annotated[float, Field(ge=-90, le=90, allow_inf_nan=False)]
+_Offset = Annotated[float, Field(ge=-180, le=180, allow_inf_nan=False)]
+_Divergence = Annotated[float, Field(gt=0, le=10, allow_inf_nan=False)]
+
+
+class _SensorFile(BaseModel):
+    """The form of a sensor's file."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    name: Annotated[str, Field(min_length=1)]
+    maker: str
+    aliases: tuple[str, ...] = ()
+    spin: Literal["cw", "ccw"] = "cw"
+    columns: _Columns
+    columns_options: tuple[_Columns, ...]
+    rate_hz: _Positive
+    rate_options: tuple[_Positive, ...]
+    modes: tuple[tuple[_Columns, _Positive], ...] | None = None
+    range_min_m: _NotNegative | None
+    range_max_m: _Positive | None
+    reference_reflectivity: Annotated[float, Field(gt=0, le=1)] | None
+    reference_range_m: _Positive | None
+    detection_range_10_m: _Positive | None = None
+    detection_range_80_m: _Positive | None = None
+    range_sigma_m: _NotNegative | None
+    range_resolution_m: _NotNegative | None
+    azimuth_step_deg: _Positive | None = None
+    wavelength_nm: _Positive | None
+    beam_divergence_deg: tuple[_Divergence, _Divergence] | None = None
+    beam_origin_m: _NotNegative | None = None
+    return_modes: tuple[str, ...] | None = None
+    intensity_scale: str | None = None
+    intensity_of_white: _Positive | None = None
+    intensity_max: _Positive | None = None
+    firing_sequence_us: _Positive | None = None
+    firing_time_us: tuple[Annotated[float, Field(allow_inf_nan=False)], ...] | None = None
+    sources: dict[str, str] = Field(default_factory=dict)
+    unknown: dict[str, str] = Field(default_factory=dict)
+    channels: Annotated[
+        tuple[tuple[_Elevation, _Offset], ...], Field(min_length=1, max_length=MOST_CHANNELS)
+    ]
+
+    @model_validator(mode="after")
+    def _agree(self) -> _SensorFile:
+        if self.columns not in self.columns_options:
+            raise ValueError(f"columns: {self.columns} is not among columns_options")
+        if self.rate_hz not in self.rate_options:
+            raise ValueError(f"rate_hz: {self.rate_hz} is not among rate_options")
+        if None not in (self.range_min_m, self.range_max_m) and (
+            (self.range_min_m or 0) >= (self.range_max_m or 0)
+        ):
+            raise ValueError("range_min_m: is not below range_max_m")
+        if (self.reference_reflectivity is None) != (self.reference_range_m is None):
+            raise ValueError("reference_range_m: needs reference_reflectivity, and the reverse")
+        if self.firing_time_us is not None and len(self.firing_time_us) != len(self.channels):
+            raise ValueError(
+                f"firing_time_us: has {len(self.firing_time_us)} times "
+                f"for {len(self.channels)} channels"
+            )
+        return self
+
+    def sensor(self) -> Sensor:
+        values = self.model_dump(exclude={"channels", "sources", "unknown", "firing_time_us"})
+        table = np.array(self.channels, np.float64)
+        table.setflags(write=False)
+        times = None
+        if self.firing_time_us is not None:
+            times = np.array(self.firing_time_us, np.float64)
+            times.setflags(write=False)
+        return Sensor(
+            **values,
+            elevation_deg=table[:, 0],
+            azimuth_offset_deg=table[:, 1],
+            firing_time_us=times,
+            sources=dict(self.sources),
+            unknown=dict(self.unknown),
+        )
+
+
+def read_text(path: Path, kind: str) -> str:
+    """Return the text of a person's file.
+
+    Raises:
+        InputError: missing, too large, or not text; names the file.
+    """
+    try:
+        if path.is_file() and path.stat().st_size > _MOST_BYTES:
+            raise InputError(f"is larger than {_MOST_BYTES / 1e6:g} MB", file=path, expected=kind)
+        return path.read_text(encoding="utf-8-sig")
+    except FileNotFoundError:
+        raise InputError("not found", file=path, expected=kind) from None
+    except UnicodeDecodeError:
+        raise InputError("is not text", file=path, expected=kind) from None
+    except OSError as error:
+        reason = error.strerror or error
+        raise InputError(f"cannot be read ({reason})", file=path, expected=kind) from None
+
+
+def parse_sensor(text: str, origin: Path | str) -> Sensor:
+    """Return the sensor of a YAML text.
+
+    Raises:
+        InputError: not YAML, or breaks the form; names the file and the field.
+    """
+    try:
+        # The C loader reads the whole catalogue five times as fast; not every build has it.
+        value = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        raise InputError(
+            f"is not YAML ({getattr(error, 'problem', error)})",
+            file=origin,
+            place=None if mark is None else f"line {mark.line + 1}",
+        ) from None
+    return checked_sensor(value, origin, "the form of a sensor's file")
+
+
+def checked_sensor(value: Any, origin: Path | str, expected: str) -> Sensor:  # noqa: ANN401
+    """Return the sensor of a file's values.
+
+    Raises:
+        InputError: breaks the form; names the file and the field.
+    """
+    try:
+        return _SensorFile.model_validate(value).sensor()
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(part) for part in first["loc"])
+        problem = first["msg"].removeprefix("Value error, ")
+        raise InputError(problem, file=origin, place=place or None, expected=expected) from None
