@@ -4,6 +4,7 @@ import runpy
 from pathlib import Path
 
 import numpy as np
+import pytest
 import shapely
 import yaml
 from pyproj import Transformer
@@ -15,14 +16,20 @@ from urbantwin.twin import build_twin
 STREETS = runpy.run_path(str(Path(__file__).parent / "argoverse_streets.py"))
 
 
-def test_roads_lie_within_5_cm_rms_of_the_measured_ground(shared_data, tmp_path):
+@pytest.mark.parametrize("source", ["streets", "vector map"])
+def test_roads_lie_within_5_cm_rms_of_the_measured_ground(shared_data, tmp_path, source):
     log = STREETS["Log"](shared_data)
     log.write_dem(tmp_path / "ground.tif")
-    log.write_osm(tmp_path / "streets.osm")
+    if source == "streets":
+        log.write_osm(tmp_path / "streets.osm")
+        roads_of = {"osm": "streets.osm"}
+    else:
+        found = (shared_data / "lidar" / "argoverse2-pittsburgh").glob("*/map/log_map*.json")
+        roads_of = {"roads": str(next(found))}
     site = {
         "anchor": dict(zip(("latitude", "longitude"), STREETS["ANCHOR"], strict=True)),
         "region": {"radius_m": 80},
-        "osm": "streets.osm",
+        **roads_of,
         "dem": "ground.tif",
         "closed_loop": False,
         "rig": {"sensors": [{"name": "a", "model": "OS1-128", "east_m": 0, "north_m": 0,

@@ -68,7 +68,8 @@ def prepared_map(
 
     A map that has heights keeps them, moved up or down as a whole: so that the road nearest to the
     anchor is at zero, or, where there is a DEM, so that the median of roads less ground is zero.
-    One that has none takes the DEM's, if there is one.
+    One that has none takes the DEM's, if there is one; so does one that has them at the corners of
+    its lines only, unless one of its roads passes over another.
 
     Args:
         imported: the map, site frame.
@@ -104,8 +105,13 @@ def prepared_map(
     else:
         model = with_levels(model)
         shift = _shift(model, elevation)
-        model = raised(model, shift)
-        notes["heights_moved_by_m"] = round(shift, 3)
+        level = all(road.level == 0 for road in model.roads)
+        if elevation is not None and imported.heights_at_corners and level:
+            model, _ = with_heights(model, elevation, _NOT_LIFTED)
+            notes["heights"] = "the DEM's: the map has them at the corners of its lines only"
+        else:
+            model = raised(model, shift)
+            notes["heights_moved_by_m"] = round(shift, 3)
         ground = elevation or elevation_of_model(model, region)
     if closed_loop:
         model, notes["closed_loop"] = closed_model(model, region.buffer(beyond))

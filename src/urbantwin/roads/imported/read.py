@@ -40,11 +40,14 @@ class ImportedMap:
         path: the file.
         model: the lane model.
         notes: what the reader found and assumed.
+        heights_at_corners: whether the map has heights at the corners of its lines only, so that
+            nothing is known of the road between them, as far apart as a straight street is long.
     """
 
     path: Path
     model: LaneModel
     notes: dict[str, object] = field(default_factory=dict)
+    heights_at_corners: bool = False
 
 
 def map_format(path: Path) -> str:
@@ -98,7 +101,7 @@ def read_map(
         if is_placed(path):
             raise _placed_twice(path)
         model = shifted(model, (-anchor_m[0], -anchor_m[1], 0.0, 0.0))
-    return ImportedMap(path, model, {"format": kind, **found})
+    return ImportedMap(path, model, {"format": kind, **found}, kind == "Argoverse 2")
 
 
 def placed_map(
