@@ -16,12 +16,14 @@ from importlib.resources.abc import Traversable
 from pathlib import Path
 
 from urbantwin.errors import InputError
+from urbantwin.lidar.hesai import hesai_sensor
+from urbantwin.lidar.ouster import ouster_sensor
 from urbantwin.lidar.sensor import Sensor
 from urbantwin.lidar.sensor_file import parse_sensor, read_text
 
 __all__ = ["Sensor", "load_sensor", "sensor", "sensor_names"]
 
-_YAML = (".yaml", ".yml")
+_FILES = (".yaml", ".yml", ".json", ".csv")
 
 
 def sensor_names() -> tuple[str, ...]:
@@ -29,40 +31,93 @@ def sensor_names() -> tuple[str, ...]:
     return tuple(entry.name for entry in _catalogue())
 
 
-def sensor(name: str | Path) -> Sensor:
+def sensor(name: str | Path, *, folder: Path | None = None) -> Sensor:
     """Return the sensor of that name, or of a person's own file.
 
     Case, dashes, underscores, dots and blanks do not matter: ``os1 128`` is ``OS1-128``.
 
     Args:
-        name: a name or alias of the catalogue, or the path of a file that `load_sensor` reads.
+        name: a name or alias of the catalogue, or a file as `load_sensor` takes it.
+        folder: where a relative path is looked up first; then in the current folder.
 
     Raises:
         InputError: no sensor has that name (the error lists the nearest), or the file is wrong.
     """
-    if str(name).lower().endswith(_YAML):
-        return load_sensor(Path(name))
-    index = _index()
-    key = _key(str(name))
-    if key in index:
-        return index[key]
-    near = difflib.get_close_matches(key, index, n=8, cutoff=0.6)
-    names = list(dict.fromkeys(index[match].name for match in near))[:4]
-    raise InputError(
-        f"unknown sensor {str(name)!r}",
-        expected=f"one of {', '.join(names or sensor_names())}"
-        + (" (`urbantwin sensors` lists them all)" if names else "")
-        + ", or the path of a .yaml file",
-    )
+    text = str(name)
+    if text.lower().endswith(_FILES):
+        model, path = _model_and_path(text)
+        if folder is not None and (folder / path).is_file():
+            path = folder / path
+        return load_sensor(path, model=model)
+    found = _known(text)
+    if found is not None:
+        return found
+    raise _unknown(text)
 
 
-def load_sensor(path: Path) -> Sensor:
-    """Read one sensor from a file of the catalogue's form.
+def load_sensor(path: Path, *, model: str | None = None) -> Sensor:
+    """Read one sensor from a file.
+
+    Args:
+        path: by its ending ``.yaml`` (the catalogue's form), ``.json`` (an Ouster unit's metadata)
+            or ``.csv`` (a Hesai unit's angle correction).
+        model: what a Hesai unit inherits all but its angles from; when not given, the model that
+            the file's name begins with.
 
     Raises:
-        InputError: the file is missing, is not YAML or breaks the form; names the field.
+        InputError: the file is missing or wrong; names the field or the line.
     """
+    ending = path.suffix.lower()
+    if model is not None and ending != ".csv":
+        raise InputError(f"{model}: comes before a file that is not a .csv", file=path)
+    if ending == ".json":
+        return ouster_sensor(read_text(path, "an Ouster sensor's metadata"), path, _known)
+    if ending == ".csv":
+        text = read_text(path, "a Hesai sensor's angle correction")
+        return hesai_sensor(text, path, _hesai_model(path, model))
     return parse_sensor(read_text(path, "a sensor's YAML file"), path)
+
+
+def _model_and_path(text: str) -> tuple[str | None, Path]:
+    """Return the parts of ``MODEL:PATH``; a name of one letter would be a drive."""
+    model, colon, path = text.partition(":")
+    if colon and len(model) > 1 and "/" not in model and path:
+        return model, Path(path)
+    return None, Path(text)
+
+
+def _hesai_model(path: Path, model: str | None) -> Sensor:
+    if model is not None:
+        found = _known(model)
+        if found is None:
+            raise _unknown(model)
+        return found
+    start = _key(path.stem)
+    names = [name for name, entry in _index().items() if entry.maker == "Hesai"]
+    fitting = max((name for name in names if start.startswith(name)), key=len, default=None)
+    if fitting is None:
+        raise InputError(
+            "does not say which model it is of",
+            file=path,
+            expected=f"MODEL:PATH, for example Pandar64:{path.name}",
+        )
+    return _index()[fitting]
+
+
+def _known(name: str) -> Sensor | None:
+    return _index().get(_key(name))
+
+
+def _unknown(name: str) -> InputError:
+    index = _index()
+    near = difflib.get_close_matches(_key(name), index, n=8, cutoff=0.6)
+    names = list(dict.fromkeys(index[match].name for match in near))[:4]
+    return InputError(
+        f"unknown sensor {name!r}",
+        expected=f"one of {', '.join(names or sensor_names())}"
+        + (" (`urbantwin sensors` lists them all)" if names else "")
+        + ", or the path of a .yaml, .json or .csv file",
+    )
 
 
 @cache

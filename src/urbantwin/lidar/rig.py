@@ -130,7 +130,7 @@ def place_rig(spec: RigSpec, mesh: LabelledMesh, *, file: str | Path | None = No
 
 def _model(name: str, file: str | Path | None, place: str) -> Sensor:
     try:
-        return sensor(name)
+        return sensor(name, folder=None if file is None else Path(file).parent)
     except InputError as error:
         if error.file is not None:  # The fault is inside a person's own sensor file.
             raise

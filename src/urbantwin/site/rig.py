@@ -41,7 +41,8 @@ class SensorSpec(_Strict):
 
     Attributes:
         name: unique in the rig; names columns and files.
-        model: a name of the sensor catalogue; checked where the rig is placed.
+        model: a name of the sensor catalogue or the path of a sensor's file; checked where the
+            rig is placed.
         columns: columns per turn; ``None`` takes the model's default.
         east_m: metres east of the anchor.
         north_m: metres north of the anchor.
@@ -55,7 +56,7 @@ class SensorSpec(_Strict):
     also_written_as: ClassVar[tuple[str, ...]] = ("latitude", "longitude")
 
     name: Annotated[str, Field(description="a name, unique in the rig")]
-    model: Annotated[str, Field(min_length=1, description="a sensor of the catalogue")]
+    model: Annotated[str, Field(min_length=1, description="a sensor of the catalogue, or its file")]
     columns: Annotated[int, Field(gt=0, le=16384)] | None = None
     east_m: Offset = Field(description="metres east of the anchor")
     north_m: Offset = Field(description="metres north of the anchor")

@@ -27,6 +27,7 @@ from urbantwin.site import (
     read_orthophoto,
 )
 from urbantwin.twin.ground import surveyed
+from urbantwin.twin.sensor_files import kept_rig
 from urbantwin.twin.twin import Twin, load_twin
 
 __all__ = ["build_twin"]
@@ -132,7 +133,7 @@ def build_twin(
         tell(0.9, "writing")
         resolved = site.resolved()
         _write_yaml(folder / "site.yaml", {**resolved, "rig": "rig.yaml"})
-        _write_yaml(folder / "rig.yaml", resolved["rig"])
+        _write_yaml(folder / "rig.yaml", kept_rig(site.rig, site.rig_file, folder))
         write_json(
             folder / "twin.json",
             {
