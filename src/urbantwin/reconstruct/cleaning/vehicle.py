@@ -19,8 +19,8 @@ _SEED_M = 0.3
 _TALLER_M = REACH_M - 0.3
 #: Cells wider than this are too coarse to take thin things away, metres.
 _COARSE_M = 0.35
-#: Share of a vehicle that is on the carriageway: some park with two wheels on the sidewalk.
-_ON_ROAD = 0.6
+#: Share of a vehicle that is on the carriageway: many park with two wheels on the sidewalk.
+_ON_ROAD = 0.4
 
 
 @dataclass(frozen=True, eq=False)
