@@ -3,8 +3,14 @@
 from urbantwin.lidar.actors import PosedActor
 from urbantwin.lidar.catalogue import Sensor, load_sensor, sensor, sensor_names
 from urbantwin.lidar.labels import BoxLabel, LabelledFrame
-from urbantwin.lidar.pattern import beam_azimuths, beam_directions, beam_elevations
+from urbantwin.lidar.pattern import (
+    beam_azimuths,
+    beam_directions,
+    beam_elevations,
+    pattern_directions,
+)
 from urbantwin.lidar.rig import MountedSensor, Rig, place_rig
+from urbantwin.lidar.scan_pattern import ScanPattern, load_scan_pattern
 from urbantwin.lidar.scanner import Scanner
 
 __all__ = [
@@ -13,12 +19,15 @@ __all__ = [
     "MountedSensor",
     "PosedActor",
     "Rig",
+    "ScanPattern",
     "Scanner",
     "Sensor",
     "beam_azimuths",
     "beam_directions",
     "beam_elevations",
+    "load_scan_pattern",
     "load_sensor",
+    "pattern_directions",
     "place_rig",
     "sensor",
     "sensor_names",

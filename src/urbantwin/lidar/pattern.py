@@ -12,9 +12,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.lidar.catalogue import Sensor
+from urbantwin.lidar.scan_pattern import ScanPattern
+from urbantwin.lidar.sensor import Sensor
 
-__all__ = ["beam_azimuths", "beam_directions", "beam_elevations"]
+__all__ = [
+    "beam_azimuths",
+    "beam_directions",
+    "beam_elevations",
+    "pattern_directions",
+    "pattern_times",
+]
 
 
 def beam_elevations(sensor: Sensor) -> NDArray[np.float64]:
@@ -52,3 +59,31 @@ def beam_directions(sensor: Sensor, columns: int | None = None) -> NDArray[np.fl
     flat = np.cos(elevation)
     up = np.broadcast_to(np.sin(elevation), azimuth.shape)
     return np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), up], axis=-1)
+
+
+def pattern_times(columns: int, frame: int, rate_hz: float) -> NDArray[np.float64]:
+    """Return when the K columns of a frame fire: (K,) seconds from the start of frame 0.
+
+    Columns follow each other evenly, over the border of frames too.
+    """
+    if columns < 1 or rate_hz <= 0:
+        raise ValueError(f"columns {columns} and rate {rate_hz} must be positive")
+    count = float(frame) * columns + np.arange(columns, dtype=np.float64)
+    return np.asarray(count / (columns * rate_hz), np.float64)
+
+
+def pattern_directions(
+    pattern: ScanPattern, columns: int, frame: int, rate_hz: float
+) -> NDArray[np.float64]:
+    """Return the beams of one frame of a pattern that does not repeat with the frame.
+
+    Args:
+        pattern: where its L lines point in the course of its period, which goes round.
+        columns: points per line and frame, K: the sensor's point rate over lines and frames.
+        frame: its number, from 0; the next frame sees the next part of the pattern.
+        rate_hz: frames per second.
+
+    Returns:
+        (L, K, 3) unit vectors in the sensor frame (x forward, y left, z up).
+    """
+    return pattern.directions_at(pattern_times(columns, frame, rate_hz))
