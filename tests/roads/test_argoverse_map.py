@@ -12,11 +12,13 @@ import pytest
 import shapely
 from pyproj import Transformer
 
+from urbantwin.cli.summary import summary
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.argoverse import anchor_of
 from urbantwin.roads.argoverse.read import translate
 from urbantwin.roads.imported import is_map_of_roads, read_map
+from urbantwin.roads.marking.zebra import zebra_of_area
 
 RULER = SimpleNamespace(**runpy.run_path(str(Path(__file__).parent / "lanelet_ruler.py")))
 ANCHOR = (40.462723, -79.951023)
@@ -177,6 +179,24 @@ def test_kinds_marks_and_crossings(pittsburgh):
         assert max(area.intersection(one).area for one in ours) > 0.99 * area.area
 
 
+def test_crossings_are_painted_where_nobody_walks(pittsburgh):
+    read, drawn = pittsburgh
+    walks = []
+    for crossing in drawn.crossings:
+        ring = np.vstack([drawn.metres(crossing["edge1"]), drawn.metres(crossing["edge2"])[::-1]])
+        walks.append(shapely.Polygon(ring))
+    stripes = [
+        shapely.Polygon(quad)
+        for area in read.model.areas
+        for quad in zebra_of_area(read.model, area)
+    ]
+    paint = shapely.union_all(stripes)
+    for walk in walks:
+        # Half of it is paint; oblique ones are painted as the rectangle around them.
+        assert 0.4 * walk.area < paint.intersection(walk).area < 0.7 * walk.area
+    assert paint.intersection(shapely.union_all(walks)).area > 0.8 * paint.area
+
+
 def test_its_name_says_where_on_earth_it_lies(path, tmp_path):
     assert is_map_of_roads(path)
     latitude, longitude = anchor_of(path)
@@ -219,6 +239,13 @@ def test_what_is_wrong_is_said_in_a_line(path, tmp_path, change, said):
 
 def _first(data):
     return next(iter(data["lane_segments"].values()))
+
+
+def test_it_is_described(path):
+    found = summary(path)
+    assert (found["kind"], found["format"]) == ("roads", "Argoverse 2")
+    assert found["crosswalks"] == 11
+    assert "40.46" in found["georeference"]
 
 
 def test_other_json_is_no_map(tmp_path):

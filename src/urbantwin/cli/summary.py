@@ -50,6 +50,7 @@ def _by_ending(name: str) -> Callable[[Path], dict[str, Any]] | None:
         ((".tif", ".tiff"), _dem),
         ((".ply",), _mesh_or_cloud),
         (CLOUDS, _cloud),
+        ((".json",), _geometry_or_roads),
         (GEOMETRY, _geometry),
     ):
         if name.endswith(endings):
@@ -180,6 +181,12 @@ def _extract_or_roads(path: Path) -> dict[str, Any]:
     from urbantwin.roads.imported import is_map_of_roads
 
     return _roads(path) if is_map_of_roads(path) else _extract(path)
+
+
+def _geometry_or_roads(path: Path) -> dict[str, Any]:
+    from urbantwin.roads.imported import is_map_of_roads
+
+    return _roads(path) if is_map_of_roads(path) else _geometry(path)
 
 
 def _roads(path: Path) -> dict[str, Any]:

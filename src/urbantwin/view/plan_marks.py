@@ -15,13 +15,13 @@ from urbantwin.roads import Lane, RoadNetwork
 from urbantwin.roads.marking import (
     ARROW_M,
     GIVE_WAY,
+    PAINT_KINDS,
     arrow_at,
     dashes,
     lane_marks,
     painted,
     stop_lines,
     turn_arrow,
-    zebra,
 )
 from urbantwin.roads.model import LaneModel
 from urbantwin.view.plan_ground import fill
@@ -49,17 +49,22 @@ def draw_marks(axes: Axes, network: RoadNetwork, model: LaneModel | None, look: 
         fill(axes, ribbons, look.paint, zorder=11.0 + 10 * line.level)
     for line in stop_lines(network, model):
         fill(axes, [_ribbon(line.points, _STOP_M)], look.paint, zorder=11.2 + 10 * line.level)
-    rest = painted(network, model).of("teeth", "bay")
+    paint = painted(network, model)
+    rest = paint.of("teeth", "bay")
     axes.add_collection(
         PolyCollection(list(rest), facecolor=look.paint, linewidth=0, zorder=11.2), autolim=False
     )
+    zebras = paint.kind == PAINT_KINDS.index("zebra")
+    for level in np.unique(paint.level[zebras]).tolist():
+        stripes = PolyCollection(
+            list(paint.quads[zebras & (paint.level == level)]),
+            facecolor=look.paint,
+            linewidth=0,
+            zorder=11.1 + 10 * level,
+        )
+        axes.add_collection(stripes, autolim=False)
     for lane in network.lanes:
-        if lane.kind == "crossing":
-            stripes = PolyCollection(
-                zebra(lane), facecolor=look.paint, linewidth=0, zorder=11.1 + 10 * lane.level
-            )
-            axes.add_collection(stripes, autolim=False)
-        elif lane.kind in _DRIVEN and not lane.junction:
+        if lane.kind in _DRIVEN and not lane.junction:
             _draw_arrows(axes, network, lane, look)
 
 

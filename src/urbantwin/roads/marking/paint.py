@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from urbantwin.roads.marking.lines import DASH_M, GAP_M, MOTOR, dashes, lane_marks, stop_lines
 from urbantwin.roads.marking.turn_arrow import turn_arrow
 from urbantwin.roads.marking.yielding import parking_bays, teeth
-from urbantwin.roads.marking.zebra import zebra
+from urbantwin.roads.marking.zebra import zebra, zebra_of_area
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.network import Lane, RoadNetwork
 
@@ -76,6 +76,11 @@ def painted(network: RoadNetwork, model: LaneModel | None = None) -> Paint:
             for line in stop_lines(network, model)
         ]
         found += [("arrow", level, quads) for level, quads in _arrows(network)]
+        found += [
+            ("zebra", model.road_by_id[area.road].level, zebra_of_area(model, area))
+            for area in model.areas
+            if area.kind == "crosswalk" and not area.strip
+        ]
         found += [("teeth", level, quads) for level, quads in teeth(model)]
         found += [("bay", level, _ribbon(ends, BAY_LINE_M)) for level, ends in parking_bays(model)]
     found = [(kind, level, quads) for kind, level, quads in found if len(quads)]
