@@ -219,8 +219,8 @@ def _take_cloud(
     if survey.ground is not None and "ground" in spec.provides:
         gathered.patches.append(survey.ground)
     wanted = {k: area for k, area in survey.covers.items() if k in spec.provides}
-    if "buildings" in spec.provides:
-        gathered.add(survey.buildings, wanted)
+    houses = survey.buildings if "buildings" in spec.provides else LabelledMesh.empty()
+    gathered.add(houses, wanted)
     if "trees" in spec.provides:
         gathered.trees += survey.trees
     return clean.picture
