@@ -26,6 +26,7 @@ _LINES = (
     ("aliases", "also called", ""),
     ("channels", "channels", ""),
     ("rates", "columns x turns per second", ""),
+    ("pattern", "pattern", ""),
     ("spin", "turns, from above", ""),
     ("firing_sequence_us", "firing sequence", "us"),
     ("firing_groups", "firings per column", ""),
@@ -105,6 +106,7 @@ def _everything(sensor: Sensor) -> dict[str, Any]:
         **_summary(sensor),
         "aliases": list(sensor.aliases),
         "modes": None if modes is None else [list(mode) for mode in modes],
+        "pattern": _pattern(sensor),
         "column_rate_hz": sensor.column_rate_hz,
         "firing_sequence_us": sensor.firing_sequence_us,
         "firing_groups": sensor.firing_groups,
@@ -158,7 +160,7 @@ def _page(sensor: Sensor) -> str:
     lines = [f"{sensor.name} ({sensor.maker})"]
     for field, label, unit in _LINES:
         value = values[field]
-        if value == []:
+        if value == [] or (field == "pattern" and value is None):
             continue
         why = sensor.unknown.get(field)
         text = "unknown" if value is None else f"{_text(value)} {unit}".rstrip()
@@ -177,6 +179,16 @@ def _page(sensor: Sensor) -> str:
         lines.append("  unknown, or assumed")
         lines += [f"    {field}: {why}" for field, why in sensor.unknown.items()]
     return "\n".join(lines)
+
+
+def _pattern(sensor: Sensor) -> str | None:
+    pattern = sensor.pattern
+    if pattern is None:
+        return None
+    return (
+        f"{pattern.name}: {pattern.lines} lines, {pattern.period_s:g} s, "
+        f"{sensor.points_per_second:g} points per second"
+    )
 
 
 def _rates(sensor: Sensor) -> str:

@@ -181,6 +181,14 @@ def _mounted(one: MountedSensor) -> dict[str, Any]:
 def _catalogue_entry(sensor: Sensor) -> dict[str, Any]:
     """Return the whole entry: a person's own sensor file may not be there the next time."""
     values = {field.name: getattr(sensor, field.name) for field in dataclasses.fields(sensor)}
+    pattern = sensor.pattern
+    if pattern is not None:
+        values["pattern"] = {
+            "name": pattern.name,
+            "period_s": pattern.period_s,
+            "lines": pattern.lines,
+            "sha256": pattern.sha256,
+        }
     return {
         name: value.tolist() if isinstance(value, np.ndarray) else value
         for name, value in values.items()

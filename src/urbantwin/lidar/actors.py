@@ -17,7 +17,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar.casting import EmbreeCaster
-from urbantwin.lidar.rectangle import RayGrid, angular_bounds
+from urbantwin.lidar.rectangle import Rays, angular_bounds
 from urbantwin.lidar.returns import scatter_of_materials
 
 __all__ = ["ActorHits", "ActorShape", "MeshSource", "PosedActor", "cast_actors", "nearest"]
@@ -116,7 +116,7 @@ class ActorHits:
 
 
 def cast_actors(
-    grid: RayGrid,
+    grid: Rays,
     directions: NDArray[np.float32],
     site_SE3_sensor: Pose,
     range_max_m: float,
@@ -126,7 +126,7 @@ def cast_actors(
     """Cast at every actor the rays that can touch it.
 
     Args:
-        grid: the sensor's rings and columns.
+        grid: the sensor's rays by where they point.
         directions: (N, 3) unit vectors of its rays, site frame.
         site_SE3_sensor: the sensor's pose.
         range_max_m: an actor wholly beyond it is left out.

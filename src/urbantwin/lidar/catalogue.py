@@ -2,8 +2,8 @@
 
 The catalogue's files stand in ``urbantwin/lidar/sensors``. Every number in them names its source,
 and what is not known is ``null`` with the reason: nothing is guessed in a file. A person's own
-file works wherever a model's name does: YAML of the same form, the metadata of an Ouster sensor
-(JSON), or the angle correction of a Hesai sensor (CSV).
+file works wherever a model's name does: YAML of the same form (or with a scan pattern), the
+metadata of an Ouster sensor (JSON), or the angle correction of a Hesai sensor (CSV).
 """
 
 from __future__ import annotations
@@ -18,8 +18,15 @@ from pathlib import Path
 from urbantwin.errors import InputError
 from urbantwin.lidar.hesai import hesai_sensor
 from urbantwin.lidar.ouster import ouster_sensor
+from urbantwin.lidar.pattern_sensor import pattern_sensor
 from urbantwin.lidar.sensor import Sensor
-from urbantwin.lidar.sensor_file import parse_sensor, read_text
+from urbantwin.lidar.sensor_file import (
+    FORM,
+    checked_sensor,
+    parse_sensor,
+    read_text,
+    yaml_value,
+)
 
 __all__ = ["Sensor", "load_sensor", "sensor", "sensor_names"]
 
@@ -75,7 +82,10 @@ def load_sensor(path: Path, *, model: str | None = None) -> Sensor:
     if ending == ".csv":
         text = read_text(path, "a Hesai sensor's angle correction")
         return hesai_sensor(text, path, _hesai_model(path, model))
-    return parse_sensor(read_text(path, "a sensor's YAML file"), path)
+    value = yaml_value(read_text(path, "a sensor's YAML file"), path)
+    if isinstance(value, dict) and "pattern" in value:
+        return pattern_sensor(value, path)
+    return checked_sensor(value, path, FORM)
 
 
 def _model_and_path(text: str) -> tuple[str | None, Path]:

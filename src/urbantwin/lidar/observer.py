@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh, Pose, SurfaceMaterials
 from urbantwin.lidar.actors import ActorShape, cast_actors, nearest
+from urbantwin.lidar.casting import EmbreeCaster
 from urbantwin.lidar.gather import StaticReturns, gather
 from urbantwin.lidar.labels import BOX_MARGIN_M, outside, spans_in_box
-from urbantwin.lidar.pattern import beam_directions
-from urbantwin.lidar.rectangle import RayGrid
+from urbantwin.lidar.pattern import beam_directions, pattern_directions
+from urbantwin.lidar.rectangle import RayGrid, RayList, Rays
 from urbantwin.lidar.returns import (
     Draws,
     ReturnModel,
@@ -56,6 +57,8 @@ class Observer:
         static: the static world, site frame.
         dataset_SE3_site: to the frame that points are given in.
         surface: materials of the ground that are finer than the static world's triangles.
+        frame: the frame that it observes; it matters to a sensor whose pattern does not repeat.
+        caster: of the static world moved to the sensor, where it is known already.
     """
 
     def __init__(
@@ -64,15 +67,23 @@ class Observer:
         static: LabelledMesh,
         dataset_SE3_site: Pose,
         surface: SurfaceMaterials | None = None,
+        *,
+        frame: int = 0,
+        caster: EmbreeCaster | None = None,
     ) -> None:
         self._pose = mounted.site_SE3_sensor
         self._range_max_m = mounted.sensor.assumed_range_max_m
-        self._grid = RayGrid(mounted.sensor, mounted.columns)
         self._model = ReturnModel(mounted)
         # Half a step of the range may come on top of the noise.
         self._margin_m = max(0.0, BOX_MARGIN_M - mounted.sensor.assumed_range_resolution_m / 2)
 
-        beams = beam_directions(mounted.sensor, mounted.columns).reshape(-1, 3)
+        pattern, columns = mounted.sensor.pattern, mounted.columns
+        if pattern is None:
+            beams = beam_directions(mounted.sensor, columns).reshape(-1, 3)
+            self._grid: Rays = RayGrid(mounted.sensor, columns)
+        else:
+            beams = pattern_directions(pattern, columns, frame, mounted.rate_hz).reshape(-1, 3)
+            self._grid = RayList(beams)
         in_site = beams @ self._pose.rotation.T
         self._directions_site = in_site.astype(np.float32)
         # Component by component: numpy multiplies long rows many times as fast as short ones.
@@ -85,6 +96,7 @@ class Observer:
             in_site,
             wavelength_nm=self._wavelength_nm,
             surface=surface,
+            caster=caster,
         )
         self._range_m = hits.range_m
         # What no ray hit has no level, so its range never counts: any finite number will do.

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.lidar.catalogue import Sensor
 from urbantwin.lidar.pattern import beam_azimuths, beam_elevations
+from urbantwin.lidar.sensor import Sensor
 
-__all__ = ["AngularBounds", "RayGrid", "angular_bounds"]
+__all__ = ["AngularBounds", "RayGrid", "RayList", "Rays", "angular_bounds"]
 
 #: The twelve edges of a box whose corner i has its x, y, z at the high end where bits 0, 1, 2
 #: of i are set.
@@ -80,6 +81,39 @@ def angular_bounds(corners: NDArray[np.float64]) -> AngularBounds:
         np.where(around & down, -np.pi / 2, elevation.min(axis=1)),
         np.where(around & up, np.pi / 2, elevation.max(axis=1)),
     )
+
+
+class Rays(Protocol):
+    """The rays of a sensor, which can tell those that point into given bounds."""
+
+    def rays_within(
+        self, azimuth: float, width: float, lowest: float, highest: float
+    ) -> NDArray[np.int64]:
+        """Return at least every ray that points into the given bounds."""
+        ...
+
+
+class RayList:
+    """Rays that stand in no rows and columns: those of a pattern that does not repeat.
+
+    Args:
+        directions: (N, 3) unit vectors, sensor frame.
+    """
+
+    def __init__(self, directions: NDArray[np.float64]) -> None:
+        self._azimuth = np.arctan2(directions[:, 1], directions[:, 0])
+        self._elevation = np.arcsin(np.clip(directions[:, 2], -1.0, 1.0))
+
+    def rays_within(
+        self, azimuth: float, width: float, lowest: float, highest: float
+    ) -> NDArray[np.int64]:
+        """Return every ray that points into the given bounds, padded a little."""
+        past = np.mod(self._azimuth - (azimuth - _ELEVATION_MARGIN), 2 * np.pi)
+        return np.flatnonzero(
+            (past <= width + 2 * _ELEVATION_MARGIN)
+            & (self._elevation >= lowest - _ELEVATION_MARGIN)
+            & (self._elevation <= highest + _ELEVATION_MARGIN)
+        )
 
 
 class RayGrid:

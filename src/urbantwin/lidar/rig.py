@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.geometry import DownwardProbe, LabelledMesh, Pose
 from urbantwin.lidar.catalogue import Sensor, sensor
+from urbantwin.lidar.pattern_sensor import MOST_COLUMNS
 from urbantwin.site.rig import Effects, RigSpec, SensorSpec
 from urbantwin.taxonomy import semantic_id
 
@@ -31,6 +32,7 @@ class MountedSensor:
         columns: firings per turn.
         site_SE3_sensor: its pose.
         effects: which imperfections it has.
+        rate_hz: frames per second.
     """
 
     name: str
@@ -38,6 +40,7 @@ class MountedSensor:
     columns: int
     site_SE3_sensor: Pose  # noqa: N815
     effects: Effects
+    rate_hz: float = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +85,9 @@ def place_rig(spec: RigSpec, mesh: LabelledMesh, *, file: str | Path | None = No
         field = f"sensors[{index}]"
         model = _model(one.model, file, f"{field}.model")
         columns = model.columns if one.columns is None else one.columns
-        if columns not in model.columns_options:
+        if model.pattern is not None:
+            columns = _pattern_columns(model, one, spec.rate_hz, file, f"{field}.columns")
+        elif columns not in model.columns_options:
             raise InputError(
                 f"{model.name} does not offer {columns} columns",
                 file=file,
@@ -116,7 +121,7 @@ def place_rig(spec: RigSpec, mesh: LabelledMesh, *, file: str | Path | None = No
             )
         angles = np.radians([one.yaw_deg, one.pitch_deg, one.roll_deg])
         pose = Pose.from_ypr(position, *angles)
-        return MountedSensor(one.name, model, columns, pose, one.effects)
+        return MountedSensor(one.name, model, columns, pose, one.effects, spec.rate_hz)
 
     sensors = tuple(mounted(index, one) for index, one in enumerate(spec.sensors))
     first = sensors[0].site_SE3_sensor
@@ -126,6 +131,28 @@ def place_rig(spec: RigSpec, mesh: LabelledMesh, *, file: str | Path | None = No
         "site": Pose.from_ypr(np.zeros(3)),
     }[spec.frame]
     return Rig(sensors, spec.frame, spec.rate_hz, site_SE3_dataset.inverse())
+
+
+def _pattern_columns(
+    model: Sensor, one: SensorSpec, rate_hz: float, file: str | Path | None, place: str
+) -> int:
+    """Return the points per line and frame of a sensor that scans no columns."""
+    if one.columns is not None:
+        raise InputError(
+            f"{model.name} scans a pattern, not columns",
+            file=file,
+            place=place,
+            expected="no columns; points_per_second in the sensor's file",
+        )
+    columns = round((model.points_per_second or 0.0) / model.channels / rate_hz)
+    if not 1 <= columns <= MOST_COLUMNS:
+        raise InputError(
+            f"{model.name} has {columns} points per line and frame",
+            file=file,
+            place=place,
+            expected=f"1 to {MOST_COLUMNS}: another rate_hz or points_per_second",
+        )
+    return columns
 
 
 def _model(name: str, file: str | Path | None, place: str) -> Sensor:

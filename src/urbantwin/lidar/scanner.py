@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, SurfaceMaterials
 from urbantwin.lidar.actors import ActorShape, MeshSource, PosedActor
+from urbantwin.lidar.casting import EmbreeCaster
 from urbantwin.lidar.labels import BoxLabel, LabelledFrame, posed_box
 from urbantwin.lidar.observer import Observation, Observer
 from urbantwin.lidar.returns import draw
@@ -53,8 +54,14 @@ class Scanner:
         self._shapes: dict[tuple[str, int], ActorShape] = {}
         self._rig = rig
         self._seed = seed
+        self._static = static
+        self._surface = surface
+        self._casters: dict[int, EmbreeCaster] = {}
         self._observers = [
-            Observer(one, static, rig.dataset_SE3_site, surface) for one in rig.sensors
+            None
+            if one.sensor.pattern is not None
+            else Observer(one, static, rig.dataset_SE3_site, surface)
+            for one in rig.sensors
         ]
 
     def scan(self, index: int, actors: Sequence[PosedActor]) -> LabelledFrame:
@@ -74,9 +81,28 @@ class Scanner:
         boxes = boxes.reshape(-1, 7)
         seen = [
             observer.observe(placed, boxes, draw(self._seed, number, index, observer.rays))
-            for number, observer in enumerate(self._observers)
+            for number in range(len(self._observers))
+            for observer in [self._observer(number, index)]
         ]
         return self._labelled(present, boxes, seen)
+
+    def _observer(self, number: int, index: int) -> Observer:
+        """Return a sensor as it is in a frame: a pattern that does not repeat is cast anew."""
+        kept = self._observers[number]
+        if kept is not None:
+            return kept
+        one = self._rig.sensors[number]
+        if number not in self._casters:
+            moved = self._static.vertices - one.site_SE3_sensor.translation
+            self._casters[number] = EmbreeCaster(moved, self._static.faces)
+        return Observer(
+            one,
+            self._static,
+            self._rig.dataset_SE3_site,
+            self._surface,
+            frame=index,
+            caster=self._casters[number],
+        )
 
     def _labelled(
         self, actors: Sequence[PosedActor], boxes: NDArray[np.float64], seen: Sequence[Observation]

@@ -22,6 +22,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.lidar.scan_pattern import ScanPattern
+
 __all__ = ["Sensor"]
 
 _ASSUMED_RANGE_SIGMA_M = 0.02
@@ -71,6 +73,10 @@ class Sensor:
         detection_range_10_m: distance up to which a diffuse target of 10 % is detected.
         detection_range_80_m: distance up to which a diffuse target of 80 % is detected.
         beam_origin_m: how far from the axis the beams leave, metres.
+        pattern: where the beams point by time, of a sensor whose pattern does not repeat with the
+            frame; its channels are then the pattern's lines, at their mean elevation, and its
+            columns the points of a line in a frame.
+        points_per_second: of all lines of such a sensor.
         unknown: field -> why its value is not known.
     """
 
@@ -104,6 +110,8 @@ class Sensor:
     detection_range_10_m: float | None = None
     detection_range_80_m: float | None = None
     beam_origin_m: float | None = None
+    pattern: ScanPattern | None = None
+    points_per_second: float | None = None
     unknown: dict[str, str] = field(default_factory=dict)
 
     @property

@@ -12,11 +12,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from urbantwin.errors import InputError
 from urbantwin.lidar.sensor import Sensor
 
-__all__ = ["MOST_CHANNELS", "checked_sensor", "parse_sensor", "read_text"]
+__all__ = ["FORM", "MOST_CHANNELS", "checked_sensor", "parse_sensor", "read_text", "yaml_value"]
 
 #: More channels than any sensor has; a file that claims more is wrong.
 MOST_CHANNELS = 4096
 _MOST_BYTES = 8_000_000
+#: What a file that breaks the form is told.
+FORM = "the form of a sensor's file"
 
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 _NotNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -126,9 +128,18 @@ def parse_sensor(text: str, origin: Path | str) -> Sensor:
     Raises:
         InputError: not YAML, or breaks the form; names the file and the field.
     """
+    return checked_sensor(yaml_value(text, origin), origin, FORM)
+
+
+def yaml_value(text: str, origin: Path | str) -> Any:  # noqa: ANN401
+    """Return what a YAML text holds.
+
+    Raises:
+        InputError: it is not YAML; names the file and the line.
+    """
     try:
         # The C loader reads the whole catalogue five times as fast; not every build has it.
-        value = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        return yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         raise InputError(
@@ -136,7 +147,6 @@ def parse_sensor(text: str, origin: Path | str) -> Sensor:
             file=origin,
             place=None if mark is None else f"line {mark.line + 1}",
         ) from None
-    return checked_sensor(value, origin, "the form of a sensor's file")
 
 
 def checked_sensor(value: Any, origin: Path | str, expected: str) -> Sensor:  # noqa: ANN401

@@ -44,6 +44,7 @@ def cast_static(
     *,
     wavelength_nm: float = 905.0,
     surface: SurfaceMaterials | None = None,
+    caster: EmbreeCaster | None = None,
 ) -> StaticHits:
     """Cast rays at the static world.
 
@@ -57,9 +58,12 @@ def cast_static(
         directions: (N, 3) unit vectors, in the mesh's frame.
         wavelength_nm: of the sensor's laser.
         surface: materials of the ground that are finer than the mesh, where a ray hits it.
+        caster: of the mesh moved to that origin, where it is known already.
     """
     moved = mesh.vertices - origin
-    found = EmbreeCaster(moved, mesh.faces).cast(np.zeros(3), directions.astype(np.float32))
+    if caster is None:
+        caster = EmbreeCaster(moved, mesh.faces)
+    found = caster.cast(np.zeros(3), directions.astype(np.float32))
     hit = np.flatnonzero(found.face >= 0)
     face = found.face[hit]
 

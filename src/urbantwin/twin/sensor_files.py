@@ -6,6 +6,8 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from urbantwin.site.rig import RigSpec
 
 __all__ = ["kept_rig"]
@@ -42,6 +44,23 @@ def kept_rig(spec: RigSpec, rig_file: Path, folder: Path) -> dict[str, Any]:
             while name in kept.values():
                 name, number = f"{found.stem}.{number}.sensor{found.suffix}", number + 1
             kept[found] = name
-            shutil.copyfile(found, folder / name)
+            _keep(found, folder / name)
         one["model"] = f"{model}{colon}{kept[found]}"
     return rig
+
+
+def _keep(source: Path, target: Path) -> None:
+    """Copy a sensor's file; the scan pattern that a YAML file names comes with it."""
+    shutil.copyfile(source, target)
+    if source.suffix.lower() not in (".yaml", ".yml"):
+        return
+    try:
+        value = yaml.safe_load(source.read_text(encoding="utf-8-sig"))
+    except (OSError, ValueError, yaml.YAMLError):
+        return  # Whoever reads the sensor says what is wrong with it.
+    named = value.get("pattern") if isinstance(value, dict) else None
+    if not isinstance(named, str) or not (source.parent / named).is_file():
+        return
+    pattern = target.with_name(f"{target.stem}.pattern{Path(named).suffix}")
+    shutil.copyfile(source.parent / named, pattern)
+    target.write_text(yaml.safe_dump({**value, "pattern": pattern.name}, sort_keys=False))

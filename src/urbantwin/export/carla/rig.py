@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from urbantwin.errors import InputError
 from urbantwin.export.carla.frame import carla_transform
 from urbantwin.lidar.rig import MountedSensor, Rig
 
@@ -38,6 +39,11 @@ def carla_sensor(
     channels are. All of a turn is fired within one step of the server.
     """
     model = mounted.sensor
+    if model.pattern is not None:
+        raise InputError(
+            f"{model.name} scans a pattern, which CARLA's sensors cannot",
+            expected="a sensor with channels",
+        )
     elevation = np.sort(model.elevation_deg)
     even = np.linspace(elevation[0], elevation[-1], model.channels)
     attributes: dict[str, float] = {
