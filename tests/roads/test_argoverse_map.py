@@ -115,6 +115,27 @@ def test_lanes_follow_as_the_map_says(pittsburgh):
     assert RULER.lanelet_links(read.model, read.lanes, drawn) == want
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_map_with_holes_or_wrong_marks_of_intersections_is_read_all_the_same(
+    path, tmp_path, seed
+):
+    data = json.loads(path.read_text())
+    draw = np.random.default_rng(seed)
+    for key in draw.permutation(sorted(data["lane_segments"]))[:40]:
+        if seed % 2:
+            del data["lane_segments"][key]
+        else:
+            data["lane_segments"][key]["is_intersection"] ^= True
+    worse = tmp_path / path.name
+    worse.write_text(json.dumps(data))
+    read, drawn = translate(worse, SiteFrame(*ANCHOR)), Drawn(worse)
+    left_out = set(drawn.segments) - set(read.lanes)
+    assert len(left_out) <= 3
+    assert read.notes.get("left_out_lanelets_that_make_no_road", 0) == len(left_out)
+    links = RULER.lanelet_links(read.model, read.lanes, drawn)
+    assert links == {pair for pair in drawn.followers() if not left_out & set(pair)}
+
+
 def test_segments_of_intersections_are_ways_through_junctions(pittsburgh):
     read, drawn = pittsburgh
     roads = {

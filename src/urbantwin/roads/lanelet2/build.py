@@ -22,6 +22,8 @@ __all__ = ["Built", "LaneAt", "built"]
 
 #: What is lost of a lane is said if it is longer than this, metres.
 LOST_M = 0.01
+#: More plans are not tried; real maps need fewer than ten.
+MOST_PLANS = 400
 #: Road, number of the section, lane.
 LaneAt = tuple[int, int, int]
 #: Lanelets of a chain and what is cut off it -> its street; ``None`` if it makes none.
@@ -111,7 +113,8 @@ def built(
     stubs: frozenset[int] = frozenset()
     made: Made = {}
     # Every round takes a lanelet out of a group, of a kind of use or of the map, for good.
-    for _ in range(4 * len(drives) + 1):
+    most = min(4 * len(drives) + 1, MOST_PLANS)
+    for _ in range(most):
         groups = [g for g in groups_of(lanes, apart) if any(m.lanelet.drives for m in g.members)]
         topology = Topology(drives, groups)
         plan = planned(topology, forced, barred)
@@ -130,9 +133,10 @@ def built(
             else:
                 lost |= ids
         if not failed:
-            passages = _passages(streets, topology, plan, side, facts, ways)
-            missed = plan.inner - {i for passage in passages for i in passage.lanelets}
+            paths = _paths(streets, topology, plan)
+            missed = plan.inner - {i for _, way, _ in paths for i in way}
             if not missed:
+                passages = _passages(paths, len(streets), topology, side, facts, ways)
                 short = _shortened(streets, passages)
                 return Built(tuple(streets), tuple(passages), topology, plan, short, stubs)
             # First what nothing leads to or from: what comes after it may then be reached.
@@ -146,7 +150,10 @@ def built(
             stubs |= lost
             lanes = {i: n for i, n in lanes.items() if i not in lost}
             drives = {i: n for i, n in drives.items() if i not in lost}
-    raise StageError("the lanelets cannot be told apart into streets and junctions")
+    raise StageError(
+        "the lanelets cannot be told apart into streets and junctions: "
+        f"{most} plans did not work out"
+    )
 
 
 def _ending(topology: Topology, plan: Plan) -> frozenset[int]:
@@ -218,23 +225,32 @@ def _shortened(streets: list[Street], passages: list[Passage]) -> tuple[int, ...
     )
 
 
+def _paths(
+    streets: list[Street], topology: Topology, plan: Plan
+) -> list[tuple[Gate, tuple[int, ...], Gate]]:
+    """Return every way through a junction: where it begins, its lanelets, and where it ends."""
+    gates = [gate for street in streets for gate in gates_of(street)]
+    exits: dict[int, Gate] = {gate.lanelet: gate for gate in gates if not gate.inward}
+    return [
+        (gate, way, exits[last])
+        for gate in gates
+        if gate.inward
+        for way, last in routes(gate.lanelet, topology.successors, plan.inner)
+        if last in exits
+    ]
+
+
 def _passages(
-    streets: list[Street],
+    paths: list[tuple[Gate, tuple[int, ...], Gate]],
+    streets: int,
     topology: Topology,
-    plan: Plan,
     side: str,
     facts: Callable[[Member], Row],
     ways: Mapping[int, dict[str, str]],
 ) -> list[Passage]:
-    gates = [gate for street in streets for gate in gates_of(street)]
-    exits: dict[int, Gate] = {gate.lanelet: gate for gate in gates if not gate.inward}
     passages: list[Passage] = []
-    for gate in gates:
-        if not gate.inward:
-            continue
-        for way, last in routes(gate.lanelet, topology.successors, plan.inner):
-            if last in exits:
-                members = [Member(topology.lanelets[i], forward=True) for i in way]
-                number = 1 + len(streets) + len(passages)
-                passages.append(passage_of(number, gate, members, exits[last], side, facts, ways))
+    for start, way, end in paths:
+        members = [Member(topology.lanelets[i], forward=True) for i in way]
+        number = 1 + streets + len(passages)
+        passages.append(passage_of(number, start, members, end, side, facts, ways))
     return passages
