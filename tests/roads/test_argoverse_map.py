@@ -77,8 +77,10 @@ def test_boundaries_are_borders_of_lanes_within_5_cm(pittsburgh):
     away = {}
     for key in set(drawn.segments) - {CUT_OFF}:
         keys = set(read.lanes[key])
-        # Where a road ends obliquely, the rest of a lane lies in those that it is joined to.
-        keys |= {other for k in keys for other in beside[k]}
+        # Where a road ends obliquely, the rest of a lane lies in those that it is joined to, over a
+        # short section at its end perhaps.
+        for _ in range(2):
+            keys |= {other for k in keys for other in beside[k]}
         for name in ("left", "right"):
             rows = [
                 RULER.lane_border(read.model, k, left=name == "left")[:, :2] for k in sorted(keys)
@@ -88,8 +90,7 @@ def test_boundaries_are_borders_of_lanes_within_5_cm(pittsburgh):
             far = float(shapely.distance(shapely.MultiLineString(rows), points).max())
             away[key] = max(away.get(key, 0.0), far)
     assert len(away) == 182
-    # One of two lanes that fork, and lie over each other before they do, gives way.
-    assert sum(far > 0.05 for far in away.values()) <= 1
+    assert max(away.values()) < 0.05
     assert np.percentile(list(away.values()), 95) < 0.005
 
 
