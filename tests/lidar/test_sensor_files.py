@@ -204,3 +204,22 @@ def test_what_is_not_text_is_told(tmp_path, ending):
     path.mkdir()
     with pytest.raises(InputError, match="cannot be read"):
         sensor(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "told"),
+    [
+        ("deep.yaml", "[" * 200_000 + "]" * 200_000, "nested deeper than 32"),
+        ("list.yaml", "[1, 2]", "is not a table of keys"),
+        ("p.csv", "time_s,azimuth_deg,elevation_deg\n0,0,0\n", "is a scan pattern"),
+        ("p.npz", "", "is a scan pattern"),
+        ("a.yaml", "a: &a [x]\nb: &b [*a, *a]\nname: *b", "name"),
+    ],
+)
+def test_what_is_no_sensor_is_told(tmp_path, name, text, told):
+    path = tmp_path / name
+    path.write_text(text)
+    with pytest.raises(InputError, match=told) as caught:
+        sensor(path)
+    assert str(caught.value).startswith(str(path))
+    assert "_SensorFile" not in str(caught.value)

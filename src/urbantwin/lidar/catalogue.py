@@ -51,6 +51,8 @@ def sensor(name: str | Path, *, folder: Path | None = None) -> Sensor:
         InputError: no sensor has that name (the error lists the nearest), or the file is wrong.
     """
     text = str(name)
+    if text.lower().endswith(".npz"):
+        raise _is_a_pattern(Path(text))
     if text.lower().endswith(_FILES):
         model, path = _model_and_path(text)
         if folder is not None and (folder / path).is_file():
@@ -81,11 +83,21 @@ def load_sensor(path: Path, *, model: str | None = None) -> Sensor:
         return ouster_sensor(read_text(path, "an Ouster sensor's metadata"), path, _known)
     if ending == ".csv":
         text = read_text(path, "a Hesai sensor's angle correction")
+        if re.search(r"^\s*time_s\s*,", text[:2000], re.MULTILINE):
+            raise _is_a_pattern(path)
         return hesai_sensor(text, path, _hesai_model(path, model))
     value = yaml_value(read_text(path, "a sensor's YAML file"), path)
     if isinstance(value, dict) and "pattern" in value:
         return pattern_sensor(value, path)
     return checked_sensor(value, path, FORM)
+
+
+def _is_a_pattern(path: Path) -> InputError:
+    return InputError(
+        "is a scan pattern, not a sensor",
+        file=path,
+        expected=f"a sensor's YAML file with pattern: {path.name}",
+    )
 
 
 def _model_and_path(text: str) -> tuple[str | None, Path]:

@@ -17,6 +17,7 @@ __all__ = ["FORM", "MOST_CHANNELS", "checked_sensor", "parse_sensor", "read_text
 #: More channels than any sensor has; a file that claims more is wrong.
 MOST_CHANNELS = 4096
 _MOST_BYTES = 8_000_000
+_DEEPEST = 32
 #: What a file that breaks the form is told.
 FORM = "the form of a sensor's file"
 
@@ -137,9 +138,12 @@ def yaml_value(text: str, origin: Path | str) -> Any:  # noqa: ANN401
     Raises:
         InputError: it is not YAML; names the file and the line.
     """
+    # The C loader reads the whole catalogue five times as fast; not every build has it.
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
-        # The C loader reads the whole catalogue five times as fast; not every build has it.
-        return yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+        if not isinstance(origin, str):
+            _check_depth(text, loader, origin)
+        return yaml.load(text, Loader=loader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:
         mark = getattr(error, "problem_mark", None)
         raise InputError(
@@ -149,12 +153,30 @@ def yaml_value(text: str, origin: Path | str) -> Any:  # noqa: ANN401
         ) from None
 
 
+def _check_depth(text: str, loader: Any, origin: Path) -> None:  # noqa: ANN401
+    """Refuse a person's file that is nested deeper than the C loader's stack can hold."""
+    depth = 0
+    for event in yaml.parse(text, Loader=loader):
+        if isinstance(event, yaml.CollectionStartEvent):
+            depth += 1
+        elif isinstance(event, yaml.CollectionEndEvent):
+            depth -= 1
+        if depth > _DEEPEST:
+            raise InputError(
+                f"is nested deeper than {_DEEPEST} levels",
+                file=origin,
+                expected=FORM,
+            )
+
+
 def checked_sensor(value: Any, origin: Path | str, expected: str) -> Sensor:  # noqa: ANN401
     """Return the sensor of a file's values.
 
     Raises:
         InputError: breaks the form; names the file and the field.
     """
+    if not isinstance(value, dict):
+        raise InputError("is not a table of keys", file=origin, expected=expected)
     try:
         return _SensorFile.model_validate(value).sensor()
     except ValidationError as error:

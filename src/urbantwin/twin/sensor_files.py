@@ -56,7 +56,7 @@ def _keep(source: Path, target: Path) -> None:
         return
     try:
         value = yaml.safe_load(source.read_text(encoding="utf-8-sig"))
-    except (OSError, ValueError, yaml.YAMLError):
+    except (OSError, ValueError, RecursionError, yaml.YAMLError):
         return  # Whoever reads the sensor says what is wrong with it.
     named = value.get("pattern") if isinstance(value, dict) else None
     if not isinstance(named, str) or not (source.parent / named).is_file():
