@@ -1,6 +1,7 @@
 """Pictures show what is there, where it is, and come out the same every time."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
@@ -146,6 +147,26 @@ def test_range_image_has_every_ray_in_its_cell():
         np.testing.assert_allclose(image.range_m[row], 4 / np.sin(np.radians(degrees)), rtol=1e-5)
     # The car's point is column 7 of channel 0, which looks lowest: the last row.
     assert np.argwhere(image.semantic == semantic_id("car")).tolist() == [[3, 7]]
+
+
+def test_range_image_of_a_pattern_stands_where_its_points_are():
+    """A pattern's ring and column are no directions: cells come from the points themselves."""
+    frame = frame_of_one_car()
+    (place,) = frame.sensors
+    rose = replace(place, columns=9000, elevation_deg=np.zeros(1), has_pattern=True)
+    image = spread_rays(
+        frame_of_one_car(
+            sensors=(rose,), ring=0 * frame.ring, column=np.arange(len(frame.points)) * 30
+        )
+    )
+    rows, columns = np.nonzero(np.isfinite(image.range_m))
+    assert len(rows) == len(frame.points)
+    azimuth = 180 - columns * 360 / image.range_m.shape[1]
+    assert azimuth.min() < -170 < 170 < azimuth.max()
+    # Under a sensor 4 m high the range tells the elevation.
+    step = np.degrees(image.elevation[0] - image.elevation[1])
+    down = np.degrees(np.arcsin(4 / image.range_m[rows, columns]))
+    assert np.abs(down + np.degrees(image.elevation[rows])).max() < step
 
 
 def test_range_image_without_known_rays():

@@ -28,6 +28,7 @@ class SensorPlace:
         columns: firings per turn.
         elevation_deg: (C,) of each channel, as ``ring`` numbers them.
         dataset_SE3_sensor: its place in the dataset's frame.
+        has_pattern: it scans a pattern that does not repeat, not channels by columns.
     """
 
     name: str
@@ -35,6 +36,7 @@ class SensorPlace:
     columns: int
     elevation_deg: NDArray[np.float64]
     dataset_SE3_sensor: Pose  # noqa: N815
+    has_pattern: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,6 +109,7 @@ def read_labelled_points(dataset: Path, name: str | None = None) -> LabelledPoin
                 int(one["columns"]),
                 np.array(one["sensor"]["elevation_deg"], np.float64),
                 dataset_SE3_site @ _pose(one["site_SE3_sensor"]),
+                one["sensor"].get("pattern") is not None,
             )
             for one in manifest["rig"]["sensors"]
         ),

@@ -21,6 +21,8 @@ __all__ = ["RangeImage", "range_image", "spread_rays"]
 
 #: Rows where the channels of the points are not known.
 _ROWS_WITHOUT_CHANNELS = 64
+#: Cells of a sensor without channels and columns: half a degree.
+_PATTERN_COLUMNS = 720
 _EDGES = [(k, (k + 1) % 4) for k in range(4)]
 _EDGES += [(a + 4, b + 4) for a, b in _EDGES] + [(k, k + 4) for k in range(4)]
 
@@ -95,10 +97,10 @@ def range_image(
 
     place = frame.sensors[sensor]
     share = float(np.isfinite(image.range_m).mean())
-    below = (
-        f"frame {frame.name}   sensor {place.name}, {place.model}: "
-        f"{shape[0]} channels x {shape[1]} columns, {100 * share:.0f} % with a return"
-    )
+    rays = f"{shape[0]} channels x {shape[1]} columns, {100 * share:.0f} % with a return"
+    if place.has_pattern:
+        rays = f"a pattern in {shape[0]} x {shape[1]} cells"
+    below = f"frame {frame.name}   sensor {place.name}, {place.model}: {rays}"
     style.title(figure, title or "As the sensor sees it", below, x=0.045)
     style.written_attribution(figure, attribution)
     return style.save(figure, path)
@@ -108,8 +110,8 @@ def spread_rays(frame: LabelledPoints, sensor: int = 0) -> RangeImage:
     """Return the points of one sensor as an image.
 
     A point's row is its channel, highest first; its column is its azimuth, so that channels which
-    look aside of the encoder's angle stand where they look. Without known rays both come from
-    the point's direction.
+    look aside of the encoder's angle stand where they look. Without known rays, and of a
+    pattern that does not repeat, both come from the point's direction.
 
     Raises:
         InputError: the rig has no such sensor, or it has no point in this frame.
@@ -126,7 +128,8 @@ def spread_rays(frame: LabelledPoints, sensor: int = 0) -> RangeImage:
         raise InputError(f"sensor {place.name} has no points", place=f"frame {frame.name}")
     local = place.dataset_SE3_sensor.inverse().apply(frame.points[mine, :3])
     azimuth, elevation, distance = _spherical(local)
-    if frame.ring is None:
+    columns = _PATTERN_COLUMNS if place.has_pattern else place.columns
+    if frame.ring is None or place.has_pattern:
         rows = _ROWS_WITHOUT_CHANNELS
         low, high = float(elevation.min()), float(elevation.max())
         share = (high - elevation) / max(high - low, 1e-9)
@@ -140,12 +143,12 @@ def spread_rays(frame: LabelledPoints, sensor: int = 0) -> RangeImage:
         row = np.argsort(order)[frame.ring[mine]]
         heights = channels[order]
         # Where between two columns each channel fires: the mean phase of its points.
-        turn = np.exp(1j * azimuth * place.columns)
+        turn = np.exp(1j * azimuth * columns)
         each = np.bincount(row, turn.real, rows) + 1j * np.bincount(row, turn.imag, rows)
-        phase = np.angle(each) / place.columns
-    step = 2 * np.pi / place.columns
-    column = np.round((np.pi - (azimuth - phase[row])) / step).astype(np.int64) % place.columns
-    shape = (rows, place.columns)
+        phase = np.angle(each) / columns
+    step = 2 * np.pi / columns
+    column = np.round((np.pi - (azimuth - phase[row])) / step).astype(np.int64) % columns
+    shape = (rows, columns)
     ranges = np.full(shape, np.nan)
     classes = np.zeros(shape, np.int64)
     far_first = np.argsort(-distance, kind="stable")  # of two in a cell the nearer shows
