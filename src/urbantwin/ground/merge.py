@@ -13,12 +13,10 @@ from scipy.ndimage import distance_transform_edt, map_coordinates
 from urbantwin.errors import InputError
 from urbantwin.ground.elevation import Elevation
 from urbantwin.ground.patch import ElevationPatch
+from urbantwin.site import grid_step_m
 
-__all__ = ["FINEST_STEP_M", "merged_elevation"]
+__all__ = ["merged_elevation"]
 
-#: The finest and the coarsest grid, metres, and the most cells that it may have.
-FINEST_STEP_M, COARSEST_STEP_M = 0.25, 1.0
-MOST_CELLS = 4_000_000
 #: Over this distance from its border a finer source takes over from a coarser one, metres: a step
 #: between two surveys would become a cliff.
 BLEND_M = 4.0
@@ -46,10 +44,9 @@ def merged_elevation(
     Raises:
         InputError: no source has a height within the region.
     """
-    step = float(np.clip(min(p.detail_m for p in patches), FINEST_STEP_M, COARSEST_STEP_M))
     low, high = np.reshape(region.bounds, (2, 2))
     low, high = np.minimum(low, 0.0), np.maximum(high, 0.0)
-    step = max(step, float(np.sqrt(np.prod(high - low) / MOST_CELLS)))
+    step = grid_step_m(min(p.detail_m for p in patches), (*low, *high))
     first = np.floor(low / step).astype(int) - PAD
     columns, rows = np.ceil(high / step).astype(int) + PAD - first + 1
     x, y = np.meshgrid((first[0] + np.arange(columns)) * step, (first[1] + np.arange(rows)) * step)

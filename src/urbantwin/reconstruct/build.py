@@ -101,7 +101,9 @@ def reconstruct(
         told(0.5, "cleaning")
         picture = None
         if placement.model.mesh is not None and len(placement.model.mesh.faces):
-            picture = _take_mesh(source, placement.model, frame, surroundings, gathered, report)
+            picture = _take_mesh(
+                source, placement.model, frame, surroundings, elevation, gathered, report
+            )
         if placement.model.cloud is not None and len(placement.model.cloud.points):
             waiting.setdefault(survey, []).append(placement.model.cloud)
         if not report.get("mesh", {}).get("after", {}).get("triangles") and survey not in waiting:
@@ -154,6 +156,7 @@ def _take_mesh(
     model: ImportedModel,
     frame: SiteFrame,
     surroundings: Surroundings,
+    elevation: Elevation | None,
     gathered: _Gathered,
     report: dict[str, Any],
 ) -> CleaningPicture | None:
@@ -162,12 +165,11 @@ def _take_mesh(
     if odd := implausible_size(model.mesh, source):
         report["problems"].append(f"{source.name} {odd}")
     refuse_upside_down(model.mesh, source)
-    spec, known = source.spec, gathered.elevation(surroundings.region)
+    spec = source.spec
     clean = cleaned(
         model.mesh,
         spec.clean,
         region=surroundings.region,
-        elevation=known,
         roads=surroundings.roads,
         sensors=surroundings.sensors,
         name=source.name,
@@ -177,7 +179,7 @@ def _take_mesh(
     if not len(clean.mesh.faces):
         return clean.picture
     told_apart = classified(
-        clean.mesh, spec, elevation=known, roads=surroundings.roads, name=source.name
+        clean.mesh, spec, elevation=elevation, roads=surroundings.roads, name=source.name
     )
     report["told_apart"] = told_apart.report
     if told_apart.ground is not None and "ground" in spec.provides:
@@ -203,7 +205,6 @@ def _take_cloud(
         cloud,
         spec.clean,
         region=region.buffer(AROUND_M),
-        elevation=gathered.elevation(region),
         roads=surroundings.roads,
         name=source.name,
         frame=frame,

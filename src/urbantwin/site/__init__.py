@@ -1,6 +1,6 @@
 """What a person says about a place: the site, its rig, its OpenStreetMap extract, its DEM."""
 
-from urbantwin.site.dem import DemGrid, check_dem, read_heights
+from urbantwin.site.dem import DemGrid, check_dem, grid_step_m, read_heights
 from urbantwin.site.extract import Extract, OsmFeature, Relation, Way, WayPiece, read_extract
 from urbantwin.site.geometry import GeometrySource, GeometrySpec
 from urbantwin.site.imagery import ImagerySource, ImagerySpec
@@ -31,6 +31,7 @@ __all__ = [
     "WayPiece",
     "check_dem",
     "check_extract",
+    "grid_step_m",
     "init_site",
     "load_rig_spec",
     "load_site",

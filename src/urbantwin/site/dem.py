@@ -23,7 +23,7 @@ from pyproj import CRS, Transformer
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 
-__all__ = ["DemGrid", "check_dem", "read_heights"]
+__all__ = ["DemGrid", "check_dem", "grid_step_m", "read_heights"]
 
 _EXPECTED = "a DEM as GeoTIFF: one band of heights with a CRS"
 #: More of the region than this without a height is not filled in but refused.
@@ -154,6 +154,16 @@ def read_heights(
     )
 
 
+def grid_step_m(detail_m: float, bounds: tuple[float, float, float, float]) -> float:
+    """Return the step of a grid of heights over west, south, east, north, metres.
+
+    As fine as what it is to show, between 0.25 m and 1 m, or coarser for a wide area.
+    """
+    west, south, east, north = bounds
+    widest = math.sqrt((east - west) * (north - south) / _MOST_NODES)
+    return float(max(min(max(detail_m, _STEPS_M[0]), _STEPS_M[1]), widest))
+
+
 def _cell_m(raster: Any, frame: SiteFrame) -> float:  # noqa: ANN401
     """Return the size of a raster's cells at the anchor, metres."""
     per_metre = np.diff(_pixels(raster, frame, np.array([[0.0, 0.0], [1.0, 0.0]])), axis=0)
@@ -161,10 +171,8 @@ def _cell_m(raster: Any, frame: SiteFrame) -> float:  # noqa: ANN401
 
 
 def _own_step(raster: Any, frame: SiteFrame, area: shapely.Polygon) -> float:  # noqa: ANN401
-    west, south, east, north = area.bounds
-    coarsest = max(_STEPS_M[0], math.sqrt((east - west) * (north - south) / _MOST_NODES))
     cell = _cell_m(raster, frame)
-    return float(max(min(cell, _STEPS_M[1]), coarsest)) if math.isfinite(cell) else _STEPS_M[1]
+    return grid_step_m(cell, area.bounds) if math.isfinite(cell) else _STEPS_M[1]
 
 
 @contextmanager

@@ -10,7 +10,6 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.geometry import SiteFrame
-from urbantwin.ground import Elevation
 from urbantwin.reconstruct.cleaning.clip import clipped
 from urbantwin.reconstruct.cleaning.connected import pieces_of
 from urbantwin.reconstruct.cleaning.corner import bounds_of_faces
@@ -53,7 +52,6 @@ def cleaned(
     spec: CleanSpec,
     *,
     region: shapely.Polygon,
-    elevation: Elevation | None = None,
     roads: shapely.Geometry | None = None,
     sensors: ArrayLike | None = None,
     name: str = "",
@@ -65,7 +63,6 @@ def cleaned(
         mesh: in the site frame, metres, z up.
         spec: which steps, and overrides.
         region: what is kept, in plan; triangles are cut at its border.
-        elevation: unused by meshes that show their own ground; kept for those that do not.
         roads: carriageways and parking in plan; without any, only single cars are looked for.
         sensors: (S, 3) places of the sensors, for the error of decimation.
         name: of the source, for the report.

@@ -12,7 +12,6 @@ from scipy.ndimage import binary_dilation
 from scipy.spatial import cKDTree
 
 from urbantwin.geometry import SiteFrame
-from urbantwin.ground import Elevation
 from urbantwin.reconstruct.cleaning.picture import CleaningPicture
 from urbantwin.reconstruct.cleaning.removal import Removal, Spots
 from urbantwin.reconstruct.cleaning.street import STREET_CELL_M, Street, street_of_points
@@ -59,7 +58,6 @@ def cleaned_cloud(
     spec: CleanSpec,
     *,
     region: shapely.Polygon,
-    elevation: Elevation | None = None,
     roads: shapely.Geometry | None = None,
     name: str = "",
     frame: SiteFrame | None = None,
@@ -70,7 +68,6 @@ def cleaned_cloud(
         cloud: in the site frame, metres.
         spec: which steps, and overrides; the chordal error is of meshes only.
         region: what is kept, in plan.
-        elevation: not needed: the cloud shows its own ground.
         roads: carriageways and parking in plan; without any, only single cars are looked for.
         name: of the source, for the report.
         frame: for latitudes and longitudes in the report and in overrides.

@@ -18,8 +18,6 @@ from urbantwin.site.geometry import GeometrySource
 
 __all__ = ["InPlan", "crs_from_text", "in_plan", "lengths_of"]
 
-#: A transformation less accurate than this is told of, metres.
-ROUGH_M = 3.0
 _WGS84 = CRS("EPSG:4326")
 
 

@@ -33,7 +33,7 @@ def read_instanced(data: bytes, context: Context) -> Content:
     parts, model = split_tables(data, 32, (a, b, c, d))
     table = FeatureTable(parts[0], parts[1])
     count = table.count("INSTANCES_LENGTH")
-    places = _positions(table, count)
+    places = table.positions(count)
     centre = table.vector("RTC_CENTER", 3)
     if centre is not None:
         places = places + centre
@@ -54,19 +54,6 @@ def read_instanced(data: bytes, context: Context) -> Content:
     single.meshes = [_repeated(mesh, places, linear, names) for mesh in single.meshes]
     single.clouds = [_scattered(cloud, places, linear) for cloud in single.clouds]
     return single
-
-
-def _positions(table: FeatureTable, count: int) -> NDArray[np.float64]:
-    """Return (N, 3) POSITION or POSITION_QUANTIZED."""
-    exact = table.column("POSITION", "FLOAT", 3, count)
-    if exact is not None:
-        return exact.astype(np.float64)
-    steps = table.column("POSITION_QUANTIZED", "UNSIGNED_SHORT", 3, count)
-    offset = table.vector("QUANTIZED_VOLUME_OFFSET", 3)
-    scale = table.vector("QUANTIZED_VOLUME_SCALE", 3)
-    if steps is None or offset is None or scale is None:
-        raise MalformedError("has neither POSITION nor POSITION_QUANTIZED with its volume")
-    return np.asarray(steps.astype(np.float64) / 65535.0 * scale + offset)
 
 
 def _scales(table: FeatureTable, count: int) -> NDArray[np.float64]:

@@ -36,7 +36,7 @@ def read_points(data: bytes, context: Context) -> Content:
     unpacked = _unpacked(features, count)
     points = unpacked.get("POSITION")
     if points is None:
-        points = _positions(features, count)
+        points = features.positions(count)
     points = np.asarray(points, np.float64)
     centre = features.vector("RTC_CENTER", 3)
     if centre is not None:
@@ -51,18 +51,6 @@ def read_points(data: bytes, context: Context) -> Content:
     context.spend(len(points))
     content.clouds.append(PointCloud(points, colour))
     return content
-
-
-def _positions(features: FeatureTable, count: int) -> NDArray[np.float64]:
-    exact = features.column("POSITION", "FLOAT", 3, count)
-    if exact is not None:
-        return exact.astype(np.float64)
-    steps = features.column("POSITION_QUANTIZED", "UNSIGNED_SHORT", 3, count)
-    offset = features.vector("QUANTIZED_VOLUME_OFFSET", 3)
-    scale = features.vector("QUANTIZED_VOLUME_SCALE", 3)
-    if steps is None or offset is None or scale is None:
-        raise MalformedError("has neither POSITION nor POSITION_QUANTIZED with its volume")
-    return np.asarray(steps.astype(np.float64) / 65535.0 * scale + offset)
 
 
 def _colours(features: FeatureTable, count: int) -> NDArray[np.uint8] | None:

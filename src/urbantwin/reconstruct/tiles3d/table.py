@@ -57,6 +57,18 @@ class FeatureTable:
             return None if row is None else row[0].astype(np.float64)
         return numbers(self.fields, key, size)
 
+    def positions(self, count: int) -> NDArray[np.float64]:
+        """Return (N, 3) POSITION or POSITION_QUANTIZED of all features."""
+        exact = self.column("POSITION", "FLOAT", 3, count)
+        if exact is not None:
+            return exact.astype(np.float64)
+        steps = self.column("POSITION_QUANTIZED", "UNSIGNED_SHORT", 3, count)
+        offset = self.vector("QUANTIZED_VOLUME_OFFSET", 3)
+        scale = self.vector("QUANTIZED_VOLUME_SCALE", 3)
+        if steps is None or offset is None or scale is None:
+            raise MalformedError("has neither POSITION nor POSITION_QUANTIZED with its volume")
+        return np.asarray(steps.astype(np.float64) / 65535.0 * scale + offset)
+
     def column(self, key: str, kind: str, width: int, count: int) -> NDArray[Any] | None:
         """Return ``count`` rows of ``width`` numbers, or ``None`` where there is no such column."""
         where = self.fields.get(key)

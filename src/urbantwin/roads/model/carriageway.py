@@ -7,11 +7,10 @@ import shapely
 
 from urbantwin.geometry import area_union
 from urbantwin.roads.model.model import LaneModel
+from urbantwin.roads.network import CARRIAGEWAY_KINDS
 
 __all__ = ["carriageway_in_plan"]
 
-#: Kinds of lanes that vehicles drive or stand on.
-KINDS = ("driving", "bus", "bicycle", "parking", "shoulder")
 STEP_M = 2.0
 
 
@@ -23,7 +22,7 @@ def carriageway_in_plan(model: LaneModel, area: shapely.Polygon) -> shapely.Geom
         if road.level:
             continue
         for section, end in zip(road.sections, road.section_ends, strict=True):
-            lanes = [lane for lane in section.lanes if lane.kind in KINDS]
+            lanes = [lane for lane in section.lanes if lane.kind in CARRIAGEWAY_KINDS]
             if not lanes or end <= section.s:
                 continue
             s = np.linspace(section.s, end, max(2, int((end - section.s) / STEP_M) + 1))

@@ -10,7 +10,6 @@ from urbantwin.scene.tag import length_m_of
 __all__ = ["fountain", "monument", "monument_kind"]
 
 BASIN_M = 2.5
-ON_GROUND = ("plaque", "stolperstein", "blue_plaque", "tree", "ghost_bike")
 
 
 def monument_kind(tags: Mapping[str, str]) -> str | None:
