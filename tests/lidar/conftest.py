@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from urbantwin.geometry import LabelledMesh, Pose
-from urbantwin.lidar.actors import PosedActor
+from urbantwin.lidar.actor_path import PosedActor
 from urbantwin.lidar.rig import Rig, place_rig
 from urbantwin.site.rig import RigSpec
 from urbantwin.taxonomy import ACTOR_CLASSES, material_id, semantic_id

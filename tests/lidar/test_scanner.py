@@ -6,7 +6,7 @@ import pytest
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, Pose, bounding_box, points_in_box
 from urbantwin.lidar import beam_directions
-from urbantwin.lidar.actors import PosedActor
+from urbantwin.lidar.actor_path import PosedActor
 from urbantwin.lidar.casting import EmbreeCaster
 from urbantwin.lidar.scanner import Scanner
 from urbantwin.taxonomy import ACTOR_SEMANTICS, semantic_id

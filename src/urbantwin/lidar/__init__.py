@@ -1,6 +1,6 @@
 """LiDAR: the sensor catalogue, beam patterns, rigs, casting, returns and labels of one frame."""
 
-from urbantwin.lidar.actors import PosedActor
+from urbantwin.lidar.actor_path import PosedActor
 from urbantwin.lidar.catalogue import Sensor, load_sensor, sensor, sensor_names
 from urbantwin.lidar.labels import BoxLabel, LabelledFrame
 from urbantwin.lidar.pattern import (

@@ -20,33 +20,12 @@ from urbantwin.lidar.casting import EmbreeCaster
 from urbantwin.lidar.rectangle import Rays, angular_bounds
 from urbantwin.lidar.returns import scatter_of_materials
 
-__all__ = ["ActorHits", "ActorShape", "MeshSource", "PosedActor", "cast_actors", "nearest"]
+__all__ = ["ActorHits", "ActorShape", "MeshSource", "cast_actors", "nearest"]
 
 #: Gives the mesh of an asset in a gait phase, in the asset's frame.
 MeshSource = Callable[[str, int], LabelledMesh]
 
 _CORNERS = (np.arange(8)[:, None] >> np.arange(3) & 1).astype(np.float64)
-
-
-@dataclass(frozen=True, eq=False)
-class PosedActor:
-    """An actor at one moment.
-
-    Attributes:
-        track: the actor's number, 1, 2, 3, ..., the same in every frame.
-        actor_class: one of ``taxonomy.ACTOR_CLASSES``.
-        asset: name of its mesh.
-        phase: gait phase of a walking asset, 0 for rigid ones.
-        site_SE3_asset: its pose.
-        velocity: (3,) metres per second, site frame.
-    """
-
-    track: int
-    actor_class: str
-    asset: str
-    phase: int
-    site_SE3_asset: Pose  # noqa: N815
-    velocity: NDArray[np.float64]
 
 
 class ActorShape:

@@ -24,7 +24,7 @@ GROUND_CLASSES: tuple[str, ...] = ("road", "parking", "sidewalk", "terrain", "ot
 
 @dataclass(frozen=True, eq=False)
 class MountedSensor:
-    """A sensor that stands on the site.
+    """A sensor on the site.
 
     Attributes:
         name: unique in the rig.

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, SurfaceMaterials
-from urbantwin.lidar.actors import ActorShape, MeshSource, PosedActor
+from urbantwin.lidar.actor_path import PosedActor
+from urbantwin.lidar.actors import ActorShape, MeshSource
 from urbantwin.lidar.casting import EmbreeCaster
 from urbantwin.lidar.labels import BoxLabel, LabelledFrame, posed_box
 from urbantwin.lidar.observer import Observation, Observer

@@ -1,0 +1,74 @@
+"""Where an actor is in the course of a frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from urbantwin.geometry import Pose
+
+__all__ = ["ActorPath", "PosedActor"]
+
+
+@dataclass(frozen=True, eq=False)
+class ActorPath:
+    """Poses (``site_SE3_asset``) at some times; between them straight, beyond them straight on.
+
+    Attributes:
+        time_s: (T,) float64, seconds from the frame's time, ascending; T is 2 or more.
+        rotation: (T, 3, 3) float64.
+        translation: (T, 3) float64, metres.
+    """
+
+    time_s: NDArray[np.float64]
+    rotation: NDArray[np.float64]
+    translation: NDArray[np.float64]
+
+    def at(self, time_s: float) -> Pose:
+        """Return the pose at a time: rotations turn about one axis at one speed in between."""
+        last = len(self.time_s) - 2
+        k = int(np.clip(np.searchsorted(self.time_s, time_s, side="right") - 1, 0, last))
+        share = (time_s - self.time_s[k]) / (self.time_s[k + 1] - self.time_s[k])
+        a, b = self.rotation[k], self.rotation[k + 1]
+        turn = Rotation.from_matrix(a.T @ b).as_rotvec()
+        rotation = a @ Rotation.from_rotvec(share * turn).as_matrix()
+        step = self.translation[k + 1] - self.translation[k]
+        return Pose(rotation, self.translation[k] + share * step)
+
+
+@dataclass(frozen=True, eq=False)
+class PosedActor:
+    """An actor in one frame.
+
+    Attributes:
+        track: the actor's number, 1, 2, 3, ..., the same in every frame.
+        actor_class: one of ``taxonomy.ACTOR_CLASSES``.
+        asset: name of its mesh.
+        phase: gait phase of a walking asset, 0 for rigid ones.
+        site_SE3_asset: its pose at the frame's time.
+        velocity: (3,) metres per second, site frame.
+        path: how it moves around the frame's time; ``None``: straight on with ``velocity``.
+    """
+
+    track: int
+    actor_class: str
+    asset: str
+    phase: int
+    site_SE3_asset: Pose  # noqa: N815
+    velocity: NDArray[np.float64]
+    path: ActorPath | None = None
+
+    @property
+    def way(self) -> ActorPath:
+        """Its path, made from the velocity where it has none."""
+        if self.path is not None:
+            return self.path
+        pose = self.site_SE3_asset
+        return ActorPath(
+            np.array([0.0, 1.0]),
+            np.stack([pose.rotation, pose.rotation]),
+            np.stack([pose.translation, pose.translation + self.velocity]),
+        )
