@@ -1,0 +1,13 @@
+"""Labels of one frame, taken from its rays."""
+
+from urbantwin.lidar.labels.frame import BoxLabel, LabelledFrame
+from urbantwin.lidar.labels.posed_box import BOX_MARGIN_M, outside, posed_box, spans_in_box
+
+__all__ = [
+    "BOX_MARGIN_M",
+    "BoxLabel",
+    "LabelledFrame",
+    "outside",
+    "posed_box",
+    "spans_in_box",
+]
