@@ -1,0 +1,73 @@
+"""One ray at a time through Embree's C interface."""
+
+import numpy as np
+from llvmlite import ir
+from numba import njit, types
+from numba.extending import intrinsic
+
+__all__ = ["cast_rays", "intersect", "new_ray"]
+
+
+@intrinsic
+def _call(typingctx, address, first, second, third):
+    """Call a C function of three words at an address that is known when the code runs.
+
+    A function that names a ctypes function cannot be kept in numba's cache; one that is given
+    an address can.
+    """
+
+    def codegen(context, builder, signature, args):
+        word = ir.IntType(64)
+        function = ir.FunctionType(ir.VoidType(), [word, word, word])
+        builder.call(builder.inttoptr(args[0], function.as_pointer()), args[1:])
+        return context.get_dummy_value()
+
+    return types.void(types.uint64, types.uint64, types.uint64, types.uint64), codegen
+
+
+@njit(cache=True, nogil=True)
+def new_ray():
+    """Return room for a ``RTCRayHit``, as (32,) float32, aligned as Embree wants it."""
+    block = np.zeros(64, np.float32)
+    skip = (64 - block.ctypes.data % 64) % 64 // 4
+    return block[skip : skip + 32]
+
+
+@njit(cache=True, nogil=True)
+def intersect(address, scene, ray, near, ox, oy, oz, dx, dy, dz):
+    """Return range and face of the first hit beyond ``near``; ``inf`` and -1 without one.
+
+    ``address`` is that of ``rtcIntersect1``, ``scene`` Embree's, or 0 for an empty one, ``ray``
+    from `new_ray`; the ray leaves at o along the unit vector d.
+    """
+    if scene == 0:
+        return np.float32(np.inf), np.int32(-1)
+    words = ray.view(np.uint32)
+    ray[0], ray[1], ray[2], ray[3] = ox, oy, oz, near
+    ray[4], ray[5], ray[6], ray[7] = dx, dy, dz, 0.0
+    ray[8] = np.inf
+    words[9], words[10], words[11] = 0xFFFFFFFF, 0, 0
+    words[18], words[19], words[20] = 0xFFFFFFFF, 0xFFFFFFFF, 0xFFFFFFFF
+    _call(np.uint64(address), np.uint64(scene), np.uint64(ray.ctypes.data), np.uint64(0))
+    if words[18] == 0xFFFFFFFF:
+        return np.float32(np.inf), np.int32(-1)
+    return ray[8], np.int32(words[17])
+
+
+@njit(cache=True, nogil=True)
+def cast_rays(address, scene, origins, directions, range_m, face):
+    """Write range (N,) and face (N,) of the first hits of rays from origins (N, 3)."""
+    ray = new_ray()
+    for n in range(len(directions)):
+        range_m[n], face[n] = intersect(
+            address,
+            scene,
+            ray,
+            np.float32(0.0),
+            origins[n, 0],
+            origins[n, 1],
+            origins[n, 2],
+            directions[n, 0],
+            directions[n, 1],
+            directions[n, 2],
+        )
