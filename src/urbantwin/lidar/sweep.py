@@ -22,12 +22,14 @@ class Sweep:
         ring_time_s: (C,) float64, when each channel fires within its column.
         clock_offset_s: what the sensor's clock is ahead of true time at the frame's time.
         clock_rate: seconds that its clock counts in a true second.
+        turn: the number of the turn since the start of the motion.
     """
 
     column_time_s: NDArray[np.float64]
     ring_time_s: NDArray[np.float64]
     clock_offset_s: float = 0.0
     clock_rate: float = 1.0
+    turn: int = 0
 
     @property
     def first_column(self) -> int:
