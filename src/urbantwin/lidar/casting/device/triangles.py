@@ -1,0 +1,128 @@
+"""What runs on the device: rays against triangles in double precision.
+
+NVIDIA Warp compiles these functions for CUDA or for the processor. A bounding volume hierarchy in
+single precision, its boxes grown by more than any rounding, gives the triangles that a ray may
+meet; whether and where it does is decided in double precision. A ray that passes within
+`EDGE_M` of a triangle's border meets it, so none slips through the edge of two triangles.
+"""
+
+import warp as wp
+
+__all__ = ["EDGE_M", "cast_rays", "first_hit"]
+
+#: A triangle is wider by this on all sides than its vertices say, metres: far more than double
+#: precision loses within kilometres, far less than anybody sees.
+EDGE_M = 1e-9
+#: Sine of the angle between ray and plane below which a triangle is seen from its edge: not hit.
+_PARALLEL = 1e-12
+
+wp.set_module_options({"enable_backward": False, "fast_math": False})
+
+
+@wp.func
+def triangle_range(
+    origin: wp.vec3d, direction: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d
+) -> wp.float64:
+    """Return the distance along a ray to a triangle; -1 where they do not meet.
+
+    By the signs of three volumes (Moller and Trumbore 1997, J. Graphics Tools 2(1), use the same
+    products): ``direction . (p x q)`` of an edge from p to q is the distance at which the ray
+    passes the edge's line, times the edge's length and the sine of the angle between them.
+    """
+    none = wp.float64(-1.0)
+    normal = wp.cross(b - a, c - a)
+    slant = wp.dot(normal, direction)
+    if wp.abs(slant) <= wp.float64(wp.static(_PARALLEL)) * wp.length(normal):
+        return none
+    side = wp.sign(slant)
+    edge = wp.float64(wp.static(-EDGE_M))
+    p, q, r = a - origin, b - origin, c - origin
+    if side * wp.dot(direction, wp.cross(p, q)) < edge * wp.length(q - p):
+        return none
+    if side * wp.dot(direction, wp.cross(q, r)) < edge * wp.length(r - q):
+        return none
+    if side * wp.dot(direction, wp.cross(r, p)) < edge * wp.length(p - r):
+        return none
+    return wp.dot(normal, p) / slant
+
+
+@wp.struct
+class FirstHit:
+    """The first triangle along a ray: its range, ``inf`` without one, and its number or -1."""
+
+    range_m: wp.float64
+    face: wp.int32
+
+
+@wp.func
+def first_hit(
+    tree: wp.uint64,
+    vertices: wp.array(dtype=wp.vec3d),
+    faces: wp.array(dtype=wp.vec3i),
+    origin: wp.vec3d,
+    direction: wp.vec3d,
+    radius: wp.float32,
+    farthest: wp.float32,
+) -> FirstHit:
+    """Return the first triangle along a ray; of several at one range, the one numbered first.
+
+    Args:
+        tree: the hierarchy of the triangles' boxes.
+        vertices: of the triangles.
+        faces: of the triangles.
+        origin: where the ray leaves.
+        direction: a unit vector.
+        radius: what boxes are grown by, more than single precision loses.
+        farthest: triangles beyond are left out (or not, within rounding).
+    """
+    best = FirstHit()
+    best.range_m = wp.float64(wp.inf)
+    best.face = wp.int32(-1)
+    reach = farthest
+    query = wp.bvh_query_capsule(tree, wp.vec3(origin), wp.vec3(direction), radius)
+    number = wp.int32(0)
+    while wp.bvh_query_next(query, number, reach):
+        corners = faces[number]
+        at = triangle_range(
+            origin,
+            direction,
+            vertices[corners[0]],
+            vertices[corners[1]],
+            vertices[corners[2]],
+        )
+        if at < wp.float64(0.0):
+            continue
+        if at < best.range_m or (at == best.range_m and number < best.face):
+            best.range_m = at
+            best.face = number
+            # Single precision measures where the ray enters a box to 1e-6 of the distance.
+            reach = wp.min(reach, wp.float32(at) * 1.00001 + radius)
+    return best
+
+
+@wp.kernel
+def cast_rays(
+    tree: wp.uint64,
+    vertices: wp.array(dtype=wp.vec3d),
+    faces: wp.array(dtype=wp.vec3i),
+    centre: wp.vec3d,
+    radius: wp.float32,
+    origins: wp.array(dtype=wp.vec3d),
+    directions: wp.array(dtype=wp.vec3),
+    range_m: wp.array(dtype=wp.float32),
+    face: wp.array(dtype=wp.int32),
+) -> None:
+    """Write the first hit of each ray (N,); there is one origin, or one per ray."""
+    ray = wp.tid()
+    origin = origins[ray % origins.shape[0]] - centre
+    hit = first_hit(
+        tree,
+        vertices,
+        faces,
+        origin,
+        wp.vec3d(directions[ray]),
+        radius,
+        wp.float32(wp.inf),
+    )
+    range_m[ray] = wp.float32(hit.range_m)
+    face[ray] = hit.face
