@@ -169,7 +169,7 @@ def _yaml(path: Path) -> dict[str, Any]:
         sensor = load_sensor(path)
         return {"kind": "sensor", "name": sensor.name, "channels": sensor.channels}
     if "sensors" in fields:
-        return {"kind": "rig", **load_rig_spec(path).model_dump()}
+        return {"kind": "rig", **load_rig_spec(path).written()}
     raise InputError(
         "is neither a site, a rig nor a sensor",
         file=path,

@@ -36,7 +36,7 @@ def write_plan(twin: Twin, path: Path) -> None:
         twin.region,
         model=twin.lane_model,
         mesh=twin.mesh,
-        sensors=[(one.name, one.east_m, one.north_m) for one in twin.rig_spec().sensors],
+        sensors=twin.rig_spec().standing(),
         title=title_of(twin),
         attribution=attributions(twin.manifest),
         look=PAPER,

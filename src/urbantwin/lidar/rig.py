@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,147 +10,240 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.geometry import DownwardProbe, LabelledMesh, Pose
 from urbantwin.lidar.catalogue import Sensor, sensor
+from urbantwin.lidar.enclosure import enclosing
+from urbantwin.lidar.mounted import MountedSensor, Rig, dataset_frame
 from urbantwin.lidar.pattern_sensor import MOST_COLUMNS
-from urbantwin.site.rig import Effects, RigSpec, SensorSpec
+from urbantwin.site.rig import RigSpec, SensorSpec
 from urbantwin.taxonomy import semantic_id
 
-__all__ = ["GROUND_CLASSES", "MountedSensor", "Rig", "place_rig"]
+__all__ = ["GROUND_CLASSES", "MountedSensor", "Rig", "check_models", "place_rig"]
 
 #: What a sensor's height is measured from.
 GROUND_CLASSES: tuple[str, ...] = ("road", "parking", "sidewalk", "terrain", "other-ground")
+#: Turns per second that a sensor may be asked for whatever its maker offers.
+_SPIN_HZ = (5.0, 20.0)
+#: Sensors nearer to each other in plan than this stand on one pole, metres.
+_SAME_POLE_M = 0.5
 
 
-@dataclass(frozen=True, eq=False)
-class MountedSensor:
-    """A sensor on the site.
-
-    Attributes:
-        name: unique in the rig.
-        sensor: its entry in the catalogue.
-        columns: firings per turn.
-        site_SE3_sensor: its pose.
-        effects: which imperfections it has.
-        rate_hz: frames per second.
-    """
-
-    name: str
-    sensor: Sensor
-    columns: int
-    site_SE3_sensor: Pose  # noqa: N815
-    effects: Effects
-    rate_hz: float = 10.0
-
-
-@dataclass(frozen=True, eq=False)
-class Rig:
-    """The sensors that record together and the frame that their points are fused in.
-
-    Attributes:
-        sensors: in the order of the rig's file; their numbers in labels are 0, 1, 2, ...
-        frame: ``sensor``: that of the first sensor; ``level``: the first sensor's position and
-            heading, with z against gravity; ``site``: the site frame.
-        rate_hz: frames per second.
-        dataset_SE3_site: takes points of the site frame to that frame.
-    """
-
-    sensors: tuple[MountedSensor, ...]
-    frame: Literal["sensor", "level", "site"]
-    rate_hz: float
-    dataset_SE3_site: Pose  # noqa: N815
-
-
-def place_rig(spec: RigSpec, mesh: LabelledMesh, *, file: str | Path | None = None) -> Rig:
+def place_rig(
+    spec: RigSpec,
+    mesh: LabelledMesh,
+    *,
+    file: str | Path | None = None,
+    anchor_height_m: float | None = None,
+) -> Rig:
     """Stand a rig on a site.
 
     A sensor's height is measured from the highest ground surface (`GROUND_CLASSES`) at its
-    place, so a sensor named on a bridge stands on the bridge.
+    place, so a sensor named on a bridge stands on the bridge; one under it is placed by ``up_m``.
 
     Args:
         spec: the rig as written.
         mesh: the static world, site frame.
         file: the rig's file, for errors.
+        anchor_height_m: of the anchor's ground above the zero of altitudes, where it is known.
 
     Raises:
-        InputError: unknown model, columns that the model does not offer, a place without ground,
-            a height that is not above it, or a place inside a building. Names file and field.
+        InputError: unknown model, columns, returns or a rate that the model does not offer, a
+            place without ground, under it, or inside something. Names file and field.
     """
-    ground = mesh.select(np.isin(mesh.semantic, [semantic_id(name) for name in GROUND_CLASSES]))
-    buildings = mesh.select(mesh.semantic == semantic_id("building"))
-    probe = DownwardProbe(ground) if len(ground.faces) else None
-    above = float(mesh.vertices[:, 2].max()) + 1.0 if len(mesh.vertices) else 0.0
-
-    def mounted(index: int, one: SensorSpec) -> MountedSensor:
-        field = f"sensors[{index}]"
-        model = _model(one.model, file, f"{field}.model")
-        columns = model.columns if one.columns is None else one.columns
-        if model.pattern is not None:
-            columns = _pattern_columns(model, one, spec.rate_hz, file, f"{field}.columns")
-        elif columns not in model.columns_options:
-            raise InputError(
-                f"{model.name} does not offer {columns} columns",
-                file=file,
-                place=f"{field}.columns",
-                expected=f"one of {', '.join(map(str, model.columns_options))}",
-            )
-        under = np.array([[one.east_m, one.north_m, above]])
-        ground_z = np.nan if probe is None else float(probe.height_below(under)[0])
-        if np.isnan(ground_z):
-            raise InputError(
-                f"no ground at {one.east_m:g} m east, {one.north_m:g} m north of the anchor",
-                file=file,
-                place=f"{field}.east_m",
-                expected="a place on the site's ground",
-            )
-        if one.height_m <= 0:
-            raise InputError(
-                f"{one.height_m:g} m is under the ground",
-                file=file,
-                place=f"{field}.height_m",
-                expected="a height above the ground there, in m",
-            )
-        position = np.array([one.east_m, one.north_m, ground_z + one.height_m])
-        if _is_enclosed(position, buildings):
-            raise InputError(
-                f"{one.height_m:g} m above {one.east_m:g} m east, {one.north_m:g} m north "
-                "is inside a building",
-                file=file,
-                place=f"{field}.height_m",
-                expected="a place outside buildings, or a height above the roof",
-            )
+    models = check_models(spec, file=file)
+    site = _Site(mesh, file, anchor_height_m)
+    sensors: list[MountedSensor] = []
+    for index, (one, model) in enumerate(zip(spec.sensors, models, strict=True)):
         angles = np.radians([one.yaw_deg, one.pitch_deg, one.roll_deg])
+        if one.rides:
+            position = np.array([one.forward_m, one.left_m, one.height_m or 0.0], np.float64)
+            height_m = float(position[2])
+        else:
+            position, height_m = site.position(one, f"sensors[{index}]")
         pose = Pose.from_ypr(position, *angles)
-        return MountedSensor(one.name, model, columns, pose, one.effects, spec.rate_hz)
-
-    sensors = tuple(mounted(index, one) for index, one in enumerate(spec.sensors))
-    first = sensors[0].site_SE3_sensor
-    site_SE3_dataset = {
-        "sensor": first,
-        "level": Pose.from_ypr(first.translation, np.radians(spec.sensors[0].yaw_deg)),
-        "site": Pose.from_ypr(np.zeros(3)),
-    }[spec.frame]
-    return Rig(sensors, spec.frame, spec.rate_hz, site_SE3_dataset.inverse())
-
-
-def _pattern_columns(
-    model: Sensor, one: SensorSpec, rate_hz: float, file: str | Path | None, place: str
-) -> int:
-    """Return the points per line and frame of a sensor that scans no columns."""
-    if one.columns is not None:
-        raise InputError(
-            f"{model.name} scans a pattern, not columns",
-            file=file,
-            place=place,
-            expected="no columns; points_per_second in the sensor's file",
+        sway = spec.sway if one.sway is None else one.sway
+        sensors.append(
+            MountedSensor(
+                name=one.name,
+                sensor=model,
+                columns=_columns(model, one, spec.rate_hz),
+                site_SE3_sensor=pose,
+                effects=one.effects,
+                rate_hz=spec.rate_hz,
+                number=index,
+                turns_per_second=spec.rate_hz if one.rate_hz is None else one.rate_hz,
+                frame_window_s=1.0 / spec.rate_hz if spec.window_s is None else spec.window_s,
+                phase_deg=one.phase_deg,
+                phase_lock=one.phase_lock,
+                clock_offset_s=one.clock_offset_s,
+                clock_drift_ppm=one.clock_drift_ppm,
+                time_jitter_s=one.time_jitter_s,
+                latency_s=one.latency_s,
+                dropped_frames=one.dropped_frames,
+                returns=one.returns,
+                outages=tuple(one.outages),
+                sway=sway if sway is not None and sway.rms_m > 0 else None,
+                swings_with=_pole_of(pose, sensors),
+                sway_height_m=height_m,
+                carrier_SE3_sensor=pose if one.rides else None,
+                above_roof_m=one.above_roof_m,
+                deskew=spec.deskew,
+            )
         )
-    columns = round((model.points_per_second or 0.0) / model.channels / rate_hz)
-    if not 1 <= columns <= MOST_COLUMNS:
-        raise InputError(
-            f"{model.name} has {columns} points per line and frame",
-            file=file,
-            place=place,
-            expected=f"1 to {MOST_COLUMNS}: another rate_hz or points_per_second",
+    return Rig(
+        tuple(sensors),
+        spec.frame,
+        spec.rate_hz,
+        dataset_frame(spec.frame, sensors[0].site_SE3_sensor).inverse(),
+        conditions=spec.conditions,
+        ride=spec.ride,
+        carrier=None if spec.ride is None else spec.ride.track,
+        fused=spec.fused,
+    )
+
+
+def check_models(spec: RigSpec, *, file: str | Path | None = None) -> tuple[Sensor, ...]:
+    """Return the catalogue's sensors of a rig, which needs no site.
+
+    Raises:
+        InputError: an unknown model, or something that it does not offer. Names file and field.
+    """
+    return tuple(
+        _checked_model(one, spec.rate_hz, file, f"sensors[{index}]")
+        for index, one in enumerate(spec.sensors)
+    )
+
+
+class _Site:
+    """Where sensors can stand."""
+
+    def __init__(
+        self, mesh: LabelledMesh, file: str | Path | None, anchor_height_m: float | None
+    ) -> None:
+        kinds = [semantic_id(name) for name in GROUND_CLASSES]
+        ground = mesh.select(np.isin(mesh.semantic, kinds))
+        self._probe = DownwardProbe(ground) if len(ground.faces) else None
+        self._above = float(mesh.vertices[:, 2].max()) + 1.0 if len(mesh.vertices) else 0.0
+        self._mesh = mesh
+        self._file = file
+        self._anchor_height_m = anchor_height_m
+
+    def position(self, one: SensorSpec, field: str) -> tuple[NDArray[np.float64], float]:
+        """Return where a sensor is, site frame, and how high above the ground there."""
+        assert one.east_m is not None
+        assert one.north_m is not None
+        place = f"{one.east_m:g} m east, {one.north_m:g} m north"
+        top = self._ground_below(one.east_m, one.north_m, self._above)
+        if np.isnan(top):
+            raise self._error(
+                f"no ground at {place} of the anchor",
+                f"{field}.east_m",
+                "a place on the site's ground",
+            )
+        name, up = self._up(one, field, top)
+        given = float(getattr(one, name))
+        under = self._ground_below(one.east_m, one.north_m, up)
+        if np.isnan(under) or up <= under:
+            problem = f"{given:g} m is under the ground"
+            if name != "height_m":
+                problem += f", which is at {given + top - up:.2f} m there"
+            raise self._error(problem, f"{field}.{name}", "a height above the ground there, in m")
+        position = np.array([one.east_m, one.north_m, up])
+        around = enclosing(position, self._mesh)
+        if around is not None:
+            raise self._error(
+                f"{up - top:g} m above {place} is inside {around}",
+                f"{field}.{name}",
+                "a place outside, or a height above it",
+            )
+        return position, up - under
+
+    def _up(self, one: SensorSpec, field: str, top: float) -> tuple[str, float]:
+        """Return the field that gives a sensor's height, and its z in the site frame."""
+        if one.height_m is not None:
+            return "height_m", top + one.height_m
+        if one.up_m is not None:
+            return "up_m", one.up_m
+        assert one.altitude_m is not None
+        if self._anchor_height_m is None:
+            raise self._error(
+                "the site has no DEM, so nobody knows how high the sea is",
+                f"{field}.altitude_m",
+                "height_m, or a site with a DEM",
+            )
+        return "altitude_m", one.altitude_m - self._anchor_height_m
+
+    def _ground_below(self, east_m: float, north_m: float, up_m: float) -> float:
+        if self._probe is None:
+            return float("nan")
+        return float(self._probe.height_below(np.array([[east_m, north_m, up_m]]))[0])
+
+    def _error(self, problem: str, place: str, expected: str) -> InputError:
+        return InputError(problem, file=self._file, place=place, expected=expected)
+
+
+def _pole_of(pose: Pose, before: list[MountedSensor]) -> int:
+    """Return the number of the first sensor that stands on the same pole."""
+    for other in before:
+        offset = (other.site_SE3_sensor.translation - pose.translation)[:2]
+        if np.hypot(*offset) <= _SAME_POLE_M:
+            return other.swings_with
+    return len(before)
+
+
+def _checked_model(one: SensorSpec, rate_hz: float, file: str | Path | None, field: str) -> Sensor:
+    def error(problem: str, name: str, expected: str) -> InputError:
+        return InputError(problem, file=file, place=f"{field}.{name}", expected=expected)
+
+    model = _model(one.model, file, f"{field}.model")
+    columns = _columns(model, one, rate_hz)
+    if model.pattern is not None:
+        if one.columns is not None:
+            raise error(
+                f"{model.name} scans a pattern, not columns",
+                "columns",
+                "no columns; points_per_second in the sensor's file",
+            )
+        if not 1 <= columns <= MOST_COLUMNS:
+            raise error(
+                f"{model.name} has {columns} points per line and frame",
+                "columns",
+                f"1 to {MOST_COLUMNS}: another rate_hz or points_per_second",
+            )
+    elif columns not in model.columns_options:
+        options = ", ".join(map(str, model.columns_options))
+        raise error(
+            f"{model.name} does not offer {columns} columns", "columns", f"one of {options}"
         )
-    return columns
+    if one.rate_hz is not None:
+        low, high = min(*_SPIN_HZ, *model.rate_options), max(*_SPIN_HZ, *model.rate_options)
+        if model.pattern is not None:
+            raise error(f"{model.name} does not turn", "rate_hz", "none; the rig's rate_hz")
+        if not low <= one.rate_hz <= high:
+            raise error(
+                f"{model.name} does not turn {one.rate_hz:g} times a second",
+                "rate_hz",
+                f"{low:g} to {high:g}",
+            )
+    modes = model.return_modes
+    if modes is not None and one.returns not in modes:
+        raise error(
+            f"{model.name} does not report {one.returns!r}", "returns", f"one of {', '.join(modes)}"
+        )
+    for number, outage in enumerate(one.outages):
+        highest = max(outage.channels or [0])
+        if highest >= model.channels:
+            raise error(
+                f"{model.name} has no channel {highest}",
+                f"outages[{number}].channels",
+                f"0 to {model.channels - 1}",
+            )
+    return model
+
+
+def _columns(model: Sensor, one: SensorSpec, rate_hz: float) -> int:
+    """Return the columns per turn, or the points per line and frame of a pattern."""
+    if model.pattern is not None:
+        return round((model.points_per_second or 0.0) / model.channels / rate_hz)
+    return model.columns if one.columns is None else one.columns
 
 
 def _model(name: str, file: str | Path | None, place: str) -> Sensor:
@@ -162,21 +253,3 @@ def _model(name: str, file: str | Path | None, place: str) -> Sensor:
         if error.file is not None:  # The fault is inside a person's own sensor file.
             raise
         raise InputError(error.problem, file=file, place=place, expected=error.expected) from None
-
-
-def _is_enclosed(point: NDArray[np.float64], buildings: LabelledMesh) -> bool:
-    """Return whether any building encloses a point.
-
-    By the winding number of each building around the point: the solid angles of its triangles
-    (Van Oosterom and Strackee 1983, IEEE Trans. Biomed. Eng. 30(2), eq. 8) add up to 4 pi inside
-    and 0 outside. A building without a floor covers more than 2 pi of every point inside, and
-    less than 2 pi of every point outside, so half a turn is the exact border for it too.
-    """
-    a, b, c = np.moveaxis(buildings.triangles() - point, 1, 0)
-    la, lb, lc = (np.linalg.norm(corner, axis=1) for corner in (a, b, c))
-    volume = (a * np.cross(b, c)).sum(axis=1)
-    scale = la * lb * lc + (a * b).sum(1) * lc + (b * c).sum(1) * la + (c * a).sum(1) * lb
-    solid_angle = 2 * np.arctan2(volume, scale)
-    _, building = np.unique(buildings.part, return_inverse=True)
-    total = np.bincount(building, solid_angle)
-    return bool((np.abs(total) > 2 * np.pi).any())

@@ -74,7 +74,10 @@ def surroundings_of(
             and shape.geom_type.endswith("Polygon")
         ):
             roads.append(shape)
-    places = [[s.east_m, s.north_m, s.height_m] for s in rig.sensors]
+    # What is said above the anchor's ground will do: it is where sensors see, not to be exact.
+    places = [
+        [s.east_m, s.north_m, s.height_m or s.up_m or 0.0] for s in rig.sensors if not s.rides
+    ]
     return Surroundings(
         region,
         area_union(roads) if carriageway is None else carriageway,

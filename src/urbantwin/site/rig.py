@@ -1,150 +1,82 @@
-"""The sensor rig as a person writes it: which sensors, where they stand, where they look."""
+"""The sensor rig as a person writes it: which sensors, where they stand, how they behave."""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
-import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from urbantwin.geometry import SiteFrame
+from urbantwin.site.conditions import Conditions, Effects, Strict
 from urbantwin.site.document import Document, read_document, wrong
+from urbantwin.site.outage import OutageSpec
+from urbantwin.site.sensor_place import FARTHEST_M, SensorPlace
+from urbantwin.taxonomy import ACTOR_CLASSES
 
-__all__ = ["Conditions", "Effects", "RigSpec", "SensorSpec", "load_rig_spec", "rig_spec_from"]
+__all__ = [
+    "FARTHEST_M",
+    "Conditions",
+    "Effects",
+    "OutageSpec",
+    "RideSpec",
+    "RigSpec",
+    "SensorSpec",
+    "SwaySpec",
+    "load_rig_spec",
+    "rig_spec_from",
+]
 
-#: Farther from the anchor than this, single precision loses the millimetre that rays need.
-FARTHEST_M = 2000.0
-
-Offset = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M, allow_inf_nan=False)]
-Angle = Annotated[float, Field(ge=-360.0, le=360.0, allow_inf_nan=False)]
+Seconds = Annotated[float, Field(ge=-3600.0, le=3600.0, allow_inf_nan=False)]
+Rate = Annotated[float, Field(gt=0.0, le=100.0, allow_inf_nan=False)]
 
 
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
-
-
-class Effects(_Strict):
-    """What makes a sensor imperfect, each of which can be turned off alone.
-
-    With all off, points are the exact geometry at the frame's time, one per ray that hits anything.
+class SwaySpec(Strict):
+    """How the pole of a sensor swings in the wind.
 
     Attributes:
-        noise: range noise.
-        dropout: a return is missed where it is weak.
-        quantisation: ranges and intensities in the sensor's steps.
-        rolling_shutter: every ray sees the world at its own firing time.
-        footprint: a beam has a width: mixed ranges and several echoes at edges.
-        glass: light passes through glass; without it, glass is an opaque surface.
-        retroreflection: plates, signs and beads send light back; strong returns saturate.
-        blooming: saturated returns spill over to neighbouring beams.
-        sun: sunlight raises the noise floor, where the rig's conditions have a sun.
-        weather: rain, fog, snow and wet ground, where the rig's conditions have them.
-        crosstalk: a strong return shows up in channels that fire at the same time; off by default.
+        rms_m: root mean square of the sensor's displacement in each horizontal direction, metres.
+        frequency_hz: of the pole's first mode.
+        damping: share of the critical damping: the smaller, the longer it swings on one note.
     """
 
-    noise: bool = True
-    dropout: bool = True
-    quantisation: bool = True
-    rolling_shutter: bool = True
-    footprint: bool = True
-    glass: bool = True
-    retroreflection: bool = True
-    blooming: bool = True
-    sun: bool = True
-    weather: bool = True
-    crosstalk: bool = False
+    rms_m: Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
+    frequency_hz: Annotated[float, Field(gt=0.0, le=50.0, allow_inf_nan=False)] = 1.5
+    damping: Annotated[float, Field(gt=0.0, le=0.5, allow_inf_nan=False)] = 0.01
 
-    @classmethod
-    def none(cls) -> Effects:
-        """Return all of them off."""
-        return cls(**dict.fromkeys(cls.model_fields, False))
 
-    @model_validator(mode="before")
+class RideSpec(Strict):
+    """Which actor of the motion carries the rig: a track, or the first of a class.
+
+    Attributes:
+        track: the actor's number in the motion.
+        actor_class: written ``class``: one of ``taxonomy.ACTOR_CLASSES``; of this class, the actor
+            that is there the longest in the recorded span carries the rig.
+    """
+
+    track: Annotated[int, Field(ge=1, le=0xFFFF)] | None = None
+    actor_class: str | None = Field(default=None, alias="class")
+
+    @field_validator("actor_class")
     @classmethod
-    def _all_at_once(cls, value: Any) -> Any:  # noqa: ANN401
-        if isinstance(value, bool):
-            return {} if value else dict.fromkeys(cls.model_fields, False)
+    def _class_is_known(cls, value: str | None) -> str | None:
+        if value is not None and value not in ACTOR_CLASSES:
+            raise wrong(f"is {value!r:.40}", "one of " + ", ".join(ACTOR_CLASSES))
         return value
 
-
-class Conditions(_Strict):
-    """What the air and the light are like while a rig records.
-
-    Attributes:
-        weather: what falls or hangs in the air.
-        visibility_m: meteorological optical range (contrast falls to 5 %), metres.
-        wet_ground: 0 dry to 1 a film of water; ``None``: 1 in rain, else 0.
-        sun_elevation_deg: of the sun above the horizon; ``None``: no direct sun.
-        sun_azimuth_deg: of the sun, clockwise from north.
-    """
-
-    weather: Literal["clear", "rain", "fog", "snow"] = "clear"
-    visibility_m: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] | None = None
-    wet_ground: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
-    sun_elevation_deg: Annotated[float, Field(ge=-90.0, le=90.0)] | None = None
-    sun_azimuth_deg: Angle = 180.0
+    @model_validator(mode="after")
+    def _names_one(self) -> RideSpec:
+        if (self.track is None) == (self.actor_class is None):
+            raise wrong("does not name one carrier", "track: a number, or class: a class")
+        return self
 
 
-class SensorSpec(_Strict):
-    """One sensor: its model and its pose.
-
-    A file gives its place as ``east_m`` and ``north_m`` (site frame) or as ``latitude`` and
-    ``longitude`` (degrees, WGS84); here it is always in the site frame.
-
-    Attributes:
-        name: unique in the rig; names columns and files.
-        model: a name of the sensor catalogue or the path of a sensor's file; checked where the
-            rig is placed.
-        columns: columns per turn; ``None`` takes the model's default.
-        east_m: metres east of the anchor.
-        north_m: metres north of the anchor.
-        height_m: metres of the sensor's origin above the ground under it.
-        yaw_deg: heading of the sensor's x axis, degrees counter-clockwise from east (REP-103).
-        pitch_deg: degrees, positive tips the nose down (REP-103).
-        roll_deg: degrees about the x axis (REP-103).
-        effects: range noise and drop-out, on unless turned off.
-    """
-
-    also_written_as: ClassVar[tuple[str, ...]] = ("latitude", "longitude")
-
+class _Named(Strict):
     name: Annotated[str, Field(description="a name, unique in the rig")]
     model: Annotated[str, Field(min_length=1, description="a sensor of the catalogue, or its file")]
     columns: Annotated[int, Field(gt=0, le=16384)] | None = None
-    east_m: Offset = Field(description="metres east of the anchor")
-    north_m: Offset = Field(description="metres north of the anchor")
-    height_m: Annotated[float, Field(le=500.0, allow_inf_nan=False)] = Field(
-        description="metres above the ground there"
-    )
-    yaw_deg: Angle = 0.0
-    pitch_deg: Annotated[float, Field(ge=-90.0, le=90.0, allow_inf_nan=False)] = 0.0
-    roll_deg: Angle = 0.0
-    effects: Effects = Effects()
-
-    @model_validator(mode="before")
-    @classmethod
-    def _place_in_site_frame(cls, value: Any, info: ValidationInfo) -> Any:  # noqa: ANN401
-        if not isinstance(value, dict) or not {"latitude", "longitude"} & set(value):
-            return value
-        if {"east_m", "north_m"} & set(value):
-            raise wrong("is placed twice", "east_m and north_m, or latitude and longitude")
-        given = dict(value)
-        lonlat = [given.pop("longitude", None), given.pop("latitude", None)]
-        for name, degrees, most in zip(("longitude", "latitude"), lonlat, (180, 90), strict=True):
-            if isinstance(degrees, bool) or not isinstance(degrees, int | float):
-                raise wrong(f"{name} is missing or not a number", "degrees, WGS84")
-            if not -most <= degrees <= most:
-                raise wrong(f"{name} {degrees} is out of range", f"-{most} to {most} degrees")
-        frame: SiteFrame | None = (info.context or {}).get("frame")
-        if frame is None:
-            raise wrong("is placed by latitude and longitude without a site", "east_m and north_m")
-        # Far from its meridian the plane's formulas fail; nothing out there is a rig of this site.
-        if np.abs(np.subtract(lonlat, [frame.longitude, frame.latitude])).max() > 1.0:
-            raise wrong("latitude and longitude are more than 100 km away", "a place on the site")
-        east, north = frame.site_from_lonlat([lonlat])[0]
-        return {**given, "east_m": round(float(east), 4), "north_m": round(float(north), 4)}
 
     @field_validator("name")
     @classmethod
@@ -153,27 +85,91 @@ class SensorSpec(_Strict):
             raise wrong(f"{value!r} cannot name files", "letters, digits, '.', '_' and '-'")
         return value
 
-    @field_validator("height_m")
-    @classmethod
-    def _height_is_above_ground(cls, value: float) -> float:
-        if value <= 0:
-            raise wrong(f"{value:g} m is under the ground", "a height above the ground there, in m")
-        return value
+
+class SensorSpec(SensorPlace, _Named):
+    """One sensor: its model, its pose, its time and its faults.
+
+    Attributes:
+        name: unique in the rig; names columns and files.
+        model: a name of the sensor catalogue or the path of a sensor's file; checked where the
+            rig is placed.
+        columns: columns per turn; ``None`` takes the model's default.
+        effects: its imperfections, on unless turned off.
+        returns: which echoes of a beam it reports.
+        rate_hz: turns per second; ``None``: the rig's frames per second.
+        phase_deg: encoder angle at the frames' times, degrees the way the sensor turns.
+        phase_lock: keeps that phase; without it the turn starts anywhere and drifts with its clock.
+        clock_offset_s: what its clock is ahead of true time at the motion's start.
+        clock_drift_ppm: how much too fast its clock runs, millionths.
+        time_jitter_s: standard deviation of a turn's start, seconds.
+        latency_s: from a turn's end to when it is at hand.
+        dropped_frames: share of frames that never arrive.
+        outages: what of it does not work, and when.
+        sway: of its own pole; ``None``: the rig's.
+    """
+
+    effects: Effects = Effects()
+    returns: Literal["strongest", "last", "dual"] = "strongest"
+    rate_hz: Rate | None = None
+    phase_deg: Annotated[float, Field(ge=-360.0, le=360.0, allow_inf_nan=False)] = 0.0
+    phase_lock: bool = True
+    clock_offset_s: Seconds = 0.0
+    clock_drift_ppm: Annotated[float, Field(ge=-10000.0, le=10000.0, allow_inf_nan=False)] = 0.0
+    time_jitter_s: Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)] = 0.0
+    latency_s: Annotated[float, Field(ge=0.0, le=10.0, allow_inf_nan=False)] = 0.0
+    dropped_frames: Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)] = 0.0
+    outages: list[OutageSpec] = Field(default_factory=list)
+    sway: SwaySpec | None = None
 
 
-class RigSpec(_Strict):
+def _stands_where_the_rig_does(sensor: SensorSpec, info: ValidationInfo) -> SensorSpec:
+    riding = info.data.get("ride") is not None
+    if riding and not sensor.rides:
+        raise wrong("is placed on the site, but its rig rides", "forward_m and left_m")
+    if sensor.rides and not riding:
+        raise wrong("is placed on a vehicle, but its rig stands", "ride: {track: N} in the rig")
+    if riding and sensor.sway is not None:
+        raise wrong("sways, but its rig rides", "no sway")
+    return sensor
+
+
+class RigSpec(Strict):
     """The sensors that record together, and the frame their points are given in.
 
     Attributes:
         rate_hz: frames per second, of all sensors.
+        window_s: a frame holds the turns that arrive in so many seconds from its time on; ``None``:
+            until the next frame's.
         frame: of the dataset's points: ``sensor`` (that of the first sensor), ``level`` (its place
             and heading, gravity-aligned) or ``site``.
+        fused: the sensors' points in one frame; ``False``: a dataset for each sensor.
+        conditions: the weather and the sun.
+        sway: how the sensors' poles swing.
+        ride: the actor that carries the rig; ``None``: it stands.
+        deskew: whether the points of a rig that rides are moved to where they would have been
+            measured at the frame's time.
         sensors: at least one.
     """
 
-    rate_hz: Annotated[float, Field(gt=0.0, le=100.0, allow_inf_nan=False)] = 10.0
+    rate_hz: Rate = 10.0
+    window_s: Annotated[float, Field(gt=0.0, le=10.0, allow_inf_nan=False)] | None = None
     frame: Literal["sensor", "level", "site"] = "level"
-    sensors: Annotated[list[SensorSpec], Field(min_length=1, description="at least one sensor")]
+    fused: bool = True
+    conditions: Conditions = Conditions()
+    ride: RideSpec | None = None
+    sway: SwaySpec | None = None
+    deskew: bool = True
+    sensors: Annotated[
+        list[Annotated[SensorSpec, AfterValidator(_stands_where_the_rig_does)]],
+        Field(min_length=1, max_length=255, description="at least one sensor"),
+    ]
+
+    @field_validator("sway")
+    @classmethod
+    def _only_poles_sway(cls, value: SwaySpec | None, info: ValidationInfo) -> SwaySpec | None:
+        if value is not None and info.data.get("ride") is not None:
+            raise wrong("is for poles, but the rig rides", "no sway")
+        return value
 
     @field_validator("sensors")
     @classmethod
@@ -182,6 +178,26 @@ class RigSpec(_Strict):
             if count > 1:
                 raise wrong(f"{count} sensors are named {name!r}", "a different name for each")
         return value
+
+    @field_validator("window_s")
+    @classmethod
+    def _no_turn_is_in_two_frames(cls, value: float | None, info: ValidationInfo) -> float | None:
+        rate_hz = info.data.get("rate_hz")
+        if value is not None and rate_hz is not None and value * rate_hz > 1.0 + 1e-9:
+            raise wrong(f"is {value:g}", f"at most {1 / rate_hz:g}, the time between frames")
+        return value
+
+    def standing(self) -> list[tuple[str, float, float]]:
+        """Return name, east and north of the sensors that stand on the site, metres."""
+        return [
+            (one.name, one.east_m, one.north_m)
+            for one in self.sensors
+            if one.east_m is not None and one.north_m is not None
+        ]
+
+    def written(self) -> dict[str, Any]:
+        """Return the rig as a file holds it, defaults filled in; it loads as the same rig."""
+        return self.model_dump(exclude_none=True, by_alias=True)
 
 
 def rig_spec_from(document: Document, frame: SiteFrame | None = None) -> RigSpec:

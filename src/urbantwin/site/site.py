@@ -273,7 +273,7 @@ class Site:
             **self._signals(),
             "closed_loop": self.closed_loop,
             "traffic": self.traffic.model_dump(),
-            "rig": self.rig.model_dump(),
+            "rig": self.rig.written(),
         }
 
     def _geometry(self) -> dict[str, Any]:

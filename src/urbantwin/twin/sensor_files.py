@@ -26,7 +26,7 @@ def kept_rig(spec: RigSpec, rig_file: Path, folder: Path) -> dict[str, Any]:
     Returns:
         The rig's values; a file that is not there is named as it was.
     """
-    rig = spec.model_dump()
+    rig = spec.written()
     kept: dict[Path, str] = {}
     for one in rig["sensors"]:
         # A Hesai file may have its model before it, ``MODEL:PATH``; one letter is a drive.

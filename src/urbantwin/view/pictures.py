@@ -46,7 +46,7 @@ def pictures_of_twin(twin: Twin, out: Path, *, progress: Progress | None = None)
     name = title_of(twin)
     sources = attributions(twin.manifest)
     tell(0.0, "drawing the plan")
-    sensors = [(one.name, one.east_m, one.north_m) for one in twin.rig_spec().sensors]
+    sensors = twin.rig_spec().standing()
     first = plan(
         twin.roads,
         twin.region,
