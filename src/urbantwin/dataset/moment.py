@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import Pose, rotation_from_ypr
 from urbantwin.lidar import PosedActor
+from urbantwin.lidar.actor_path import ActorPath
 
 __all__ = ["MotionTable", "Rows", "interpolated", "posed_actors", "rows_at"]
 
@@ -79,17 +81,21 @@ def interpolated(before: Rows, after: Rows, share: float, step_s: float) -> Rows
     return rows
 
 
-def posed_actors(rows: Rows) -> list[PosedActor]:
+def posed_actors(rows: Rows, paths: Sequence[ActorPath | None] | None = None) -> list[PosedActor]:
     """Return rows of the motion as the scanner takes them.
 
     The velocity is the speed along the heading, up or down the road's grade.
+
+    Args:
+        rows: the actors.
+        paths: how each moves around the time of the rows; straight on when not given.
     """
     rotations = rotation_from_ypr(rows["yaw"], rows["pitch"], rows["roll"])
     translations = np.column_stack([rows["x"], rows["y"], rows["z"]])
     velocities = rows["speed"][:, None] * rotations[:, :, 0]
     return [
-        PosedActor(int(track), str(kind), str(asset), int(phase), Pose(turn, place), velocity)
-        for track, kind, asset, phase, turn, place, velocity in zip(
+        PosedActor(int(track), str(kind), str(asset), int(phase), Pose(turn, place), velocity, path)
+        for track, kind, asset, phase, turn, place, velocity, path in zip(
             rows["track"],
             rows["class"],
             rows["asset"],
@@ -97,6 +103,7 @@ def posed_actors(rows: Rows) -> list[PosedActor]:
             rotations,
             translations,
             velocities,
+            [None] * len(rows) if paths is None else paths,
             strict=True,
         )
     ]
