@@ -7,7 +7,7 @@ import pytest
 
 from urbantwin.geometry import Pose
 from urbantwin.lidar import MountedSensor, sensor
-from urbantwin.lidar.timing import sweeps_of, turns_of
+from urbantwin.lidar.timing import span_of, sweeps_of, turns_of
 from urbantwin.site.rig import Effects
 
 FRAMES = 300
@@ -167,3 +167,19 @@ def test_without_rolling_shutter_all_rays_see_the_moment_of_the_frame(mounted):
     one = mounted("VLP-16", effects=Effects.none(), phase_deg=77.0)
     for frame in (0, 3, 1234):
         assert (firing(one, frame) == frame / 10).all()
+
+
+@pytest.mark.parametrize("effects", [Effects(), Effects.none()])
+def test_the_span_of_a_frame_holds_every_firing(mounted, effects):
+    # Pandar64's channels fire before the time that the maker counts a column from.
+    rig = [
+        mounted("Pandar64", effects=effects),
+        mounted("VLP-16", effects=effects, latency_s=0.14, time_jitter_s=0.002, number=1),
+    ]
+    for frame in range(30):
+        low, high = span_of(rig, frame, 0)
+        every = np.concatenate([(firing(one, frame) - frame / 10).ravel() for one in rig])
+        assert low - 1e-12 <= every.min()
+        assert every.max() <= high + 1e-12
+        assert low <= 0 <= high
+        assert high - low < 0.3

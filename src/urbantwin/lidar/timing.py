@@ -21,19 +21,17 @@ All draws belong to a turn of a sensor, not to a frame, and are counter-based (P
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from urbantwin.lidar.mounted import MountedSensor
 from urbantwin.lidar.sweep import Sweep
 
-if TYPE_CHECKING:
-    from urbantwin.lidar.rig import MountedSensor
-
-__all__ = ["Turn", "ring_times", "sweeps_of", "turns_of"]
+__all__ = ["Turn", "ring_times", "span_of", "sweeps_of", "turns_of"]
 
 #: A turn this near a border of frames (in turns) begins on it: times are binary fractions.
 _ON_THE_BORDER = 1e-6
@@ -124,6 +122,21 @@ def sweeps_of(mounted: MountedSensor, frame_index: int, seed: int) -> tuple[Swee
         for turn in turns_of(mounted, frame_index, seed)
         if not turn.dropped
     )
+
+
+def span_of(sensors: Iterable[MountedSensor], frame_index: int, seed: int) -> tuple[float, float]:
+    """Return the first and the last firing of a frame, and its own time between them.
+
+    Seconds from the frame's time; what the world must be known for.
+    """
+    low, high = 0.0, 0.0
+    for one in sensors:
+        rolling = one.effects.rolling_shutter
+        ring_s = ring_times(one) if rolling else np.zeros(1)
+        for turn in turns_of(one, frame_index, seed):
+            low = min(low, turn.start_s + float(ring_s.min()))
+            high = max(high, (turn.stop_s if rolling else turn.start_s) + float(ring_s.max()))
+    return low, high
 
 
 def ring_times(mounted: MountedSensor) -> NDArray[np.float64]:
