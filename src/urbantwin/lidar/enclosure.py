@@ -4,33 +4,108 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from urbantwin.geometry import LabelledMesh
-from urbantwin.taxonomy import semantic_id
+from urbantwin.taxonomy import semantic_classes, semantic_id
 
 __all__ = ["enclosing"]
 
+#: Corners nearer to each other than this are one, metres.
+_WELD_M = 1e-4
+_WORDS = {
+    "fence": "a fence",
+    "other-structure": "a structure",
+    "vegetation": "a plant",
+    "trunk": "a tree's trunk",
+    "pole": "a pole",
+    "traffic-sign": "a traffic sign",
+}
+
 
 def enclosing(point: NDArray[np.float64], mesh: LabelledMesh) -> str | None:
-    """Return what encloses a point, in words, or ``None``: it is in the open."""
-    if _is_enclosed(point, mesh.select(mesh.semantic == semantic_id("building"))):
+    """Return what encloses a point, in words, or ``None``: it is in the open.
+
+    Buildings may lack a floor; of everything else, closed surfaces alone have an inside: those
+    in which every edge is shared by an even number of triangles.
+
+    Args:
+        point: (3,) in the mesh's frame.
+        mesh: any triangles.
+    """
+    building = mesh.semantic == semantic_id("building")
+    if _is_in_any_part(point, mesh.select(building)):
         return "a building"
+    faces = np.flatnonzero(~building)
+    faces = faces[_may_enclose(point, mesh.triangles()[faces], _group(mesh, faces))]
+    if not len(faces):
+        return None
+    corners = mesh.vertices[mesh.faces[faces]]
+    _, corner = np.unique(np.rint(corners.reshape(-1, 3) / _WELD_M), axis=0, return_inverse=True)
+    welded = corner.reshape(-1, 3)
+    count = int(welded.max()) + 1
+    sides = welded[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+    links = coo_matrix((np.ones(len(sides), bool), (sides[:, 0], sides[:, 1])), (count, count))
+    _, component = connected_components(links, directed=False)
+    body = component[welded[:, 0]]
+    near = np.flatnonzero(_may_enclose(point, corners, body))
+    for one in np.unique(body[near]).tolist():
+        mine = near[body[near] == one]
+        if _is_closed(welded[mine]) and abs(_solid_angles(point, corners[mine]).sum()) > 2 * np.pi:
+            number = int(mesh.semantic[faces[mine[0]]])
+            name = next(c.name for c in semantic_classes().values() if c.id == number)
+            return _WORDS.get(name, "something solid")
     return None
 
 
-def _is_enclosed(point: NDArray[np.float64], buildings: LabelledMesh) -> bool:
-    """Return whether any building encloses a point.
+def _group(mesh: LabelledMesh, faces: NDArray[np.intp]) -> NDArray[np.int64]:
+    """Return a number (F,) that faces of one class and part share."""
+    return mesh.part[faces].astype(np.int64) << 16 | mesh.semantic[faces]
 
-    By the winding number of each building around the point: the solid angles of its triangles
-    (Van Oosterom and Strackee 1983, IEEE Trans. Biomed. Eng. 30(2), eq. 8) add up to 4 pi inside
-    and 0 outside. A building without a floor covers more than 2 pi of every point inside, and
-    less than 2 pi of every point outside, so half a turn is the exact border for it too.
+
+def _may_enclose(
+    point: NDArray[np.float64], triangles: NDArray[np.float64], group: NDArray[np.integer]
+) -> NDArray[np.bool_]:
+    """Return which triangles (F, 3, 3) are of a group (F,) whose bounds hold the point."""
+    numbers, which = np.unique(group, return_inverse=True)
+    low = np.full((len(numbers), 3), np.inf)
+    high = -low
+    np.minimum.at(low, which, triangles.min(axis=1))
+    np.maximum.at(high, which, triangles.max(axis=1))
+    holds = np.all((low <= point) & (point <= high), axis=1)
+    return np.asarray(holds[which])
+
+
+def _is_closed(faces: NDArray[np.integer]) -> bool:
+    """Return whether every edge is shared by an even number of triangles."""
+    edges = np.sort(faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    _, count = np.unique(edges, axis=0, return_counts=True)
+    return bool((count % 2 == 0).all())
+
+
+def _is_in_any_part(point: NDArray[np.float64], buildings: LabelledMesh) -> bool:
+    """Return whether any part of a mesh encloses a point.
+
+    By the winding number of each part around the point: the solid angles of its triangles add up
+    to 4 pi inside and 0 outside. A building without a floor covers more than 2 pi of every point
+    inside, and less than 2 pi of every point outside, so half a turn is the exact border for it
+    too.
     """
-    a, b, c = np.moveaxis(buildings.triangles() - point, 1, 0)
+    _, building = np.unique(buildings.part, return_inverse=True)
+    total = np.bincount(building, _solid_angles(point, buildings.triangles()))
+    return bool((np.abs(total) > 2 * np.pi).any())
+
+
+def _solid_angles(
+    point: NDArray[np.float64], triangles: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the solid angles (F,) of triangles (F, 3, 3) seen from a point, with their sign.
+
+    Van Oosterom and Strackee 1983, IEEE Trans. Biomed. Eng. 30(2), eq. 8.
+    """
+    a, b, c = np.moveaxis(triangles - point, 1, 0)
     la, lb, lc = (np.linalg.norm(corner, axis=1) for corner in (a, b, c))
     volume = (a * np.cross(b, c)).sum(axis=1)
     scale = la * lb * lc + (a * b).sum(1) * lc + (b * c).sum(1) * la + (c * a).sum(1) * lb
-    solid_angle = 2 * np.arctan2(volume, scale)
-    _, building = np.unique(buildings.part, return_inverse=True)
-    total = np.bincount(building, solid_angle)
-    return bool((np.abs(total) > 2 * np.pi).any())
+    return np.asarray(2 * np.arctan2(volume, scale))

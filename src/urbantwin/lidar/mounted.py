@@ -10,8 +10,11 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import Pose
 from urbantwin.lidar.actor_path import ActorPath
+from urbantwin.lidar.outage import dead_beams
+from urbantwin.lidar.riding_path import RidingPath
 from urbantwin.lidar.sensor import Sensor
 from urbantwin.lidar.sensor_path import FixedPath, SensorPath
+from urbantwin.lidar.sway import swaying
 from urbantwin.site.rig import Conditions, Effects, OutageSpec, RideSpec, SwaySpec
 
 __all__ = ["MountedSensor", "Rig", "dataset_frame"]
@@ -84,11 +87,17 @@ class MountedSensor:
             seed: of all random numbers.
             carrier: the path of the actor that carries it, of a sensor that rides.
         """
+        if self.carrier_SE3_sensor is not None:
+            if carrier is None:
+                raise ValueError(f"{self.name} rides, and nothing carries it")
+            return RidingPath(carrier, self.carrier_SE3_sensor, self.deskew)
+        if self.sway is not None:
+            return swaying(self, self.sway, frame_index, seed)
         return FixedPath(self.site_SE3_sensor)
 
     def dead(self, time_of_frame_s: float) -> NDArray[np.bool_] | None:
         """Return which beams (C, K) report nothing in a frame; ``None`` where all work."""
-        return None
+        return dead_beams(self, time_of_frame_s)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,191 @@
+"""Riding: a rig on an actor of the motion, as a vehicle that talks to the roadside has it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+from urbantwin.geometry import Pose
+from urbantwin.lidar.actor_path import PosedActor
+from urbantwin.lidar.enclosure import enclosing
+from urbantwin.lidar.mounted import MountedSensor, Rig
+
+if TYPE_CHECKING:
+    from urbantwin.traffic import Motion
+
+__all__ = ["boarded", "carrier_among"]
+
+#: A sensor this deep inside its carrier's mesh is not on it, metres: meshes are coarse.
+_SKIN_M = 0.1
+#: Two times that differ by less are the same.
+_SAME_TIME_S = 1e-6
+
+
+def boarded(
+    rig: Rig,
+    motion: Motion,
+    times_s: Sequence[float],
+    *,
+    fastest_m_s: float = 70.0,
+    file: str | None = None,
+) -> Rig:
+    """Return a rig that knows which actor carries it; one that stands as it is.
+
+    Args:
+        rig: as placed.
+        motion: what moves.
+        times_s: of the frames, ascending, seconds.
+        fastest_m_s: an actor that moved faster between two steps was put elsewhere: it left.
+        file: the rig's file, for errors.
+
+    Raises:
+        InputError: nobody such is in the motion, the carrier is not there at every frame (the
+            error says from when to when it is), or a sensor is inside it.
+    """
+    if rig.ride is None:
+        return rig
+    spans = _spans(motion, rig.ride.track, rig.ride.actor_class, fastest_m_s)
+    first, last = times_s[0], times_s[-1]
+    if not spans:
+        raise _nobody(rig, motion, file)
+    # The one that is there in most of the time that is asked for; of equals, the first.
+    best = max(spans, key=lambda span: min(span.stop_s, last) - max(span.start_s, first))
+    who = f"{best.actor_class} {best.track}"
+    if best.start_s > first + _SAME_TIME_S or best.stop_s < last - _SAME_TIME_S:
+        on, off = (f"{value:.9g}" for value in (best.start_s, best.stop_s))
+        raise InputError(
+            f"{who}, which carries the rig, is there from {on} to {off} s, and frames from "
+            f"{first:g} to {last:g} s are asked for",
+            file=file,
+            place="ride",
+            expected=f"--start {on} --stop {off}",
+        )
+    mesh = motion.mesh(best.asset, best.phase)
+    roof_m = float(mesh.vertices[np.unique(mesh.faces), 2].max())
+    sensors = tuple(_on_roof(one, roof_m) for one in rig.sensors)
+    for number, one in enumerate(sensors):
+        assert one.carrier_SE3_sensor is not None
+        place = one.carrier_SE3_sensor.translation
+        around = place + _SKIN_M * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
+        if all(enclosing(point, mesh) for point in around):
+            raise InputError(
+                f"is inside {who}, which is {roof_m:.2f} m high",
+                file=file,
+                place=f"sensors[{number}].height_m",
+                expected="a place on the outside of its carrier, or above_roof_m",
+            )
+    return replace(
+        rig,
+        sensors=sensors,
+        carrier=best.track,
+    )
+
+
+def carrier_among(
+    rig: Rig, actors: Sequence[PosedActor], time_s: float
+) -> tuple[PosedActor | None, list[PosedActor]]:
+    """Return the actor that carries a rig, and all others: those that it can see.
+
+    Raises:
+        InputError: the carrier is not there.
+    """
+    if rig.ride is None:
+        return None, list(actors)
+    if rig.carrier is None:
+        raise ValueError("the rig has not boarded: which actor carries it is not known")
+    carrier = next((one for one in actors if one.track == rig.carrier), None)
+    if carrier is None:
+        raise InputError(
+            f"track {rig.carrier}, which carries the rig, is not there at {time_s:g} s",
+            place="ride",
+            expected="a time at which it is",
+        )
+    return carrier, [one for one in actors if one is not carrier]
+
+
+@dataclass(frozen=True)
+class _Span:
+    """A time during which an actor is there without a gap."""
+
+    track: int
+    actor_class: str
+    asset: str
+    phase: int
+    start_s: float
+    stop_s: float
+
+
+def _spans(
+    motion: Motion, track: int | None, actor_class: str | None, fastest_m_s: float
+) -> list[_Span]:
+    """Return when the actors that may carry a rig are there, by track and time."""
+    import pyarrow.compute as pc
+
+    table = motion.actors
+    chosen = table.filter(
+        pc.equal(table["track"], track)
+        if track is not None
+        else pc.equal(table["class"], actor_class)
+    )
+    if not chosen.num_rows:
+        return []
+    column: Mapping[str, NDArray[np.float64]] = {
+        name: np.asarray(chosen[name].to_numpy()) for name in ("time_s", "track", "x", "y", "z")
+    }
+    order = np.lexsort((column["time_s"], column["track"]))
+    time, tracks = column["time_s"][order], column["track"][order]
+    moved = np.linalg.norm(np.diff([column[name][order] for name in "xyz"], axis=1), axis=0)
+    wait = np.diff(time)
+    apart = np.diff(tracks) != 0
+    apart |= (wait > 1.5 * motion.step_s) | (moved > fastest_m_s * motion.step_s)
+    starts = np.concatenate([[0], np.flatnonzero(apart) + 1])
+    stops = np.concatenate([starts[1:], [len(time)]]) - 1
+    spans = []
+    for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
+        row = chosen.slice(int(order[start]), 1).to_pylist()[0]
+        spans.append(
+            _Span(
+                int(tracks[start]),
+                row["class"],
+                row["asset"],
+                int(row["phase"]),
+                float(time[start]),
+                float(time[stop]),
+            )
+        )
+    return spans
+
+
+def _nobody(rig: Rig, motion: Motion, file: str | None) -> InputError:
+    assert rig.ride is not None
+    if rig.ride.track is not None:
+        tracks = motion.actors["track"].to_numpy()
+        least, most = (int(tracks.min()), int(tracks.max())) if len(tracks) else (0, 0)
+        return InputError(
+            f"the motion has no track {rig.ride.track}",
+            file=file,
+            place="ride.track",
+            expected=f"one of its tracks, {least} to {most}" if most else "a motion with traffic",
+        )
+    classes = sorted(set(motion.actors["class"].to_pylist()))
+    return InputError(
+        f"the motion has no {rig.ride.actor_class}",
+        file=file,
+        place="ride.class",
+        expected=f"one of {', '.join(classes)}" if classes else "a motion with traffic",
+    )
+
+
+def _on_roof(one: MountedSensor, roof_m: float) -> MountedSensor:
+    """Return a sensor that was placed above its carrier's roof, with its height known."""
+    pose = one.carrier_SE3_sensor
+    if pose is None or one.above_roof_m is None:
+        return one
+    x, y, _ = pose.translation
+    raised = Pose(pose.rotation, np.array([x, y, roof_m + one.above_roof_m]))
+    return replace(one, site_SE3_sensor=raised, carrier_SE3_sensor=raised)
