@@ -35,7 +35,8 @@ def left_beside(out):
 
 def test_every_frame_has_its_files_and_nothing_else_is_there(dataset):
     files = {str(path.relative_to(dataset)) for path in dataset.rglob("*") if path.is_file()}
-    expected = {"dataset.json", "boxes.parquet", "ImageSets/train.txt", "ImageSets/val.txt"}
+    expected = {"dataset.json", "boxes.parquet", "sweeps.parquet"}
+    expected |= {"ImageSets/train.txt", "ImageSets/val.txt"}
     for name in NAMES:
         expected |= {f"points/{name}.npy", f"labels/{name}.txt"}
         expected |= {f"semantic/{name}.label", f"rays/{name}.npy"}
@@ -61,7 +62,13 @@ def test_points_and_labels_of_a_frame_belong_together(dataset):
         label = np.fromfile(dataset / f"semantic/{name}.label", np.uint32)
         rays = np.load(dataset / f"rays/{name}.npy")
         assert len(label) == len(rays) == len(points)
-        assert rays.dtype == np.dtype([("sensor", "u1"), ("ring", "<u2"), ("column", "<u2")])
+        assert rays.dtype.descr == [
+            ("sensor", "|u1"),
+            ("ring", "<u2"),
+            ("column", "<u2"),
+            ("time", "<f4"),
+            ("echo", "|u1"),
+        ]
         assert rays["ring"].max() < 16
         assert rays["column"].max() < 900
         moving = np.isin(label & 0xFFFF, FOREGROUND)

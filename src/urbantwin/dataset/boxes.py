@@ -11,8 +11,9 @@ from urbantwin.dataset.layout import frame_name
 __all__ = ["write_boxes"]
 
 #: Columns and Arrow types. Boxes and velocities are in the dataset's frame: metres, radians,
-#: metres per second. ``occlusion`` and ``visibility`` are null for an actor that no ray reaches
-#: even when it is alone in the world.
+#: metres per second. A box stands where its actor was ``observed_s`` after the frame's time, when
+#: the rays met it. ``occlusion`` and ``visibility`` are null for an actor that no ray reaches even
+#: when it is alone in the world.
 _COLUMNS = {
     "frame": "string",
     "time_s": "float64",
@@ -23,6 +24,7 @@ _COLUMNS = {
     "num_points_alone": "int32",
     "occlusion": "float64",
     "visibility": "float64",
+    "observed_s": "float64",
     **dict.fromkeys(("vx", "vy", "vz"), "float64"),
 }
 

@@ -18,8 +18,13 @@ __all__ = ["FOLDERS", "RAY_TYPE", "frame_name", "label_lines", "write_frame"]
 
 FOLDERS = ("points", "labels", "semantic", "rays")
 
-#: One ray: the number of the sensor in the rig, its channel, and the firing within the turn.
-RAY_TYPE = np.dtype([("sensor", "u1"), ("ring", "<u2"), ("column", "<u2")])
+#: One ray: the number of the sensor in the rig, its channel, the firing within the turn, when it
+#: fired (seconds from the frame's time, as the sensor's clock has it), and which echo it is of the
+#: beam (0, the first that is reported, or 1).
+RAY_TYPE = np.dtype(
+    [("sensor", "u1"), ("ring", "<u2"), ("column", "<u2"), ("time", "<f4"), ("echo", "u1")]
+)
+_RAY_FIELDS = {name: {"time": "time_s"}.get(name, name) for name in RAY_TYPE.names or ()}
 
 
 def frame_name(index: int) -> str:
@@ -62,8 +67,8 @@ def write_frame(folder: Path, index: int, frame: LabelledFrame) -> dict[str, Any
     _write(folder / "semantic" / f"{name}.label", b"", labels)
 
     rays = np.empty(len(frame.points), RAY_TYPE)
-    for field in RAY_TYPE.names or ():
-        rays[field] = getattr(frame, field)
+    for field, attribute in _RAY_FIELDS.items():
+        rays[field] = getattr(frame, attribute, 0)
     _save(folder / "rays" / f"{name}.npy", rays)
 
     counts = np.bincount(frame.semantic)
@@ -123,6 +128,7 @@ def _row(one: BoxLabel) -> dict[str, Any]:
         "num_points_alone": one.num_points_alone,
         "occlusion": None if unknown else one.occlusion,
         "visibility": None if unknown else one.visibility,
+        "observed_s": getattr(one, "observed_s", 0.0),
         **dict(zip(("vx", "vy", "vz"), (float(value) for value in one.velocity), strict=True)),
     }
 

@@ -11,9 +11,11 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from pydantic import BaseModel
 
 from urbantwin import __version__
 from urbantwin.dataset.layout import frame_name
+from urbantwin.dataset.pose_matrix import pose_matrix
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar import MountedSensor, Rig, Sensor
 from urbantwin.taxonomy import ACTOR_CLASSES, semantic_classes
@@ -27,17 +29,19 @@ if TYPE_CHECKING:
 __all__ = ["FORMAT", "LAYOUT", "manifest_of", "recipe_key", "recipe_of"]
 
 #: Changes when the meaning of a dataset's files does.
-FORMAT = 1
+FORMAT = 2
 
 #: What decides the bytes besides our own code.
-_DEPENDENCIES = ("embreex", "numpy", "pyarrow", "scipy")
+_DEPENDENCIES = ("embreex", "numba", "numpy", "pyarrow", "scipy")
 
 LAYOUT = {
     "points": "points/NNNNNN.npy: (N, 4) float32, x, y, z in metres and intensity 0..1",
     "labels": "labels/NNNNNN.txt: x y z dx dy dz heading class, metres and radians",
     "semantic": "semantic/NNNNNN.label: (N,) uint32, class in the low 16 bits, track in the high",
-    "rays": "rays/NNNNNN.npy: (N,) sensor u1, ring u2, column u2",
+    "rays": "rays/NNNNNN.npy: (N,) sensor u1, ring u2, column u2, time f4 (seconds from the "
+    "frame's time, by the sensor's clock), echo u1",
     "boxes": "boxes.parquet: one row per frame and box",
+    "sweeps": "sweeps.parquet: one row per frame, sensor and turn: times, and poses in the site",
     "ImageSets": "train.txt: the first four fifths of the time; val.txt: the last fifth",
 }
 
@@ -61,11 +65,16 @@ def recipe_of(
         "dependencies": {name: version(name) for name in _DEPENDENCIES},
         "seeds": {"record": seed, "traffic": motion.manifest["seed"]},
         "frame": rig.frame,
-        "dataset_SE3_site": _matrix(rig.dataset_SE3_site),
+        # Of a rig that rides, each of the frames below has its own.
+        "dataset_SE3_site": None if rig.ride else pose_matrix(rig.dataset_SE3_site),
         "anchor": twin.manifest["anchor"],
         "rig": {
             "rate_hz": rig.rate_hz,
             "frame": rig.frame,
+            "fused": rig.fused,
+            "conditions": _plain(rig.conditions),
+            "ride": _plain(rig.ride),
+            "carrier": rig.carrier,
             "sensors": [_mounted(one) for one in rig.sensors],
         },
         "scene_sha256": _mesh_sha256(twin.mesh),
@@ -110,6 +119,7 @@ def manifest_of(
             "time_s": time_s,
             "points": entry["points"],
             "boxes": len(entry["boxes"]),
+            **{key: entry[key] for key in ("dataset_SE3_site",) if key in entry},
         }
         for (index, time_s), entry in zip(times_s.items(), entries, strict=True)
     ]
@@ -168,14 +178,25 @@ def _table_sha256(table: pa.Table) -> str:
 
 
 def _mounted(one: MountedSensor) -> dict[str, Any]:
+    values = {field.name: getattr(one, field.name) for field in dataclasses.fields(one)}
+    del values["sensor"]
     return {
-        "name": one.name,
+        "name": values.pop("name"),
         "model": one.sensor.name,
-        "columns": one.columns,
-        "site_SE3_sensor": _matrix(one.site_SE3_sensor),
-        "effects": one.effects.model_dump(),
+        **{name: _plain(value) for name, value in values.items()},
         "sensor": _catalogue_entry(one.sensor),
     }
+
+
+def _plain(value: Any) -> Any:  # noqa: ANN401
+    """Return a value as JSON holds it."""
+    if isinstance(value, Pose):
+        return pose_matrix(value)
+    if isinstance(value, BaseModel):
+        return value.model_dump(mode="json", by_alias=True)
+    if isinstance(value, tuple):
+        return [_plain(item) for item in value]
+    return value
 
 
 def _catalogue_entry(sensor: Sensor) -> dict[str, Any]:
@@ -193,14 +214,6 @@ def _catalogue_entry(sensor: Sensor) -> dict[str, Any]:
         name: value.tolist() if isinstance(value, np.ndarray) else value
         for name, value in values.items()
     }
-
-
-def _matrix(pose: Pose) -> list[list[float]]:
-    """Return a pose as the rows of a 4x4 matrix."""
-    rows = np.eye(4)
-    rows[:3, :3] = pose.rotation
-    rows[:3, 3] = pose.translation
-    return [[float(value) + 0.0 for value in row] for row in rows]
 
 
 def _point_cloud_range(entries: Sequence[Mapping[str, Any]]) -> list[float]:

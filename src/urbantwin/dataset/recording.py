@@ -11,13 +11,16 @@ from typing import TYPE_CHECKING, Any
 
 from urbantwin.artefact import replaced_folder, write_json
 from urbantwin.dataset.boxes import write_boxes
+from urbantwin.dataset.course import Courses
 from urbantwin.dataset.layout import FOLDERS, frame_name, read_json_or_none
 from urbantwin.dataset.manifest import manifest_of, recipe_key, recipe_of
-from urbantwin.dataset.moment import SAME_TIME_S, rows_at
+from urbantwin.dataset.moment import SAME_TIME_S
 from urbantwin.dataset.split import split_frames
+from urbantwin.dataset.sweeps import write_sweeps
 from urbantwin.dataset.workers import Recipe, Task, record_frames, usable_processors
 from urbantwin.errors import InputError
 from urbantwin.lidar import Rig
+from urbantwin.lidar.timing import span_of
 
 if TYPE_CHECKING:
     from urbantwin.traffic import Motion
@@ -82,8 +85,10 @@ def record(  # noqa: PLR0913 - every one is a person's choice
         missing = [index for index in times_s if read_json_or_none(_mark(done, index)) is None]
 
         def tasks() -> Iterator[Task]:
+            courses = Courses(motion)
             for index in missing:
-                yield Task(index, rows_at(motion, times_s[index]))
+                span = span_of(rig.sensors, index, seed)
+                yield Task(index, courses.around(times_s[index], *span))
 
         count = min(usable_processors() if workers is None else workers, max(1, len(missing)))
         frames = Recipe(twin.mesh, rig, seed, partial, done, motion.meshes, twin.surface_materials)
@@ -148,6 +153,7 @@ def _finish(
         text = "".join(f"{frame}\n" for frame in frames)
         (folder / "ImageSets" / f"{name}.txt").write_text(text)
     write_boxes(folder / "boxes.parquet", times_s, entries)
+    write_sweeps(folder / "sweeps.parquet", list(times_s), entries)
     manifest = manifest_of(recipe, times_s, entries, (train, validate))
     write_json(folder / "dataset.json", manifest)
 

@@ -13,8 +13,11 @@ from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
 
+from urbantwin.dataset.course import Course
 from urbantwin.dataset.layout import frame_name, write_frame
-from urbantwin.dataset.moment import Rows, posed_actors
+from urbantwin.dataset.moment import posed_actors
+from urbantwin.dataset.pose_matrix import pose_matrix
+from urbantwin.dataset.sweeps import sweep_rows
 from urbantwin.errors import StageError
 from urbantwin.geometry import LabelledMesh, SurfaceMaterials
 from urbantwin.lidar import Rig, Scanner
@@ -28,10 +31,10 @@ _QUEUED = 3
 
 @dataclass(frozen=True)
 class Task:
-    """One frame to record: its number and the actors at its time."""
+    """One frame to record: its number, and the actors at its time and around it."""
 
     index: int
-    rows: Rows
+    course: Course
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +73,14 @@ class _Recorder:
         return asset_mesh(asset, phase) if own is None else own
 
     def record(self, task: Task) -> int:
-        frame = self._scanner.scan(task.index, posed_actors(task.rows))
+        rig = self._recipe.rig
+        actors = posed_actors(task.course.rows, task.course.paths())
+        frame = self._scanner.scan(task.index, actors)
         entry = write_frame(self._recipe.folder, task.index, frame)
+        carrier = next((one.way for one in actors if one.track == rig.carrier), None)
+        entry["sweeps"] = sweep_rows(rig, task.index, self._recipe.seed, carrier)
+        if carrier is not None:
+            entry["dataset_SE3_site"] = pose_matrix(rig.dataset_pose(carrier))
         mark = self._recipe.done / f"{frame_name(task.index)}.json"
         unfinished = mark.with_suffix(".part")
         unfinished.write_text(json.dumps(entry, allow_nan=False))

@@ -1,0 +1,102 @@
+"""``sweeps.parquet``: when every turn of every sensor took place, where it stood, what was lost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from urbantwin.dataset.layout import frame_name
+from urbantwin.geometry import ypr_from_rotation
+from urbantwin.lidar.actor_path import ActorPath
+from urbantwin.lidar.mounted import Rig
+from urbantwin.lidar.timing import turns_of
+
+__all__ = ["sweep_rows", "write_sweeps"]
+
+_POSE = ("x", "y", "z", "yaw", "pitch", "roll")
+
+#: Columns and Arrow types. Times are true, seconds from the motion's start, but ``clock_start_s``,
+#: which is what the sensor's clock says at ``start_s``. Poses are ``site_SE3_sensor`` at
+#: ``start_s``, metres and radians: the true one, and the one that points are computed with.
+_COLUMNS = {
+    "frame": "string",
+    "sensor": "string",
+    "turn": "int32",
+    "start_s": "float64",
+    "stop_s": "float64",
+    "clock_start_s": "float64",
+    "arrival_s": "float64",
+    "lost": "bool_",
+    **{f"true_{name}": "float64" for name in _POSE},
+    **{f"reported_{name}": "float64" for name in _POSE},
+}
+
+
+def sweep_rows(
+    rig: Rig, index: int, seed: int, carrier: ActorPath | None = None
+) -> list[dict[str, Any]]:
+    """Return one row per sensor and turn of a frame, as can stand in JSON.
+
+    Args:
+        rig: the sensors.
+        index: the frame's number.
+        seed: of all random numbers.
+        carrier: the path of the actor that carries the rig, if one does.
+    """
+    time_s = index / rig.rate_hz
+    rows = []
+    for one in rig.sensors:
+        turns = turns_of(one, index, seed)
+        if not turns:
+            continue
+        path = one.path(index, seed, carrier)
+        begins = np.array([turn.start_s for turn in turns])
+        poses = {"true": path.true_poses(begins), "reported": path.reported_poses(begins)}
+        for number, turn in enumerate(turns):
+            start_s = time_s + turn.start_s
+            ahead_s = one.clock_offset_s + one.clock_drift_ppm * 1e-6 * start_s
+            rows.append(
+                {
+                    "sensor": one.name,
+                    "turn": turn.number,
+                    "start_s": start_s,
+                    "stop_s": time_s + turn.stop_s,
+                    "clock_start_s": start_s + ahead_s,
+                    "arrival_s": time_s + turn.arrival_s,
+                    "lost": turn.dropped,
+                    **{
+                        f"{kind}_{name}": float(value) + 0.0
+                        for kind, (rotation, translation) in poses.items()
+                        for name, value in zip(
+                            _POSE,
+                            (*translation[number], *ypr_from_rotation(rotation[number])),
+                            strict=True,
+                        )
+                    },
+                }
+            )
+    return rows
+
+
+def write_sweeps(path: Path, indices: Sequence[int], entries: Sequence[Mapping[str, Any]]) -> None:
+    """Write the table.
+
+    Args:
+        path: the file.
+        indices: number of each frame.
+        entries: the mark of each frame, in the same order, with its ``sweeps``.
+    """
+    # Imported here: workers, which start with this package, have no use for it.
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    rows = [
+        {"frame": frame_name(index), **row}
+        for index, entry in zip(indices, entries, strict=True)
+        for row in entry["sweeps"]
+    ]
+    schema = pa.schema([(name, getattr(pa, kind)()) for name, kind in _COLUMNS.items()])
+    pq.write_table(pa.Table.from_pylist(rows, schema=schema), path, compression="zstd")
