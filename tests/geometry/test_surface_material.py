@@ -5,6 +5,7 @@ import pytest
 import shapely
 
 from urbantwin.geometry import LabelledMesh, MaterialLayer, SurfaceMaterials
+from urbantwin.lidar.returns import scatter_of_materials
 from urbantwin.lidar.static import cast_static
 from urbantwin.scene.ground_material.rasterise import cells_of_quads, layer_of_cells
 from urbantwin.taxonomy import material_id, materials, semantic_id
@@ -179,10 +180,8 @@ def test_paint_changes_what_returns_and_nothing_else():
         np.testing.assert_array_equal(getattr(hits, name), getattr(plain, name))
     inside = (aims[:, 0] > 1) & (aims[:, 0] < 5) & (np.abs(aims[:, 1]) < 2)
     paint, asphalt = materials()["road-paint"], materials()["asphalt"]
-    cosine = -way[:, 2]
-    expected = np.where(
-        inside, paint.reflectivities[2] * cosine + paint.retro, asphalt.reflectivities[2] * cosine
-    )
+    numbers = np.where(inside, paint.id, asphalt.id).astype(np.uint8)
+    expected = scatter_of_materials(1550.0).backscatter(numbers, -way[:, 2])
     clear = np.abs(aims - [3, 0, 0])[:, :2].max(axis=1)
     np.testing.assert_allclose(
         hits.backscatter[np.abs(clear - 2) > 0.05], expected[np.abs(clear - 2) > 0.05], rtol=1e-5

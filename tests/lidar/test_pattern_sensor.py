@@ -59,7 +59,7 @@ def file(tmp_path_factory):
 
 def rig_of(file, street, **more):
     one = {"name": "a", "model": str(file), "east_m": 2.0, "north_m": -3.0, "height_m": 6.0}
-    one |= {"yaw_deg": 40.0, "pitch_deg": 12.0, "effects": {"noise": False, "dropout": False}}
+    one |= {"yaw_deg": 40.0, "pitch_deg": 12.0, "effects": False}
     spec = RigSpec.model_validate({"frame": "site", "sensors": [one | more]})
     return place_rig(spec, street, file="rig.yaml")
 

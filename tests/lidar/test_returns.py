@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 from scipy.stats import kstest, truncnorm
 
+from urbantwin.lidar.catalogue import sensor, sensor_names
 from urbantwin.lidar.returns import ReturnModel, draw, standard_noise, truncated_noise
 from urbantwin.site.rig import Effects
 
@@ -16,9 +18,14 @@ def os1(ground_mesh, rig_of):
     return rig_of(ground_mesh(), {}).sensors[0]
 
 
+#: What sunlight adds to the noise, so that 80 % at 100 m is as strong as 10 % at 45 m.
+SUN = brentq(lambda b: np.sqrt((1 + 0.8 * b) / (1 + 0.1 * b)) - 8 * (45 / 100) ** 2, 0, 100)
+
+
 def strength_of(range_m, reflectivity=0.1):
     """Worked out apart: the datasheet's target at 45 m is 1."""
-    return reflectivity / 0.1 * (45.0 / range_m) ** 2
+    noise = np.sqrt((1 + SUN * reflectivity) / (1 + SUN * 0.1))
+    return reflectivity / 0.1 * (45.0 / range_m) ** 2 / noise
 
 
 def level_shares(model, backscatter, range_m, rays=200_000):
@@ -33,6 +40,16 @@ def level_shares(model, backscatter, range_m, rays=200_000):
 def test_datasheet_target_at_datasheet_range_returns_nine_times_in_ten(os1):
     assert (os1.sensor.reference_reflectivity, os1.sensor.reference_range_m) == (0.1, 45)
     assert level_shares(ReturnModel(os1), 0.1, 45.0) == pytest.approx(0.9, abs=0.003)
+
+
+@pytest.mark.parametrize("name", [n for n in sensor_names() if sensor(n).detection_range_80_m])
+def test_both_targets_of_a_datasheet_return_nine_times_in_ten(ground_mesh, rig_of, name):
+    one = rig_of(ground_mesh(), {"model": name}).sensors[0]
+    ranges = {0.1: one.sensor.detection_range_10_m, 0.8: one.sensor.detection_range_80_m}
+    for reflectivity, range_m in ranges.items():
+        assert level_shares(ReturnModel(one), reflectivity, range_m) == pytest.approx(
+            0.9, abs=0.003
+        )
 
 
 def test_half_return_at_1_2_times_that_range(os1):
@@ -113,9 +130,11 @@ def test_ranges_are_whole_steps(os1):
     ranges = np.linspace(1, 119, 999).astype(np.float32)
     steps = ReturnModel(os1).quantised(ranges) / np.float32(os1.sensor.range_resolution_m)
     np.testing.assert_allclose(steps, np.rint(steps), atol=0.02)
-    plain = ReturnModel(replace(os1, effects=Effects(noise=False)))
+    plain = ReturnModel(replace(os1, effects=Effects(quantisation=False)))
     np.testing.assert_array_equal(plain.quantised(ranges), ranges)
-    assert (plain.sigma(ranges, ranges) == 0).all()
+    quiet = ReturnModel(replace(os1, effects=Effects(noise=False)))
+    assert (quiet.sigma(ranges, ranges) == 0).all()
+    assert quiet.step_m > 0
 
 
 def test_draws_differ_by_seed_sensor_and_frame_and_by_nothing_else():
@@ -128,8 +147,28 @@ def test_draws_differ_by_seed_sensor_and_frame_and_by_nothing_else():
     assert abs(np.corrcoef(first.detection, first.noise)[0, 1]) < 0.15
 
 
-def test_intensity_spans_zero_to_one_in_255_steps(os1):
-    scatter = np.array([0, 0.1, 0.5, 1, 1.7], np.float32)
-    intensity = ReturnModel(os1).intensity(scatter)
-    np.testing.assert_allclose(intensity, np.clip(scatter, 0, 1), atol=0.5 / 255 + 1e-6)
-    np.testing.assert_allclose(intensity * 255, np.rint(intensity * 255), atol=1e-4)
+@pytest.mark.parametrize(
+    ("model", "white", "greatest", "of_best"),
+    [("OS1-128", 100, 255, 255), ("VLS-128", 110, 255, 255), ("Pandar64", 100, 255, 255)],
+)
+def test_intensity_is_the_sensors_own_code(ground_mesh, rig_of, model, white, greatest, of_best):
+    """Percent of white below white, whatever the range; the brightest foil at the top."""
+    answers = ReturnModel(rig_of(ground_mesh(), {"model": model}).sensors[0])
+    scatter = np.array([0, 0.1, 0.5, 1, 700 * np.pi, 1e6], np.float32)
+    for range_m in (3.0, 30.0):
+        codes = answers.intensity(scatter, np.full(6, range_m, np.float32)) * greatest
+        expected = [0, 0.1 * white, 0.5 * white, white, of_best, greatest]
+        np.testing.assert_allclose(codes, expected, atol=0.5)
+        np.testing.assert_allclose(codes, np.rint(codes), atol=1e-4)
+
+
+def test_foils_of_signs_have_codes_between_white_and_the_best(os1):
+    """Class RA1 (70 cd/lx/m2) and RA2 (250): above 100, in order, below 255."""
+    codes = 255 * ReturnModel(os1).intensity(np.pi * np.array([70, 250], np.float32))
+    assert 150 < codes[0] < codes[1] < 250
+
+
+def test_codes_are_not_rounded_without_quantisation(os1):
+    scatter = np.linspace(0, 1, 99).astype(np.float32)
+    plain = ReturnModel(replace(os1, effects=Effects(quantisation=False)))
+    np.testing.assert_allclose(plain.intensity(scatter) * 255, scatter * 100, rtol=1e-5)

@@ -154,7 +154,7 @@ def test_occlusion_is_the_hidden_share_of_rays(box_mesh, ground_mesh, rig_of):
     mesh = box_mesh((-2, -1, 0.2), (2, 1, 1.6), "car", "metal-painted")
     rig = rig_of(
         static,
-        {"height_m": 1.0, "columns": 2048, "effects": {"noise": False, "dropout": False}},
+        {"height_m": 1.0, "columns": 2048, "effects": False},
         frame="sensor",
     )
     frame = Scanner(static, rig, seed=1, meshes=lambda *_: mesh).scan(0, [car])
@@ -201,7 +201,7 @@ def test_boxes_without_points_are_kept(box_mesh, ground_mesh, rig_of):
 def test_effects_off_gives_the_plain_geometry(ground_mesh, rig_of):
     """On a flat ground every point lies at z = 0, and every beam that reaches it returns."""
     static = ground_mesh(half=90.0)
-    rig = rig_of(static, {"effects": {"noise": False, "dropout": False}}, frame="site")
+    rig = rig_of(static, {"effects": False}, frame="site")
     frame = Scanner(static, rig, seed=1).scan(0, [])
     assert np.abs(frame.points[:, 2]).max() < 1e-4
     mounted = rig.sensors[0]

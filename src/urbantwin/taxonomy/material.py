@@ -29,8 +29,13 @@ class Material:
         name: its name.
         reflectivities: diffuse, 0..1, one per ``WAVELENGTHS_NM``.
         transmission: share of the light that passes through.
-        retro: backscatter that glass beads add at every angle of incidence: pi times the
-            coefficient of retroreflected luminance (EN 1436) in cd per m2 and lx.
+        retro: what retroreflectors add to the backscatter, in multiples of white paper: pi times
+            the coefficient of retroreflection (EN 12899-1, faced squarely) or, of beads, of
+            retroreflected luminance (EN 1436), in cd per m2 and lx.
+        retro_law: ``beads``: the same at every angle of incidence; ``sheeting``: falls as it turns
+            away; ``none``.
+        roughness_deg: standard deviation of the slope of its facets; 0: Lambert's surface.
+        gets_wet: whether it is ground that a film of water darkens.
         basis: ``measured``, ``modelled`` or ``estimate``.
         source: where the numbers come from, or what to compare an estimate with.
     """
@@ -40,6 +45,9 @@ class Material:
     reflectivities: tuple[float, float, float]
     transmission: float
     retro: float
+    retro_law: str
+    roughness_deg: float
+    gets_wet: bool
     basis: str
     source: str
 
@@ -80,6 +88,9 @@ def materials() -> dict[str, Material]:
             ),
             float(row["transmission"]),
             float(row["retro"]),
+            row["retro_law"],
+            float(row["roughness_deg"]),
+            row["gets_wet"] == "1",
             row["basis"],
             row["source"],
         )

@@ -1,0 +1,150 @@
+"""How a sensor answers an echo: strength, detection, noise and intensity of one at a time."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+__all__ = [
+    "Response",
+    "answers",
+    "intensity_of",
+    "level_of",
+    "probability_of",
+    "sigma_of",
+    "strength_of",
+    "strengths",
+]
+
+
+class Response(NamedTuple):
+    """What of a sensor, its effects and the air decides how it answers.
+
+    Attributes:
+        per_amplitude: strength per amplitude at 1 m, with the datasheet's sun on the target.
+        fall: exponent of range by which strength falls.
+        extinction: of the air, 1/m.
+        sun_noise: variance that the datasheet's light on a white target adds.
+        floor: noise under the datasheet's target, in the same unit.
+        light: light on the targets, relative to the datasheet's.
+        range_min_m: nothing nearer is reported.
+        range_max_m: nothing farther is reported.
+        dropout: whether weak echoes may be missed.
+        half: strength of which half is detected.
+        steepness: exponent of detection.
+        sigma_m: standard deviation of the range of strong echoes; 0 without noise.
+        weak_slope: exponent by which the deviation falls with strength, of weak echoes.
+        weak_end: strength that they end at.
+        strong_slope: the same of stronger ones.
+        strong_end: strength from which on the deviation stays.
+        white: code of intensity of a white surface.
+        greatest: greatest code.
+        per_log: codes per logarithm of what is above white; 0: linear.
+        whole_codes: whether codes are rounded.
+    """
+
+    per_amplitude: float
+    fall: float
+    extinction: float
+    sun_noise: float
+    floor: float
+    light: float
+    range_min_m: float
+    range_max_m: float
+    dropout: bool
+    half: float
+    steepness: float
+    sigma_m: float
+    weak_slope: float
+    weak_end: float
+    strong_slope: float
+    strong_end: float
+    white: float
+    greatest: float
+    per_log: float
+    whole_codes: bool
+
+
+@njit(cache=True, nogil=True)
+def strength_of(r, amplitude, range_m, light):
+    """Return signal to noise relative to the datasheet's target."""
+    if not (amplitude > 0.0 and 0.0 < range_m < np.inf):
+        return 0.0
+    if r.fall == 2.0:
+        signal = r.per_amplitude * amplitude / (range_m * range_m)
+    else:
+        signal = r.per_amplitude * amplitude * range_m**-r.fall
+    if r.extinction > 0.0:
+        signal *= np.exp(-2.0 * r.extinction * range_m)
+    lit = 1.0 + r.sun_noise * light * min(amplitude, 1.0)
+    return signal * r.floor / np.sqrt(lit)
+
+
+@njit(cache=True, nogil=True)
+def probability_of(r, strength):
+    """Return how probable an echo of that strength is to be detected."""
+    # Beyond a thousandfold the result is 0 or 1 to seven digits; most echoes are strong.
+    if strength > 16.0 * r.half:
+        return 1.0
+    if strength < 0.0625 * r.half:
+        return 0.0
+    power = (strength / r.half) ** r.steepness
+    return power / (1.0 + power)
+
+
+@njit(cache=True, nogil=True)
+def level_of(r, strength, range_m):
+    """Return the level of 65,536 below which a draw means that an echo is detected."""
+    if not (range_m >= r.range_min_m and range_m <= r.range_max_m):
+        return 0
+    if not r.dropout:
+        return 65536
+    return int(np.rint(probability_of(r, strength) * 65536.0))
+
+
+@njit(cache=True, nogil=True)
+def sigma_of(r, strength):
+    """Return the standard deviation of an echo's range."""
+    if r.sigma_m == 0.0 or strength >= r.strong_end:
+        return r.sigma_m
+    if strength >= r.weak_end:
+        return r.sigma_m * (r.strong_end / strength) ** r.strong_slope
+    at_weak_end = (r.strong_end / r.weak_end) ** r.strong_slope
+    return r.sigma_m * at_weak_end * (r.weak_end / max(strength, 0.1)) ** r.weak_slope
+
+
+@njit(cache=True, nogil=True)
+def intensity_of(r, amplitude, range_m):
+    """Return the reported intensity, 0 to 1."""
+    if not amplitude > 0.0:
+        return 0.0
+    left = amplitude
+    if r.extinction > 0.0:
+        left *= np.exp(-2.0 * r.extinction * range_m)
+    code = r.white * left
+    if left > 1.0 and r.per_log > 0.0:
+        code = r.white + r.per_log * np.log(left)
+    code = min(code, r.greatest)
+    if r.whole_codes:
+        code = np.rint(code)
+    return code / r.greatest
+
+
+@njit(cache=True, nogil=True)
+def answers(r, amplitude, range_m, light, level, sigma, intensity):
+    """Fill level, sigma and intensity (N,) of echoes (N,); light is (N,) or (1,) for all."""
+    for i in range(len(amplitude)):
+        strength = strength_of(r, amplitude[i], range_m[i], light[i if len(light) > 1 else 0])
+        level[i] = level_of(r, strength, range_m[i])
+        sigma[i] = sigma_of(r, strength)
+        intensity[i] = intensity_of(r, amplitude[i], range_m[i])
+
+
+@njit(cache=True, nogil=True)
+def strengths(r, amplitude, range_m, light, strength):
+    """Fill strength (N,) of echoes (N,)."""
+    for i in range(len(amplitude)):
+        one = light[i if len(light) > 1 else 0]
+        strength[i] = strength_of(r, amplitude[i], range_m[i], one)

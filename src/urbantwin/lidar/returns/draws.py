@@ -1,0 +1,97 @@
+"""Random numbers of rays: counter-based, so that order and workers do not matter.
+
+Ray n of a sensor in a frame draws the same two numbers for a purpose whatever else is computed, in
+whatever order: Philox (Salmon et al. 2011, SC11, "Parallel random numbers: as easy as 1, 2, 3")
+keyed with seed, sensor and frame, its counter beginning at the purpose.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
+
+__all__ = [
+    "LEVELS",
+    "Draws",
+    "Purpose",
+    "draw",
+    "standard_noise",
+    "standard_quantiles",
+    "truncated_noise",
+]
+
+#: Every draw is one of so many equally likely levels.
+LEVELS = 1 << 16
+
+
+class Purpose(IntEnum):
+    """What numbers are drawn for: an effect that is turned off leaves the draws of others alone."""
+
+    FIRST_ECHO = 0
+    SECOND_ECHO = 1
+    CLUTTER = 2
+    BLOOMING = 3
+    CROSSTALK = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """Two numbers for each of N rays.
+
+    Attributes:
+        detection: (N,) uint16, uniform; a ray returns where it is below 65,536 p.
+        noise: (N,) uint16, uniform; number of one of 65,536 equally likely levels.
+    """
+
+    detection: NDArray[np.uint16]
+    noise: NDArray[np.uint16]
+
+
+def draw(
+    seed: int, sensor: int, frame: int, rays: int, purpose: Purpose = Purpose.FIRST_ECHO
+) -> Draws:
+    """Return the draws of one sensor in one frame for one purpose."""
+    key = np.array([seed % 2**64, (sensor << 48) | frame], np.uint64)
+    counter = np.array([0, 0, 0, int(purpose)], np.uint64)
+    words = np.random.Philox(key=key, counter=counter).random_raw((rays + 1) // 2)
+    levels = words.astype("<u8", copy=False).view("<u2")
+    return Draws(levels[:rays], levels[rays : 2 * rays])
+
+
+def standard_noise(noise: NDArray[np.uint16]) -> NDArray[np.float32]:
+    """Return standard normal numbers (N,) of draws: the middles of 65,536 equal shares."""
+    return standard_quantiles().take(noise)
+
+
+def truncated_noise(
+    noise: NDArray[np.uint16], low: NDArray[np.float64], high: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return standard normal numbers (N,) given that they lie within [low, high].
+
+    A draw that lies within is kept. One that lies outside is as good as a fresh uniform number
+    of its tail, and is mapped to the inside by the inverse distribution: the result has exactly
+    the distribution of drawing again until the number lies within.
+
+    Args:
+        noise: (N,) draws.
+        low: (N,) not above 0.
+        high: (N,) not below 0.
+    """
+    uniform = (noise.astype(np.float64) + 0.5) / LEVELS
+    below, above = ndtr(low), ndtr(high)
+    left, right = uniform < below, uniform > above
+    tail = np.divide(uniform, below, out=np.zeros_like(uniform), where=left)
+    np.divide(uniform - above, 1 - above, out=tail, where=right)
+    chosen = np.where(left | right, below + tail * (above - below), uniform)
+    return np.asarray(np.clip(ndtri(chosen), low, high))
+
+
+@cache
+def standard_quantiles() -> NDArray[np.float32]:
+    """Return the standard normal number of each of the 65,536 draws."""
+    return np.asarray(ndtri((np.arange(LEVELS) + 0.5) / LEVELS), np.float32)

@@ -1,0 +1,145 @@
+"""How one sensor answers echoes, with its effects, in the air and the light of the rig."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.lidar.compiled.response import Response, answers, strengths
+from urbantwin.lidar.returns.air import extinction
+from urbantwin.lidar.returns.detection import HALF_STRENGTH, STEEPNESS
+from urbantwin.lidar.returns.draws import LEVELS
+from urbantwin.lidar.returns.intensity import intensity_scale
+from urbantwin.lidar.returns.noise import SIGMA_STRENGTH, slopes
+from urbantwin.lidar.returns.scatter import Scatter, scatter_of_materials
+from urbantwin.lidar.returns.sunlight import daylight, sun_noise
+from urbantwin.lidar.rig import MountedSensor
+from urbantwin.site.rig import Conditions
+
+__all__ = ["ReturnModel"]
+
+Floats = NDArray[np.float32]
+
+
+class ReturnModel:
+    """How one sensor answers: functions of amplitude (N,) and range (N,) of echoes.
+
+    Amplitude is backscatter times the share of the beam that meets the surface times what glass
+    before it lets through: what a white surface that fills the beam, faced squarely, gives is 1.
+    Range is in metres.
+
+    Args:
+        mounted: the sensor and its effects.
+        conditions: weather and sun; without them, clear air and the datasheet's light.
+
+    Attributes:
+        response: all that compiled code needs to know (`compiled.response`).
+        scatter: what materials send back to this sensor, with its effects, in that weather.
+    """
+
+    def __init__(self, mounted: MountedSensor, conditions: Conditions | None = None) -> None:
+        entry, effects = mounted.sensor, mounted.effects
+        given = conditions or Conditions()
+        # An effect that is off takes its part of the conditions away.
+        weather = given if effects.weather else Conditions()
+        wet = weather.wet_ground
+        if wet is None:
+            wet = 1.0 if weather.weather == "rain" else 0.0
+        wavelength = entry.assumed_wavelength_nm
+        self.scatter: Scatter = scatter_of_materials(
+            wavelength, wet, retroreflection=effects.retroreflection, glass=effects.glass
+        )
+        reflectivity, range_m = entry.assumed_reference
+        if entry.detection_range_10_m is not None and entry.detection_range_80_m is not None:
+            reflectivity, range_m = 0.1, entry.detection_range_10_m
+        sun, fall = sun_noise(entry)
+        weak, strong = slopes()
+        scale = intensity_scale(entry)
+        self.response = Response(
+            per_amplitude=range_m**fall / reflectivity,
+            fall=fall,
+            extinction=extinction(weather, wavelength),
+            sun_noise=sun,
+            floor=float(np.sqrt(1 + sun * reflectivity)),
+            light=daylight(given.sun_elevation_deg if effects.sun else None),
+            range_min_m=entry.assumed_range_min_m,
+            range_max_m=entry.assumed_range_max_m,
+            dropout=effects.dropout,
+            half=HALF_STRENGTH,
+            steepness=STEEPNESS,
+            sigma_m=entry.assumed_range_sigma_m if effects.noise else 0.0,
+            weak_slope=weak,
+            weak_end=SIGMA_STRENGTH[1],
+            strong_slope=strong,
+            strong_end=SIGMA_STRENGTH[2],
+            white=scale.white,
+            greatest=scale.greatest,
+            per_log=scale.per_log,
+            whole_codes=effects.quantisation,
+        )
+        self._step_m = entry.assumed_range_resolution_m if effects.quantisation else 0.0
+
+    def strength(self, amplitude: Floats, range_m: Floats, light: Floats | None = None) -> Floats:
+        """Return signal to noise relative to the datasheet's target; 0 where nothing was hit.
+
+        Args:
+            amplitude: (N,) of echoes.
+            range_m: (N,) of echoes.
+            light: (N,) sunlight on what was hit relative to 100 klx; that on level ground if not
+                given.
+        """
+        strength = np.empty(len(amplitude), np.float32)
+        strengths(self.response, amplitude, range_m, self._light(light), strength)
+        return strength
+
+    def answers(
+        self, amplitude: Floats, range_m: Floats, light: Floats | None = None
+    ) -> tuple[NDArray[np.int32], Floats, Floats]:
+        """Return detection level, sigma and intensity in one pass, each (N,)."""
+        count = len(amplitude)
+        level = np.empty(count, np.int32)
+        sigma, intensity = np.empty(count, np.float32), np.empty(count, np.float32)
+        answers(self.response, amplitude, range_m, self._light(light), level, sigma, intensity)
+        return level, sigma, intensity
+
+    def detection_level(
+        self, amplitude: Floats, range_m: Floats, light: Floats | None = None
+    ) -> NDArray[np.int32]:
+        """Return the level of 65,536 below which a ray's ``Draws.detection`` means a return.
+
+        0 outside the sensor's span of ranges; 65,536 within, without drop-out.
+        """
+        return self.answers(amplitude, range_m, light)[0]
+
+    def sigma(self, amplitude: Floats, range_m: Floats, light: Floats | None = None) -> Floats:
+        """Return the standard deviation of the range, metres; 0 without noise."""
+        return self.answers(amplitude, range_m, light)[1]
+
+    def detection(
+        self, amplitude: Floats, range_m: Floats, light: Floats | None = None
+    ) -> NDArray[np.float64]:
+        """Return the probability of a return, in steps of 1/65,536."""
+        return self.detection_level(amplitude, range_m, light) / float(LEVELS)
+
+    def intensity(self, amplitude: Floats, range_m: Floats | None = None) -> Floats:
+        """Return the reported intensity, 0 to 1: the sensor's code divided by its greatest.
+
+        Args:
+            amplitude: (N,) of echoes.
+            range_m: (N,) of echoes; only the air asks for it.
+        """
+        return self.answers(amplitude, np.zeros_like(amplitude) if range_m is None else range_m)[2]
+
+    @property
+    def step_m(self) -> np.float32:
+        """The step that ranges are rounded to; 0 without quantisation."""
+        return np.float32(self._step_m)
+
+    def quantised(self, range_m: Floats) -> Floats:
+        """Return ranges in the sensor's steps; unchanged without quantisation."""
+        if self.step_m == 0:
+            return range_m
+        return np.asarray(np.rint(range_m / self.step_m) * self.step_m)
+
+    def _light(self, light: Floats | None) -> Floats:
+        return np.array([self.response.light], np.float32) if light is None else light

@@ -1,0 +1,133 @@
+"""What surfaces send back of a beam.
+
+Backscatter is relative to a white (100 %) Lambertian surface that is faced squarely: Lambert's
+surface gives ``reflectivity x cos(incidence)`` (Wagner et al. 2006, ISPRS J. Photogramm. 60(2),
+eq. 14).
+
+**Rough ground** has facets that face the beam however flat it comes, and where one looks from the
+lamp's own place none of them is in another's shadow. Oren and Nayar 1994 (SIGGRAPH, 239-246, eq.
+30) with light and view along one line give ``reflectivity x (A cos + B sin^2)``, with
+``A = 1 - 0.5 s^2 / (s^2 + 0.33)``, ``B = 0.45 s^2 / (s^2 + 0.09)`` and s the standard deviation
+of the facets' slope, the table's ``roughness_deg``. Laser scanners' intensities of rough rock are
+corrected with it (Carrea et al. 2016, ISPRS J. Photogramm. 113, 17-29).
+
+**Retroreflectors** add ``retro`` = pi x the coefficient of retroreflection (EN 12899-1, ISO 7591:
+cd per lx and m2), hundreds of times as much as white paper; it falls as they turn away, in the way
+of EN 12899-1's table for white sheeting of class RA1: 70 at 5 deg, 30 at 30, 10 at 40. Glass beads
+in road paint are made for light at a slant and add the same at every angle (pi x the coefficient
+of retroreflected luminance of EN 1436).
+
+**Glass** passes most of a beam (`fresnel.pane` by the angle, times what the table says for a pane
+faced squarely) and scatters by its dirt alone; its mirror image of the beam reaches the receiver
+only within a fraction of a degree of facing it squarely, and is left out.
+
+**Wet ground**: see `wet`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.lidar.returns.fresnel import pane
+from urbantwin.lidar.returns.wet import WET_BEADS, film_passes, wet_reflectivity
+from urbantwin.taxonomy import materials
+
+__all__ = ["Scatter", "oren_nayar", "scatter_of_materials"]
+
+_STEPS = 1024
+#: EN 12899-1, table for class RA1 (white, 0.33 deg of observation): entrance angle and share.
+_SHEETING_DEG = (0.0, 5.0, 30.0, 40.0, 60.0)
+_SHEETING = (1.0, 1.0, 30 / 70, 10 / 70, 0.0)
+
+Floats = NDArray[np.float32]
+
+
+def oren_nayar(roughness_deg: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    """Return A and B (M,) of surfaces with that roughness (M,), degrees."""
+    variance = np.radians(roughness_deg) ** 2
+    return 1 - 0.5 * variance / (variance + 0.33), 0.45 * variance / (variance + 0.09)
+
+
+@dataclass(frozen=True, eq=False)
+class Scatter:
+    """What materials send back and let through, by material number.
+
+    Attributes:
+        diffuse: (M,) diffuse reflectivity that the beam meets; of glass, of its dirt.
+        retro: (M,) what retroreflectors and glass beads add, faced squarely.
+        through: (M,) share of the light that passes to and fro through a pane faced squarely.
+        curve: (M, S) backscatter at S cosines from 0 to 1.
+        passes: (M, S) share that passes to and fro at these cosines.
+    """
+
+    diffuse: Floats
+    retro: Floats
+    through: Floats
+    curve: Floats
+    passes: Floats
+
+    def backscatter(self, material: NDArray[np.uint8], cosine: NDArray[np.floating]) -> Floats:
+        """Return the backscatter (N,) of materials (N,) met at some cosine of incidence (N,).
+
+        Above 1 where a retroreflector returns more than white paper.
+        """
+        return self._read(self.curve, material, cosine)
+
+    def transmission(self, material: NDArray[np.uint8], cosine: NDArray[np.floating]) -> Floats:
+        """Return the share (N,) of a beam that passes to and fro through materials (N,)."""
+        return self._read(self.passes, material, cosine)
+
+    @staticmethod
+    def _read(table: Floats, material: NDArray[np.uint8], cosine: NDArray[np.floating]) -> Floats:
+        """Return values of a table along straight lines between its cosines."""
+        place = np.clip(cosine, 0, 1).astype(np.float32) * np.float32(_STEPS)
+        low = np.minimum(place.astype(np.int32), _STEPS - 1)
+        at = material.astype(np.int32) * (_STEPS + 1) + low
+        flat = table.reshape(-1)
+        first = flat.take(at)
+        return np.asarray(first + (flat.take(at + 1) - first) * (place - low))
+
+
+@cache
+def scatter_of_materials(
+    wavelength_nm: float,
+    wet_ground: float = 0.0,
+    *,
+    retroreflection: bool = True,
+    glass: bool = True,
+) -> Scatter:
+    """Return what every material sends back of a laser's light and lets through.
+
+    Args:
+        wavelength_nm: of the laser.
+        wet_ground: 0 dry to 1: share of the ground's surface that a film of water covers.
+        retroreflection: whether retroreflectors are any; else they are what they are without.
+        glass: whether light passes through glass; else it is an opaque surface.
+    """
+    table = list(materials().values())
+    cosine = np.linspace(0, 1, _STEPS + 1)
+    passes_squarely = np.array([one.transmission if glass else 0.0 for one in table])
+    diffuse = np.array([one.reflectivity_at(wavelength_nm) for one in table])
+    diffuse *= 1 - passes_squarely
+    a, b = oren_nayar(np.array([one.roughness_deg for one in table]))
+    shape = a[:, None] * cosine + b[:, None] * (1 - cosine**2)
+
+    wet = np.array([wet_ground if one.gets_wet else 0.0 for one in table])[:, None]
+    dry = diffuse[:, None] * shape
+    under_film = wet_reflectivity(diffuse, wavelength_nm)[:, None] * shape * film_passes(cosine)
+    retro = np.array([one.retro if retroreflection else 0.0 for one in table])
+    sheeting = np.interp(np.degrees(np.arccos(cosine)), _SHEETING_DEG, _SHEETING)
+    falls = np.array([one.retro_law == "sheeting" for one in table])[:, None]
+    back = retro[:, None] * np.where(falls, sheeting, 1.0) * (1 - wet * (1 - WET_BEADS))
+    relative = pane(cosine) / pane(np.ones(1))
+    return Scatter(
+        diffuse.astype(np.float32),
+        retro.astype(np.float32),
+        (passes_squarely**2).astype(np.float32),
+        (dry * (1 - wet) + under_film * wet + back).astype(np.float32),
+        ((passes_squarely[:, None] * relative) ** 2).astype(np.float32),
+    )
