@@ -125,6 +125,104 @@ def test_a_spec_that_skipped_validation_cannot_stand_under_the_ground():
     assert error.value.place == "sensors[0].height_m"
 
 
+SOLIDS = {
+    "pole": "a pole", "trunk": "a tree's trunk", "vegetation": "a plant", "fence": "a fence",
+    "other-structure": "a structure", "other-object": "something solid", "road": "something solid",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("semantic", "words"), SOLIDS.items())
+@pytest.mark.parametrize("part", [0, 7])
+def test_inside_any_closed_mesh(box_mesh, rig_of, semantic, words, part):
+    shape = box_mesh((3, 3, 0.5), (4, 4, 6), semantic, part=part)
+    far = box_mesh((-20, -20, -9), (-18, -18, 30), semantic, part=part)
+    mesh = LabelledMesh.concatenate([hill(), far, shape])
+    for height, inside in [(2.0, True), (7.5, False)]:
+        sensor = {"east_m": 3.4, "north_m": 3.6, "height_m": None, "up_m": height}
+        if not inside:
+            rig_of(mesh, sensor)
+            continue
+        with pytest.raises(InputError, match=f"is inside {words}") as error:
+            rig_of(mesh, sensor)
+        assert error.value.place == "sensors[0].up_m"
+    rig_of(mesh, {"east_m": 4.1, "north_m": 3.6, "height_m": 2.0})
+
+
+def test_a_surface_that_is_not_closed_has_no_inside(box_mesh, rig_of):
+    shed = box_mesh((-5, -5, -1), (5, 5, 4), "other-structure", floor=False)
+    rig_of(LabelledMesh.concatenate([hill(), shed]), {"height_m": 2.0})
+
+
+def test_of_two_shapes_in_one_part_each_has_its_own_inside(box_mesh, rig_of):
+    """A post in a hollow of another: the winding number of each, and not of their sum."""
+    outer = box_mesh((-5, -5, -1), (5, 5, 4), "pole")
+    mirrored = outer.faces[:, ::-1]
+    inverted = LabelledMesh(outer.vertices, mirrored, outer.semantic, outer.material, outer.part)
+    with pytest.raises(InputError, match="is inside a pole"):
+        rig_of(LabelledMesh.concatenate([hill(), inverted]), {"height_m": 2.0})
+
+
+def bridge():
+    """Ground at 0 and a deck 6 m above it."""
+    low = [(-50, -50, 0), (50, -50, 0), (50, 50, 0), (-50, 50, 0)]
+    deck = [(-50, -5, 6), (50, -5, 6), (50, 5, 6), (-50, 5, 6)]
+    faces = [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]
+    return LabelledMesh.build(low + deck, faces, semantic_id("road"), material_id("asphalt"))
+
+
+def test_under_a_bridge_by_its_height_in_the_site(rig_of):
+    on = rig_of(bridge(), {"height_m": 2.0}).sensors[0]
+    under = rig_of(bridge(), {"height_m": None, "up_m": 4.5}).sensors[0]
+    assert on.site_SE3_sensor.translation[2] == pytest.approx(8.0)
+    assert under.site_SE3_sensor.translation[2] == pytest.approx(4.5)
+    with pytest.raises(InputError, match=r"-0.1 m is under the ground") as error:
+        rig_of(bridge(), {"height_m": None, "up_m": -0.1})
+    assert error.value.place == "sensors[0].up_m"
+
+
+def test_under_a_hill_by_its_height_in_the_site(rig_of):
+    with pytest.raises(InputError, match=r"1 m is under the ground, which is at 3\.00 m there"):
+        rig_of(hill(), {"east_m": 30.0, "height_m": None, "up_m": 1.0})
+
+
+def test_altitude_is_above_the_zero_of_the_dem():
+    one = {"name": "a", "model": "OS1-64", "east_m": 20.0, "north_m": 0.0, "altitude_m": 519.5}
+    spec = RigSpec.model_validate({"sensors": [one]})
+    rig = place_rig(spec, hill(), file="rig.yaml", anchor_height_m=512.25)
+    assert rig.sensors[0].site_SE3_sensor.translation[2] == pytest.approx(7.25)
+    with pytest.raises(InputError, match=r"has no DEM.*expected height_m") as error:
+        place_rig(spec, hill(), file="rig.yaml")
+    assert error.value.place == "sensors[0].altitude_m"
+    with pytest.raises(InputError, match=r"519\.5 m is under the ground, which is at 521\.50 m"):
+        place_rig(spec, hill(), file="rig.yaml", anchor_height_m=519.5)
+
+
+@pytest.mark.parametrize(("sensor", "words"), [
+    ({"model": "OS1-128", "returns": "last"}, r"returns: OS1-128 does not report 'last'"),
+    ({"rate_hz": 2.0}, r"rate_hz: OS1-128 does not turn 2 times a second; expected 5 to 20"),
+    ({"rate_hz": 40.0}, "expected 5 to 20"),
+])  # fmt: skip
+def test_what_a_sensor_does_not_offer(ground_mesh, rig_of, sensor, words):
+    with pytest.raises(InputError, match=words):
+        rig_of(ground_mesh(), sensor)
+
+
+def test_sensors_apart(ground_mesh, rig_of):
+    rig = rig_of(ground_mesh(), {"yaw_deg": 10.0}, {"east_m": 7.0, "yaw_deg": 70.0})
+    first, second = rig.separate()
+    assert [one.sensors[0].number for one in (first, second)] == [0, 1]
+    np.testing.assert_allclose(first.dataset_SE3_site.rotation, rig.dataset_SE3_site.rotation)
+    np.testing.assert_allclose(second.dataset_SE3_site.apply([[7, 0, 5]]), [[0, 0, 0]], atol=1e-12)
+    ahead = [7 + np.cos(np.radians(70)), np.sin(np.radians(70)), 5]
+    np.testing.assert_allclose(second.dataset_SE3_site.apply([ahead]), [[1, 0, 0]], atol=1e-12)
+
+
+def test_looking_straight_down_has_a_heading(ground_mesh, rig_of):
+    rig = rig_of(ground_mesh(), {"yaw_deg": 35.0, "pitch_deg": 90.0})
+    ahead = [np.cos(np.radians(35)), np.sin(np.radians(35)), 5.0]
+    np.testing.assert_allclose(rig.dataset_SE3_site.apply([ahead]), [[1, 0, 0]], atol=1e-9)
+
+
 def test_a_world_without_ground(rig_of):
     with pytest.raises(InputError, match="no ground"):
         rig_of(LabelledMesh.empty(), {})

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -135,6 +135,21 @@ class Rig:
         if carrier is None or mounted is None:
             return self.dataset_SE3_site
         return dataset_frame(self.frame, carrier.at(0.0) @ mounted).inverse()
+
+    def separate(self) -> tuple[Rig, ...]:
+        """Return a rig for each sensor, with its own frame; each records what it would together.
+
+        The sensors keep their numbers, and with them their random numbers and poles.
+        """
+        return tuple(
+            replace(
+                self,
+                sensors=(one,),
+                dataset_SE3_site=dataset_frame(self.frame, one.site_SE3_sensor).inverse(),
+                fused=True,
+            )
+            for one in self.sensors
+        )
 
 
 def dataset_frame(frame: Literal["sensor", "level", "site"], site_SE3_sensor: Pose) -> Pose:

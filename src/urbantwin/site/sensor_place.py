@@ -21,7 +21,7 @@ Offset = Annotated[float, Field(ge=-FARTHEST_M, le=FARTHEST_M, allow_inf_nan=Fal
 OnCarrier = Annotated[float, Field(ge=-60.0, le=60.0, allow_inf_nan=False)]
 Tip = Annotated[float, Field(ge=-90.0, le=90.0, allow_inf_nan=False)]
 
-_RIDES = ("forward_m", "left_m", "above_roof_m")
+_RIDES = ("forward_m", "left_m")
 _HEIGHTS = ("height_m", "up_m", "altitude_m", "above_roof_m")
 
 
