@@ -1,0 +1,125 @@
+"""The Argoverse log as a world for the simulator: the measured ground, and boxes as actors.
+
+Nothing else stands there: what the log does not describe (houses, trees, poles, signs) is missing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+
+from argoverse_log import COLUMNS, SENSORS, ActorBox, Log, vlp32c
+from urbantwin.geometry import LabelledMesh, Pose
+from urbantwin.lidar import LabelledFrame, MountedSensor, PosedActor, Rig, Scanner
+from urbantwin.site.rig import Effects
+from urbantwin.taxonomy import ACTOR_SEMANTICS, material_id, semantic_id
+from urbantwin.traffic.assets import asset, asset_mesh, asset_names
+
+__all__ = ["World", "actor_class", "mesh_in_box", "numbers"]
+
+#: Classes of the log and ours whose meshes stand for them.
+CLASSES = {
+    "REGULAR_VEHICLE": "car",
+    "LARGE_VEHICLE": "truck",
+    "BOX_TRUCK": "truck",
+    "TRUCK": "truck",
+    "TRUCK_CAB": "truck",
+    "VEHICULAR_TRAILER": "truck",
+    "BUS": "bus",
+    "BICYCLE": "bicycle",
+    "BICYCLIST": "bicycle",
+    "MOTORCYCLE": "motorcycle",
+    "MOTORCYCLIST": "motorcycle",
+    "PEDESTRIAN": "pedestrian",
+}
+#: Two-wheelers that nobody rides.
+PARKED = ("BICYCLE", "MOTORCYCLE")
+_RIDER = ("cloth", "skin")
+
+
+def actor_class(category: str) -> str:
+    """Ours for a category of the log; small things stand in for people."""
+    return CLASSES.get(category, "pedestrian")
+
+
+def mesh_in_box(category: str, size: np.ndarray) -> LabelledMesh:
+    """The mesh of the class whose proportions come nearest, scaled to fill a box around 0."""
+    if category not in CLASSES:
+        return _plain(category, size)
+    found = []
+    for name in asset_names(actor_class(category)):
+        mesh = asset_mesh(name, asset(name).standing)
+        if category in PARKED:
+            mesh = mesh.select(~_of_rider(mesh))
+        used = mesh.vertices[np.unique(mesh.faces)]
+        extent = np.ptp(used, axis=0)
+        found.append((float(np.abs(np.log(size / extent)).sum()), name, mesh, used))
+    _, _, mesh, used = min(found, key=lambda one: one[:2])
+    low, high = used.min(axis=0), used.max(axis=0)
+    scaled = (mesh.vertices - (low + high) / 2) * (size / (high - low))
+    return LabelledMesh(scaled, mesh.faces, mesh.semantic, mesh.material, mesh.part)
+
+
+def _of_rider(mesh: LabelledMesh) -> np.ndarray:
+    """Which triangles belong to solids with cloth or skin, the rider's, or that touch them."""
+    rider = np.isin(mesh.material, [material_id(name) for name in _RIDER])
+    return np.isin(mesh.part, np.unique(mesh.part[rider]))
+
+
+def _plain(category: str, size: np.ndarray) -> LabelledMesh:
+    """A bollard, a cone, or a box for whatever else."""
+    if category in ("BOLLARD", "CONSTRUCTION_CONE", "CONSTRUCTION_BARREL"):
+        build = trimesh.creation.cone if "CONE" in category else trimesh.creation.cylinder
+        shape = build(radius=0.5, height=1.0, sections=24)
+    else:
+        shape = trimesh.creation.box()
+    low, high = shape.bounds
+    vertices = (shape.vertices - (low + high) / 2) / (high - low) * size
+    semantic = semantic_id(ACTOR_SEMANTICS["pedestrian"])
+    return LabelledMesh.build(vertices, shape.faces, semantic, material_id("plastic"), 1)
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """A sweep's world, site frame = vehicle frame at the sweep's time."""
+
+    log: Log
+    sweep: int
+
+    def ground(self) -> LabelledMesh:
+        """The measured ground, as asphalt."""
+        vertices, faces = self.log.ground(self.sweep)
+        return LabelledMesh.build(vertices, faces, semantic_id("road"), material_id("asphalt"))
+
+    def rig(self, effects: Effects) -> Rig:
+        """Both sensors where they are on the vehicle."""
+        sensors = [
+            MountedSensor(name, vlp32c(spin), COLUMNS, self.log.mounts[name], effects)
+            for name, _, spin in SENSORS
+        ]
+        return Rig(tuple(sensors), "site", 10.0, Pose.from_ypr(np.zeros(3)))
+
+    def scan(self, boxes: list[ActorBox], effects: Effects, seed: int = 0) -> LabelledFrame:
+        """The frame that the simulated rig sees; the n-th box has the track n + 1."""
+        meshes = {str(k): mesh_in_box(box.category, box.size) for k, box in enumerate(boxes)}
+        scanner = Scanner(
+            self.ground(), self.rig(effects), seed, meshes=lambda name, phase: meshes[name]
+        )
+        actors = [
+            PosedActor(k + 1, actor_class(box.category), str(k), 0, box.pose, box.velocity)
+            for k, box in enumerate(boxes)
+        ]
+        return scanner.scan(self.log.sweeps.index(self.sweep), actors)
+
+
+def numbers(frame: LabelledFrame, rig: Rig) -> list[np.ndarray]:
+    """Per sensor which point (C, K) each of its rays gave; -1 for none."""
+    found = []
+    for number, one in enumerate(rig.sensors):
+        image = np.full((one.sensor.channels, one.columns), -1)
+        mine = np.flatnonzero(frame.sensor == number)
+        image[frame.ring[mine], frame.column[mine]] = mine
+        found.append(image)
+    return found
