@@ -10,10 +10,13 @@ from urbantwin.artefact import read_json
 from urbantwin.dataset.moment import Rows, rows_at
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, Pose
+from urbantwin.lidar import Rig
+from urbantwin.lidar.coverage import Coverage
 from urbantwin.traffic import Motion
 from urbantwin.traffic.assets import asset_mesh
 from urbantwin.twin import Twin
 from urbantwin.view.birdseye import birdseye
+from urbantwin.view.coverage import coverage_picture
 from urbantwin.view.ground_picture import ground_picture
 from urbantwin.view.histogram import histogram
 from urbantwin.view.labelled_frame import read_labelled_points
@@ -25,6 +28,7 @@ from urbantwin.view.style import legible
 __all__ = [
     "actor_meshes",
     "attributions",
+    "picture_of_coverage",
     "pictures_of_dataset",
     "pictures_of_twin",
     "title_of",
@@ -155,6 +159,31 @@ def pictures_of_dataset(
         )
     tell(1.0, "drawn")
     return drawn
+
+
+def picture_of_coverage(coverage: Coverage, rig: Rig, twin: Twin, path: Path) -> Path:
+    """Draw where a rig on a twin sees how much.
+
+    Args:
+        coverage: of the rig.
+        rig: its sensors.
+        twin: where it stands.
+        path: the PNG to write.
+    """
+    places = [one.site_SE3_sensor.translation for one in rig.sensors]
+    return coverage_picture(
+        coverage,
+        path,
+        sensors=[
+            (one.name, float(x), float(y))
+            for one, (x, y, _) in zip(rig.sensors, places, strict=True)
+        ],
+        mesh=twin.mesh,
+        roads=twin.roads,
+        region=twin.region,
+        title=title_of(twin),
+        attribution=attributions(twin.manifest),
+    )
 
 
 def actor_meshes(rows: Rows) -> list[LabelledMesh]:

@@ -1,0 +1,156 @@
+"""Rays through the air above the ground, cell by cell: one pass, compiled."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from urbantwin.lidar.coverage.cells import Cells
+
+__all__ = ["BAND_M", "LEVEL_M", "STEP_M", "Passage", "traverse"]
+
+#: Height above the ground that is asked for, and the band of heights around it, metres.
+LEVEL_M = 1.0
+BAND_M = 1.0
+
+#: Step of the table of detection by range, metres.
+STEP_M = 0.1
+
+
+class Passage(NamedTuple):
+    """What N rays do above the ground.
+
+    Attributes:
+        cell: (N,) int64, cell in which the ray first passes `LEVEL_M` above the ground; -1 where
+            it nowhere does.
+        range_m: (N,) float64, where on the ray that is; ``inf`` where it nowhere is.
+        length_m: (ny, nx) float64, metres of rays within `BAND_M` about that height, by cell, each
+            metre times the weight of its range.
+    """
+
+    cell: NDArray[np.int64]
+    range_m: NDArray[np.float64]
+    length_m: NDArray[np.float64]
+
+
+def traverse(
+    cells: Cells,
+    origin: NDArray[np.float64],
+    directions: NDArray[np.floating],
+    reach_m: NDArray[np.floating],
+    weight: NDArray[np.float64],
+) -> Passage:
+    """Follow rays from cell to cell.
+
+    By Amanatides and Woo 1987, Eurographics, "A fast voxel traversal algorithm". The ground within
+    a cell is bilinear between its corners; a ray's height above it is taken as linear there.
+
+    Args:
+        cells: the grid.
+        origin: (3,) where the rays leave, site frame, metres.
+        directions: (N, 3) unit vectors, site frame.
+        reach_m: (N,) where each ray ends.
+        weight: (W,) what a metre of a ray counts at ranges from k to k + 1 tenths of a metre; 0
+            beyond the last.
+    """
+    count = len(directions)
+    passage = Passage(
+        np.full(count, -1, np.int64), np.full(count, np.inf), np.zeros(cells.shape, np.float64)
+    )
+    _traverse(
+        cells.height_m,
+        np.array([cells.x0, cells.y0, cells.size_m]),
+        np.asarray(origin, np.float64),
+        np.ascontiguousarray(directions, np.float64),
+        np.asarray(reach_m, np.float64),
+        weight,
+        *passage,
+    )
+    return passage
+
+
+@njit(cache=True, nogil=True)
+def _height(heights, x, y):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
+    """Return the height at a place counted in cells."""
+    rows, columns = heights.shape[0] - 1, heights.shape[1] - 1
+    column = min(max(int(x), 0), columns - 1)
+    row = min(max(int(y), 0), rows - 1)
+    right, up = min(max(x - column, 0.0), 1.0), min(max(y - row, 0.0), 1.0)
+    low = heights[row, column] * (1 - right) + heights[row, column + 1] * right
+    high = heights[row + 1, column] * (1 - right) + heights[row + 1, column + 1] * right
+    return low * (1 - up) + high * up
+
+
+@njit(cache=True, nogil=True)
+def _traverse(  # type: ignore[no-untyped-def]  # noqa: ANN202, PLR0912, PLR0913, PLR0915, PLR0917
+    heights, grid, origin, directions, reach, weight,  # noqa: ANN001
+    cell_out, range_out, length_out,  # noqa: ANN001
+):  # fmt: skip
+    rows, columns = length_out.shape
+    size = grid[2]
+    x0, y0 = (origin[0] - grid[0]) / size, (origin[1] - grid[1]) / size
+    ceiling = heights.max() + LEVEL_M + BAND_M / 2
+    farthest = len(weight) * STEP_M
+    for ray in range(len(directions)):
+        dx, dy = directions[ray, 0] / size, directions[ray, 1] / size
+        dz = directions[ray, 2]
+        # The part of the ray over the grid and not above everything that is looked at.
+        t, end = 0.0, min(reach[ray], farthest)
+        for start, slope, most in ((x0, dx, columns), (y0, dy, rows)):
+            if slope == 0.0:
+                if start < 0.0 or start >= most:
+                    end = -1.0
+                continue
+            one, other = -start / slope, (most - start) / slope
+            t, end = max(t, min(one, other)), min(end, max(one, other))
+        if dz < 0.0:
+            t = max(t, (ceiling - origin[2]) / dz)
+        elif dz > 0.0:
+            end = min(end, (ceiling - origin[2]) / dz)
+        elif origin[2] > ceiling:
+            end = -1.0
+        if t >= end:
+            continue
+        column = min(max(int(np.floor(x0 + dx * t)), 0), columns - 1)
+        row = min(max(int(np.floor(y0 + dy * t)), 0), rows - 1)
+        above = origin[2] + dz * t - _height(heights, x0 + dx * t, y0 + dy * t)
+        while t < end:
+            # Where the ray leaves this cell.
+            out, sideways = end, 0
+            if dx != 0.0:
+                edge = ((column + 1 if dx > 0.0 else column) - x0) / dx
+                if edge < out:
+                    out, sideways = edge, 1
+            if dy != 0.0:
+                edge = ((row + 1 if dy > 0.0 else row) - y0) / dy
+                if edge < out:
+                    out, sideways = edge, 2
+            out = max(out, t)
+            there = origin[2] + dz * out - _height(heights, x0 + dx * out, y0 + dy * out)
+            change, length = there - above, out - t
+            if cell_out[ray] < 0 and (above - LEVEL_M) * (there - LEVEL_M) <= 0.0:
+                share = 0.0 if change == 0.0 else (LEVEL_M - above) / change
+                cell_out[ray] = row * columns + column
+                range_out[ray] = t + share * length
+            low, high = LEVEL_M - BAND_M / 2, LEVEL_M + BAND_M / 2
+            if change == 0.0:
+                first, last = (0.0, 1.0) if low <= above <= high else (0.0, 0.0)
+            else:
+                one, other = (low - above) / change, (high - above) / change
+                first, last = max(0.0, min(one, other)), min(1.0, max(one, other))
+            if last > first:
+                number = int((t + 0.5 * (first + last) * length) / STEP_M)
+                if number < len(weight):
+                    length_out[row, column] += (last - first) * length * weight[number]
+            t, above = out, there
+            if sideways == 1:
+                column += 1 if dx > 0.0 else -1
+            elif sideways == 2:
+                row += 1 if dy > 0.0 else -1
+            else:
+                break
+            if column < 0 or row < 0 or column >= columns or row >= rows:
+                break

@@ -1,0 +1,59 @@
+"""The map of what a rig covers, from the command line."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from urbantwin.site import load_site
+from urbantwin.twin import build_twin
+
+
+@pytest.fixture(scope="module")
+def twin(two_avenues, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("coverage") / "twin"
+    build_twin(load_site(two_avenues / "site.yaml"), folder)
+    return folder
+
+
+def test_a_folder_with_map_numbers_and_picture(twin, run_here, tmp_path):
+    out = tmp_path / "coverage"
+    done = run_here("coverage", twin, "-o", out, "--cell", "1", "--json")
+    assert done.code == 0, done.err
+    said = json.loads(done.out)
+    written = json.loads((out / "coverage.json").read_text())
+    assert said == {"path": str(out), **written}
+    with np.load(out / "coverage.npz") as data:
+        facing = data["facing"].sum(axis=0) / data["rate_hz"]
+        assert data["semantic"].shape == facing.shape
+    assert said["facing"]["most"] == pytest.approx(facing.max(), abs=0.06)
+    picture = np.asarray(Image.open(out / "coverage.png").convert("RGB"), float)
+    colourful = picture.max(axis=2) - picture.min(axis=2) > 60
+    thirds = np.array_split(colourful, 3, axis=1)
+    assert all(third.mean() > 0.01 for third in thirds)
+    # Written again, nothing differs; somebody's own folder is never replaced.
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    assert run_here("coverage", twin, "-o", out, "--cell", "1", "--quiet").code == 0
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "file").write_text("x")
+    assert run_here("coverage", twin, "-o", tmp_path / "mine").code == 2
+
+
+@pytest.mark.parametrize("cell", ["0", "-1", "nan", "inf", "0.00001"])
+def test_a_cell_that_is_none_is_a_clear_line(twin, run_here, tmp_path, cell):
+    done = run_here("coverage", twin, "-o", tmp_path / "out", f"--cell={cell}")
+    assert done.code == 2
+    assert done.err.startswith("error: cell:")
+    assert done.err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_rig_that_rides_has_no_map(twin, run_here, tmp_path):
+    sensor = "{name: roof, model: VLP-16, forward_m: 0, left_m: 0, up_m: 2}"
+    (tmp_path / "rig.yaml").write_text(f"ride: {{class: car}}\nsensors: [{sensor}]\n")
+    done = run_here("coverage", twin, "--rig", tmp_path / "rig.yaml", "-o", tmp_path / "out")
+    assert done.code == 2
+    assert "rides" in done.err
+    assert done.err.count("\n") == 1
