@@ -8,7 +8,20 @@ from typing import Any
 from urbantwin.artefact import read_json
 from urbantwin.errors import InputError
 
-__all__ = ["describe"]
+__all__ = ["describe", "parts_of"]
+
+
+def parts_of(path: Path) -> list[Path]:
+    """Return the folders of the datasets in a folder: itself, or one for each sensor.
+
+    Raises:
+        InputError: there is no dataset.
+    """
+    manifest = read_json(path / "dataset.json", kind="dataset")
+    if manifest.get("kind") != "datasets":
+        return [path]
+    # The names of folders in it, and no way out of it.
+    return [path / Path(str(name)).name for name in manifest.get("datasets", [])]
 
 
 def describe(path: Path) -> dict[str, Any]:
@@ -18,6 +31,11 @@ def describe(path: Path) -> dict[str, Any]:
         InputError: there is no dataset, or its manifest lacks something.
     """
     manifest = read_json(path / "dataset.json", kind="dataset")
+    if manifest.get("kind") == "datasets":
+        return {
+            "kind": "datasets",
+            "datasets": {part.name: describe(part) for part in parts_of(path)},
+        }
     try:
         counts = manifest["counts"]
         times = [frame["time_s"] for frame in manifest["frames"]]

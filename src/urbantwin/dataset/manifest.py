@@ -26,7 +26,15 @@ if TYPE_CHECKING:
     from urbantwin.traffic import Motion
     from urbantwin.twin import Twin
 
-__all__ = ["FORMAT", "LAYOUT", "manifest_of", "recipe_key", "recipe_of"]
+__all__ = [
+    "FORMAT",
+    "LAYOUT",
+    "manifest_of",
+    "manifest_of_parts",
+    "recipe_key",
+    "recipe_of",
+    "recipe_of_rig",
+]
 
 #: Changes when the meaning of a dataset's files does.
 FORMAT = 2
@@ -64,10 +72,23 @@ def recipe_of(
         "urbantwin": __version__,
         "dependencies": {name: version(name) for name in _DEPENDENCIES},
         "seeds": {"record": seed, "traffic": motion.manifest["seed"]},
-        "frame": rig.frame,
-        # Of a rig that rides, each of the frames below has its own.
-        "dataset_SE3_site": None if rig.ride else pose_matrix(rig.dataset_SE3_site),
+        **recipe_of_rig(rig),
         "anchor": twin.manifest["anchor"],
+        "scene_sha256": _mesh_sha256(twin.mesh),
+        "motion_sha256": _table_sha256(motion.actors),
+        "meshes_sha256": _meshes_sha256(motion.meshes),
+        "inputs": twin.manifest["inputs"],
+        "start_s": next(iter(times_s.values())),
+        "frames": [frame_name(index) for index in times_s],
+    }
+
+
+def recipe_of_rig(rig: Rig) -> dict[str, Any]:
+    """Return the part of a recipe that tells of the sensors."""
+    return {
+        "frame": rig.frame,
+        # Of a rig that rides, each of the frames has its own.
+        "dataset_SE3_site": None if rig.ride else pose_matrix(rig.dataset_SE3_site),
         "rig": {
             "rate_hz": rig.rate_hz,
             "frame": rig.frame,
@@ -77,12 +98,6 @@ def recipe_of(
             "carrier": rig.carrier,
             "sensors": [_mounted(one) for one in rig.sensors],
         },
-        "scene_sha256": _mesh_sha256(twin.mesh),
-        "motion_sha256": _table_sha256(motion.actors),
-        "meshes_sha256": _meshes_sha256(motion.meshes),
-        "inputs": twin.manifest["inputs"],
-        "start_s": next(iter(times_s.values())),
-        "frames": [frame_name(index) for index in times_s],
     }
 
 
@@ -144,6 +159,27 @@ def manifest_of(
             for one in semantic_classes().values()
         ],
         "frames": frames,
+    }
+
+
+def manifest_of_parts(
+    recipe: Mapping[str, Any], parts: Mapping[str, Sequence[Mapping[str, Any]]]
+) -> dict[str, Any]:
+    """Return what ``dataset.json`` holds of a folder with a dataset for each sensor.
+
+    Args:
+        recipe: see `recipe_of`, of the whole rig.
+        parts: name of each sensor, which is that of its folder -> what ``layout.write_frame``
+            returned for each of its frames.
+    """
+    return {
+        "kind": "datasets",
+        **{key: recipe[key] for key in ("format", "urbantwin", "seeds")},
+        "datasets": list(parts),
+        "frames_each": len(recipe["frames"]),
+        "points": {
+            name: sum(entry["points"] for entry in entries) for name, entries in parts.items()
+        },
     }
 
 

@@ -92,10 +92,12 @@ def read_labelled_points(dataset: Path, name: str | None = None) -> LabelledPoin
     except (OSError, ValueError) as error:
         raise InputError(f"frame {name} is not readable ({error})", file=dataset) from None
     mine = np.flatnonzero(table["frame"] == name)
-    dataset_SE3_site = _pose(manifest["dataset_SE3_site"])
+    told = manifest["frames"][names.index(name)]
+    dataset_SE3_site = _pose(told.get("dataset_SE3_site", manifest["dataset_SE3_site"]))
+    moved = _poses_of_turns(dataset, name) if manifest["dataset_SE3_site"] is None else {}
     return LabelledPoints(
         name=name,
-        time_s=float(manifest["frames"][names.index(name)]["time_s"]),
+        time_s=float(told["time_s"]),
         points=points,
         semantic=label & 0xFFFF,
         instance=label >> 16,
@@ -108,7 +110,7 @@ def read_labelled_points(dataset: Path, name: str | None = None) -> LabelledPoin
                 one["model"],
                 int(one["columns"]),
                 np.array(one["sensor"]["elevation_deg"], np.float64),
-                dataset_SE3_site @ _pose(one["site_SE3_sensor"]),
+                dataset_SE3_site @ moved.get(one["name"], _pose(one["site_SE3_sensor"])),
                 one["sensor"].get("pattern") is not None,
             )
             for one in manifest["rig"]["sensors"]
@@ -133,6 +135,23 @@ def busiest_frame(dataset: Path) -> str:
     seen, counts = np.unique(table["frame"][table["num_points"] > 0], return_counts=True)
     found = dict(zip(seen.tolist(), counts.tolist(), strict=True))
     return str(max(names, key=lambda name: found.get(name, 0)))
+
+
+def _poses_of_turns(dataset: Path, frame: str) -> dict[str, Pose]:
+    """Return where each sensor of a rig that rides was when its first turn of a frame began."""
+    path = dataset / "sweeps.parquet"
+    names = [f"reported_{name}" for name in ("x", "y", "z", "yaw", "pitch", "roll")]
+    try:
+        table = pq.read_table(path, columns=["frame", "sensor", *names]).to_pylist()
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(f"is not readable ({error})", file=path) from None
+    return {
+        row["sensor"]: Pose.from_ypr(
+            [row[name] for name in names[:3]], *(row[n] for n in names[3:])
+        )
+        for row in reversed(table)
+        if row["frame"] == frame
+    }
 
 
 def _boxes(dataset: Path) -> dict[str, NDArray[Any]]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from urbantwin.artefact import read_json
+from urbantwin.dataset import parts_of
 from urbantwin.dataset.moment import Rows, rows_at
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, Pose
@@ -98,7 +99,8 @@ def pictures_of_dataset(
     """Draw a recorded dataset: the frame with the most labelled actors, and its classes.
 
     ``birdseye.png``, ``range_image.png``, ``histogram.png``, and, where the twin and its motion
-    are given, ``scene.png``: the same moment in the twin with its actors.
+    are given, ``scene.png``: the same moment in the twin with its actors. In a folder with a
+    dataset for each sensor, those of all.
 
     Args:
         dataset: the dataset's folder.
@@ -111,6 +113,13 @@ def pictures_of_dataset(
         InputError: there is no dataset, or a file of it is missing.
     """
     tell = progress or (lambda fraction, what: None)
+    parts = parts_of(dataset)
+    if parts != [dataset]:
+        drawn = []
+        for part in parts:
+            own = None if out is None else out / part.name
+            drawn += pictures_of_dataset(part, own, twin=twin, motion=motion, progress=progress)
+        return drawn
     manifest = read_json(dataset / "dataset.json", kind="dataset")
     try:
         counts = manifest["counts"]
@@ -146,10 +155,10 @@ def pictures_of_dataset(
     )
     if twin is not None and motion is not None:
         tell(0.6, "drawing the scene")
-        parts = [twin.mesh, *actor_meshes(rows_at(motion, frame.time_s))]
+        meshes = [twin.mesh, *actor_meshes(rows_at(motion, frame.time_s))]
         drawn.append(
             scene_picture(
-                LabelledMesh.concatenate(parts),
+                LabelledMesh.concatenate(meshes),
                 out / "scene.png",
                 title=title_of(twin),
                 below=f"frame {frame.name}   {frame.time_s:.1f} s",

@@ -1,0 +1,96 @@
+"""The frames and tables of one dataset, in a folder that keeps what an interrupted run finished."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from urbantwin.artefact import write_json
+from urbantwin.dataset.boxes import write_boxes
+from urbantwin.dataset.course import Courses
+from urbantwin.dataset.layout import FOLDERS, frame_name, read_json_or_none
+from urbantwin.dataset.manifest import manifest_of
+from urbantwin.dataset.split import split_frames
+from urbantwin.dataset.sweeps import write_sweeps
+from urbantwin.dataset.workers import Recipe, Task, record_frames, usable_processors
+from urbantwin.lidar import Rig
+from urbantwin.lidar.timing import span_of
+
+if TYPE_CHECKING:
+    from urbantwin.traffic import Motion
+    from urbantwin.twin import Twin
+
+__all__ = ["MARKS", "finish_dataset", "record_dataset"]
+
+#: Folder of the marks of finished frames; no part of the dataset.
+MARKS = "done"
+
+Entries = list[dict[str, Any]]
+
+
+def record_dataset(
+    twin: Twin,
+    motion: Motion,
+    rig: Rig,
+    folder: Path,
+    *,
+    seed: int,
+    times_s: Mapping[int, float],
+    workers: int | None,
+    progress: Callable[[int], None],
+) -> Entries:
+    """Record the frames that a folder does not have yet, and return what all of them hold.
+
+    Args:
+        twin: the twin.
+        motion: a motion on it.
+        rig: the sensors; one that rides has boarded.
+        folder: where the files go; made if it is not there.
+        seed: of all random numbers.
+        times_s: number of each frame -> its time.
+        workers: number of processes; as many as there are processors when not given.
+        progress: called with the number of frames that are there, after each.
+
+    Returns:
+        What ``layout.write_frame`` returned for each frame, and its sweeps.
+    """
+    done = folder / MARKS
+    for name in (MARKS, *FOLDERS):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+    missing = [index for index in times_s if read_json_or_none(_mark(done, index)) is None]
+
+    def tasks() -> Iterator[Task]:
+        courses = Courses(motion)
+        for index in missing:
+            span = span_of(rig.sensors, index, seed)
+            yield Task(index, courses.around(times_s[index], *span))
+
+    count = min(usable_processors() if workers is None else workers, max(1, len(missing)))
+    recipe = Recipe(twin.mesh, rig, seed, folder, done, motion.meshes, twin.surface_materials)
+    if missing:
+        there = len(times_s) - len(missing)
+        for number, _ in enumerate(record_frames(recipe, tasks(), count), start=there + 1):
+            progress(number)
+    return [read_json_or_none(_mark(done, index)) for index in times_s]
+
+
+def finish_dataset(
+    folder: Path,
+    recipe: Mapping[str, Any],
+    times_s: Mapping[int, float],
+    entries: Sequence[Mapping[str, Any]],
+) -> None:
+    """Write what needs all frames: the split, the tables and ``dataset.json``."""
+    train, validate = split_frames([frame_name(index) for index in times_s])
+    (folder / "ImageSets").mkdir(exist_ok=True)
+    for name, frames in (("train", train), ("val", validate)):
+        text = "".join(f"{frame}\n" for frame in frames)
+        (folder / "ImageSets" / f"{name}.txt").write_text(text)
+    write_boxes(folder / "boxes.parquet", times_s, entries)
+    write_sweeps(folder / "sweeps.parquet", list(times_s), entries)
+    write_json(folder / "dataset.json", manifest_of(recipe, times_s, entries, (train, validate)))
+
+
+def _mark(done: Path, index: int) -> Path:
+    return done / f"{frame_name(index)}.json"
