@@ -6,6 +6,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +20,11 @@ from urbantwin.export.carla import live
 from urbantwin.export.carla.frame import carla_transform, pose_of_carla
 from urbantwin.export.carla.live import SEMANTIC_POINT, chosen_blueprints, drive, site_points
 from urbantwin.export.carla.names import OBJECTS, folder_of, map_name
-from urbantwin.export.carla.rig import carla_sensor
+from urbantwin.export.carla.rig import carla_rig, carla_sensor
 from urbantwin.export.mesh import blender_python
 from urbantwin.geometry import Pose
 from urbantwin.lidar.rig import place_rig
+from urbantwin.site.rig import RideSpec
 
 TWINS = ["two_avenues_twin", "perth_twin"]
 
@@ -227,7 +229,7 @@ def test_the_rig_becomes_ray_cast_sensors(two_avenues_twin):
     twin = two_avenues_twin
     rig = place_rig(twin.rig_spec(), twin.mesh)
     sensor = rig.sensors[0]
-    entry = carla_sensor(sensor, rig.rate_hz)
+    entry = carla_sensor(sensor)
     attributes = {name: float(value) for name, value in entry["attributes"].items()}
     assert entry["blueprint"] == "sensor.lidar.ray_cast_semantic"
     assert attributes["channels"] == sensor.sensor.channels
@@ -237,6 +239,21 @@ def test_the_rig_becomes_ray_cast_sensors(two_avenues_twin):
     assert attributes["upper_fov"] == pytest.approx(sensor.sensor.elevation_deg.max(), abs=1e-3)
     assert attributes["lower_fov"] == pytest.approx(sensor.sensor.elevation_deg.min(), abs=1e-3)
     assert attributes["range"] == sensor.sensor.range_max_m
+
+
+def test_a_sensor_turns_at_its_own_speed_and_a_rig_that_rides_is_refused(two_avenues_twin):
+    twin = two_avenues_twin
+    own = twin.rig_spec().sensors[0].model_copy(update={"rate_hz": 20.0})
+    spec = twin.rig_spec().model_copy(update={"sensors": [own]})
+    rig = place_rig(spec, twin.mesh)
+    written = carla_rig(rig)
+    assert written["fixed_delta_seconds"] == pytest.approx(1 / rig.rate_hz)
+    attributes = written["sensors"][0]["attributes"]
+    assert float(attributes["rotation_frequency"]) == 20.0
+    columns, channels = rig.sensors[0].columns, rig.sensors[0].sensor.channels
+    assert float(attributes["points_per_second"]) == channels * columns * 20.0
+    with pytest.raises(InputError, match="the rig rides"):
+        carla_rig(replace(rig, ride=RideSpec(track=3)))
 
 
 def test_traffic_reproduces_the_site_s_mix(exported):

@@ -31,16 +31,14 @@ def coverage(
 ) -> None:
     """Map the points per square metre that a rig gets from the ground and 1 m above it."""
     from urbantwin.artefact import replaced_folder, write_json
-    from urbantwin.cli.stages import new_folder, placed_rig
+    from urbantwin.cli.stages import new_folder, rig_on
     from urbantwin.lidar.coverage import rig_coverage
-    from urbantwin.site import load_rig_spec
     from urbantwin.twin import load_twin
     from urbantwin.view.pictures import picture_of_coverage
 
     console = Console(quiet=quiet, as_json=as_json)
     loaded = load_twin(twin)
-    file = loaded.rig_path if rig is None else rig
-    placed = placed_rig(load_rig_spec(file, loaded.frame), loaded.mesh, file=file)
+    placed = rig_on(loaded, rig)
     with new_folder(out.parent), replaced_folder(out, kind="coverage") as folder:
         with console.stage("coverage") as progress:
             found = rig_coverage(

@@ -16,6 +16,9 @@ EXAMPLES = """
 urbantwin record twin/ motion/ -o dataset/
 urbantwin record twin/ motion/ --rig rig.yaml -o dataset/ --workers 4
 urbantwin record twin/ motion/ -o dataset/ --start 5 --stop 10
+urbantwin record twin/ motion/ -o dataset/ --weather rain --visibility 800
+urbantwin record twin/ motion/ -o dataset/ --effects none
+urbantwin record twin/ motion/ --rig bus.yaml --ride 12 -o dataset/
 """
 
 
@@ -32,6 +35,35 @@ def record(
     stop: Annotated[
         float | None, typer.Option(min=0.0, metavar="S", help="No frame after this time.")
     ] = None,
+    effects: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LIST", help="none, all, and effects to turn on or off: none,noise or no-sun."
+        ),
+    ] = None,
+    weather: Annotated[
+        str | None, typer.Option(metavar="NAME", help="clear, rain, fog or snow.")
+    ] = None,
+    visibility: Annotated[
+        float | None, typer.Option(metavar="M", help="How far one sees in that weather.")
+    ] = None,
+    wet_ground: Annotated[
+        float | None, typer.Option(metavar="SHARE", help="0 is dry, 1 a film of water.")
+    ] = None,
+    sun_elevation: Annotated[
+        float | None, typer.Option(metavar="DEG", help="Of the sun above the horizon.")
+    ] = None,
+    sun_azimuth: Annotated[
+        float | None, typer.Option(metavar="DEG", help="Of the sun, clockwise from north.")
+    ] = None,
+    ride: Annotated[
+        str | None,
+        typer.Option(metavar="TRACK|CLASS", help="The actor that carries a rig that rides."),
+    ] = None,
+    fused: Annotated[
+        bool | None,
+        typer.Option("--fused/--separate", help="One dataset of all sensors, or one for each."),
+    ] = None,
     workers: Workers = None,
     seed: Seed = None,
     pictures: Pictures = True,
@@ -41,10 +73,21 @@ def record(
     """Record labelled LiDAR frames. Run again after an interruption, it goes on from there."""
     from urbantwin.cli.stages import dataset_pictures_stage, record_stage
     from urbantwin.cli.summary import summary
+    from urbantwin.site.rig_changes import RigChanges
     from urbantwin.traffic import Motion
     from urbantwin.twin import load_twin
 
     console = Console(quiet=quiet, as_json=as_json)
+    changes = RigChanges(
+        effects=effects,
+        weather=weather,
+        visibility_m=visibility,
+        wet_ground=wet_ground,
+        sun_elevation_deg=sun_elevation,
+        sun_azimuth_deg=sun_azimuth,
+        ride=ride,
+        fused=fused,
+    )
     loaded, driven = load_twin(twin), Motion.load(motion)
     record_stage(
         loaded,
@@ -56,6 +99,7 @@ def record(
         seed=seed,
         start_s=start,
         stop_s=stop,
+        changes=changes,
     )
     if pictures:
         dataset_pictures_stage(out, loaded, driven, console)

@@ -13,19 +13,20 @@ from urbantwin.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from urbantwin.geometry import LabelledMesh
     from urbantwin.lidar import Rig
     from urbantwin.reconstruct import Reconstruction
-    from urbantwin.site import RigSpec, Site
+    from urbantwin.site import Site
+    from urbantwin.site.rig_changes import RigChanges
     from urbantwin.traffic import Motion
     from urbantwin.twin import Twin
 
 __all__ = [
     "build_stage",
     "dataset_pictures_stage",
+    "fields_below",
     "new_folder",
-    "placed_rig",
     "record_stage",
+    "rig_on",
     "site_with_known_sensors",
     "traffic_stage",
     "twin_pictures_stage",
@@ -45,12 +46,23 @@ def new_folder(folder: Path) -> Iterator[None]:
         raise
 
 
-def placed_rig(spec: RigSpec, mesh: LabelledMesh, *, file: Path, field: str = "") -> Rig:
-    """Place a rig; an error names the field as it stands in ``file``, below ``field``."""
+def rig_on(twin: Twin, rig_file: Path | None = None, changes: RigChanges | None = None) -> Rig:
+    """Place the rig of a file, or the twin's own, on a twin."""
     from urbantwin.lidar.rig import place_rig
+    from urbantwin.site import load_rig_spec
 
+    file = twin.folder / "rig.yaml" if rig_file is None else rig_file
+    spec = load_rig_spec(file, twin.frame)
+    if changes is not None:
+        spec = changes.applied_to(spec)
+    return place_rig(spec, twin.mesh, file=file, anchor_height_m=twin.anchor_height_m)
+
+
+@contextmanager
+def fields_below(field: str, file: Path) -> Iterator[None]:
+    """Name the fields of errors in ``file`` as they stand there, below ``field``."""
     try:
-        return place_rig(spec, mesh, file=file)
+        yield
     except InputError as error:
         if not field or error.file != str(file):
             raise
@@ -60,27 +72,18 @@ def placed_rig(spec: RigSpec, mesh: LabelledMesh, *, file: Path, field: str = ""
 
 def site_with_known_sensors(path: Path) -> Site:
     """Read a site and check its sensors against the catalogue, which needs no twin."""
-    import numpy as np
-
-    from urbantwin.geometry import LabelledMesh
+    from urbantwin.lidar.rig import check_models
     from urbantwin.site import load_site
-    from urbantwin.site.rig import FARTHEST_M
-    from urbantwin.taxonomy import material_id, semantic_id
 
     site = load_site(path)
-    far = FARTHEST_M + 1.0
-    plane = LabelledMesh.build(
-        np.array([[-far, -far, 0.0], [far, -far, 0.0], [far, far, 0.0], [-far, far, 0.0]]),
-        [[0, 1, 2], [0, 2, 3]],
-        semantic_id("terrain"),
-        material_id("grass"),
-    )
-    placed_rig(site.rig, plane, file=site.rig_file, field=_rig_field(site))
+    with fields_below(_rig_field(site), site.rig_file):
+        check_models(site.rig, file=site.rig_file)
     return site
 
 
 def build_stage(site: Site, out: Path, console: Console, *, pictures: bool = True) -> Twin:
     """Build a twin that the site's own rig stands in; draw how its geometry was cleaned."""
+    from urbantwin.lidar.rig import place_rig
     from urbantwin.twin import build_twin, load_twin
 
     found: list[Reconstruction] = []
@@ -90,7 +93,13 @@ def build_stage(site: Site, out: Path, console: Console, *, pictures: bool = Tru
         console.stage("twin") as progress,
     ):
         twin = build_twin(site, scratch / "twin", progress, watch=found.append)
-        placed_rig(site.rig, twin.mesh, file=site.rig_file, field=_rig_field(site))
+        with fields_below(_rig_field(site), site.rig_file):
+            place_rig(
+                site.rig,
+                twin.mesh,
+                file=site.rig_file,
+                anchor_height_m=twin.anchor_height_m,
+            )
         for entry in sorted((scratch / "twin").iterdir()):
             entry.replace(scratch / entry.name)
         (scratch / "twin").rmdir()
@@ -124,13 +133,13 @@ def record_stage(
     seed: int | None = None,
     start_s: float = 0.0,
     stop_s: float | None = None,
+    changes: RigChanges | None = None,
 ) -> None:
-    """Record a dataset with the rig of a file, or with the twin's own."""
+    """Record a dataset with the rig of a file, or with the twin's own, and changes to it."""
     from urbantwin.dataset import record
-    from urbantwin.site import load_rig_spec
 
     file = twin.folder / "rig.yaml" if rig_file is None else rig_file
-    rig = placed_rig(load_rig_spec(file, twin.frame), twin.mesh, file=file)
+    rig = rig_on(twin, rig_file, changes)
     with new_folder(out.parent), console.stage("record") as progress:
         record(
             twin,
@@ -141,6 +150,7 @@ def record_stage(
             seed=twin.site["traffic"]["seed"] if seed is None else seed,
             start_s=start_s,
             stop_s=stop_s,
+            rig_file=file,
             progress=progress,
         )
 

@@ -96,6 +96,13 @@ class Twin:
         """The site's sensor rig."""
         return self._file("rig.yaml")
 
+    @property
+    def anchor_height_m(self) -> float | None:
+        """Height of the anchor's ground in the DEM's datum, metres; ``None`` without a DEM."""
+        ground = self.manifest.get("notes", {}).get("ground", {})
+        value = ground.get("anchor_height_m") if isinstance(ground, dict) else None
+        return float(value) if isinstance(value, int | float) else None
+
     def rig_spec(self) -> RigSpec:
         """Read the site's sensor rig."""
         return load_rig_spec(self.rig_path, self.frame)

@@ -81,7 +81,14 @@ def write_carla(twin: Twin, folder: Path) -> list[str]:
         points = spawn_points(twin.roads)
         write_json(scratch / "spawn_points.json", {"map": name, "spawn_points": points})
         write_json(scratch / "traffic.json", {**carla_traffic(twin), "map": name})
-        rig = carla_rig(place_rig(twin.rig_spec(), twin.mesh, file=twin.rig_path))
+        rig = carla_rig(
+            place_rig(
+                twin.rig_spec(),
+                twin.mesh,
+                file=twin.rig_path,
+                anchor_height_m=twin.anchor_height_m,
+            )
+        )
         write_json(scratch / "rig.json", {"map": name, **rig})
         (scratch / "README.txt").write_text(readme(title, package, name, fbx=bool(interpreter)))
         kinds = [one.name.rsplit("_", 1)[0] for one in objects]

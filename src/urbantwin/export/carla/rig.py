@@ -16,27 +16,31 @@ SEMANTIC, PLAIN = "sensor.lidar.ray_cast_semantic", "sensor.lidar.ray_cast"
 
 
 def carla_rig(rig: Rig, *, blueprint: str = SEMANTIC) -> dict[str, Any]:
-    """Return the rig's sensors for CARLA, and the server's step in which each turns once.
+    """Return the rig's sensors for CARLA, and the server's step: a frame of the rig.
 
     Args:
         rig: the rig, on its site.
         blueprint: ``SEMANTIC`` (a tag and an actor per point) or ``PLAIN`` (intensity, drop-out).
+
+    Raises:
+        InputError: a sensor that CARLA has nothing like, or a rig that rides: which of CARLA's
+            vehicles carries it is not known before they drive.
     """
+    if rig.ride is not None:
+        raise InputError("the rig rides, which is not exported", expected="a rig on the site")
     return {
         "fixed_delta_seconds": 1.0 / rig.rate_hz,
-        "sensors": [carla_sensor(one, rig.rate_hz, blueprint=blueprint) for one in rig.sensors],
+        "sensors": [carla_sensor(one, blueprint=blueprint) for one in rig.sensors],
     }
 
 
-def carla_sensor(
-    mounted: MountedSensor, rate_hz: float, *, blueprint: str = SEMANTIC
-) -> dict[str, Any]:
+def carla_sensor(mounted: MountedSensor, *, blueprint: str = SEMANTIC) -> dict[str, Any]:
     """Return one sensor: blueprint, attributes (text, as CARLA takes them), transform.
 
     CARLA spreads its channels evenly from ``upper_fov`` to ``lower_fov`` and fires them all at
     once (``RayCastSemanticLidar.cpp``, ``CreateLasers``); a real sensor's table of elevations and
     azimuth offsets cannot be given to it. ``largest_elevation_error_deg`` says how far off its
-    channels are. All of a turn is fired within one step of the server.
+    channels are. All turns of a frame are fired within one step of the server.
     """
     model = mounted.sensor
     if model.pattern is not None:
@@ -49,8 +53,8 @@ def carla_sensor(
     attributes: dict[str, float] = {
         "channels": model.channels,
         "range": model.assumed_range_max_m,
-        "points_per_second": round(model.channels * mounted.columns * rate_hz),
-        "rotation_frequency": rate_hz,
+        "points_per_second": round(model.channels * mounted.columns * mounted.turns_per_second),
+        "rotation_frequency": mounted.turns_per_second,
         "upper_fov": round(float(elevation[-1]), 4),
         "lower_fov": round(float(elevation[0]), 4),
         "horizontal_fov": 360.0,

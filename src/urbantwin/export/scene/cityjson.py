@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pyproj import Transformer
 
 from urbantwin.errors import InputError
-from urbantwin.export.scene.georeference import height_above, utm_code
+from urbantwin.export.scene.georeference import utm_code
 from urbantwin.export.scene.planes import flat_faces
 from urbantwin.geometry import LabelledMesh, SiteFrame
 from urbantwin.scene import FIRST_OBJECT
@@ -44,7 +44,7 @@ def write_cityjson(twin: Twin, path: Path) -> list[str]:
     if not len(buildings.faces):
         raise InputError("has no building", file=twin.folder, expected="a twin with buildings")
     code = utm_code(twin.frame.latitude, twin.frame.longitude)
-    base = height_above(twin)
+    base = twin.anchor_height_m
     points = _projected(buildings.vertices, twin.frame, code, base or 0.0)
     translate = np.floor(points.min(axis=0))
     whole, index = np.unique(

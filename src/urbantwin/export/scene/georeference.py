@@ -6,7 +6,7 @@ from typing import Any
 
 from urbantwin.twin import Twin
 
-__all__ = ["georeference", "height_above", "utm_code"]
+__all__ = ["georeference", "utm_code"]
 
 
 def georeference(twin: Twin) -> dict[str, Any]:
@@ -16,16 +16,9 @@ def georeference(twin: Twin) -> dict[str, Any]:
         "longitude": twin.frame.longitude,
         "proj": twin.frame.proj,
         "z": "metres above the ground at the anchor",
-        "anchor_height_m": height_above(twin),
+        "anchor_height_m": twin.anchor_height_m,
         "twin": str(twin.manifest["name"]),
     }
-
-
-def height_above(twin: Twin) -> float | None:
-    """Return the height of the anchor's ground in the DEM's datum, ``None`` without a DEM."""
-    ground = twin.manifest.get("notes", {}).get("ground", {})
-    value = ground.get("anchor_height_m") if isinstance(ground, dict) else None
-    return float(value) if isinstance(value, int | float) else None
 
 
 def utm_code(latitude: float, longitude: float) -> int:

@@ -1,0 +1,90 @@
+"""Changes to a rig for one recording: its weather, its effects, its carrier."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from urbantwin.errors import InputError
+from urbantwin.site.conditions import Conditions, Effects
+from urbantwin.site.document import Document, nearest
+from urbantwin.site.rig import RideSpec, RigSpec
+
+__all__ = ["RigChanges"]
+
+_ASKED = Path("command line")
+
+
+@dataclass(frozen=True)
+class RigChanges:
+    """What is to be other than the rig's file says; ``None`` leaves it.
+
+    Attributes:
+        effects: names of effects that are turned on, ``no-NAME`` for off, ``all`` or ``none`` for
+            every one of them, with commas, applied from left to right to every sensor.
+        weather: see `Conditions`.
+        visibility_m: see `Conditions`.
+        wet_ground: see `Conditions`.
+        sun_elevation_deg: see `Conditions`.
+        sun_azimuth_deg: see `Conditions`.
+        ride: the track or the class of the actor that carries a rig that rides.
+        fused: one dataset of all sensors, or one for each.
+    """
+
+    effects: str | None = None
+    weather: str | None = None
+    visibility_m: float | None = None
+    wet_ground: float | None = None
+    sun_elevation_deg: float | None = None
+    sun_azimuth_deg: float | None = None
+    ride: str | None = None
+    fused: bool | None = None
+
+    def applied_to(self, spec: RigSpec) -> RigSpec:
+        """Return the rig with the changes.
+
+        Raises:
+            InputError: there is no such effect, weather or class; the rig does not ride.
+        """
+        changed: dict[str, Any] = {"conditions": self._conditions(spec.conditions)}
+        if self.effects is not None:
+            changed["sensors"] = [
+                one.model_copy(update={"effects": _effects(self.effects, one.effects)})
+                for one in spec.sensors
+            ]
+        if self.ride is not None:
+            if spec.ride is None:
+                raise InputError(
+                    "the rig stands on the site", place="--ride", expected="a rig with ride:"
+                )
+            text = self.ride.strip()
+            ride = {"track": int(text)} if text.isdecimal() else {"class": text}
+            changed["ride"] = Document(_ASKED, ride).validated(RideSpec)
+        if self.fused is not None:
+            changed["fused"] = self.fused
+        return spec.model_copy(update=changed)
+
+    def _conditions(self, given: Conditions) -> Conditions:
+        names = Conditions.model_fields
+        asked = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        return Document(_ASKED, given.model_dump() | asked).validated(Conditions)
+
+
+def _effects(text: str, given: Effects) -> Effects:
+    """Return effects after a list of changes such as ``none,noise`` or ``no-sun``."""
+    values = given.model_dump()
+    for item in text.split(","):
+        word = item.strip()
+        name = word.removeprefix("no-").replace("-", "_")
+        if word in ("all", "none"):
+            values = dict.fromkeys(values, word == "all")
+        elif name in values:
+            values[name] = not word.startswith("no-")
+        else:
+            raise InputError(
+                f"there is no effect {word!r:.40}",
+                place="--effects",
+                expected=f"all, none, no-NAME or {nearest(name, list(values))}",
+            )
+    return Effects(**values)
