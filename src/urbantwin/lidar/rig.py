@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,7 @@ from urbantwin.lidar.catalogue import Sensor, sensor
 from urbantwin.lidar.enclosure import enclosing
 from urbantwin.lidar.mounted import MountedSensor, Rig, dataset_frame
 from urbantwin.lidar.pattern_sensor import MOST_COLUMNS
+from urbantwin.lidar.spin import SLOWEST_HZ, columns_at, spin_of
 from urbantwin.site.rig import RigSpec, SensorSpec
 from urbantwin.taxonomy import semantic_id
 
@@ -21,7 +23,7 @@ __all__ = ["GROUND_CLASSES", "MountedSensor", "Rig", "check_models", "place_rig"
 #: What a sensor's height is measured from.
 GROUND_CLASSES: tuple[str, ...] = ("road", "parking", "sidewalk", "terrain", "other-ground")
 #: Turns per second that a sensor may be asked for whatever its maker offers.
-_SPIN_HZ = (5.0, 20.0)
+_SPIN_HZ = (SLOWEST_HZ, 20.0)
 #: Sensors nearer to each other in plan than this stand on one pole, metres.
 _SAME_POLE_M = 0.5
 
@@ -49,6 +51,7 @@ def place_rig(
             place without ground, under it, or inside something. Names file and field.
     """
     models = check_models(spec, file=file)
+    window_s = _window_s(spec, models)
     site = _Site(mesh, file, anchor_height_m)
     sensors: list[MountedSensor] = []
     for index, (one, model) in enumerate(zip(spec.sensors, models, strict=True)):
@@ -69,8 +72,8 @@ def place_rig(
                 effects=one.effects,
                 rate_hz=spec.rate_hz,
                 number=index,
-                turns_per_second=spec.rate_hz if one.rate_hz is None else one.rate_hz,
-                frame_window_s=1.0 / spec.rate_hz if spec.window_s is None else spec.window_s,
+                turns_per_second=_turns_per_second(model, one, spec.rate_hz),
+                frame_window_s=window_s,
                 phase_deg=one.phase_deg,
                 phase_lock=one.phase_lock,
                 clock_offset_s=one.clock_offset_s,
@@ -208,7 +211,7 @@ def _checked_model(one: SensorSpec, rate_hz: float, file: str | Path | None, fie
                 "columns",
                 f"1 to {MOST_COLUMNS}: another rate_hz or points_per_second",
             )
-    elif columns not in model.columns_options:
+    elif one.columns is not None and columns not in model.columns_options:
         options = ", ".join(map(str, model.columns_options))
         raise error(
             f"{model.name} does not offer {columns} columns", "columns", f"one of {options}"
@@ -243,7 +246,31 @@ def _columns(model: Sensor, one: SensorSpec, rate_hz: float) -> int:
     """Return the columns per turn, or the points per line and frame of a pattern."""
     if model.pattern is not None:
         return round((model.points_per_second or 0.0) / model.channels / rate_hz)
-    return model.columns if one.columns is None else one.columns
+    if one.columns is not None:
+        return one.columns
+    return columns_at(model, _turns_per_second(model, one, rate_hz))
+
+
+def _turns_per_second(model: Sensor, one: SensorSpec, rate_hz: float) -> float:
+    return spin_of(model, rate_hz) if one.rate_hz is None else one.rate_hz
+
+
+def _window_s(spec: RigSpec, models: Sequence[Sensor]) -> float:
+    """Return how long a frame collects: to the next frame, or one turn now and then."""
+    if spec.window_s is not None:
+        return spec.window_s
+    between_s = 1.0 / spec.rate_hz
+    rare = any(
+        one.rate_hz is None and spin_of(model, spec.rate_hz) != spec.rate_hz
+        for one, model in zip(spec.sensors, models, strict=True)
+    )
+    if not rare:
+        return between_s
+    turns = (
+        1.0 / _turns_per_second(model, one, spec.rate_hz)
+        for one, model in zip(spec.sensors, models, strict=True)
+    )
+    return min(between_s, max(turns))
 
 
 def _model(name: str, file: str | Path | None, place: str) -> Sensor:
