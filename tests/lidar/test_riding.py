@@ -121,6 +121,16 @@ def test_the_frame_of_the_points_goes_along(frame):
         np.testing.assert_allclose(ahead, [np.sqrt(1 - down**2), 0, down], atol=1e-9)
 
 
+def test_of_several_the_one_nearest_to_the_anchor_carries_the_rig(motion):
+    rows = motion.actors.to_pylist()
+    for track, offset in [(21, 400.0), (22, -80.0), (23, 90.0)]:
+        rows += [row | {"track": track, "y": offset} for row in rows if row["track"] == 8]
+    rows.sort(key=lambda row: (row["time_s"], row["track"]))
+    rows = [row for row in rows if row["track"] > 20]
+    more = Motion(motion.manifest, pa.Table.from_pylist(rows, ACTOR_SCHEMA), motion.signals)
+    assert boarded(riding({"class": "car"}), more, [0.0, 9.9]).carrier == 22
+
+
 def test_boarding_by_track_and_by_class(motion):
     frames = np.arange(0.0, 9.95, 0.1).tolist()
     assert boarded(riding({"track": 8}), motion, frames).carrier == 8

@@ -189,3 +189,14 @@ def test_bad_rig_is_named(
     with pytest.raises(InputError, match=words) as caught:
         load_rig_spec(path, FRAME)
     assert str(caught.value).startswith(f"{path}: ")
+
+
+@pytest.mark.parametrize("depth", [100, 300, 2000, 100_000])
+@pytest.mark.parametrize("kind", ["sensors: {}", "sensors:\n- outages: {}", "conditions: {}"])
+def test_a_file_that_is_nested_very_deep(tmp_path: Path, depth: int, kind: str) -> None:
+    path = tmp_path / "rig.yaml"
+    for start, stop in ("[]", ("{a: ", "}")):
+        path.write_text(kind.format(start * depth + "1" + stop * depth) + "\n")
+        with pytest.raises(InputError) as caught:
+            load_rig_spec(path)
+        assert len(str(caught.value)) < 300 + len(str(path))

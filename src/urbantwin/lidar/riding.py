@@ -53,8 +53,7 @@ def boarded(
     first, last = times_s[0], times_s[-1]
     if not spans:
         raise _nobody(rig, motion, file)
-    # The one that is there in most of the time that is asked for; of equals, the first.
-    best = max(spans, key=lambda span: min(span.stop_s, last) - max(span.start_s, first))
+    best = max(spans, key=lambda span: (span.shared(first, last), -span.distance_m))
     who = f"{best.actor_class} {best.track}"
     if best.start_s > first + _SAME_TIME_S or best.stop_s < last - _SAME_TIME_S:
         on, off = (f"{value:.9g}" for value in (best.start_s, best.stop_s))
@@ -110,7 +109,7 @@ def carrier_among(
 
 @dataclass(frozen=True)
 class _Span:
-    """A time during which an actor is there without a gap."""
+    """A time during which an actor is there without a gap, ``distance_m`` from the anchor."""
 
     track: int
     actor_class: str
@@ -118,6 +117,11 @@ class _Span:
     phase: int
     start_s: float
     stop_s: float
+    distance_m: float
+
+    def shared(self, start_s: float, stop_s: float) -> float:
+        """Return how much of another span of time it is there, to the millisecond."""
+        return round(min(self.stop_s, stop_s) - max(self.start_s, start_s), 3)
 
 
 def _spans(
@@ -145,6 +149,7 @@ def _spans(
     apart |= (wait > 1.5 * motion.step_s) | (moved > fastest_m_s * motion.step_s)
     starts = np.concatenate([[0], np.flatnonzero(apart) + 1])
     stops = np.concatenate([starts[1:], [len(time)]]) - 1
+    distance = np.hypot(column["x"][order], column["y"][order])
     spans = []
     for start, stop in zip(starts.tolist(), stops.tolist(), strict=True):
         row = chosen.slice(int(order[start]), 1).to_pylist()[0]
@@ -156,6 +161,7 @@ def _spans(
                 int(row["phase"]),
                 float(time[start]),
                 float(time[stop]),
+                float(distance[start : stop + 1].mean()),
             )
         )
     return spans

@@ -193,7 +193,9 @@ def read_document(path: Path, *, kind: str) -> Document:
             raise InputError(error.problem, file=path, place=place, expected="it once") from None
         problem = f"is not YAML ({error.problem or error.context})"
         raise InputError(problem, file=path, place=place, expected=expected) from None
-    except (yaml.YAMLError, ValueError, RecursionError):
+    except RecursionError:
+        raise InputError("is nested too deep", file=path, expected=expected) from None
+    except (yaml.YAMLError, ValueError):
         # ReaderError: control characters; ValueError: a date such as 2024-99-99.
         raise InputError("is not YAML", file=path, expected=expected) from None
     if value is None:

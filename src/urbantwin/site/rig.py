@@ -48,12 +48,13 @@ class SwaySpec(Strict):
 
 
 class RideSpec(Strict):
-    """Which actor of the motion carries the rig: a track, or the first of a class.
+    """Which actor of the motion carries the rig: a track, or one of a class.
 
     Attributes:
         track: the actor's number in the motion.
-        actor_class: written ``class``: one of ``taxonomy.ACTOR_CLASSES``; of this class, the actor
-            that is there the longest in the recorded span carries the rig.
+        actor_class: written ``class``: one of ``taxonomy.ACTOR_CLASSES``. Of this class, the actor
+            that is there the longest in the recorded span carries the rig; of several, the one
+            that is nearest to the anchor on average.
     """
 
     track: Annotated[int, Field(ge=1, le=0xFFFF)] | None = None
