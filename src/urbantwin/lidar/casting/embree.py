@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import StageError
 from urbantwin.lidar.casting.hits import Hits
-from urbantwin.lidar.compiled.intersect import cast_rays
+from urbantwin.lidar.compiled.planes import cast_rays
 
 __all__ = ["EmbreeCaster", "intersect_address"]
 
@@ -85,8 +85,9 @@ def intersect_address() -> int:
 class EmbreeCaster:
     """Embree 4 in robust mode, in which no ray slips through the edge of two triangles.
 
-    Embree computes in single precision: keep vertices and origins within a few hundred metres of
-    zero. Both sides of a triangle are hit.
+    Embree finds triangles in single precision: keep vertices and origins within a few hundred
+    metres of zero. Each is then confirmed, and its range found, in double precision. Both sides of
+    a triangle are hit.
 
     Args:
         vertices: (V, 3) metres.
@@ -98,6 +99,8 @@ class EmbreeCaster:
 
     def __init__(self, vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> None:
         self.scene = 0
+        self._vertices = np.ascontiguousarray(vertices, np.float64)
+        self._faces = np.ascontiguousarray(faces, np.int32)
         if not len(faces):
             return
         library, device = _library(), _device()
@@ -127,7 +130,16 @@ class EmbreeCaster:
         count = len(directions)
         range_m, face = np.full(count, np.inf, np.float32), np.full(count, -1, np.int32)
         if self.scene and count:
-            starts = np.broadcast_to(np.asarray(origins, np.float32), (count, 3))
+            starts = np.broadcast_to(np.asarray(origins, np.float64), (count, 3))
             aims = np.ascontiguousarray(directions, np.float32)
-            cast_rays(intersect_address(), self.scene, starts, aims, range_m, face)
+            cast_rays(
+                intersect_address(),
+                self.scene,
+                self._vertices,
+                self._faces,
+                starts,
+                aims,
+                range_m,
+                face,
+            )
         return Hits(range_m, face)

@@ -11,7 +11,8 @@ import warp as wp
 __all__ = ["EDGE_M", "cast_rays", "first_hit"]
 
 #: A triangle is wider by this on all sides than its vertices say, metres: far more than double
-#: precision loses within kilometres, far less than anybody sees.
+#: precision loses within kilometres, far less than anybody sees. One that is less wide is a line,
+#: which no ray meets.
 EDGE_M = 1e-9
 #: Sine of the angle between ray and plane below which a triangle is seen from its edge: not hit.
 _PARALLEL = 1e-12
@@ -20,30 +21,39 @@ wp.set_module_options({"enable_backward": False, "fast_math": False})
 
 
 @wp.func
+def is_within(place: wp.vec3d, p: wp.vec3d, q: wp.vec3d, normal: wp.vec3d) -> wp.bool:
+    """Return whether a place on a triangle's plane is inside its edge from p to q."""
+    inward = wp.cross(normal, q - p)
+    aside = wp.dot(inward, place - p)
+    edge = wp.float64(wp.static(EDGE_M))
+    return aside >= wp.float64(0.0) or aside * aside <= edge * edge * wp.dot(inward, inward)
+
+
+@wp.func
 def triangle_range(
     origin: wp.vec3d, direction: wp.vec3d, a: wp.vec3d, b: wp.vec3d, c: wp.vec3d
 ) -> wp.float64:
-    """Return the distance along a ray to a triangle; -1 where they do not meet.
-
-    By the signs of three volumes (Moller and Trumbore 1997, J. Graphics Tools 2(1), use the same
-    products): ``direction . (p x q)`` of an edge from p to q is the distance at which the ray
-    passes the edge's line, times the edge's length and the sine of the angle between them.
-    """
+    """Return the distance along a ray to a triangle; -1 where they do not meet."""
     none = wp.float64(-1.0)
-    normal = wp.cross(b - a, c - a)
+    u, v = b - a, c - a
+    normal = wp.cross(u, v)
     slant = wp.dot(normal, direction)
-    if wp.abs(slant) <= wp.float64(wp.static(_PARALLEL)) * wp.length(normal):
+    area = wp.dot(normal, normal)
+    if slant * slant <= wp.float64(wp.static(_PARALLEL**2)) * area:
         return none
-    side = wp.sign(slant)
-    edge = wp.float64(wp.static(-EDGE_M))
-    p, q, r = a - origin, b - origin, c - origin
-    if side * wp.dot(direction, wp.cross(p, q)) < edge * wp.length(q - p):
+    if area <= wp.float64(wp.static(EDGE_M**2)) * (wp.dot(u, u) + wp.dot(v, v)):
         return none
-    if side * wp.dot(direction, wp.cross(q, r)) < edge * wp.length(r - q):
+    at = wp.dot(normal, a - origin) / slant
+    if at < wp.float64(0.0):
         return none
-    if side * wp.dot(direction, wp.cross(r, p)) < edge * wp.length(p - r):
-        return none
-    return wp.dot(normal, p) / slant
+    place = origin + at * direction
+    if (
+        is_within(place, a, b, normal)
+        and is_within(place, b, c, normal)
+        and is_within(place, c, a, normal)
+    ):
+        return at
+    return none
 
 
 @wp.struct
