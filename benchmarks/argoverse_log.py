@@ -33,8 +33,9 @@ DATA = Path(__file__).parents[2] / "shared/data/lidar/argoverse2-pittsburgh"
 #: Name, lasers in the file, and how it turns in its own frame: the lower one hangs upside down.
 SENSORS = (("up_lidar", 0, "cw"), ("down_lidar", 32, "ccw"))
 CYCLE_S = 55.296e-6
+#: Cycles in a turn at 10 Hz.
 COLUMNS = 1808
-"""Cycles in a turn at 10 Hz."""
+RATE = 2 * np.pi * 10.0
 
 
 def vlp32c(spin: str) -> Sensor:
@@ -56,7 +57,8 @@ class RealRays:
         range_m: (C, M), nan where nothing returned.
         intensity: (C, M), 0 to 255; nan where nothing returned.
         points_m: (C, M, 3), vehicle frame at the sweep's time; nan likewise.
-        encoder_rad: (M,) where the encoder stood, as the sensor turns, 0 to 2 pi.
+        encoder_rad: (M,) where the encoder stood when each cycle began, as the sensor turns,
+            0 to 2 pi.
         time_s: (C, M) when each ray fired, seconds after the sweep's time.
         elevation_deg: (C,) of the catalogue's beams.
         elevation_error_deg: (C,) median elevation of a channel's points less the catalogue's.
@@ -76,19 +78,37 @@ class RealRays:
 
     @property
     def column(self) -> NDArray[np.int64]:
-        """The simulated column (M,) that stands nearest to each cycle."""
-        return np.rint(self.encoder_rad / (2 * np.pi) * COLUMNS).astype(np.int64) % COLUMNS
+        """The simulated column (C, M) that looks nearest to where each ray looked."""
+        ring_s = self.time_s[:, :1] - self.time_s[:, :1].min()
+        turned = self.encoder_rad + RATE * ring_s
+        return np.rint(turned / (2 * np.pi) * COLUMNS).astype(np.int64) % COLUMNS
+
+    @property
+    def phase_deg(self) -> float:
+        """Where the encoder stood at the sweep's time."""
+        start = float(self.time_s[:, 0].min())
+        return float(np.degrees(self.encoder_rad[0] - RATE * start) % 360.0)
 
 
 @dataclass(frozen=True, eq=False)
 class ActorBox:
-    """An annotated box in the vehicle frame at the sweep's time."""
+    """An annotated box in the vehicle frame at the sweep's time.
+
+    The box of what moves was drawn around its points, so it is where they were measured.
+
+    Attributes:
+        category: the log's class.
+        size: (3,) length, width, height.
+        pose: of its middle.
+        velocity: (3,) by the boxes of the track before and after.
+        observed_s: when its points were measured on average, seconds after the sweep's time.
+    """
 
     category: str
-    track: str
     size: NDArray[np.float64]
     pose: Pose
     velocity: NDArray[np.float64]
+    observed_s: float
 
     def holds(self, points: NDArray[np.floating], grown_m: float = 0.0) -> NDArray[np.bool_]:
         """Which of (N, 3) points lie inside the box, grown to all sides."""
@@ -174,7 +194,9 @@ class Log:
 
         turn = -1.0 if spin == "cw" else 1.0
         azimuth = np.arctan2(seen[:, 1], seen[:, 0]) - np.radians(model.azimuth_offset_deg[channel])
-        encoder, off = encoder_of_cycles(turn * azimuth, cycle, count, range_m > 10.0)
+        # The head goes on turning while a cycle's channels fire one after another.
+        angle = turn * azimuth - RATE * firing[channel]
+        encoder, off = encoder_of_cycles(angle, cycle, count, range_m > 10.0)
         image = np.full((model.channels, count, 5), np.nan)
         image[channel, cycle] = np.column_stack([range_m, table.intensity, points])
         return RealRays(
@@ -199,8 +221,10 @@ class Log:
         return self.mounts[name].inverse().apply(vehicle)
 
     def boxes(self, sweep: int) -> Iterator[ActorBox]:
-        """The annotated boxes that hold points; their velocities by the boxes before and after."""
+        """The annotated boxes that hold points."""
         table = self._table("annotations.feather")
+        points = self.points(sweep)
+        time_s = self._table(f"sensors/lidar/{sweep}.feather").offset_ns.to_numpy() * 1e-9
         inverse, origin = self.city_of_vehicle(np.array([sweep]))
         for row in table[(table.timestamp_ns == sweep) & (table.num_interior_pts > 0)].itertuples():
             track = table[table.track_uuid == row.track_uuid].sort_values("timestamp_ns")
@@ -217,16 +241,14 @@ class Log:
             moved = centre[-1] - centre[0]
             velocity = moved / max((times[-1] - times[0]) * 1e-9, 1e-3)
             rotation = Rotation.from_quat([row.qx, row.qy, row.qz, row.qw]).as_matrix()
-            yield ActorBox(
-                row.category,
-                row.track_uuid,
-                np.array([row.length_m, row.width_m, row.height_m]),
-                Pose(rotation, np.array([row.tx_m, row.ty_m, row.tz_m])),
-                velocity,
-            )
+            size = np.array([row.length_m, row.width_m, row.height_m])
+            pose = Pose(rotation, np.array([row.tx_m, row.ty_m, row.tz_m]))
+            box = ActorBox(row.category, size, pose, velocity, 0.0)
+            yield replace(box, observed_s=float(time_s[box.holds(points)].mean()))
 
-    def ground(self, sweep: int) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
-        """The measured ground as vertices (V, 3) and faces (F, 3), vehicle frame."""
+    @cached_property
+    def _city_ground(self) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+        """The measured ground as vertices (V, 3), city frame, and faces (F, 3)."""
         raster = np.load(next(self.folder.glob("map/*ground_height*.npy")))
         sim2 = json.loads(next(self.folder.glob("map/*Sim2*.json")).read_text())
         heights = unrounded(raster)
@@ -240,8 +262,18 @@ class Log:
         a, b, c, d = (k[kept] for k in square)
         faces = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
         city = np.column_stack([xy, np.nan_to_num(heights.ravel())])
+        return city, faces.astype(np.int32)
+
+    def ground(
+        self, sweep: int, farthest_m: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+        """The measured ground near the vehicle: vertices (V, 3), vehicle frame; faces (F, 3)."""
+        city, faces = self._city_ground
         turn, origin = self.city_of_vehicle(np.array([sweep]))
-        return turn[0].inv().apply(city - origin), faces.astype(np.int32)
+        near = np.hypot(*(city - origin)[:, :2].T) < farthest_m
+        number = np.cumsum(near, dtype=np.int32) - 1
+        kept = number[faces[near[faces].all(axis=1)]]
+        return turn[0].inv().apply(city[near] - origin), kept
 
 
 def unrounded(raster: NDArray[np.floating], passes: int = 200) -> NDArray[np.float64]:
@@ -269,7 +301,7 @@ def encoder_of_cycles(
 
     A straight line in time, corrected by the median over every 25 cycles: no motor turns evenly.
     """
-    rate = 2 * np.pi * 10 * CYCLE_S
+    rate = RATE * CYCLE_S
     origin = np.angle(np.exp(1j * (angle - rate * cycle)).mean())
     off = np.angle(np.exp(1j * (angle - origin - rate * cycle)))
     bins = np.arange(0, count + 25, 25)

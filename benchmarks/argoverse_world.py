@@ -6,6 +6,7 @@ Nothing else stands there: what the log does not describe (houses, trees, poles,
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import trimesh
@@ -36,6 +37,8 @@ CLASSES = {
 }
 #: Two-wheelers that nobody rides.
 PARKED = ("BICYCLE", "MOTORCYCLE")
+#: Ground farther from the vehicle is left out.
+FARTHEST_M = 120.0
 _RIDER = ("cloth", "skin")
 
 
@@ -88,9 +91,10 @@ class World:
     log: Log
     sweep: int
 
+    @cached_property
     def ground(self) -> LabelledMesh:
-        """The measured ground, as asphalt."""
-        vertices, faces = self.log.ground(self.sweep)
+        """The measured ground up to `FARTHEST_M` from the vehicle, as asphalt."""
+        vertices, faces = self.log.ground(self.sweep, FARTHEST_M)
         return LabelledMesh.build(vertices, faces, semantic_id("road"), material_id("asphalt"))
 
     def rig(self, effects: Effects) -> Rig:
@@ -105,7 +109,7 @@ class World:
         """The frame that the simulated rig sees; the n-th box has the track n + 1."""
         meshes = {str(k): mesh_in_box(box.category, box.size) for k, box in enumerate(boxes)}
         scanner = Scanner(
-            self.ground(), self.rig(effects), seed, meshes=lambda name, phase: meshes[name]
+            self.ground, self.rig(effects), seed, meshes=lambda name, phase: meshes[name]
         )
         actors = [
             PosedActor(k + 1, actor_class(box.category), str(k), 0, box.pose, box.velocity)

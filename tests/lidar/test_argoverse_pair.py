@@ -1,0 +1,38 @@
+"""Both VLP-32C of Argoverse 2 where they were, simulated, beside what they really saw."""
+
+import importlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
+
+
+@pytest.fixture(scope="module")
+def result(shared_data):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(BENCHMARKS))
+        argoverse = importlib.import_module("argoverse")
+        return argoverse.measure(shared_data / "lidar" / "argoverse2-pittsburgh")
+
+
+def test_the_catalogues_beams_and_firing_times_are_those_of_the_real_sensors(result):
+    assert result["catalogue"]["elevation_deg"] < 0.01
+    assert result["catalogue"]["azimuth_p95_deg"] < 0.03
+    assert result["catalogue"]["firing_time_us"] < 1.0
+
+
+def test_ranges_on_the_ground_differ_about_as_much_as_from_turn_to_turn(result):
+    ground, again = result["ground"], result["ground_real_against_real"]
+    assert ground["rays"] > 20_000
+    assert abs(ground["median_m"]) < 0.10
+    assert ground["sigma_m"] < 1.5 * again["sigma_m"]
+
+
+def test_every_beam_meets_the_ground_at_its_height(result):
+    rows = result["ground_per_beam"]
+    assert len(rows) >= 18
+    assert max(abs(row["height_m"]) for row in rows) < 0.06  # the map's step is 6.25 cm
+    near = [row["median_m"] for row in rows if row["range_m"] < 15]
+    assert np.abs(near).max() < 0.2
