@@ -12,6 +12,7 @@ __all__ = [
     "answers",
     "intensity_of",
     "level_of",
+    "probabilities",
     "probability_of",
     "sigma_of",
     "strength_of",
@@ -148,3 +149,10 @@ def strengths(r, amplitude, range_m, light, strength):
     for i in range(len(amplitude)):
         one = light[i if len(light) > 1 else 0]
         strength[i] = strength_of(r, amplitude[i], range_m[i], one)
+
+
+@njit(cache=True, nogil=True)
+def probabilities(r, strength, probability):
+    """Fill how probable echoes (N,) of strengths (N,) are to be detected."""
+    for i in range(len(strength)):
+        probability[i] = probability_of(r, strength[i])

@@ -37,6 +37,7 @@ class Purpose(IntEnum):
     CLUTTER = 2
     BLOOMING = 3
     CROSSTALK = 4
+    ADDED = 5
 
 
 @dataclass(frozen=True, eq=False)

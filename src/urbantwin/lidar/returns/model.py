@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from urbantwin.lidar.compiled.response import Response, answers, strengths
 from urbantwin.lidar.returns.air import extinction
+from urbantwin.lidar.returns.clutter import Clutter, clutter_of
 from urbantwin.lidar.returns.detection import HALF_STRENGTH, STEEPNESS
 from urbantwin.lidar.returns.draws import LEVELS
 from urbantwin.lidar.returns.intensity import intensity_scale
@@ -35,6 +36,7 @@ class ReturnModel:
     Attributes:
         response: all that compiled code needs to know (`compiled.response`).
         scatter: what materials send back to this sensor, with its effects, in that weather.
+        clutter: what the air sends back; ``None`` in clear air.
     """
 
     def __init__(self, mounted: MountedSensor, conditions: Conditions | None = None) -> None:
@@ -77,6 +79,7 @@ class ReturnModel:
             per_log=scale.per_log,
             whole_codes=effects.quantisation,
         )
+        self.clutter: Clutter | None = clutter_of(entry, weather, self.response)
         self._step_m = entry.assumed_range_resolution_m if effects.quantisation else 0.0
 
     def strength(self, amplitude: Floats, range_m: Floats, light: Floats | None = None) -> Floats:

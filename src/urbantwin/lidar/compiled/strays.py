@@ -1,0 +1,92 @@
+"""Light of bright echoes that ends up in neighbouring beams, or in channels that fire with them."""
+
+import numpy as np
+from numba import njit
+
+__all__ = ["crosstalk", "spill"]
+
+
+@njit(cache=True, nogil=True)
+def spill(bright, amplitude, strength, beams, rings, skirt, floor, out):
+    """Write the stray echoes that bright ones cause in the beams around them.
+
+    Args:
+        bright: (B,) int32, their beams: channel * columns + column.
+        amplitude: (B,) float32.
+        strength: (B,) float32.
+        beams: (N, 3) float64 unit vectors.
+        rings: elevation (C,) and azimuth (C,) of column 0 by channel, radians; step from column to
+            column, the way that the sensor turns (radians, counter-clockwise positive); K.
+        skirt: share of the light that lands one width of the beam aside, and this width, radians;
+            it falls with the cube of the angle.
+        floor: strength below which nothing is noticed.
+        out: beam int32, source int32 (number in ``bright``), amplitude float32; to write.
+
+    Returns:
+        How many there are (written only while there is room).
+    """
+    elevation, azimuth, step, columns = rings
+    share, width = skirt
+    out_beam, out_source, out_amplitude = out
+    used = 0
+    for b in range(len(bright)):
+        beam = bright[b]
+        channel, column = beam // columns, beam % columns
+        reach = width * (share * strength[b] / floor) ** (1.0 / 3.0)
+        if reach < width:
+            continue
+        x, y, z = beams[beam, 0], beams[beam, 1], beams[beam, 2]
+        for other in range(len(elevation)):
+            if abs(elevation[other] - elevation[channel]) > reach:
+                continue
+            shift = int(np.rint((azimuth[channel] - azimuth[other]) / step))
+            wide = int(reach / (abs(step) * max(np.cos(elevation[other]), 0.05))) + 1
+            wide = min(wide, columns // 2)
+            for k in range(column + shift - wide, column + shift + wide + 1):
+                aside = other * columns + k % columns
+                if aside == beam:
+                    continue
+                cosine = x * beams[aside, 0] + y * beams[aside, 1] + z * beams[aside, 2]
+                # Of a small angle the cosine knows half of the digits: more than enough.
+                angle = np.arccos(min(cosine, 1.0))
+                if angle > reach:
+                    continue
+                lands = share * min(1.0, (width / max(angle, 1e-9)) ** 3)
+                if used < len(out_beam):
+                    out_beam[used], out_source[used] = aside, b
+                    out_amplitude[used] = amplitude[b] * lands
+                used += 1
+    return used
+
+
+@njit(cache=True, nogil=True)
+def crosstalk(bright, amplitude, strength, ring_time, columns, share, floor, out):
+    """Write the stray echoes that bright ones cause in channels that fire at the same time.
+
+    Args:
+        bright: (B,) int32, their beams.
+        amplitude: (B,) float32.
+        strength: (B,) float32.
+        ring_time: (C,) float64, when each channel fires.
+        columns: K.
+        share: of the light that another channel notices.
+        floor: strength below which nothing is noticed.
+        out: see `spill`.
+
+    Returns:
+        How many there are.
+    """
+    out_beam, out_source, out_amplitude = out
+    used = 0
+    for b in range(len(bright)):
+        if share * strength[b] < floor:
+            continue
+        channel, column = bright[b] // columns, bright[b] % columns
+        for other in range(len(ring_time)):
+            if other == channel or ring_time[other] != ring_time[channel]:
+                continue
+            if used < len(out_beam):
+                out_beam[used], out_source[used] = other * columns + column, b
+                out_amplitude[used] = amplitude[b] * share
+            used += 1
+    return used

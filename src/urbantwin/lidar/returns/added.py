@@ -1,0 +1,94 @@
+"""Echoes that are added to a turn: of the air and of stray light, among those of surfaces."""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.lidar.returns.strays import Stray
+
+__all__ = ["Inserted", "inserted", "strongest_of"]
+
+Floats = NDArray[np.float32]
+Whole = NDArray[np.int64]
+
+
+class Inserted(NamedTuple):
+    """Where added echoes go among M that are reported already, in the order of their beams.
+
+    Attributes:
+        order: (M',) int64, the rows of the new report: below M those of the old one, from M on the
+            added ones.
+        echo: (M',) uint8, number of each among the echoes of its beam.
+    """
+
+    order: Whole
+    echo: NDArray[np.uint8]
+
+
+def strongest_of(strays: list[Stray], strength: list[Floats]) -> tuple[Stray, Floats]:
+    """Return the strongest added echo of every beam that has any, and its strength.
+
+    Args:
+        strays: echoes, several of the same beam among them.
+        strength: of each.
+    """
+    beam = np.concatenate([one.beam for one in strays])
+    strong = np.concatenate(strength)
+    order = np.lexsort((-strong, beam))
+    first = order[np.diff(beam[order], prepend=-1) > 0]
+    range_m = np.concatenate([one.range_m for one in strays])[first]
+    amplitude = np.concatenate([one.amplitude for one in strays])[first]
+    return Stray(beam[first], range_m, amplitude), strong[first]
+
+
+def inserted(
+    beam: NDArray[np.int32],
+    range_m: Floats,
+    strength: Floats,
+    added: Stray,
+    added_strength: Floats,
+    returns: Literal["strongest", "last", "dual"],
+) -> Inserted:
+    """Return where detected echoes go, at most one of a beam, among those that are reported.
+
+    A sensor that reports the strongest echo takes an added one for it where that is stronger; one
+    that reports the last takes one that is farther. One that reports two has room for it beside a
+    single one, else it takes the place of the first if it is stronger.
+
+    Args:
+        beam: (M,) of the reported echoes, ascending; two of a beam stand in the order of reporting.
+        range_m: (M,) of the reported echoes.
+        strength: (M,) of the reported echoes.
+        added: (A,) echoes, ascending by beam.
+        added_strength: (A,).
+        returns: what the sensor reports.
+    """
+    count = len(beam)
+    low = np.searchsorted(beam, added.beam, "left")
+    several = np.searchsorted(beam, added.beam, "right") - low
+    at = np.minimum(low, max(count - 1, 0))
+    has = several > 0
+    stronger, farther = np.ones(len(low), np.bool_), np.ones(len(low), np.bool_)
+    if count:
+        stronger = ~has | (added_strength > strength[at])
+        farther = ~has | (added.range_m > range_m[at])
+    number = np.arange(count, count + len(low))
+    order = np.arange(count)
+    if returns == "dual":
+        taken = (several == 2) & stronger
+        fresh = several < 2
+        # The stronger of two stands first.
+        place = np.where(has & ~stronger, low + 1, low)
+    else:
+        wins = stronger if returns == "strongest" else farther
+        taken, fresh = has & wins, ~has
+        place = low
+    order[low[taken]] = number[taken]
+    order = np.insert(order, place[fresh], number[fresh])
+    beams = np.concatenate([beam, added.beam])[order]
+    echo = np.zeros(len(order), np.uint8)
+    echo[1:] = beams[1:] == beams[:-1]
+    return Inserted(order, echo)

@@ -1,0 +1,134 @@
+"""Blooming and crosstalk: echoes of retroreflectors where there are none.
+
+A retroreflector returns hundreds of times what white paper does. Of so much light, what the optics
+scatter is enough to be taken for a target:
+
+- **Blooming**: around a sign or a plate neighbouring beams report a halo at its distance. What
+  polished optics scatter falls with a power of the angle, of 1 to 3 (Harvey and Shack; Fest 2013,
+  Stray Light Analysis and Control, SPIE PM229, chapter 4). No maker publishes power or level: we
+  take 3, and `SKIRT` of the light at one width of the beam aside, which makes halos of half a
+  degree around a sign at 15 m for an OS1.
+- **Crosstalk**: channels that fire at the same time see `ISOLATION` of each other's light (40 dB);
+  an assumption too, and off unless asked for.
+
+Only what returns more than a white surface, and is strong enough, causes either.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.lidar.compiled.response import strengths
+from urbantwin.lidar.compiled.strays import crosstalk, spill
+from urbantwin.lidar.pattern import beam_azimuths, beam_elevations
+from urbantwin.lidar.returns.clutter import ASSUMED_DIVERGENCE_DEG
+from urbantwin.lidar.returns.model import ReturnModel
+from urbantwin.lidar.sensor import Sensor
+
+__all__ = ["ISOLATION", "SKIRT", "Stray", "blooms", "bright", "crosstalks"]
+
+#: Share of the light that lands in a beam one width aside.
+SKIRT = 3e-4
+#: Share of the light that a channel sees of another that fires with it.
+ISOLATION = 1e-4
+#: Strength below which one echo in a thousand is noticed.
+_FLOOR = 0.2
+
+Floats = NDArray[np.float32]
+Whole = NDArray[np.int32]
+
+
+class Stray(NamedTuple):
+    """S echoes that stray light causes.
+
+    Attributes:
+        beam: (S,) int32, that sees them.
+        range_m: (S,) float32.
+        amplitude: (S,) float32.
+    """
+
+    beam: Whole
+    range_m: Floats
+    amplitude: Floats
+
+
+def bright(amplitude: Floats) -> NDArray[np.bool_]:
+    """Return which echoes (N,) can cause stray ones."""
+    return amplitude > 1.0
+
+
+def blooms(
+    model: ReturnModel,
+    sensor: Sensor,
+    beams: NDArray[np.float64],
+    columns: int,
+    source: tuple[Whole, Floats, Floats],
+) -> Stray:
+    """Return the halo of bright echoes.
+
+    Args:
+        model: of the sensor.
+        sensor: a turning one: its beams stand in rings and columns.
+        beams: (N, 3) unit vectors.
+        columns: in a turn.
+        source: beam, range and amplitude (B,) of bright echoes.
+    """
+    beam, range_m, amplitude = source
+    divergence = sensor.beam_divergence_deg or (ASSUMED_DIVERGENCE_DEG,) * 2
+    width = float(np.sqrt(np.prod(np.radians(divergence))))
+    step = 2 * np.pi / columns * (-1 if sensor.spin == "cw" else 1)
+    rings = (beam_elevations(sensor), beam_azimuths(sensor, columns)[:, 0], step, columns)
+    strength = _strengths(model, amplitude, range_m)
+    skirt = (SKIRT, width)
+    return _stray(
+        lambda out: spill(beam, amplitude, strength, beams, rings, skirt, _FLOOR, out), range_m
+    )
+
+
+def crosstalks(
+    model: ReturnModel,
+    ring_time_s: NDArray[np.float64],
+    columns: int,
+    source: tuple[Whole, Floats, Floats],
+) -> Stray:
+    """Return what bright echoes cause in channels that fire at the same time.
+
+    Args:
+        model: of the sensor.
+        ring_time_s: (C,) when each channel fires within its column.
+        columns: in a turn.
+        source: beam, range and amplitude (B,) of bright echoes.
+    """
+    beam, range_m, amplitude = source
+    strength = _strengths(model, amplitude, range_m)
+    return _stray(
+        lambda out: crosstalk(
+            beam, amplitude, strength, ring_time_s, columns, ISOLATION, _FLOOR, out
+        ),
+        range_m,
+    )
+
+
+def _strengths(model: ReturnModel, amplitude: Floats, range_m: Floats) -> Floats:
+    """Return strengths (B,), whatever light is on the targets: others look elsewhere."""
+    strength = np.empty(len(amplitude), np.float32)
+    dark = np.zeros(1, np.float32)
+    strengths(model.response, amplitude, range_m, dark, strength)
+    return strength
+
+
+def _stray(write: Callable[[tuple[Whole, Whole, Floats]], int], range_m: Floats) -> Stray:
+    """Return what a function writes that is called again where it asks for more room."""
+    room = 4096
+    while True:
+        out = (np.empty(room, np.int32), np.empty(room, np.int32), np.empty(room, np.float32))
+        used = write(out)
+        if used <= room:
+            break
+        room = used
+    beam, source, amplitude = out
+    return Stray(beam[:used], range_m.take(source[:used]), amplitude[:used])
