@@ -1,0 +1,120 @@
+"""Areas in plan where labels are not to be counted, because a rig cannot see there.
+
+What KITTI's ``DontCare`` boxes are to an image: whoever scores a detector leaves out what it finds
+there, and what it does not find. Reasons:
+
+- ``outside`` of the region that the twin was built for: its traffic ends there.
+- ``far``: farther than any sensor of the rig reports.
+- ``unseen``: a surface that faces the sensor there would get less than `LEAST_POINTS` points per
+  square metre and frame, as behind buildings (`of_rig`, "facing").
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter
+
+from urbantwin.geometry import LabelledMesh
+from urbantwin.lidar.coverage.cells import Cells
+from urbantwin.lidar.coverage.of_rig import rig_coverage
+from urbantwin.lidar.mounted import Rig
+
+__all__ = ["LEAST_POINTS", "IgnoreArea", "ignore_areas"]
+
+#: Points per square metre and frame, on a surface that faces the sensor.
+LEAST_POINTS = 1.0
+
+#: Side of a cell, and of the square (the size of a car) over which points are averaged, metres.
+_CELL_M, _SQUARE_M = 1.0, 3.0
+#: How far beyond the region ``outside`` goes for a rig that rides, metres.
+_AROUND_M = 250.0
+#: Smaller areas do not matter, square metres.
+_LEAST_M2 = 2.0
+
+
+class IgnoreArea(NamedTuple):
+    """One area.
+
+    Attributes:
+        reason: ``outside``, ``far`` or ``unseen``.
+        area: site frame, metres; polygons only, not empty.
+    """
+
+    reason: str
+    area: shapely.MultiPolygon
+
+
+def ignore_areas(
+    rig: Rig,
+    mesh: LabelledMesh,
+    region: shapely.Polygon,
+    progress: Callable[[float, str], None] | None = None,
+) -> list[IgnoreArea]:
+    """Return where labels are not to be counted, one area for each reason that there is.
+
+    Areas of different reasons do not overlap. A rig that rides sees every place at some time: for
+    it only ``outside`` is known.
+
+    Args:
+        rig: the sensors.
+        mesh: the static world, site frame.
+        region: where the twin has traffic, site frame.
+        progress: called with the share that is done and what is being done.
+    """
+    if any(one.carrier_SE3_sensor is not None for one in rig.sensors):
+        around = shapely.box(*region.buffer(_AROUND_M).bounds)
+        return _kept({"outside": around.difference(region)})
+    discs = shapely.union_all(
+        [
+            shapely.Point(one.site_SE3_sensor.translation[:2]).buffer(
+                one.sensor.assumed_range_max_m
+            )
+            for one in rig.sensors
+        ]
+    )
+    coverage = rig_coverage(rig, mesh, region.bounds, cell_m=_CELL_M, progress=progress)
+    points = uniform_filter(
+        coverage.per_frame("facing").astype(np.float64), round(_SQUARE_M / _CELL_M)
+    )
+    dark = _area_of(points < LEAST_POINTS, coverage.cells)
+    return _kept(
+        {
+            "outside": discs.difference(region),
+            "far": region.difference(discs),
+            "unseen": dark.intersection(region).intersection(discs),
+        }
+    )
+
+
+def _area_of(chosen: NDArray[np.bool_], cells: Cells) -> shapely.Geometry:
+    """Return the cells (ny, nx) that are chosen as an area; rows are joined run by run."""
+    edge = np.diff(np.pad(chosen, ((0, 0), (1, 1))).astype(np.int8), axis=1)
+    row, first = np.nonzero(edge == 1)
+    _, last = np.nonzero(edge == -1)
+    size = cells.size_m
+    return shapely.union_all(
+        shapely.box(
+            cells.x0 + first * size,
+            cells.y0 + row * size,
+            cells.x0 + last * size,
+            cells.y0 + (row + 1) * size,
+        )
+    )
+
+
+def _kept(found: dict[str, shapely.Geometry]) -> list[IgnoreArea]:
+    areas = []
+    for reason, area in found.items():
+        parts = [
+            part
+            for part in shapely.get_parts(area)
+            if part.geom_type == "Polygon" and part.area >= _LEAST_M2
+        ]
+        if parts:
+            areas.append(IgnoreArea(reason, shapely.MultiPolygon(parts)))
+    return areas
