@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
@@ -11,11 +12,7 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.lidar.casting.hits import Hits
 
-__all__ = ["WarpCaster", "WarpMesh", "warp_device"]
-
-#: Single precision tells apart numbers that differ by this share; a box test rounds a few times.
-_ROUNDING = 2.0**-24
-_ROUNDINGS = 16
+__all__ = ["WarpCaster", "device_meshes", "warp_device"]
 
 
 @cache
@@ -45,46 +42,63 @@ def warp_device(name: str | None = None) -> Any:  # noqa: ANN401 - Warp is an ex
         raise InputError(f"this machine has no device {name!r}", expected=known) from None
 
 
-class WarpMesh:
-    """Triangles on a device, with the tree of their boxes.
+def device_tree(
+    vertices: NDArray[np.float64],
+    faces: NDArray[np.int32],
+    device: Any,  # noqa: ANN401
+) -> Any:  # noqa: ANN401
+    """Return the hierarchy of triangles' boxes on a device.
 
     Args:
-        vertices: (V, 3) metres.
-        faces: (F, 3) indices of vertices; at least one face.
+        vertices: (V, 3) metres, within kilometres of zero.
+        faces: (F, 3) indices of vertices; without any, a box that no ray meets.
         device: see `warp_device`.
-
-    Attributes:
-        vertices: the same on the device, from ``centre``.
-        faces: the same on the device.
-        tree: the hierarchy of the triangles' boxes.
-        centre: (3,) middle of the bounds, so that single precision loses little.
-        extent: the farthest that any vertex is from ``centre``, metres.
     """
+    import warp as wp
 
-    def __init__(
-        self, vertices: NDArray[np.float64], faces: NDArray[np.int32], device: str | None = None
-    ) -> None:
-        place = warp_device(device)
-        import warp as wp
+    corners = np.asarray(vertices, np.float64)[faces] if len(faces) else np.full((1, 1, 3), 1e30)
+    # Rounded outward: a box in single precision holds its triangle in double precision.
+    low = np.nextafter(corners.min(axis=1).astype(np.float32), np.float32(-np.inf))
+    high = np.nextafter(corners.max(axis=1).astype(np.float32), np.float32(np.inf))
+    return wp.Bvh(
+        wp.array(low, dtype=wp.vec3, device=device),
+        wp.array(high, dtype=wp.vec3, device=device),
+        constructor="sah",
+    )
 
-        corners = np.asarray(vertices, np.float64)[faces]
-        low, high = corners.min(axis=1), corners.max(axis=1)
-        self.centre = (low.min(axis=0) + high.max(axis=0)) / 2
-        self.extent = float(np.linalg.norm(high.max(axis=0) - low.min(axis=0))) / 2
-        self.vertices = wp.array(vertices - self.centre, dtype=wp.vec3d, device=place)
-        self.faces = wp.array(np.ascontiguousarray(faces, np.int32), dtype=wp.vec3i, device=place)
-        # Rounded outward: a box in single precision holds its triangle in double precision.
-        lowest = np.nextafter((low - self.centre).astype(np.float32), np.float32(-np.inf))
-        highest = np.nextafter((high - self.centre).astype(np.float32), np.float32(np.inf))
-        self.tree = wp.Bvh(
-            wp.array(lowest, dtype=wp.vec3, device=place),
-            wp.array(highest, dtype=wp.vec3, device=place),
-            constructor="sah",
-        )
 
-    def radius(self, farthest_m: float) -> float:
-        """Return what boxes are to be grown by for rays that leave so far from ``centre``."""
-        return 1e-6 + _ROUNDINGS * _ROUNDING * (self.extent + farthest_m)
+def device_meshes(
+    trees: Sequence[Any],
+    meshes: Sequence[tuple[NDArray[np.float64], NDArray[np.int32]]],
+    device: Any,  # noqa: ANN401
+) -> Any:  # noqa: ANN401
+    """Return meshes on a device, as ``device.triangles`` takes them.
+
+    Args:
+        trees: of each mesh, from `device_tree`; they must outlive what is returned.
+        meshes: vertices (V, 3) and faces (F, 3) of each.
+        device: see `warp_device`.
+    """
+    import warp as wp
+
+    from urbantwin.lidar.casting.device.triangles import Meshes
+
+    vertex_count = np.array([len(vertices) for vertices, _ in meshes])
+    face_count = np.array([len(faces) for _, faces in meshes])
+    first_vertex = np.cumsum(vertex_count) - vertex_count
+    every = np.concatenate(
+        [faces + first for (_, faces), first in zip(meshes, first_vertex, strict=True)]
+    )
+    extent = [np.linalg.norm(vertices, axis=1).max(initial=0.0) for vertices, _ in meshes]
+    result = Meshes()
+    result.tree = wp.array([tree.id for tree in trees], dtype=wp.uint64, device=device)
+    result.first_face = wp.array(np.cumsum(face_count) - face_count, dtype=wp.int32, device=device)
+    result.extent = wp.array(extent, dtype=wp.float64, device=device)
+    result.vertices = wp.array(
+        np.concatenate([vertices for vertices, _ in meshes]), dtype=wp.vec3d, device=device
+    )
+    result.faces = wp.array(every.astype(np.int32), dtype=wp.vec3i, device=device)
+    return result
 
 
 class WarpCaster:
@@ -107,12 +121,18 @@ class WarpCaster:
         self, vertices: NDArray[np.float64], faces: NDArray[np.int32], device: str | None = None
     ) -> None:
         self._device = warp_device(device)
-        self._mesh = WarpMesh(vertices, faces, device) if len(faces) else None
+        self._meshes = None
+        if len(faces):
+            used = np.asarray(vertices, np.float64)[np.unique(faces)]
+            self._centre = (used.min(axis=0) + used.max(axis=0)) / 2
+            moved = vertices - self._centre
+            self._tree = device_tree(moved, faces, self._device)
+            self._meshes = device_meshes([self._tree], [(moved, faces)], self._device)
 
     def cast(self, origins: NDArray[np.float64], directions: NDArray[np.float32]) -> Hits:
         """Return the first hit of each ray; see `hits.RayCaster`."""
-        count, mesh = len(directions), self._mesh
-        if mesh is None or count == 0:
+        count = len(directions)
+        if self._meshes is None or count == 0:
             return Hits(np.full(count, np.inf, np.float32), np.full(count, -1, np.int32))
         import warp as wp
 
@@ -120,18 +140,14 @@ class WarpCaster:
 
         place = self._device
         starts = np.asarray(origins, np.float64).reshape(-1, 3)
-        farthest = float(np.linalg.norm(starts - mesh.centre, axis=1).max())
         range_m = wp.empty(count, dtype=wp.float32, device=place)
         face = wp.empty(count, dtype=wp.int32, device=place)
         wp.launch(
             cast_rays,
             dim=count,
             inputs=[
-                mesh.tree.id,
-                mesh.vertices,
-                mesh.faces,
-                wp.vec3d(*mesh.centre),
-                mesh.radius(farthest),
+                self._meshes,
+                wp.vec3d(*self._centre),
                 wp.array(starts, dtype=wp.vec3d, device=place),
                 wp.array(np.asarray(directions, np.float32), dtype=wp.vec3, device=place),
             ],

@@ -1,4 +1,4 @@
-"""What runs on the device: rays against triangles in double precision.
+"""Rays against triangles in double precision, on the device.
 
 NVIDIA Warp compiles these functions for CUDA or for the processor. A bounding volume hierarchy in
 single precision, its boxes grown by more than any rounding, gives the triangles that a ray may
@@ -8,7 +8,7 @@ meet; whether and where it does is decided in double precision. A ray that passe
 
 import warp as wp
 
-__all__ = ["EDGE_M", "cast_rays", "first_hit"]
+__all__ = ["EDGE_M", "FirstHit", "Meshes", "cast_rays", "first_hit"]
 
 #: A triangle is wider by this on all sides than its vertices say, metres: far more than double
 #: precision loses within kilometres, far less than anybody sees. One that is less wide is a line,
@@ -16,8 +16,38 @@ __all__ = ["EDGE_M", "cast_rays", "first_hit"]
 EDGE_M = 1e-9
 #: Sine of the angle between ray and plane below which a triangle is seen from its edge: not hit.
 _PARALLEL = 1e-12
+#: What boxes are grown by: single precision rounds a place to 2^-24 of it, a few times.
+_GROWN = 2.0**-20
+_LEAST_GROWN_M = 1e-6
 
 wp.set_module_options({"enable_backward": False, "fast_math": False})
+
+
+@wp.struct
+class Meshes:
+    """Meshes end to end.
+
+    Attributes:
+        tree: of each mesh, the hierarchy of its triangles' boxes.
+        first_face: of each mesh.
+        extent: of each mesh, the farthest that a vertex is from the frame's origin, metres.
+        vertices: of all meshes.
+        faces: of all meshes, by numbers of all vertices.
+    """
+
+    tree: wp.array(dtype=wp.uint64)
+    first_face: wp.array(dtype=wp.int32)
+    extent: wp.array(dtype=wp.float64)
+    vertices: wp.array(dtype=wp.vec3d)
+    faces: wp.array(dtype=wp.vec3i)
+
+
+@wp.struct
+class FirstHit:
+    """The first triangle along a ray: its range, ``inf`` without one, and its number or -1."""
+
+    range_m: wp.float64
+    face: wp.int32
 
 
 @wp.func
@@ -47,6 +77,12 @@ def triangle_range(
     if at < wp.float64(0.0):
         return none
     place = origin + at * direction
+    # Beyond a sharp corner the widened borders run on.
+    edge = wp.float64(wp.static(EDGE_M))
+    low, high = wp.min(wp.min(a, b), c), wp.max(wp.max(a, b), c)
+    for axis in range(3):
+        if place[axis] < low[axis] - edge or place[axis] > high[axis] + edge:
+            return none
     if (
         is_within(place, a, b, normal)
         and is_within(place, b, c, normal)
@@ -56,83 +92,64 @@ def triangle_range(
     return none
 
 
-@wp.struct
-class FirstHit:
-    """The first triangle along a ray: its range, ``inf`` without one, and its number or -1."""
-
-    range_m: wp.float64
-    face: wp.int32
-
-
 @wp.func
 def first_hit(
-    tree: wp.uint64,
-    vertices: wp.array(dtype=wp.vec3d),
-    faces: wp.array(dtype=wp.vec3i),
-    origin: wp.vec3d,
-    direction: wp.vec3d,
-    radius: wp.float32,
-    farthest: wp.float32,
+    meshes: Meshes, mesh: wp.int32, origin: wp.vec3d, direction: wp.vec3d, near: wp.float64
 ) -> FirstHit:
-    """Return the first triangle along a ray; of several at one range, the one numbered first.
+    """Return the first triangle of a mesh along a ray; of several at one range, the first in order.
 
     Args:
-        tree: the hierarchy of the triangles' boxes.
-        vertices: of the triangles.
-        faces: of the triangles.
-        origin: where the ray leaves.
+        meshes: all meshes.
+        mesh: which one.
+        origin: where the ray leaves, in the mesh's frame.
         direction: a unit vector.
-        radius: what boxes are grown by, more than single precision loses.
-        farthest: triangles beyond are left out (or not, within rounding).
+        near: triangles before it are left out.
     """
     best = FirstHit()
     best.range_m = wp.float64(wp.inf)
     best.face = wp.int32(-1)
-    reach = farthest
-    query = wp.bvh_query_capsule(tree, wp.vec3(origin), wp.vec3(direction), radius)
+    base = meshes.first_face[mesh]
+    radius = wp.float32(
+        wp.float64(wp.static(_LEAST_GROWN_M))
+        + wp.float64(wp.static(_GROWN)) * (meshes.extent[mesh] + wp.length(origin))
+    )
+    reach = wp.float32(wp.inf)
+    query = wp.bvh_query_capsule(meshes.tree[mesh], wp.vec3(origin), wp.vec3(direction), radius)
     number = wp.int32(0)
     while wp.bvh_query_next(query, number, reach):
-        corners = faces[number]
+        corner = meshes.faces[base + number]
         at = triangle_range(
             origin,
             direction,
-            vertices[corners[0]],
-            vertices[corners[1]],
-            vertices[corners[2]],
+            meshes.vertices[corner[0]],
+            meshes.vertices[corner[1]],
+            meshes.vertices[corner[2]],
         )
-        if at < wp.float64(0.0):
+        if at < near:
             continue
         if at < best.range_m or (at == best.range_m and number < best.face):
             best.range_m = at
             best.face = number
             # Single precision measures where the ray enters a box to 1e-6 of the distance.
-            reach = wp.min(reach, wp.float32(at) * 1.00001 + radius)
+            reach = wp.float32(at) * 1.00001 + radius
     return best
 
 
 @wp.kernel
 def cast_rays(
-    tree: wp.uint64,
-    vertices: wp.array(dtype=wp.vec3d),
-    faces: wp.array(dtype=wp.vec3i),
+    meshes: Meshes,
     centre: wp.vec3d,
-    radius: wp.float32,
     origins: wp.array(dtype=wp.vec3d),
     directions: wp.array(dtype=wp.vec3),
     range_m: wp.array(dtype=wp.float32),
     face: wp.array(dtype=wp.int32),
 ) -> None:
-    """Write the first hit of each ray (N,); there is one origin, or one per ray."""
+    """Write the first hit of each ray (N,) with the only mesh, whose frame's origin is ``centre``.
+
+    There is one origin, or one per ray.
+    """
     ray = wp.tid()
     origin = origins[ray % origins.shape[0]] - centre
-    hit = first_hit(
-        tree,
-        vertices,
-        faces,
-        origin,
-        wp.vec3d(directions[ray]),
-        radius,
-        wp.float32(wp.inf),
-    )
+    hit = first_hit(meshes, 0, origin, wp.vec3d(directions[ray]), wp.float64(0.0))
     range_m[ray] = wp.float32(hit.range_m)
     face[ray] = hit.face
