@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from urbantwin.geometry import Pose, bounding_box, points_in_box
-from urbantwin.lidar.actors import ActorShape
+from urbantwin.lidar.shapes import ActorShape
 from urbantwin.lidar.labels import outside, posed_box, spans_in_box
 from urbantwin.traffic.assets import asset_mesh, asset_names
 

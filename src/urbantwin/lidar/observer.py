@@ -1,36 +1,61 @@
-"""One sensor of the rig: everything about its rays that no frame changes, and what it reports."""
+"""One sensor of the rig in one turn: what its beams meet, and what it reports."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.geometry import LabelledMesh, Pose, SurfaceMaterials
-from urbantwin.lidar.actors import ActorShape, cast_actors, nearest
-from urbantwin.lidar.casting import EmbreeCaster
-from urbantwin.lidar.gather import StaticReturns, gather
-from urbantwin.lidar.labels import BOX_MARGIN_M, outside, spans_in_box
-from urbantwin.lidar.pattern import beam_directions, pattern_directions
-from urbantwin.lidar.rectangle import RayGrid, RayList, Rays
+from urbantwin.geometry import Pose
+from urbantwin.lidar.compiled.carried import carried
+from urbantwin.lidar.compiled.echoes import BESIDE
+from urbantwin.lidar.compiled.gather import OUTLIER, gather, place_points
+from urbantwin.lidar.echoes import Echoes, combined
+from urbantwin.lidar.labels.posed_box import BOX_MARGIN_M, outside, spans_in_box
+from urbantwin.lidar.layers import Layers, Paths, cast_actors
+from urbantwin.lidar.mounted import MountedSensor
 from urbantwin.lidar.returns import (
-    Draws,
+    Purpose,
     ReturnModel,
+    draw,
     standard_noise,
     standard_quantiles,
     truncated_noise,
 )
-from urbantwin.lidar.rig import MountedSensor
-from urbantwin.lidar.static import cast_static
+from urbantwin.lidar.shapes import ShapeArrays
+from urbantwin.lidar.static_view import StaticView
+from urbantwin.lidar.sweep import Sweep
 
-__all__ = ["Observation", "Observer"]
+__all__ = ["Observation", "PresentActors", "Sighting"]
+
+#: Turns are told apart in the key of random numbers by so many bits.
+_TURNS = 1 << 40
+
+
+@dataclass(frozen=True, eq=False)
+class PresentActors:
+    """The actors of a frame.
+
+    Attributes:
+        shapes: every shape.
+        shape: (A,) int64, the shape of each actor.
+        paths: how they move.
+    """
+
+    shapes: ShapeArrays
+    shape: NDArray[np.int64]
+    paths: Paths
+
+    @property
+    def first_face(self) -> NDArray[np.int64]:
+        """Where the faces (A,) of each actor's shape begin."""
+        return np.asarray(self.shapes.first_face[self.shape])
 
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What one sensor reports in one frame: M returns, sorted by ring and column.
+    """What one sensor reports in one turn: M returns, sorted by ring and column.
 
     Attributes:
         points: (M, 4) float32, x, y, z in metres, dataset frame, and intensity 0..1.
@@ -38,6 +63,8 @@ class Observation:
         semantic: (M,) uint16, class of the static surface; meaningless where an actor was hit.
         ring: (M,) uint16.
         column: (M,) uint16.
+        time_s: (M,) float32, what the sensor's clock says, from the frame's time.
+        echo: (M,) uint8.
         alone: (A,) returns that each actor would give if it were alone in the world.
     """
 
@@ -46,145 +73,231 @@ class Observation:
     semantic: NDArray[np.uint16]
     ring: NDArray[np.uint16]
     column: NDArray[np.uint16]
+    time_s: NDArray[np.float32]
+    echo: NDArray[np.uint8]
     alone: NDArray[np.int64]
 
 
-class Observer:
-    """A mounted sensor with its static hits.
+class Sighting:
+    """One turn of a sensor: what its beams meet.
 
     Args:
         mounted: the sensor.
-        static: the static world, site frame.
-        dataset_SE3_site: to the frame that points are given in.
-        surface: materials of the ground that are finer than the static world's triangles.
-        frame: the frame that it observes; it matters to a sensor whose pattern does not repeat.
-        caster: of the static world moved to the sensor, where it is known already.
+        model: what it makes of echoes.
+        view: what it would report of the static world.
+        sweep: when its beams fire.
+        actors: everything that moves.
+        dead: (N,) beams that report nothing; ``None``: all work.
+
+    Attributes:
+        seen_s: (A,) mean time at which beams met each actor, seconds; ``nan`` where none did.
+        seen: (A,) how many did.
     """
 
     def __init__(
         self,
         mounted: MountedSensor,
-        static: LabelledMesh,
-        dataset_SE3_site: Pose,
-        surface: SurfaceMaterials | None = None,
-        *,
-        frame: int = 0,
-        caster: EmbreeCaster | None = None,
+        model: ReturnModel,
+        view: StaticView,
+        sweep: Sweep,
+        actors: PresentActors,
+        dead: NDArray[np.bool_] | None,
     ) -> None:
-        self._pose = mounted.site_SE3_sensor
-        self._range_max_m = mounted.sensor.assumed_range_max_m
-        self._model = ReturnModel(mounted)
-        # Half a step of the range may come on top of the noise.
-        self._margin_m = max(0.0, BOX_MARGIN_M - mounted.sensor.assumed_range_resolution_m / 2)
-
-        pattern, columns = mounted.sensor.pattern, mounted.columns
-        if pattern is None:
-            beams = beam_directions(mounted.sensor, columns).reshape(-1, 3)
-            self._grid: Rays = RayGrid(mounted.sensor, columns)
-        else:
-            beams = pattern_directions(pattern, columns, frame, mounted.rate_hz).reshape(-1, 3)
-            self._grid = RayList(beams)
-        in_site = beams @ self._pose.rotation.T
-        self._directions_site = in_site.astype(np.float32)
-        # Component by component: numpy multiplies long rows many times as fast as short ones.
-        self._directions = (dataset_SE3_site.rotation @ in_site.T).astype(np.float32)
-        self._origin = dataset_SE3_site.apply(self._pose.translation[None])[0]
-        self._wavelength_nm = mounted.sensor.assumed_wavelength_nm
-        hits = cast_static(
-            static,
-            self._pose.translation,
-            in_site,
-            wavelength_nm=self._wavelength_nm,
-            surface=surface,
-            caster=caster,
+        self._mounted, self._model, self._view, self._sweep = mounted, model, view, sweep
+        self._actors = actors
+        self._dead = np.zeros(0, np.bool_) if dead is None else dead.reshape(-1)
+        shapes, shape = actors.shapes, actors.shape
+        self._layers: Layers = cast_actors(
+            view.beams,
+            sweep,
+            view.poses,
+            shapes,
+            shape,
+            (shapes.low[shape], shapes.high[shape]),
+            actors.paths,
+            mounted.sensor.assumed_range_max_m,
+            glass=mounted.effects.glass,
         )
-        self._range_m = hits.range_m
-        # What no ray hit has no level, so its range never counts: any finite number will do.
-        finite = np.where(np.isfinite(hits.range_m), hits.range_m, np.float32(1e6))
-        self._level = self._model.detection_level(hits.backscatter, finite)
-        self._static = StaticReturns(
-            self._directions,
-            self._origin.astype(np.float32),
-            finite.astype(np.float32),
-            self._model.sigma(hits.backscatter, finite),
-            self._model.intensity(hits.backscatter),
-            hits.semantic,
-            self._model.step_m,
-            mounted.columns,
-        )
+        self.seen_s, self.seen = self._layers.seen_s, self._layers.seen
 
-    @property
-    def rays(self) -> int:
-        """How many rays the sensor fires in a frame."""
-        return len(self._level)
+    def looks_at_s(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return when the sensor looks towards places (A, 3), site frame; seconds."""
+        rings, sweep = self._view.beams.rings, self._sweep
+        if rings is None:
+            return np.full(len(places), float(sweep.column_time_s.mean()))
+        poses = self._view.poses
+        n = len(poses.translation) // 2
+        local = (places - poses.translation[n]) @ poses.rotation[n]
+        turn = np.arctan2(local[:, 1], local[:, 0]) / rings.step * rings.turn
+        return np.asarray(sweep.column_time_s[np.rint(turn).astype(int) % len(sweep.column_time_s)])
 
-    def observe(
+    def report(
         self,
-        actors: Sequence[tuple[ActorShape, Pose]],
         boxes: NDArray[np.float64],
-        draws: Draws,
+        dataset_SE3_actors: tuple[NDArray[np.float64], NDArray[np.float64]],
+        seed: int,
     ) -> Observation:
         """Return what the sensor reports.
 
         Args:
-            actors: shape and pose (``site_SE3_asset``) of each.
-            boxes: (A, 7) their boxes, dataset frame.
-            draws: the random numbers of this sensor and frame.
+            boxes: (A, 7) boxes of the actors, dataset frame.
+            dataset_SE3_actors: rotations (A, 3, 3) and translations (A, 3) of the actors where
+                they stand in their boxes.
+            seed: of all random numbers.
         """
-        hits = cast_actors(
-            self._grid,
-            self._directions_site,
-            self._pose,
-            self._range_max_m,
-            actors,
-            self._wavelength_nm,
+        view, beams, mounted = self._view, self._view.beams, self._mounted
+        shape_count = len(self._actors.shape)
+        count = len(beams.directions)
+        key = (seed, mounted.number, self._sweep.turn % _TURNS, count)
+        draws = draw(*key)
+        both = mounted.returns == "dual"
+        others = draw(*key, Purpose.SECOND_ECHO) if both else draws
+
+        echoes: Echoes | None = None
+        alone = np.zeros(shape_count, np.int64)
+        front = np.full(count, -1, np.int32)
+        if len(self._layers.ray):
+            echoes, lone = combined(
+                view.layers,
+                self._layers,
+                self._actors.shapes,
+                self._actors.first_face,
+                beams.footprint.share,
+                self._model,
+                mounted.returns,
+            )
+            front[echoes.beam] = np.arange(len(echoes.beam), dtype=np.int32)
+            returns = draws.detection[lone.beam] < lone.level
+            if len(self._dead):
+                returns &= ~self._dead[lone.beam]
+            alone = np.bincount(lone.actor[returns], minlength=shape_count)
+        moving = _moving(front, echoes, view.layers.semantic)
+        out = _room(count * 2 if mounted.returns == "dual" else count)
+        found = gather(
+            view.report,
+            (view.other, *view.second),
+            moving,
+            self._dead,
+            (draws.detection, draws.noise),
+            (others.detection, others.noise),
+            standard_quantiles(),
+            self._model.step_m,
+            both,
+            out,
         )
-        hit_level = self._model.detection_level(hits.backscatter, hits.range_m)
-        would_return = draws.detection[hits.ray] < hit_level
-        alone = np.bincount(hits.actor[would_return], minlength=len(actors))
-
-        chosen = nearest(hits, self._range_m)
-        ray = hits.ray[chosen]
-        level = self._level.copy()
-        level[ray] = hit_level[chosen]
-        front = np.full(self.rays, -1, np.int32)
-        front[ray] = chosen
-        back = gather(self._static, level, front, draws, standard_quantiles())
-
-        moving = np.flatnonzero(back.front >= 0)
-        hit, ray_hit = back.front[moving], back.ray[moving]
-        actor = np.full(len(back.front), -1, np.int32)
-        actor[moving] = hits.actor[hit]
-        directions = self._directions.take(ray_hit, axis=1)
-        scatter, at = hits.backscatter[hit], hits.range_m[hit]
-        measured = self._measured(
-            directions,
-            at,
-            self._model.sigma(scatter, at),
-            draws.noise[ray_hit],
-            boxes.T.take(hits.actor[hit], axis=1),
+        beam, echo, source, semantic, range_m, intensity = (values[:found] for values in out)
+        actor = np.full(found, -1, np.int32)
+        if echoes is not None:
+            dynamic = np.flatnonzero(source >= 0)
+            owner = echoes.owner[source[dynamic]]
+            owned = (owner >= 0) & (owner < BESIDE)
+            hit = dynamic[owned]
+            actor[hit] = owner[owned]
+            noise = np.where(echo[hit] == 0, draws.noise[beam[hit]], others.noise[beam[hit]])
+            range_m[hit], misses = self._in_boxes(
+                beam[hit],
+                actor[hit],
+                echoes.range_m[source[hit]],
+                echoes.sigma[source[hit]],
+                noise,
+                boxes,
+                dataset_SE3_actors,
+            )
+            actor[hit[misses]], semantic[hit[misses]] = -1, OUTLIER
+        points = np.empty((found, 4), np.float32)
+        place_points(beam, range_m, intensity, view.directions, view.origin, beams.columns, points)
+        ring = beam // np.int32(beams.columns)
+        column = beam - ring * np.int32(beams.columns)
+        sweep = self._sweep
+        time_s = sweep.reported(sweep.column_time_s)[column]
+        time_s += (sweep.ring_time_s * sweep.clock_rate)[ring]
+        return Observation(
+            points,
+            actor,
+            semantic,
+            ring.astype(np.uint16),
+            column.astype(np.uint16),
+            time_s.astype(np.float32),
+            echo,
+            alone,
         )
-        points = back.points
-        points[moving, :3] = (directions * measured + self._static.origin[:, None]).T
-        points[moving, 3] = self._model.intensity(scatter)
-        return Observation(points, actor, back.semantic, back.ring, back.column, alone)
 
-    def _measured(
+    def _in_boxes(
         self,
-        directions: NDArray[np.float32],
+        beam: NDArray[np.int32],
+        actor: NDArray[np.int32],
         range_m: NDArray[np.float32],
         sigma: NDArray[np.float32],
         noise: NDArray[np.uint16],
-        box: NDArray[np.float64],
-    ) -> NDArray[np.float32]:
-        """Return the ranges (M,) reported of actors: noisy, in their boxes (7, M), quantised."""
+        boxes: NDArray[np.float64],
+        dataset_SE3_actors: tuple[NDArray[np.float64], NDArray[np.float64]],
+    ) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
+        """Return the ranges (M,) reported of actors: noisy, in their boxes, quantised.
+
+        A beam is carried along with its actor to where that stands in its box. Beams that pass
+        beside the box all the same (it stands upright, the actor may not) are returned too.
+        """
         measured = range_m + sigma * standard_noise(noise)
-        places = self._origin[:, None] + directions.astype(np.float64) * measured
-        leaves = np.flatnonzero(outside(places, box, self._margin_m) & (sigma > 0))
+        step_m = float(self._model.step_m)
+        margin = max(0.0, BOX_MARGIN_M - step_m / 2)  # Half a step may come on top.
+        sweep = self._sweep
+        origin, aim = carried(
+            beam,
+            actor,
+            tuple(self._actors.paths),
+            *self._view.poses,
+            (sweep.column_time_s, sweep.ring_time_s),
+            self._view.beams.directions,
+            *dataset_SE3_actors,
+        )
+        own = boxes.T.take(actor, axis=1)
+        leaves = np.flatnonzero(outside(origin + aim * measured, own, margin))
         if len(leaves):
-            aim = directions.take(leaves, axis=1).astype(np.float64)
-            span = spans_in_box(self._origin, aim, box.take(leaves, axis=1), self._margin_m)
-            low, high = ((end - range_m[leaves]) / sigma[leaves] for end in span)
-            kept = truncated_noise(noise[leaves], np.minimum(low, 0), np.maximum(high, 0))
-            measured[leaves] = range_m[leaves] + sigma[leaves] * kept
-        return self._model.quantised(measured)
+            low, high = spans_in_box(
+                origin.take(leaves, axis=1),
+                aim.take(leaves, axis=1),
+                own.take(leaves, axis=1),
+                margin,
+            )
+            # What several surfaces give together may lie between them: it is brought inside first.
+            at = np.clip(range_m[leaves], np.minimum(low, high), high)
+            wide = np.maximum(sigma[leaves].astype(np.float64), 1e-9)
+            kept = truncated_noise(
+                noise[leaves],
+                np.minimum((low - at) / wide, 0),
+                np.maximum((high - at) / wide, 0),
+            )
+            measured[leaves] = np.where(sigma[leaves] > 0, at + wide * kept, at)
+            leaves = leaves[low > high]
+        return self._model.quantised(measured), leaves
+
+
+def _moving(
+    front: NDArray[np.int32], echoes: Echoes | None, semantic: NDArray[np.uint16]
+) -> tuple[NDArray[np.generic], ...]:
+    """Return the echoes of beams that touch actors as ``compiled.gather`` takes them."""
+    if echoes is None:
+        whole, real = np.zeros(0, np.int32), np.zeros(0, np.float32)
+        return front, whole, whole, whole, real, real, real, whole, semantic
+    return (
+        front,
+        echoes.first,
+        echoes.second,
+        echoes.level,
+        echoes.range_m,
+        echoes.sigma,
+        echoes.intensity,
+        echoes.owner,
+        semantic,
+    )
+
+
+def _room(count: int) -> tuple[NDArray[np.generic], ...]:
+    return (
+        np.empty(count, np.int32),
+        np.empty(count, np.uint8),
+        np.empty(count, np.int32),
+        np.empty(count, np.uint16),
+        np.empty(count, np.float32),
+        np.empty(count, np.float32),
+    )

@@ -1,4 +1,4 @@
-"""What a fixed sensor's beams hit in the static world: computed once per rig and kept."""
+"""What a sensor's beams meet in the static world: of one that stands still, computed once."""
 
 from __future__ import annotations
 
@@ -8,25 +8,108 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh, SurfaceMaterials
+from urbantwin.lidar.beams import Beams
 from urbantwin.lidar.casting import EmbreeCaster
-from urbantwin.lidar.returns import scatter_of_materials
+from urbantwin.lidar.compiled.order import by_ray
+from urbantwin.lidar.layers import SensorPoses, cast_world
+from urbantwin.lidar.returns import Scatter, scatter_of_materials
+from urbantwin.lidar.shapes import ActorShape, ShapeArrays
+from urbantwin.lidar.sweep import Sweep
 
-__all__ = ["StaticHits", "cast_static"]
+__all__ = ["StaticHits", "StaticLayers", "World", "cast_static"]
 
-#: A ray closer to a triangle's plane than this (sine of the angle) keeps Embree's range: the
-#: plane would answer with a wilder one.
-_GRAZING = 1e-3
+
+@dataclass(frozen=True, eq=False)
+class StaticLayers:
+    """Layers of the static world along N beams, those of a beam next to each other.
+
+    Attributes:
+        start: (N + 1,) int64, where the layers of each beam begin.
+        range_m: (L,) float32.
+        backscatter: (L,) float32, see ``returns.scatter``.
+        through: (L,) float32, share of the light that passes, to and fro.
+        mask: (L,) uint8, which of the beam's rays meet it.
+        semantic: (L,) uint16.
+    """
+
+    start: NDArray[np.int64]
+    range_m: NDArray[np.float32]
+    backscatter: NDArray[np.float32]
+    through: NDArray[np.float32]
+    mask: NDArray[np.uint8]
+    semantic: NDArray[np.uint16]
+
+
+class World:
+    """The static world as rays see it.
+
+    The mesh is moved to ``origin`` in float64 before it becomes float32, so the error near a
+    sensor does not grow with its distance from the anchor; ranges are evaluated on the triangles'
+    planes in float64.
+
+    Args:
+        mesh: the static world, site frame.
+        origin: (3,) where its own origin is to be: near the sensors.
+        surface: materials of the ground that are finer than the mesh.
+    """
+
+    def __init__(
+        self,
+        mesh: LabelledMesh,
+        origin: NDArray[np.float64],
+        surface: SurfaceMaterials | None = None,
+    ) -> None:
+        self._mesh, self._surface = mesh, surface
+        self._origin = np.array(origin, np.float64)
+        moved = LabelledMesh(
+            mesh.vertices - self._origin, mesh.faces, mesh.semantic, mesh.material, mesh.part
+        )
+        self._shape = ActorShape(moved, with_hull=False)
+        self._arrays = ShapeArrays.of([self._shape])
+
+    def layers(
+        self, beams: Beams, sweep: Sweep, poses: SensorPoses, scatter: Scatter, *, thorough: bool
+    ) -> StaticLayers:
+        """Return what beams meet.
+
+        Args:
+            beams: of the sensor.
+            sweep: when they fire.
+            poses: where the sensor is, site frame.
+            scatter: what materials send back.
+            thorough: see ``layers.cast_world``.
+        """
+        here = SensorPoses(poses.rotation, poses.translation - self._origin)
+        glass = bool((scatter.through > 0).any())
+        met = cast_world(beams, sweep, here, self._arrays, glass=glass, thorough=thorough)
+        start, order = by_ray(met.ray, len(beams.directions))
+        ray, face = met.ray[order], met.face[order]
+        range_m, cosine = met.range_m[order], met.cosine[order]
+        material = self._mesh.material[face]
+        if self._surface is not None and self._surface.layers:
+            n = ray % beams.columns if len(here.translation) > 1 else np.zeros(len(ray), np.int64)
+            aim = np.einsum("nij,nj->ni", poses.rotation[n], beams.directions[ray])
+            places = poses.translation[n] + aim * range_m[:, None]
+            material = self._surface.materials_of(self._mesh, face, places)
+        return StaticLayers(
+            start,
+            range_m,
+            scatter.backscatter(material, cosine),
+            scatter.transmission(material, cosine),
+            met.mask[order],
+            self._mesh.semantic[face],
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class StaticHits:
-    """First hits of N rays in the static world.
+    """First hits of N thin rays in the static world.
 
     Attributes:
         range_m: (N,) float32, metres; ``inf`` where a ray hits nothing.
         face: (N,) int32, number of the triangle; -1 where a ray hits nothing.
         cosine: (N,) float32, cosine of the angle between ray and normal, 0..1; 0 without a hit.
-        backscatter: (N,) float32, see ``returns``; 0 without a hit.
+        backscatter: (N,) float32, see ``returns.scatter``; 0 without a hit.
         semantic: (N,) uint16, class of the triangle; 0 (unlabelled) without a hit.
     """
 
@@ -44,46 +127,28 @@ def cast_static(
     *,
     wavelength_nm: float = 905.0,
     surface: SurfaceMaterials | None = None,
-    caster: EmbreeCaster | None = None,
 ) -> StaticHits:
-    """Cast rays at the static world.
-
-    The mesh is moved to the rays' origin in float64 before it becomes float32, so the error near
-    the sensor does not grow with its distance from the anchor; ranges are then evaluated on the
-    triangles' planes in float64.
+    """Cast thin rays from one place at the static world.
 
     Args:
         mesh: the static world.
         origin: (3,) where all rays leave, in the mesh's frame.
         directions: (N, 3) unit vectors, in the mesh's frame.
-        wavelength_nm: of the sensor's laser.
+        wavelength_nm: of the laser.
         surface: materials of the ground that are finer than the mesh, where a ray hits it.
-        caster: of the mesh moved to that origin, where it is known already.
     """
-    moved = mesh.vertices - origin
-    if caster is None:
-        caster = EmbreeCaster(moved, mesh.faces)
+    caster = EmbreeCaster(mesh.vertices - origin, mesh.faces)
     found = caster.cast(np.zeros(3), directions.astype(np.float32))
     hit = np.flatnonzero(found.face >= 0)
     face = found.face[hit]
-
-    normal = mesh.normals()[face]
-    slant = (normal * directions[hit]).sum(axis=1)
-    height = (normal * moved[mesh.faces[face, 0]]).sum(axis=1)
-    range_m = found.range_m.astype(np.float64)
-    exact = np.divide(height, slant, out=range_m[hit], where=np.abs(slant) > _GRAZING)
-    range_m[hit] = exact
-
-    count = len(directions)
-    cosine = np.zeros(count, np.float32)
-    cosine[hit] = np.abs(slant)
-    backscatter = np.zeros(count, np.float32)
     material = mesh.material[face]
     if surface is not None:
-        places = origin + directions[hit] * exact[:, None]
+        places = origin + directions[hit] * found.range_m[hit, None].astype(np.float64)
         material = surface.materials_of(mesh, face, places)
-    scatter = scatter_of_materials(wavelength_nm)
-    backscatter[hit] = scatter.backscatter(material, cosine[hit])
+    count = len(directions)
+    cosine, back = np.zeros(count, np.float32), np.zeros(count, np.float32)
+    cosine[hit] = np.abs((mesh.normals()[face] * directions[hit]).sum(axis=1))
+    back[hit] = scatter_of_materials(wavelength_nm).backscatter(material, cosine[hit])
     semantic = np.zeros(count, np.uint16)
     semantic[hit] = mesh.semantic[face]
-    return StaticHits(range_m.astype(np.float32), found.face, cosine, backscatter, semantic)
+    return StaticHits(found.range_m, found.face, cosine, back, semantic)

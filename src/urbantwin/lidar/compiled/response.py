@@ -36,10 +36,7 @@ class Response(NamedTuple):
         half: strength of which half is detected.
         steepness: exponent of detection.
         sigma_m: standard deviation of the range of strong echoes; 0 without noise.
-        weak_slope: exponent by which the deviation falls with strength, of weak echoes.
-        weak_end: strength that they end at.
-        strong_slope: the same of stronger ones.
-        strong_end: strength from which on the deviation stays.
+        knee: strength at which that and the noise of the light are equal.
         white: code of intensity of a white surface.
         greatest: greatest code.
         per_log: codes per logarithm of what is above white; 0: linear.
@@ -58,10 +55,7 @@ class Response(NamedTuple):
     half: float
     steepness: float
     sigma_m: float
-    weak_slope: float
-    weak_end: float
-    strong_slope: float
-    strong_end: float
+    knee: float
     white: float
     greatest: float
     per_log: float
@@ -108,12 +102,8 @@ def level_of(r, strength, range_m):
 @njit(cache=True, nogil=True)
 def sigma_of(r, strength):
     """Return the standard deviation of an echo's range."""
-    if r.sigma_m == 0.0 or strength >= r.strong_end:
-        return r.sigma_m
-    if strength >= r.weak_end:
-        return r.sigma_m * (r.strong_end / strength) ** r.strong_slope
-    at_weak_end = (r.strong_end / r.weak_end) ** r.strong_slope
-    return r.sigma_m * at_weak_end * (r.weak_end / max(strength, 0.1)) ** r.weak_slope
+    light = r.knee / max(strength, 0.1)
+    return r.sigma_m * np.sqrt(1.0 + light * light)
 
 
 @njit(cache=True, nogil=True)

@@ -9,11 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BoxLabel", "LabelledFrame"]
+from urbantwin.lidar.labels.difficulty import LEVELS, difficulty_of
+
+__all__ = ["BoxLabel", "LabelledFrame", "Whereabouts"]
+
+#: Where an actor is that does not count: ``outside`` of the region, ``far`` from every sensor.
+Whereabouts = Literal["outside", "far"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +33,10 @@ class BoxLabel:
         num_points: returns from the actor, of all sensors.
         num_points_alone: returns there would be with only that actor in the world.
         velocity: (3,) metres per second, dataset frame.
+        observed_s: when the actor stood in its box, seconds from the frame's time: the mean of
+            the times at which beams met it, or would have looked at it.
+        truncation: 0..1, how much of it lies outside of what every sensor sees (`truncation`).
+        whereabouts: where it is that it does not count (`borders`); ``None``: it does.
     """
 
     track: int
@@ -35,6 +45,9 @@ class BoxLabel:
     num_points: int
     num_points_alone: int
     velocity: NDArray[np.float64]
+    observed_s: float = 0.0
+    truncation: float = 0.0
+    whereabouts: Whereabouts | None = None
 
     @property
     def visibility(self) -> float:
@@ -43,17 +56,40 @@ class BoxLabel:
         ``nan`` for an actor that would have no return even alone: it is out of reach, and the
         rays cannot tell whether anything stands before it.
         """
-        return self.num_points / self.num_points_alone if self.num_points_alone else float("nan")
+        if not self.num_points_alone:
+            return float("nan")
+        # Two echoes of one beam count twice, and what is behind adds to an edge's.
+        return min(1.0, self.num_points / self.num_points_alone)
 
     @property
     def occlusion(self) -> float:
         """``1 - visibility``; ``nan`` where that is."""
         return 1.0 - self.visibility
 
+    @property
+    def difficulty(self) -> str | None:
+        """How hard it is to find (`difficulty.LEVELS`); ``None`` where it is to be ignored."""
+        if self.ignored is not None:
+            return None
+        return difficulty_of(self.num_points, self.occlusion, self.truncation)
+
+    @property
+    def ignored(self) -> str | None:
+        """Why it is not to be counted; ``None`` where it is.
+
+        ``outside`` of the region, ``far`` from every sensor, ``truncated`` by more than the
+        hardest level allows, ``unseen``: with fewer points than that asks for.
+        """
+        if self.whereabouts is not None:
+            return self.whereabouts
+        if self.truncation > LEVELS[-1].most_truncation:
+            return "truncated"
+        return "unseen" if self.num_points < LEVELS[-1].least_points else None
+
 
 @dataclass(frozen=True, eq=False)
 class LabelledFrame:
-    """One frame: N points, sorted by sensor, ring and column, and the actors' boxes by track.
+    """One frame: N points, sorted by sensor, turn, ring and column, and the actors' boxes by track.
 
     Attributes:
         points: (N, 4) float32, x, y, z in metres, dataset frame, and intensity 0..1.
@@ -62,6 +98,9 @@ class LabelledFrame:
         sensor: (N,) uint8, number of the sensor in the rig.
         ring: (N,) uint16, channel, as the maker numbers them.
         column: (N,) uint16, firing within the turn.
+        time_s: (N,) float32, when the point was measured by the sensor's clock, seconds from the
+            frame's time.
+        echo: (N,) uint8, 0 for a beam's first reported echo, 1 for its second.
         boxes: one per actor that was given, those without points too.
     """
 
@@ -71,4 +110,6 @@ class LabelledFrame:
     sensor: NDArray[np.uint8]
     ring: NDArray[np.uint16]
     column: NDArray[np.uint16]
+    time_s: NDArray[np.float32]
+    echo: NDArray[np.uint8]
     boxes: Sequence[BoxLabel]

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.geometry import Pose
-from urbantwin.lidar.actors import ActorShape
+from urbantwin.lidar.shapes import ActorShape
 
 __all__ = ["BOX_MARGIN_M", "outside", "posed_box", "spans_in_box"]
 
@@ -53,12 +53,12 @@ def spans_in_box(
     """Return where rays enter and leave their own boxes grown by ``margin``, metres.
 
     Args:
-        origin: (3,) where all rays leave.
+        origin: (3, M) where the rays leave.
         directions: (3, M) unit vectors.
         boxes: (7, M) a box for each ray.
         margin: metres.
     """
-    start = _turned(origin[:, None] - boxes[:3], boxes[6])
+    start = _turned(origin - boxes[:3], boxes[6])
     along = _turned(directions, boxes[6])
     half = boxes[3:6] / 2 + margin
     # A ray along a face never meets the other two of its kind: infinitely far is right there.

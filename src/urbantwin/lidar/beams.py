@@ -1,0 +1,99 @@
+"""The beams of a sensor, as casting takes them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.lidar.footprint import Footprint
+from urbantwin.lidar.mounted import MountedSensor
+from urbantwin.lidar.pattern import (
+    beam_azimuths,
+    beam_directions,
+    beam_elevations,
+    pattern_directions,
+)
+
+__all__ = ["Beams", "Rings"]
+
+
+@dataclass(frozen=True, eq=False)
+class Rings:
+    """The channels of a spinning sensor by elevation.
+
+    Attributes:
+        order: (C,) int64, their numbers, lowest first.
+        elevation: (C,) float64, radians, ascending.
+        azimuth: (C,) float64, of column 0, radians counter-clockwise.
+        step: radians from column to column.
+        turn: +1 counter-clockwise, -1 clockwise.
+    """
+
+    order: NDArray[np.int64]
+    elevation: NDArray[np.float64]
+    azimuth: NDArray[np.float64]
+    step: float
+    turn: int
+
+
+@dataclass(frozen=True, eq=False)
+class Beams:
+    """N beams of a turn: beam = channel * columns + column.
+
+    Attributes:
+        directions: (N, 3) float64 unit vectors, sensor frame.
+        columns: K.
+        channels: C.
+        footprint: the rays that every beam is made of.
+        rings: by elevation; ``None`` for a pattern that stands in no columns.
+    """
+
+    directions: NDArray[np.float64]
+    columns: int
+    channels: int
+    footprint: Footprint
+    rings: Rings | None
+
+    @classmethod
+    def of(cls, mounted: MountedSensor, turn: int = 0) -> Beams:
+        """Return the beams of a sensor.
+
+        Args:
+            mounted: the sensor.
+            turn: its number; it matters to a sensor whose pattern does not repeat.
+        """
+        sensor, columns = mounted.sensor, mounted.columns
+        spread = mounted.effects.footprint
+        footprint = Footprint.of(sensor) if spread else Footprint.thin()
+        if sensor.pattern is not None:
+            directions = pattern_directions(
+                sensor.pattern, columns, turn, mounted.turns_per_second
+            ).reshape(-1, 3)
+            return cls(directions, columns, sensor.channels, footprint, None)
+        elevation = beam_elevations(sensor)
+        order = np.argsort(elevation, kind="stable")
+        rings = Rings(
+            order,
+            elevation[order],
+            beam_azimuths(sensor, columns)[order, 0],
+            2 * np.pi / columns,
+            -1 if sensor.spin == "cw" else 1,
+        )
+        directions = beam_directions(sensor, columns).reshape(-1, 3)
+        return cls(directions, columns, sensor.channels, footprint, rings)
+
+    def neighbours(self) -> tuple[NDArray[np.int32], int, int, bool]:
+        """Return all beams in rows of neighbours, how many rows and columns, and whether a row
+        goes around.
+
+        Rows are rings by elevation, each turned so that columns have the same azimuth.
+        """
+        if self.rings is None:
+            return np.arange(len(self.directions), dtype=np.int32), 1, len(self.directions), False
+        rings = self.rings
+        shift = np.rint(rings.turn * (rings.azimuth[0] - rings.azimuth) / rings.step)
+        column = (np.arange(self.columns) + shift[:, None].astype(np.int64)) % self.columns
+        rays = (rings.order[:, None] * self.columns + column).astype(np.int32)
+        return rays.ravel(), self.channels, self.columns, True

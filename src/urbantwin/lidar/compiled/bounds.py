@@ -1,0 +1,154 @@
+"""The directions in which a box lies, as seen from a sensor."""
+
+import numpy as np
+from numba import njit
+
+from urbantwin.lidar.compiled.pose import actor_from_sensor, set_pose
+
+__all__ = ["bounds_of_box", "rays_within", "widened"]
+
+#: Closer to the sensor's axis than this, metres, a corner has no azimuth.
+_AXIS_MARGIN_M = 1e-3
+_TURN = 2 * np.pi
+
+
+@njit(cache=True, nogil=True)
+def bounds_of_box(low, high, rotation, place):
+    """Return azimuth, width, lowest and highest elevation of a box, radians.
+
+    Azimuth: the corners leave a widest gap. It is more than half a turn exactly when the sensor's
+    axis passes outside the box; inside, the width is a whole turn. Elevation: along an edge
+    ``p + t d`` it has one extreme, where ``t = (p_z p.d - d_z p.p) / (d_z p.d - p_z d.d)`` with
+    horizontal dot products; inside a face it has none, because a plane that does not hold the
+    sensor touches no cone about its axis.
+
+    Args:
+        low: (3,) lower corner of the box in its own frame.
+        high: (3,) upper corner.
+        rotation: (3, 3) of ``box_SE3_sensor``.
+        place: (3,) the sensor in the box's frame.
+    """
+    corner = np.empty((8, 3))
+    azimuth = np.empty(8)
+    nearest = np.inf
+    up, down = False, False
+    lowest, highest = np.inf, -np.inf
+    for n in range(8):
+        x = (high[0] if n & 1 else low[0]) - place[0]
+        y = (high[1] if n & 2 else low[1]) - place[1]
+        z = (high[2] if n & 4 else low[2]) - place[2]
+        for i in range(3):
+            corner[n, i] = rotation[0, i] * x + rotation[1, i] * y + rotation[2, i] * z
+        azimuth[n] = np.arctan2(corner[n, 1], corner[n, 0])
+        up, down = up or corner[n, 2] > 0, down or corner[n, 2] < 0
+    azimuth.sort()
+    widest, gap = 7, azimuth[0] + _TURN - azimuth[7]
+    for n in range(7):
+        if azimuth[n + 1] - azimuth[n] > gap:
+            widest, gap = n, azimuth[n + 1] - azimuth[n]
+    for bit in (1, 2, 4):
+        for n in range(8):
+            if n & bit:
+                continue
+            p, q = corner[n], corner[n | bit]
+            dx, dy, dz = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+            pp, pd, dd = p[0] ** 2 + p[1] ** 2, p[0] * dx + p[1] * dy, dx * dx + dy * dy
+            slope = dz * pd - p[2] * dd
+            share = 0.0
+            if slope != 0.0:
+                share = min(max((p[2] * pd - dz * pp) / slope, 0.0), 1.0)
+            for t in (0.0, 1.0, share):
+                level = np.hypot(p[0] + t * dx, p[1] + t * dy)
+                nearest = min(nearest, level)
+                elevation = np.arctan2(p[2] + t * dz, level)
+                lowest, highest = min(lowest, elevation), max(highest, elevation)
+    if gap <= np.pi + 1e-6 or nearest < _AXIS_MARGIN_M:
+        if down:
+            lowest = -np.pi / 2
+        if up:
+            highest = np.pi / 2
+        return azimuth[0], _TURN, lowest, highest
+    return azimuth[(widest + 1) % 8], _TURN - gap, lowest, highest
+
+
+@njit(cache=True, nogil=True)
+def widened(one, other):
+    """Return bounds that hold two bounds, which are near each other."""
+    start, width, lowest, highest = one
+    start_2, width_2, lowest_2, highest_2 = other
+    lowest, highest = min(lowest, lowest_2), max(highest, highest_2)
+    if width >= _TURN or width_2 >= _TURN:
+        return start, _TURN, lowest, highest
+    middle = start + width / 2
+    shift = np.rint((middle - (start_2 + width_2 / 2)) / _TURN) * _TURN
+    first = min(start, start_2 + shift)
+    last = max(start + width, start_2 + shift + width_2)
+    return first, min(last - first, _TURN), lowest, highest
+
+
+@njit(cache=True, nogil=True)
+def rays_within(
+    low, high, path, sensor_rotation, sensor_place, timing, beams, range_max_m, beside, room
+):
+    """Return blocks (B, 4) and beams (R,) that can touch actors, of beams that stand in no columns.
+
+    As ``blocks.find_blocks``, for directions (N, 3) in any order; a block is a row of beams.
+    """
+    knot_time, rotation, translation, turns = path
+    column_time, ring_span, first_column = timing
+    actor_rotation, actor_place, relative, place = room
+    count = len(column_time)
+    azimuth, elevation = np.empty(len(beams)), np.empty(len(beams))
+    for n in range(len(beams)):
+        azimuth[n] = np.arctan2(beams[n, 1], beams[n, 0])
+        elevation[n] = np.arcsin(min(max(beams[n, 2], -1.0), 1.0))
+    blocks = np.empty((len(low), 4), np.int64)
+    rays = np.empty(1024, np.int32)
+    used, written = 0, 0
+    margin = 1e-4 + beside
+    looks = 8
+    for actor in range(len(low)):
+        bounds = (0.0, 0.0, 0.0, 0.0)
+        near = np.inf
+        for look in range(looks + 1):
+            k = (first_column + (count - 1) * look // looks) % count
+            time = column_time[k] + (ring_span if look == looks else 0.0)
+            set_pose(
+                time,
+                knot_time[actor],
+                rotation[actor],
+                translation[actor],
+                turns[actor],
+                actor_rotation,
+                actor_place,
+            )
+            n = k if len(sensor_place) > 1 else 0
+            actor_from_sensor(
+                actor_rotation, actor_place, sensor_rotation[n], sensor_place[n], relative, place
+            )
+            now = bounds_of_box(low[actor], high[actor], relative, place)
+            bounds = now if look == 0 else widened(bounds, now)
+            away = 0.0
+            for i in range(3):
+                away += max(low[actor, i] - place[i], place[i] - high[actor, i], 0.0) ** 2
+            near = min(near, np.sqrt(away))
+        if near > range_max_m:
+            continue
+        # What an actor may pass between two looks, in a turn of a fifth of a second at most.
+        extra = margin + 0.01
+        start = written
+        for n in range(len(beams)):
+            past = (azimuth[n] - bounds[0] + extra) % _TURN
+            level = bounds[2] - extra <= elevation[n] <= bounds[3] + extra
+            if level and past <= bounds[1] + 2 * extra:
+                if written == len(rays):
+                    more = np.empty(2 * len(rays), np.int32)
+                    more[:written] = rays
+                    rays = more
+                rays[written] = n
+                written += 1
+        if written > start:
+            blocks[used, 0], blocks[used, 1] = actor, 1
+            blocks[used, 2], blocks[used, 3] = written - start, start
+            used += 1
+    return blocks[:used], rays[:written]

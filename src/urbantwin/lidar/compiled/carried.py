@@ -1,0 +1,61 @@
+"""Rays that met actors, as they lie with the actor where it stands at another moment."""
+
+import numpy as np
+from numba import njit
+
+from urbantwin.lidar.compiled.pose import actor_from_sensor, set_pose
+
+__all__ = ["carried"]
+
+
+@njit(cache=True, nogil=True)
+def carried(beam, actor, path, sensor_rotation, sensor_place, times, beams, to_rotation, to_place):
+    """Return origins and unit vectors, each (3, M) float64.
+
+    Args:
+        beam: (M,) int32.
+        actor: (M,) int32, what each beam met.
+        path: knots of all actors, see ``blocks.find_blocks``.
+        sensor_rotation: (K, 3, 3) of ``site_SE3_sensor`` by column, or (1, 3, 3).
+        sensor_place: (K, 3) or (1, 3).
+        times: of columns (K,) and of channels within them (C,), seconds from the frame's time.
+        beams: (N, 3) float64 unit vectors, sensor frame.
+        to_rotation: (A, 3, 3), where the actors stand then, frame of the result.
+        to_place: (A, 3).
+    """
+    knot_time, rotation, translation, turns = path
+    column_time, ring_time = times
+    count = len(column_time)
+    moving = len(sensor_place) > 1
+    origin, aim = np.empty((3, len(beam))), np.empty((3, len(beam)))
+    actor_rotation, actor_place = np.empty((3, 3)), np.empty(3)
+    relative, place = np.empty((3, 3)), np.empty(3)
+    local = np.empty(3)
+    for m in range(len(beam)):
+        a, column = actor[m], beam[m] % count
+        time = column_time[column] + ring_time[beam[m] // count]
+        set_pose(
+            time,
+            knot_time[a],
+            rotation[a],
+            translation[a],
+            turns[a],
+            actor_rotation,
+            actor_place,
+        )
+        n = column if moving else 0
+        actor_from_sensor(
+            actor_rotation, actor_place, sensor_rotation[n], sensor_place[n], relative, place
+        )
+        for i in range(3):
+            local[i] = (
+                relative[i, 0] * beams[beam[m], 0]
+                + relative[i, 1] * beams[beam[m], 1]
+                + relative[i, 2] * beams[beam[m], 2]
+            )
+        for i in range(3):
+            origin[i, m], aim[i, m] = to_place[a, i], 0.0
+            for j in range(3):
+                origin[i, m] += to_rotation[a, i, j] * place[j]
+                aim[i, m] += to_rotation[a, i, j] * local[j]
+    return origin, aim

@@ -1,0 +1,274 @@
+"""What beams meet: surfaces that fill the whole beam or, at edges, a part of it.
+
+A beam is cast as one ray along its axis and, where its neighbours meet something else, as rays
+spread over its footprint as well. A surface that several of a beam's rays meet is one layer: it
+says which of the rays (bits of a mask), and the range at which the beam's axis meets its plane.
+"""
+
+import numpy as np
+from numba import njit
+
+from urbantwin.lidar.compiled.intersect import intersect, new_ray
+from urbantwin.lidar.compiled.pose import actor_from_sensor, set_pose
+
+__all__ = ["ON_AXIS", "cast_blocks"]
+
+#: Bit of a layer's mask: the beam's axis passes through the bounds of the actor.
+ON_AXIS = 1 << 7
+
+#: Two rays meet the same surface where the plane of one's triangle predicts the other's range to
+#: this, metres: what a curb, a bumper or a wheel stands out by.
+_SAME_SURFACE_M = 0.1
+#: A ray closer to a plane than this (sine of the angle) keeps the ray tracer's range.
+_GRAZING = 1e-3
+#: How much farther a ray starts behind a pane, metres.
+_BEHIND_M = 2e-3
+_MOST_PANES = 8
+_MOST_GROUPS = 40
+
+
+@njit(cache=True, nogil=True)
+def _plane_range(normal, offset, ox, oy, oz, dx, dy, dz):
+    """Return where a ray meets a plane, ``nan`` where it grazes it, and the sine of the angle."""
+    slant = normal[0] * dx + normal[1] * dy + normal[2] * dz
+    if abs(slant) < _GRAZING:
+        return np.nan, abs(slant)
+    return (offset - (normal[0] * ox + normal[1] * oy + normal[2] * oz)) / slant, abs(slant)
+
+
+@njit(cache=True, nogil=True)
+def _crosses(low, high, ox, oy, oz, dx, dy, dz):
+    """Return whether a ray passes through a box."""
+    enter, leave = 0.0, np.inf
+    for axis in range(3):
+        o = ox if axis == 0 else (oy if axis == 1 else oz)
+        d = dx if axis == 0 else (dy if axis == 1 else dz)
+        if abs(d) < 1e-12:
+            if o < low[axis] or o > high[axis]:
+                return False
+            continue
+        one, other = (low[axis] - o) / d, (high[axis] - o) / d
+        enter, leave = max(enter, min(one, other)), min(leave, max(one, other))
+    return enter <= leave
+
+
+@njit(cache=True, nogil=True)
+def cast_blocks(
+    address, blocks, rays, shapes, path, sensor_rotation, sensor_place, times, beams, footprint,
+    options, room, layers,
+):  # fmt: skip
+    """Cast blocks of rays, each at its own actor, and write the layers that they meet.
+
+    Args:
+        address: of ``rtcIntersect1``.
+        blocks: (B, 4) int64: actor, rows, columns, number of the first ray.
+        rays: (R,) int32, rays of the blocks in rows of neighbours; -1 for none.
+        shapes: what the A actors are made of: Embree's scenes (A,) uint64, first face of each in
+            the next arrays (A,) int64, unit normals (F, 3) and offsets (F,) float64 of the planes,
+            whether a triangle lets light through (F,) bool, lower and upper corners (A, 3) of the
+            bounds; all in the actors' frames.
+        path: knots of all actors, see ``blocks.find_blocks``.
+        sensor_rotation: (K, 3, 3) of ``site_SE3_sensor`` by column, or (1, 3, 3).
+        sensor_place: (K, 3) or (1, 3).
+        times: of columns (K,) and of channels within them (C,), seconds from the frame's time.
+        beams: (N, 3) float64 unit vectors, sensor frame; N is C times K.
+        footprint: (S, 2) float64, radians across and up from the axis; the first is the axis.
+        options: whether rays pass through glass; how beams are spread over their footprint: 0 not
+            at all, 1 where neighbours differ, 2 everywhere; whether a block goes around.
+        room: pose scratch (K, 15) float64, stamps (K,) int64, ranges (R,) float32, faces (R,)
+            int32; the stamps below ``room[4][0]`` are stale.
+        layers: ray (L,) int32, actor (L,) int32, mask (L,) uint8 (with `ON_AXIS` where the beam's
+            axis passes through the actor's bounds), range (L,) float32, cosine (L,) float32, face
+            (L,) int32 (of the actor) to write.
+
+    Returns:
+        How many layers there are (written only while there is room), and for each actor the sum
+        of the times (A,) at which beams' axes met it, and how many did (A,).
+    """
+    scenes, first_face, normals, offsets, panes, lows, highs = shapes
+    knot_time, rotation, translation, turns = path
+    column_time, ring_time = times
+    glass, spread, around = options
+    pose, stamp, range_m, face, clock = room
+    out_ray, out_actor, out_mask, out_range, out_cosine, out_face = layers
+    count = len(column_time)
+    moving = len(sensor_place) > 1
+    samples = len(footprint)
+    whole = np.uint8((1 << samples) - 1)
+    ray_hit = new_ray()
+    actors = len(scenes)
+    seen_time, seen = np.zeros(actors), np.zeros(actors, np.int64)
+    actor_rotation, actor_place = np.empty((3, 3)), np.empty(3)
+    relative, place = np.empty((3, 3)), np.empty(3)
+    later_rotation, later_place = np.empty((3, 3)), np.empty(3)
+    group_mask = np.empty(_MOST_GROUPS, np.int64)
+    group_face = np.empty(_MOST_GROUPS, np.int64)
+    group_sum, group_count = np.empty(_MOST_GROUPS), np.empty(_MOST_GROUPS)
+    used = 0
+    for block in range(len(blocks)):
+        actor, rows, wide, start = blocks[block]
+        clock[0] += 1
+        scene, base = scenes[actor], first_face[actor]
+        for at in range(start, start + rows * wide):
+            ray = rays[at]
+            if ray < 0:
+                face[at] = -2
+                continue
+            column, ring = ray % count, ray // count
+            if stamp[column] != clock[0]:
+                stamp[column] = clock[0]
+                time = column_time[column]
+                n = column if moving else 0
+                set_pose(
+                    time, knot_time[actor], rotation[actor], translation[actor], turns[actor],
+                    actor_rotation, actor_place,
+                )  # fmt: skip
+                actor_from_sensor(
+                    actor_rotation, actor_place, sensor_rotation[n], sensor_place[n], relative,
+                    place,
+                )  # fmt: skip
+                # How fast the sensor goes past the actor, for the channels that fire later.
+                later = time + 1e-3
+                set_pose(
+                    later, knot_time[actor], rotation[actor], translation[actor], turns[actor],
+                    later_rotation, later_place,
+                )  # fmt: skip
+                m, over = n, 0.0
+                if moving:
+                    m = (column + 1) % count
+                    over = column_time[m] - time
+                    if not 0.0 < over < 0.05:
+                        m, over = n, 0.0
+                for i in range(3):
+                    for j in range(3):
+                        pose[column, 3 * i + j] = relative[i, j]
+                    pose[column, 9 + i] = place[i]
+                for i in range(3):
+                    v = 0.0
+                    for j in range(3):
+                        own = 0.0
+                        if over > 0.0:
+                            own = (sensor_place[m, j] - sensor_place[n, j]) / over
+                        gone = (later_place[j] - actor_place[j]) / 1e-3
+                        v += actor_rotation[j, i] * (own - gone)
+                    pose[column, 12 + i] = v
+            p = pose[column]
+            late = ring_time[ring]
+            x, y, z = beams[ray, 0], beams[ray, 1], beams[ray, 2]
+            range_m[at], face[at] = intersect(
+                address, scene, ray_hit, np.float32(0.0),
+                p[9] + p[12] * late, p[10] + p[13] * late, p[11] + p[14] * late,
+                p[0] * x + p[1] * y + p[2] * z,
+                p[3] * x + p[4] * y + p[5] * z,
+                p[6] * x + p[7] * y + p[8] * z,
+            )  # fmt: skip
+        for row in range(rows):
+            for n in range(wide):
+                at = start + row * wide + n
+                if face[at] == -2:
+                    continue
+                ray = rays[at]
+                p = pose[ray % count]
+                late = ring_time[ray // count]
+                ox, oy, oz = p[9] + p[12] * late, p[10] + p[13] * late, p[11] + p[14] * late
+                own = face[at]
+                edge = spread == 2
+                if spread == 1:
+                    for r in range(max(row - 1, 0), min(row + 2, rows)):
+                        for c in range(n - 1, n + 2):
+                            if edge or (c < 0 or c >= wide) and not around:
+                                continue
+                            other = start + r * wide + c % wide
+                            if face[other] == -2:
+                                continue
+                            if (face[other] < 0) != (own < 0):
+                                edge = True
+                            elif own >= 0 and abs(range_m[other] - range_m[at]) > 0.3:
+                                x = beams[rays[other], 0]
+                                y = beams[rays[other], 1]
+                                z = beams[rays[other], 2]
+                                told, _ = _plane_range(
+                                    normals[base + own], offsets[base + own], ox, oy, oz,
+                                    p[0] * x + p[1] * y + p[2] * z,
+                                    p[3] * x + p[4] * y + p[5] * z,
+                                    p[6] * x + p[7] * y + p[8] * z,
+                                )  # fmt: skip
+                                edge = not abs(told - range_m[other]) < 3 * _SAME_SURFACE_M
+                if own >= 0:
+                    seen[actor] += 1
+                    seen_time[actor] += column_time[ray % count] + late
+                elif not edge:
+                    continue
+                groups = 0
+                bx, by, bz = beams[ray, 0], beams[ray, 1], beams[ray, 2]
+                flat = np.sqrt(bx * bx + by * by)
+                ex, ey = 0.0, 1.0
+                if flat > 1e-9:
+                    ex, ey = -by / flat, bx / flat
+                for sample in range(samples if edge else 1):
+                    across, up = footprint[sample, 0], footprint[sample, 1]
+                    # Across lies level; up is the beam's axis turned by a quarter.
+                    x = bx + across * ex - up * bz * ey
+                    y = by + across * ey + up * bz * ex
+                    z = bz + up * flat
+                    size = np.sqrt(x * x + y * y + z * z)
+                    x, y, z = x / size, y / size, z / size
+                    dx = p[0] * x + p[1] * y + p[2] * z
+                    dy = p[3] * x + p[4] * y + p[5] * z
+                    dz = p[6] * x + p[7] * y + p[8] * z
+                    bit = 1 << sample if edge else int(whole)
+                    near = np.float32(0.0)
+                    for pane in range(_MOST_PANES):
+                        if sample == 0 and pane == 0:
+                            met, hit = range_m[at], own
+                        else:
+                            met, hit = intersect(
+                                address, scene, ray_hit, near, ox, oy, oz, dx, dy, dz
+                            )
+                        if hit < 0:
+                            break
+                        joined = False
+                        for g in range(groups):
+                            if group_mask[g] & bit or not edge:
+                                continue
+                            told, _ = _plane_range(
+                                normals[base + group_face[g]], offsets[base + group_face[g]],
+                                ox, oy, oz, dx, dy, dz,
+                            )  # fmt: skip
+                            if abs(told - met) < _SAME_SURFACE_M and (
+                                panes[base + hit] == panes[base + group_face[g]]
+                            ):
+                                group_mask[g] |= bit
+                                group_sum[g] += met
+                                group_count[g] += 1
+                                joined = True
+                                break
+                        if not joined and groups < _MOST_GROUPS:
+                            group_mask[groups], group_face[groups] = bit, hit
+                            group_sum[groups], group_count[groups] = met, 1
+                            groups += 1
+                        if not (glass and panes[base + hit]):
+                            break
+                        near = met + np.float32(_BEHIND_M)
+                dx = p[0] * bx + p[1] * by + p[2] * bz
+                dy = p[3] * bx + p[4] * by + p[5] * bz
+                dz = p[6] * bx + p[7] * by + p[8] * bz
+                on_axis = 0
+                if own >= 0 or _crosses(lows[actor], highs[actor], ox, oy, oz, dx, dy, dz):
+                    on_axis = ON_AXIS
+                for g in range(groups):
+                    hit = group_face[g]
+                    told, cosine = _plane_range(
+                        normals[base + hit], offsets[base + hit], ox, oy, oz, dx, dy, dz
+                    )
+                    mean = group_sum[g] / group_count[g]
+                    if not group_mask[g] & 1 or not abs(told - mean) < 10 * _SAME_SURFACE_M:
+                        told = mean
+                    if used < len(out_ray):
+                        out_ray[used], out_actor[used] = ray, actor
+                        out_mask[used] = group_mask[g] | on_axis
+                        out_range[used] = told
+                        out_cosine[used] = cosine
+                        out_face[used] = hit
+                    used += 1
+    return used, seen_time, seen

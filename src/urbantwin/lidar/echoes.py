@@ -1,0 +1,141 @@
+"""Echoes: what comes back along the beams of a turn, and which of it a sensor may report."""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.lidar.compiled.echoes import MOST_LAYERS, combine
+from urbantwin.lidar.compiled.order import chained
+from urbantwin.lidar.compiled.slots import choose
+from urbantwin.lidar.layers import Layers
+from urbantwin.lidar.returns import ReturnModel
+from urbantwin.lidar.shapes import ShapeArrays
+from urbantwin.lidar.static import StaticLayers
+
+__all__ = ["PULSE_M", "Alone", "Echoes", "combined"]
+
+#: Surfaces nearer to each other than this along a beam come back as one echo, metres: half the
+#: way that light goes in a pulse of 5 ns, the usual length.
+PULSE_M = 0.75
+#: As ``compiled.slots`` counts them.
+_MODES = ("strongest", "last", "dual", "first")
+
+
+class Echoes(NamedTuple):
+    """E echoes along M beams, those of a beam next to each other, nearest first.
+
+    Attributes:
+        beam: (M,) int32.
+        start: (M + 1,) int32, where the echoes of each beam begin.
+        range_m: (E,) float32.
+        amplitude: (E,) float32, see ``returns.model``.
+        owner: (E,) int32, the actor that most of it is from (plus `compiled.echoes.BESIDE` where
+            the beam's axis passes beside it), or ``-1 - layer`` of the static world.
+        level: (E,) int32, the level below which a draw means a return.
+        sigma: (E,) float32, standard deviation of the range, metres.
+        intensity: (E,) float32.
+        first: (M,) int32, the echo that is reported; -1 for none.
+        second: (M,) int32, the one that is reported too, or in its place; -1 for none.
+    """
+
+    beam: NDArray[np.int32]
+    start: NDArray[np.int32]
+    range_m: NDArray[np.float32]
+    amplitude: NDArray[np.float32]
+    owner: NDArray[np.int32]
+    level: NDArray[np.int32]
+    sigma: NDArray[np.float32]
+    intensity: NDArray[np.float32]
+    first: NDArray[np.int32]
+    second: NDArray[np.int32]
+
+
+class Alone(NamedTuple):
+    """The echo that each actor would give along a beam if it were alone in the world.
+
+    Attributes:
+        beam: (L,) int32.
+        actor: (L,) int32.
+        level: (L,) int32, the level below which a draw means a return.
+    """
+
+    beam: NDArray[np.int32]
+    actor: NDArray[np.int32]
+    level: NDArray[np.int32]
+
+
+def combined(
+    static: StaticLayers,
+    moving: Layers | None,
+    shapes: ShapeArrays | None,
+    first_face: NDArray[np.int64] | None,
+    share: NDArray[np.float64],
+    model: ReturnModel,
+    returns: Literal["strongest", "last", "dual", "first"],
+) -> tuple[Echoes, Alone]:
+    """Return the echoes of the beams that touch actors, or without actors of all beams.
+
+    Args:
+        static: the static world along all N beams.
+        moving: the actors' layers; ``None``: the echoes of the static world along all beams.
+        shapes: the actors' shapes.
+        first_face: (A,) where the faces of each actor's shape begin.
+        share: (S,) of a beam's light that each of its rays carries.
+        model: what the sensor makes of echoes.
+        returns: which of them it reports.
+    """
+    beams = len(static.start) - 1
+    head = np.full(beams, -1, np.int32)
+    if moving is None or shapes is None or first_face is None:
+        touched = np.arange(beams, dtype=np.int32)
+        whole, real = np.zeros(0, np.int32), np.zeros(0, np.float32)
+        chain = (head, whole, whole, real, real, real, np.zeros(0, np.uint8))
+        layers = 0
+    else:
+        before = np.empty(len(moving.ray), np.int32)
+        touched = chained(moving.ray, head, before)
+        material = shapes.material.take(first_face.take(moving.actor) + moving.face)
+        back = model.scatter.backscatter(material, moving.cosine)
+        through = model.scatter.transmission(material, moving.cosine)
+        chain = (head, before, moving.actor, moving.range_m, back, through, moving.mask)
+        layers = len(moving.ray)
+    still = (static.start, static.range_m, static.backscatter, static.through, static.mask)
+    room = (_scratch(), _scratch(), np.empty(len(share)))
+    most = 2 * len(touched) + layers + 16
+    while True:
+        start = np.empty(len(touched) + 1, np.int32)
+        echoes = (
+            np.empty(most, np.float32),
+            np.empty(most, np.float32),
+            np.empty(most, np.int32),
+        )
+        alone = (
+            np.empty(layers, np.int32),
+            np.empty(layers, np.int32),
+            np.empty(layers, np.float32),
+            np.empty(layers, np.float32),
+        )
+        used, lone = combine(
+            touched, still, chain, share, np.float32(PULSE_M), room, (start, *echoes), alone
+        )
+        if used <= most:
+            break
+        most = used
+    range_m, amplitude, owner = (values[:used] for values in echoes)
+    level, sigma, intensity = model.answers(amplitude, range_m)
+    strength = model.strength(amplitude, range_m)
+    first, second = choose(start, strength, level, _MODES.index(returns))
+    beam, actor, lone_range, lone_amplitude = (values[:lone] for values in alone)
+    lone_level = model.answers(lone_amplitude, lone_range)[0]
+    return (
+        Echoes(touched, start, range_m, amplitude, owner, level, sigma, intensity, first, second),
+        Alone(touched.take(beam), actor, lone_level),
+    )
+
+
+def _scratch() -> tuple[NDArray[np.generic], ...]:
+    kinds = (np.float32, np.float32, np.float32, np.uint8, np.int32, np.int64)
+    return tuple(np.empty(MOST_LAYERS, kind) for kind in kinds)
