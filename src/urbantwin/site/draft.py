@@ -254,6 +254,7 @@ rig:
   frame: level          # of the points: sensor, level (sensor's place and heading, upright) or site
   sensors:
     # A pole at a corner of the junction, looking at its middle. More sensors: more items.
+    # docs/rigs.md has all that a rig can say: heights, timing, echoes, weather, faults, riding.
     - name: pole
       model: OS1-128    # "urbantwin sensors" lists the models
       columns: 1024     # per turn
@@ -261,10 +262,10 @@ rig:
       north_m: {pole.north_m}
       # or, in place of east_m and north_m: latitude and longitude
       height_m: 5.5     # above the ground there
-      yaw_deg: {pole.yaw_deg}    # heading, counter-clockwise from east
+      yaw_deg: {pole.yaw_deg}    # counter-clockwise from east; or heading_deg, clockwise from north
       pitch_deg: 5.0    # positive looks down
       roll_deg: 0.0
-      effects:
+      effects:          # all but crosstalk are on unless turned off; effects: false turns off all
         noise: true     # range noise as in the datasheet
         dropout: true   # weak returns are lost
 """
