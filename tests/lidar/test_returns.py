@@ -83,19 +83,17 @@ def test_without_dropout_the_faintest_hit_returns(os1):
     assert level_shares(ReturnModel(os1), 1e-6, 100.0) == 0.0
 
 
-@pytest.mark.parametrize(
-    ("signal_to_noise", "ratio"), [(12, 10 / 1.5), (100, 3 / 1.5), (250, 1.0), (1000, 1.0)]
-)
-def test_range_sigma_has_the_shape_of_the_os1_datasheet(os1, signal_to_noise, ratio):
-    """Its 1.5, 3 and 10 cm, at the strengths of the stated ratios of signal to noise."""
-    model = ReturnModel(os1)
-    range_m = 45.0 / np.sqrt(signal_to_noise / 12)
+@pytest.mark.parametrize(("snr", "sigma_cm"), [(12, 10.0), (100, 1.9), (250, 1.5), (5000, 1.5)])
+def test_range_sigma_is_that_of_the_first_os1s_datasheet(ground_mesh, rig_of, snr, sigma_cm):
+    """1.5 cm above an SNR of 250, 10 cm at 12; strength 1 is an SNR of 12."""
+    mounted = rig_of(ground_mesh(), {}).sensors[0]
+    model = ReturnModel(replace(mounted, sensor=replace(mounted.sensor, range_sigma_m=0.015)))
     n = 100_000
+    range_m = 45.0 / np.sqrt(snr / 12)
     backscatter, ranges = np.full(n, 0.1, np.float32), np.full(n, range_m, np.float32)
     noise = model.sigma(backscatter, ranges) * standard_noise(draw(1, 0, 0, n).noise)
-    expected = ratio * os1.sensor.assumed_range_sigma_m
-    assert noise.std() == pytest.approx(expected, rel=0.01)
-    assert abs(noise.mean()) < 4 * expected / np.sqrt(n)
+    assert noise.std() == pytest.approx(sigma_cm / 100, rel=0.05)
+    assert abs(noise.mean()) < 4 * noise.std() / np.sqrt(n)
 
 
 def test_sigma_never_falls_as_strength_falls(os1):

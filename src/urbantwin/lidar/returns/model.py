@@ -11,7 +11,7 @@ from urbantwin.lidar.returns.clutter import Clutter, clutter_of
 from urbantwin.lidar.returns.detection import HALF_STRENGTH, STEEPNESS
 from urbantwin.lidar.returns.draws import LEVELS
 from urbantwin.lidar.returns.intensity import intensity_scale
-from urbantwin.lidar.returns.noise import SIGMA_STRENGTH, slopes
+from urbantwin.lidar.returns.noise import KNEE_STRENGTH
 from urbantwin.lidar.returns.scatter import Scatter, scatter_of_materials
 from urbantwin.lidar.returns.sunlight import daylight, sun_noise
 from urbantwin.lidar.rig import MountedSensor
@@ -55,7 +55,6 @@ class ReturnModel:
         if entry.detection_range_10_m is not None and entry.detection_range_80_m is not None:
             reflectivity, range_m = 0.1, entry.detection_range_10_m
         sun, fall = sun_noise(entry)
-        weak, strong = slopes()
         scale = intensity_scale(entry)
         self.response = Response(
             per_amplitude=range_m**fall / reflectivity,
@@ -70,10 +69,7 @@ class ReturnModel:
             half=HALF_STRENGTH,
             steepness=STEEPNESS,
             sigma_m=entry.assumed_range_sigma_m if effects.noise else 0.0,
-            weak_slope=weak,
-            weak_end=SIGMA_STRENGTH[1],
-            strong_slope=strong,
-            strong_end=SIGMA_STRENGTH[2],
+            knee=KNEE_STRENGTH,
             white=scale.white,
             greatest=scale.greatest,
             per_log=scale.per_log,

@@ -1,25 +1,26 @@
 """Range noise from strength.
 
-Ouster's OS1 datasheet gives one standard deviation of 1.5, 3 and 10 cm at a signal-to-noise ratio
-above 250, of 100 and of 12. We take that shape for every sensor: strength 1 is the weakest of the
-three, and the sensor's own ``range_sigma_m`` is the strongest's. Between them, straight lines in
-the logarithms; below the weakest, its line goes on.
+How well the time of a pulse is told has a part that no light mends (jitter, steps of the clock)
+and one that goes with the inverse of the signal-to-noise ratio: the Cramer-Rao bound of the time
+of arrival (Van Trees 1968, Detection, Estimation, and Modulation Theory I, section 4.2.3; Richmond
+and Cain 2010, Direct-Detection LADAR Systems, SPIE TT85, chapter 6). Both add in squares:
+``sigma = range_sigma_m x sqrt(1 + (KNEE_SNR / snr)^2)``.
+
+The OS1's datasheet of the first generation has both ends: 1.5 cm above an SNR of 250 and 10 cm at
+12, so that the two parts are equal at `KNEE_SNR` (at 100 it says 3 cm, we 1.9). Strength 1 is taken
+to be the weakest of the three, `REFERENCE_SNR`. Planes in the scans of a real OS1-128 have what
+follows from that within a factor of 2 (`benchmarks/ouster.py`: 8 mm near, 1 to 3 cm at 20 to 30 m).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["SIGMA_RATIO", "SIGMA_STRENGTH", "slopes"]
+__all__ = ["KNEE_SNR", "KNEE_STRENGTH", "REFERENCE_SNR"]
 
-#: Strengths of the datasheet's three ratios.
-SIGMA_STRENGTH = (1.0, 100 / 12, 250 / 12)
-#: The standard deviation there, relative to the strongest's.
-SIGMA_RATIO = (10 / 1.5, 3 / 1.5, 1.0)
-
-
-def slopes() -> tuple[float, float]:
-    """Return the exponents of strength by which the deviation falls, weak and strong."""
-    weak, middle, strong = np.log(SIGMA_STRENGTH)
-    high, mean, low = np.log(SIGMA_RATIO)
-    return (high - mean) / (middle - weak), (mean - low) / (strong - middle)
+#: Signal-to-noise ratio at which both parts of the noise are equal.
+KNEE_SNR = 12 * float(np.sqrt((10 / 1.5) ** 2 - 1))
+#: Signal-to-noise ratio of the datasheet's target.
+REFERENCE_SNR = 12.0
+#: The first in strength.
+KNEE_STRENGTH = KNEE_SNR / REFERENCE_SNR
