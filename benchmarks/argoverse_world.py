@@ -14,7 +14,8 @@ import trimesh
 from argoverse_log import COLUMNS, SENSORS, ActorBox, Log, vlp32c
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar import LabelledFrame, MountedSensor, PosedActor, Rig, Scanner
-from urbantwin.site.rig import Effects
+from urbantwin.lidar.actor_path import ActorPath
+from urbantwin.site.rig import Effects, OutageSpec, RideSpec
 from urbantwin.taxonomy import ACTOR_SEMANTICS, material_id, semantic_id
 from urbantwin.traffic.assets import asset, asset_mesh, asset_names
 
@@ -39,6 +40,23 @@ CLASSES = {
 PARKED = ("BICYCLE", "MOTORCYCLE")
 #: Ground farther from the vehicle is left out.
 FARTHEST_M = 120.0
+#: Nodes of the vehicle's path, seconds after the sweep's time.
+TIMES_S = np.linspace(0.0, 0.12, 7)
+#: Track of the vehicle that carries the sensors.
+EGO = 60000
+#: What the vehicle itself hides from its sensors (its roof, and what stands on it), by where
+#: neither sweep has any return though others see the ground there.
+HIDDEN = {
+    "up_lidar": (OutageSpec(channels=[0], sector_deg=[157, 205]),),
+    "down_lidar": (
+        OutageSpec(sector_deg=[154, 163]),
+        # In its own frame: hanging, it sees the sky below 0.
+        OutageSpec(
+            channels=np.flatnonzero(vlp32c("ccw").elevation_deg < 1.7).tolist(),
+            sector_deg=[153, 180],
+        ),
+    ),
+}
 _RIDER = ("cloth", "skin")
 
 
@@ -98,31 +116,66 @@ class World:
         return LabelledMesh.build(vertices, faces, semantic_id("road"), material_id("asphalt"))
 
     def rig(self, effects: Effects) -> Rig:
-        """Both sensors where they are on the vehicle."""
+        """Both sensors where they are on the vehicle, in the phase that they were in."""
         sensors = [
-            MountedSensor(name, vlp32c(spin), COLUMNS, self.log.mounts[name], effects)
-            for name, _, spin in SENSORS
+            MountedSensor(
+                name,
+                vlp32c(spin),
+                COLUMNS,
+                self.log.mounts[name],
+                effects,
+                number=number,
+                phase_deg=self.log.rays(self.sweep, name).phase_deg,
+                outages=HIDDEN[name],
+                carrier_SE3_sensor=self.log.mounts[name],
+            )
+            for number, (name, _, spin) in enumerate(SENSORS)
         ]
-        return Rig(tuple(sensors), "site", 10.0, Pose.from_ypr(np.zeros(3)))
+        nowhere = Pose.from_ypr(np.zeros(3))
+        return Rig(tuple(sensors), "site", 10.0, nowhere, ride=RideSpec(track=EGO), carrier=EGO)
+
+    def actors(self, boxes: list[ActorBox]) -> list[PosedActor]:
+        """The vehicle that carries the sensors, and the boxes; the n-th has the track n."""
+        poses = self.log.vehicle_path(self.sweep, TIMES_S)
+        way = ActorPath(
+            TIMES_S,
+            np.stack([pose.rotation for pose in poses]),
+            np.stack([pose.translation for pose in poses]),
+        )
+        found = [PosedActor(EGO, "car", "ego", 0, poses[0], np.zeros(3), way)]
+        for track, box in enumerate(boxes, 1):
+            start = box.pose.translation - box.observed_s * box.velocity
+            pose = Pose(box.pose.rotation, start)
+            kind = actor_class(box.category)
+            found.append(PosedActor(track, kind, str(track), 0, pose, box.velocity))
+        return found
 
     def scan(self, boxes: list[ActorBox], effects: Effects, seed: int = 0) -> LabelledFrame:
-        """The frame that the simulated rig sees; the n-th box has the track n + 1."""
-        meshes = {str(k): mesh_in_box(box.category, box.size) for k, box in enumerate(boxes)}
+        """The frame that the simulated rig sees."""
+        meshes = {str(n): mesh_in_box(box.category, box.size) for n, box in enumerate(boxes, 1)}
         scanner = Scanner(
             self.ground, self.rig(effects), seed, meshes=lambda name, phase: meshes[name]
         )
-        actors = [
-            PosedActor(k + 1, actor_class(box.category), str(k), 0, box.pose, box.velocity)
-            for k, box in enumerate(boxes)
-        ]
-        return scanner.scan(self.log.sweeps.index(self.sweep), actors)
+        return scanner.scan(self.log.sweeps.index(self.sweep), self.actors(boxes))
+
+    def ranges(self, frame: LabelledFrame) -> np.ndarray:
+        """Distances (N,) of points from where their sensor was when it measured them."""
+        poses = self.log.vehicle_path(self.sweep, TIMES_S)
+        found = np.empty(len(frame.points))
+        for number, (name, *_) in enumerate(SENSORS):
+            mine = frame.sensor == number
+            place = np.stack([(pose @ self.log.mounts[name]).translation for pose in poses])
+            time_s = frame.time_s[mine]
+            origin = np.column_stack([np.interp(time_s, TIMES_S, place[:, k]) for k in range(3)])
+            found[mine] = np.linalg.norm(frame.points[mine, :3] - origin, axis=1)
+        return found
 
 
-def numbers(frame: LabelledFrame, rig: Rig) -> list[np.ndarray]:
+def numbers(frame: LabelledFrame) -> list[np.ndarray]:
     """Per sensor which point (C, K) each of its rays gave; -1 for none."""
     found = []
-    for number, one in enumerate(rig.sensors):
-        image = np.full((one.sensor.channels, one.columns), -1)
+    for number, (_, _, spin) in enumerate(SENSORS):
+        image = np.full((vlp32c(spin).channels, COLUMNS), -1)
         mine = np.flatnonzero(frame.sensor == number)
         image[frame.ring[mine], frame.column[mine]] = mine
         found.append(image)
