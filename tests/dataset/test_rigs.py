@@ -96,6 +96,64 @@ def test_sensors_that_are_not_fused_have_a_dataset_each(fused, separate):
     json.dumps(told)
 
 
+def test_apart_or_fused_a_sensor_measures_the_same(fused, separate):
+    """In the site frame: the points of each sensor are those that it has in the fused frame."""
+    for index in range(2, 8):
+        points = np.load(fused / f"points/{index:06d}.npy")
+        rays = np.load(fused / f"rays/{index:06d}.npy")
+        for number, name in enumerate(("steady", "swift")):
+            own = np.load(separate / f"{name}/points/{index:06d}.npy")
+            mine = points[rays["sensor"] == number]
+            background = ~_of_actors(fused, index)[rays["sensor"] == number]
+            assert own.shape == mine.shape
+            assert own[background] == pytest.approx(mine[background], abs=1e-6)
+
+
+def _of_actors(dataset, index):
+    return np.fromfile(dataset / f"semantic/{index:06d}.label", np.uint32) >> 16 > 0
+
+
+def test_both_echoes_of_a_beam_are_told_apart(twin, motion, rig_spec, tmp_path):
+    one = rig_spec().sensors[0].model_dump(exclude_none=True)
+    rig = place_rig(rig_spec(sensors=[{**one, "returns": "dual"}]), twin.mesh)
+    record(twin, motion, rig, tmp_path / "dataset", workers=1, start_s=1.1)
+    rays = np.load(tmp_path / "dataset/rays/000011.npy")
+    second = np.flatnonzero(rays["echo"] == 1)
+    assert len(second) > 10
+    # A second echo stands behind the first of its own beam.
+    assert (rays[second][["ring", "column", "time"]] == rays[second - 1][
+        ["ring", "column", "time"]]).all()  # fmt: skip
+    assert (rays["echo"][second - 1] == 0).all()
+    assert len(np.unique(rays[["ring", "column", "echo"]])) == len(rays)
+
+
+@pytest.mark.parametrize("fuse", [True, False])
+def test_nothing_depends_on_who_records_what_when(
+    twin, motion, fused, separate, digests, tmp_path, fuse
+):
+    """Two processes, stopped in the middle and set on again, give the same bytes."""
+
+    def stop(_fraction, doing):
+        if doing.startswith("frame 4 " if fuse else "frame 9 "):
+            raise KeyboardInterrupt
+
+    out, rig = tmp_path / "dataset", two_sensors(twin, fused=fuse)
+    span = {"seed": 5, "start_s": 0.2, "stop_s": 0.7}
+    with pytest.raises(KeyboardInterrupt):
+        record(twin, motion, rig, out, workers=1, progress=stop, **span)
+    assert not out.exists()
+    told = []
+
+    def listen(_fraction, doing):
+        told.append(doing)
+
+    record(twin, motion, rig, out, workers=2 if fuse else 1, progress=listen, **span)
+    assert ("frame 5 of 6" if fuse else "frame 10 of 12") in told
+    assert ("frame 3 of 6" if fuse else "frame 8 of 12") not in told
+    assert digests(out) == digests(fused if fuse else separate)
+    assert [path.name for path in tmp_path.iterdir()] == ["dataset"]
+
+
 def riding(twin, **ride):
     sensor = {"name": "roof", "model": "VLP-16", "forward_m": 0.5, "left_m": 0.1}
     spec = {"sensors": [{**sensor, "above_roof_m": 0.4}], "ride": ride, "frame": "level"}
@@ -116,6 +174,8 @@ def test_a_rig_that_rides_tells_where_it_was(twin, motion, tmp_path):
         assert row["reported_x"] == pytest.approx(row["true_x"])
         to_dataset = np.array(frame["dataset_SE3_site"])
         assert to_dataset @ [x, 8.1, row["true_z"], 1] == pytest.approx([0, 0, 0, 1], abs=1e-9)
+        points = np.load(out / f"points/{frame['name']}.npy")
+        assert np.median(points[points[:, 2] < -1, 2]) == pytest.approx(-row["true_z"], abs=0.05)
 
 
 def test_a_rig_on_an_actor_that_leaves_says_when_it_is_there(twin, motion, tmp_path):

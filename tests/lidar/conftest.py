@@ -61,10 +61,10 @@ def street() -> LabelledMesh:
 def rig_of() -> Callable[..., Rig]:
     """Return a maker of rigs: ``rig_of(mesh, {sensor}, {sensor}, frame=...)``."""
 
-    def make(mesh, *sensors, frame="level"):
+    def make(mesh, *sensors, frame="level", **rig):
         standard = {"model": "OS1-128", "east_m": 0.0, "north_m": 0.0, "height_m": 5.0}
         named = [{"name": f"s{k}", **standard, **one} for k, one in enumerate(sensors)]
-        spec = RigSpec.model_validate({"frame": frame, "sensors": named})
+        spec = RigSpec.model_validate({"frame": frame, "sensors": named, **rig})
         return place_rig(spec, mesh, file="rig.yaml")
 
     return make
