@@ -13,6 +13,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.lidar.casting import EmbreeCaster
+from urbantwin.lidar.casting.warp_layers import WarpLayers
 from urbantwin.taxonomy import materials
 
 __all__ = ["ActorShape", "MeshSource", "ShapeArrays", "ShapeTable"]
@@ -68,6 +69,8 @@ class ShapeArrays(NamedTuple):
         hull_size: (S,) int64, how many it has.
         low: (S, 3) float64, lower corners of the bounds.
         high: (S, 3) float64, upper corners.
+        meshes: vertices (V, 3) and faces (F, 3) of each shape, alone.
+        device: where rays are cast at them; ``None``: on the processor, by Embree.
     """
 
     scenes: NDArray[np.uint64]
@@ -81,9 +84,11 @@ class ShapeArrays(NamedTuple):
     hull_size: NDArray[np.int64]
     low: NDArray[np.float64]
     high: NDArray[np.float64]
+    meshes: tuple[tuple[NDArray[np.float64], NDArray[np.int32]], ...] = ()
+    device: WarpLayers | None = None
 
     @classmethod
-    def of(cls, shapes: list[ActorShape]) -> ShapeArrays:
+    def of(cls, shapes: list[ActorShape], device: WarpLayers | None = None) -> ShapeArrays:
         """Put shapes end to end."""
         count = [len(shape.material) for shape in shapes]
         corners = [shape.hull.shape[1] for shape in shapes]
@@ -99,6 +104,8 @@ class ShapeArrays(NamedTuple):
             np.array(corners, np.int64),
             np.array([shape.low for shape in shapes]),
             np.array([shape.high for shape in shapes]),
+            tuple((shape.caster.vertices, shape.caster.faces) for shape in shapes),
+            device,
         )
 
 
@@ -107,10 +114,11 @@ class ShapeTable:
 
     Args:
         meshes: gives the mesh of an asset.
+        device: where rays are cast at them, see `ShapeArrays`.
     """
 
-    def __init__(self, meshes: MeshSource) -> None:
-        self._meshes = meshes
+    def __init__(self, meshes: MeshSource, device: WarpLayers | None = None) -> None:
+        self._meshes, self._device = meshes, device
         self._number: dict[tuple[str, int], int] = {}
         self._shapes: list[ActorShape] = []
         self._arrays: ShapeArrays | None = None
@@ -135,5 +143,5 @@ class ShapeTable:
         """All shapes end to end."""
         with self._lock:
             if self._arrays is None:
-                self._arrays = ShapeArrays.of(self._shapes)
+                self._arrays = ShapeArrays.of(self._shapes, self._device)
             return self._arrays

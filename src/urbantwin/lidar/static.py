@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from urbantwin.geometry import LabelledMesh, SurfaceMaterials
 from urbantwin.lidar.beams import Beams
 from urbantwin.lidar.casting import EmbreeCaster
+from urbantwin.lidar.casting.warp_layers import WarpLayers
 from urbantwin.lidar.compiled.order import by_ray
 from urbantwin.lidar.layers import SensorPoses, cast_world
 from urbantwin.lidar.returns import Scatter, scatter_of_materials
@@ -51,6 +52,7 @@ class World:
         mesh: the static world, site frame.
         origin: (3,) where its own origin is to be: near the sensors.
         surface: materials of the ground that are finer than the mesh.
+        device: where rays are cast; ``None``: on the processor, by Embree.
     """
 
     def __init__(
@@ -58,6 +60,7 @@ class World:
         mesh: LabelledMesh,
         origin: NDArray[np.float64],
         surface: SurfaceMaterials | None = None,
+        device: WarpLayers | None = None,
     ) -> None:
         self._mesh, self._surface = mesh, surface
         self._origin = np.array(origin, np.float64)
@@ -65,7 +68,7 @@ class World:
             mesh.vertices - self._origin, mesh.faces, mesh.semantic, mesh.material, mesh.part
         )
         self._shape = ActorShape(moved, with_hull=False)
-        self._arrays = ShapeArrays.of([self._shape])
+        self._arrays = ShapeArrays.of([self._shape], device)
 
     def layers(
         self, beams: Beams, sweep: Sweep, poses: SensorPoses, scatter: Scatter, *, thorough: bool

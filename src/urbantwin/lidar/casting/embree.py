@@ -94,13 +94,15 @@ class EmbreeCaster:
         faces: (F, 3) indices of vertices.
 
     Attributes:
+        vertices: (V, 3) float64, as given.
+        faces: (F, 3) int32, as given.
         scene: the scene for ``compiled.intersect``; 0 where there are no triangles.
     """
 
     def __init__(self, vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> None:
         self.scene = 0
-        self._vertices = np.ascontiguousarray(vertices, np.float64)
-        self._faces = np.ascontiguousarray(faces, np.int32)
+        self.vertices = np.ascontiguousarray(vertices, np.float64)
+        self.faces = np.ascontiguousarray(faces, np.int32)
         if not len(faces):
             return
         library, device = _library(), _device()
@@ -135,8 +137,8 @@ class EmbreeCaster:
             cast_rays(
                 intersect_address(),
                 self.scene,
-                self._vertices,
-                self._faces,
+                self.vertices,
+                self.faces,
                 starts,
                 aims,
                 range_m,

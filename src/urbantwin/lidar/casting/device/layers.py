@@ -1,0 +1,316 @@
+"""What beams meet, on the device: the same as ``compiled.layers``, which says what it means.
+
+A ray is a thread. First all rays along the beams' axes are cast; then, where neighbours meet
+something else, the rays of a beam's footprint; then the layers found are put in order.
+"""
+
+import warp as wp
+
+from urbantwin.lidar.casting.device.poses import Motion, RayPose, Turn, pose_for
+from urbantwin.lidar.casting.device.triangles import Meshes, first_hit
+from urbantwin.lidar.compiled.layers import ON_AXIS
+
+__all__ = ["Blocks", "Layer", "Surfaces", "cast_axes", "find_layers", "put_in_order"]
+
+# The same as in ``compiled.layers``.
+_SAME_SURFACE_M = 0.1
+_GRAZING = 1e-3
+_BEHIND_M = 2e-3
+_MOST_PANES = 8
+_MOST_GROUPS = 40
+#: Ranges of neighbours that differ by less are not looked at, metres.
+_STEP_M = 0.3
+#: Times are added up in these, so that the sum does not depend on the order.
+_PICOSECONDS = 1e12
+
+wp.set_module_options({"enable_backward": False, "fast_math": False})
+
+Masks = wp.types.vector(length=_MOST_GROUPS, dtype=wp.int32)
+Sums = wp.types.vector(length=_MOST_GROUPS, dtype=wp.float64)
+
+
+@wp.struct
+class Blocks:
+    """Blocks of rays (B,): actor, rows, columns, first ray; and all rays (R,), -1 for none."""
+
+    actor: wp.array(dtype=wp.int32)
+    rows: wp.array(dtype=wp.int32)
+    wide: wp.array(dtype=wp.int32)
+    start: wp.array(dtype=wp.int32)
+    ray: wp.array(dtype=wp.int32)
+
+
+@wp.struct
+class Surfaces:
+    """Shape of each actor (A,), bounds of each shape, planes and panes of all faces."""
+
+    shape: wp.array(dtype=wp.int32)
+    low: wp.array(dtype=wp.vec3d)
+    high: wp.array(dtype=wp.vec3d)
+    normal: wp.array(dtype=wp.vec3d)
+    offset: wp.array(dtype=wp.float64)
+    pane: wp.array(dtype=wp.uint8)
+
+
+@wp.struct
+class Layer:
+    """One surface that a beam meets."""
+
+    ray: wp.int32
+    actor: wp.int32
+    mask: wp.int32
+    face: wp.int32
+    range_m: wp.float32
+    cosine: wp.float32
+
+
+@wp.func
+def plane_range(
+    surfaces: Surfaces, face: wp.int32, origin: wp.vec3d, direction: wp.vec3d
+) -> wp.float64:
+    """Return where a ray meets a triangle's plane; ``nan`` where it grazes it."""
+    normal = surfaces.normal[face]
+    slant = wp.dot(normal, direction)
+    if wp.abs(slant) < wp.float64(wp.static(_GRAZING)):
+        return wp.float64(wp.nan)
+    return (surfaces.offset[face] - wp.dot(normal, origin)) / slant
+
+
+@wp.func
+def crosses(low: wp.vec3d, high: wp.vec3d, origin: wp.vec3d, direction: wp.vec3d) -> wp.bool:
+    """Return whether a ray passes through a box."""
+    enter, leave = wp.float64(0.0), wp.float64(wp.inf)
+    for axis in range(3):
+        if wp.abs(direction[axis]) < wp.float64(1e-12):
+            if origin[axis] < low[axis] or origin[axis] > high[axis]:
+                return False
+        else:
+            one = (low[axis] - origin[axis]) / direction[axis]
+            other = (high[axis] - origin[axis]) / direction[axis]
+            enter = wp.max(enter, wp.min(one, other))
+            leave = wp.min(leave, wp.max(one, other))
+    return enter <= leave
+
+
+@wp.func
+def block_of(blocks: Blocks, at: wp.int32) -> wp.int32:
+    """Return the block that a ray stands in: the last that starts at or before it."""
+    low, high = wp.int32(0), blocks.start.shape[0] - 1
+    while low < high:
+        middle = (low + high + 1) // 2
+        if blocks.start[middle] <= at:
+            low = middle
+        else:
+            high = middle - 1
+    return low
+
+
+@wp.kernel
+def cast_axes(
+    meshes: Meshes,
+    shape: wp.array(dtype=wp.int32),
+    motion: Motion,
+    turn: Turn,
+    blocks: Blocks,
+    beams: wp.array(dtype=wp.vec3d),
+    pose: wp.array(dtype=RayPose),
+    range_m: wp.array(dtype=wp.float32),
+    face: wp.array(dtype=wp.int32),
+    tally: wp.array(dtype=wp.int64),
+) -> None:
+    """Cast the axes of beams: range and face (R,), -1 without a hit and -2 without a ray.
+
+    ``tally`` is 0 (for the number of layers), then how many axes met each actor (A,), then the
+    sums of the times (A,) at which they did, picoseconds.
+    """
+    at = wp.tid()
+    ray = blocks.ray[at]
+    face[at] = -2
+    if ray < 0:
+        return
+    count = turn.column_time.shape[0]
+    column, ring = ray % count, ray // count
+    actor = blocks.actor[block_of(blocks, at)]
+    own = pose_for(motion, turn, actor, column, ring)
+    pose[at] = own
+    hit = first_hit(meshes, shape[actor], own.origin, own.rotation @ beams[ray], wp.float64(0.0))
+    range_m[at] = wp.float32(hit.range_m)
+    face[at] = hit.face
+    if hit.face >= 0:
+        time = turn.column_time[column] + turn.ring_time[ring]
+        wp.atomic_add(tally, 1 + actor, wp.int64(1))
+        wp.atomic_add(
+            tally,
+            1 + shape.shape[0] + actor,
+            wp.int64(wp.round(time * wp.float64(wp.static(_PICOSECONDS)))),
+        )
+
+
+@wp.func
+def is_edge(
+    surfaces: Surfaces,
+    base: wp.int32,
+    blocks: Blocks,
+    block: wp.int32,
+    at: wp.int32,
+    around: wp.bool,
+    own: RayPose,
+    beams: wp.array(dtype=wp.vec3d),
+    range_m: wp.array(dtype=wp.float32),
+    face: wp.array(dtype=wp.int32),
+) -> wp.bool:
+    """Return whether a neighbour of a ray meets another surface."""
+    start, wide = blocks.start[block], blocks.wide[block]
+    row, column = (at - start) // wide, (at - start) % wide
+    for r in range(wp.max(row - 1, 0), wp.min(row + 2, blocks.rows[block])):
+        for step in range(-1, 2):
+            c = column + step
+            if (c < 0 or c >= wide) and not around:
+                continue
+            other = start + r * wide + (c + wide) % wide
+            if face[other] == -2:
+                continue
+            if (face[other] < 0) != (face[at] < 0):
+                return True
+            if face[at] >= 0 and wp.abs(range_m[other] - range_m[at]) > wp.static(_STEP_M):
+                aim = own.rotation @ beams[blocks.ray[other]]
+                told = plane_range(surfaces, base + face[at], own.origin, aim)
+                apart = wp.abs(told - wp.float64(range_m[other]))
+                if not (apart < wp.float64(wp.static(3 * _SAME_SURFACE_M))):
+                    return True
+    return False
+
+
+@wp.kernel
+def find_layers(
+    meshes: Meshes,
+    surfaces: Surfaces,
+    blocks: Blocks,
+    beams: wp.array(dtype=wp.vec3d),
+    footprint: wp.array(dtype=wp.vec2d),
+    glass: wp.bool,
+    spread: wp.int32,
+    around: wp.bool,
+    columns: wp.int32,
+    pose: wp.array(dtype=RayPose),
+    range_m: wp.array(dtype=wp.float32),
+    face: wp.array(dtype=wp.int32),
+    tally: wp.array(dtype=wp.int64),
+    found: wp.array(dtype=Layer),
+    first: wp.array(dtype=wp.int32),
+    many: wp.array(dtype=wp.int32),
+) -> None:
+    """Write the layers of each beam next to each other in ``found``: where, and how many (R,)."""
+    at = wp.tid()
+    many[at] = 0
+    own_face = wp.int32(face[at])
+    if own_face == -2:
+        return
+    ray = blocks.ray[at]
+    block = block_of(blocks, at)
+    actor = blocks.actor[block]
+    shape = surfaces.shape[actor]
+    base = meshes.first_face[shape]
+    own = pose[at]
+    edge = spread == 2
+    if spread == 1:
+        edge = is_edge(surfaces, base, blocks, block, at, around, own, beams, range_m, face)
+    if own_face < 0 and not edge:
+        return
+
+    samples = footprint.shape[0]
+    cast = wp.int32(1)
+    if edge:
+        cast = samples
+    masks, faces, counts = Masks(), Masks(), Masks()
+    sums = Sums()
+    groups = wp.int32(0)
+    beam = beams[ray]
+    flat = wp.sqrt(beam[0] * beam[0] + beam[1] * beam[1])
+    ex, ey = wp.float64(0.0), wp.float64(1.0)
+    if flat > wp.float64(1e-9):
+        ex, ey = -beam[1] / flat, beam[0] / flat
+    for sample in range(cast):
+        across, up = footprint[sample][0], footprint[sample][1]
+        aim = own.rotation @ wp.normalize(
+            wp.vec3d(
+                beam[0] + across * ex - up * beam[2] * ey,
+                beam[1] + across * ey + up * beam[2] * ex,
+                beam[2] + up * flat,
+            )
+        )
+        bit = wp.int32(1) << sample
+        if not edge:
+            bit = (wp.int32(1) << samples) - 1
+        near = wp.float64(0.0)
+        pane = wp.int32(0)
+        while pane < wp.static(_MOST_PANES):
+            met, hit = wp.float32(range_m[at]), wp.int32(own_face)
+            if sample > 0 or pane > 0:
+                further = first_hit(meshes, shape, own.origin, aim, near)
+                met, hit = wp.float32(further.range_m), wp.int32(further.face)
+            pane += 1
+            if hit < 0:
+                break
+            clear = surfaces.pane[base + hit]
+            joined = wp.bool(False)
+            for g in range(groups):
+                if edge and not joined and (masks[g] & bit) == 0:
+                    told = plane_range(surfaces, base + faces[g], own.origin, aim)
+                    apart = wp.abs(told - wp.float64(met))
+                    if (
+                        apart < wp.float64(wp.static(_SAME_SURFACE_M))
+                        and clear == surfaces.pane[base + faces[g]]
+                    ):
+                        masks[g] = masks[g] | bit
+                        sums[g] = sums[g] + wp.float64(met)
+                        counts[g] = counts[g] + 1
+                        joined = True
+            if not joined and groups < wp.static(_MOST_GROUPS):
+                masks[groups] = bit
+                faces[groups] = hit
+                sums[groups] = wp.float64(met)
+                counts[groups] = 1
+                groups += 1
+            if not glass or clear == wp.uint8(0):
+                break
+            near = wp.float64(met) + wp.float64(wp.static(_BEHIND_M))
+
+    axis = own.rotation @ beam
+    on_axis = wp.int32(0)
+    if own_face >= 0 or crosses(surfaces.low[shape], surfaces.high[shape], own.origin, axis):
+        on_axis = wp.int32(wp.static(ON_AXIS))
+    place = wp.int32(wp.atomic_add(tally, 0, wp.int64(groups)))
+    first[at] = place
+    many[at] = groups
+    for g in range(groups):
+        told = plane_range(surfaces, base + faces[g], own.origin, axis)
+        mean = sums[g] / wp.float64(counts[g])
+        if (masks[g] & 1) == 0 or not (
+            wp.abs(told - mean) < wp.float64(wp.static(10 * _SAME_SURFACE_M))
+        ):
+            told = mean
+        if place + g < found.shape[0]:
+            layer = Layer()
+            layer.ray = ray
+            layer.actor = actor
+            layer.mask = masks[g] | on_axis
+            layer.face = faces[g]
+            layer.range_m = wp.float32(told)
+            layer.cosine = wp.float32(wp.abs(wp.dot(surfaces.normal[base + faces[g]], axis)))
+            found[place + g] = layer
+
+
+@wp.kernel
+def put_in_order(
+    found: wp.array(dtype=Layer),
+    first: wp.array(dtype=wp.int32),
+    many: wp.array(dtype=wp.int32),
+    place: wp.array(dtype=wp.int32),
+    ordered: wp.array(dtype=Layer),
+) -> None:
+    """Put the layers of beams (R,) in the order of the beams: from ``place`` on."""
+    at = wp.tid()
+    for g in range(many[at]):
+        if first[at] + g < found.shape[0] and place[at] + g < ordered.shape[0]:
+            ordered[place[at] + g] = found[first[at] + g]
