@@ -10,7 +10,7 @@ from urbantwin.lidar import Scanner, beam_directions
 from urbantwin.lidar.actor_path import ActorPath, PosedActor
 from urbantwin.lidar.beams import Beams
 from urbantwin.lidar.compiled.bounds import bounds_of_box
-from urbantwin.lidar.layers import Paths, SensorPoses, cast_actors
+from urbantwin.lidar.layers import Paths, PresentActors, SensorPoses, cast_actors
 from urbantwin.lidar.shapes import ActorShape, ShapeArrays
 from urbantwin.lidar.sweep import Sweep
 from urbantwin.taxonomy import material_id, semantic_id
@@ -51,7 +51,7 @@ def slab_ranges(origins, directions, half):
     yaw=st.tuples(st.floats(-np.pi, np.pi), st.floats(-0.05, 0.05)),
     first=st.integers(0, COLUMNS - 1),
 )
-def test_every_beam_finds_a_moving_box_where_it_is_when_the_beam_fires(
+def test_every_beam_finds_a_moving_box_where_it_is_when_the_beam_fires(  # noqa: PLR0917
     rig_of, street, model, start, closeness, step, half, yaw, first
 ):
     mounted = rig_of(street, {"model": model, **EXACT}).sensors[0]
@@ -72,10 +72,8 @@ def test_every_beam_finds_a_moving_box_where_it_is_when_the_beam_fires(
     half = np.array(half)
     shape = ActorShape(box(half))
     poses = SensorPoses(sensor_pose.rotation[None], sensor_pose.translation[None])
-    met = cast_actors(
-        beams, sweep, poses, ShapeArrays.of([shape]), np.zeros(1, np.int64),
-        (shape.low[None], shape.high[None]), Paths.of([way]), 1e6, glass=False,
-    )  # fmt: skip
+    actors = PresentActors(ShapeArrays.of([shape]), np.zeros(1, np.int64), Paths.of([way]))
+    met = cast_actors(beams, sweep, poses, actors, 1e6, glass=False)
     ours = np.full(len(beams.directions), np.inf)
     ours[met.ray] = met.range_m
     assert len(np.unique(met.ray)) == len(met.ray)

@@ -13,7 +13,7 @@ __all__ = ["write_boxes"]
 #: Columns and Arrow types. Boxes and velocities are in the dataset's frame: metres, radians,
 #: metres per second. A box stands where its actor was ``observed_s`` after the frame's time, when
 #: the rays met it. ``occlusion`` and ``visibility`` are null for an actor that no ray reaches even
-#: when it is alone in the world.
+#: when it is alone in the world; of ``difficulty`` and ``ignored`` one is (``docs/labels.md``).
 _COLUMNS = {
     "frame": "string",
     "time_s": "float64",
@@ -24,6 +24,9 @@ _COLUMNS = {
     "num_points_alone": "int32",
     "occlusion": "float64",
     "visibility": "float64",
+    "truncation": "float64",
+    "difficulty": "string",
+    "ignored": "string",
     "observed_s": "float64",
     **dict.fromkeys(("vx", "vy", "vz"), "float64"),
 }

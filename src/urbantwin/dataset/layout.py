@@ -128,7 +128,10 @@ def _row(one: BoxLabel) -> dict[str, Any]:
         "num_points_alone": one.num_points_alone,
         "occlusion": None if unknown else one.occlusion,
         "visibility": None if unknown else one.visibility,
-        "observed_s": getattr(one, "observed_s", 0.0),
+        "truncation": one.truncation,
+        "difficulty": one.difficulty,
+        "ignored": one.ignored,
+        "observed_s": one.observed_s,
         **dict(zip(("vx", "vy", "vz"), (float(value) for value in one.velocity), strict=True)),
     }
 

@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any
 from urbantwin.artefact import write_json
 from urbantwin.dataset.boxes import write_boxes
 from urbantwin.dataset.course import Courses
+from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, write_ignore_regions
 from urbantwin.dataset.layout import FOLDERS, frame_name, read_json_or_none
 from urbantwin.dataset.manifest import manifest_of
 from urbantwin.dataset.split import split_frames
 from urbantwin.dataset.sweeps import write_sweeps
 from urbantwin.dataset.workers import Recipe, Task, record_frames, usable_processors
 from urbantwin.lidar import Rig
+from urbantwin.lidar.coverage import IgnoreArea
 from urbantwin.lidar.timing import span_of
 
 if TYPE_CHECKING:
@@ -67,7 +69,9 @@ def record_dataset(
             yield Task(index, courses.around(times_s[index], *span))
 
     count = min(usable_processors() if workers is None else workers, max(1, len(missing)))
-    recipe = Recipe(twin.mesh, rig, seed, folder, done, motion.meshes, twin.surface_materials)
+    recipe = Recipe(
+        twin.mesh, rig, seed, folder, done, motion.meshes, twin.surface_materials, twin.region
+    )
     if missing:
         there = len(times_s) - len(missing)
         for number, _ in enumerate(record_frames(recipe, tasks(), count), start=there + 1):
@@ -80,14 +84,16 @@ def finish_dataset(
     recipe: Mapping[str, Any],
     times_s: Mapping[int, float],
     entries: Sequence[Mapping[str, Any]],
+    ignored: Sequence[IgnoreArea],
 ) -> None:
-    """Write what needs all frames: the split, the tables and ``dataset.json``."""
+    """Write what needs all frames: the split, the tables, the areas and ``dataset.json``."""
     train, validate = split_frames([frame_name(index) for index in times_s])
     (folder / "ImageSets").mkdir(exist_ok=True)
     for name, frames in (("train", train), ("val", validate)):
         text = "".join(f"{frame}\n" for frame in frames)
         (folder / "ImageSets" / f"{name}.txt").write_text(text)
     write_boxes(folder / "boxes.parquet", times_s, entries)
+    write_ignore_regions(folder / IGNORE_REGIONS, ignored)
     write_sweeps(folder / "sweeps.parquet", list(times_s), entries)
     write_json(folder / "dataset.json", manifest_of(recipe, times_s, entries, (train, validate)))
 

@@ -15,6 +15,7 @@ from urbantwin.dataset.moment import FASTEST_M_S
 from urbantwin.dataset.one_dataset import MARKS, finish_dataset, record_dataset
 from urbantwin.errors import InputError
 from urbantwin.lidar import Rig
+from urbantwin.lidar.coverage import ignore_areas
 from urbantwin.lidar.riding import boarded
 
 if TYPE_CHECKING:
@@ -102,7 +103,8 @@ def record(  # noqa: PLR0913 - every one is a person's choice
         say(0.98, "tables")
         for name, part in parts.items():
             own = {**recipe, **recipe_of_rig(part)}
-            finish_dataset(partial / name, own, times_s, entries[name])
+            ignored = ignore_areas(part, twin.mesh, twin.region)
+            finish_dataset(partial / name, own, times_s, entries[name], ignored)
         if not rig.fused:
             write_json(partial / "dataset.json", manifest_of_parts(recipe, entries))
         for name in parts:

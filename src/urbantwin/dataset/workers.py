@@ -13,6 +13,8 @@ from itertools import islice
 from multiprocessing import get_context
 from pathlib import Path
 
+import shapely
+
 from urbantwin.dataset.course import Course
 from urbantwin.dataset.layout import frame_name, write_frame
 from urbantwin.dataset.moment import posed_actors
@@ -50,6 +52,7 @@ class Recipe:
             mark is whole.
         meshes: by asset and phase; what is not here comes from the catalogue.
         surface: materials of the ground that are finer than the static world's triangles.
+        region: where labels count, site frame; everywhere when not given.
     """
 
     static: LabelledMesh
@@ -59,13 +62,19 @@ class Recipe:
     done: Path
     meshes: Mapping[tuple[str, int], LabelledMesh] = field(default_factory=dict)
     surface: SurfaceMaterials | None = None
+    region: shapely.Polygon | None = None
 
 
 class _Recorder:
     def __init__(self, recipe: Recipe) -> None:
         self._recipe = recipe
         self._scanner = Scanner(
-            recipe.static, recipe.rig, recipe.seed, meshes=self._mesh, surface=recipe.surface
+            recipe.static,
+            recipe.rig,
+            recipe.seed,
+            meshes=self._mesh,
+            surface=recipe.surface,
+            region=recipe.region,
         )
 
     def _mesh(self, asset: str, phase: int) -> LabelledMesh:

@@ -72,21 +72,21 @@ class Beams:
                 sensor.pattern, columns, turn, mounted.turns_per_second
             ).reshape(-1, 3)
             return cls(directions, columns, sensor.channels, footprint, None)
+        turning = mounted.turns_per_second if mounted.effects.rolling_shutter else 0.0
         elevation = beam_elevations(sensor)
         order = np.argsort(elevation, kind="stable")
         rings = Rings(
             order,
             elevation[order],
-            beam_azimuths(sensor, columns)[order, 0],
+            beam_azimuths(sensor, columns, turns_per_second=turning)[order, 0],
             2 * np.pi / columns,
             -1 if sensor.spin == "cw" else 1,
         )
-        directions = beam_directions(sensor, columns).reshape(-1, 3)
-        return cls(directions, columns, sensor.channels, footprint, rings)
+        directions = beam_directions(sensor, columns, turns_per_second=turning)
+        return cls(directions.reshape(-1, 3), columns, sensor.channels, footprint, rings)
 
     def neighbours(self) -> tuple[NDArray[np.int32], int, int, bool]:
-        """Return all beams in rows of neighbours, how many rows and columns, and whether a row
-        goes around.
+        """Return all beams in rows of neighbours, rows, columns, and whether a row goes around.
 
         Rows are rings by elevation, each turned so that columns have the same azimuth.
         """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from urbantwin.lidar.compiled.echoes import MOST_LAYERS, combine
 from urbantwin.lidar.compiled.order import chained
 from urbantwin.lidar.compiled.slots import choose
-from urbantwin.lidar.layers import Layers
+from urbantwin.lidar.layers import Layers, PresentActors
 from urbantwin.lidar.returns import ReturnModel
-from urbantwin.lidar.shapes import ShapeArrays
 from urbantwin.lidar.static import StaticLayers
 
 __all__ = ["PULSE_M", "Alone", "Echoes", "combined"]
@@ -69,9 +68,7 @@ class Alone(NamedTuple):
 
 def combined(
     static: StaticLayers,
-    moving: Layers | None,
-    shapes: ShapeArrays | None,
-    first_face: NDArray[np.int64] | None,
+    moving: tuple[PresentActors, Layers] | None,
     share: NDArray[np.float64],
     model: ReturnModel,
     returns: Literal["strongest", "last", "dual", "first"],
@@ -80,39 +77,39 @@ def combined(
 
     Args:
         static: the static world along all N beams.
-        moving: the actors' layers; ``None``: the echoes of the static world along all beams.
-        shapes: the actors' shapes.
-        first_face: (A,) where the faces of each actor's shape begin.
+        moving: the actors and their layers; ``None``: the echoes of the static world along all
+            beams.
         share: (S,) of a beam's light that each of its rays carries.
         model: what the sensor makes of echoes.
         returns: which of them it reports.
     """
     beams = len(static.start) - 1
     head = np.full(beams, -1, np.int32)
-    if moving is None or shapes is None or first_face is None:
+    if moving is None:
         touched = np.arange(beams, dtype=np.int32)
         whole, real = np.zeros(0, np.int32), np.zeros(0, np.float32)
         chain = (head, whole, whole, real, real, real, np.zeros(0, np.uint8))
         layers = 0
     else:
-        before = np.empty(len(moving.ray), np.int32)
-        touched = chained(moving.ray, head, before)
-        material = shapes.material.take(first_face.take(moving.actor) + moving.face)
-        back = model.scatter.backscatter(material, moving.cosine)
-        through = model.scatter.transmission(material, moving.cosine)
-        chain = (head, before, moving.actor, moving.range_m, back, through, moving.mask)
-        layers = len(moving.ray)
+        actors, met = moving
+        layers = len(met.ray)
+        before = np.empty(layers, np.int32)
+        touched = chained(met.ray, head, before)
+        material = actors.shapes.material.take(actors.first_face.take(met.actor) + met.face)
+        back = model.scatter.backscatter(material, met.cosine)
+        through = model.scatter.transmission(material, met.cosine)
+        chain = (head, before, met.actor, met.range_m, back, through, met.mask)
     still = (static.start, static.range_m, static.backscatter, static.through, static.mask)
     room = (_scratch(), _scratch(), np.empty(len(share)))
     most = 2 * len(touched) + layers + 16
     while True:
         start = np.empty(len(touched) + 1, np.int32)
-        echoes = (
+        echoes: tuple[NDArray[Any], ...] = (
             np.empty(most, np.float32),
             np.empty(most, np.float32),
             np.empty(most, np.int32),
         )
-        alone = (
+        alone: tuple[NDArray[Any], ...] = (
             np.empty(layers, np.int32),
             np.empty(layers, np.int32),
             np.empty(layers, np.float32),
@@ -136,6 +133,6 @@ def combined(
     )
 
 
-def _scratch() -> tuple[NDArray[np.generic], ...]:
+def _scratch() -> tuple[NDArray[Any], ...]:
     kinds = (np.float32, np.float32, np.float32, np.uint8, np.int32, np.int64)
     return tuple(np.empty(MOST_LAYERS, kind) for kind in kinds)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from urbantwin.lidar.compiled.layers import cast_blocks
 from urbantwin.lidar.shapes import ShapeArrays
 from urbantwin.lidar.sweep import Sweep
 
-__all__ = ["Layers", "Paths", "SensorPoses", "cast_actors", "cast_world"]
+__all__ = ["Layers", "Paths", "PresentActors", "SensorPoses", "cast_actors", "cast_world"]
 
 
 class Paths(NamedTuple):
@@ -58,6 +58,26 @@ class Paths(NamedTuple):
         """Return the path of the static world: it stands in the site frame."""
         rotation = np.broadcast_to(np.eye(3), (1, 2, 3, 3)).copy()
         return cls(np.array([[0.0, 1.0]]), rotation, np.zeros((1, 2, 3)), np.zeros((1, 1, 3)))
+
+
+@dataclass(frozen=True, eq=False)
+class PresentActors:
+    """The actors of a frame.
+
+    Attributes:
+        shapes: every shape.
+        shape: (A,) int64, the shape of each actor.
+        paths: how they move.
+    """
+
+    shapes: ShapeArrays
+    shape: NDArray[np.int64]
+    paths: Paths
+
+    @property
+    def first_face(self) -> NDArray[np.int64]:
+        """Where the faces (A,) of each actor's shape begin."""
+        return np.asarray(self.shapes.first_face[self.shape])
 
 
 class SensorPoses(NamedTuple):
@@ -102,10 +122,7 @@ def cast_actors(
     beams: Beams,
     sweep: Sweep,
     poses: SensorPoses,
-    arrays: ShapeArrays,
-    shapes: NDArray[np.int64],
-    bounds: tuple[NDArray[np.float64], NDArray[np.float64]],
-    paths: Paths,
+    actors: PresentActors,
     range_max_m: float,
     *,
     glass: bool,
@@ -116,18 +133,17 @@ def cast_actors(
         beams: of the sensor.
         sweep: when they fire.
         poses: where the sensor is.
-        arrays: every shape.
-        shapes: (A,) the shape of each actor.
-        bounds: lower and upper corners (A, 3) of the actors, in their own frames.
-        paths: of the actors.
+        actors: everything that moves.
         range_max_m: an actor wholly beyond it is left out.
         glass: whether beams pass through panes.
     """
-    low, high = bounds
-    if not len(low):
+    if not len(actors.shape):
         return _none(0)
+    arrays, paths = actors.shapes, actors.paths
+    low, high = arrays.low[actors.shape], arrays.high[actors.shape]
     blocks, rays = _blocks(beams, sweep, poses, low, high, paths, range_max_m)
-    own = (arrays.scenes[shapes], arrays.first_face[shapes], *arrays[2:5], low, high)
+    scenes = arrays.scenes[actors.shape]
+    own = (scenes, actors.first_face, *arrays[2:5], low, high)
     spread = 1 if len(beams.footprint.share) > 1 else 0
     return _cast(beams, sweep, poses, own, paths, blocks, rays, (glass, spread, False))
 
@@ -188,9 +204,10 @@ def _blocks(
     reach = beams.footprint.reach
     timing = (sweep.column_time_s, float(sweep.ring_time_s.max()), sweep.first_column)
     if rings is None:
-        return rays_within(
+        blocks, rays = rays_within(
             low, high, tuple(paths), *poses, timing, beams.directions, range_max_m, reach, room
         )
+        return blocks, rays
     lie = (rings.order, rings.elevation, rings.azimuth, rings.step, rings.turn, reach)
     size = (2 * len(low), 1 << 16)
     while True:
@@ -207,7 +224,7 @@ def _cast(
     beams: Beams,
     sweep: Sweep,
     poses: SensorPoses,
-    shapes: tuple[NDArray[np.generic], ...],
+    shapes: tuple[NDArray[Any], ...],
     paths: Paths,
     blocks: NDArray[np.int64],
     rays: NDArray[np.int32],
@@ -219,7 +236,7 @@ def _cast(
     hits = (np.empty(len(rays), np.float32), np.empty(len(rays), np.int32))
     room = len(rays) + len(rays) // 2 + 1024
     while True:
-        layers = (
+        layers: tuple[NDArray[Any], ...] = (
             np.empty(room, np.int32),
             np.empty(room, np.int32),
             np.empty(room, np.uint8),

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.geometry import Pose
 from urbantwin.lidar.compiled.carried import carried
 from urbantwin.lidar.compiled.echoes import BESIDE
 from urbantwin.lidar.compiled.gather import OUTLIER, gather, place_points
 from urbantwin.lidar.echoes import Echoes, combined
 from urbantwin.lidar.labels.posed_box import BOX_MARGIN_M, outside, spans_in_box
-from urbantwin.lidar.layers import Layers, Paths, cast_actors
+from urbantwin.lidar.layers import Layers, PresentActors, cast_actors
 from urbantwin.lidar.mounted import MountedSensor
 from urbantwin.lidar.returns import (
     Purpose,
@@ -23,34 +23,13 @@ from urbantwin.lidar.returns import (
     standard_quantiles,
     truncated_noise,
 )
-from urbantwin.lidar.shapes import ShapeArrays
 from urbantwin.lidar.static_view import StaticView
 from urbantwin.lidar.sweep import Sweep
 
-__all__ = ["Observation", "PresentActors", "Sighting"]
+__all__ = ["Observation", "Sighting"]
 
 #: Turns are told apart in the key of random numbers by so many bits.
 _TURNS = 1 << 40
-
-
-@dataclass(frozen=True, eq=False)
-class PresentActors:
-    """The actors of a frame.
-
-    Attributes:
-        shapes: every shape.
-        shape: (A,) int64, the shape of each actor.
-        paths: how they move.
-    """
-
-    shapes: ShapeArrays
-    shape: NDArray[np.int64]
-    paths: Paths
-
-    @property
-    def first_face(self) -> NDArray[np.int64]:
-        """Where the faces (A,) of each actor's shape begin."""
-        return np.asarray(self.shapes.first_face[self.shape])
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,15 +85,11 @@ class Sighting:
         self._mounted, self._model, self._view, self._sweep = mounted, model, view, sweep
         self._actors = actors
         self._dead = np.zeros(0, np.bool_) if dead is None else dead.reshape(-1)
-        shapes, shape = actors.shapes, actors.shape
         self._layers: Layers = cast_actors(
             view.beams,
             sweep,
             view.poses,
-            shapes,
-            shape,
-            (shapes.low[shape], shapes.high[shape]),
-            actors.paths,
+            actors,
             mounted.sensor.assumed_range_max_m,
             glass=mounted.effects.glass,
         )
@@ -159,9 +134,7 @@ class Sighting:
         if len(self._layers.ray):
             echoes, lone = combined(
                 view.layers,
-                self._layers,
-                self._actors.shapes,
-                self._actors.first_face,
+                (self._actors, self._layers),
                 beams.footprint.share,
                 self._model,
                 mounted.returns,
@@ -274,7 +247,7 @@ class Sighting:
 
 def _moving(
     front: NDArray[np.int32], echoes: Echoes | None, semantic: NDArray[np.uint16]
-) -> tuple[NDArray[np.generic], ...]:
+) -> tuple[NDArray[Any], ...]:
     """Return the echoes of beams that touch actors as ``compiled.gather`` takes them."""
     if echoes is None:
         whole, real = np.zeros(0, np.int32), np.zeros(0, np.float32)
@@ -292,7 +265,7 @@ def _moving(
     )
 
 
-def _room(count: int) -> tuple[NDArray[np.generic], ...]:
+def _room(count: int) -> tuple[NDArray[Any], ...]:
     return (
         np.empty(count, np.int32),
         np.empty(count, np.uint8),

@@ -29,7 +29,9 @@ def beam_elevations(sensor: Sensor) -> NDArray[np.float64]:
     return np.radians(sensor.elevation_deg)
 
 
-def beam_azimuths(sensor: Sensor, columns: int | None = None) -> NDArray[np.float64]:
+def beam_azimuths(
+    sensor: Sensor, columns: int | None = None, *, turns_per_second: float = 0.0
+) -> NDArray[np.float64]:
     """Return the azimuth (C, K) of every beam.
 
     Radians in [-pi, pi), counter-clockwise from x in the sensor frame.
@@ -37,24 +39,33 @@ def beam_azimuths(sensor: Sensor, columns: int | None = None) -> NDArray[np.floa
     Args:
         sensor: the sensor.
         columns: firings per turn, K; the sensor's default when not given.
+        turns_per_second: of a head that goes on turning while the channels of a column fire one
+            after another, so that those that fire later look farther on; 0: all look from where
+            the column begins.
     """
     count = sensor.columns if columns is None else columns
     if count < 1:
         raise ValueError(f"columns must be 1 or more, not {count}")
     turn = -1.0 if sensor.spin == "cw" else 1.0
     encoder_deg = turn * 360.0 * np.arange(count) / count
-    angle_deg = encoder_deg[None, :] + sensor.azimuth_offset_deg[:, None]
+    offset_deg = sensor.azimuth_offset_deg
+    if sensor.firing_time_us is not None:
+        offset_deg = offset_deg + turn * 360.0 * turns_per_second * sensor.firing_time_us * 1e-6
+    angle_deg = encoder_deg[None, :] + offset_deg[:, None]
     return np.radians((angle_deg + 180.0) % 360.0 - 180.0)
 
 
-def beam_directions(sensor: Sensor, columns: int | None = None) -> NDArray[np.float64]:
+def beam_directions(
+    sensor: Sensor, columns: int | None = None, *, turns_per_second: float = 0.0
+) -> NDArray[np.float64]:
     """Return the unit vectors (C, K, 3) of every beam in the sensor frame (x forward, y left).
 
     Args:
         sensor: the sensor.
         columns: firings per turn, K; the sensor's default when not given.
+        turns_per_second: see `beam_azimuths`.
     """
-    azimuth = beam_azimuths(sensor, columns)
+    azimuth = beam_azimuths(sensor, columns, turns_per_second=turns_per_second)
     elevation = beam_elevations(sensor)[:, None]
     flat = np.cos(elevation)
     up = np.broadcast_to(np.sin(elevation), azimuth.shape)

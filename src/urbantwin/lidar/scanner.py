@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TypeVar
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
@@ -14,9 +15,12 @@ from urbantwin.lidar.actor_path import ActorPath, PosedActor
 from urbantwin.lidar.compiled.boxes import tight_boxes
 from urbantwin.lidar.compiled.pose import poses_at
 from urbantwin.lidar.labels import BoxLabel, LabelledFrame
-from urbantwin.lidar.layers import Paths
+from urbantwin.lidar.labels.borders import Borders
+from urbantwin.lidar.labels.frame import Whereabouts
+from urbantwin.lidar.labels.truncation import StandingActors
+from urbantwin.lidar.layers import Paths, PresentActors
 from urbantwin.lidar.mounted import MountedSensor, Rig
-from urbantwin.lidar.observer import Observation, PresentActors, Sighting
+from urbantwin.lidar.observer import Observation, Sighting
 from urbantwin.lidar.returns import ReturnModel
 from urbantwin.lidar.sensor_path import SensorPath
 from urbantwin.lidar.shapes import MeshSource, ShapeArrays, ShapeTable
@@ -44,6 +48,7 @@ class Scanner:
         seed: of all random numbers.
         meshes: gives the mesh of an asset; ``traffic.assets.asset_mesh`` when not given.
         surface: materials of the ground that are finer than the static world's triangles.
+        region: where labels count, site frame; everywhere when not given.
     """
 
     def __init__(
@@ -54,6 +59,7 @@ class Scanner:
         *,
         meshes: MeshSource | None = None,
         surface: SurfaceMaterials | None = None,
+        region: shapely.Polygon | None = None,
     ) -> None:
         if meshes is None:
             from urbantwin.traffic.assets import asset_mesh
@@ -62,6 +68,7 @@ class Scanner:
         self._shapes = ShapeTable(meshes)
         self._rig = rig
         self._seed = seed
+        self._borders = Borders(rig.sensors, region)
         self._models = [ReturnModel(one, rig.conditions) for one in rig.sensors]
         self._worlds: list[World | None] = []
         self._views: list[StaticView | None] = []
@@ -103,8 +110,11 @@ class Scanner:
         dataset_SE3_site = rig.dataset_pose(carrier)
 
         sightings: list[tuple[int, Sighting]] = []
+        stands = []
         for number, one in enumerate(rig.sensors):
             path = one.path(index, self._seed, carrier)
+            (rotation,), (place,) = path.true_poses(np.zeros(1))
+            stands.append(Pose(rotation, place))
             for sweep in sweeps_of(one, index, self._seed):
                 view = self._view(number, path, sweep, dataset_SE3_site)
                 dead = one.dead(index / rig.rate_hz)
@@ -113,6 +123,9 @@ class Scanner:
 
         when_s = _observed([sighting for _, sighting in sightings], paths)
         turned, placed = poses_at(when_s, tuple(paths))
+        casters = [self._shapes[number].caster for number in shape.tolist()]
+        standing = StandingActors(shapes.low[shape], shapes.high[shape], turned, placed, casters)
+        borders = self._borders.of(index / rig.rate_hz, stands, standing)
         turned = dataset_SE3_site.rotation @ turned
         placed = dataset_SE3_site.apply(placed)
         hulls = (shapes.hull, shapes.first_hull[shape], shapes.hull_size[shape])
@@ -121,7 +134,7 @@ class Scanner:
             (number, sighting.report(boxes, (turned, placed), self._seed))
             for number, sighting in sightings
         ]
-        return self._labelled(present, boxes, when_s, dataset_SE3_site, seen)
+        return self._labelled(present, boxes, when_s, borders, dataset_SE3_site, seen)
 
     def _carrier(self, actors: Sequence[PosedActor]) -> ActorPath | None:
         """Return the path of the actor that carries the rig."""
@@ -159,6 +172,7 @@ class Scanner:
         actors: Sequence[PosedActor],
         boxes: NDArray[np.float64],
         when_s: NDArray[np.float64],
+        borders: tuple[NDArray[np.float64], list[Whereabouts | None]],
         dataset_SE3_site: Pose,
         seen: Sequence[tuple[int, Observation]],
     ) -> LabelledFrame:
@@ -199,6 +213,8 @@ class Scanner:
                     int(alone[number]),
                     velocity[number],
                     float(when_s[number]),
+                    float(borders[0][number]),
+                    borders[1][number],
                 )
                 for number, one in enumerate(actors)
             ),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,9 +42,9 @@ class StaticView:
     layers: StaticLayers
     directions: NDArray[np.float32]
     origin: NDArray[np.float32]
-    report: tuple[NDArray[np.generic], ...]
+    report: tuple[NDArray[Any], ...]
     other: NDArray[np.int32]
-    second: tuple[NDArray[np.generic], ...]
+    second: tuple[NDArray[Any], ...]
 
     @classmethod
     def of(
@@ -71,9 +72,7 @@ class StaticView:
         # A sensor that stands still looks once and for all, so it can look well.
         kept = path.is_fixed and beams.rings is not None
         layers = world.layers(beams, sweep, poses, model.scatter, thorough=kept)
-        echoes, _ = combined(
-            layers, None, None, None, beams.footprint.share, model, mounted.returns
-        )
+        echoes, _ = combined(layers, None, beams.footprint.share, model, mounted.returns)
         layer = -1 - echoes.owner
         first, has = np.maximum(echoes.first, 0), echoes.first >= 0
         if not len(layer):

@@ -113,12 +113,13 @@ def find_blocks(
         beyond the room was written.
     """
     knot_time, rotation, translation, turns = path
-    column_time, ring_span, first_column = timing
+    column_time, _, first_column = timing
     order, elevation, azimuth, step, turn, beside = rings
     blocks, rays = found
     actor_rotation, actor_place, relative, place = room
     count = len(column_time)
-    pad = 1 + int(np.ceil(beside / step))
+    # High up, a beam is as wide as everywhere, but azimuths lie closer.
+    pad = 1 + int(np.ceil(1.7 * beside / step))
     margin = _ELEVATION_MARGIN + beside
     used, written = 0, 0
     for actor in range(len(low)):

@@ -85,7 +85,7 @@ def combine(touched, static, moving, share, pulse_m, room, echoes, alone):
         room: scratch of ``MOST_LAYERS``: range, backscatter, let through, mask, owner, order; a
             second one; and what is left of the rays (S,).
         echoes: first echo (M + 1,) int32, range (E,) float32, amplitude (E,) float32, owner (E,)
-            int32: an actor, `BESIDE` plus an actor, or ``-1 - layer`` of the static world; to write.
+            int32: an actor, `BESIDE` plus one, or ``-1 - layer`` of the static world; to write.
         alone: beam (L,) int32 (its number in ``touched``), actor (L,) int32, range (L,) float32,
             amplitude (L,) float32 of the strongest echo that each actor alone would give
             along beams whose axes pass through it.

@@ -176,7 +176,7 @@ def cast_blocks(
                 if spread == 1:
                     for r in range(max(row - 1, 0), min(row + 2, rows)):
                         for c in range(n - 1, n + 2):
-                            if edge or (c < 0 or c >= wide) and not around:
+                            if edge or (not around and not 0 <= c < wide):
                                 continue
                             other = start + r * wide + c % wide
                             if face[other] == -2:

@@ -10,9 +10,9 @@ __all__ = ["choose"]
 def choose(start, strength, level, mode):
     """Return for each of M beams the echo that is reported and a second one; -1 for none.
 
-    Strongest: that one. Last (first): the farthest (nearest) that may be noticed and, should it be
-    missed, the strongest. Dual: the strongest and the farthest; where these are the same, the second
-    strongest.
+    Strongest: that one. Last (first): the farthest (nearest) that may be noticed and, should
+    it be missed, the strongest. Dual: the strongest and the farthest; where these are the same,
+    the second strongest.
 
     Args:
         start: (M + 1,) int32, where the echoes of each beam begin, nearest first.

@@ -1,12 +1,16 @@
 """Labels of one frame, taken from its rays."""
 
+from urbantwin.lidar.labels.difficulty import LEVELS, Level, difficulty_of
 from urbantwin.lidar.labels.frame import BoxLabel, LabelledFrame
 from urbantwin.lidar.labels.posed_box import BOX_MARGIN_M, outside, posed_box, spans_in_box
 
 __all__ = [
     "BOX_MARGIN_M",
+    "LEVELS",
     "BoxLabel",
     "LabelledFrame",
+    "Level",
+    "difficulty_of",
     "outside",
     "posed_box",
     "spans_in_box",

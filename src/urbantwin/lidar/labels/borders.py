@@ -1,0 +1,79 @@
+"""Actors at the borders of what a rig can see: how much of each is beyond, and why none is."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.geometry import Pose
+from urbantwin.lidar.labels.field_of_view import FieldOfView
+from urbantwin.lidar.labels.frame import Whereabouts
+from urbantwin.lidar.labels.truncation import StandingActors, truncations
+from urbantwin.lidar.mounted import MountedSensor
+
+__all__ = ["Borders"]
+
+
+class Borders:
+    """What the sensors of a rig see at all, and where labels count.
+
+    Args:
+        sensors: of the rig.
+        region: where labels count, site frame; everywhere when not given.
+    """
+
+    def __init__(
+        self, sensors: Sequence[MountedSensor], region: shapely.Polygon | None = None
+    ) -> None:
+        self._sensors = tuple(sensors)
+        self._region = region
+        if region is not None:
+            shapely.prepare(region)
+        self._fields: list[tuple[NDArray[np.bool_] | None, FieldOfView] | None]
+        self._fields = [None] * len(self._sensors)
+
+    def of(
+        self, time_s: float, poses: Sequence[Pose], actors: StandingActors
+    ) -> tuple[NDArray[np.float64], list[Whereabouts | None]]:
+        """Return the truncation of actors and where they are; of several sensors the best counts.
+
+        Args:
+            time_s: of the frame, which decides on outages.
+            poses: ``site_SE3_sensor`` of each sensor.
+            actors: where they stand.
+
+        Returns:
+            (A,) truncation: 0 where one sensor at least has all of an actor in its field of view;
+            and where each is that does not count, ``None`` for those that do.
+        """
+        count = len(actors.place)
+        least, far = np.ones(count), np.ones(count, np.bool_)
+        for number, pose in enumerate(poses):
+            field = self._field(number, time_s)
+            if field is not None:
+                share, beyond = truncations(field, pose, actors)
+                least, far = np.minimum(least, share), far & beyond
+        outside = np.zeros(count, np.bool_)
+        if self._region is not None:
+            outside = ~shapely.contains_xy(self._region, actors.place[:, 0], actors.place[:, 1])
+        return least, [
+            "outside" if out else "far" if away else None
+            for out, away in zip(outside.tolist(), far.tolist(), strict=True)
+        ]
+
+    def _field(self, number: int, time_s: float) -> FieldOfView | None:
+        """Return what a sensor sees at a time; ``None`` where it does not work at all."""
+        mounted = self._sensors[number]
+        dead = mounted.dead(time_s)
+        if dead is not None and dead.all():
+            return None
+        if mounted.sensor.pattern is not None:
+            dead = None
+        kept = self._fields[number]
+        if kept is None or kept[0] is not dead:
+            kept = (dead, FieldOfView.of(mounted, dead))
+            self._fields[number] = kept
+        return kept[1]

@@ -1,0 +1,111 @@
+"""How much of an actor lies outside of what a sensor sees, from rays.
+
+Rays are sent at the actor alone, evenly over the solid angle of its bounds, as if the sensor looked
+in all directions and to any distance. Of those that hit, the share that a `FieldOfView` does not
+hold is the truncation, 0 to 1: KITTI's notion of an object that leaves the image (Geiger et al.
+2012, CVPR, "Are we ready for autonomous driving?"), of a sensor's field and span of ranges. An
+actor that is well inside is told so by its bounding sphere, without a ray.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.geometry import Pose
+from urbantwin.lidar.casting import RayCaster
+from urbantwin.lidar.compiled.bounds import bounds_of_box
+from urbantwin.lidar.labels.field_of_view import FieldOfView
+
+__all__ = ["StandingActors", "truncations"]
+
+#: Rays at an actor: a car's share is right to 2 %, a bicycle's, which few of them hit, to 4 %.
+_RAYS = 1000
+#: Where in an actor's bounds they go, 0..1: along a lattice, so that no border runs along a row
+#: (the golden ratio's: Niederreiter 1992, "Random Number Generation and Quasi-Monte Carlo
+#: Methods", SIAM, section 3).
+_ACROSS = (np.arange(_RAYS) + 0.5) / _RAYS
+_UP = (np.arange(_RAYS) * (np.sqrt(5) - 1) / 2) % 1.0
+
+
+class StandingActors(NamedTuple):
+    """A actors where they stand in their boxes.
+
+    Attributes:
+        low: (A, 3) lower corner of each one's bounds, in its own frame.
+        high: (A, 3) upper corner.
+        rotation: (A, 3, 3) of ``site_SE3_asset``.
+        place: (A, 3) of ``site_SE3_asset``.
+        casters: the ray tracing structure of each, in its own frame.
+    """
+
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    rotation: NDArray[np.float64]
+    place: NDArray[np.float64]
+    casters: Sequence[RayCaster]
+
+
+def truncations(
+    field: FieldOfView, site_SE3_sensor: Pose, actors: StandingActors
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Return how much of actors one sensor does not see, whatever stands before them.
+
+    Args:
+        field: what the sensor sees.
+        site_SE3_sensor: its pose.
+        actors: where they stand.
+
+    Returns:
+        (A,) truncation, 0..1, and (A,) whether all of it is farther than the sensor measures.
+    """
+    if not len(actors.place):
+        return np.zeros(0), np.zeros(0, np.bool_)
+    centre = (actors.low + actors.high) / 2
+    middle = np.einsum("aij,aj->ai", actors.rotation, centre) + actors.place
+    middle = (middle - site_SE3_sensor.translation) @ site_SE3_sensor.rotation
+    radius = np.linalg.norm(actors.high - actors.low, axis=1) / 2
+    away = np.linalg.norm(middle, axis=1)
+    near, far = field.range_m
+    beyond = away - radius > far
+    span = np.maximum(away, 1e-9)
+    up = np.arcsin(np.clip(middle[:, 2] / span, -1.0, 1.0))
+    spread = np.arcsin(np.minimum(radius / span, 1.0))
+    lowest, highest = field.all_around
+    whole = (
+        (up - spread >= lowest)
+        & (up + spread <= highest)
+        & (away - radius >= near)
+        & (away + radius <= far)
+    )
+    found = np.where(beyond, 1.0, 0.0)
+    for number in np.flatnonzero(~whole & ~beyond).tolist():
+        aims, range_m = _hits(site_SE3_sensor, actors, number)
+        if not len(aims):  # Thinner than the rays stand apart: its middle tells.
+            aims, range_m = middle[[number]] / span[number], away[[number]]
+        found[number] = 1.0 - field.sees(aims, range_m).mean()
+        beyond[number] = bool((range_m > far).all())
+    return found, beyond
+
+
+def _hits(
+    site_SE3_sensor: Pose, actors: StandingActors, number: int
+) -> tuple[NDArray[np.float64], NDArray[np.floating]]:
+    """Return the rays (N, 3) that hit an actor, sensor frame, and their ranges (N,)."""
+    asset_R_sensor = actors.rotation[number].T @ site_SE3_sensor.rotation
+    offset = site_SE3_sensor.translation - actors.place[number]
+    origin = offset @ actors.rotation[number]
+    azimuth, width, lowest, highest = bounds_of_box(
+        actors.low[number], actors.high[number], np.ascontiguousarray(asset_R_sensor), origin
+    )
+    turn = azimuth + _ACROSS * width
+    up = np.sin(lowest) + _UP * (np.sin(highest) - np.sin(lowest))
+    flat = np.sqrt(np.maximum(0.0, 1.0 - up**2))
+    aims = np.stack([flat * np.cos(turn), flat * np.sin(turn), up], axis=-1)
+    local = (aims @ asset_R_sensor.T).astype(np.float32)
+    found = actors.casters[number].cast(origin, local)
+    hit = np.flatnonzero(found.face >= 0)
+    return aims[hit], found.range_m[hit]
