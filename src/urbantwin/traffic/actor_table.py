@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from urbantwin.traffic.assets import Asset
+from urbantwin.traffic.assets import COATED_CLASSES, Asset, coated_name
 from urbantwin.traffic.demand import Demand
 from urbantwin.traffic.motion import ACTOR_SCHEMA, step_times
 from urbantwin.traffic.placement import Ground, stand
@@ -65,11 +65,15 @@ def actor_table(
     driven, track = np.unique(trip, return_inverse=True)
     size = np.array([_size(asset(names[number])) for number in driven]).reshape(-1, 3)[track]
     classes = [trip.actor_class for trip in demand.trips]
+    shown = [
+        coated_name(name, number) if kind in COATED_CLASSES else name
+        for number, (name, kind) in enumerate(zip(names.tolist(), classes, strict=True))
+    ]
     values = {
         "time_s": step_times(steps, step_s)[columns["step"][order]],
         "track": track + 1,
         "class": _texts(classes, trip),
-        "asset": _texts(names.tolist(), trip),
+        "asset": _texts(shown, trip),
         "phase": phase[order],
         "x": columns["xy"][order, 0],
         "y": columns["xy"][order, 1],

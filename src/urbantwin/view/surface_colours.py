@@ -84,6 +84,9 @@ _ON_ACTORS = {
     "metal-dark": "#2e3135",
     "retroreflector": "#f4f1e6",
     "skin": "#d9a583",
+    "paint-white": "#e6e7e8",
+    "paint-grey": "#8d949b",
+    "paint-black": "#25282c",
 }
 _ACTORS = ("car", "bus", "truck", "motorcycle", "motorcyclist", "bicyclist", "pedestrian")
 #: Paints of cars and coats of people, from part to part.

@@ -1,5 +1,15 @@
 """The actor catalogue: meshes of cars, trucks, buses, two-wheelers with riders, and walkers."""
 
 from urbantwin.traffic.assets.catalogue import Asset, asset, asset_mesh, asset_names
+from urbantwin.traffic.assets.coat import COATED_CLASSES, COATS, coated_mesh, coated_name
 
-__all__ = ["Asset", "asset", "asset_mesh", "asset_names"]
+__all__ = [
+    "COATED_CLASSES",
+    "COATS",
+    "Asset",
+    "asset",
+    "asset_mesh",
+    "asset_names",
+    "coated_mesh",
+    "coated_name",
+]

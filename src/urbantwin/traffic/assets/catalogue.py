@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 from typing import Any
@@ -15,6 +15,7 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
 from urbantwin.taxonomy import ACTOR_CLASSES, ACTOR_SEMANTICS, semantic_id
 from urbantwin.traffic.assets.car import car, contact_points
+from urbantwin.traffic.assets.coat import COATED_CLASSES, bare_name, coated_mesh
 from urbantwin.traffic.assets.gait import GAIT_PHASES, stride_length, walker
 from urbantwin.traffic.assets.heavy import bus, truck
 from urbantwin.traffic.assets.person import Figure
@@ -72,11 +73,14 @@ def asset_names(actor_class: str) -> tuple[str, ...]:
 
 @cache
 def asset(name: str) -> Asset:
-    """Return an asset.
+    """Return an asset; a vehicle's name may have a coat, as ``car-sedan_black`` has.
 
     Raises:
         InputError: there is no asset of that name.
     """
+    bare, coat = bare_name(name)
+    if coat is not None and _entry(bare)["class"] in COATED_CLASSES:
+        return replace(asset(bare), name=name)
     entry = _entry(name)
     phases, standing = _phases(entry)
     size = np.ptp(asset_mesh(name).vertices, axis=0)
@@ -107,13 +111,16 @@ def asset_mesh(name: str, phase: int = 0) -> LabelledMesh:
     """Return the mesh of an asset in its own frame; ``part`` counts its closed solids from 1.
 
     Args:
-        name: of the asset.
+        name: of the asset; a vehicle's may have a coat, as ``car-sedan_black`` has.
         phase: of the cycle of movement (0 <= phase < ``asset(name).phases``), or
             ``asset(name).standing``.
 
     Raises:
         InputError: there is no asset of that name, or no such phase of it.
     """
+    bare, coat = bare_name(name)
+    if coat is not None and _entry(bare)["class"] in COATED_CLASSES:
+        return coated_mesh(asset_mesh(bare, phase), coat)
     entry = _entry(name)
     phases, standing = _phases(entry)
     if not (0 <= phase < phases or phase == standing):

@@ -1,0 +1,46 @@
+"""Coats: what a vehicle is painted with, which a LiDAR sees more of than of its shape.
+
+An asset with a coat is named ``car-sedan_black``. Of 19 cars that two VLP-32C (903 nm) saw in the
+Argoverse 2 log of Pittsburgh, 4 gave back 38 to 76 % (median of a car), 6 gave 8 to 20 %, and 9
+no more than 4 %: black, dark blue and most greys are painted with soot. `COATS` has those shares.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from urbantwin.geometry import LabelledMesh
+from urbantwin.taxonomy import material_id
+
+__all__ = ["COATED_CLASSES", "COATS", "bare_name", "coated_mesh", "coated_name"]
+
+#: Coat -> share of vehicles.
+COATS: dict[str, float] = {"white": 4 / 19, "grey": 6 / 19, "black": 9 / 19}
+#: Classes of actors that have a coat.
+COATED_CLASSES = ("car", "truck", "bus")
+_GOLDEN = (5**0.5 - 1) / 2  # spreads the coats evenly over few vehicles too
+_BETWEEN = "_"
+
+
+def coated_name(name: str, number: int) -> str:
+    """Return the name of an asset in the coat of the n-th vehicle."""
+    place = (number + 0.5) * _GOLDEN % 1.0
+    ends = np.cumsum(list(COATS.values()))
+    coat = list(COATS)[min(int(np.searchsorted(ends, place, side="right")), len(COATS) - 1)]
+    return f"{name}{_BETWEEN}{coat}"
+
+
+def bare_name(name: str) -> tuple[str, str | None]:
+    """Return an asset's name without its coat, and the coat; ``None`` for one without."""
+    bare, between, coat = name.rpartition(_BETWEEN)
+    return (bare, coat) if between and coat in COATS else (name, None)
+
+
+def coated_mesh(mesh: LabelledMesh, coat: str) -> LabelledMesh:
+    """Return a vehicle's mesh with a coat on all that is painted."""
+    painted = mesh.material == material_id("metal-painted")
+    return replace(
+        mesh, material=np.where(painted, material_id(f"paint-{coat}"), mesh.material).astype("u1")
+    )

@@ -1,0 +1,43 @@
+"""Coats of vehicles: their shares, and what they change of a mesh."""
+
+import numpy as np
+import pytest
+
+from urbantwin.errors import InputError
+from urbantwin.taxonomy import material_id, materials
+from urbantwin.traffic.assets import COATS, asset, asset_mesh, asset_names, coated_name
+
+PAINTED = material_id("metal-painted")
+
+
+def test_coats_come_in_their_shares_among_few_and_many():
+    for count in (19, 190, 1900):
+        names = [coated_name("car-sedan", number) for number in range(count)]
+        for coat, share in COATS.items():
+            found = sum(name.endswith(f"_{coat}") for name in names)
+            assert abs(found - share * count) <= 2
+
+
+@pytest.mark.parametrize("name", [*asset_names("car"), *asset_names("truck"), *asset_names("bus")])
+def test_a_coat_changes_what_is_painted_and_nothing_else(name):
+    bare = asset_mesh(name)
+    for coat in COATS:
+        mesh = asset_mesh(f"{name}_{coat}")
+        np.testing.assert_array_equal(mesh.vertices, bare.vertices)
+        np.testing.assert_array_equal(mesh.faces, bare.faces)
+        changed = mesh.material != bare.material
+        np.testing.assert_array_equal(changed, bare.material == PAINTED)
+        assert set(mesh.material[changed]) == {material_id(f"paint-{coat}")}
+        assert asset(f"{name}_{coat}").length == asset(name).length
+
+
+def test_a_dark_coat_sends_back_little():
+    table = materials()
+    dark, grey, white = (table[f"paint-{coat}"].reflectivity for coat in ("black", "grey", "white"))
+    assert dark < 0.1 < grey < 0.3 < white
+
+
+def test_people_have_no_coat_and_unknown_coats_are_refused():
+    for name in ("pedestrian-man_black", "car-sedan_pink", "car-nova_black"):
+        with pytest.raises(InputError, match="unknown asset"):
+            asset_mesh(name)
