@@ -1,10 +1,10 @@
 """The footprint of a beam: a few rays that stand for all of its light.
 
-A laser's beam is Gaussian: at an angle r from its axis it is ``exp(-2 r^2 / w^2)`` as bright as
-there, with w half of the full divergence (to ``1 / e^2``, ISO 11146-1). Its light is spread with
-a mean square of ``w^2 / 2`` from the axis. Seven rays of equal share, one on the axis and six
-around it at ``sqrt(7 / 12) w``, have the same mean square (and, by symmetry, the same first and
-third moments), so a surface's mean range over them is right to second order.
+A laser's beam is Gaussian: at an angle r from its axis it is ``exp(-r^2 / (2 s^2))`` as bright as
+there, with s its full width at half maximum over ``2 sqrt(2 ln 2)``; its light is spread with a
+mean square of ``2 s^2`` from the axis. Seven rays of equal share, one on the axis and six around it
+at ``sqrt(7 / 3) s``, have the same mean square (and, by symmetry, the same first and third
+moments), so a surface's mean range over them is right to second order.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Footprint:
         """Return the beam of a sensor; a single ray where its divergence is not published."""
         if sensor.beam_divergence_deg is None:
             return cls.thin()
-        across, up = np.radians(sensor.beam_divergence_deg) / 2
+        across, up = np.radians(sensor.beam_divergence_deg) / np.sqrt(8 * np.log(2))
         turn = np.radians(60.0 * np.arange(6) + 30.0)
-        ring = np.sqrt(7 / 12) * np.column_stack([across * np.cos(turn), up * np.sin(turn)])
+        ring = np.sqrt(7 / 3) * np.column_stack([across * np.cos(turn), up * np.sin(turn)])
         return cls(np.vstack([np.zeros((1, 2)), ring]), np.full(7, 1 / 7))

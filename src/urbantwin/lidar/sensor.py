@@ -65,7 +65,8 @@ class Sensor:
         firing_sequence_us: time from one firing of a channel to its next, where it is fixed and
             does not follow from the mode.
         azimuth_step_deg: step of the reported azimuth.
-        beam_divergence_deg: full angle of the beam, horizontal and vertical, degrees.
+        beam_divergence_deg: full width of the beam at half maximum, horizontal and vertical,
+            degrees; a maker's figure that does not say at which level is taken as that.
         return_modes: which returns the sensor can report.
         intensity_scale: what the reported intensity means.
         intensity_of_white: reported for a diffuse reflectivity of 100 %.
