@@ -187,9 +187,6 @@ def boxes_of(
     rows = []
     for track, box in enumerate(boxes, 1):
         inside = box.holds(frame.points[:, :3])
-        intensity = np.concatenate(
-            [pair.real.intensity[(pair.actor == track) & pair.boxed] for pair in seen]
-        )
         rows.append(
             {
                 "category": box.category,
@@ -199,7 +196,7 @@ def boxes_of(
                 "real": int(box.holds(points).sum()),
                 "simulated": int(inside.sum()),
                 "unblocked": int((inside & ~blocked).sum()),
-                "real_intensity": round(float(np.median(intensity)), 1) if len(intensity) else None,
+                "real_intensity": box.intensity,
             }
         )
     return rows

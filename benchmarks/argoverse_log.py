@@ -102,6 +102,7 @@ class ActorBox:
         pose: of its middle.
         velocity: (3,) by the boxes of the track before and after.
         observed_s: when its points were measured on average, seconds after the sweep's time.
+        intensity: median of its points that are not near the ground, 0 to 255; nan without any.
     """
 
     category: str
@@ -109,6 +110,12 @@ class ActorBox:
     pose: Pose
     velocity: NDArray[np.float64]
     observed_s: float
+    intensity: float
+
+    @property
+    def coat(self) -> str:
+        """Which of our coats of vehicles comes nearest to how bright it is."""
+        return "white" if self.intensity > 30 else "grey" if self.intensity > 6 else "black"
 
     def holds(self, points: NDArray[np.floating], grown_m: float = 0.0) -> NDArray[np.bool_]:
         """Which of (N, 3) points lie inside the box, grown to all sides."""
@@ -224,7 +231,9 @@ class Log:
         """The annotated boxes that hold points."""
         table = self._table("annotations.feather")
         points = self.points(sweep)
-        time_s = self._table(f"sensors/lidar/{sweep}.feather").offset_ns.to_numpy() * 1e-9
+        returns = self._table(f"sensors/lidar/{sweep}.feather")
+        time_s = returns.offset_ns.to_numpy() * 1e-9
+        intensity = returns.intensity.to_numpy().astype(np.float64)
         inverse, origin = self.city_of_vehicle(np.array([sweep]))
         for row in table[(table.timestamp_ns == sweep) & (table.num_interior_pts > 0)].itertuples():
             track = table[table.track_uuid == row.track_uuid].sort_values("timestamp_ns")
@@ -243,8 +252,14 @@ class Log:
             rotation = Rotation.from_quat([row.qx, row.qy, row.qz, row.qw]).as_matrix()
             size = np.array([row.length_m, row.width_m, row.height_m])
             pose = Pose(rotation, np.array([row.tx_m, row.ty_m, row.tz_m]))
-            box = ActorBox(row.category, size, pose, velocity, 0.0)
-            yield replace(box, observed_s=float(time_s[box.holds(points)].mean()))
+            box = ActorBox(row.category, size, pose, velocity, 0.0, np.nan)
+            inside = box.holds(points)
+            raised = inside & (points[:, 2] > pose.translation[2] - size[2] / 2 + 0.35)
+            yield replace(
+                box,
+                observed_s=float(time_s[inside].mean()),
+                intensity=float(np.median(intensity[raised])) if raised.any() else np.nan,
+            )
 
     @cached_property
     def _city_ground(self) -> tuple[NDArray[np.float64], NDArray[np.int32]]:

@@ -17,7 +17,13 @@ from urbantwin.lidar import LabelledFrame, MountedSensor, PosedActor, Rig, Scann
 from urbantwin.lidar.actor_path import ActorPath
 from urbantwin.site.rig import Effects, OutageSpec, RideSpec
 from urbantwin.taxonomy import ACTOR_SEMANTICS, material_id, semantic_id
-from urbantwin.traffic.assets import asset, asset_mesh, asset_names
+from urbantwin.traffic.assets import (
+    COATED_CLASSES,
+    asset,
+    asset_mesh,
+    asset_names,
+    coated_mesh,
+)
 
 __all__ = ["World", "actor_class", "mesh_in_box", "numbers"]
 
@@ -65,7 +71,7 @@ def actor_class(category: str) -> str:
     return CLASSES.get(category, "pedestrian")
 
 
-def mesh_in_box(category: str, size: np.ndarray) -> LabelledMesh:
+def mesh_in_box(category: str, size: np.ndarray, coat: str | None = None) -> LabelledMesh:
     """The mesh of the class whose proportions come nearest, scaled to fill a box around 0."""
     if category not in CLASSES:
         return _plain(category, size)
@@ -78,6 +84,8 @@ def mesh_in_box(category: str, size: np.ndarray) -> LabelledMesh:
         extent = np.ptp(used, axis=0)
         found.append((float(np.abs(np.log(size / extent)).sum()), name, mesh, used))
     _, _, mesh, used = min(found, key=lambda one: one[:2])
+    if coat is not None and actor_class(category) in COATED_CLASSES:
+        mesh = coated_mesh(mesh, coat)
     low, high = used.min(axis=0), used.max(axis=0)
     scaled = (mesh.vertices - (low + high) / 2) * (size / (high - low))
     return LabelledMesh(scaled, mesh.faces, mesh.semantic, mesh.material, mesh.part)
@@ -152,7 +160,9 @@ class World:
 
     def scan(self, boxes: list[ActorBox], effects: Effects, seed: int = 0) -> LabelledFrame:
         """The frame that the simulated rig sees."""
-        meshes = {str(n): mesh_in_box(box.category, box.size) for n, box in enumerate(boxes, 1)}
+        meshes = {
+            str(n): mesh_in_box(box.category, box.size, box.coat) for n, box in enumerate(boxes, 1)
+        }
         scanner = Scanner(
             self.ground, self.rig(effects), seed, meshes=lambda name, phase: meshes[name]
         )
