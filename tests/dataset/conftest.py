@@ -43,6 +43,7 @@ def twin(tmp_path_factory):
     manifest = {
         "kind": "twin",
         "anchor": {"latitude": 60.17, "longitude": 24.94},
+        "region_m": corners[:, :2].tolist(),
         "inputs": [{"name": "map.osm", "sha256": "ab" * 32, "licence": "ODbL-1.0"}],
         "files": {"scene.npz": sha256_of(folder / "scene.npz")},
     }

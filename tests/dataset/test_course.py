@@ -68,6 +68,15 @@ def test_at_the_frames_time_it_is_the_frames_own_pose(bend, time_s):
     assert set(alone) == set(actors_at(bend, time_s))
 
 
+def test_its_velocity_is_that_of_its_path(bend):
+    """Whatever its speedometer says: 3 has none, and moves 1 m in a step."""
+    actors = actors_at(bend, 0.3)
+    assert actors[3].velocity == pytest.approx([10.0, 0, 0])
+    step = (on_bend(0.4)[0] - on_bend(0.3)[0]) / 0.1
+    assert actors[1].velocity == pytest.approx(step)
+    assert actors_at(bend, 0.2)[2].velocity == pytest.approx([4.0, 0, 0])
+
+
 def test_beyond_the_last_step_it_goes_on_as_before(bend):
     path = actors_at(bend, 0.5, 0.0, 0.1)[1].way
     step = on_bend(0.5)[0] - on_bend(0.4)[0]

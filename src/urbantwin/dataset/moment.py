@@ -84,12 +84,14 @@ def interpolated(before: Rows, after: Rows, share: float, step_s: float) -> Rows
 def posed_actors(rows: Rows, paths: Sequence[ActorPath | None] | None = None) -> list[PosedActor]:
     """Return rows of the motion as the scanner takes them.
 
-    The velocity is the speed along the heading, up or down the road's grade.
+    The velocity is that of the path: labels say how an actor moves where the rays see it. Without
+    a path it is the speed along the heading, up or down the road's grade.
 
     Args:
         rows: the actors.
         paths: how each moves around the time of the rows; straight on when not given.
     """
+    ways = [None] * len(rows) if paths is None else paths
     rotations = rotation_from_ypr(rows["yaw"], rows["pitch"], rows["roll"])
     translations = np.column_stack([rows["x"], rows["y"], rows["z"]])
     velocities = rows["speed"][:, None] * rotations[:, :, 0]
@@ -102,8 +104,11 @@ def posed_actors(rows: Rows, paths: Sequence[ActorPath | None] | None = None) ->
             rows["phase"],
             rotations,
             translations,
-            velocities,
-            [None] * len(rows) if paths is None else paths,
+            (
+                velocity if way is None else way.velocity_at(0.0)
+                for velocity, way in zip(velocities, ways, strict=True)
+            ),
+            ways,
             strict=True,
         )
     ]

@@ -27,10 +27,19 @@ class ActorPath:
     rotation: NDArray[np.float64]
     translation: NDArray[np.float64]
 
+    def velocity_at(self, time_s: float) -> NDArray[np.float64]:
+        """Return how its origin moves (3,) at a time, metres per second: from now on, at a bend."""
+        k = self._leg(time_s)
+        way = self.translation[k + 1] - self.translation[k]
+        return np.asarray(way / (self.time_s[k + 1] - self.time_s[k]), np.float64)
+
+    def _leg(self, time_s: float) -> int:
+        last = len(self.time_s) - 2
+        return int(np.clip(np.searchsorted(self.time_s, time_s, side="right") - 1, 0, last))
+
     def at(self, time_s: float) -> Pose:
         """Return the pose at a time: rotations turn about one axis at one speed in between."""
-        last = len(self.time_s) - 2
-        k = int(np.clip(np.searchsorted(self.time_s, time_s, side="right") - 1, 0, last))
+        k = self._leg(time_s)
         share = (time_s - self.time_s[k]) / (self.time_s[k + 1] - self.time_s[k])
         a, b = self.rotation[k], self.rotation[k + 1]
         turn = Rotation.from_matrix(a.T @ b).as_rotvec()
