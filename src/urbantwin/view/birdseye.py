@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -12,14 +13,18 @@ from matplotlib.patches import Circle, Polygon
 from numpy.typing import NDArray
 
 from urbantwin.geometry import box_corners
+from urbantwin.lidar.labels import LEVELS
 from urbantwin.taxonomy import ACTOR_CLASSES, semantic_classes
 from urbantwin.view import style
 from urbantwin.view.labelled_frame import LabelledPoints
+from urbantwin.view.plan_ground import fill
 
 __all__ = ["birdseye", "birdseye_figure"]
 
 #: Classes of points in the legend at most.
 _LEGEND_ROWS = 14
+#: Height of a row of the legend, which is 1 high.
+_ROW = 0.0285
 
 
 def birdseye(
@@ -61,6 +66,7 @@ def birdseye_figure(
     axes.set_aspect("equal")
 
     _rings(axes, frame, reach)
+    _draw_ignored(axes, frame)
     _points(axes, frame, reach)
     _draw_boxes(axes, frame)
     for sensor in frame.sensors:
@@ -132,14 +138,28 @@ def _points(axes: Axes, frame: LabelledPoints, reach: float) -> None:
         )
 
 
+def _draw_ignored(axes: Axes, frame: LabelledPoints) -> None:
+    """Hatch where labels do not count, under the points."""
+    with mpl.rc_context({"hatch.linewidth": 0.6}):
+        for area in frame.ignored.values():
+            fill(axes, [area], "none", hatch="////", edgecolor=style.FAINT, zorder=1)
+
+
 def _draw_boxes(axes: Axes, frame: LabelledPoints) -> None:
-    for box, name, count in zip(frame.boxes, frame.classes, frame.box_points, strict=True):
+    levels = frame.difficulty or tuple(
+        "seen" if count else None for count in frame.box_points.tolist()
+    )
+    for box, name, level in zip(frame.boxes, frame.classes, levels, strict=True):
         corners = box_corners(box)[:4, :2]
         colour = style.actor_colour(name)
-        # Boxes that no ray reached are labels too, drawn fainter.
-        alpha, line = (1.0, 1.5) if count else (0.45, 1.0)
+        # Boxes that do not count are labels too, drawn fainter and broken.
+        alpha, line = (1.0, 1.5) if level else (0.5, 1.0)
         shape = Polygon(
-            corners, facecolor=(*colour, 0.18), edgecolor=(*colour, alpha), linewidth=line
+            corners,
+            facecolor=(*colour, 0.18 if level else 0.06),
+            edgecolor=(*colour, alpha),
+            linewidth=line,
+            linestyle="-" if level else (0, (3, 2)),
         )
         shape.set_zorder(15)
         axes.add_patch(shape)
@@ -159,13 +179,30 @@ def _legend(figure: Figure, frame: LabelledPoints) -> None:
     names = {one.id: one.name for one in semantic_classes().values()}
     rows = sorted(zip(counts.tolist(), numbers.tolist(), strict=True), reverse=True)
     y = _heading(axes, y, "Points")
-    for count, number in rows[:_LEGEND_ROWS]:
+    # What is below needs its room first: a heading and its gap take as much as 2.5 rows.
+    below = len(ACTOR_CLASSES) + len(frame.ignored) + len(frame.sensors)
+    below += (len(LEVELS) + 1) * bool(frame.difficulty)
+    headings = 3 + bool(frame.difficulty) + bool(frame.ignored)
+    room = int((0.97 - 0.07 * headings) / _ROW) - below
+    for count, number in rows[: max(3, min(_LEGEND_ROWS, room))]:
         y = _row(axes, y, style.class_colours([number])[0], names.get(number, "?"), f"{count:,}")
     y = _heading(axes, y - 0.03, "Boxes (with points)")
     for name in ACTOR_CLASSES:
         mine = np.array([one == name for one in frame.classes], bool)
         text = f"{int(mine.sum())} ({int((frame.box_points[mine] > 0).sum())})"
         y = _row(axes, y, style.actor_colour(name), name, text, hollow=True)
+    if frame.difficulty:
+        y = _heading(axes, y - 0.03, "Difficulty")
+        for level in (*(one.name for one in LEVELS), None):
+            count = sum(one == level for one in frame.difficulty)
+            grey = np.array([0.75, 0.75, 0.75])
+            y = _row(axes, y, grey, level or "ignored: broken outline", f"{count}", hollow=True)
+    if frame.ignored:
+        y = _heading(axes, y - 0.03, "Not counted: hatched")
+        for reason, area in frame.ignored.items():
+            y = _row(
+                axes, y, np.array(mpl.colors.to_rgb(style.FAINT)), reason, f"{area.area:,.0f} m²"
+            )
     y = _heading(axes, y - 0.03, "Sensors")
     for sensor in frame.sensors:
         y = _row(axes, y, np.array([1.0, 0.82, 0.29]), sensor.name, sensor.model)
@@ -197,4 +234,4 @@ def _row(
     )
     axes.text(0.1, y, name, color=style.INK, fontsize=10.5, va="top")
     axes.text(1.0, y, value, color=style.MUTED, fontsize=10.5, va="top", ha="right")
-    return y - 0.0285
+    return y - _ROW

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
+import shapely
 from numpy.typing import NDArray
 
 from urbantwin.artefact import read_json
+from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, read_ignore_regions
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose
 
@@ -55,6 +58,9 @@ class LabelledPoints:
         sensors: the rig.
         sensor, ring, column: (N,) the ray of each point; None if not known.
         x_axis_yaw: heading of the dataset's x axis, counter-clockwise from east, radians.
+        difficulty: (B,) level of each box, ``None`` for one that does not count; empty if not
+            known.
+        ignored: where labels do not count, by reason, dataset frame in plan.
     """
 
     name: str
@@ -70,6 +76,8 @@ class LabelledPoints:
     ring: NDArray[np.integer[Any]] | None = None
     column: NDArray[np.integer[Any]] | None = None
     x_axis_yaw: float = 0.0
+    difficulty: tuple[str | None, ...] = ()
+    ignored: Mapping[str, shapely.Geometry] = field(default_factory=dict)
 
 
 def read_labelled_points(dataset: Path, name: str | None = None) -> LabelledPoints:
@@ -122,6 +130,8 @@ def read_labelled_points(dataset: Path, name: str | None = None) -> LabelledPoin
         x_axis_yaw=-float(
             np.arctan2(dataset_SE3_site.rotation[1, 0], dataset_SE3_site.rotation[0, 0])
         ),
+        difficulty=tuple(table["difficulty"][mine]) if "difficulty" in table else (),
+        ignored=_ignored(dataset, dataset_SE3_site),
     )
 
 
@@ -154,10 +164,24 @@ def _poses_of_turns(dataset: Path, frame: str) -> dict[str, Pose]:
     }
 
 
+def _ignored(dataset: Path, dataset_SE3_site: Pose) -> dict[str, shapely.Geometry]:
+    """Return where labels do not count, seen from above in the dataset's frame."""
+    path = dataset / IGNORE_REGIONS
+    if not path.is_file():
+        return {}
+    turn, place = dataset_SE3_site.rotation[:2, :2], dataset_SE3_site.translation[:2]
+    return {
+        one.reason: shapely.transform(one.area, lambda xy: xy @ turn.T + place)
+        for one in read_ignore_regions(path)
+    }
+
+
 def _boxes(dataset: Path) -> dict[str, NDArray[Any]]:
     path = dataset / "boxes.parquet"
     columns = ["frame", "class", "num_points", *_BOX]
     try:
+        # Datasets of older versions have no levels of difficulty.
+        columns += [name for name in ("difficulty",) if name in pq.read_schema(path).names]
         table = pq.read_table(path, columns=columns)
     except (OSError, ValueError) as error:
         raise InputError(f"is not readable ({error})", file=path, expected="boxes") from None
