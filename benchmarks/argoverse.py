@@ -72,8 +72,7 @@ def pairs(world: World, boxes: list[ActorBox], frame: LabelledFrame) -> list[Pai
     found = []
     for number, (name, _, _) in enumerate(SENSORS):
         real = world.log.rays(world.sweep, name)
-        channel = np.arange(len(real.column))[:, None]
-        point, bare_point = (numbers(one)[number][channel, real.column] for one in (frame, exact))
+        point, bare_point = (numbers(one)[number][:, real.column] for one in (frame, exact))
         points = real.points_m.reshape(-1, 3)
         back = np.isfinite(points[:, 0])
         above = np.full(len(points), np.nan)
@@ -162,9 +161,7 @@ def again(sweeps: list[list[Pair]]) -> dict[str, float]:
         images = []
         for pair in (first, second):
             image = np.full((len(pair.range_m), COLUMNS), np.nan)
-            channel = np.arange(len(image))[:, None]
-            good = np.where(on_ground(pair), pair.real.range_m, np.nan)
-            image[channel, pair.real.column] = good
+            image[:, pair.real.column] = np.where(on_ground(pair), pair.real.range_m, np.nan)
             images.append(image)
         off = images[0] - images[1]
         error.append(off[np.isfinite(off)])

@@ -78,10 +78,8 @@ class RealRays:
 
     @property
     def column(self) -> NDArray[np.int64]:
-        """The simulated column (C, M) that looks nearest to where each ray looked."""
-        ring_s = self.time_s[:, :1] - self.time_s[:, :1].min()
-        turned = self.encoder_rad + RATE * ring_s
-        return np.rint(turned / (2 * np.pi) * COLUMNS).astype(np.int64) % COLUMNS
+        """The simulated column (M,) that fires nearest to where the encoder stood."""
+        return np.rint(self.encoder_rad / (2 * np.pi) * COLUMNS).astype(np.int64) % COLUMNS
 
     @property
     def phase_deg(self) -> float:
