@@ -66,7 +66,10 @@ def test_poses_of_sensors_that_stand(fused):
 
 
 def test_the_manifest_tells_how_the_sensors_keep_time(fused):
-    rig = json.loads((fused / "dataset.json").read_text())["rig"]
+    manifest = json.loads((fused / "dataset.json").read_text())
+    lost = [row["lost"] for row in pq.read_table(fused / "sweeps.parquet").to_pylist()]
+    assert (manifest["counts"]["turns"], manifest["counts"]["turns_lost"]) == (18, sum(lost))
+    rig = manifest["rig"]
     assert rig["sensors"][1]["turns_per_second"] == 20
     assert rig["sensors"][1]["latency_s"] == 0.06
     assert rig["conditions"]["weather"] == "clear"

@@ -56,7 +56,12 @@ LAYOUT = {
 
 
 def recipe_of(
-    twin: Twin, motion: Motion, rig: Rig, seed: int, times_s: Mapping[int, float]
+    twin: Twin,
+    motion: Motion,
+    rig: Rig,
+    seed: int,
+    times_s: Mapping[int, float],
+    backend: str = "embree",
 ) -> dict[str, Any]:
     """Return all that the frames follow from: what a run that goes on must have in common.
 
@@ -66,16 +71,21 @@ def recipe_of(
         rig: the sensors.
         seed: of all random numbers.
         times_s: number of each frame -> its time.
+        backend: what casts the rays, see `lidar.Scanner`.
     """
+    dependencies = _DEPENDENCIES if backend == "embree" else (*_DEPENDENCIES, "warp-lang")
     return {
         "kind": "dataset",
         "format": FORMAT,
         "urbantwin": __version__,
-        "dependencies": {name: version(name) for name in _DEPENDENCIES},
+        "dependencies": {name: version(name) for name in dependencies},
+        "backend": backend,
         "seeds": {"record": seed, "traffic": motion.manifest["seed"]},
         **recipe_of_rig(rig),
         "anchor": twin.manifest["anchor"],
+        "region_m": twin.manifest["region_m"],
         "scene_sha256": _mesh_sha256(twin.mesh),
+        "surface_sha256": twin.manifest.get("files", {}).get("surface_material.npz"),
         "motion_sha256": _table_sha256(motion.actors),
         "meshes_sha256": _meshes_sha256(motion.meshes),
         "inputs": twin.manifest["inputs"],
@@ -126,6 +136,7 @@ def manifest_of(
     seen = Counter(
         box["class"] for entry in entries for box in entry["boxes"] if box["num_points"] > 0
     )
+    turns = [turn for entry in entries for turn in entry["sweeps"]]
     points: Counter[int] = Counter()
     for entry in entries:
         points.update({int(number): count for number, count in entry["semantic"].items()})
@@ -151,6 +162,8 @@ def manifest_of(
             "points": sum(points.values()),
             "boxes": {name: boxes[name] for name in ACTOR_CLASSES},
             "boxes_with_points": {name: seen[name] for name in ACTOR_CLASSES},
+            "turns": len(turns),
+            "turns_lost": sum(turn["lost"] for turn in turns),
             "points_by_class": {
                 one.name: points[one.id] for one in semantic_classes().values() if points[one.id]
             },
