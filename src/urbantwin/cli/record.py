@@ -19,6 +19,7 @@ urbantwin record twin/ motion/ -o dataset/ --start 5 --stop 10
 urbantwin record twin/ motion/ -o dataset/ --weather rain --visibility 800
 urbantwin record twin/ motion/ -o dataset/ --effects none
 urbantwin record twin/ motion/ --rig bus.yaml --ride 12 -o dataset/
+urbantwin record twin/ motion/ -o dataset/ --backend warp --workers 1
 """
 
 
@@ -64,6 +65,13 @@ def record(
         bool | None,
         typer.Option("--fused/--separate", help="One dataset of all sensors, or one for each."),
     ] = None,
+    backend: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME",
+            help="What casts the rays: embree; warp (an extra: a CUDA device); warp:DEVICE.",
+        ),
+    ] = "embree",
     workers: Workers = None,
     seed: Seed = None,
     pictures: Pictures = True,
@@ -100,6 +108,7 @@ def record(
         start_s=start,
         stop_s=stop,
         changes=changes,
+        backend=backend,
     )
     if pictures:
         dataset_pictures_stage(out, loaded, driven, console)

@@ -134,6 +134,7 @@ def record_stage(
     start_s: float = 0.0,
     stop_s: float | None = None,
     changes: RigChanges | None = None,
+    backend: str = "embree",
 ) -> None:
     """Record a dataset with the rig of a file, or with the twin's own, and changes to it."""
     from urbantwin.dataset import record
@@ -151,6 +152,7 @@ def record_stage(
             start_s=start_s,
             stop_s=stop_s,
             rig_file=file,
+            backend=backend,
             progress=progress,
         )
 

@@ -31,7 +31,7 @@ MARKS = "done"
 Entries = list[dict[str, Any]]
 
 
-def record_dataset(
+def record_dataset(  # noqa: PLR0913 - every one is a choice of `recording.record`
     twin: Twin,
     motion: Motion,
     rig: Rig,
@@ -40,6 +40,7 @@ def record_dataset(
     seed: int,
     times_s: Mapping[int, float],
     workers: int | None,
+    backend: str,
     progress: Callable[[int], None],
 ) -> Entries:
     """Record the frames that a folder does not have yet, and return what all of them hold.
@@ -52,6 +53,7 @@ def record_dataset(
         seed: of all random numbers.
         times_s: number of each frame -> its time.
         workers: number of processes; as many as there are processors when not given.
+        backend: what casts the rays, see `lidar.Scanner`.
         progress: called with the number of frames that are there, after each.
 
     Returns:
@@ -70,7 +72,15 @@ def record_dataset(
 
     count = min(usable_processors() if workers is None else workers, max(1, len(missing)))
     recipe = Recipe(
-        twin.mesh, rig, seed, folder, done, motion.meshes, twin.surface_materials, twin.region
+        twin.mesh,
+        rig,
+        seed,
+        folder,
+        done,
+        motion.meshes,
+        twin.surface_materials,
+        twin.region,
+        backend,
     )
     if missing:
         there = len(times_s) - len(missing)

@@ -15,6 +15,7 @@ from urbantwin.dataset.moment import FASTEST_M_S
 from urbantwin.dataset.one_dataset import MARKS, finish_dataset, record_dataset
 from urbantwin.errors import InputError
 from urbantwin.lidar import Rig
+from urbantwin.lidar.casting.backend import layers_on
 from urbantwin.lidar.coverage import ignore_areas
 from urbantwin.lidar.riding import boarded
 
@@ -36,6 +37,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     start_s: float = 0.0,
     stop_s: float | None = None,
     rig_file: str | Path | None = None,
+    backend: str = "embree",
     progress: Callable[[float, str], None] | None = None,
 ) -> None:
     """Record every frame of a motion; the layout is in ``docs/architecture.md``.
@@ -58,12 +60,13 @@ def record(  # noqa: PLR0913 - every one is a person's choice
         start_s: no frame before it.
         stop_s: no frame after it; the motion's last step when not given.
         rig_file: the rig's file, for errors.
+        backend: what casts the rays: ``embree``, ``warp`` or ``warp:DEVICE``.
         progress: called with the share that is done and what is being done.
 
     Raises:
-        InputError: a motion on another twin, a negative number, a span without frames, a rig
-            that rides on an actor that is not there all the time, or an ``out`` that holds other
-            files.
+        InputError: a backend that this machine lacks, a motion on another twin, a negative
+            number, a span without frames, a rig that rides on an actor that is not there all the
+            time, or an ``out`` that holds other files.
         StageError: a worker was killed.
     """
     if workers is not None and workers < 1:
@@ -75,9 +78,10 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     times_s = frame_times(rig.rate_hz, start_s, stop_s, motion.times())
     file = None if rig_file is None else str(rig_file)
     rig = boarded(rig, motion, list(times_s.values()), fastest_m_s=FASTEST_M_S, file=file)
+    layers_on(backend)  # Before any work: is it there?
     say = progress or (lambda fraction, doing: None)
     say(0.0, "static world")
-    recipe = recipe_of(twin, motion, rig, seed, times_s)
+    recipe = recipe_of(twin, motion, rig, seed, times_s, backend)
     parts = {"": rig} if rig.fused else {one.sensors[0].name: one for one in rig.separate()}
     total = len(times_s) * len(parts)
 
@@ -98,6 +102,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
                 seed=seed,
                 times_s=times_s,
                 workers=workers,
+                backend=backend,
                 progress=count,
             )
         say(0.98, "tables")

@@ -53,6 +53,7 @@ class Recipe:
         meshes: by asset and phase; what is not here comes from the catalogue.
         surface: materials of the ground that are finer than the static world's triangles.
         region: where labels count, site frame; everywhere when not given.
+        backend: what casts the rays, see `lidar.Scanner`.
     """
 
     static: LabelledMesh
@@ -63,6 +64,7 @@ class Recipe:
     meshes: Mapping[tuple[str, int], LabelledMesh] = field(default_factory=dict)
     surface: SurfaceMaterials | None = None
     region: shapely.Polygon | None = None
+    backend: str = "embree"
 
 
 class _Recorder:
@@ -75,6 +77,7 @@ class _Recorder:
             meshes=self._mesh,
             surface=recipe.surface,
             region=recipe.region,
+            backend=recipe.backend,
         )
 
     def _mesh(self, asset: str, phase: int) -> LabelledMesh:

@@ -142,10 +142,8 @@ def cast_actors(
     arrays, paths = actors.shapes, actors.paths
     low, high = arrays.low[actors.shape], arrays.high[actors.shape]
     blocks, rays = _blocks(beams, sweep, poses, low, high, paths, range_max_m)
-    scenes = arrays.scenes[actors.shape]
-    own = (scenes, actors.first_face, *arrays[2:5], low, high)
     spread = 1 if len(beams.footprint.share) > 1 else 0
-    return _cast(beams, sweep, poses, own, paths, blocks, rays, (glass, spread, False))
+    return _cast(beams, sweep, poses, actors, blocks, rays, (glass, spread, False))
 
 
 def cast_world(
@@ -174,8 +172,8 @@ def cast_world(
     if len(beams.footprint.share) > 1:
         spread = 2 if thorough else 1
     options = (glass, spread, around)
-    own = (*world[:5], world.low, world.high)
-    return _cast(beams, sweep, poses, own, Paths.standing(), blocks, rays, options)
+    standing = PresentActors(world, np.zeros(1, np.int64), Paths.standing())
+    return _cast(beams, sweep, poses, standing, blocks, rays, options)
 
 
 def _turns(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -224,12 +222,19 @@ def _cast(
     beams: Beams,
     sweep: Sweep,
     poses: SensorPoses,
-    shapes: tuple[NDArray[Any], ...],
-    paths: Paths,
+    actors: PresentActors,
     blocks: NDArray[np.int64],
     rays: NDArray[np.int32],
     options: tuple[bool, int, bool],
 ) -> Layers:
+    arrays, shape, paths = actors.shapes, actors.shape, actors.paths
+    if arrays.device is not None:
+        when = (sweep.column_time_s, sweep.ring_time_s, *poses)
+        spread = (beams.directions, beams.footprint.offset)
+        met = arrays.device.cast(arrays, shape, tuple(paths), blocks, rays, when, spread, options)
+        return Layers(*met[:6], _mean(met.seen_s, met.seen), met.seen)
+    scenes = arrays.scenes[shape]
+    shapes = (scenes, actors.first_face, *arrays[2:5], arrays.low[shape], arrays.high[shape])
     columns = beams.columns
     clock = np.zeros(1, np.int64)
     scratch = (np.empty((columns, 15)), np.zeros(columns, np.int64))
@@ -261,9 +266,13 @@ def _cast(
         if used <= room:
             break
         room = used
-    mean_s = np.divide(total_s, seen, out=np.full(len(seen), np.nan), where=seen > 0)
     ray, actor, mask, range_m, cosine, face = (values[:used] for values in layers)
-    return Layers(ray, actor, mask, range_m, cosine, face, mean_s, seen)
+    return Layers(ray, actor, mask, range_m, cosine, face, _mean(total_s, seen), seen)
+
+
+def _mean(total: NDArray[np.float64], count: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return means (A,); ``nan`` of nothing."""
+    return np.asarray(np.divide(total, count, out=np.full(len(count), np.nan), where=count > 0))
 
 
 def _none(actors: int) -> Layers:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, Pose, SurfaceMaterials
 from urbantwin.lidar.actor_path import ActorPath, PosedActor
+from urbantwin.lidar.casting.backend import layers_on
 from urbantwin.lidar.compiled.boxes import tight_boxes
 from urbantwin.lidar.compiled.pose import poses_at
 from urbantwin.lidar.labels import BoxLabel, LabelledFrame
@@ -49,6 +50,10 @@ class Scanner:
         meshes: gives the mesh of an asset; ``traffic.assets.asset_mesh`` when not given.
         surface: materials of the ground that are finer than the static world's triangles.
         region: where labels count, site frame; everywhere when not given.
+        backend: what casts the rays, see `casting.backend.layers_on`.
+
+    Raises:
+        InputError: there is no such backend here.
     """
 
     def __init__(
@@ -60,12 +65,14 @@ class Scanner:
         meshes: MeshSource | None = None,
         surface: SurfaceMaterials | None = None,
         region: shapely.Polygon | None = None,
+        backend: str = "embree",
     ) -> None:
         if meshes is None:
             from urbantwin.traffic.assets import asset_mesh
 
             meshes = asset_mesh
-        self._shapes = ShapeTable(meshes)
+        device = layers_on(backend)
+        self._shapes = ShapeTable(meshes, device)
         self._rig = rig
         self._seed = seed
         self._borders = Borders(rig.sensors, region)
@@ -77,11 +84,11 @@ class Scanner:
             path = None if rig.ride is not None else one.path(0, seed)
             if path is None or not path.is_fixed:
                 # Near nothing in particular: a vehicle goes about the whole site.
-                shared = shared or World(static, np.zeros(3), surface)
+                shared = shared or World(static, np.zeros(3), surface, device)
                 self._worlds.append(shared)
                 self._views.append(None)
                 continue
-            world = World(static, one.site_SE3_sensor.translation, surface)
+            world = World(static, one.site_SE3_sensor.translation, surface, device)
             repeats = one.sensor.pattern is None
             self._worlds.append(None if repeats else world)
             self._views.append(self._look(one, model, world, path) if repeats else None)
