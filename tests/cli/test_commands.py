@@ -17,7 +17,9 @@ import yaml
 from urbantwin import __version__
 
 Run = Callable[..., Any]
-COMMANDS = tuple("build carla compare demo export init inspect record run sensors traffic".split())
+COMMANDS = tuple(
+    "build carla compare coverage demo export init inspect record run sensors traffic".split()
+)
 
 
 def test_help_lists_every_command_and_is_quick(run_program: Run) -> None:

@@ -166,7 +166,7 @@ BAD_TEXT = {
     "an object": ("name: !!python/object/apply:os.getcwd []\n", "is not YAML"),
     "a control character": ("name: \x01\n", "is not YAML"),
     "an impossible date": ("name: 2024-99-99\n", "is not YAML"),
-    "nested too deep": ("[" * 500, "is not YAML"),
+    "nested too deep": ("[" * 500, "is nested too deep"),
     "a number as key": ("1: 2\n", "name is not text"),
     "an alias to nothing": ("name: *x\n", "is not YAML"),
 }

@@ -1,0 +1,120 @@
+"""The sensors that a rig asks for, and whether their makers offer them so."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from urbantwin.errors import InputError
+from urbantwin.lidar.catalogue import Sensor, sensor
+from urbantwin.lidar.pattern_sensor import MOST_COLUMNS
+from urbantwin.lidar.spin import SLOWEST_HZ, columns_at, spin_of
+from urbantwin.site.rig import RigSpec, SensorSpec
+
+__all__ = ["check_models", "columns_of", "turns_per_second_of", "window_of"]
+
+#: Turns per second that a sensor may be asked for whatever its maker offers.
+_SPIN_HZ = (SLOWEST_HZ, 20.0)
+
+
+def check_models(spec: RigSpec, *, file: str | Path | None = None) -> tuple[Sensor, ...]:
+    """Return the catalogue's sensors of a rig, which needs no site.
+
+    Raises:
+        InputError: an unknown model, or something that it does not offer. Names file and field.
+    """
+    return tuple(
+        _checked_model(one, spec.rate_hz, file, f"sensors[{index}]")
+        for index, one in enumerate(spec.sensors)
+    )
+
+
+def _checked_model(one: SensorSpec, rate_hz: float, file: str | Path | None, field: str) -> Sensor:
+    def error(problem: str, name: str, expected: str) -> InputError:
+        return InputError(problem, file=file, place=f"{field}.{name}", expected=expected)
+
+    model = _model(one.model, file, f"{field}.model")
+    columns = columns_of(model, one, rate_hz)
+    if model.pattern is not None:
+        if one.columns is not None:
+            raise error(
+                f"{model.name} scans a pattern, not columns",
+                "columns",
+                "no columns; points_per_second in the sensor's file",
+            )
+        if not 1 <= columns <= MOST_COLUMNS:
+            raise error(
+                f"{model.name} has {columns} points per line and frame",
+                "columns",
+                f"1 to {MOST_COLUMNS}: another rate_hz or points_per_second",
+            )
+    elif one.columns is not None and columns not in model.columns_options:
+        options = ", ".join(map(str, model.columns_options))
+        raise error(
+            f"{model.name} does not offer {columns} columns", "columns", f"one of {options}"
+        )
+    if one.rate_hz is not None:
+        low, high = min(*_SPIN_HZ, *model.rate_options), max(*_SPIN_HZ, *model.rate_options)
+        if model.pattern is not None:
+            raise error(f"{model.name} does not turn", "rate_hz", "none; the rig's rate_hz")
+        if not low <= one.rate_hz <= high:
+            raise error(
+                f"{model.name} does not turn {one.rate_hz:g} times a second",
+                "rate_hz",
+                f"{low:g} to {high:g}",
+            )
+    modes = model.return_modes
+    if modes is not None and one.returns not in modes:
+        raise error(
+            f"{model.name} does not report {one.returns!r}", "returns", f"one of {', '.join(modes)}"
+        )
+    for number, outage in enumerate(one.outages):
+        highest = max(outage.channels or [0])
+        if highest >= model.channels:
+            raise error(
+                f"{model.name} has no channel {highest}",
+                f"outages[{number}].channels",
+                f"0 to {model.channels - 1}",
+            )
+    return model
+
+
+def columns_of(model: Sensor, one: SensorSpec, rate_hz: float) -> int:
+    """Return the columns per turn, or the points per line and frame of a pattern."""
+    if model.pattern is not None:
+        return round((model.points_per_second or 0.0) / model.channels / rate_hz)
+    if one.columns is not None:
+        return one.columns
+    return columns_at(model, turns_per_second_of(model, one, rate_hz))
+
+
+def turns_per_second_of(model: Sensor, one: SensorSpec, rate_hz: float) -> float:
+    """Return how fast a sensor turns in a rig of so many frames per second."""
+    return spin_of(model, rate_hz) if one.rate_hz is None else one.rate_hz
+
+
+def window_of(spec: RigSpec, models: Sequence[Sensor]) -> float:
+    """Return how long a frame collects: to the next frame, or one turn now and then."""
+    if spec.window_s is not None:
+        return spec.window_s
+    between_s = 1.0 / spec.rate_hz
+    rare = any(
+        one.rate_hz is None and spin_of(model, spec.rate_hz) != spec.rate_hz
+        for one, model in zip(spec.sensors, models, strict=True)
+    )
+    if not rare:
+        return between_s
+    turns = (
+        1.0 / turns_per_second_of(model, one, spec.rate_hz)
+        for one, model in zip(spec.sensors, models, strict=True)
+    )
+    return min(between_s, max(turns))
+
+
+def _model(name: str, file: str | Path | None, place: str) -> Sensor:
+    try:
+        return sensor(name, folder=None if file is None else Path(file).parent)
+    except InputError as error:
+        if error.file is not None:  # The fault is inside a person's own sensor file.
+            raise
+        raise InputError(error.problem, file=file, place=place, expected=error.expected) from None
