@@ -1,0 +1,152 @@
+"""Frames that Warp cast are those that Embree cast, but for which of two triangles in one place."""
+
+import dataclasses
+import sys
+
+import numpy as np
+import pytest
+
+from urbantwin.errors import InputError
+from urbantwin.lidar import Scanner
+from urbantwin.lidar.casting.backend import layers_on
+
+warp = pytest.importorskip("warp", reason="the extra 'warp' is not installed")
+
+MILLIMETRE = 1e-3
+EXACT = dict.fromkeys(
+    ["noise", "dropout", "quantisation", "footprint", "glass", "retroreflection", "blooming"], False
+)
+
+
+def by_beam(frame):
+    """Return the points of a frame by sensor, ring, column and echo."""
+    names = ("sensor", "ring", "column", "echo")
+    keys = zip(*(getattr(frame, name).tolist() for name in names), strict=True)
+    return {key: number for number, key in enumerate(keys)}
+
+
+def frames(street, rig, actors, **more):
+    """Return a frame of both backends."""
+    return [
+        Scanner(street, rig, 5, backend=backend, **more).scan(3, actors)
+        for backend in ("embree", "warp:cpu")
+    ]
+
+
+def moving(actors, seed=2):
+    """Return actors that drive, each at its own speed."""
+    rng = np.random.default_rng(seed)
+    return [
+        dataclasses.replace(one, velocity=np.array([*rng.uniform(-15, 15, 2), 0.0]))
+        for one in actors
+    ]
+
+
+@pytest.mark.parametrize(
+    "sensor",
+    [
+        pytest.param({"effects": EXACT}, id="thin rays"),
+        pytest.param({"returns": "dual"}, id="all effects, two returns"),
+        pytest.param({"model": "VLP-32C", "yaw_deg": 70.0, "pitch_deg": 12.0}, id="VLP-32C"),
+    ],
+)
+def test_frames_are_the_same(street, rig_of, crowd, sensor):
+    rig = rig_of(
+        street,
+        {"columns": 512, "model": "OS1-128", **sensor}
+        | ({"columns": None} if "model" in sensor else {}),
+    )
+    ours, other = frames(street, rig, moving(crowd(40, 3)))
+    mine, theirs = by_beam(ours), by_beam(other)
+    assert len(mine) > 5000
+    shared = sorted(set(mine) & set(theirs))
+    # A material decides whether a weak return is noticed: of two triangles in one place, either.
+    assert len(shared) >= 0.999 * max(len(mine), len(theirs))
+    here, there = ([beams[key] for key in shared] for beams in (mine, theirs))
+    apart = np.linalg.norm(ours.points[here, :3] - other.points[there, :3], axis=1)
+    assert np.mean(apart <= MILLIMETRE) > 0.999
+    assert np.mean(ours.instance[here] == other.instance[there]) > 0.999
+    for a, b in zip(ours.boxes, other.boxes, strict=True):
+        np.testing.assert_allclose(a.box, b.box, atol=1e-6)
+        assert abs(a.num_points - b.num_points) <= 2 + 0.01 * a.num_points
+
+
+def test_no_hit_of_a_whole_turn_differs(street, rig_of, crowd):
+    """With all effects off a point is where its ray hits: the same, to 1 mm, of every ray."""
+    rig = rig_of(street, {"columns": 1024, "effects": False})
+    ours, other = frames(street, rig, crowd(40, 3))
+    assert by_beam(ours).keys() == by_beam(other).keys()
+    apart = np.linalg.norm(ours.points[:, :3] - other.points[:, :3], axis=1)
+    assert apart.max() <= MILLIMETRE
+    np.testing.assert_array_equal(ours.instance, other.instance)
+    np.testing.assert_array_equal(ours.semantic, other.semantic)
+
+
+def test_a_sensor_that_sways_sees_the_same(street, rig_of, crowd):
+    """Nothing of the static world is kept: every ray is cast at it in every frame."""
+    rig = rig_of(street, {"columns": 512, "effects": EXACT}, sway={"rms_m": 0.02})
+    ours, other = frames(street, rig, moving(crowd(10, 4)))
+    mine, theirs = by_beam(ours), by_beam(other)
+    shared = sorted(set(mine) & set(theirs))
+    assert len(shared) >= 0.9999 * max(len(mine), len(theirs))
+    here, there = ([beams[key] for key in shared] for beams in (mine, theirs))
+    apart = np.linalg.norm(ours.points[here, :3] - other.points[there, :3], axis=1)
+    assert np.mean(apart <= MILLIMETRE) > 0.9999
+
+
+def test_frames_are_the_same_whatever_came_before(street, rig_of, crowd):
+    """Shapes that come later are sent to the device later, and nothing is left of a frame."""
+    rig = rig_of(street, {"columns": 512})
+    scanner = Scanner(street, rig, 1, backend="warp:cpu")
+    scanner.scan(0, crowd(3, 1))
+    scanner.scan(1, [])
+    after = scanner.scan(2, moving(crowd(25, 9)))
+    fresh = Scanner(street, rig, 1, backend="warp:cpu").scan(2, moving(crowd(25, 9)))
+    np.testing.assert_array_equal(after.points, fresh.points)
+    np.testing.assert_array_equal(after.instance, fresh.instance)
+    np.testing.assert_array_equal(
+        [one.box for one in after.boxes], [one.box for one in fresh.boxes]
+    )
+
+
+@pytest.mark.parametrize(
+    ("backend", "words"),
+    [
+        ("optix", "embree, warp or warp:DEVICE"),
+        ("warp:", "embree, warp or warp:DEVICE"),
+        ("warpcpu", "embree, warp or warp:DEVICE"),
+        ("warp:cuda:17", "no device 'cuda:17'; expected cpu"),
+        ("warp:toaster", "no device 'toaster'; expected cpu"),
+    ],
+)
+def test_backends_that_are_not_here(backend, words):
+    with pytest.raises(InputError) as caught:
+        layers_on(backend)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_without_the_extra(monkeypatch):
+    from urbantwin.lidar.casting.warp import warp_device
+
+    warp_device.cache_clear()
+    monkeypatch.setitem(sys.modules, "warp", None)
+    with pytest.raises(InputError, match=r"warp-lang; expected pip install 'urbantwin\[warp\]'"):
+        layers_on("warp")
+    warp_device.cache_clear()
+
+
+def test_kernels_compile_for_cuda(tmp_path):
+    """NVIDIA's compiler comes with Warp and needs no GPU."""
+    from urbantwin.lidar.casting.device import layers, triangles
+    from urbantwin.lidar.casting.warp import warp_device
+
+    warp_device("cpu")
+    for module, kernel in ((triangles, "cast_rays"), (layers, "find_layers")):
+        try:
+            (made,) = warp.compile_aot_module(
+                module, arch=90, module_dir=tmp_path / kernel, use_ptx=True
+            )
+        except RuntimeError as error:
+            pytest.skip(f"Warp cannot compile for CUDA here: {error}")
+        assert f".entry {kernel}" in made.read_text()
