@@ -23,6 +23,7 @@ from urbantwin.lidar.returns import (
     standard_quantiles,
     truncated_noise,
 )
+from urbantwin.lidar.spurious import Reported, Spurious
 from urbantwin.lidar.static_view import StaticView
 from urbantwin.lidar.sweep import Sweep
 
@@ -177,7 +178,13 @@ class Sighting:
                 dataset_SE3_actors,
             )
             actor[hit[misses]], semantic[hit[misses]] = -1, OUTLIER
-        points = np.empty((found, 4), np.float32)
+        spurious = Spurious(
+            mounted, self._model, view, echoes, self._sweep.ring_time_s, key, self._dead
+        )
+        beam, echo, _, semantic, range_m, intensity, actor = spurious.among(
+            Reported(beam, echo, source, semantic, range_m, intensity, actor)
+        )
+        points = np.empty((len(beam), 4), np.float32)
         place_points(beam, range_m, intensity, view.directions, view.origin, beams.columns, points)
         ring = beam // np.int32(beams.columns)
         column = beam - ring * np.int32(beams.columns)

@@ -14,6 +14,7 @@ from urbantwin.lidar.echoes import combined
 from urbantwin.lidar.layers import SensorPoses
 from urbantwin.lidar.mounted import MountedSensor
 from urbantwin.lidar.returns import ReturnModel
+from urbantwin.lidar.returns.strays import is_bright
 from urbantwin.lidar.sensor_path import SensorPath
 from urbantwin.lidar.static import StaticLayers, World
 from urbantwin.lidar.sweep import Sweep
@@ -35,6 +36,8 @@ class StaticView:
             the first echo; its range is 0 where there is none.
         other: (N,) int32, number of the second echo of each beam, -1 for none.
         second: the same five of the second echoes.
+        amplitude: (N,) float32, of the first echo; 0 where there is none.
+        bright: (B,) int32, beams whose echo is brighter than white.
     """
 
     beams: Beams
@@ -45,6 +48,8 @@ class StaticView:
     report: tuple[NDArray[Any], ...]
     other: NDArray[np.int32]
     second: tuple[NDArray[Any], ...]
+    amplitude: NDArray[np.float32]
+    bright: NDArray[np.int32]
 
     @classmethod
     def of(
@@ -79,8 +84,12 @@ class StaticView:
             layer, has = np.zeros(1, np.int32), np.zeros(len(first), np.bool_)
         report = tuple(
             np.where(has, values[first] if len(values) else 0, np.zeros(1, values.dtype))
-            for values in (echoes.level, echoes.range_m, echoes.sigma, echoes.intensity)
+            for values in (
+                *(echoes.level, echoes.range_m, echoes.sigma, echoes.intensity),
+                echoes.amplitude,
+            )
         )
+        amplitude = report[4]
         semantic = _classes(layers.semantic, layer[first], has)
         also = np.flatnonzero(echoes.second >= 0)
         other = np.full(len(first), -1, np.int32)
@@ -94,13 +103,15 @@ class StaticView:
             layers,
             _directions(beams, turned),
             np.ascontiguousarray(dataset_SE3_site.apply(place).T, np.float32),
-            (*report, semantic),
+            (*report[:4], semantic),
             other,
             (
                 *(values[second] for values in (echoes.level, echoes.range_m)),
                 *(values[second] for values in (echoes.sigma, echoes.intensity)),
                 _classes(layers.semantic, layer[second], np.ones(len(second), np.bool_)),
             ),
+            amplitude,
+            np.flatnonzero(is_bright(amplitude)).astype(np.int32),
         )
 
 

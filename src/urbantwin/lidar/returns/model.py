@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.lidar.compiled.response import Response, answers, strengths
+from urbantwin.lidar.compiled.response import Response, answers, probabilities, strengths
 from urbantwin.lidar.returns.air import extinction
 from urbantwin.lidar.returns.clutter import Clutter, clutter_of
 from urbantwin.lidar.returns.detection import HALF_STRENGTH, STEEPNESS
@@ -109,6 +109,16 @@ class ReturnModel:
         0 outside the sensor's span of ranges; 65,536 within, without drop-out.
         """
         return self.answers(amplitude, range_m, light)[0]
+
+    def noticed_level(self, amplitude: Floats, range_m: Floats) -> NDArray[np.int32]:
+        """Return the level of 65,536 of echoes (N,) that are no surface's.
+
+        Weak ones are missed whether or not surfaces' echoes are.
+        """
+        chance = np.empty(len(amplitude))
+        probabilities(self.response, self.strength(amplitude, range_m), chance)
+        seen = (range_m >= self.response.range_min_m) & (range_m <= self.response.range_max_m)
+        return np.where(seen, np.rint(chance * LEVELS), 0).astype(np.int32)
 
     def sigma(self, amplitude: Floats, range_m: Floats, light: Floats | None = None) -> Floats:
         """Return the standard deviation of the range, metres; 0 without noise."""

@@ -25,18 +25,19 @@ from numpy.typing import NDArray
 from urbantwin.lidar.compiled.response import strengths
 from urbantwin.lidar.compiled.strays import crosstalk, spill
 from urbantwin.lidar.pattern import beam_azimuths, beam_elevations
-from urbantwin.lidar.returns.clutter import ASSUMED_DIVERGENCE_DEG
+from urbantwin.lidar.returns.clutter import ASSUMED_DIVERGENCE_DEG, CELL_M
 from urbantwin.lidar.returns.model import ReturnModel
 from urbantwin.lidar.sensor import Sensor
 
-__all__ = ["ISOLATION", "SKIRT", "Stray", "blooms", "bright", "crosstalks"]
+__all__ = ["ISOLATION", "SKIRT", "Stray", "blooms", "crosstalks", "is_bright"]
 
 #: Share of the light that lands in a beam one width aside.
 SKIRT = 3e-4
 #: Share of the light that a channel sees of another that fires with it.
 ISOLATION = 1e-4
-#: Strength below which one echo in a thousand is noticed.
-_FLOOR = 0.2
+#: Strength below which a share of stray light is not looked at: with ten of them, one echo in a
+#: thousand would be noticed.
+_FLOOR = 0.02
 
 Floats = NDArray[np.float32]
 Whole = NDArray[np.int32]
@@ -55,8 +56,12 @@ class Stray(NamedTuple):
     range_m: Floats
     amplitude: Floats
 
+    def only(self, which: NDArray[np.bool_]) -> Stray:
+        """Return some of them."""
+        return Stray(self.beam[which], self.range_m[which], self.amplitude[which])
 
-def bright(amplitude: Floats) -> NDArray[np.bool_]:
+
+def is_bright(amplitude: Floats) -> NDArray[np.bool_]:
     """Return which echoes (N,) can cause stray ones."""
     return amplitude > 1.0
 
@@ -131,4 +136,17 @@ def _stray(write: Callable[[tuple[Whole, Whole, Floats]], int], range_m: Floats)
             break
         room = used
     beam, source, amplitude = out
-    return Stray(beam[:used], range_m.take(source[:used]), amplitude[:used])
+    return _added_up(beam[:used], range_m.take(source[:used]), amplitude[:used])
+
+
+def _added_up(beam: Whole, range_m: Floats, amplitude: Floats) -> Stray:
+    """Add up what arrives in a beam within a pulse's length."""
+    if not len(beam):
+        return Stray(beam, range_m, amplitude)
+    order = np.lexsort((range_m, beam))
+    beam, range_m, amplitude = beam[order], range_m[order], amplitude[order]
+    apart = (np.diff(beam) > 0) | (np.diff(range_m) > CELL_M)
+    first = np.concatenate([[0], np.flatnonzero(apart) + 1])
+    total = np.add.reduceat(amplitude, first)
+    mean = np.add.reduceat(amplitude * range_m, first) / total
+    return Stray(beam[first], mean.astype(np.float32), total)
