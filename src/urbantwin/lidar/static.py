@@ -16,6 +16,7 @@ from urbantwin.lidar.layers import SensorPoses, cast_world
 from urbantwin.lidar.returns import Scatter, scatter_of_materials
 from urbantwin.lidar.shapes import ActorShape, ShapeArrays
 from urbantwin.lidar.sweep import Sweep
+from urbantwin.taxonomy import semantic_id
 
 __all__ = ["StaticHits", "StaticLayers", "World", "cast_static"]
 
@@ -68,6 +69,9 @@ class World:
             mesh.vertices - self._origin, mesh.faces, mesh.semantic, mesh.material, mesh.part
         )
         self._shape = ActorShape(moved, with_hull=False)
+        # Nobody knows the rooms: what goes in through a window is lost, and does not come back
+        # from the far side of a hollow building.
+        self._shape.panes &= mesh.semantic != semantic_id("building")
         self._arrays = ShapeArrays.of([self._shape], device)
 
     def layers(
