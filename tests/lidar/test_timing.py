@@ -124,6 +124,8 @@ def test_late_data_are_older(mounted):
     (sweep,) = sweeps_of(mounted(latency_s=0.25), 10, 0)
     assert sweep.turn == 8
     assert sweep.column_time_s[0] == pytest.approx(-0.2)
+    # Nothing was measured before the motion's start.
+    assert [len(turns_of(mounted(latency_s=0.25), n, 0)) for n in range(4)] == [0, 0, 1, 1]
     (turn,) = turns_of(mounted(latency_s=0.25), 10, 0)
     assert turn.arrival_s == pytest.approx(-0.2 + 0.1 + 0.25)
 
@@ -176,7 +178,7 @@ def test_the_span_of_a_frame_holds_every_firing(mounted, effects):
         mounted("Pandar64", effects=effects),
         mounted("VLP-16", effects=effects, latency_s=0.14, time_jitter_s=0.002, number=1),
     ]
-    for frame in range(30):
+    for frame in range(1, 30):
         low, high = span_of(rig, frame, 0)
         every = np.concatenate([(firing(one, frame) - frame / 10).ravel() for one in rig])
         assert low - 1e-12 <= every.min()

@@ -11,7 +11,8 @@ times its standard deviation.
 **Frames.** Frame n collects for ``frame_window_s`` from ``t_n = n / rate_hz`` on: the turns whose
 data begin to arrive then, which is ``latency_s`` after they are measured. So no turn is in two
 frames, and, where frames follow each other without a gap, none is in no frame, unless it is lost
-(``dropped_frames``).
+(``dropped_frames``). Sensors are switched on when the motion starts: there are no turns before,
+so the first frames of a sensor whose data come late are empty.
 
 **Clock.** At true time t a sensor's clock says ``t + clock_offset_s + clock_drift_ppm 1e-6 t``.
 
@@ -47,7 +48,7 @@ class Turn:
     """One turn of a sensor, as a frame counts it. Times are true, seconds from the frame's.
 
     Attributes:
-        number: of the turn; 0 begins at or just before the start of the motion.
+        number: of the turn since the start of the motion.
         start_s: when it begins.
         stop_s: when it ends and the next one would begin.
         arrival_s: when its last data have arrived.
@@ -81,7 +82,7 @@ def turns_of(mounted: MountedSensor, frame_index: int, seed: int) -> tuple[Turn,
     else:
         after = _first_turn(mounted, time_s + window_s, turn_s, missing)
     turns = []
-    for number in range(first, after):
+    for number in range(max(first, 0 if missing == 0 else 1), after):
         late, lost = _fate(mounted, seed, number)
         start_s = round((number - missing) * turn_s - time_s, 12) + late
         stop_s = start_s + turn_s

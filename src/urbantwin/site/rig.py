@@ -117,7 +117,7 @@ class SensorSpec(SensorPlace, _Named):
     clock_offset_s: Seconds = 0.0
     clock_drift_ppm: Annotated[float, Field(ge=-10000.0, le=10000.0, allow_inf_nan=False)] = 0.0
     time_jitter_s: Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)] = 0.0
-    latency_s: Annotated[float, Field(ge=0.0, le=10.0, allow_inf_nan=False)] = 0.0
+    latency_s: Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)] = 0.0
     dropped_frames: Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)] = 0.0
     outages: list[OutageSpec] = Field(default_factory=list)
     sway: SwaySpec | None = None
