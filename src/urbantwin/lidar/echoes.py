@@ -7,7 +7,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.lidar.compiled.echoes import MOST_LAYERS, combine
+from urbantwin.lidar.compiled.echoes import BESIDE, MOST_LAYERS, combine
 from urbantwin.lidar.compiled.order import chained
 from urbantwin.lidar.compiled.slots import choose
 from urbantwin.lidar.layers import Layers, PresentActors
@@ -53,7 +53,10 @@ class Echoes(NamedTuple):
 
 
 class Alone(NamedTuple):
-    """The echo that each actor would give along a beam if it were alone in the world.
+    """The echo that each actor would give along a beam if nothing stood before it.
+
+    Of a beam that meets an actor's edge, what is behind may give the echo that is reported: such a
+    beam is not the actor's, though nothing hides it.
 
     Attributes:
         beam: (L,) int32.
@@ -127,10 +130,26 @@ def combined(
     first, second = choose(start, strength, level, _MODES.index(returns))
     beam, actor, lone_range, lone_amplitude = (values[:lone] for values in alone)
     lone_level = model.answers(lone_amplitude, lone_range)[0]
-    return (
-        Echoes(touched, start, range_m, amplitude, owner, level, sigma, intensity, first, second),
-        Alone(touched.take(beam), actor, lone_level),
+    found = Echoes(
+        touched, start, range_m, amplitude, owner, level, sigma, intensity, first, second
     )
+    own = ~_is_from_behind(found, beam, actor, lone_range)
+    return found, Alone(touched.take(beam[own]), actor[own], lone_level[own])
+
+
+def _is_from_behind(
+    echoes: Echoes,
+    beam: NDArray[np.int32],
+    actor: NDArray[np.int32],
+    range_m: NDArray[np.float32],
+) -> NDArray[np.bool_]:
+    """Return whether beams (L,) report what is behind actors (L,) that they meet at ranges (L,)."""
+    first, second = echoes.first[beam], echoes.second[beam]
+    mine = np.zeros(len(beam), np.bool_)
+    for one in (first, second):
+        mine |= (one >= 0) & (echoes.owner[one] % BESIDE == actor) & (echoes.owner[one] >= 0)
+    behind = (first >= 0) & (echoes.range_m[first] > range_m)
+    return np.asarray(behind & ~mine)
 
 
 def _scratch() -> tuple[NDArray[Any], ...]:
