@@ -31,7 +31,8 @@ class BoxLabel:
         actor_class: one of ``taxonomy.ACTOR_CLASSES``.
         box: (7,) x, y, z, length, width, height, yaw; dataset frame.
         num_points: returns from the actor, of all sensors.
-        num_points_alone: returns there would be with only that actor in the world.
+        num_points_alone: returns there would be with only that actor in the world, and what is
+            behind it: of beams along its edges that may be what returns.
         velocity: (3,) metres per second, dataset frame.
         observed_s: when the actor stood in its box, seconds from the frame's time: the mean of
             the times at which beams met it, or would have looked at it.
