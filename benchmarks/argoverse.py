@@ -117,7 +117,7 @@ def spread(error: NDArray[np.float64]) -> dict[str, float]:
     }
 
 
-def per_beam(sweeps: list[list[Pair]], least: int = 100) -> list[dict[str, object]]:
+def per_beam(sweeps: list[list[Pair]], least: int = 100) -> list[dict[str, Any]]:
     """Range errors on the ground, real less simulated, of every beam that sees enough of it.
 
     With the height that the median error makes (at 2 degrees, 1 cm of height is 29 cm of range),
@@ -170,7 +170,7 @@ def again(sweeps: list[list[Pair]]) -> dict[str, float]:
 
 def boxes_of(
     log: Log, sweep: int, boxes: list[ActorBox], frame: LabelledFrame, seen: list[Pair]
-) -> list[dict[str, object]]:
+) -> list[dict[str, Any]]:
     """Points in every box, real and simulated.
 
     Once more without the simulated ones whose real ray met something before them that is in no
@@ -188,6 +188,7 @@ def boxes_of(
             {
                 "category": box.category,
                 "track": track,
+                "name": box.name,
                 "distance_m": round(float(np.linalg.norm(box.pose.translation)), 1),
                 "speed_mps": round(float(np.linalg.norm(box.velocity)), 1),
                 "real": int(box.holds(points).sum()),
@@ -199,10 +200,10 @@ def boxes_of(
     return rows
 
 
-def ratio(rows: list[dict[str, object]], key: str) -> dict[str, float]:
+def ratio(rows: list[dict[str, Any]], key: str) -> dict[str, float]:
     """Simulated over real points of the boxes that hold enough real ones."""
-    judged = [row for row in rows if row["real"] >= FEWEST_POINTS]  # type: ignore[operator]
-    found = np.array([row[key] / row["real"] for row in judged])  # type: ignore[operator]
+    judged = [row for row in rows if row["real"] >= FEWEST_POINTS]
+    found = np.array([row[key] / row["real"] for row in judged])
     return {
         "boxes": len(found),
         "median": round(float(np.median(found)), 2),
@@ -210,6 +211,13 @@ def ratio(rows: list[dict[str, object]], key: str) -> dict[str, float]:
         "p80": round(float(np.percentile(found, 80)), 2),
         "within_0.8_1.25": int(((found >= 0.8) & (found <= 1.25)).sum()),
     }
+
+
+def real_again(first: list[dict[str, Any]], second: list[dict[str, Any]]) -> dict[str, float]:
+    """Real against real: points of the same box a turn later."""
+    later = {row["name"]: row["real"] for row in second}
+    both = [row | {"later": later[row["name"]]} for row in first if row["name"] in later]
+    return ratio(both, "later")
 
 
 def dropout(sweeps: list[list[Pair]], *, actors: bool) -> list[dict[str, float]]:
@@ -309,6 +317,7 @@ def measure(
         "ground_per_beam": per_beam(sweeps),
         "boxes": [ratio(one, "simulated") for one in rows],
         "boxes_unblocked": [ratio(one, "unblocked") for one in rows],
+        "boxes_real_against_real": real_again(*rows),
         "intensity_ground": brightness(sweeps),
         "dropout_ground": dropout(sweeps, actors=False),
         "dropout_actors": dropout(sweeps, actors=True),
@@ -316,7 +325,7 @@ def measure(
     }
 
 
-def table(rows: list[dict[str, object]]) -> str:
+def table(rows: list[dict[str, Any]]) -> str:
     """Rows under their keys."""
     keys = list(rows[0])
     lines = [[str(row[key]) for key in keys] for row in rows]
@@ -343,7 +352,12 @@ def main() -> None:
         print(json.dumps(result, indent=1))
         return
     rows = result.pop("box_rows")
-    result["box_rows"] = [row for one in rows for row in one if row["real"] >= FEWEST_POINTS]
+    result["box_rows"] = [
+        {key: value for key, value in row.items() if key != "name"}
+        for one in rows
+        for row in one
+        if row["real"] >= FEWEST_POINTS
+    ]
     for key, value in result.items():
         if isinstance(value, list) and value:
             print(f"\n{key}\n{table(value)}")

@@ -96,6 +96,7 @@ class ActorBox:
 
     Attributes:
         category: the log's class.
+        name: of its track.
         size: (3,) length, width, height.
         pose: of its middle.
         velocity: (3,) by the boxes of the track before and after.
@@ -104,6 +105,7 @@ class ActorBox:
     """
 
     category: str
+    name: str
     size: NDArray[np.float64]
     pose: Pose
     velocity: NDArray[np.float64]
@@ -250,7 +252,7 @@ class Log:
             rotation = Rotation.from_quat([row.qx, row.qy, row.qz, row.qw]).as_matrix()
             size = np.array([row.length_m, row.width_m, row.height_m])
             pose = Pose(rotation, np.array([row.tx_m, row.ty_m, row.tz_m]))
-            box = ActorBox(row.category, size, pose, velocity, 0.0, np.nan)
+            box = ActorBox(row.category, row.track_uuid, size, pose, velocity, 0.0, np.nan)
             inside = box.holds(points)
             raised = inside & (points[:, 2] > pose.translation[2] - size[2] / 2 + 0.35)
             yield replace(
