@@ -78,6 +78,6 @@ class PosedActor:
         pose = self.site_SE3_asset
         return ActorPath(
             np.array([0.0, 1.0]),
-            np.stack([pose.rotation, pose.rotation]),
-            np.stack([pose.translation, pose.translation + self.velocity]),
+            np.array([pose.rotation, pose.rotation]),
+            np.array([pose.translation, pose.translation + self.velocity]),
         )

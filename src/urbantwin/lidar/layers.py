@@ -41,6 +41,10 @@ class Paths(NamedTuple):
         """Put paths together; shorter ones go straight on."""
         longest = max((len(way.time_s) for way in ways), default=2)
         count = len(ways)
+        if ways and all(len(way.time_s) == longest for way in ways):
+            rotation = np.array([way.rotation for way in ways])
+            place = np.array([way.translation for way in ways])
+            return cls(np.array([way.time_s for way in ways]), rotation, place, _turns(rotation))
         time_s = np.empty((count, longest))
         rotation, place = np.empty((count, longest, 3, 3)), np.empty((count, longest, 3))
         for n, way in enumerate(ways):

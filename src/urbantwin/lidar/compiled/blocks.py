@@ -36,12 +36,12 @@ def _bounds_between(
     begin = column_time[(first + first_column) % count]
     end = column_time[(last + first_column) % count] + ring_span
     set_pose(
-        begin, knot_time[actor], rotation[actor], translation[actor], turn[actor],
+        begin, actor, knot_time, rotation, translation, turn,
         actor_rotation, actor_place,
     )  # fmt: skip
     x, y, z = actor_place[0], actor_place[1], actor_place[2]
     set_pose(
-        end, knot_time[actor], rotation[actor], translation[actor], turn[actor],
+        end, actor, knot_time, rotation, translation, turn,
         actor_rotation, actor_place,
     )  # fmt: skip
     k, m = (first + first_column) % count if moving else 0, 0
@@ -65,12 +65,12 @@ def _bounds_between(
         k = (j + first_column) % count
         time = begin + (end - begin) * look / looks
         set_pose(
-            time, knot_time[actor], rotation[actor], translation[actor], turn[actor],
+            time, actor, knot_time, rotation, translation, turn,
             actor_rotation, actor_place,
         )  # fmt: skip
         n = k if moving else 0
         actor_from_sensor(
-            actor_rotation, actor_place, sensor_rotation[n], sensor_place[n], relative, place
+            actor_rotation, actor_place, n, sensor_rotation, sensor_place, relative, place
         )
         now = bounds_of_box(low, high, relative, place)
         bounds = now if look == 0 else widened(bounds, now)
@@ -124,12 +124,12 @@ def find_blocks(
     used, written = 0, 0
     for actor in range(len(low)):
         set_pose(
-            column_time[first_column], knot_time[actor], rotation[actor], translation[actor],
-            turns[actor], actor_rotation, actor_place,
+            column_time[first_column], actor, knot_time, rotation, translation, turns,
+            actor_rotation, actor_place,
         )  # fmt: skip
         n = first_column if len(sensor_place) > 1 else 0
         actor_from_sensor(
-            actor_rotation, actor_place, sensor_rotation[n], sensor_place[n], relative, place
+            actor_rotation, actor_place, n, sensor_rotation, sensor_place, relative, place
         )
         away = 0.0
         for i in range(3):

@@ -115,16 +115,17 @@ def rays_within(
             time = column_time[k] + (ring_span if look == looks else 0.0)
             set_pose(
                 time,
-                knot_time[actor],
-                rotation[actor],
-                translation[actor],
-                turns[actor],
+                actor,
+                knot_time,
+                rotation,
+                translation,
+                turns,
                 actor_rotation,
                 actor_place,
             )
             n = k if len(sensor_place) > 1 else 0
             actor_from_sensor(
-                actor_rotation, actor_place, sensor_rotation[n], sensor_place[n], relative, place
+                actor_rotation, actor_place, n, sensor_rotation, sensor_place, relative, place
             )
             now = bounds_of_box(low[actor], high[actor], relative, place)
             bounds = now if look == 0 else widened(bounds, now)

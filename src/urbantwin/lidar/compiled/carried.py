@@ -36,16 +36,17 @@ def carried(beam, actor, path, sensor_rotation, sensor_place, times, beams, to_r
         time = column_time[column] + ring_time[beam[m] // count]
         set_pose(
             time,
-            knot_time[a],
-            rotation[a],
-            translation[a],
-            turns[a],
+            a,
+            knot_time,
+            rotation,
+            translation,
+            turns,
             actor_rotation,
             actor_place,
         )
         n = column if moving else 0
         actor_from_sensor(
-            actor_rotation, actor_place, sensor_rotation[n], sensor_place[n], relative, place
+            actor_rotation, actor_place, n, sensor_rotation, sensor_place, relative, place
         )
         for i in range(3):
             local[i] = (

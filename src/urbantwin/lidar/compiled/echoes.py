@@ -13,6 +13,16 @@ BESIDE = 1 << 20
 
 #: A beam with more layers than this loses the farthest.
 MOST_LAYERS = 128
+#: Amplitude below which a surface is as good as none, unless nothing passes through it.
+_FAINT = 1e-7
+#: Black, or met edge on: it is there, however faint.
+_FAINTEST = 1e-9
+
+
+@njit(cache=True, nogil=True)
+def _at_least(amplitude):
+    """Return the amplitude of an opaque surface: never none."""
+    return amplitude if amplitude > _FAINT else _FAINTEST
 
 
 @njit(cache=True, nogil=True)
@@ -45,10 +55,10 @@ def _echoes(count, range_m, back, through, mask, owner, order, share, left, puls
                 reach += left[s]
                 left[s] *= through[layer]
         amplitude = reach * back[layer]
-        if amplitude <= 1e-7:
+        if amplitude <= _FAINT:
             if reach <= 1e-6 or through[layer] > 0.0:
                 continue
-            amplitude = 1e-9  # Black, or met edge on: it is there, however faint.
+            amplitude = _FAINTEST
         if total > 0.0 and range_m[layer] - first > pulse_m:
             if at + used < len(out_range):
                 out_range[at + used] = weighed / total
@@ -103,9 +113,47 @@ def combine(touched, static, moving, share, pulse_m, room, echoes, alone):
     one_amplitude = np.empty(MOST_LAYERS, np.float32)
     one_owner = np.empty(MOST_LAYERS, np.int32)
     used, lone = 0, 0
+    whole = (1 << len(share)) - 1
+    light = 0.0
+    for s in range(len(share)):
+        light += share[s]
     for m in range(len(touched)):
         beam = touched[m]
         count = 0
+        # Nearly all beams: one opaque surface of one actor before, or behind, one of the world's.
+        last = head[beam]
+        still, stands = -1, 0
+        if len(start) > 1:
+            still, stands = start[beam], start[beam + 1] - start[beam]
+        if (
+            last >= 0
+            and stands <= 1
+            and before[last] < 0
+            and through[last] == 0.0
+            and mask[last] & whole == whole
+            and (
+                stands == 0
+                or (static_through[still] == 0.0 and static_mask[still] & whole == whole)
+            )
+        ):
+            first[m] = used
+            amplitude = _at_least(light * back[last])
+            who = actor[last]
+            if mask[last] & ON_AXIS:
+                if lone < len(alone_beam):
+                    alone_beam[lone], alone_actor[lone] = m, who
+                    alone_range[lone], alone_amplitude[lone] = range_m[last], amplitude
+                lone += 1
+            else:
+                who += BESIDE
+            at = range_m[last]
+            if stands and static_range[still] <= at:
+                at, who = static_range[still], -1 - still
+                amplitude = _at_least(light * static_back[still])
+            if used < len(echo_range):
+                echo_range[used], echo_amplitude[used], echo_owner[used] = at, amplitude, who
+            used += 1
+            continue
         if len(start) > 1:
             for layer in range(start[beam], start[beam + 1]):
                 if count < MOST_LAYERS:

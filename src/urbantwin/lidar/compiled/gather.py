@@ -10,7 +10,7 @@ from numba import njit
 from urbantwin.lidar.compiled.echoes import BESIDE
 from urbantwin.taxonomy import semantic_id
 
-__all__ = ["gather", "place_points"]
+__all__ = ["gather", "place_points", "write_points"]
 
 #: Class of a point between an actor and what is behind it, which belongs to neither.
 OUTLIER = np.uint16(semantic_id("outlier"))
@@ -90,6 +90,38 @@ def gather(static, second, moving, dead, draws, second_draws, quantiles, step_m,
             reported += 1
             count += 1
     return count
+
+
+@njit(cache=True, nogil=True)
+def write_points(beam, range_m, intensity, directions, origin, column_s, ring_s, out):
+    """Write where beams end, which they are, and when they fired.
+
+    Args:
+        beam: (M,) int32, best in ascending order.
+        range_m: (M,) float32.
+        intensity: (M,) float32.
+        directions: (3, N) float32, frame of the points.
+        origin: (3, K) float32, where each column's beams leave, or (3, 1).
+        column_s: (K,) float64, when columns fire, seconds.
+        ring_s: (C,) float64, how much later each channel does.
+        out: points (M, 4) float32, rings (M,) and columns (M,) uint16, times (M,) float32 to write.
+    """
+    points, rings, columns, times = out
+    count = len(column_s)
+    moving = origin.shape[1] > 1
+    ring, first = 0, 0
+    for m in range(len(beam)):
+        n = beam[m]
+        if not first <= n < first + count:
+            ring = n // count
+            first = ring * count
+        column = n - first
+        k = column if moving else 0
+        for axis in range(3):
+            points[m, axis] = directions[axis, n] * range_m[m] + origin[axis, k]
+        points[m, 3] = intensity[m]
+        rings[m], columns[m] = ring, column
+        times[m] = column_s[column] + ring_s[ring]
 
 
 @njit(cache=True, nogil=True)

@@ -27,10 +27,14 @@ def _call(typingctx, address, first, second, third):
 
 @njit(cache=True, nogil=True)
 def new_ray():
-    """Return room for a ``RTCRayHit``, as (32,) float32, aligned as Embree wants it."""
+    """Return room for a ``RTCRayHit``, aligned as Embree wants it.
+
+    As (32,) float32, the same words as uint32, and their address.
+    """
     block = np.zeros(64, np.float32)
     skip = (64 - block.ctypes.data % 64) % 64 // 4
-    return block[skip : skip + 32]
+    room = block[skip : skip + 32]
+    return room, room.view(np.uint32), np.uint64(room.ctypes.data)
 
 
 @njit(cache=True, nogil=True)
@@ -42,13 +46,13 @@ def intersect(address, scene, ray, near, ox, oy, oz, dx, dy, dz):
     """
     if scene == 0:
         return np.float32(np.inf), np.int32(-1)
-    words = ray.view(np.uint32)
-    ray[0], ray[1], ray[2], ray[3] = ox, oy, oz, near
-    ray[4], ray[5], ray[6], ray[7] = dx, dy, dz, 0.0
-    ray[8] = np.inf
+    floats, words, place = ray
+    floats[0], floats[1], floats[2], floats[3] = ox, oy, oz, near
+    floats[4], floats[5], floats[6], floats[7] = dx, dy, dz, 0.0
+    floats[8] = np.inf
     words[9], words[10], words[11] = 0xFFFFFFFF, 0, 0
     words[18], words[19], words[20] = 0xFFFFFFFF, 0xFFFFFFFF, 0xFFFFFFFF
-    _call(np.uint64(address), np.uint64(scene), np.uint64(ray.ctypes.data), np.uint64(0))
+    _call(np.uint64(address), np.uint64(scene), place, np.uint64(0))
     if words[18] == 0xFFFFFFFF:
         return np.float32(np.inf), np.int32(-1)
-    return ray[8], np.int32(words[17])
+    return floats[8], np.int32(words[17])

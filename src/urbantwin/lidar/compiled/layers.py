@@ -28,26 +28,27 @@ _MOST_GROUPS = 40
 
 
 @njit(cache=True, nogil=True)
-def _plane_range(normal, offset, ox, oy, oz, dx, dy, dz):
+def _plane_range(n, normals, offsets, ox, oy, oz, dx, dy, dz):
     """Return where a ray meets a plane, ``nan`` where it grazes it, and the sine of the angle."""
-    slant = normal[0] * dx + normal[1] * dy + normal[2] * dz
+    x, y, z = normals[n, 0], normals[n, 1], normals[n, 2]
+    slant = x * dx + y * dy + z * dz
     if abs(slant) < _GRAZING:
         return np.nan, abs(slant)
-    return (offset - (normal[0] * ox + normal[1] * oy + normal[2] * oz)) / slant, abs(slant)
+    return (offsets[n] - (x * ox + y * oy + z * oz)) / slant, abs(slant)
 
 
 @njit(cache=True, nogil=True)
-def _crosses(low, high, ox, oy, oz, dx, dy, dz):
+def _crosses(n, low, high, ox, oy, oz, dx, dy, dz):
     """Return whether a ray passes through a box."""
     enter, leave = 0.0, np.inf
     for axis in range(3):
         o = ox if axis == 0 else (oy if axis == 1 else oz)
         d = dx if axis == 0 else (dy if axis == 1 else dz)
         if abs(d) < 1e-12:
-            if o < low[axis] or o > high[axis]:
+            if o < low[n, axis] or o > high[n, axis]:
                 return False
             continue
-        one, other = (low[axis] - o) / d, (high[axis] - o) / d
+        one, other = (low[n, axis] - o) / d, (high[n, axis] - o) / d
         enter, leave = max(enter, min(one, other)), min(leave, max(one, other))
     return enter <= leave
 
@@ -120,17 +121,17 @@ def cast_blocks(
                 time = column_time[column]
                 n = column if moving else 0
                 set_pose(
-                    time, knot_time[actor], rotation[actor], translation[actor], turns[actor],
+                    time, actor, knot_time, rotation, translation, turns,
                     actor_rotation, actor_place,
                 )  # fmt: skip
                 actor_from_sensor(
-                    actor_rotation, actor_place, sensor_rotation[n], sensor_place[n], relative,
+                    actor_rotation, actor_place, n, sensor_rotation, sensor_place, relative,
                     place,
                 )  # fmt: skip
                 # How fast the sensor goes past the actor, for the channels that fire later.
                 later = time + 1e-3
                 set_pose(
-                    later, knot_time[actor], rotation[actor], translation[actor], turns[actor],
+                    later, actor, knot_time, rotation, translation, turns,
                     later_rotation, later_place,
                 )  # fmt: skip
                 m, over = n, 0.0
@@ -152,15 +153,16 @@ def cast_blocks(
                         gone = (later_place[j] - actor_place[j]) / 1e-3
                         v += actor_rotation[j, i] * (own - gone)
                     pose[column, 12 + i] = v
-            p = pose[column]
             late = ring_time[ring]
             x, y, z = beams[ray, 0], beams[ray, 1], beams[ray, 2]
             range_m[at], face[at] = intersect(
                 address, scene, ray_hit, np.float32(0.0),
-                p[9] + p[12] * late, p[10] + p[13] * late, p[11] + p[14] * late,
-                p[0] * x + p[1] * y + p[2] * z,
-                p[3] * x + p[4] * y + p[5] * z,
-                p[6] * x + p[7] * y + p[8] * z,
+                pose[column, 9] + pose[column, 12] * late,
+                pose[column, 10] + pose[column, 13] * late,
+                pose[column, 11] + pose[column, 14] * late,
+                pose[column, 0] * x + pose[column, 1] * y + pose[column, 2] * z,
+                pose[column, 3] * x + pose[column, 4] * y + pose[column, 5] * z,
+                pose[column, 6] * x + pose[column, 7] * y + pose[column, 8] * z,
             )  # fmt: skip
         for row in range(rows):
             for n in range(wide):
@@ -168,9 +170,13 @@ def cast_blocks(
                 if face[at] == -2:
                     continue
                 ray = rays[at]
-                p = pose[ray % count]
+                column = ray % count
                 late = ring_time[ray // count]
-                ox, oy, oz = p[9] + p[12] * late, p[10] + p[13] * late, p[11] + p[14] * late
+                ox, oy, oz = (
+                    pose[column, 9] + pose[column, 12] * late,
+                    pose[column, 10] + pose[column, 13] * late,
+                    pose[column, 11] + pose[column, 14] * late,
+                )
                 own = face[at]
                 edge = spread == 2
                 if spread == 1:
@@ -188,15 +194,15 @@ def cast_blocks(
                                 y = beams[rays[other], 1]
                                 z = beams[rays[other], 2]
                                 told, _ = _plane_range(
-                                    normals[base + own], offsets[base + own], ox, oy, oz,
-                                    p[0] * x + p[1] * y + p[2] * z,
-                                    p[3] * x + p[4] * y + p[5] * z,
-                                    p[6] * x + p[7] * y + p[8] * z,
+                                    base + own, normals, offsets, ox, oy, oz,
+                                    pose[column, 0] * x + pose[column, 1] * y + pose[column, 2] * z,
+                                    pose[column, 3] * x + pose[column, 4] * y + pose[column, 5] * z,
+                                    pose[column, 6] * x + pose[column, 7] * y + pose[column, 8] * z,
                                 )  # fmt: skip
                                 edge = not abs(told - range_m[other]) < 3 * _SAME_SURFACE_M
                 if own >= 0:
                     seen[actor] += 1
-                    seen_time[actor] += column_time[ray % count] + late
+                    seen_time[actor] += column_time[column] + late
                 elif not edge:
                     continue
                 groups = 0
@@ -213,9 +219,9 @@ def cast_blocks(
                     z = bz + up * flat
                     size = np.sqrt(x * x + y * y + z * z)
                     x, y, z = x / size, y / size, z / size
-                    dx = p[0] * x + p[1] * y + p[2] * z
-                    dy = p[3] * x + p[4] * y + p[5] * z
-                    dz = p[6] * x + p[7] * y + p[8] * z
+                    dx = pose[column, 0] * x + pose[column, 1] * y + pose[column, 2] * z
+                    dy = pose[column, 3] * x + pose[column, 4] * y + pose[column, 5] * z
+                    dz = pose[column, 6] * x + pose[column, 7] * y + pose[column, 8] * z
                     bit = 1 << sample if edge else int(whole)
                     near = np.float32(0.0)
                     for pane in range(_MOST_PANES):
@@ -232,7 +238,7 @@ def cast_blocks(
                             if group_mask[g] & bit or not edge:
                                 continue
                             told, _ = _plane_range(
-                                normals[base + group_face[g]], offsets[base + group_face[g]],
+                                base + group_face[g], normals, offsets,
                                 ox, oy, oz, dx, dy, dz,
                             )  # fmt: skip
                             if abs(told - met) < _SAME_SURFACE_M and (
@@ -250,16 +256,16 @@ def cast_blocks(
                         if not (glass and panes[base + hit]):
                             break
                         near = met + np.float32(_BEHIND_M)
-                dx = p[0] * bx + p[1] * by + p[2] * bz
-                dy = p[3] * bx + p[4] * by + p[5] * bz
-                dz = p[6] * bx + p[7] * by + p[8] * bz
+                dx = pose[column, 0] * bx + pose[column, 1] * by + pose[column, 2] * bz
+                dy = pose[column, 3] * bx + pose[column, 4] * by + pose[column, 5] * bz
+                dz = pose[column, 6] * bx + pose[column, 7] * by + pose[column, 8] * bz
                 on_axis = 0
-                if own >= 0 or _crosses(lows[actor], highs[actor], ox, oy, oz, dx, dy, dz):
+                if own >= 0 or _crosses(actor, lows, highs, ox, oy, oz, dx, dy, dz):
                     on_axis = ON_AXIS
                 for g in range(groups):
                     hit = group_face[g]
                     told, cosine = _plane_range(
-                        normals[base + hit], offsets[base + hit], ox, oy, oz, dx, dy, dz
+                        base + hit, normals, offsets, ox, oy, oz, dx, dy, dz
                     )
                     mean = group_sum[g] / group_count[g]
                     if not group_mask[g] & 1 or not abs(told - mean) < 10 * _SAME_SURFACE_M:

@@ -7,7 +7,7 @@ __all__ = ["actor_from_sensor", "poses_at", "set_pose"]
 
 
 @njit(cache=True, nogil=True)
-def set_pose(time, knot_time, rotation, translation, turn, out_rotation, out_translation):
+def set_pose(time, actor, knot_time, rotation, translation, turn, out_rotation, out_translation):
     """Write where an actor is at a time: rotation (3, 3) and translation (3,), site frame.
 
     Between two of its T knots it goes straight and turns about one axis at one speed; before the
@@ -15,26 +15,29 @@ def set_pose(time, knot_time, rotation, translation, turn, out_rotation, out_tra
 
     Args:
         time: seconds from the frame's time.
-        knot_time: (T,) ascending.
-        rotation: (T, 3, 3).
-        translation: (T, 3).
-        turn: (T - 1, 3) rotation vectors from each knot to the next, in the actor's frame.
+        actor: which of the A actors; here and below arrays come whole, with a number: a part of
+            an array that is handed on counts its owners, which costs as much as the work.
+        knot_time: (A, T) ascending.
+        rotation: (A, T, 3, 3).
+        translation: (A, T, 3).
+        turn: (A, T - 1, 3) rotation vectors from each knot to the next, in the actor's frame.
         out_rotation: (3, 3) to write.
         out_translation: (3,) to write.
     """
     k = 0
-    while k < len(knot_time) - 2 and time >= knot_time[k + 1]:
+    while k < knot_time.shape[1] - 2 and time >= knot_time[actor, k + 1]:
         k += 1
-    share = (time - knot_time[k]) / (knot_time[k + 1] - knot_time[k])
+    start = knot_time[actor, k]
+    share = (time - start) / (knot_time[actor, k + 1] - start)
     for i in range(3):
-        step = translation[k + 1, i] - translation[k, i]
-        out_translation[i] = translation[k, i] + share * step
-    x, y, z = share * turn[k, 0], share * turn[k, 1], share * turn[k, 2]
+        step = translation[actor, k + 1, i] - translation[actor, k, i]
+        out_translation[i] = translation[actor, k, i] + share * step
+    x, y, z = share * turn[actor, k, 0], share * turn[actor, k, 1], share * turn[actor, k, 2]
     angle = np.sqrt(x * x + y * y + z * z)
     if angle < 1e-12:
         for i in range(3):
             for j in range(3):
-                out_rotation[i, j] = rotation[k, i, j]
+                out_rotation[i, j] = rotation[actor, k, i, j]
         return
     x, y, z = x / angle, y / angle, z / angle
     c, s = np.cos(angle), np.sin(angle)
@@ -43,7 +46,9 @@ def set_pose(time, knot_time, rotation, translation, turn, out_rotation, out_tra
     r10, r11, r12 = y * x * v + z * s, c + y * y * v, y * z * v - x * s
     r20, r21, r22 = z * x * v - y * s, z * y * v + x * s, c + z * z * v
     for i in range(3):
-        a, b, d = rotation[k, i, 0], rotation[k, i, 1], rotation[k, i, 2]
+        a = rotation[actor, k, i, 0]
+        b = rotation[actor, k, i, 1]
+        d = rotation[actor, k, i, 2]
         out_rotation[i, 0] = a * r00 + b * r10 + d * r20
         out_rotation[i, 1] = a * r01 + b * r11 + d * r21
         out_rotation[i, 2] = a * r02 + b * r12 + d * r22
@@ -51,20 +56,20 @@ def set_pose(time, knot_time, rotation, translation, turn, out_rotation, out_tra
 
 @njit(cache=True, nogil=True)
 def actor_from_sensor(
-    actor_rotation, actor_place, sensor_rotation, sensor_place, out_rotation, out_place
+    actor_rotation, actor_place, n, sensor_rotation, sensor_place, out_rotation, out_place
 ):
-    """Write ``asset_SE3_sensor`` of ``site_SE3_asset`` and ``site_SE3_sensor``."""
+    """Write ``asset_SE3_sensor`` of ``site_SE3_asset`` and the n-th ``site_SE3_sensor``."""
     for i in range(3):
         for j in range(3):
             out_rotation[i, j] = (
-                actor_rotation[0, i] * sensor_rotation[0, j]
-                + actor_rotation[1, i] * sensor_rotation[1, j]
-                + actor_rotation[2, i] * sensor_rotation[2, j]
+                actor_rotation[0, i] * sensor_rotation[n, 0, j]
+                + actor_rotation[1, i] * sensor_rotation[n, 1, j]
+                + actor_rotation[2, i] * sensor_rotation[n, 2, j]
             )
         out_place[i] = (
-            actor_rotation[0, i] * (sensor_place[0] - actor_place[0])
-            + actor_rotation[1, i] * (sensor_place[1] - actor_place[1])
-            + actor_rotation[2, i] * (sensor_place[2] - actor_place[2])
+            actor_rotation[0, i] * (sensor_place[n, 0] - actor_place[0])
+            + actor_rotation[1, i] * (sensor_place[n, 1] - actor_place[1])
+            + actor_rotation[2, i] * (sensor_place[n, 2] - actor_place[2])
         )
 
 
@@ -77,5 +82,5 @@ def poses_at(time, path):
     knot_time, rotation, translation, turns = path
     turned, moved = np.empty((len(time), 3, 3)), np.empty((len(time), 3))
     for a in range(len(time)):
-        set_pose(time[a], knot_time[a], rotation[a], translation[a], turns[a], turned[a], moved[a])
+        set_pose(time[a], a, knot_time, rotation, translation, turns, turned[a], moved[a])
     return turned, moved
