@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from urbantwin.lidar.compiled.carried import carried
 from urbantwin.lidar.compiled.echoes import BESIDE
-from urbantwin.lidar.compiled.gather import OUTLIER, gather, place_points
+from urbantwin.lidar.compiled.gather import OUTLIER, gather, write_points
 from urbantwin.lidar.echoes import Echoes, combined
 from urbantwin.lidar.labels.posed_box import BOX_MARGIN_M, outside, spans_in_box
 from urbantwin.lidar.layers import Layers, PresentActors, cast_actors
@@ -23,6 +23,7 @@ from urbantwin.lidar.returns import (
     standard_quantiles,
     truncated_noise,
 )
+from urbantwin.lidar.returns.encoder import encoder_errors
 from urbantwin.lidar.spurious import Reported, Spurious
 from urbantwin.lidar.static_view import StaticView
 from urbantwin.lidar.sweep import Sweep
@@ -85,6 +86,9 @@ class Sighting:
     ) -> None:
         self._mounted, self._model, self._view, self._sweep = mounted, model, view, sweep
         self._actors = actors
+        told = mounted.effects.quantisation
+        error = encoder_errors(mounted.sensor, mounted.columns) if told else np.zeros(1)
+        self._aside = float(np.abs(error).max())
         self._dead = np.zeros(0, np.bool_) if dead is None else dead.reshape(-1)
         self._layers: Layers = cast_actors(
             view.beams,
@@ -184,23 +188,21 @@ class Sighting:
         beam, echo, _, semantic, range_m, intensity, actor = spurious.among(
             Reported(beam, echo, source, semantic, range_m, intensity, actor)
         )
-        points = np.empty((len(beam), 4), np.float32)
-        place_points(beam, range_m, intensity, view.directions, view.origin, beams.columns, points)
-        ring = beam // np.int32(beams.columns)
-        column = beam - ring * np.int32(beams.columns)
+        count = len(beam)
+        points, time_s = np.empty((count, 4), np.float32), np.empty(count, np.float32)
+        ring, column = np.empty(count, np.uint16), np.empty(count, np.uint16)
         sweep = self._sweep
-        time_s = sweep.reported(sweep.column_time_s)[column]
-        time_s += (sweep.ring_time_s * sweep.clock_rate)[ring]
-        return Observation(
-            points,
-            actor,
-            semantic,
-            ring.astype(np.uint16),
-            column.astype(np.uint16),
-            time_s.astype(np.float32),
-            echo,
-            alone,
+        write_points(
+            beam,
+            range_m,
+            intensity,
+            view.directions,
+            view.origin,
+            sweep.reported(sweep.column_time_s),
+            sweep.ring_time_s * sweep.clock_rate,
+            (points, ring, column, time_s),
         )
+        return Observation(points, actor, semantic, ring, column, time_s, echo, alone)
 
     def _in_boxes(
         self,
@@ -219,7 +221,9 @@ class Sighting:
         """
         measured = range_m + sigma * standard_noise(noise)
         step_m = float(self._model.step_m)
-        margin = max(0.0, BOX_MARGIN_M - step_m / 2)  # Half a step may come on top.
+        # Half a step of the range may come on top, and half a step of the azimuth.
+        aside = self._aside * float(range_m.max(initial=0.0))
+        margin = max(0.0, BOX_MARGIN_M - step_m / 2 - aside)
         sweep = self._sweep
         origin, aim = carried(
             beam,

@@ -14,6 +14,7 @@ from urbantwin.lidar.echoes import combined
 from urbantwin.lidar.layers import SensorPoses
 from urbantwin.lidar.mounted import MountedSensor
 from urbantwin.lidar.returns import ReturnModel
+from urbantwin.lidar.returns.encoder import as_reported
 from urbantwin.lidar.returns.strays import is_bright
 from urbantwin.lidar.sensor_path import SensorPath
 from urbantwin.lidar.static import StaticLayers, World
@@ -97,11 +98,14 @@ class StaticView:
         second = echoes.second[also]
         rotation, place = path.reported_poses(times)
         turned = np.asarray(dataset_SE3_site.rotation) @ rotation
+        believed = beams.directions
+        if mounted.effects.quantisation:
+            believed = as_reported(believed, mounted.sensor, beams.columns)
         return cls(
             beams,
             poses,
             layers,
-            _directions(beams, turned),
+            _directions(beams, believed, turned),
             np.ascontiguousarray(dataset_SE3_site.apply(place).T, np.float32),
             (*report[:4], semantic),
             other,
@@ -115,11 +119,13 @@ class StaticView:
         )
 
 
-def _directions(beams: Beams, rotation: NDArray[np.float64]) -> NDArray[np.float32]:
+def _directions(
+    beams: Beams, directions: NDArray[np.float64], rotation: NDArray[np.float64]
+) -> NDArray[np.float32]:
     """Return directions (3, N) of beams, turned with their columns' rotations (K or 1, 3, 3)."""
     if len(rotation) == 1:
-        return np.ascontiguousarray((rotation[0] @ beams.directions.T), np.float32)
-    fans = beams.directions.reshape(beams.channels, beams.columns, 3)
+        return np.ascontiguousarray((rotation[0] @ directions.T), np.float32)
+    fans = directions.reshape(beams.channels, beams.columns, 3)
     turned = np.einsum("kij,ckj->ick", rotation, fans, optimize=True)
     return np.ascontiguousarray(turned.reshape(3, -1), np.float32)
 
