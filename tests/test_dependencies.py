@@ -15,6 +15,8 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 ONLY_FILES = {"eclipse-sumo", "tzdata"}
 #: The package itself, and pydantic's other half, of which pydantic names the one version it needs.
 NOT_DECLARED = {"urbantwin", "pydantic_core"}
+#: Extras of what only some users need: modules that import them are imported where they are.
+EXTRAS = ("warp",)
 #: Programs for another Python than ours: they import nothing of UrbanTwin, and it not them.
 OTHER_PROGRAMS = {"blender_fbx.py"}
 
@@ -50,6 +52,8 @@ def imported() -> dict[str, str]:
 
 def test_every_import_is_declared() -> None:
     declared = named(PROJECT["dependencies"])
+    for extra in EXTRAS:
+        declared |= named(PROJECT["optional-dependencies"][extra])
     owners = packages_distributions()
     for module, path in imported().items():
         if module in sys.stdlib_module_names or module in NOT_DECLARED:

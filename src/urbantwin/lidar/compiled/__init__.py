@@ -2,3 +2,5 @@
 
 All arrays are C-ordered. Nothing here holds the interpreter's lock, so frames run on threads.
 """
+
+__all__: list[str] = []

@@ -2,3 +2,5 @@
 
 Types are Warp's: arguments of kernels are arrays on the device.
 """
+
+__all__: list[str] = []
