@@ -28,6 +28,8 @@ def test_a_folder_with_map_numbers_and_picture(twin, run_here, tmp_path):
         facing = data["facing"].sum(axis=0) / data["rate_hz"]
         assert data["semantic"].shape == facing.shape
     assert said["facing"]["most"] == pytest.approx(facing.max(), abs=0.06)
+    told = json.loads(run_here("inspect", out, "--json").out)
+    assert told == said
     picture = np.asarray(Image.open(out / "coverage.png").convert("RGB"), float)
     colourful = picture.max(axis=2) - picture.min(axis=2) > 60
     thirds = np.array_split(colourful, 3, axis=1)

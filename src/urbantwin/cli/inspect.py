@@ -23,7 +23,7 @@ def inspect(
     path: Annotated[
         Path,
         typer.Argument(
-            help="A twin, motion, dataset or report; a site.yaml, rig.yaml or sensor; "
+            help="A twin, motion, dataset, report or coverage; a site.yaml, rig.yaml or sensor; "
             "an OpenStreetMap extract, a DEM, a cloud or a file of geometry."
         ),
     ],

@@ -11,13 +11,13 @@ from urbantwin.errors import InputError
 
 __all__ = ["summary"]
 
-MANIFESTS = ("twin", "motion", "dataset", "report")
+MANIFESTS = ("twin", "motion", "dataset", "report", "coverage")
 CLOUDS = (".npy", ".bin", ".pcd", ".ply")
 EXPECTED = (
-    "a twin, motion, dataset or report; a site.yaml, rig.yaml or sensor; an OpenStreetMap extract "
-    "(.osm, .osm.bz2, .osm.gz, .osm.pbf), a map of the roads (.xodr, Lanelet2 .osm), a DEM (.tif), "
-    "a cloud (.npy, .bin, .pcd, .ply) or geometry (.glb, .gltf, .obj, .ply, .stl, .fbx, .las, "
-    ".laz, CityJSON, tileset.json, .3tz, a folder of photogrammetry)"
+    "a twin, motion, dataset, report or coverage; a site.yaml, rig.yaml or sensor; an "
+    "OpenStreetMap extract (.osm, .osm.bz2, .osm.gz, .osm.pbf), a map of the roads (.xodr, "
+    "Lanelet2 .osm), a DEM (.tif), a cloud (.npy, .bin, .pcd, .ply) or geometry (.glb, .gltf, "
+    ".obj, .ply, .stl, .fbx, .las, .laz, CityJSON, tileset.json, .3tz, a folder of photogrammetry)"
 )
 GEOMETRY = (
     *(".glb", ".gltf", ".obj", ".stl", ".fbx", ".las", ".laz", ".json", ".jsonl", ".cityjson"),
@@ -122,6 +122,10 @@ def _dataset(folder: Path) -> dict[str, Any]:
     from urbantwin.dataset import describe
 
     return describe(folder)
+
+
+def _coverage(folder: Path) -> dict[str, Any]:
+    return read_json(folder / "coverage.json", kind="coverage")
 
 
 def _report(folder: Path) -> dict[str, Any]:
@@ -280,4 +284,5 @@ _ARTEFACTS: dict[str, Callable[[Path], dict[str, Any]]] = {
     "motion": _motion,
     "dataset": _dataset,
     "report": _report,
+    "coverage": _coverage,
 }
