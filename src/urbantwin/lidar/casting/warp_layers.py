@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Sequence
+from threading import Lock
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -82,6 +83,8 @@ class WarpLayers:
 
     def __init__(self, device: str | None = None) -> None:
         self._device = warp_device(device)
+        self._staging = _Staging(self._device)
+        self._lock = Lock()  # Frames may be scanned by several threads.
         self._kept: OrderedDict[tuple[str, int], tuple[Any, Any]] = OrderedDict()
         self._trees: dict[int, tuple[Any, Any]] = {}
 
@@ -108,35 +111,42 @@ class WarpLayers:
             beams: directions and footprint.
             options: glass, spread, around.
         """
+        with self._lock:
+            return self._cast(shapes, shape, path, blocks, rays, turn, beams, options)
+
+    def _cast(
+        self,
+        shapes: Meshes,
+        shape: NDArray[np.int64],
+        path: tuple[NDArray[np.float64], ...],
+        blocks: NDArray[np.int64],
+        rays: NDArray[np.int32],
+        turn: tuple[NDArray[np.float64], ...],
+        beams: tuple[NDArray[np.float64], NDArray[np.float64]],
+        options: tuple[bool, int, bool],
+    ) -> DeviceLayers:
         import warp as wp
 
         from urbantwin.lidar.casting.device import layers, poses
 
         device, count = self._device, len(rays)
-        if not count or not len(shape):
-            return _layers(np.zeros(0, _LAYER), np.zeros(1 + 2 * len(shape), np.int64))
+        if not count:
+            return _none(len(shape))
         meshes, surfaces = self._shapes(shapes)
         directions = self._keep("beams", beams[0], wp.vec3d)
         footprint = self._keep("footprint", beams[1], wp.vec2d)
         f8, i4 = wp.float64, wp.int32
-        sent = _Sent(device)
-        knots = [
-            sent.add(a, d) for a, d in zip(path, (f8, wp.mat33d, wp.vec3d, wp.vec3d), strict=True)
-        ]
-        fired = [sent.add(a, d) for a, d in zip(turn, (f8, f8, wp.mat33d, wp.vec3d), strict=True)]
-        block = [sent.add(column.astype(np.int32), i4) for column in blocks.T]
-        every = sent.add(rays, i4)
-        own = sent.add(shape.astype(np.int32), i4)
-        send = sent.send()
-
+        knots = zip(path, (f8, wp.mat33d, wp.vec3d, wp.vec3d), strict=True)
+        fired = zip(turn, (f8, f8, wp.mat33d, wp.vec3d), strict=True)
+        stands = [(np.asarray(column, np.int32), i4) for column in (*blocks.T, rays, shape)]
+        there = self._staging.sent([*knots, *fired, *stands])
         motion, when, lie = poses.Motion(), poses.Turn(), layers.Blocks()
-        motion.time, motion.rotation, motion.place, motion.turn = (send(one) for one in knots)
-        when.column_time, when.ring_time, when.rotation, when.place = (send(one) for one in fired)
-        lie.actor, lie.rows, lie.wide, lie.start = (send(one) for one in block)
-        lie.ray = send(every)
-        surfaces.shape = send(own)
+        motion.time, motion.rotation, motion.place, motion.turn = there[:4]
+        when.column_time, when.ring_time, when.rotation, when.place = there[4:8]
+        lie.actor, lie.rows, lie.wide, lie.start, lie.ray, surfaces.shape = there[8:]
 
-        tally = wp.zeros(1 + 2 * len(shape), dtype=wp.int64, device=device)
+        actors = len(shape)
+        tally = wp.zeros(1 + 2 * actors, dtype=wp.int64, device=device)
         pose = wp.empty(count, dtype=poses.RayPose, device=device)
         range_m = wp.empty(count, dtype=wp.float32, device=device)
         face, first, many, place = (wp.empty(count, dtype=i4, device=device) for _ in range(4))
@@ -151,7 +161,6 @@ class WarpLayers:
         room = count + count // 2 + 1024
         while True:
             found = wp.empty(room, dtype=layers.Layer, device=device)
-            ordered = wp.empty(room, dtype=layers.Layer, device=device)
             wp.launch(
                 layers.find_layers,
                 dim=count,
@@ -162,22 +171,30 @@ class WarpLayers:
                 outputs=[tally, found, first, many],
                 device=device,
             )  # fmt: skip
-            wp.utils.array_scan(many, place, inclusive=False)
-            wp.launch(
-                layers.put_in_order,
-                dim=count,
-                inputs=[found, first, many, place],
-                outputs=[ordered],
-                device=device,
-            )
-            counts = tally.numpy()
+            counts = self._staging.received(tally)
             if counts[0] <= room:
                 break
             room = int(counts[0])
-            counts[0] = 0
-            tally.assign(counts)
+            tally[:1].zero_()
         used = int(counts[0])
-        return _layers(ordered[:used].numpy() if used else np.zeros(0, _LAYER), counts)
+        if not used:
+            return _none(actors)
+        whole = wp.empty((4, used), dtype=i4, device=device)
+        real = wp.empty((2, used), dtype=wp.float32, device=device)
+        wp.utils.array_scan(many, place, inclusive=False)
+        wp.launch(
+            layers.put_in_order,
+            dim=count,
+            inputs=[found, first, many, place],
+            outputs=[whole, real],
+            device=device,
+        )
+        ray, actor, mask, own_face = self._staging.received(whole)
+        at, cosine = self._staging.received(real)
+        seen_s = counts[1 + actors :].astype(np.float64) / 1e12
+        return DeviceLayers(
+            ray, actor, mask.astype(np.uint8), at, cosine, own_face, seen_s, counts[1 : 1 + actors]
+        )
 
     def _shapes(self, shapes: Meshes) -> tuple[Any, Any]:
         """Return the shapes on the device; those that came before are not sent again."""
@@ -222,68 +239,78 @@ class WarpLayers:
             self._kept.popitem(last=False)
 
 
-class _Sent:
-    """Arrays that travel to the device together, in one copy."""
+class _Staging:
+    """Host memory that the device copies from and to at full speed; it grows and stays."""
 
     def __init__(self, device: Any) -> None:  # noqa: ANN401
         self._device = device
-        self._parts: list[tuple[int, NDArray[Any], Any]] = []
-        self._size = 0
+        self._host: dict[str, Any] = {}
+        self._there: Any = None
 
-    def add(self, values: NDArray[Any], dtype: Any) -> int:  # noqa: ANN401
-        """Return the number of an array that is to be sent."""
-        whole = np.ascontiguousarray(values)
-        self._parts.append((self._size, whole, dtype))
-        self._size += -(-max(whole.nbytes, 1) // _ALIGNED) * _ALIGNED
-        return len(self._parts) - 1
+    def sent(self, arrays: Sequence[tuple[NDArray[Any], Any]]) -> list[Any]:
+        """Return arrays on the device, after one copy; they are overwritten by the next call.
 
-    def send(self) -> Any:  # noqa: ANN401
-        """Send them, and return what gives an array on the device by its number."""
+        Args:
+            arrays: values, and what Warp calls their type.
+        """
         import warp as wp
 
-        pinned = self._device.is_cuda
-        host = wp.empty(self._size, dtype=wp.uint8, device="cpu", pinned=pinned)
+        parts = [(np.ascontiguousarray(values), dtype) for values, dtype in arrays]
+        sizes = [-(-max(values.nbytes, 1) // _ALIGNED) * _ALIGNED for values, _ in parts]
+        starts = np.cumsum([0, *sizes])
+        host = self._room("up", int(starts[-1]))
         block = host.numpy()
-        for start, values, _ in self._parts:
+        for (values, _), start in zip(parts, starts[:-1], strict=True):
             block[start : start + values.nbytes] = values.reshape(-1).view(np.uint8)
-        there = host if not pinned else wp.empty(self._size, dtype=wp.uint8, device=self._device)
-        if pinned:
-            wp.copy(there, host)
-
-        def on_device(number: int) -> Any:  # noqa: ANN401
-            start, values, dtype = self._parts[number]
-            own = len(getattr(dtype, "_shape_", ()))
-            shape = values.shape[: values.ndim - own]
-            view = wp.array(
-                ptr=there.ptr + start, dtype=dtype, shape=shape, device=self._device, copy=False
+        if self._device.is_cuda:
+            if self._there is None or self._there.size < host.size:
+                self._there = wp.empty(host.size, dtype=wp.uint8, device=self._device)
+            wp.copy(self._there, host, count=int(starts[-1]))
+        else:
+            self._there = host
+        return [
+            wp.array(
+                ptr=self._there.ptr + int(start),
+                dtype=dtype,
+                shape=values.shape[: values.ndim - len(getattr(dtype, "_shape_", ()))],
+                device=self._device,
+                copy=False,
             )
-            view._urbantwin_owner = (there, host)  # The memory lives as long as its views.
-            return view
+            for (values, dtype), start in zip(parts, starts[:-1], strict=True)
+        ]
 
-        return on_device
+    def received(self, array: Any) -> NDArray[Any]:  # noqa: ANN401
+        """Return the values of an array on the device, once it has them."""
+        import warp as wp
+
+        if not self._device.is_cuda:
+            return np.array(array.numpy())
+        kind = np.dtype(wp.dtype_to_numpy(array.dtype))
+        size = array.size * kind.itemsize
+        host = self._room("down", max(size, 1))
+        block = wp.array(
+            ptr=host.ptr,
+            dtype=array.dtype,
+            shape=array.shape,
+            device="cpu",
+            copy=False,
+            pinned=True,
+        )
+        wp.copy(block, array)
+        wp.synchronize_stream(self._device)
+        return np.array(host.numpy()[:size].view(kind).reshape(array.shape))
+
+    def _room(self, way: str, size: int) -> Any:  # noqa: ANN401
+        import warp as wp
+
+        if way not in self._host or self._host[way].size < size:
+            pinned = bool(self._device.is_cuda)
+            self._host[way] = wp.empty(2 * size, dtype=wp.uint8, device="cpu", pinned=pinned)
+        return self._host[way]
 
 
-_LAYER = np.dtype(
-    [
-        ("ray", "i4"),
-        ("actor", "i4"),
-        ("mask", "i4"),
-        ("face", "i4"),
-        ("range_m", "f4"),
-        ("cosine", "f4"),
-    ]
-)
-
-
-def _layers(rows: NDArray[Any], tally: NDArray[np.int64]) -> DeviceLayers:
-    actors = (len(tally) - 1) // 2
-    return DeviceLayers(
-        np.ascontiguousarray(rows["ray"]),
-        np.ascontiguousarray(rows["actor"]),
-        rows["mask"].astype(np.uint8),
-        np.ascontiguousarray(rows["range_m"]),
-        np.ascontiguousarray(rows["cosine"]),
-        np.ascontiguousarray(rows["face"]),
-        tally[1 + actors :].astype(np.float64) / 1e12,
-        tally[1 : 1 + actors].copy(),
-    )
+def _none(actors: int) -> DeviceLayers:
+    whole, real = np.zeros(0, np.int32), np.zeros(0, np.float32)
+    seen = np.zeros(actors, np.int64)
+    mask = np.zeros(0, np.uint8)
+    return DeviceLayers(whole, whole, mask, real, real, whole, seen.astype(np.float64), seen)

@@ -307,10 +307,20 @@ def put_in_order(
     first: wp.array(dtype=wp.int32),
     many: wp.array(dtype=wp.int32),
     place: wp.array(dtype=wp.int32),
-    ordered: wp.array(dtype=Layer),
+    whole: wp.array2d(dtype=wp.int32),
+    real: wp.array2d(dtype=wp.float32),
 ) -> None:
-    """Put the layers of beams (R,) in the order of the beams: from ``place`` on."""
+    """Put the layers of beams (R,) in the order of the beams: from ``place`` on.
+
+    ``whole`` is ray, actor, mask and face (4, L), ``real`` range and cosine (2, L).
+    """
     at = wp.tid()
     for g in range(many[at]):
-        if first[at] + g < found.shape[0] and place[at] + g < ordered.shape[0]:
-            ordered[place[at] + g] = found[first[at] + g]
+        layer = found[first[at] + g]
+        to = place[at] + g
+        whole[0, to] = layer.ray
+        whole[1, to] = layer.actor
+        whole[2, to] = layer.mask
+        whole[3, to] = layer.face
+        real[0, to] = layer.range_m
+        real[1, to] = layer.cosine
