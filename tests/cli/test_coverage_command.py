@@ -53,9 +53,9 @@ def test_a_cell_that_is_none_is_a_clear_line(twin, run_here, tmp_path, cell):
 
 
 def test_a_rig_that_rides_has_no_map(twin, run_here, tmp_path):
-    sensor = "{name: roof, model: VLP-16, forward_m: 0, left_m: 0, up_m: 2}"
+    sensor = "{name: roof, model: VLP-16, forward_m: 0, left_m: 0, above_roof_m: 0.3}"
     (tmp_path / "rig.yaml").write_text(f"ride: {{class: car}}\nsensors: [{sensor}]\n")
     done = run_here("coverage", twin, "--rig", tmp_path / "rig.yaml", "-o", tmp_path / "out")
     assert done.code == 2
-    assert "rides" in done.err
+    assert "covers no fixed place" in done.err
     assert done.err.count("\n") == 1
