@@ -1,0 +1,158 @@
+"""One frame of a LiDAR as any reader gives it: points, and what the data says about them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from urbantwin.fidelity.clouds import Cloud
+from urbantwin.geometry import Pose, points_in_box
+
+__all__ = ["Boxes", "Frame"]
+
+#: What a frame says of each point, besides its place.
+_OF_POINTS = ("intensity", "ring", "column", "time_s", "sensor", "semantic", "instance")
+
+
+@dataclass(frozen=True, eq=False)
+class Boxes:
+    """The labelled objects of a frame.
+
+    Attributes:
+        box: (B, 7) float64 in the frame of the points: centre x, y, z, length (along heading),
+            width, height in metres, yaw in radians counter-clockwise from +x.
+        class_names: (B,) one of ``taxonomy.ACTOR_CLASSES``, or ``other``.
+        track: (B,) int64, the same object's number in every frame of its recording, -1 where
+            the data does not follow objects.
+        source_names: (B,) the class as the data calls it.
+    """
+
+    box: NDArray[np.float64]
+    class_names: tuple[str, ...]
+    track: NDArray[np.int64]
+    source_names: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        """Return how many boxes there are."""
+        return len(self.box)
+
+    def points_of(self, points: NDArray[np.float64], margin: float = 0.0) -> NDArray[np.int64]:
+        """Return for each of (N, 3) points the box (N,) that it lies in, -1 for none.
+
+        A point in several boxes is the nearest centre's.
+
+        Args:
+            points: metres, in the frame of the boxes.
+            margin: metres that each box is grown by, each way.
+        """
+        owner = np.full(len(points), -1, np.int64)
+        nearest = np.full(len(points), np.inf)
+        for index, box in enumerate(self.box):
+            reach = np.linalg.norm(box[3:6]) / 2 + 2 * margin
+            near = np.flatnonzero(np.abs(points[:, :2] - box[:2]).max(axis=1) <= reach)
+            inside = near[points_in_box(points[near], box, margin)]
+            away = np.linalg.norm(points[inside] - box[:3], axis=1)
+            better = away < nearest[inside]
+            owner[inside[better]] = index
+            nearest[inside[better]] = away[better]
+        return owner
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One frame of points with what is known about them; None where the data does not say.
+
+    Attributes:
+        points: (N, 3) float64, metres, N >= 1, all finite, in the frame that the data uses.
+        intensity: (N,) float64 on the data's own scale.
+        ring: (N,) int64, the beam's row or channel as the data numbers them.
+        column: (N,) int64, the firing's place in the turn.
+        time_s: (N,) float64, seconds from the frame's own time.
+        sensor: (N,) int64, which of several sensors, from 0.
+        semantic: (N,) int64, ids of ``taxonomy.semantic_classes``.
+        instance: (N,) int64, the object's number, 0 for none.
+        boxes: labelled objects; None where the data has no labels (no objects: no rows).
+        world_SE3_frame: where the points' frame is in the recording's world.
+        sensor_places: (S, 3) float64, where each sensor is in the frame of the points, metres.
+        name: of the frame, without a folder.
+        not_finite: points left out because a value was NaN or infinite.
+        no_return: points left out because they were exactly (0, 0, 0): beams without a return.
+        notes: what a reader of figures must know about this frame, one sentence each.
+    """
+
+    points: NDArray[np.float64]
+    intensity: NDArray[np.float64] | None = None
+    ring: NDArray[np.int64] | None = None
+    column: NDArray[np.int64] | None = None
+    time_s: NDArray[np.float64] | None = None
+    sensor: NDArray[np.int64] | None = None
+    semantic: NDArray[np.int64] | None = None
+    instance: NDArray[np.int64] | None = None
+    boxes: Boxes | None = None
+    world_SE3_frame: Pose | None = None  # noqa: N815
+    sensor_places: NDArray[np.float64] = field(default_factory=lambda: np.zeros((1, 3)))
+    name: str = ""
+    not_finite: int = 0
+    no_return: int = 0
+    notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse arrays that are not of the points: a reader's mistake, never a file's."""
+        for name, values in self._of_points().items():
+            if len(values) != len(self.points):
+                raise ValueError(f"{name}: {len(values)} values for {len(self.points)} points")
+
+    @property
+    def cloud(self) -> Cloud:
+        """The points and their intensity alone."""
+        return Cloud(self.points, self.intensity, self.not_finite, self.no_return)
+
+    def only(self, chosen: ArrayLike) -> Frame:
+        """Return the frame with some of its points: a mask (N,) or indices; all else stays."""
+        rows = np.asarray(chosen)
+        kept = {name: values[rows] for name, values in self._of_points().items()}
+        return replace(self, points=self.points[rows], **kept)
+
+    def foreground(self, margin: float = 0.0) -> NDArray[np.bool_] | None:
+        """Return which points (N,) belong to objects, by the labels; None without labels.
+
+        Points in a box (grown by ``margin`` metres each way), or of an instance > 0. What
+        boxes of the data do not cover (an unlabelled pedestrian) counts as background.
+        """
+        if self.boxes is None and self.instance is None:
+            return None
+        found = np.zeros(len(self.points), bool)
+        if self.instance is not None:
+            found |= self.instance > 0
+        if self.boxes is not None:
+            found |= self.boxes.points_of(self.points, margin) >= 0
+        return found
+
+    def moved(self, outer_SE3_frame: Pose) -> Frame:
+        """Return the frame with points, boxes and sensors in another frame.
+
+        Boxes keep standing upright: of their attitude only the heading turns with the pose.
+        """
+        boxes = self.boxes
+        if boxes is not None:
+            box = boxes.box.copy()
+            box[:, :3] = outer_SE3_frame.apply(box[:, :3])
+            ahead = np.column_stack([np.cos(box[:, 6]), np.sin(box[:, 6]), np.zeros(len(box))])
+            ahead = ahead @ outer_SE3_frame.rotation.T
+            box[:, 6] = np.arctan2(ahead[:, 1], ahead[:, 0])
+            boxes = replace(boxes, box=box)
+        world = self.world_SE3_frame
+        return replace(
+            self,
+            points=outer_SE3_frame.apply(self.points),
+            boxes=boxes,
+            sensor_places=outer_SE3_frame.apply(self.sensor_places),
+            world_SE3_frame=None if world is None else world @ outer_SE3_frame.inverse(),
+        )
+
+    def _of_points(self) -> Mapping[str, NDArray[np.generic]]:
+        mine = {entry.name: getattr(self, entry.name) for entry in fields(self)}
+        return {name: mine[name] for name in _OF_POINTS if mine[name] is not None}
