@@ -1,0 +1,126 @@
+"""Rays per second of the ray tracers, end to end: what the host knows goes in, hits come out.
+
+The street and the actors of `scan.py` around an OS1-128 with 2048 columns. Every line counts all
+262,144 rays of a turn, and the time from poses in the host's memory to hits in the host's memory.
+
+    python benchmarks/device.py                     # Embree, and Warp on the first CUDA device
+    python benchmarks/device.py --backend warp:cpu
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from record import static_world
+from scan import COLUMNS, Job, moments, rig_of
+from urbantwin.errors import InputError
+from urbantwin.geometry import LabelledMesh
+from urbantwin.lidar import Scanner
+from urbantwin.lidar.beams import Beams
+from urbantwin.lidar.casting import EmbreeCaster
+from urbantwin.lidar.casting.backend import layers_on
+from urbantwin.lidar.casting.warp import WarpCaster
+from urbantwin.lidar.layers import Paths, PresentActors, SensorPoses, cast_actors, cast_world
+from urbantwin.lidar.shapes import ActorShape, ShapeArrays, ShapeTable
+from urbantwin.lidar.timing import sweeps_of
+from urbantwin.traffic.assets import asset_mesh
+
+
+def best(action: Callable[[int], object], seconds: float) -> float:
+    """Seconds that an action takes: the median over some time, after two that do not count."""
+    action(0), action(1)
+    taken, end = [], time.perf_counter() + seconds
+    while time.perf_counter() < end or len(taken) < 3:
+        start = time.perf_counter()
+        action(len(taken))
+        taken.append(time.perf_counter() - start)
+    return float(np.median(taken))
+
+
+def lines(backend: str, mesh: LabelledMesh, actors: int, seconds: float) -> dict[str, float]:
+    """Seconds per turn of everything that is measured."""
+    job = Job(actors=actors, effects=False)
+    rig = rig_of(job, mesh)
+    mounted, frames = rig.sensors[0], moments(actors)
+    beams, pose = Beams.of(mounted), mounted.site_SE3_sensor
+    (sweep,) = sweeps_of(mounted, 3, 0)
+    device = layers_on(backend)
+
+    moved = mesh.vertices - pose.translation
+    aims = (beams.directions @ pose.rotation.T).astype(np.float32)
+    name = backend.partition(":")[2] or None
+    caster = (
+        EmbreeCaster(moved, mesh.faces) if device is None else WarpCaster(moved, mesh.faces, name)
+    )
+
+    shape = ActorShape(
+        LabelledMesh(moved, mesh.faces, mesh.semantic, mesh.material, mesh.part), with_hull=False
+    )
+    world = ShapeArrays.of([shape], device)
+    here = SensorPoses(pose.rotation[None], np.zeros((1, 3)))
+    there = SensorPoses(pose.rotation[None], pose.translation[None])
+    table = ShapeTable(asset_mesh, device)
+    present = [
+        (np.array([table.number(one.asset, one.phase) for one in frame], np.int64), frame)
+        for frame in frames
+    ]
+
+    def moving(number: int) -> object:
+        shapes, frame = present[number % len(present)]
+        paths = Paths.of([one.way for one in frame])
+        found = PresentActors(table.arrays, shapes, paths)
+        return cast_actors(beams, sweep, there, found, 120.0, glass=False)
+
+    def standing(_: int) -> object:
+        return cast_world(beams, sweep, here, world, glass=False, thorough=False)
+
+    def both(number: int) -> object:
+        return standing(number), moving(number)
+
+    scanner = Scanner(mesh, rig, 0, backend=backend)
+    return {
+        "rays from one place at the street": best(
+            lambda _: caster.cast(np.zeros(3), aims), seconds
+        ),
+        "turn at the street": best(standing, seconds),
+        "turn at the actors, street kept": best(moving, seconds),
+        "turn at both": best(both, seconds),
+        "labelled frame, street kept": best(
+            lambda n: scanner.scan(n, frames[n % len(frames)]), seconds
+        ),
+    }
+
+
+def main() -> None:
+    """Print a table, or JSON."""
+    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    options.add_argument("--backend", action="append", help="embree, warp or warp:DEVICE")
+    options.add_argument("--actors", type=int, default=50)
+    options.add_argument("--seconds", type=float, default=2.0, help="of each measurement")
+    options.add_argument("--json", action="store_true")
+    chosen = options.parse_args()
+    mesh = static_world()
+    rays = 128 * COLUMNS
+    table = {}
+    for backend in chosen.backend or ["embree", "warp"]:
+        try:
+            table[backend] = lines(backend, mesh, chosen.actors, chosen.seconds)
+        except InputError as error:
+            print(f"{backend}: {error}")
+    if chosen.json:
+        print(json.dumps({"rays": rays, "triangles": len(mesh.faces), "seconds": table}, indent=1))
+        return
+    print(f"{rays} rays a turn, {len(mesh.faces)} triangles, {chosen.actors} actors")
+    for backend, rows in table.items():
+        for row, seconds in rows.items():
+            rate = rays / seconds / 1e6
+            print(f"{backend:>10}  {row:34} {seconds * 1e3:8.2f} ms  {rate:8.1f} M rays/s")
+
+
+if __name__ == "__main__":
+    main()
