@@ -228,3 +228,40 @@ def test_without_rolling_shutter_the_frame_is_one_moment(scan):
         assert beside_box(still).max() < 0.002
         assert label.box[:2] == pytest.approx(actor.site_SE3_asset.translation[:2], abs=1e-9)
         assert label.observed_s == 0
+
+
+def test_a_pattern_that_does_not_repeat_goes_on_through_the_frames(scan, tmp_path):
+    """A rosette of 0.07 s at 20,000 points a second: each frame sees the part of its own time."""
+    step_s, points = 5e-5, 1400
+
+    def azimuth_elevation(time_s):
+        turn = 2 * np.pi * (time_s % 0.07) / 0.07
+        return 70.0 + 20 * np.cos(7 * turn) * np.cos(turn), -8 + 7 * np.cos(7 * turn) * np.sin(turn)
+
+    times = np.arange(points) * step_s
+    rows = np.column_stack([times, *azimuth_elevation(times)])
+    np.savetxt(
+        tmp_path / "rosette.csv", rows, "%.9f", ",", header="time_s,azimuth_deg,elevation_deg",
+        comments="",
+    )  # fmt: skip
+    (tmp_path / "rosette.yaml").write_text(
+        "{name: Rosette, maker: me, pattern: rosette.csv, points_per_second: 20000, "
+        "range_min_m: 0.5, range_max_m: 100, reference_reflectivity: 0.1, reference_range_m: 90, "
+        "range_sigma_m: 0.02, range_resolution_m: 0.001, wavelength_nm: 905}"
+    )
+    one = {"model": str(tmp_path / "rosette.yaml"), "height_m": 3.0}
+    actor = driving(1, (3.0, 12.0, 0.0), 0.0)
+    for index in (0, 5):
+        rig, frame = scan([one], [actor], index)
+        assert frame.time_s == pytest.approx(frame.column * step_s, abs=1e-8)
+        mine = frame.instance == 1
+        assert mine.sum() > 100
+        time_s = frame.time_s[mine].astype(float)
+        azimuth, up = np.radians(azimuth_elevation(index / 10 + np.round(time_s / step_s) * step_s))
+        directions = np.stack(
+            [np.cos(up) * np.cos(azimuth), np.cos(up) * np.sin(azimuth), np.sin(up)], axis=-1
+        )
+        origin = rig.sensors[0].site_SE3_sensor.translation
+        range_m = np.linalg.norm(frame.points[mine, :3] - origin, axis=1)
+        expected = first_meeting(actor, origin, directions, time_s)
+        assert np.abs(range_m - expected).max() < 0.005
