@@ -59,6 +59,14 @@ def test_surfaces_that_are_not_ground_return_as_often(ouster):
     assert np.average(apart, weights=weights) < 0.03
 
 
+def test_planes_are_as_noisy(ouster):
+    """Best quartiles; within a factor of two and a half everywhere, and without a trend."""
+    ratio = np.array([r["simulated_mm"][0] / r["real_mm"][0] for r in ouster["range_noise"]])
+    assert len(ratio) > 10
+    assert ((ratio > 0.4) & (ratio < 2.5)).all()
+    assert 0.5 < np.median(ratio) < 2.0
+
+
 def test_asphalt_is_as_bright_as_the_real_sensor_says(ouster):
     rows = ouster["asphalt"]
     assert len(rows) > 5
