@@ -30,7 +30,8 @@ def test_a_folder_with_map_numbers_and_picture(twin, run_here, tmp_path):
     assert said["facing"]["most"] == pytest.approx(facing.max(), abs=0.06)
     told = json.loads(run_here("inspect", out, "--json").out)
     assert told == said
-    picture = np.asarray(Image.open(out / "coverage.png").convert("RGB"), float)
+    with Image.open(out / "coverage.png") as image:
+        picture = np.asarray(image.convert("RGB"), float)
     colourful = picture.max(axis=2) - picture.min(axis=2) > 60
     thirds = np.array_split(colourful, 3, axis=1)
     assert all(third.mean() > 0.01 for third in thirds)
