@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from urbantwin.lidar.pattern import beam_directions
+from urbantwin.lidar.pattern import beam_azimuths, beam_directions, beam_elevations
 from urbantwin.lidar.returns import ReturnModel
 from urbantwin.lidar.returns.added import inserted, strongest_of
 from urbantwin.lidar.returns.strays import ISOLATION, SKIRT, Stray, blooms, crosstalks
@@ -15,6 +15,11 @@ COLUMNS = 1024
 @pytest.fixture(scope="module")
 def os1(ground_mesh, rig_of):
     return rig_of(ground_mesh(), {}).sensors[0]
+
+
+def rings_of(sensor, columns):
+    step = 2 * np.pi / columns * (-1 if sensor.spin == "cw" else 1)
+    return beam_elevations(sensor), beam_azimuths(sensor, columns)[:, 0], step, columns
 
 
 def one(beam, range_m, amplitude):
@@ -32,7 +37,13 @@ def test_a_sign_blooms_into_all_beams_around_it_that_the_skirt_reaches(
     beams = beam_directions(mounted.sensor, columns).reshape(-1, 3)
     sign = 40 % mounted.sensor.channels * columns + column
     amplitude, range_m = 2000.0, 15.0
-    halo = blooms(model, mounted.sensor, beams, columns, one(sign, range_m, amplitude))
+    halo = blooms(
+        model,
+        mounted.sensor,
+        beams,
+        rings_of(mounted.sensor, columns),
+        one(sign, range_m, amplitude),
+    )
     width = np.radians(0.18)
     angle = 2 * np.arcsin(np.linalg.norm(beams - beams[sign], axis=1) / 2)
     angle[sign] = np.inf
@@ -52,10 +63,11 @@ def test_a_sign_blooms_into_all_beams_around_it_that_the_skirt_reaches(
 
 def test_light_of_several_bright_beams_adds_up_where_it_arrives_together(os1):
     model, beams = ReturnModel(os1), beam_directions(os1.sensor, COLUMNS).reshape(-1, 3)
+    rings = rings_of(os1.sensor, COLUMNS)
     near, also, far = one(5000, 10.0, 900.0), one(5001, 10.4, 900.0), one(5002, 20.0, 900.0)
-    alone = [blooms(model, os1.sensor, beams, COLUMNS, source) for source in (near, also, far)]
+    alone = [blooms(model, os1.sensor, beams, rings, source) for source in (near, also, far)]
     every = tuple(np.concatenate(parts) for parts in zip(near, also, far, strict=True))
-    halo = blooms(model, os1.sensor, beams, COLUMNS, every)
+    halo = blooms(model, os1.sensor, beams, rings, every)
     for beam in (4999, 5003):
         light = [part.amplitude[part.beam == beam][0] for part in alone]
         got = halo.beam == beam
@@ -66,8 +78,15 @@ def test_light_of_several_bright_beams_adds_up_where_it_arrives_together(os1):
 
 def test_a_dim_or_far_sign_does_not_bloom(os1):
     beams = beam_directions(os1.sensor, COLUMNS).reshape(-1, 3)
+    rings = rings_of(os1.sensor, COLUMNS)
     for amplitude, range_m in ((1.5, 20.0), (220.0, 119.9)):
-        halo = blooms(ReturnModel(os1), os1.sensor, beams, COLUMNS, one(5000, range_m, amplitude))
+        halo = blooms(
+            ReturnModel(os1),
+            os1.sensor,
+            beams,
+            rings,
+            one(5000, range_m, amplitude),
+        )
         assert ReturnModel(os1).noticed_level(halo.amplitude, halo.range_m).max(initial=0) == 0
 
 

@@ -83,7 +83,7 @@ class Spurious:
             self.mounted.returns,
         )
         _, sigma, intensity = self.model.answers(added.amplitude, added.range_m)
-        noise = standard_noise(draw(*self.key, Purpose.ADDED).noise.take(added.beam))
+        noise = standard_noise(draw(*self.key[:3], len(added.beam), Purpose.ADDED).noise)
         range_m = self.model.quantised(added.range_m + sigma * noise)
         count = len(added.beam)
         none = np.full(count, -1, np.int32)
@@ -121,7 +121,10 @@ class Spurious:
             return []
         beams, found = self.view.beams, []
         if effects.blooming and beams.rings is not None:
-            halo = blooms(self.model, self.mounted.sensor, beams.directions, beams.columns, source)
+            lie = beams.rings
+            own = np.argsort(lie.order)
+            rings = (lie.elevation[own], lie.azimuth[own], lie.turn * lie.step, beams.columns)
+            halo = blooms(self.model, self.mounted.sensor, beams.directions, rings, source)
             found.append(self._noticed(halo, Purpose.BLOOMING))
         if effects.crosstalk:
             ghosts = crosstalks(self.model, self.ring_time_s, beams.columns, source)
@@ -149,7 +152,7 @@ class Spurious:
         if not len(stray.beam):
             return stray
         level = self.model.noticed_level(stray.amplitude, stray.range_m)
-        drawn = draw(*self.key, purpose).detection.take(stray.beam)
+        drawn = draw(*self.key[:3], len(stray.beam), purpose).detection
         return stray.only(drawn < level)
 
     def _working(self, stray: Stray) -> Stray:

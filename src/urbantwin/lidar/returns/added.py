@@ -37,11 +37,15 @@ def strongest_of(strays: list[Stray], strength: list[Floats]) -> tuple[Stray, Fl
     """
     beam = np.concatenate([one.beam for one in strays])
     strong = np.concatenate(strength)
-    order = np.lexsort((-strong, beam))
-    first = order[np.diff(beam[order], prepend=-1) > 0]
-    range_m = np.concatenate([one.range_m for one in strays])[first]
-    amplitude = np.concatenate([one.amplitude for one in strays])[first]
-    return Stray(beam[first], range_m, amplitude), strong[first]
+    range_m = np.concatenate([one.range_m for one in strays])
+    amplitude = np.concatenate([one.amplitude for one in strays])
+    order = np.argsort(beam, kind="stable")
+    own = np.flatnonzero(np.diff(beam[order], prepend=-1) > 0)
+    if len(own) < len(beam):
+        best = np.repeat(np.maximum.reduceat(strong[order], own), np.diff(own, append=len(beam)))
+        order = order[strong[order] == best]
+        order = order[np.diff(beam[order], prepend=-1) > 0]  # Of two as strong, the first.
+    return Stray(beam[order], range_m[order], amplitude[order]), strong[order]
 
 
 def inserted(
@@ -68,9 +72,13 @@ def inserted(
     """
     count = len(beam)
     low = np.searchsorted(beam, added.beam, "left")
-    several = np.searchsorted(beam, added.beam, "right") - low
     at = np.minimum(low, max(count - 1, 0))
-    has = several > 0
+    after = np.minimum(low + 1, max(count - 1, 0))
+    has, more = np.zeros(len(low), np.bool_), np.zeros(len(low), np.bool_)
+    if count:
+        has = (low < count) & (beam[at] == added.beam)
+        more = (low + 1 < count) & (beam[after] == added.beam)
+    several = has.astype(np.int64) + (has & more)
     stronger, farther = np.ones(len(low), np.bool_), np.ones(len(low), np.bool_)
     if count:
         stronger = ~has | (added_strength > strength[at])

@@ -69,7 +69,7 @@ class Clutter:
     """Where a beam detects the air.
 
     Attributes:
-        range_m: (G,) distances, ascending.
+        range_m: (G,) distances, in equal steps.
         nearer: (G,) how probable it is that a beam detects the air nearer than that.
         amplitude: (G, Q) of the echo there, by equal shares of its distribution.
         range_of_draw: (65536,) where it is by draw; ``inf``: nowhere.
@@ -103,7 +103,9 @@ class Clutter:
         found = self.range_of_draw.take(draws.detection)
         beam = np.flatnonzero(found < limit_m).astype(np.int32)
         range_m = found.take(beam)
-        at = np.minimum(np.searchsorted(self.range_m, range_m), len(self.range_m) - 1)
+        step = np.float32(self.range_m[1] - self.range_m[0])
+        at = np.ceil((range_m - np.float32(self.range_m[0])) / step).astype(np.int32)
+        at = np.clip(at, 0, len(self.range_m) - 1)
         share = draws.noise.take(beam).astype(np.int64) * self.amplitude.shape[1] // LEVELS
         return beam, range_m, self.amplitude[at, share]
 

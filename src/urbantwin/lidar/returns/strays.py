@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from urbantwin.lidar.compiled.response import strengths
 from urbantwin.lidar.compiled.strays import crosstalk, spill
-from urbantwin.lidar.pattern import beam_azimuths, beam_elevations
 from urbantwin.lidar.returns.clutter import ASSUMED_DIVERGENCE_DEG, CELL_M
 from urbantwin.lidar.returns.model import ReturnModel
 from urbantwin.lidar.sensor import Sensor
@@ -70,7 +69,7 @@ def blooms(
     model: ReturnModel,
     sensor: Sensor,
     beams: NDArray[np.float64],
-    columns: int,
+    rings: tuple[NDArray[np.float64], NDArray[np.float64], float, int],
     source: tuple[Whole, Floats, Floats],
 ) -> Stray:
     """Return the halo of bright echoes.
@@ -79,14 +78,13 @@ def blooms(
         model: of the sensor.
         sensor: a turning one: its beams stand in rings and columns.
         beams: (N, 3) unit vectors.
-        columns: in a turn.
+        rings: elevation (C,) of each channel, azimuth (C,) of its column 0, radians; step from
+            column to column, counter-clockwise positive; how many columns a turn has.
         source: beam, range and amplitude (B,) of bright echoes.
     """
     beam, range_m, amplitude = source
     divergence = sensor.beam_divergence_deg or (ASSUMED_DIVERGENCE_DEG,) * 2
     width = float(np.sqrt(np.prod(np.radians(divergence))))
-    step = 2 * np.pi / columns * (-1 if sensor.spin == "cw" else 1)
-    rings = (beam_elevations(sensor), beam_azimuths(sensor, columns)[:, 0], step, columns)
     strength = _strengths(model, amplitude, range_m)
     skirt = (SKIRT, width)
     return _stray(
@@ -128,7 +126,7 @@ def _strengths(model: ReturnModel, amplitude: Floats, range_m: Floats) -> Floats
 
 def _stray(write: Callable[[tuple[Whole, Whole, Floats]], int], range_m: Floats) -> Stray:
     """Return what a function writes that is called again where it asks for more room."""
-    room = 4096
+    room = 1 << 16
     while True:
         out = (np.empty(room, np.int32), np.empty(room, np.int32), np.empty(room, np.float32))
         used = write(out)
