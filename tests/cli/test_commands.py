@@ -114,7 +114,11 @@ def test_show_prints_everything_known_of_a_sensor(run_here: Run) -> None:
     assert "retroreflectors" in page
     assert "53.3 us" in page
     assert "unknown (no public document" in page
+    assert "0-7; 8-15; 16-23" in page
+    assert "1800 x 10 (18000 columns/s)" in page
     shown = json.loads(run_here("sensors", "show", "VLS-128", "--json").out)
+    assert shown["blocks"][1] == list(range(8, 16))
+    assert shown["column_rates_hz"] == [18000] * 3
     assert shown["beam_divergence_deg"] == [0.18, 0.09]
     assert len(shown["firing_time_us"]) == 128
     assert shown["range_min_m"] is None

@@ -118,6 +118,8 @@ def test_velodyne_firing_times_are_those_of_the_manuals():
     assert sensor("VLP-32C").firing_groups == 16
     # VLS-128 manual 9.3.1.1: groups of eight.
     assert sensor("VLS-128").firing_groups == 16
+    assert sensor("VLP-32C").blocks == tuple((n, n + 1) for n in range(0, 32, 2))
+    assert sensor("VLS-128").blocks == tuple(tuple(range(n, n + 8)) for n in range(0, 128, 8))
     for name in ("VLP-16", "VLP-32C", "HDL-32E", "HDL-64E-S2", "VLS-128"):
         lidar = sensor(name)
         assert lidar.firing_time_us.min() >= 0

@@ -30,6 +30,7 @@ _LINES = (
     ("spin", "turns, from above", ""),
     ("firing_sequence_us", "firing sequence", "us"),
     ("firing_groups", "firings per column", ""),
+    ("fire_together", "fire together", ""),
     ("azimuth_step_deg", "azimuth step", "deg"),
     ("range_min_m", "nearest range", "m"),
     ("range_max_m", "farthest range", "m"),
@@ -106,10 +107,12 @@ def _everything(sensor: Sensor) -> dict[str, Any]:
         **_summary(sensor),
         "aliases": list(sensor.aliases),
         "modes": None if modes is None else [list(mode) for mode in modes],
+        "column_rates_hz": None if modes is None else [columns * rate for columns, rate in modes],
         "pattern": _pattern(sensor),
         "column_rate_hz": sensor.column_rate_hz,
         "firing_sequence_us": sensor.firing_sequence_us,
         "firing_groups": sensor.firing_groups,
+        "blocks": None if sensor.blocks is None else [list(block) for block in sensor.blocks],
         "azimuth_step_deg": sensor.azimuth_step_deg,
         "reference_reflectivity": sensor.reference_reflectivity,
         "reference_range_m": sensor.reference_range_m,
@@ -156,11 +159,11 @@ def _table(entries: list[Sensor]) -> str:
 
 
 def _page(sensor: Sensor) -> str:
-    values = _everything(sensor) | {"rates": _rates(sensor)}
+    values = _everything(sensor) | {"rates": _rates(sensor), "fire_together": _blocks(sensor)}
     lines = [f"{sensor.name} ({sensor.maker})"]
     for field, label, unit in _LINES:
         value = values[field]
-        if value == [] or (field == "pattern" and value is None):
+        if value == [] or (field in {"pattern", "fire_together"} and value is None):
             continue
         why = sensor.unknown.get(field)
         text = "unknown" if value is None else f"{_text(value)} {unit}".rstrip()
@@ -195,9 +198,32 @@ def _rates(sensor: Sensor) -> str:
     if sensor.modes is None:
         columns = ", ".join(map(str, sensor.columns_options))
         return f"{columns} x {', '.join(f'{rate:g}' for rate in sensor.rate_options)}"
-    default = f"{sensor.columns} x {sensor.rate_hz:g}, {sensor.column_rate_hz:g} columns/s"
-    modes = ", ".join(f"{columns} x {rate:g}" for columns, rate in sensor.modes)
-    return f"{modes} (default {default})"
+    modes = ", ".join(
+        f"{columns} x {rate:g} ({columns * rate:g} columns/s)" for columns, rate in sensor.modes
+    )
+    return f"{modes}; default {sensor.columns} x {sensor.rate_hz:g}"
+
+
+def _blocks(sensor: Sensor) -> str | None:
+    """Return which channels fire together: runs of numbers, block by block."""
+    if sensor.blocks is None or sensor.pattern is not None:
+        return None
+    if len(sensor.blocks) == 1:
+        return "all channels of a column"
+    if len(sensor.blocks) == sensor.channels:
+        return "none: one channel after the other"
+    return "; ".join(_runs(block) for block in sensor.blocks)
+
+
+def _runs(numbers: tuple[int, ...]) -> str:
+    """Return ascending numbers in words: ``0-3, 8``."""
+    runs: list[list[int]] = []
+    for number in numbers:
+        if runs and number == runs[-1][-1] + 1:
+            runs[-1].append(number)
+        else:
+            runs.append([number])
+    return ", ".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)
 
 
 def _text(value: Any) -> str:  # noqa: ANN401

@@ -126,6 +126,14 @@ class Sensor:
         return self.columns * self.rate_hz
 
     @property
+    def blocks(self) -> tuple[tuple[int, ...], ...] | None:
+        """Channels that fire together, in the order in which they do; ``None``: unknown."""
+        if self.firing_time_us is None:
+            return None
+        times, block = np.unique(self.firing_time_us, return_inverse=True)
+        return tuple(tuple(np.flatnonzero(block == n).tolist()) for n in range(len(times)))
+
+    @property
     def firing_groups(self) -> int | None:
         """How many times a column fires; channels that fire together count once."""
         if self.firing_time_us is None:
