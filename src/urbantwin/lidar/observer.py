@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.lidar.compiled.carried import carried
+from urbantwin.lidar.compiled.carried import leaving
 from urbantwin.lidar.compiled.echoes import BESIDE
 from urbantwin.lidar.compiled.gather import OUTLIER, gather, write_points
 from urbantwin.lidar.echoes import Echoes, combined
-from urbantwin.lidar.labels.posed_box import BOX_MARGIN_M, outside, spans_in_box
+from urbantwin.lidar.labels.posed_box import BOX_MARGIN_M, spans_in_box
 from urbantwin.lidar.layers import Layers, PresentActors, cast_actors
 from urbantwin.lidar.mounted import MountedSensor
 from urbantwin.lidar.returns import (
+    Draws,
     Purpose,
     ReturnModel,
     draw,
@@ -129,7 +131,9 @@ class Sighting:
         shape_count = len(self._actors.shape)
         count = len(beams.directions)
         key = (seed, mounted.number, self._sweep.turn % _TURNS, count)
-        draws = draw(*key)
+        response = self._model.response
+        # What is certain, and exact, needs no draws.
+        draws = draw(*key) if response.dropout or response.sigma_m > 0 else _no_draws(count)
         both = mounted.returns == "dual"
         others = draw(*key, Purpose.SECOND_ECHO) if both else draws
 
@@ -225,24 +229,21 @@ class Sighting:
         aside = self._aside * float(range_m.max(initial=0.0))
         margin = max(0.0, BOX_MARGIN_M - step_m / 2 - aside)
         sweep = self._sweep
-        origin, aim = carried(
+        leaves, origin, aim = leaving(
             beam,
             actor,
+            measured,
             tuple(self._actors.paths),
             *self._view.poses,
             (sweep.column_time_s, sweep.ring_time_s),
             self._view.beams.directions,
             *dataset_SE3_actors,
+            boxes,
+            margin,
         )
-        own = boxes.T.take(actor, axis=1)
-        leaves = np.flatnonzero(outside(origin + aim * measured, own, margin))
         if len(leaves):
-            low, high = spans_in_box(
-                origin.take(leaves, axis=1),
-                aim.take(leaves, axis=1),
-                own.take(leaves, axis=1),
-                margin,
-            )
+            own = boxes.T.take(actor[leaves], axis=1)
+            low, high = spans_in_box(origin, aim, own, margin)
             # What several surfaces give together may lie between them: it is brought inside first.
             at = np.clip(range_m[leaves], np.minimum(low, high), high)
             wide = np.maximum(sigma[leaves].astype(np.float64), 1e-9)
@@ -285,3 +286,9 @@ def _room(count: int) -> tuple[NDArray[Any], ...]:
         np.empty(count, np.float32),
         np.empty(count, np.float32),
     )
+
+
+@lru_cache(maxsize=8)
+def _no_draws(count: int) -> Draws:
+    nothing = np.zeros(count, np.uint16)
+    return Draws(nothing, nothing)

@@ -5,16 +5,20 @@ from numba import njit
 
 from urbantwin.lidar.compiled.pose import actor_from_sensor, set_pose
 
-__all__ = ["carried"]
+__all__ = ["leaving"]
 
 
 @njit(cache=True, nogil=True)
-def carried(beam, actor, path, sensor_rotation, sensor_place, times, beams, to_rotation, to_place):
-    """Return origins and unit vectors, each (3, M) float64.
+def leaving(
+    beam, actor, range_m, path, sensor_rotation, sensor_place, times, beams, to_rotation, to_place,
+    boxes, margin,
+):  # fmt: skip
+    """Return the rays whose ends lie outside their actors' boxes: which, origins, unit vectors.
 
     Args:
         beam: (M,) int32.
         actor: (M,) int32, what each beam met.
+        range_m: (M,) float32, where it ends.
         path: knots of all actors, see ``blocks.find_blocks``.
         sensor_rotation: (K, 3, 3) of ``site_SE3_sensor`` by column, or (1, 3, 3).
         sensor_place: (K, 3) or (1, 3).
@@ -22,28 +26,27 @@ def carried(beam, actor, path, sensor_rotation, sensor_place, times, beams, to_r
         beams: (N, 3) float64 unit vectors, sensor frame.
         to_rotation: (A, 3, 3), where the actors stand then, frame of the result.
         to_place: (A, 3).
+        boxes: (A, 7), in that frame.
+        margin: how far outside does not count, metres.
+
+    Returns:
+        Numbers (L,) int64 among the M rays; origins (3, L) and unit vectors (3, L) float64.
     """
     knot_time, rotation, translation, turns = path
     column_time, ring_time = times
     count = len(column_time)
     moving = len(sensor_place) > 1
+    which = np.empty(len(beam), np.int64)
     origin, aim = np.empty((3, len(beam))), np.empty((3, len(beam)))
     actor_rotation, actor_place = np.empty((3, 3)), np.empty(3)
     relative, place = np.empty((3, 3)), np.empty(3)
-    local = np.empty(3)
+    local, start, along = np.empty(3), np.empty(3), np.empty(3)
+    cosine, sine = np.cos(boxes[:, 6]), np.sin(boxes[:, 6])
+    found = 0
     for m in range(len(beam)):
         a, column = actor[m], beam[m] % count
         time = column_time[column] + ring_time[beam[m] // count]
-        set_pose(
-            time,
-            a,
-            knot_time,
-            rotation,
-            translation,
-            turns,
-            actor_rotation,
-            actor_place,
-        )
+        set_pose(time, a, knot_time, rotation, translation, turns, actor_rotation, actor_place)
         n = column if moving else 0
         actor_from_sensor(
             actor_rotation, actor_place, n, sensor_rotation, sensor_place, relative, place
@@ -55,8 +58,20 @@ def carried(beam, actor, path, sensor_rotation, sensor_place, times, beams, to_r
                 + relative[i, 2] * beams[beam[m], 2]
             )
         for i in range(3):
-            origin[i, m], aim[i, m] = to_place[a, i], 0.0
+            start[i], along[i] = to_place[a, i], 0.0
             for j in range(3):
-                origin[i, m] += to_rotation[a, i, j] * place[j]
-                aim[i, m] += to_rotation[a, i, j] * local[j]
-    return origin, aim
+                start[i] += to_rotation[a, i, j] * place[j]
+                along[i] += to_rotation[a, i, j] * local[j]
+        x = start[0] + along[0] * range_m[m] - boxes[a, 0]
+        y = start[1] + along[1] * range_m[m] - boxes[a, 1]
+        z = start[2] + along[2] * range_m[m] - boxes[a, 2]
+        if (
+            abs(x * cosine[a] + y * sine[a]) > boxes[a, 3] / 2 + margin
+            or abs(y * cosine[a] - x * sine[a]) > boxes[a, 4] / 2 + margin
+            or abs(z) > boxes[a, 5] / 2 + margin
+        ):
+            which[found] = m
+            for i in range(3):
+                origin[i, found], aim[i, found] = start[i], along[i]
+            found += 1
+    return which[:found], origin[:, :found], aim[:, :found]

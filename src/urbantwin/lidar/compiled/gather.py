@@ -10,7 +10,7 @@ from numba import njit
 from urbantwin.lidar.compiled.echoes import BESIDE
 from urbantwin.taxonomy import semantic_id
 
-__all__ = ["gather", "place_points", "write_points"]
+__all__ = ["gather", "write_points"]
 
 #: Class of a point between an actor and what is behind it, which belongs to neither.
 OUTLIER = np.uint16(semantic_id("outlier"))
@@ -122,24 +122,3 @@ def write_points(beam, range_m, intensity, directions, origin, column_s, ring_s,
         points[m, 3] = intensity[m]
         rings[m], columns[m] = ring, column
         times[m] = column_s[column] + ring_s[ring]
-
-
-@njit(cache=True, nogil=True)
-def place_points(beam, range_m, intensity, directions, origin, columns, points):
-    """Write points (M, 4): where beams end, and their intensities.
-
-    Args:
-        beam: (M,) int32.
-        range_m: (M,) float32.
-        intensity: (M,) float32.
-        directions: (3, N) float32, frame of the points.
-        origin: (3, K) float32, where each column's beams leave, or (3, 1).
-        columns: K.
-        points: (M, 4) float32 to write.
-    """
-    moving = origin.shape[1] > 1
-    for m in range(len(beam)):
-        n = beam[m] % columns if moving else 0
-        for axis in range(3):
-            points[m, axis] = directions[axis, beam[m]] * range_m[m] + origin[axis, n]
-        points[m, 3] = intensity[m]
