@@ -3,11 +3,17 @@
 import json
 import multiprocessing
 import re
+import subprocess
+import sys
+import time
+from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+import yaml
 
 from urbantwin.dataset import describe, record
 from urbantwin.errors import InputError, StageError
@@ -309,6 +315,55 @@ def test_a_killed_worker_is_said_and_what_is_finished_is_kept(twin, motion, rig,
         record(twin, motion, rig, out, workers=2, seed=5, progress=kill)
     assert not out.exists()
     assert len(left_beside(out)) == 1
+
+
+RUN = """
+import multiprocessing, sys, time
+from pathlib import Path
+from urbantwin.dataset import record
+from urbantwin.lidar import place_rig
+from urbantwin.site import load_rig_spec
+from urbantwin.traffic import Motion
+from urbantwin.twin import load_twin
+
+def progress(_, doing):
+    if doing.startswith("frame"):
+        print(*(child.pid for child in multiprocessing.active_children()), flush=True)
+        time.sleep(600)
+
+if __name__ == "__main__":
+    here = Path(sys.argv[1])
+    twin, motion = load_twin(Path(sys.argv[2])), Motion.load(here / "motion")
+    rig = place_rig(load_rig_spec(here / "rig.yaml"), twin.mesh)
+    record(twin, motion, rig, here / "dataset", workers=2, seed=5, progress=progress)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
+def test_workers_end_with_a_run_that_is_killed(twin, motion, rig_spec, tmp_path):
+    (tmp_path / "run.py").write_text(RUN)
+    (tmp_path / "rig.yaml").write_text(yaml.safe_dump(rig_spec().written()))
+    replace(motion, manifest={**motion.manifest, "kind": "motion", "version": 1}).save(
+        tmp_path / "motion"
+    )
+    command = [sys.executable, tmp_path / "run.py", tmp_path, twin.folder]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as run:
+        workers = [int(number) for number in run.stdout.readline().split()]
+        run.kill()
+    assert len(workers) == 2
+    deadline = time.monotonic() + 20
+    while any(runs(number) for number in workers):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def runs(process):
+    """Whether a process is there and not just waiting to be forgotten."""
+    try:
+        state = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()[0]
+    except FileNotFoundError:
+        return False
+    return state not in "ZX"
 
 
 def test_two_sensors_and_the_site_frame(twin, motion, tmp_path, rig_spec):

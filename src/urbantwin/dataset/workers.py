@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+import threading
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import islice
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from pathlib import Path
 
 import shapely
@@ -151,8 +152,21 @@ _recorder: _Recorder | None = None
 
 
 def _start(recipe: Recipe) -> None:
+    threading.Thread(target=_end_with_the_run, daemon=True).start()
     global _recorder  # noqa: PLW0603 - a worker's only state: what its static rays hit
     _recorder = _Recorder(recipe)
+
+
+def _end_with_the_run() -> None:
+    """End this worker when the run that started it is killed.
+
+    It would wait for work for ever: it holds the other end of the pipe that work comes by itself.
+    And it would write frames while a run that goes on writes the same.
+    """
+    run = parent_process()
+    assert run is not None
+    run.join()
+    os._exit(1)
 
 
 def _record(task: Task) -> int:
