@@ -1,0 +1,135 @@
+"""The fields of one file of points, whatever its format: arrays by name, as the file has them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+from urbantwin.fidelity.pcd import read_pcd
+from urbantwin.fidelity.ply import read_ply
+
+__all__ = ["FORMATS", "Fields", "is_cloud", "position_and_intensity", "read_fields"]
+
+Fields = dict[str, NDArray[np.generic]]
+
+FORMATS = (".npy", ".bin", ".pcd", ".ply", ".las", ".laz")
+#: Names that writers give to intensity, in lower case, the likelier first.
+_INTENSITY = ("intensity", "scalar_intensity", "i", "reflectivity", "reflectance", "remission")
+#: nuScenes' rows: x, y, z, intensity and the ring, in files that end so.
+_NUSCENES = ".pcd.bin"
+
+
+def is_cloud(path: Path) -> bool:
+    """Return whether a path is a file of points by its name."""
+    return path.suffix.lower() in FORMATS and not path.name.startswith(".") and path.is_file()
+
+
+def read_fields(path: Path, columns: int | None = None) -> Fields:
+    """Read the fields of one file of points by their names in lower case.
+
+    ``.npy``: (N, 3 or more), x, y, z and, if there is a fourth column, intensity; or a structured
+    array. ``.bin``: float32 rows, KITTI's x, y, z, intensity, and nuScenes' with the ring as the
+    fifth where the name ends in ``.pcd.bin``; ``columns`` says how many values a row has,
+    otherwise 4, or 3 where only that divides the size. ``.pcd``, ``.ply``, ``.las``, ``.laz``: all
+    fields of one value per point, coordinates of the last two with scale and offset.
+
+    Args:
+        path: the file.
+        columns: values per row of a ``.bin``; the others say it themselves.
+
+    Raises:
+        InputError: missing, not readable as what its name says, or truncated.
+    """
+    if not path.is_file():
+        raise InputError("not found", file=path, expected="a cloud")
+    kind = path.suffix.lower()
+    if kind == ".npy":
+        return _from_npy(path)
+    if kind == ".bin":
+        return _from_bin(path, columns)
+    if kind in (".pcd", ".ply"):
+        fields = read_pcd(path) if kind == ".pcd" else read_ply(path)
+        return {name.lower(): values for name, values in fields.items()}
+    if kind in (".las", ".laz"):
+        return _from_las(path)
+    raise InputError(f"{kind} is unknown", file=path, expected=", ".join(FORMATS))
+
+
+def position_and_intensity(
+    path: Path, fields: Mapping[str, NDArray[np.generic]]
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    """Return x, y, z (N, 3) and intensity (N,), None without such a field.
+
+    Raises:
+        InputError: x, y or z is missing.
+    """
+    missing = [name for name in "xyz" if name not in fields]
+    if missing:
+        raise InputError(
+            f"has no field {', '.join(missing)}",
+            file=path,
+            expected=f"x, y, z among {', '.join(fields) or 'its fields'}",
+        )
+    table = np.column_stack([fields[name].astype(np.float64) for name in "xyz"])
+    found = [fields[name] for name in _INTENSITY if name in fields]
+    return table, found[0].astype(np.float64) if found else None
+
+
+def _from_npy(path: Path) -> Fields:
+    try:
+        array = np.load(path, allow_pickle=False)
+    except (ValueError, OSError, EOFError) as error:
+        raise InputError(f"is not readable ({error})", file=path, expected="a .npy array") from None
+    if array.dtype.names:
+        return {name.lower(): array[name].ravel() for name in array.dtype.names}
+    if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind not in "fiu":
+        raise InputError(
+            f"is an array of {array.dtype} of shape {array.shape}",
+            file=path,
+            expected="numbers of shape (N, 3 or more)",
+        )
+    return _columns(array.astype(np.float64))
+
+
+def _from_bin(path: Path, columns: int | None) -> Fields:
+    size = path.stat().st_size
+    if columns is not None and columns < 3:
+        raise InputError(f"{columns} columns", file=path, expected="at least 3: x, y, z")
+    rings = columns in (None, 5) and path.name.lower().endswith(_NUSCENES)
+    width = 5 if rings else columns or (3 if size % 16 and not size % 12 else 4)
+    if size % (4 * width):
+        raise InputError(
+            f"is truncated, or has other columns: {size} bytes",
+            file=path,
+            expected=f"a multiple of {4 * width} (rows of {width} float32)",
+        )
+    table = np.fromfile(path, "<f4").reshape(-1, width).astype(np.float64)
+    fields = _columns(table)
+    if rings:
+        fields["ring"] = table[:, 4]
+    return fields
+
+
+def _columns(table: NDArray[np.float64]) -> Fields:
+    return {
+        name: table[:, k] for k, name in enumerate(("x", "y", "z", "intensity")[: len(table.T)])
+    }
+
+
+def _from_las(path: Path) -> Fields:
+    import laspy
+
+    try:
+        cloud = laspy.read(path)
+        fields: Fields = {axis: np.asarray(getattr(cloud, axis), np.float64) for axis in "xyz"}
+        for name in cloud.point_format.dimension_names:
+            values = np.asarray(cloud[name])
+            if name.lower() not in fields and values.ndim == 1 and name not in ("X", "Y", "Z"):
+                fields[name.lower()] = values
+    except Exception as error:  # laspy and its decoders raise what they like
+        raise InputError(f"is not readable ({error})", file=path, expected="a LAS file") from None
+    return fields
