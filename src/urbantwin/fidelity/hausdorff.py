@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from urbantwin.fidelity.nearest import NearestDistances, nearest_distances
+
 __all__ = ["P95Hausdorff", "p95_hausdorff"]
 
 
@@ -22,6 +24,14 @@ class P95Hausdorff:
     def both(self) -> float:
         """The bidirectional distance."""
         return max(self.real_to_synthetic, self.synthetic_to_real)
+
+    @classmethod
+    def of(cls, distances: NearestDistances) -> P95Hausdorff:
+        """Return the 95th percentiles (linear between ranks) of distances already known."""
+        return cls(
+            real_to_synthetic=float(np.percentile(distances.real_to_synthetic, 95)),
+            synthetic_to_real=float(np.percentile(distances.synthetic_to_real, 95)),
+        )
 
 
 def p95_hausdorff(
@@ -42,10 +52,4 @@ def p95_hausdorff(
         synthetic: (M, 3) metres, M >= 1, the same frame.
         real_tree: a tree of ``real`` to use again.
     """
-    tree = real_tree if real_tree is not None else cKDTree(real)
-    to_synthetic, _ = cKDTree(synthetic).query(real, workers=-1)
-    to_real, _ = tree.query(synthetic, workers=-1)
-    return P95Hausdorff(
-        real_to_synthetic=float(np.percentile(to_synthetic, 95)),
-        synthetic_to_real=float(np.percentile(to_real, 95)),
-    )
+    return P95Hausdorff.of(nearest_distances(real, synthetic, real_tree=real_tree))

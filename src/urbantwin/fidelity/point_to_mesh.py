@@ -8,12 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.fidelity.closest import NearestTriangle
+from urbantwin.fidelity.sampling import sample_rows, sampled
 from urbantwin.fidelity.surface import Surface, rebuild_surface
 
 __all__ = ["MAX_POINTS", "RealSurface", "Spread"]
 
 #: More points than this are measured by a random sample of so many (drawn the same every time).
-MAX_POINTS = 30_000
+MAX_POINTS = 10_000
 #: Every so many-th real point is kept out of the rebuild, to judge the rebuild by.
 HELD_OUT = 10
 
@@ -48,7 +49,7 @@ class RealSurface:
     """
 
     def __init__(self, real: NDArray[np.float64], origin: ArrayLike = (0.0, 0.0, 0.0)) -> None:
-        held_out = _sample(len(real), len(real) // HELD_OUT)
+        held_out = sample_rows(len(real), len(real) // HELD_OUT)
         self.surface: Surface = rebuild_surface(np.delete(real, held_out, axis=0), origin)
         self._nearest = NearestTriangle(self.surface.vertices, self.surface.faces)
         self.rebuild_error: Spread | None = None
@@ -57,16 +58,4 @@ class RealSurface:
 
     def distances_of(self, synthetic: NDArray[np.float64]) -> Spread:
         """Summarise the distances of (M, 3) points, M >= 1, to the surface."""
-        if len(synthetic) > MAX_POINTS:
-            synthetic = synthetic[_sample(len(synthetic), MAX_POINTS)]
-        return Spread.of(self._nearest.distances(synthetic))
-
-
-def _sample(count: int, wanted: int) -> NDArray[np.int64]:
-    """Return ``wanted`` of ``count`` indices in order, the same every time.
-
-    Random and not every n-th: points are stored by ring or by column, and a fixed stride would
-    take some rings and leave others.
-    """
-    generator = np.random.Generator(np.random.Philox(key=0))
-    return np.sort(generator.choice(count, wanted, replace=False))
+        return Spread.of(self._nearest.distances(sampled(synthetic, MAX_POINTS)))

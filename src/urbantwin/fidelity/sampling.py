@@ -1,0 +1,23 @@
+"""Samples of points, drawn the same every time."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["sample_rows", "sampled"]
+
+
+def sample_rows(count: int, wanted: int, seed: int = 0) -> NDArray[np.int64]:
+    """Return ``wanted`` of ``count`` indices in order, without repeats.
+
+    Random and not every n-th: points are stored by ring or by column, and a fixed stride would
+    take some rings and leave others. Philox keyed by the seed: the same on every machine.
+    """
+    generator = np.random.Generator(np.random.Philox(key=seed))
+    return np.sort(generator.choice(count, wanted, replace=False))
+
+
+def sampled(points: NDArray[np.float64], most: int, seed: int = 0) -> NDArray[np.float64]:
+    """Return the points, or a sample of ``most`` of them where there are more."""
+    return points[sample_rows(len(points), most, seed)] if len(points) > most else points
