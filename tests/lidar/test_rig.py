@@ -226,3 +226,15 @@ def test_looking_straight_down_has_a_heading(ground_mesh, rig_of):
 def test_a_world_without_ground(rig_of):
     with pytest.raises(InputError, match="no ground"):
         rig_of(LabelledMesh.empty(), {})
+
+
+@pytest.mark.parametrize(
+    ("model", "reported"),
+    [("OS1-128", "strongest"), ("VLP-16", "strongest"), ("PandarQT", "first")],
+)
+def test_a_sensor_that_is_not_told_reports_what_its_maker_offers(
+    rig_of, ground_mesh, model, reported
+):
+    assert rig_of(ground_mesh(), {"model": model}).sensors[0].returns == reported
+    given = rig_of(ground_mesh(), {"model": model, "returns": "dual"})
+    assert given.sensors[0].returns == "dual"
