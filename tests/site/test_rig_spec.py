@@ -154,7 +154,7 @@ BAD: dict[str, tuple[list[dict[str, Any]], dict[str, Any], str]] = {
         "above_roof_m, which is for the other",
     ),
     "effects all": ([SENSOR | {"effects": "none"}], {}, "expected a mapping of fields"),
-    "returns": ([SENSOR | {"returns": "all"}], {}, "'strongest', 'last' or 'dual'"),
+    "returns": ([SENSOR | {"returns": "all"}], {}, "'strongest', 'last', 'first' or 'dual'"),
     "drops": ([SENSOR | {"dropped_frames": 1.5}], {}, "at most 1"),
     "sector": ([SENSOR | {"outages": [{"sector_deg": [1]}]}], {}, r"outages\[0\].sector_deg"),
     "channels": ([SENSOR | {"outages": [{"channels": ["3-1"]}]}], {}, "'3-1' is not a span of"),

@@ -7,11 +7,15 @@ from pathlib import Path
 
 from urbantwin.errors import InputError
 from urbantwin.lidar.catalogue import Sensor, sensor
+from urbantwin.lidar.mounted import Returns
 from urbantwin.lidar.pattern_sensor import MOST_COLUMNS
 from urbantwin.lidar.spin import SLOWEST_HZ, columns_at, spin_of
 from urbantwin.site.rig import RigSpec, SensorSpec
 
-__all__ = ["check_models", "columns_of", "turns_per_second_of", "window_of"]
+__all__ = ["check_models", "columns_of", "returns_of", "turns_per_second_of", "window_of"]
+
+#: Which echoes a sensor reports that is not told: the first of these that its maker offers.
+_MODES: tuple[Returns, ...] = ("strongest", "first", "last", "dual")
 
 #: Turns per second that a sensor may be asked for whatever its maker offers.
 _SPIN_HZ = (SLOWEST_HZ, 20.0)
@@ -64,7 +68,7 @@ def _checked_model(one: SensorSpec, rate_hz: float, file: str | Path | None, fie
                 f"{low:g} to {high:g}",
             )
     modes = model.return_modes
-    if modes is not None and one.returns not in modes:
+    if modes is not None and one.returns is not None and one.returns not in modes:
         raise error(
             f"{model.name} does not report {one.returns!r}", "returns", f"one of {', '.join(modes)}"
         )
@@ -77,6 +81,14 @@ def _checked_model(one: SensorSpec, rate_hz: float, file: str | Path | None, fie
                 f"0 to {model.channels - 1}",
             )
     return model
+
+
+def returns_of(model: Sensor, one: SensorSpec) -> Returns:
+    """Return which echoes of a beam a sensor reports."""
+    if one.returns is not None:
+        return one.returns
+    offered = model.return_modes
+    return next((mode for mode in _MODES if offered is None or mode in offered), "strongest")
 
 
 def columns_of(model: Sensor, one: SensorSpec, rate_hz: float) -> int:

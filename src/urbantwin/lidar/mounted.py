@@ -17,7 +17,10 @@ from urbantwin.lidar.sensor_path import FixedPath, SensorPath
 from urbantwin.lidar.sway import swaying
 from urbantwin.site.rig import Conditions, Effects, OutageSpec, RideSpec, SwaySpec
 
-__all__ = ["MountedSensor", "Rig", "dataset_frame"]
+__all__ = ["MountedSensor", "Returns", "Rig", "dataset_frame"]
+
+#: Which echoes of a beam a sensor reports.
+Returns = Literal["strongest", "last", "first", "dual"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +73,7 @@ class MountedSensor:
     time_jitter_s: float = 0.0
     latency_s: float = 0.0
     dropped_frames: float = 0.0
-    returns: Literal["strongest", "last", "dual"] = "strongest"
+    returns: Returns = "strongest"
     outages: tuple[OutageSpec, ...] = ()
     sway: SwaySpec | None = None
     swings_with: int = 0

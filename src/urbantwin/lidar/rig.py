@@ -12,6 +12,7 @@ from urbantwin.geometry import DownwardProbe, LabelledMesh, Pose
 from urbantwin.lidar.chosen_sensor import (
     check_models,
     columns_of,
+    returns_of,
     turns_per_second_of,
     window_of,
 )
@@ -81,7 +82,7 @@ def place_rig(
                 time_jitter_s=one.time_jitter_s,
                 latency_s=one.latency_s,
                 dropped_frames=one.dropped_frames,
-                returns=one.returns,
+                returns=returns_of(model, one),
                 outages=tuple(one.outages),
                 sway=sway if sway is not None and sway.rms_m > 0 else None,
                 swings_with=_pole_of(pose, sensors),

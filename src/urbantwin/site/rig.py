@@ -96,7 +96,7 @@ class SensorSpec(SensorPlace, _Named):
             rig is placed.
         columns: columns per turn; ``None`` takes the model's default.
         effects: its imperfections, on unless turned off.
-        returns: which echoes of a beam it reports.
+        returns: which echoes of a beam it reports; ``None``: the strongest, where the model does.
         rate_hz: turns per second; ``None``: the rig's frames per second.
         phase_deg: encoder angle at the frames' times, degrees the way the sensor turns.
         phase_lock: keeps that phase; without it the turn starts anywhere and drifts with its clock.
@@ -110,7 +110,7 @@ class SensorSpec(SensorPlace, _Named):
     """
 
     effects: Effects = Effects()
-    returns: Literal["strongest", "last", "dual"] = "strongest"
+    returns: Literal["strongest", "last", "first", "dual"] | None = None
     rate_hz: Rate | None = None
     phase_deg: Annotated[float, Field(ge=-360.0, le=360.0, allow_inf_nan=False)] = 0.0
     phase_lock: bool = True

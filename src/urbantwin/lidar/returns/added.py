@@ -54,13 +54,14 @@ def inserted(
     strength: Floats,
     added: Stray,
     added_strength: Floats,
-    returns: Literal["strongest", "last", "dual"],
+    returns: Literal["strongest", "last", "first", "dual"],
 ) -> Inserted:
     """Return where detected echoes go, at most one of a beam, among those that are reported.
 
     A sensor that reports the strongest echo takes an added one for it where that is stronger; one
-    that reports the last takes one that is farther. One that reports two has room for it beside a
-    single one, else it takes the place of the first if it is stronger.
+    that reports the last takes one that is farther, and one that reports the first a nearer one.
+    One that reports two has room for it beside a single one, else it takes the place of the first
+    if it is stronger.
 
     Args:
         beam: (M,) of the reported echoes, ascending; two of a beam stand in the order of reporting.
@@ -91,7 +92,8 @@ def inserted(
         # The stronger of two stands first.
         place = np.where(has & ~stronger, low + 1, low)
     else:
-        wins = stronger if returns == "strongest" else farther
+        nearer = ~has | ~farther
+        wins = {"strongest": stronger, "last": farther, "first": nearer}[returns]
         taken, fresh = has & wins, ~has
         place = low
     order[low[taken]] = number[taken]
