@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.stats import kstest, norm
 
 from urbantwin.lidar.returns import scatter_of_materials
 from urbantwin.lidar.returns.fresnel import mirrored, pane
+from urbantwin.lidar.returns.scatter import TEXTURE
 from urbantwin.taxonomy import material_id, materials
 
 COSINE = np.linspace(0.01, 1, 200)
@@ -95,3 +97,16 @@ def test_beads_under_water_return_a_quarter():
     """EN 1436: class RW1 (wet) 25 where class R2 (dry) has 100 mcd/m2/lx."""
     grazing = np.array([1e-4])
     assert back("road-paint", grazing, wet=1.0)[0] == pytest.approx(0.05 / 4, rel=0.05)
+
+
+def test_texture_is_log_normal_about_one_and_the_same_whenever_asked():
+    scatter = scatter_of_materials(905.0, texture=True)
+    beam, face = np.divmod(np.arange(400_000, dtype=np.int32), 4)
+    grain = scatter.grain(beam, face).astype(float)
+    assert grain.mean() == pytest.approx(1, abs=0.003)
+    assert kstest(np.log(grain), norm(-(TEXTURE**2) / 2, TEXTURE).cdf).pvalue > 1e-3
+    # Neither neighbouring beams nor neighbouring triangles have to do with each other.
+    for shift in (1, 4, 2048):
+        assert abs(np.corrcoef(grain[shift:], grain[:-shift])[0, 1]) < 0.006
+    np.testing.assert_array_equal(scatter.grain(beam[::-1], face[::-1]), grain[::-1])
+    assert (scatter_of_materials(905.0).grain(beam, face) == 1).all()

@@ -96,7 +96,7 @@ def test_a_sign_has_a_halo_at_its_distance_and_a_painted_board_none(plain):
     aside = np.degrees(np.abs(np.arctan2(halo.points[stray, 1], halo.points[stray, 0])))
     assert aside.max() < np.degrees(0.5 / 20) + 2
     # Code 208 of class RA1 on the sensor's own scale; the halo is dim.
-    assert np.median(halo.points[board, 3]) * 255 == pytest.approx(208, abs=3)
+    assert np.median(halo.points[board, 3]) * 255 == pytest.approx(208, abs=4)
     assert halo.points[stray, 3].max() < 0.3
     off = scan(world, {"blooming": False})
     assert not (off.semantic == OUTLIER).any()
@@ -106,7 +106,8 @@ def test_a_sign_has_a_halo_at_its_distance_and_a_painted_board_none(plain):
     assert not (scan(white).semantic == OUTLIER).any()
     dull = scan(world, {"retroreflection": False})
     assert not (dull.semantic == OUTLIER).any()
-    assert dull.points[dull.semantic == semantic_id("traffic-sign"), 3].max() * 255 < 70
+    foil = dull.points[dull.semantic == semantic_id("traffic-sign"), 3] * 255
+    assert np.median(foil) == pytest.approx(60, abs=8)
 
 
 def test_crosstalk_is_off_by_default_and_stands_above_and_below(plain):

@@ -100,6 +100,7 @@ def combined(
         touched = chained(met.ray, head, before)
         material = actors.shapes.material.take(actors.first_face.take(met.actor) + met.face)
         back = model.scatter.backscatter(material, met.cosine)
+        back *= model.scatter.grain(met.ray, met.face)
         through = model.scatter.transmission(material, met.cosine)
         chain = (head, before, met.actor, met.range_m, back, through, met.mask)
     still = (static.start, static.range_m, static.backscatter, static.through, static.mask)

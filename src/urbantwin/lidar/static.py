@@ -101,7 +101,7 @@ class World:
         return StaticLayers(
             start,
             range_m,
-            scatter.backscatter(material, cosine),
+            scatter.backscatter(material, cosine) * scatter.grain(ray, face),
             scatter.transmission(material, cosine),
             met.mask[order],
             self._mesh.semantic[face],

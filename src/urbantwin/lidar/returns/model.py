@@ -49,7 +49,11 @@ class ReturnModel:
             wet = 1.0 if weather.weather == "rain" else 0.0
         wavelength = entry.assumed_wavelength_nm
         self.scatter: Scatter = scatter_of_materials(
-            wavelength, wet, retroreflection=effects.retroreflection, glass=effects.glass
+            wavelength,
+            wet,
+            retroreflection=effects.retroreflection,
+            glass=effects.glass,
+            texture=effects.noise,
         )
         reflectivity, range_m = entry.assumed_reference
         if entry.detection_range_10_m is not None and entry.detection_range_80_m is not None:

@@ -22,6 +22,12 @@ faced squarely) and scatters by its dirt alone; its mirror image of the beam rea
 only within a fraction of a degree of facing it squarely, and is left out.
 
 **Wet ground**: see `wet`.
+
+**Texture.** No surface is the same all over, and laser light speckles: returns scatter from
+beam to beam by a fifth to a third on real asphalt (second differences of reflectivity in scans of
+an OS1-128, `benchmarks/ouster.py`). We let it scatter with a log-normal of `TEXTURE` whose mean is
+1 and which a beam's number and the triangle that it meets decide: a sensor that stands still sees
+the same place alike in every frame. It is part of the effect ``noise``.
 """
 
 from __future__ import annotations
@@ -32,11 +38,15 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.lidar.returns.draws import standard_quantiles
 from urbantwin.lidar.returns.fresnel import pane
 from urbantwin.lidar.returns.wet import WET_BEADS, film_passes, wet_reflectivity
 from urbantwin.taxonomy import materials
 
-__all__ = ["Scatter", "oren_nayar", "scatter_of_materials"]
+__all__ = ["TEXTURE", "Scatter", "oren_nayar", "scatter_of_materials"]
+
+#: Standard deviation of the logarithm of backscatter from place to place.
+TEXTURE = 0.25
 
 _STEPS = 1024
 #: EN 12899-1, table for class RA1 (white, 0.33 deg of observation): entrance angle and share.
@@ -62,6 +72,7 @@ class Scatter:
         through: (M,) share of the light that passes to and fro through a pane faced squarely.
         curve: (M, S) backscatter at S cosines from 0 to 1.
         passes: (M, S) share that passes to and fro at these cosines.
+        texture: standard deviation of the logarithm of backscatter from place to place.
     """
 
     diffuse: Floats
@@ -69,6 +80,19 @@ class Scatter:
     through: Floats
     curve: Floats
     passes: Floats
+    texture: float = 0.0
+
+    def grain(self, beam: NDArray[np.integer], face: NDArray[np.integer]) -> Floats:
+        """Return what texture makes of the backscatter (N,) of beams that meet triangles."""
+        if self.texture == 0.0:
+            return np.ones(len(beam), np.float32)
+        with np.errstate(over="ignore"):
+            mixed = beam.astype(np.uint64) << np.uint64(32) | face.astype(np.uint64)
+            # Steele, Lea and Flood 2014, OOPSLA: the mixing function of SplitMix64.
+            mixed = (mixed ^ mixed >> np.uint64(30)) * np.uint64(0xBF58476D1CE4E5B9)
+            mixed = (mixed ^ mixed >> np.uint64(27)) * np.uint64(0x94D049BB133111EB)
+        drawn = standard_quantiles().take((mixed >> np.uint64(48)).astype(np.int64))
+        return np.asarray(np.exp(self.texture * drawn - self.texture**2 / 2), np.float32)
 
     def backscatter(self, material: NDArray[np.uint8], cosine: NDArray[np.floating]) -> Floats:
         """Return the backscatter (N,) of materials (N,) met at some cosine of incidence (N,).
@@ -99,6 +123,7 @@ def scatter_of_materials(
     *,
     retroreflection: bool = True,
     glass: bool = True,
+    texture: bool = False,
 ) -> Scatter:
     """Return what every material sends back of a laser's light and lets through.
 
@@ -107,6 +132,7 @@ def scatter_of_materials(
         wet_ground: 0 dry to 1: share of the ground's surface that a film of water covers.
         retroreflection: whether retroreflectors are any; else they are what they are without.
         glass: whether light passes through glass; else it is an opaque surface.
+        texture: whether surfaces are not the same all over.
     """
     table = list(materials().values())
     cosine = np.linspace(0, 1, _STEPS + 1)
@@ -130,4 +156,5 @@ def scatter_of_materials(
         (passes_squarely**2).astype(np.float32),
         (dry * (1 - wet) + under_film * wet + back).astype(np.float32),
         ((passes_squarely[:, None] * relative) ** 2).astype(np.float32),
+        TEXTURE if texture else 0.0,
     )
