@@ -69,7 +69,8 @@ class Conditions(Strict):
         weather: what falls or hangs in the air.
         visibility_m: meteorological optical range (contrast falls to 5 %), metres.
         wet_ground: 0 dry to 1 a film of water; ``None``: 1 in rain, else 0.
-        sun_elevation_deg: of the sun above the horizon; ``None``: no direct sun.
+        sun_elevation_deg: of the sun above the horizon; ``None``: the light that datasheets'
+            ranges are for, 100 klx.
         sun_azimuth_deg: of the sun, clockwise from north.
     """
 
