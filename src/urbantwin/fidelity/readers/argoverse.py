@@ -1,0 +1,133 @@
+"""Argoverse 2 sensor logs: sweeps in feather, cuboids, poses and the sensors' places.
+
+Source: Wilson et al. 2021, "Argoverse 2", and the av2-api's user guide. Points and cuboids are in
+the vehicle's frame (x forward, y left, z up), compensated for its motion; lasers 0 to 31 are the
+upper sensor's, 32 to 63 the lower one's.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+from urbantwin.fidelity.clouds import counting_order
+from urbantwin.fidelity.frame import Boxes, Frame
+from urbantwin.fidelity.readers.assembled import frame_of
+from urbantwin.fidelity.readers.documents import laid_out
+from urbantwin.fidelity.readers.labels import (
+    LabelledBox,
+    boxes_of,
+    heading,
+    pose_of_quaternion,
+    track_of,
+)
+from urbantwin.fidelity.readers.recording import Recording
+from urbantwin.geometry import Pose
+
+__all__ = ["is_argoverse", "open_argoverse"]
+
+_EXPECTED = "a log of Argoverse 2"
+_SENSORS = ("up_lidar", "down_lidar")
+_LASERS = 32
+_QUATERNION = ("qw", "qx", "qy", "qz")
+_PLACE = ("tx_m", "ty_m", "tz_m")
+
+Columns = dict[str, NDArray[Any]]
+
+
+def is_argoverse(path: Path) -> bool:
+    """Return whether a folder is a log."""
+    return any((path / "sensors" / "lidar").glob("*.feather"))
+
+
+def open_argoverse(path: Path) -> Recording:
+    """Open a log; cuboids, poses and the sensors' places where its files are there.
+
+    Raises:
+        InputError: a table is not readable.
+    """
+    files = sorted((path / "sensors" / "lidar").glob("*.feather"), key=counting_order)
+    annotations = _table(path / "annotations.feather")
+    poses = _table(path / "city_SE3_egovehicle.feather")
+    sensors = _table(path / "calibration" / "egovehicle_SE3_sensor.feather")
+    places = None if sensors is None else _places(path, sensors)
+
+    def read(index: int) -> Frame:
+        file = files[index]
+        if not file.stem.isdigit():
+            raise InputError("has no time for a name", file=file, expected="nanoseconds")
+        time_ns = int(file.stem)
+        fields = _table(file)
+        assert fields is not None
+        given: Columns = {}
+        if "laser_number" in fields:
+            given["sensor"] = fields["laser_number"] // _LASERS
+        if "offset_ns" in fields:
+            given["time_s"] = fields["offset_ns"] * 1e-9
+        world = None if poses is None else _pose_at(path, poses, time_ns)
+        return frame_of(
+            file,
+            fields,
+            name=file.stem,
+            given=given,
+            boxes=None if annotations is None else _boxes_at(path, annotations, time_ns),
+            world_SE3_frame=world,
+            sensor_places=np.zeros((1, 3)) if places is None else places,
+        )
+
+    return Recording(path, "argoverse2", tuple(file.stem for file in files), read)
+
+
+def _table(path: Path) -> Columns | None:
+    if not path.is_file():
+        return None
+    from pyarrow import ArrowException, feather
+
+    try:
+        table = feather.read_table(path)
+    except (ArrowException, OSError) as error:
+        raise InputError(f"is not readable ({error})", file=path, expected=_EXPECTED) from None
+    return {name: table[name].to_numpy() for name in table.column_names}
+
+
+def _row_pose(table: Columns, row: int) -> Pose:
+    w, x, y, z = (float(table[name][row]) for name in _QUATERNION)
+    return pose_of_quaternion(w, x, y, z, [float(table[name][row]) for name in _PLACE])
+
+
+def _places(path: Path, sensors: Columns) -> NDArray[np.float64] | None:
+    with laid_out(path / "calibration" / "egovehicle_SE3_sensor.feather", _EXPECTED):
+        names = list(sensors["sensor_name"])
+        if not all(name in names for name in _SENSORS):
+            return None
+        return np.array([_row_pose(sensors, names.index(name)).translation for name in _SENSORS])
+
+
+def _pose_at(path: Path, poses: Columns, time_ns: int) -> Pose | None:
+    """Return the pose of a sweep's own time; the log has one for each."""
+    with laid_out(path / "city_SE3_egovehicle.feather", _EXPECTED):
+        rows = np.flatnonzero(poses["timestamp_ns"] == time_ns)
+        return _row_pose(poses, int(rows[0])) if len(rows) else None
+
+
+def _boxes_at(path: Path, annotations: Columns, time_ns: int) -> Boxes | None:
+    with laid_out(path / "annotations.feather", _EXPECTED):
+        rows = np.flatnonzero(annotations["timestamp_ns"] == time_ns)
+        if not len(rows):
+            return None  # not a labelled sweep: of a street without objects nobody can tell
+        labelled = []
+        for row in rows:
+            pose = _row_pose(annotations, int(row))
+            size = (float(annotations[f"{side}_m"][row]) for side in ("length", "width", "height"))
+            labelled.append(
+                LabelledBox(
+                    (*pose.translation.tolist(), *size, heading(pose.rotation)),
+                    str(annotations["category"][row]),
+                    track_of(str(annotations["track_uuid"][row])),
+                )
+            )
+        return boxes_of(labelled)

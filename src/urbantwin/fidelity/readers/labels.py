@@ -1,0 +1,89 @@
+"""Labels of datasets as ours: classes, boxes, tracks, rotations."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from urbantwin.fidelity.frame import Boxes
+from urbantwin.geometry import Pose
+
+__all__ = ["LabelledBox", "actor_class", "boxes_of", "heading", "pose_of_quaternion", "track_of"]
+
+#: What datasets call our classes, in lower case without anything but letters. Vans are cars, as
+#: in nuScenes and Argoverse 2, which have no class for them.
+_CALLED = {
+    "car": "car van vehicle regularvehicle policecar vehiclecar vehicleemergencypolice",
+    "truck": """truck boxtruck truckcab largevehicle concretetruck longvehicle vehicletruck
+        vehicleconstruction vehicleemergencyambulance constructionvehicle trucktrailer othervehicle
+        """,
+    "bus": "bus schoolbus articulatedbus vehiclebusrigid vehiclebusbendy",
+    "motorcycle": """motorcycle motorcyclist motorcylerider motorcyclerider vehiclemotorcycle
+        motor scooter scooterrider""",
+    "bicycle": "bicycle bicyclist cyclist bicyclerider bike vehiclebicycle",
+    "pedestrian": """pedestrian person personsitting child roadworker officialsignaler
+        humanpedestrianadult humanpedestrianchild humanpedestrianconstructionworker
+        humanpedestrianpoliceofficer""",
+}
+_CLASS_OF = {name: ours for ours, names in _CALLED.items() for name in names.split()}
+
+
+def actor_class(source_name: str) -> str:
+    """Return our class for a dataset's name of one, ``other`` where it is none of ours."""
+    return _CLASS_OF.get(re.sub(r"[^a-z]", "", source_name.lower()), "other")
+
+
+def track_of(identity: str) -> int:
+    """Return a number of 62 bits for an object's identity: the same in every frame and run."""
+    return int.from_bytes(hashlib.sha256(identity.encode()).digest()[:8], "little") >> 2
+
+
+@dataclass(frozen=True)
+class LabelledBox:
+    """One labelled object: its box as `Boxes` has it, what the data calls it, and its track."""
+
+    box: tuple[float, float, float, float, float, float, float]
+    source_name: str
+    track: int = -1
+
+
+def boxes_of(labelled: Sequence[LabelledBox]) -> Boxes:
+    """Return labelled objects as one table, without those that have no finite place or size."""
+    kept = [one for one in labelled if np.isfinite(one.box).all() and min(one.box[3:6]) > 0]
+    return Boxes(
+        box=np.array([one.box for one in kept], np.float64).reshape(-1, 7),
+        class_names=tuple(actor_class(one.source_name) for one in kept),
+        track=np.array([one.track for one in kept], np.int64),
+        source_names=tuple(one.source_name for one in kept),
+    )
+
+
+def pose_of_quaternion(w: float, x: float, y: float, z: float, place: ArrayLike) -> Pose:
+    """Return the pose of a quaternion (any length but 0) and a place (3,) in metres.
+
+    Raises:
+        ValueError: the quaternion is zero or not finite.
+    """
+    quaternion = np.array([w, x, y, z], np.float64)
+    length = np.linalg.norm(quaternion)
+    if not np.isfinite(length) or length < 1e-9:
+        raise ValueError(f"({w:g}, {x:g}, {y:g}, {z:g}) is no rotation")
+    w, x, y, z = quaternion / length
+    rotation = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    return Pose(rotation, np.asarray(place, np.float64).reshape(3))
+
+
+def heading(rotation: NDArray[np.float64]) -> float:
+    """Return the yaw in radians of what a rotation (3, 3) turns the x axis to, seen from above."""
+    return float(np.arctan2(rotation[1, 0], rotation[0, 0]))

@@ -1,0 +1,124 @@
+"""Which dataset a folder is of, found by what is in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from urbantwin.errors import InputError
+from urbantwin.fidelity.readers.argoverse import is_argoverse, open_argoverse
+from urbantwin.fidelity.readers.dair import is_dair, open_dair
+from urbantwin.fidelity.readers.kitti import is_kitti, open_kitti
+from urbantwin.fidelity.readers.lumpi import is_lumpi, open_lumpi
+from urbantwin.fidelity.readers.nuscenes import is_nuscenes, open_nuscenes
+from urbantwin.fidelity.readers.opencood import is_opencood, open_opencood
+from urbantwin.fidelity.readers.ouster import is_ouster, open_ouster
+from urbantwin.fidelity.readers.own import is_own, open_own
+from urbantwin.fidelity.readers.plain import is_plain, open_plain
+from urbantwin.fidelity.readers.recording import Recording
+from urbantwin.fidelity.readers.semantic_kitti import is_semantic_kitti, open_semantic_kitti
+from urbantwin.fidelity.readers.tumtraf import is_tumtraf, open_tumtraf
+
+__all__ = ["LAYOUTS", "Layout", "open_recording"]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """One way that recordings are laid out.
+
+    Attributes:
+        title: for people.
+        recognises: whether a folder or file is laid out so; looks at names, not into clouds.
+        opens: opens it, with the number of values in a row of ``.bin`` files if it is given.
+    """
+
+    title: str
+    recognises: Callable[[Path], bool]
+    opens: Callable[[Path, int | None], Recording]
+
+
+#: In the order in which they are tried: what says most about itself first.
+LAYOUTS: dict[str, Layout] = {
+    "own": Layout("a dataset of urbantwin", is_own, open_own),
+    "argoverse2": Layout("Argoverse 2", is_argoverse, lambda path, _: open_argoverse(path)),
+    "nuscenes": Layout("nuScenes", is_nuscenes, lambda path, _: open_nuscenes(path)),
+    "lumpi": Layout("LUMPI", is_lumpi, lambda path, _: open_lumpi(path)),
+    "tumtraf": Layout("TUMTraf", is_tumtraf, lambda path, _: open_tumtraf(path)),
+    "dair-v2x": Layout("DAIR-V2X", is_dair, lambda path, _: open_dair(path)),
+    "semantic-kitti": Layout("SemanticKITTI", is_semantic_kitti, open_semantic_kitti),
+    "kitti": Layout("KITTI", is_kitti, open_kitti),
+    "opencood": Layout("OPV2V or V2X-Real", is_opencood, lambda path, _: open_opencood(path)),
+    "ouster": Layout("a capture of an Ouster", is_ouster, lambda path, _: open_ouster(path)),
+    "plain": Layout("a folder of clouds", is_plain, open_plain),
+}
+
+
+def open_recording(
+    path: Path, layout: str | None = None, *, columns: int | None = None
+) -> Recording:
+    """Open a recording of any layout that is known.
+
+    A folder that holds nothing but one recording stands for it.
+
+    Args:
+        path: a folder, a cloud, or a pcap file.
+        layout: one of ``LAYOUTS``; found by what is in the folder if it is not given.
+        columns: values per row of ``.bin`` files, where it is neither 4 nor 3.
+
+    Raises:
+        InputError: nothing is there, or nothing that is known, or several recordings; or a table
+            that belongs to the recording is not right.
+    """
+    try:
+        return _opened(path, layout, columns)
+    except OSError as error:
+        what = error.strerror or str(error)
+        raise InputError(f"is not readable ({what})", file=error.filename or path) from None
+
+
+def _opened(path: Path, layout: str | None, columns: int | None) -> Recording:
+    if not path.exists():
+        raise InputError("not found", file=path, expected="a recording or a folder of clouds")
+    if layout is not None:
+        if layout not in LAYOUTS:
+            raise InputError(f"{layout} is unknown", place="layout", expected=", ".join(LAYOUTS))
+        if not LAYOUTS[layout].recognises(path):
+            raise InputError(f"is not laid out as {LAYOUTS[layout].title}", file=path)
+        return LAYOUTS[layout].opens(path, columns)
+    found = _layout_of(path)
+    if found is not None:
+        return LAYOUTS[found].opens(path, columns)
+    inside = _inside(path)
+    if len(inside) == 1:
+        return LAYOUTS[inside[0][1]].opens(inside[0][0], columns)
+    if inside:
+        names = ", ".join(str(folder.relative_to(path)) for folder, _ in inside[:8])
+        raise InputError(
+            f"holds {len(inside)} recordings", file=path, expected=f"one of them: {names}"
+        )
+    raise InputError(
+        "holds no clouds and no recording that is known",
+        file=path,
+        expected=", ".join(one.title for one in LAYOUTS.values()),
+    )
+
+
+def _layout_of(path: Path) -> str | None:
+    if path.is_file() and not is_ouster(path):
+        return "plain" if is_plain(path) else None
+    return next((name for name, one in LAYOUTS.items() if one.recognises(path)), None)
+
+
+def _inside(path: Path, depth: int = 2) -> list[tuple[Path, str]]:
+    """Return the recordings in the folders of a folder, not looking into those of one."""
+    if not path.is_dir():
+        return []
+    found: list[tuple[Path, str]] = []
+    for folder in sorted(one for one in path.iterdir() if one.is_dir()):
+        layout = _layout_of(folder)
+        if layout is not None:
+            found.append((folder, layout))
+        elif depth > 1:
+            found += _inside(folder, depth - 1)
+    return found

@@ -1,0 +1,142 @@
+"""LUMPI (Leibniz University multi-perspective intersection): ply and ``Label.csv``.
+
+Source: Busch et al. 2022, and the LUMPI SDK's readme and parser. A measurement has its clouds in
+``lidar``, ten a second and numbered from its start, or in a folder there for each sensor. A line
+of ``Label.csv`` is time in seconds, object, four of a picture's rectangle, score, class,
+points, then centre, length, width, height in metres and heading in radians, in the frame of
+the points.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+from urbantwin.fidelity.cloud_fields import read_fields
+from urbantwin.fidelity.frame import Frame
+from urbantwin.fidelity.readers.assembled import frame_of
+from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of
+from urbantwin.fidelity.readers.plain import clouds_in
+from urbantwin.fidelity.readers.recording import Recording
+
+__all__ = ["is_lumpi", "open_lumpi"]
+
+_LABELS = "Label.csv"
+_PER_SECOND = 10
+#: By number; labels that go up to 7 have vans at 6.
+_CLASSES = ("person", "car", "bicycle", "motorcycle", "bus", "truck", "unknown")
+_WITH_VANS = (*_CLASSES[:6], "van", "unknown")
+_COLUMNS = 16
+_NOTE = "Where the sensors are is not in the clouds: ranges are from the frame's origin."
+
+
+def _measurement(path: Path) -> Path | None:
+    """Return the folder with the labels: the given one, or one or two above it."""
+    for folder in (path, path.parent, path.parent.parent):
+        if (folder / _LABELS).is_file():
+            return folder
+    return None
+
+
+def _folders(path: Path) -> list[Path]:
+    """Return the folders that hold clouds of a measurement."""
+    if clouds_in(path, ".ply"):
+        return [path]
+    lidar = path / "lidar"
+    if not lidar.is_dir():
+        return []
+    if clouds_in(lidar, ".ply"):
+        return [lidar]
+    return sorted(one for one in lidar.iterdir() if one.is_dir() and clouds_in(one, ".ply"))
+
+
+def is_lumpi(path: Path) -> bool:
+    """Return whether a folder is a measurement, its ``lidar``, or a sensor's in that."""
+    return path.is_dir() and _measurement(path) is not None and bool(_folders(path))
+
+
+def open_lumpi(path: Path) -> Recording:
+    """Open the clouds of one measurement, of all its sensors together or of one.
+
+    Raises:
+        InputError: there are several sensors' folders and none is named, or the labels are wrong.
+    """
+    folders = _folders(path)
+    if len(folders) != 1:
+        names = ", ".join(one.name for one in folders)
+        raise InputError(
+            f"holds {len(folders)} sensors",
+            file=path,
+            expected=f"one of the folders in it: {names}",
+        )
+    files = clouds_in(folders[0], ".ply")
+    measurement = _measurement(path)
+    assert measurement is not None
+    labelled = _read_labels(measurement / _LABELS)
+    numbered = all(file.stem.isdigit() for file in files)
+
+    def read(index: int) -> Frame:
+        file = files[index]
+        fields = read_fields(file)
+        given: dict[str, NDArray[Any]] = {}
+        if "id" in fields:  # of the session of a sensor: numbers of any size
+            _, place = np.unique(fields["id"], return_inverse=True)
+            given["sensor"] = place.ravel()
+        number = int(file.stem) if numbered else index
+        return frame_of(
+            file,
+            fields,
+            name=file.stem,
+            given=given,
+            boxes=boxes_of(labelled.get(number, [])),
+            notes=(_NOTE,),
+        )
+
+    return Recording(path, "lumpi", tuple(file.stem for file in files), read, (_NOTE,))
+
+
+def _read_labels(path: Path) -> dict[int, list[LabelledBox]]:
+    """Return the objects by number of the frame that their time falls into."""
+    rows = []
+    with path.open(newline="", encoding="utf-8-sig", errors="replace") as stream:
+        for number, row in enumerate(csv.reader(stream), 1):
+            if not row or (number == 1 and not _is_number(row[0])):
+                continue  # a line of names
+            try:
+                values = [float(value) for value in row[:_COLUMNS]]
+                if len(values) < _COLUMNS or not all(map(math.isfinite, values)):
+                    raise ValueError
+            except ValueError:
+                raise InputError(
+                    "is no label",
+                    file=path,
+                    place=f"line {number}",
+                    expected=f"{_COLUMNS} numbers of LUMPI",
+                ) from None
+            rows.append(values)
+    classes = _WITH_VANS if any(values[7] == len(_CLASSES) for values in rows) else _CLASSES
+    found: dict[int, list[LabelledBox]] = defaultdict(list)
+    for values in rows:
+        kind = int(values[7])
+        name = classes[kind] if 0 <= kind < len(classes) else "unknown"
+        x, y, z, length, width, height, yaw = values[9:_COLUMNS]
+        # A time of 0.3 s times 10 is 3 but for its last bit.
+        frame = math.floor(values[0] * _PER_SECOND + 1e-6)
+        box = (x, y, z, length, width, height, yaw)
+        found[frame].append(LabelledBox(box, name, int(values[1])))
+    return dict(found)
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,139 @@
+"""nuScenes: its tables, key frames and sweeps of one LiDAR.
+
+Source: Caesar et al. 2020, and the schema of the nuscenes-devkit. Points are in the sensor's frame,
+which has x to the right and y forward; boxes are in the world and are brought there. Only key
+frames (two a second) are labelled.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+from urbantwin.errors import InputError
+from urbantwin.fidelity.cloud_fields import read_fields
+from urbantwin.fidelity.frame import Boxes, Frame
+from urbantwin.fidelity.readers.assembled import frame_of
+from urbantwin.fidelity.readers.documents import laid_out, read_json_document
+from urbantwin.fidelity.readers.labels import (
+    LabelledBox,
+    boxes_of,
+    heading,
+    pose_of_quaternion,
+    track_of,
+)
+from urbantwin.fidelity.readers.recording import Recording
+from urbantwin.geometry import Pose
+
+__all__ = ["is_nuscenes", "open_nuscenes"]
+
+_EXPECTED = "a table of nuScenes"
+_CHANNEL = "/LIDAR_TOP/"
+_NOTE = "The sensor's frame has x to the right and y forward."
+
+Row = dict[str, Any]
+
+
+def _version(path: Path) -> Path | None:
+    """Return the folder of tables: ``v1.0-mini`` before others, in the order of names."""
+    found = sorted(p.parent for p in path.glob("v*/sample_data.json"))
+    return found[0] if found else None
+
+
+def is_nuscenes(path: Path) -> bool:
+    """Return whether a folder holds tables of nuScenes."""
+    return _version(path) is not None
+
+
+def open_nuscenes(path: Path) -> Recording:
+    """Open key frames and sweeps of ``LIDAR_TOP`` in the order of time, as far as they are there.
+
+    Raises:
+        InputError: a table is missing or not right, or none of the sweeps is there.
+    """
+    version = _version(path)
+    if version is None:
+        raise InputError("holds no tables", file=path, expected="v1.0-mini or the like")
+    with laid_out(version / "sample_data.json", _EXPECTED):
+        listed = [row for row in _rows(version, "sample_data") if _CHANNEL in f"/{row['filename']}"]
+        listed.sort(key=lambda row: row["timestamp"])
+        sweeps = [row for row in listed if (path / row["filename"]).is_file()]
+        names = tuple(Path(row["filename"]).name.split(".")[0] for row in sweeps)
+    if not sweeps:
+        raise InputError(f"none of its {len(listed)} sweeps is there", file=path)
+    sensors = _by_token(version, "calibrated_sensor")
+    vehicles = _by_token(version, "ego_pose")
+    labels = _Labels(version)
+
+    def read(index: int) -> Frame:
+        row = sweeps[index]
+        file = path / row["filename"]
+        with laid_out(version, _EXPECTED):
+            world = _pose(vehicles[row["ego_pose_token"]])
+            world = world @ _pose(sensors[row["calibrated_sensor_token"]])
+            boxes = labels.of(row["sample_token"], world) if row["is_key_frame"] else None
+        return frame_of(
+            file,
+            read_fields(file),
+            name=names[index],
+            boxes=boxes,
+            world_SE3_frame=world,
+            notes=(_NOTE,),
+        )
+
+    notes = [_NOTE]
+    if len(sweeps) < len(listed):
+        notes.append(f"{len(listed) - len(sweeps)} of {len(listed)} sweeps are not there.")
+    return Recording(path, "nuscenes", names, read, tuple(notes))
+
+
+class _Labels:
+    """Annotations by sample, and what their objects are called."""
+
+    def __init__(self, version: Path) -> None:
+        with laid_out(version / "sample_annotation.json", _EXPECTED):
+            self._annotations: dict[str, list[Row]] = defaultdict(list)
+            for row in _rows(version, "sample_annotation"):
+                self._annotations[row["sample_token"]].append(row)
+        with laid_out(version / "instance.json", _EXPECTED):
+            categories = {
+                token: row["name"] for token, row in _by_token(version, "category").items()
+            }
+            self._called = {
+                token: categories[row["category_token"]]
+                for token, row in _by_token(version, "instance").items()
+            }
+
+    def of(self, sample: str, world_SE3_sensor: Pose) -> Boxes:
+        sensor_SE3_world = world_SE3_sensor.inverse()
+        labelled = []
+        for row in self._annotations.get(sample, []):
+            pose = sensor_SE3_world @ _pose(row)
+            width, length, height = (float(value) for value in row["size"])
+            labelled.append(
+                LabelledBox(
+                    (*pose.translation.tolist(), length, width, height, heading(pose.rotation)),
+                    self._called[row["instance_token"]],
+                    track_of(row["instance_token"]),
+                )
+            )
+        return boxes_of(labelled)
+
+
+def _rows(version: Path, name: str) -> list[Row]:
+    file = version / f"{name}.json"
+    rows = read_json_document(file, _EXPECTED)
+    if not isinstance(rows, list):
+        raise InputError("is not a list", file=file, expected=_EXPECTED)
+    return rows
+
+
+def _by_token(version: Path, name: str) -> dict[str, Row]:
+    with laid_out(version / f"{name}.json", _EXPECTED):
+        return {row["token"]: row for row in _rows(version, name)}
+
+
+def _pose(row: Row) -> Pose:
+    w, x, y, z = (float(value) for value in row["rotation"])
+    return pose_of_quaternion(w, x, y, z, row["translation"])

@@ -1,0 +1,141 @@
+"""OPV2V and V2X-Real: one folder for each vehicle or roadside unit, a yaml beside each cloud.
+
+Source: Xu et al. 2022 (OPV2V), Xiang et al. 2024 (V2X-Real), and OpenCOOD's
+``transformation_utils.x_to_world`` and ``box_utils.project_world_objects``: poses are x, y, z in
+metres, roll, yaw, pitch in degrees, with CARLA's signs; objects stand in the world, with half
+their sizes. OPV2V was made in CARLA, whose frames are left-handed: its y is turned round here.
+V2X-Real is real, and is not; objects in it have a class.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+from urbantwin.fidelity.cloud_fields import read_fields
+from urbantwin.fidelity.frame import Boxes, Frame
+from urbantwin.fidelity.readers.assembled import frame_of
+from urbantwin.fidelity.readers.documents import laid_out, read_yaml_document
+from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of, heading
+from urbantwin.fidelity.readers.plain import clouds_in
+from urbantwin.fidelity.readers.recording import Recording
+from urbantwin.geometry import Pose
+
+__all__ = ["is_opencood", "open_opencood"]
+
+_EXPECTED = "a frame's description of OPV2V or V2X-Real"
+_ENDINGS = (".pcd", ".bin")
+#: What OpenCDA, the simulation behind OPV2V, writes and nothing real has.
+_SIMULATED = ("true_ego_pos", "predicted_ego_pos", "plan_trajectory")
+
+
+def _clouds(folder: Path) -> list[Path]:
+    """Return the clouds with a description beside them."""
+    return [one for one in clouds_in(folder, *_ENDINGS) if one.with_suffix(".yaml").is_file()]
+
+
+def _agents(path: Path) -> list[Path]:
+    """Return the folders of vehicles and roadside units, which are called by whole numbers."""
+    named = (one for one in path.iterdir() if one.is_dir() and one.name.lstrip("-").isdigit())
+    return sorted((one for one in named if _clouds(one)), key=lambda one: int(one.name))
+
+
+def is_opencood(path: Path) -> bool:
+    """Return whether a folder is an agent's, or a scenario of them."""
+    return path.is_dir() and (bool(_clouds(path)) or bool(_agents(path)))
+
+
+def open_opencood(path: Path) -> Recording:
+    """Open the frames of one agent.
+
+    Raises:
+        InputError: there are several: one of their folders must be named.
+    """
+    files = _clouds(path)
+    if not files:
+        agents = _agents(path)
+        if len(agents) != 1:
+            raise InputError(
+                f"holds {len(agents)} agents",
+                file=path,
+                expected=f"one of its folders: {', '.join(one.name for one in agents)}",
+            )
+        files = _clouds(agents[0])
+
+    def read(index: int) -> Frame:
+        file = files[index]
+        described = file.with_suffix(".yaml")
+        values = read_yaml_document(described, _EXPECTED)
+        with laid_out(described, _EXPECTED):
+            mirrored = _is_simulated(values)
+            world_SE3_lidar = _pose(values["lidar_pose"])
+            boxes = _boxes(values.get("vehicles") or {}, world_SE3_lidar)
+        fields = read_fields(file)
+        given: dict[str, NDArray[Any]] = {}
+        if "rgb" in fields and "intensity" not in fields:
+            given["intensity"] = _red(fields["rgb"])
+        frame = frame_of(file, fields, name=file.stem, given=given, boxes=boxes)
+        return _placed(frame, world_SE3_lidar, mirrored)
+
+    return Recording(path, "opencood", tuple(file.stem for file in files), read)
+
+
+def _is_simulated(values: Mapping[str, Any]) -> bool:
+    objects = list((values.get("vehicles") or {}).values())
+    if any("obj_type" in one for one in objects):
+        return False
+    return bool(objects) or any(name in values for name in _SIMULATED)
+
+
+def _pose(values: list[float]) -> Pose:
+    """Return a pose; CARLA's pitch and roll turn the other way than ours, its yaw as ours."""
+    x, y, z, roll, yaw, pitch = (float(value) for value in values)
+    return Pose.from_ypr([x, y, z], np.radians(yaw), -np.radians(pitch), -np.radians(roll))
+
+
+def _boxes(objects: Mapping[Any, Any], world_SE3_lidar: Pose) -> Boxes:
+    lidar_SE3_world = world_SE3_lidar.inverse()
+    labelled = []
+    for number, one in objects.items():
+        place = np.add(one["location"], one["center"])
+        pose = lidar_SE3_world @ _pose([*place, *one["angle"]])
+        size = (2 * abs(float(value)) for value in one["extent"])
+        labelled.append(
+            LabelledBox(
+                (*pose.translation.tolist(), *size, heading(pose.rotation)),
+                str(one.get("obj_type", "vehicle")),
+                int(number),
+            )
+        )
+    return boxes_of(labelled)
+
+
+def _red(colours: NDArray[np.generic]) -> NDArray[np.float64]:
+    """Return the red of packed colours as 0..1: where OPV2V keeps intensity."""
+    packed = colours.astype(np.float32).view(np.uint32)
+    return ((packed >> 16) & 0xFF) / 255.0
+
+
+def _placed(frame: Frame, world_SE3_lidar: Pose, mirrored: bool) -> Frame:
+    if not mirrored:
+        return replace(frame, world_SE3_frame=world_SE3_lidar)
+    turn = np.array([1.0, -1.0, 1.0])
+    boxes = frame.boxes
+    assert boxes is not None
+    box = boxes.box * [1, -1, 1, 1, 1, 1, -1]
+    world = Pose(
+        world_SE3_lidar.rotation * turn * turn[:, None], world_SE3_lidar.translation * turn
+    )
+    return replace(
+        frame,
+        points=frame.points * turn,
+        boxes=replace(boxes, box=box),
+        world_SE3_frame=world,
+        notes=(*frame.notes, "From CARLA's left-handed frame: y is turned round."),
+    )

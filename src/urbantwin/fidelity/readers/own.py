@@ -1,0 +1,204 @@
+"""Our own datasets: points, labels per point, boxes, rays, and where the sensors are."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+from urbantwin.fidelity.cloud_fields import read_fields
+from urbantwin.fidelity.frame import Boxes, Frame
+from urbantwin.fidelity.readers.assembled import frame_of
+from urbantwin.fidelity.readers.documents import laid_out, read_json_document
+from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of
+from urbantwin.fidelity.readers.plain import clouds_in
+from urbantwin.fidelity.readers.recording import Recording
+from urbantwin.geometry import Pose
+from urbantwin.taxonomy import ACTOR_CLASSES
+
+__all__ = ["is_own", "open_own"]
+
+_BOX = ("x", "y", "z", "length", "width", "height", "yaw")
+_EXPECTED = "a dataset of urbantwin record"
+
+
+def is_own(path: Path) -> bool:
+    """Return whether a folder is one of our datasets."""
+    return (path / "dataset.json").is_file() or bool(clouds_in(path / "points", ".npy"))
+
+
+def open_own(path: Path, columns: int | None) -> Recording:
+    """Open a dataset that ``urbantwin record`` wrote.
+
+    Of files that are missing (labels, rays), frames lack what they would say.
+
+    Raises:
+        InputError: there are no points, or it is a folder of datasets, one for each sensor.
+    """
+    manifest = {}
+    if (path / "dataset.json").is_file():
+        manifest = read_json_document(path / "dataset.json", _EXPECTED)
+        if isinstance(manifest, dict) and manifest.get("kind") == "datasets":
+            names = ", ".join(str(name) for name in manifest.get("datasets", []))
+            raise InputError("holds a dataset for each sensor", file=path, expected=f"one: {names}")
+    files = clouds_in(path / "points")
+    if not files:
+        raise InputError("holds no points", file=path / "points", expected=_EXPECTED)
+    with laid_out(path / "dataset.json", _EXPECTED):
+        poses = _poses(manifest)
+    places = _SensorPlaces(path / "sweeps.parquet")
+    boxes = _BoxTable(path / "boxes.parquet")
+
+    def read(index: int) -> Frame:
+        file = files[index]
+        name = file.stem
+        lines = path / "labels" / f"{name}.txt"
+        given: dict[str, NDArray[Any]] = {}
+        rays = path / "rays" / file.name
+        if rays.is_file():
+            of_rays = read_ray_table(rays)
+            given |= {field: of_rays[field] for field in ("sensor", "ring", "column")}
+            given["time_s"] = of_rays["time"]
+        labels = path / "semantic" / f"{name}.label"
+        if labels.is_file():
+            code = np.fromfile(labels, "<u4")
+            given |= {"semantic": code & 0xFFFF, "instance": code >> 16}
+        dataset_SE3_site = poses.get(name, poses.get(""))
+        seen_from = None
+        if dataset_SE3_site is not None:
+            seen_from = places.of(name, dataset_SE3_site)
+        return frame_of(
+            file,
+            read_fields(file, columns),
+            name=name,
+            given=given,
+            boxes=boxes.of(name) if boxes.exists else read_label_lines(lines),
+            world_SE3_frame=None if dataset_SE3_site is None else dataset_SE3_site.inverse(),
+            sensor_places=np.zeros((1, 3)) if seen_from is None else seen_from,
+        )
+
+    return Recording(path, "own", tuple(file.stem for file in files), read)
+
+
+def read_ray_table(path: Path) -> NDArray[np.void]:
+    """Return what ``rays/`` says of each point.
+
+    Raises:
+        InputError: it is not such a table.
+    """
+    try:
+        table: NDArray[np.void] = np.load(path, allow_pickle=False)
+    except (ValueError, OSError, EOFError) as error:
+        raise InputError(f"is not readable ({error})", file=path, expected=_EXPECTED) from None
+    if not {"sensor", "ring", "column", "time"} <= set(table.dtype.names or ()):
+        raise InputError("is no table of rays", file=path, expected=_EXPECTED)
+    return table
+
+
+def read_label_lines(path: Path) -> Boxes | None:
+    """Return the boxes of an OpenPCDet label, ``x y z dx dy dz heading class`` a line, or None.
+
+    Raises:
+        InputError: a line is none such.
+    """
+    if not path.is_file():
+        return None
+    labelled = []
+    for number, line in enumerate(path.read_text(errors="replace").splitlines(), 1):
+        words = line.split()
+        if not words:
+            continue
+        try:
+            x, y, z, length, width, height, yaw = (float(word) for word in words[:7])
+            name = words[7]
+        except (ValueError, IndexError):
+            raise InputError(
+                "is no label",
+                file=path,
+                place=f"line {number}",
+                expected="x y z dx dy dz heading class",
+            ) from None
+        labelled.append(LabelledBox((x, y, z, length, width, height, yaw), name))
+    return boxes_of(labelled)
+
+
+def _poses(manifest: dict[str, Any]) -> dict[str, Pose]:
+    """Return dataset_SE3_site by name of frame; of a rig that stands, by an empty name."""
+    found = {}
+    if manifest.get("dataset_SE3_site") is not None:
+        found[""] = _pose(manifest["dataset_SE3_site"])
+    for frame in manifest.get("frames", []):
+        if "dataset_SE3_site" in frame:
+            found[frame["name"]] = _pose(frame["dataset_SE3_site"])
+    return found
+
+
+def _pose(rows: Any) -> Pose:  # noqa: ANN401
+    matrix = np.array(rows, np.float64).reshape(4, 4)
+    return Pose(matrix[:3, :3], matrix[:3, 3])
+
+
+class _Table:
+    """A Parquet table with a column ``frame``, read when it is first asked for."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._columns: dict[str, NDArray[Any]] | None = None
+
+    @property
+    def exists(self) -> bool:
+        """Whether there is such a table."""
+        return self._path.is_file()
+
+    def rows(self, name: str) -> dict[str, NDArray[Any]] | None:
+        """Return the columns of one frame; None where there is no such table."""
+        if self._columns is None:
+            if not self.exists:
+                return None
+            from pyarrow import ArrowException, parquet
+
+            try:
+                table = parquet.read_table(self._path)
+            except (ArrowException, OSError) as error:
+                raise InputError(
+                    f"is not readable ({error})", file=self._path, expected=_EXPECTED
+                ) from None
+            self._columns = {
+                column: table[column].to_numpy(zero_copy_only=False)
+                for column in table.column_names
+            }
+        with laid_out(self._path, _EXPECTED):
+            chosen = self._columns["frame"] == name
+            if not chosen.any() and self._columns["frame"].dtype.kind in "iu" and name.isdigit():
+                chosen = self._columns["frame"] == int(name)
+            return {column: values[chosen] for column, values in self._columns.items()}
+
+
+class _BoxTable(_Table):
+    def of(self, name: str) -> Boxes | None:
+        rows = self.rows(name)
+        if rows is None:
+            return None
+        with laid_out(self._path, _EXPECTED):
+            classes = [str(one) for one in rows["class"]]
+            return Boxes(
+                box=np.column_stack([rows[column].astype(np.float64) for column in _BOX]),
+                class_names=tuple(c if c in ACTOR_CLASSES else "other" for c in classes),
+                track=rows["track"].astype(np.int64),
+                source_names=tuple(classes),
+            )
+
+
+class _SensorPlaces(_Table):
+    def of(self, name: str, dataset_SE3_site: Pose) -> NDArray[np.float64] | None:
+        """Return where each sensor is in the points' frame, (S, 3); None where nothing says."""
+        rows = self.rows(name)
+        if rows is None or not len(rows["frame"]):
+            return None
+        with laid_out(self._path, _EXPECTED):
+            site = np.column_stack([rows[f"true_{axis}"].astype(np.float64) for axis in "xyz"])
+            _, first = np.unique(rows["sensor"], return_index=True)
+            return dataset_SE3_site.apply(site[np.sort(first)])

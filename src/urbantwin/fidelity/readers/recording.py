@@ -1,0 +1,49 @@
+"""A recording: the frames of one sensor or rig in order, whatever dataset they are from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from urbantwin.fidelity.frame import Frame
+
+__all__ = ["Recording"]
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Frames that are read when they are asked for.
+
+    Attributes:
+        path: the folder or file that holds them.
+        layout: how it is laid out: one of ``readers.LAYOUTS``.
+        names: of the frames in their order, without folders.
+        read_frame: reads the frame of a number; raises InputError where its file is bad.
+        notes: what a reader of figures must know about the whole of it, one sentence each.
+    """
+
+    path: Path
+    layout: str
+    names: tuple[str, ...]
+    read_frame: Callable[[int], Frame] = field(repr=False)
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        """Return how many frames there are."""
+        return len(self.names)
+
+    def read(self, index: int) -> Frame:
+        """Read one frame, 0 <= index < len.
+
+        Raises:
+            InputError: its file, or the labels that belong to it, are not right; the other
+                frames can still be read.
+        """
+        if not 0 <= index < len(self.names):
+            raise IndexError(f"frame {index} of {len(self.names)}")
+        return self.read_frame(index)
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Read the frames one after the other."""
+        return (self.read(index) for index in range(len(self)))

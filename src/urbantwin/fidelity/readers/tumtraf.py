@@ -1,0 +1,123 @@
+"""TUMTraf (formerly A9): clouds of a roadside sensor in pcd, labels in OpenLABEL.
+
+Source: Zimmer et al. 2023, the tum-traffic-dataset-dev-kit, and ASAM OpenLABEL 1.0, 7.13.1: a
+cuboid is its centre, a quaternion x, y, z, w (or three Euler angles) and its size along its own
+axes. Points and boxes are in the sensor's frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from urbantwin.errors import InputError
+from urbantwin.fidelity.cloud_fields import read_fields
+from urbantwin.fidelity.frame import Boxes, Frame
+from urbantwin.fidelity.readers.assembled import frame_of
+from urbantwin.fidelity.readers.documents import laid_out, read_json_document
+from urbantwin.fidelity.readers.labels import (
+    LabelledBox,
+    boxes_of,
+    heading,
+    pose_of_quaternion,
+    track_of,
+)
+from urbantwin.fidelity.readers.plain import clouds_in
+from urbantwin.fidelity.readers.recording import Recording
+from urbantwin.geometry import Pose
+
+__all__ = ["is_tumtraf", "open_tumtraf", "read_openlabel"]
+
+_CLOUDS, _LABELS = "point_clouds", "labels_point_clouds"
+_EXPECTED = "labels in OpenLABEL"
+
+
+def is_tumtraf(path: Path) -> bool:
+    """Return whether a folder has ``point_clouds`` in it, or is a sensor's in one of those."""
+    if path.parent.name == _CLOUDS:
+        return bool(clouds_in(path, ".pcd"))
+    return any(clouds_in(folder, ".pcd") for folder in _sensors(path))
+
+
+def open_tumtraf(path: Path) -> Recording:
+    """Open the clouds of one sensor; labels are found by the names of the clouds.
+
+    Raises:
+        InputError: there are several sensors: one of their folders must be named.
+    """
+    if path.parent.name == _CLOUDS:
+        folder, root = path, path.parent.parent
+    else:
+        root, sensors = path, _sensors(path)
+        if len(sensors) != 1:
+            names = ", ".join(sorted(one.name for one in sensors))
+            raise InputError(
+                f"holds {len(sensors)} sensors",
+                file=path,
+                expected=f"one of the folders in {_CLOUDS}: {names}",
+            )
+        folder = sensors[0]
+    files = clouds_in(folder, ".pcd")
+    labels = root / _LABELS / folder.name
+
+    def read(index: int) -> Frame:
+        file = files[index]
+        label = labels / f"{file.stem}.json"
+        boxes = read_openlabel(label) if label.is_file() else None
+        return frame_of(file, read_fields(file), name=file.stem, boxes=boxes)
+
+    return Recording(path, "tumtraf", tuple(file.stem for file in files), read)
+
+
+def _sensors(path: Path) -> list[Path]:
+    folder = path / _CLOUDS
+    if not folder.is_dir():
+        return []
+    inside = sorted(one for one in folder.iterdir() if one.is_dir() and clouds_in(one, ".pcd"))
+    return inside or ([folder] if clouds_in(folder, ".pcd") else [])
+
+
+def read_openlabel(path: Path) -> Boxes:
+    """Read the cuboids of a file of one frame, in the frame that they are in.
+
+    Raises:
+        InputError: not OpenLABEL, or a cuboid of neither 9 nor 10 values.
+    """
+    document = read_json_document(path, _EXPECTED)
+    with laid_out(path, _EXPECTED):
+        labels = document["openlabel"]
+        named = labels.get("objects", {})
+        labelled = []
+        for frame in labels["frames"].values():
+            for identity, one in frame.get("objects", {}).items():
+                data = one["object_data"]
+                name = data.get("type") or named.get(identity, {}).get("type", "")
+                labelled += [
+                    LabelledBox(_box(cuboid["val"]), str(name), track_of(str(identity)))
+                    for cuboid in _cuboids(data.get("cuboid"))
+                ]
+        return boxes_of(labelled)
+
+
+def _cuboids(value: Any) -> Iterable[Mapping[str, Any]]:  # noqa: ANN401
+    """Return an object's cuboids: the standard has a list of them, TUMTraf the one itself."""
+    if value is None:
+        return ()
+    return (value,) if isinstance(value, dict) else value
+
+
+def _box(values: list[float]) -> tuple[float, float, float, float, float, float, float]:
+    numbers = np.array(values, np.float64)
+    place, size = numbers[:3], numbers[-3:]
+    if len(numbers) == 10:
+        x, y, z, w = numbers[3:7]
+        pose = pose_of_quaternion(w, x, y, z, place)
+    elif len(numbers) == 9:
+        roll, pitch, yaw = numbers[3:6]
+        pose = Pose.from_ypr(place, yaw, pitch, roll)
+    else:
+        raise ValueError(f"a cuboid of {len(numbers)} values")
+    return (*place.tolist(), *size.tolist(), heading(pose.rotation))
