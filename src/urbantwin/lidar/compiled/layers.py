@@ -205,8 +205,25 @@ def cast_blocks(
                     seen_time[actor] += column_time[column] + late
                 elif not edge:
                     continue
-                groups = 0
                 bx, by, bz = beams[ray, 0], beams[ray, 1], beams[ray, 2]
+                if not edge and not (glass and panes[base + own]):
+                    # Most beams: one opaque surface meets all of their light.
+                    told, cosine = _plane_range(
+                        base + own, normals, offsets, ox, oy, oz,
+                        pose[column, 0] * bx + pose[column, 1] * by + pose[column, 2] * bz,
+                        pose[column, 3] * bx + pose[column, 4] * by + pose[column, 5] * bz,
+                        pose[column, 6] * bx + pose[column, 7] * by + pose[column, 8] * bz,
+                    )  # fmt: skip
+                    if not abs(told - range_m[at]) < 10 * _SAME_SURFACE_M:
+                        told = np.float64(range_m[at])
+                    if used < len(out_ray):
+                        out_ray[used], out_actor[used] = ray, actor
+                        out_mask[used] = whole | np.uint8(ON_AXIS)
+                        out_range[used], out_cosine[used] = told, cosine
+                        out_face[used] = own
+                    used += 1
+                    continue
+                groups = 0
                 flat = np.sqrt(bx * bx + by * by)
                 ex, ey = 0.0, 1.0
                 if flat > 1e-9:
