@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from urbantwin.geometry import Pose, bounding_box, points_in_box
-from urbantwin.lidar.shapes import ActorShape
 from urbantwin.lidar.labels import outside, posed_box, spans_in_box
+from urbantwin.lidar.shapes import ActorShape
 from urbantwin.traffic.assets import asset_mesh, asset_names
 
 
@@ -37,7 +37,7 @@ def test_spans_are_where_points_of_the_ray_are_inside():
     aims /= np.linalg.norm(aims, axis=1, keepdims=True)
     aims[0] = [1, 0, 0]
     boxes[0] = [5, 1, 5, 2, 2, 2, 0]  # A ray that runs along its box's axis.
-    enter, leave = spans_in_box(origin, aims.T, boxes.T, 0.015)
+    enter, leave = spans_in_box(origin[:, None], aims.T, boxes.T, 0.015)
     for step in np.linspace(0, 20, 801):
         inside = np.array(
             [

@@ -62,9 +62,7 @@ def cast(mesh, origins, directions):
 def expected_points(mesh, rig, frame, pose_at):
     """Where every reported ray hits, by its firing time: directions in the sensor, ranges."""
     sensor = rig.sensors[0]
-    fan = beam_directions(
-        sensor.sensor, sensor.columns, turns_per_second=sensor.turns_per_second
-    )
+    fan = beam_directions(sensor.sensor, sensor.columns, turns_per_second=sensor.turns_per_second)
     beams = fan[frame.ring, frame.column]
     poses = [pose_at(float(time_s)) for time_s in frame.time_s]
     rotation = np.stack([pose.rotation for pose in poses])

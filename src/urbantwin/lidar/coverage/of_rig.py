@@ -253,11 +253,17 @@ class _Looking:
     def _chance(
         self, amplitude: NDArray[np.floating], range_m: NDArray[np.floating]
     ) -> NDArray[np.float64]:
-        """Return the chance (N,) of a return."""
-        level = self._model.detection_level(
-            np.asarray(amplitude, np.float32), np.asarray(range_m, np.float32)
-        )
-        return np.asarray(level / _LEVELS, np.float64)
+        """Return the chance (N,) of a return, over all that a surface's texture may be."""
+        texture = self._model.scatter.texture
+        # Gauss-Hermite quadrature over the normal logarithm of the texture.
+        node, weight = np.polynomial.hermite_e.hermegauss(7 if texture else 1)
+        away = np.asarray(range_m, np.float32)
+        chance = np.zeros(len(away))
+        for one, share in zip(node, weight / weight.sum(), strict=True):
+            grain = np.exp(texture * one - texture**2 / 2)
+            level = self._model.detection_level(np.asarray(amplitude * grain, np.float32), away)
+            chance += share * level / _LEVELS
+        return chance
 
 
 def _turns(mounted: MountedSensor) -> Iterator[NDArray[np.float64]]:
