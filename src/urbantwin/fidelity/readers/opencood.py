@@ -117,8 +117,15 @@ def _boxes(objects: Mapping[Any, Any], world_SE3_lidar: Pose) -> Boxes:
 
 
 def _red(colours: NDArray[np.generic]) -> NDArray[np.float64]:
-    """Return the red of packed colours as 0..1: where OPV2V keeps intensity."""
-    packed = colours.astype(np.float32).view(np.uint32)
+    """Return the red of packed colours as 0..1: where OPV2V keeps intensity.
+
+    A colour is 32 bits, which writers call a whole number or a float (of the same bits: never
+    between 1 and 2^32, as its upper eight are the opacity, all or none).
+    """
+    values = colours.astype(np.float64)
+    whole = (values >= 1) & (values < 2**32)
+    packed = values.astype(np.float32).view(np.uint32)
+    packed[whole] = values[whole].astype(np.uint32)
     return ((packed >> 16) & 0xFF) / 255.0
 
 

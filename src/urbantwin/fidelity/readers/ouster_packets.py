@@ -48,6 +48,11 @@ _PROFILES = {
     "RNG19_RFL8_SIG16_NIR16_DUAL": _Pixel(16, 0x7FFFF, 1, 3, returns=2),
     "RNG15_RFL8_NIR8": _Pixel(4, 0x7FFF, 8, 2),
     "RNG15_RFL8_NIR8_DUAL": _Pixel(8, 0x7FFF, 8, 2, returns=2),
+    "RNG15_RFL8_WIN8": _Pixel(4, 0x7FFF, 8, 2),
+    "RNG15_RFL8_NIR8_ZONE16": _Pixel(8, 0x7FFF, 8, 2),
+    "RNG19_RFL8_SIG16_NIR16_ZONE16": _Pixel(12, 0x7FFFF, 1, 4),
+    "RNG19_RFL8_SIG16_ZONE16_DUAL": _Pixel(16, 0x7FFFF, 1, 3, returns=2),
+    "RNG19_RFL8_SIG16_NIR16_RGB16": _Pixel(16, 0x7FFFF, 1, 3),
     "FUSA_RNG15_RFL8_NIR8_DUAL": _Pixel(8, 0x7FFF, 8, 2, returns=2),
 }
 
@@ -83,6 +88,7 @@ class OusterFormat:
         columns_per_packet: of a packet.
         beam_mm: (2,) where beams begin, out from the axis and up.
         sensor_from_lidar: (4, 4) to the sensor's frame, millimetres.
+        has_safety_header: whether packets begin as those of functional safety (FUSA) do.
     """
 
     profile: str
@@ -92,6 +98,7 @@ class OusterFormat:
     columns_per_packet: int
     beam_mm: NDArray[np.float64]
     sensor_from_lidar: NDArray[np.float64]
+    has_safety_header: bool = False
 
     @property
     def returns(self) -> int:
@@ -107,7 +114,7 @@ class OusterFormat:
         """Return the number of the turn that a packet is of."""
         if self._is_legacy:
             return int.from_bytes(packet[10:12], "little")
-        if self.profile.startswith("FUSA"):
+        if self.has_safety_header:
             return int.from_bytes(packet[4:8], "little")
         return int.from_bytes(packet[2:4], "little")
 
@@ -222,6 +229,8 @@ def read_ouster_format(path: Path) -> OusterFormat:
             columns_per_packet=int(values.get("columns_per_packet", 16)),
             beam_mm=beam.astype(np.float64),
             sensor_from_lidar=np.array(matrix, np.float64).reshape(4, 4),
+            # Before metadata said it, the profile did.
+            has_safety_header=values.get("header_type", profile).startswith("FUSA"),
         )
     if profile not in _PROFILES:
         raise InputError(
