@@ -75,6 +75,9 @@ def test_real_is_near_real_and_far_from_another_site(sweeps, tmp_path):
     assert written["folders"]["real"]["intensity_full_scale"] == 255
     assert written["folders"]["arbitrary"]["intensity_full_scale"] == 1
     assert set(written["definitions"]) == set(written["aggregate"])
+    assert written["headline"]["whole"]["js_mean"]["twin"] == twin["js_mean"].mean
+    low, high = report.whole.reduction_ci95["hausdorff_p95_m"]
+    assert low <= report.reduction_percent["hausdorff_p95_m"] <= high
     assert str(tmp_path) not in (tmp_path / "report/report.json").read_text()
 
 
@@ -92,8 +95,8 @@ def test_identical_folders_and_same_bytes(tmp_path):
     real = write_folder(tmp_path / "real", 3)
     told = []
     report = compare(real, real, tmp_path / "a", progress=lambda done, what: told.append(done))
-    zero = [n for n in report.twin if not n.startswith("point_to_mesh")]
-    assert all(report.twin[name].p95 == 0 for name in zero)
+    zero = [n for n in report.twin if not n.startswith(("point_to_mesh", "beam"))]
+    assert all(report.twin[name].p95 == pytest.approx(0, abs=1e-9) for name in zero)
     # Nine tenths of the points are the surface's own corners.
     assert report.twin["point_to_mesh_median_m"].mean == pytest.approx(0, abs=1e-7)
     assert told == sorted(told)
@@ -122,13 +125,65 @@ def test_pairs_and_notes(tmp_path):
     assert low <= report.twin["js_mean"].mean <= high
 
 
-def test_a_bad_cloud_leaves_nothing_behind(tmp_path):
-    real = write_folder(tmp_path / "real", 2)
-    synthetic = write_folder(tmp_path / "synthetic", 2)
+def test_a_bad_frame_is_named_and_the_rest_compared(tmp_path):
+    real = write_folder(tmp_path / "real", 3)
+    synthetic = write_folder(tmp_path / "synthetic", 3)
     (synthetic / "frame_1.npy").write_bytes((synthetic / "frame_1.npy").read_bytes()[:900])
-    before = sorted(tmp_path.iterdir())
-    with pytest.raises(InputError, match=r"frame_1\.npy"):
-        compare(real, synthetic, tmp_path / "out")
-    assert sorted(tmp_path.iterdir()) == before
+    np.save(real / "frame_2.npy", np.full((5, 4), np.nan, np.float32))
+    report = compare(real, synthetic, tmp_path / "out")
+    assert [frame.real for frame in report.frames] == ["frame_0.npy"]
+    assert len(report.problems) == 2
+    assert "frame_1.npy" in "".join(report.problems)
+
+    before = sorted(tmp_path.rglob("*"))
+    np.save(synthetic / "frame_0.npy", np.zeros((5, 4), np.float32))
+    with pytest.raises(InputError, match="no pair"):
+        compare(real, synthetic, tmp_path / "none")
     with pytest.raises(InputError, match="other files"):
         compare(real, real, real)
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+def corner(rng, car_at):
+    """Return a street corner as a fixed sensor meets it, and a car somewhere on the street."""
+    same = np.random.default_rng(99)  # the beams: where they go is the same in every frame
+    street = same.uniform([-25, -25, -4], [25, 25, -4], (2500, 3))
+    wall = same.uniform([-10, 12, -4], [20, 12, 4], (1500, 3))
+    still = np.concatenate([street, wall])
+    car = rng.uniform([-2.2, -0.9, -3.9], [2.2, 0.9, -2.5], (300, 3)) + [*car_at, 0]
+    return np.concatenate([still + rng.normal(scale=0.02, size=still.shape), car])
+
+
+def write_corner(folder, seed, lacks=0.0, turn=0.0, late=0.0):
+    folder.mkdir()
+    rng = np.random.default_rng(seed)
+    c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
+    for index in range(5):
+        points = corner(rng, (-20 + 8 * index, -4 + late))
+        points = points[points[:, 0] < 25 - lacks]
+        points[:, :2] = points[:, :2] @ np.array([[c, s], [-s, c]])
+        np.save(folder / f"{index}.npy", points.astype(np.float32))
+    return folder
+
+
+def test_actors_are_told_apart_and_what_lacks_is_found(tmp_path):
+    real = write_corner(tmp_path / "real", 0)
+    # The twin's cars drive 1.5 m to the side; of its street the last 10 m are missing.
+    twin = write_corner(tmp_path / "twin", 1, lacks=10.0, late=1.5)
+    report = compare(real, twin, tmp_path / "out", arbitrary=write_corner(tmp_path / "x", 2, 30))
+    assert report.split_by == "background model"
+    actors, still = (report.parts[part].twin for part in ("foreground", "background"))
+    assert 1.2 < actors["hausdorff_p95_m"].mean < 2.5
+    assert still["hausdorff_p95_synthetic_to_real_m"].mean < 1.5
+    # 10 of 50 m of the street lie up to 10 m from the twin's: the 95th percentile is beyond 5.
+    assert 5 < still["hausdorff_p95_real_to_synthetic_m"].mean < 10
+    for place in report.missing[:5]:
+        assert place["x"] > 15
+        assert place["distance_m"] > 0.5
+    assert not any("rotated" in note for note in report.notes)
+
+
+def test_a_turned_recording_is_told(tmp_path):
+    real = write_corner(tmp_path / "real", 0)
+    report = compare(write_corner(tmp_path / "twin", 1, turn=90), real, tmp_path / "out")
+    assert [note for note in report.notes if "look rotated by 90 degrees" in note]

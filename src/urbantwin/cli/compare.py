@@ -15,11 +15,17 @@ __all__ = ["EXAMPLES", "compare"]
 EXAMPLES = """
 urbantwin compare real/ out/dataset/ -o report/
 urbantwin compare real/ out/dataset/ -o report/ --arbitrary elsewhere/
+urbantwin compare real/ out/dataset/ -o report/ --protocol urbantwin-challenge
 """
 
 
 def compare(
-    real: Annotated[Path, typer.Argument(help="A folder of real clouds (npy, bin, pcd, ply).")],
+    real: Annotated[
+        Path,
+        typer.Argument(
+            help="Real frames: a folder of clouds, or a dataset in a layout that is known."
+        ),
+    ],
     dataset: Annotated[
         Path, typer.Argument(help="A dataset, or a folder of clouds in the same frame.")
     ],
@@ -28,13 +34,27 @@ def compare(
         Path | None,
         typer.Option(metavar="FOLDER", help="Clouds of another site, measured alike as a control."),
     ] = None,
+    layout: Annotated[
+        str | None, typer.Option(help="Of the real frames.  [default: what their files tell]")
+    ] = None,
     columns: Annotated[
         int | None, typer.Option(min=3, help="Values per row of .bin files: 4 if not given.")
     ] = None,
     origin: Annotated[
-        tuple[float, float, float],
-        typer.Option(metavar="X Y Z", help="The sensor's place in the clouds' frame, metres."),
-    ] = (0.0, 0.0, 0.0),
+        tuple[float, float, float] | None,
+        typer.Option(
+            metavar="X Y Z",
+            help="The sensor's place in the clouds' frame, metres.  [default: what the data says]",
+        ),
+    ] = None,
+    protocol: Annotated[
+        str | None,
+        typer.Option(help="A challenge's protocol to compute as well: urbantwin-challenge."),
+    ] = None,
+    detections: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Detections in the real frames, for the protocol."),
+    ] = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -50,7 +70,10 @@ def compare(
             out,
             arbitrary=arbitrary,
             columns=columns,
+            layout=layout,
             origin=origin,
+            protocol=protocol,
+            detections=detections,
             progress=progress,
         )
     console.result(summary(out))

@@ -128,6 +128,19 @@ def _coverage(folder: Path) -> dict[str, Any]:
     return read_json(folder / "coverage.json", kind="coverage")
 
 
+def _scores(protocol: dict[str, Any] | None) -> dict[str, Any] | None:
+    if not protocol:
+        return None
+    return {
+        name: {
+            part: round(row[part], 4)
+            for part in ("combined", "detection", "realism")
+            if row[part] is not None
+        }
+        for name, row in protocol["scores"].items()
+    }
+
+
 def _report(folder: Path) -> dict[str, Any]:
     manifest = read_json(folder / "report.json", kind="report")
     try:
@@ -150,6 +163,14 @@ def _report(folder: Path) -> dict[str, Any]:
                 for measure in manifest["definitions"]
             },
             "reduction_percent": anchors["reduction_percent"],
+            "ratio_to_real": anchors.get("ratio_to_real"),
+            "parts": {
+                part: {measure: row["twin"] for measure, row in rows.items()}
+                for part, rows in manifest.get("headline", {}).items()
+                if part != "whole"
+            },
+            "protocol": _scores(manifest.get("protocol")),
+            "problems": manifest.get("problems", []),
             "notes": manifest["notes"],
         }
     except (KeyError, TypeError, AttributeError) as error:

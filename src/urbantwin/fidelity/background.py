@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +21,12 @@ _BITS = 21
 class Background:
     """The cells of space that hold points in most frames of a fixed sensor.
 
-    A cell that is occupied in at least half of the frames is background, and so are the cells
-    that touch it: noise carries points across the edge of a cell (the filter of Wu, Xu and Zheng
-    2017, "Automatic background filtering method for roadside LiDAR data", with a share in place
-    of its density threshold). What stands still all the time, a parked car, is background too; a
-    tree in the wind is now and then foreground, and cells that a sparse far beam meets only
-    sometimes are.
+    A cell is background if it, or a cell that touches it, holds points in at least half of the
+    frames: noise carries the points of a surface to and fro across the edge of a cell (the
+    filter of Wu, Xu and Zheng 2017, "Automatic background filtering method for roadside LiDAR
+    data", with a share in place of its density threshold). What stands still all the time, a
+    parked car, is background too; a tree in the wind is now and then foreground, and what a
+    sparse far beam meets only sometimes is.
 
     Args:
         frames: points (N, 3) of each frame, metres, one frame of reference.
@@ -36,13 +36,15 @@ class Background:
     """
 
     def __init__(self, frames: Iterable[NDArray[np.float64]]) -> None:
-        keys = [np.unique(_keys(_cells(points))) for points in frames]
+        step = [_offset(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)]
+        keys = []
+        for points in frames:
+            own = np.unique(_keys(_cells(points)))
+            keys.append(np.unique(own[:, None] + np.array(step)))
         if len(keys) < LEAST_FRAMES:
             raise ValueError(f"{len(keys)} frames: at least {LEAST_FRAMES} are needed")
         cells, count = np.unique(np.concatenate(keys), return_counts=True)
-        steady = cells[count >= SHARE * len(keys)]
-        step = [(x, y, z) for x in (-1, 0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1)]
-        self._cells = np.unique(np.concatenate([steady + _offset(one) for one in step]))
+        self._cells = cells[count >= SHARE * len(keys)]
 
     def foreground(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return which of (N, 3) points lie in no background cell."""
@@ -60,6 +62,5 @@ def _keys(cells: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray((x << (2 * _BITS)) + (y << _BITS) + z)
 
 
-def _offset(step: Sequence[int]) -> int:
-    x, y, z = step
+def _offset(x: int, y: int, z: int) -> int:
     return (x << (2 * _BITS)) + (y << _BITS) + z

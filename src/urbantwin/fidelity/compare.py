@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,243 +11,363 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.artefact import replaced_folder, write_json
+from urbantwin.errors import InputError
 from urbantwin.fidelity import histograms as bins
 from urbantwin.fidelity import surface
-from urbantwin.fidelity.clouds import Cloud, cloud_files, read_cloud
+from urbantwin.fidelity.consistency import doubts_about
+from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.histograms import Histograms
-from urbantwin.fidelity.measure import RealFrame
+from urbantwin.fidelity.measure import BACKGROUND, FOREGROUND, Measured, RealFrame
+from urbantwin.fidelity.missing import NEAR_M, SPACING_SHARE, MissingPlaces
+from urbantwin.fidelity.objects import object_differences
 from urbantwin.fidelity.point_to_mesh import MAX_POINTS
-from urbantwin.fidelity.report import FrameFigures, Report, aggregate, reduction_percent
+from urbantwin.fidelity.report import Anchored, FrameFigures, Report, anchored
+from urbantwin.fidelity.sides import LABELS, MODEL, Side, model_background, open_side, survey
 
 __all__ = ["compare"]
 
 Progress = Callable[[float, str], None]
 
-#: Share of the work that reading every cloud once, to check it, takes.
-_SURVEY = 0.05
+#: Share of the work that reading every frame once, to check it, takes.
+_SURVEY = 0.1
 
 
-@dataclass(frozen=True)
-class _Folder:
-    """The clouds of one side that are compared, and the full scale of their intensity."""
+@dataclass(eq=False)
+class _Found:
+    """What is gathered while pairs are measured."""
 
-    files: list[Path]
-    columns: int | None
-    scale: float | None
+    frames: list[FrameFigures] = field(default_factory=list)
+    pooled: dict[str, dict[str, NDArray[np.float64]]] = field(default_factory=dict)
+    sample: dict[str, Frame] = field(default_factory=dict)
+    missing: MissingPlaces = field(default_factory=MissingPlaces)
 
-    def read(self, index: int) -> Cloud:
-        return read_cloud(self.files[index], self.columns)
+    def pool(self, side: str, found: Histograms) -> None:
+        mine = self.pooled.setdefault(side, {})
+        for name, counts in found.binned.items():
+            mine[name] = mine.get(name, np.zeros_like(counts)) + counts
 
 
-def compare(
+def compare(  # noqa: PLR0913 - every one is a person's choice
     real: Path,
     synthetic: Path,
     out: Path,
     *,
     arbitrary: Path | None = None,
     columns: int | None = None,
-    origin: ArrayLike = (0.0, 0.0, 0.0),
+    layout: str | None = None,
+    origin: ArrayLike | None = None,
+    protocol: str | None = None,
+    detections: Path | None = None,
     progress: Progress | None = None,
 ) -> Report:
-    """Compare two folders of clouds in the same frame and write ``report.json``, ``report.png``.
+    """Compare two recordings in the same frame and write the report.
 
-    Frames are paired in the order of their names (numbers by value): the i-th real with the
-    i-th synthetic one. The longer folder's further frames are left out, and the report says so.
+    ``report.json``, ``report.html`` and ``report.png`` are written. Frames are paired in the
+    order of their names (numbers by value): the i-th real with the i-th synthetic one. The
+    longer recording's further frames are left out, and the report says so; of a frame that
+    cannot be read, the pair is left out.
 
     Args:
-        real: a folder of real clouds (npy, bin, pcd, ply).
-        synthetic: a folder of synthetic clouds of the same place, or one of our datasets.
+        real: a recording of real frames: any layout that ``readers`` knows.
+        synthetic: one of our datasets, or another recording of the same place.
         out: the report's folder; an older report there is replaced.
-        arbitrary: synthetic clouds of some other place: the control that the twin is measured
+        arbitrary: synthetic frames of some other place: the control that the twin is measured
             beside.
         columns: values per row of ``.bin`` files, where it is neither 4 nor 3.
-        origin: (3,) the sensor's place in the frame of the clouds, metres: where ranges and the
-            rebuilt surface are seen from.
+        layout: of the real frames, where their files do not tell it.
+        origin: (3,) the sensor's place in the frame of the points, metres: where ranges and the
+            rebuilt surface are seen from. By default where the real frames say that it is.
+        protocol: a challenge's protocol to compute as well: ``urbantwin-challenge``.
+        detections: what a detector found in the real frames, for the protocol.
         progress: called with the fraction done and what is being done.
 
     Raises:
-        InputError: a folder or a cloud is not what it should be, or ``out`` holds other files.
+        InputError: a recording is not what it should be, no pair can be read, or ``out`` holds
+            other files.
     """
     tell = progress or (lambda fraction, what: None)
-    place = np.asarray(origin, np.float64).reshape(3)
-    paths = {"real": real, "synthetic": synthetic}
-    if arbitrary is not None:
-        paths["arbitrary"] = arbitrary
-    listed = {side: cloud_files(path) for side, path in paths.items()}
-    count = min(len(listed["real"]), len(listed["synthetic"]))
+    if protocol is not None:
+        from urbantwin.fidelity.challenge import check_protocol
 
+        check_protocol(protocol)
     with replaced_folder(out, kind="report") as folder:
-        sides = _survey(listed, count, columns, tell)
-        frames, pooled, sample = _measure(sides, count, place, tell)
-        report = _report(paths, listed, sides, frames, place)
+        sides = _opened(real, synthetic, arbitrary, columns, layout, tell)
+        place = _origin(sides["real"], origin)
+        split_by = _split(sides)
+        found = _measure(sides, place, split_by, tell)
+        scored = None
+        if protocol is not None:
+            tell(0.95, "computing the protocol")
+            from urbantwin.fidelity.challenge import score_sides
+
+            scored = score_sides(sides, detections)
+        report = _report(sides, found, place, split_by, scored)
         write_json(folder / "report.json", report.as_json())
         tell(0.98, "drawing the report")
         from urbantwin.fidelity.figure import draw_report
 
-        draw_report(report, pooled, sample, folder / "report.png")
+        draw_report(report, found.pooled, found.sample, folder / "report.png")
     tell(1.0, "compared")
     return report
 
 
-def _survey(
-    listed: dict[str, list[Path]], count: int, columns: int | None, tell: Progress
-) -> dict[str, _Folder]:
-    """Read every cloud that will be compared once: a bad one is named before the long work."""
-    # One real frame more than pairs: the last one's neighbour.
-    used = {
-        side: files[: count + 1] if side == "real" else files[:count]
-        for side, files in listed.items()
+def _opened(
+    real: Path,
+    synthetic: Path,
+    arbitrary: Path | None,
+    columns: int | None,
+    layout: str | None,
+    tell: Progress,
+) -> dict[str, Side]:
+    """Open the sides and read every frame that will be compared once."""
+    recordings = {
+        "real": open_side("real", real, columns, layout),
+        "synthetic": open_side("synthetic", synthetic, columns),
     }
-    total, done = sum(len(files) for files in used.values()), 0
-    sides = {}
-    for side, files in used.items():
-        largest: float | None = 0.0
-        for file in files:
-            tell(_SURVEY * done / total, "checking the clouds")
-            cloud = read_cloud(file, columns)
-            if cloud.intensity is None or largest is None:
-                largest = None
-            else:
-                largest = max(largest, float(cloud.intensity.max()))
-            done += 1
-        sides[side] = _Folder(files, columns, None if largest is None else bins.full_scale(largest))
+    if arbitrary is not None:
+        recordings["arbitrary"] = open_side("arbitrary", arbitrary, columns)
+    pairs = min(len(recordings["real"]), len(recordings["synthetic"]))
+    # One real frame more than pairs: the last one's neighbour.
+    used = {"real": pairs + 1}
+    sides = {
+        name: Side(name, recording, min(len(recording), used.get(name, pairs)))
+        for name, recording in recordings.items()
+    }
+    total, done = sum(side.count for side in sides.values()), 0
+
+    def step() -> None:
+        nonlocal done
+        tell(_SURVEY * done / total, "checking the frames")
+        done += 1
+
+    for side in sides.values():
+        survey(side, step)
     return sides
 
 
+def _origin(real: Side, given: ArrayLike | None) -> NDArray[np.float64]:
+    if given is not None:
+        return np.asarray(given, np.float64).reshape(3)
+    first = next(i for i in range(real.count) if i not in real.problems)
+    return np.asarray(real.recording.read(first).sensor_places[0], np.float64)
+
+
+def _split(sides: dict[str, Side]) -> str | None:
+    """Return how foreground is told from background, the same way on both sides."""
+    pair = (sides["real"], sides["synthetic"])
+    if all(side.labelled for side in pair):
+        return LABELS
+    modelled = [model_background(side) for side in pair]
+    if all(modelled):
+        if "arbitrary" in sides:
+            model_background(sides["arbitrary"])
+        return MODEL
+    return None
+
+
 def _measure(
-    sides: dict[str, _Folder], count: int, origin: NDArray[np.float64], tell: Progress
-) -> tuple[list[FrameFigures], dict[str, dict[str, NDArray[np.float64]]], dict[str, Cloud]]:
-    """Measure every pair; pool the histograms for the figure and keep its first frame."""
+    sides: dict[str, Side], origin: NDArray[np.float64], split_by: str | None, tell: Progress
+) -> _Found:
+    """Measure every pair; pool what the pictures show."""
     real, synthetic, arbitrary = sides["real"], sides["synthetic"], sides.get("arbitrary")
-    frames: list[FrameFigures] = []
-    pooled: dict[str, dict[str, NDArray[np.float64]]] = {}
-    sample: dict[str, Cloud] = {}
+    pairs = min(real.count, synthetic.count)
+    found = _Found()
     following = real.read(0)
-    for index in range(count):
-        tell(_SURVEY + (0.97 - _SURVEY) * index / count, f"comparing frame {index + 1} of {count}")
-        clouds = {"real": following, "synthetic": synthetic.read(index)}
-        frame = RealFrame(clouds["real"], intensity_scale=real.scale, origin=origin)
-        _pool(pooled, "real", frame.histograms)
-        twin_figures, theirs = frame.measure(clouds["synthetic"], intensity_scale=synthetic.scale)
-        _pool(pooled, "synthetic", theirs)
+    for index in range(pairs):
+        tell(_SURVEY + (0.95 - _SURVEY) * index / pairs, f"comparing frame {index + 1} of {pairs}")
+        here, following = following, real.read(index + 1)
+        twin = synthetic.read(index)
+        if here is None or twin is None:
+            continue
+        actors = real.foreground(here, split_by)
+        frame = RealFrame(here, foreground=actors, intensity_scale=real.scale, origin=origin)
 
-        arbitrary_figures = None
-        if arbitrary is not None and index < len(arbitrary.files):
-            clouds["arbitrary"] = arbitrary.read(index)
-            arbitrary_figures, theirs = frame.measure(
-                clouds["arbitrary"], intensity_scale=arbitrary.scale
-            )
-            _pool(pooled, "arbitrary", theirs)
-        real_figures = None
-        if index + 1 < len(real.files):
-            following = real.read(index + 1)
-            real_figures, _ = frame.measure(following, intensity_scale=real.scale)
+        def against(side: Side, other: Frame | None, frame: RealFrame = frame) -> Measured | None:
+            if other is None:
+                return None
+            mask = side.foreground(other, split_by)
+            return frame.measure(other, foreground=mask, intensity_scale=side.scale)
 
-        sample = sample or clouds
-        error = frame.surface.rebuild_error
-        frames.append(
-            FrameFigures(
-                real=real.files[index].name,
-                synthetic=synthetic.files[index].name,
-                arbitrary=arbitrary.files[index].name if arbitrary and arbitrary_figures else None,
-                points={
-                    side: {
-                        "compared": len(cloud.points),
-                        "not_finite": cloud.not_finite,
-                        "no_return": cloud.no_return,
-                    }
-                    for side, cloud in clouds.items()
-                },
-                twin_figures=twin_figures,
-                arbitrary_figures=arbitrary_figures,
-                real_figures=real_figures,
-                rebuild={
-                    "triangles": frame.surface.surface.triangles,
-                    "covered": frame.surface.surface.covered,
-                    "held_out_mean_m": error.mean if error else None,
-                    "held_out_median_m": error.median if error else None,
-                    "held_out_p95_m": error.p95 if error else None,
-                },
-            )
+        control = None if arbitrary is None else arbitrary.read(index)
+        measured = {
+            "twin": against(synthetic, twin),
+            "arbitrary": None if arbitrary is None else against(arbitrary, control),
+            "real": against(real, following),
+        }
+        shown = {"real": here, "synthetic": twin} | ({"arbitrary": control} if control else {})
+        found.pool("real", frame.histograms)
+        for side, name in (("synthetic", "twin"), ("arbitrary", "arbitrary")):
+            one = measured[name]
+            if one is not None:
+                found.pool(side, one.histograms)
+        if measured["twin"] is not None:
+            found.missing.add(here.points, measured["twin"].missing, origin, actors)
+        found.sample = found.sample or shown
+        found.frames.append(_figures(frame, shown, measured))
+    if not found.frames:
+        raise InputError(
+            "no pair of frames can be read on both sides",
+            file=real.recording.path,
+            expected=f"frames beside those of {synthetic.recording.path.name}",
         )
-    return frames, pooled, sample
+    return found
 
 
-def _pool(pooled: dict[str, dict[str, NDArray[np.float64]]], side: str, found: Histograms) -> None:
-    mine = pooled.setdefault(side, {})
-    for name, counts in found.binned.items():
-        mine[name] = mine.get(name, np.zeros_like(counts)) + counts
+def _figures(
+    frame: RealFrame, shown: dict[str, Frame], measured: dict[str, Measured | None]
+) -> FrameFigures:
+    error = frame.surface.rebuild_error
+    whole = {name: None if one is None else one.figures for name, one in measured.items()}
+    return FrameFigures(
+        real=shown["real"].name,
+        synthetic=shown["synthetic"].name,
+        arbitrary=shown["arbitrary"].name if "arbitrary" in shown else None,
+        points={
+            side: {
+                "compared": len(one.points),
+                "not_finite": one.not_finite,
+                "no_return": one.no_return,
+            }
+            for side, one in shown.items()
+        },
+        twin_figures=whole["twin"] or {},
+        arbitrary_figures=whole["arbitrary"],
+        real_figures=whole["real"],
+        rebuild={
+            "triangles": frame.surface.surface.triangles,
+            "covered": frame.surface.surface.covered,
+            "held_out_mean_m": error.mean if error else None,
+            "held_out_median_m": error.median if error else None,
+            "held_out_p95_m": error.p95 if error else None,
+        },
+        parts={
+            part: {
+                name: one.parts[part]
+                for name, one in measured.items()
+                if one is not None and part in one.parts
+            }
+            for part in (FOREGROUND, BACKGROUND)
+        },
+    )
 
 
 def _report(
-    paths: dict[str, Path],
-    listed: dict[str, list[Path]],
-    sides: dict[str, _Folder],
-    frames: list[FrameFigures],
+    sides: dict[str, Side],
+    found: _Found,
     origin: NDArray[np.float64],
+    split_by: str | None,
+    scored: dict[str, Any] | None,
 ) -> Report:
-    twin = [frame.twin_figures for frame in frames]
-    control = [f.arbitrary_figures for f in frames if f.arbitrary_figures is not None]
-    neighbours = [f.real_figures for f in frames if f.real_figures is not None]
+    frames = found.frames
+    parts = {part: _part(frames, part) for part in (FOREGROUND, BACKGROUND)}
     return Report(
         folders={
-            side: {
-                "name": path.resolve().name,
-                "clouds": len(listed[side]),
-                "compared": min(len(listed[side]), len(frames)),
-                "intensity_full_scale": sides[side].scale,
+            name: {
+                "name": side.recording.path.resolve().name,
+                "layout": side.recording.layout,
+                "clouds": len(side.recording),
+                "compared": sum(name in frame.points for frame in frames),
+                "intensity_full_scale": side.scale,
             }
-            for side, path in paths.items()
+            for name, side in sides.items()
         },
         frames=frames,
-        twin=aggregate(twin),
-        real_against_real=aggregate(neighbours) if neighbours else None,
-        arbitrary=aggregate(control) if control else None,
-        reduction_percent=reduction_percent(twin, control) if control else None,
-        parameters={
-            "origin_m": origin.tolist(),
-            "voxel_m": bins.VOXEL_M,
-            "bins": {
-                "range_m": _bins(bins.RANGE_EDGES_M),
-                "height_m": _bins(bins.HEIGHT_EDGES_M),
-                "intensity": _bins(bins.INTENSITY_EDGES),
-                "density_m": _bins(bins.DENSITY_EDGES_M),
-            },
-            "surface": {
-                "max_edge_m": surface.MAX_EDGE_M,
-                "max_angle_deg": surface.MAX_ANGLE_DEG,
-                "min_grazing_deg": surface.MIN_GRAZING_DEG,
-                "level_deg": surface.LEVEL_DEG,
-                "max_points": MAX_POINTS,
-            },
-        },
-        notes=_notes(listed, sides, frames),
+        whole=anchored(
+            [frame.twin_figures for frame in frames],
+            [frame.arbitrary_figures for frame in frames],
+            [frame.real_figures for frame in frames],
+        ),
+        parts={part: one for part, one in parts.items() if one is not None},
+        split_by=split_by,
+        objects=_objects(sides),
+        missing=found.missing.places(),
+        parameters=_parameters(origin),
+        notes=_notes(sides, found, split_by),
+        problems=[
+            f"{name}: {side.recording.names[index]}: {why}"
+            for name, side in sides.items()
+            for index, why in side.problems.items()
+        ],
+        protocol=scored,
     )
+
+
+def _part(frames: list[FrameFigures], part: str) -> Anchored | None:
+    rows = [frame.parts.get(part, {}) for frame in frames]
+    if not any("twin" in row for row in rows):
+        return None
+    return anchored(*([row.get(side) for row in rows] for side in ("twin", "arbitrary", "real")))
+
+
+def _objects(sides: dict[str, Side]) -> dict[str, Any] | None:
+    """Return statistics of objects by side, and how the twin's differ; None without labels."""
+    told = {name: side.objects for name, side in sides.items() if side.objects.frames}
+    if "real" not in told:
+        return None
+    found: dict[str, Any] = {name: one.as_json() for name, one in told.items()}
+    for name in ("synthetic", "arbitrary"):
+        if name in told:
+            found[f"{name}_against_real"] = object_differences(told["real"], told[name])
+    return found
+
+
+def _parameters(origin: NDArray[np.float64]) -> dict[str, Any]:
+    return {
+        "origin_m": origin.tolist(),
+        "voxel_m": bins.VOXEL_M,
+        "bins": {
+            "range_m": _bins(bins.RANGE_EDGES_M),
+            "height_m": _bins(bins.HEIGHT_EDGES_M),
+            "intensity": _bins(bins.INTENSITY_EDGES),
+            "density_m": _bins(bins.DENSITY_EDGES_M),
+        },
+        "surface": {
+            "max_edge_m": surface.MAX_EDGE_M,
+            "max_angle_deg": surface.MAX_ANGLE_DEG,
+            "min_grazing_deg": surface.MIN_GRAZING_DEG,
+            "level_deg": surface.LEVEL_DEG,
+            "max_points": MAX_POINTS,
+        },
+        "missing": {"farther_than_m": NEAR_M, "or_share_of_range": SPACING_SHARE},
+    }
 
 
 def _bins(edges: NDArray[np.float64]) -> dict[str, Any]:
     return {"from": float(edges[0]), "to": float(edges[-1]), "count": len(edges) - 1}
 
 
-def _notes(
-    listed: dict[str, list[Path]], sides: dict[str, _Folder], frames: Sequence[FrameFigures]
-) -> list[str]:
+def _notes(sides: dict[str, Side], found: _Found, split_by: str | None) -> list[str]:
     """Say what a reader of the figures must know about the input."""
+    frames = found.frames
+    pairs = min(sides["real"].count, sides["synthetic"].count)
     notes = ["Frames are paired in the order of their names: the i-th with the i-th."]
-    for side, files in listed.items():
-        if len(files) > len(frames):
-            notes.append(f"{side}: {len(files) - len(frames)} further clouds have no partner.")
-        elif len(files) < len(frames):
-            notes.append(f"{side}: only {len(files)} clouds for {len(frames)} pairs.")
+    notes += doubts_about(found.sample["real"], found.sample["synthetic"])
+    notes.append(
+        f"Foreground and background are told apart by {split_by}."
+        if split_by
+        else "Foreground and background are not told apart: labels are not on both sides, and "
+        "there are too few frames of a sensor that stands still."
+    )
+    for name, side in sides.items():
+        more = len(side.recording) - pairs
+        if more > 0:
+            notes.append(f"{name}: {more} further clouds have no partner.")
+        elif more < 0:
+            notes.append(f"{name}: only {len(side.recording)} clouds for {pairs} pairs.")
+        if side.problems:
+            notes.append(f"{name}: {len(side.problems)} frames cannot be read (see problems).")
         for reason, text in (
             ("not_finite", "points with a NaN or infinite value"),
             ("no_return", "points at exactly (0, 0, 0), beams without a return,"),
         ):
-            lost = sum(frame.points.get(side, {}).get(reason, 0) for frame in frames)
+            lost = sum(frame.points.get(name, {}).get(reason, 0) for frame in frames)
             if lost:
-                notes.append(f"{side}: {lost} {text} are left out.")
-        if sides[side].scale is None:
-            notes.append(f"{side}: has no intensity in every cloud: it is not compared.")
-    if len(listed["real"]) < 2:
+                notes.append(f"{name}: {lost} {text} are left out.")
+        if side.scale is None:
+            notes.append(f"{name}: has no intensity in every cloud: it is not compared.")
+        notes += [f"{name}: {note}" for note in side.recording.notes]
+        shown = found.sample.get(name)
+        notes += [f"{name}: {note}" for note in (shown.notes if shown else ())]
+    if len(sides["real"].recording) < 2:
         notes.append("A single real frame: there is no real against real.")
     return notes

@@ -14,8 +14,8 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from urbantwin.fidelity import histograms as bins
-from urbantwin.fidelity.clouds import Cloud
-from urbantwin.fidelity.measure import MEASURES
+from urbantwin.fidelity.definitions import MEASURES
+from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.report import Aggregate, FrameFigures, Report
 
 __all__ = ["draw_report"]
@@ -35,7 +35,7 @@ _OVERLAY_CELLS = 260
 def draw_report(
     report: Report,
     pooled: Mapping[str, Mapping[str, NDArray[np.float64]]],
-    sample: Mapping[str, Cloud],
+    sample: Mapping[str, Frame],
     path: Path,
 ) -> None:
     """Write the picture.
@@ -203,7 +203,7 @@ def _overlaid(
     axes.set_xlabel(label, fontsize=9, color=_INK)
 
 
-def _overlay(axes: Axes, sample: Mapping[str, Cloud]) -> None:
+def _overlay(axes: Axes, sample: Mapping[str, Frame]) -> None:
     """Draw cells from above: seen by both, by the real sensor alone, by the twin alone."""
     _plain(axes, "First pair from above (m)")
     axes.grid(visible=False)

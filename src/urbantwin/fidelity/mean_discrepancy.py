@@ -11,7 +11,7 @@ from urbantwin.fidelity.sampling import sample_rows
 __all__ = ["DISCREPANCY_POINTS", "KERNEL_WIDTHS_M", "mean_discrepancy"]
 
 #: Points of each cloud that are compared.
-DISCREPANCY_POINTS = 1_500
+DISCREPANCY_POINTS = 1_000
 #: Widths (sigma) of the Gaussian kernels whose mean is the kernel, metres.
 KERNEL_WIDTHS_M = (1.0, 4.0, 16.0)
 

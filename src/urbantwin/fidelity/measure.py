@@ -5,118 +5,160 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial import cKDTree
 
+from urbantwin.fidelity import earth_mover, frechet, mean_discrepancy
+from urbantwin.fidelity.beams import beam_agreement
+from urbantwin.fidelity.chamfer import chamfer, chamfer_squared, density_chamfer
 from urbantwin.fidelity.clouds import Cloud
-from urbantwin.fidelity.hausdorff import p95_hausdorff
+from urbantwin.fidelity.frame import Frame
+from urbantwin.fidelity.hausdorff import P95Hausdorff
 from urbantwin.fidelity.histograms import Histograms, divergences, histograms_of
-from urbantwin.fidelity.point_to_mesh import RealSurface
+from urbantwin.fidelity.nearest import NearestDistances, nearest_distances
+from urbantwin.fidelity.point_to_mesh import RealSurface, Spread
 
-__all__ = ["MEASURES", "Measure", "RealFrame"]
+__all__ = ["BACKGROUND", "FOREGROUND", "Figures", "Measured", "RealFrame"]
 
-
-@dataclass(frozen=True)
-class Measure:
-    """A figure of the report: less is better, 0 for equal clouds (but for ``point_to_mesh``)."""
-
-    title: str
-    unit: str
-    definition: str
-    source: str
+Figures = dict[str, float | None]
+FOREGROUND, BACKGROUND = "foreground", "background"
+#: A part of a frame with fewer points than this on either side is not measured.
+_LEAST_POINTS = 10
 
 
-_JSD = "Lin 1991, IEEE Trans. Inf. Theory 37(1), base 2: 0 equal, 1 disjoint"
-_P95 = "Huttenlocher et al. 1993, partial Hausdorff distance, quantile 0.95"
-_METRO = (
-    "Cignoni et al. 1998 (Metro), one way: synthetic points to the surface rebuilt from nine "
-    "tenths of the real points (Delaunay over azimuth and elevation; long and grazing triangles "
-    "are cut)"
-)
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """What was found of one cloud against the real frame.
 
-MEASURES: dict[str, Measure] = {
-    "hausdorff_p95_m": Measure(
-        "P95 Hausdorff", "m", "the larger of the two directions below", _P95
-    ),
-    "hausdorff_p95_real_to_synthetic_m": Measure(
-        "real to synthetic",
-        "m",
-        "95th percentile of the distances from real points to the nearest synthetic point: "
-        "what the synthetic frame lacks",
-        _P95,
-    ),
-    "hausdorff_p95_synthetic_to_real_m": Measure(
-        "synthetic to real",
-        "m",
-        "95th percentile of the distances from synthetic points to the nearest real point: "
-        "what the synthetic frame adds",
-        _P95,
-    ),
-    "point_to_mesh_mean_m": Measure("Point to mesh, mean", "m", "mean distance", _METRO),
-    "point_to_mesh_median_m": Measure("Point to mesh, median", "m", "median distance", _METRO),
-    "point_to_mesh_p95_m": Measure("Point to mesh, P95", "m", "95th percentile", _METRO),
-    "js_occupancy": Measure("JS occupancy", "", "share of the points in each 1 m voxel", _JSD),
-    "js_range": Measure("JS range", "", "points by distance, bins of 1 m to 250 m", _JSD),
-    "js_height": Measure("JS height", "", "points by z, bins of 0.25 m, -20 to 60 m", _JSD),
-    "js_intensity": Measure(
-        "JS intensity",
-        "",
-        "points by intensity, 50 bins of its full scale (1, 255 or 65535: the least that holds "
-        "the largest value of the folder)",
-        _JSD,
-    ),
-    "js_density": Measure(
-        "JS density",
-        "",
-        "mean points per occupied 1 m voxel by distance, bins of 5 m to 250 m",
-        _JSD,
-    ),
-    "js_mean": Measure("JS mean", "", "mean of those of the five that both clouds have", _JSD),
-}
+    Attributes:
+        figures: by ``definitions.MEASURES``; None where a figure is not defined.
+        parts: the figures of ``FOREGROUND`` and ``BACKGROUND``, where both clouds are split.
+        histograms: of the cloud.
+        missing: (N,) distance of each real point to the nearest point of the cloud, metres.
+    """
+
+    figures: Figures
+    parts: dict[str, Figures]
+    histograms: Histograms
+    missing: NDArray[np.float64]
 
 
 class RealFrame:
-    """A real frame, prepared once to measure several clouds against it.
+    """A real frame, prepared once to measure several others against it.
+
+    The background is measured against the whole of the other frame (behind an actor nothing of
+    the background is seen, and that is no error); the foreground against the other foreground,
+    with a surface of its own.
 
     Args:
-        cloud: the real points.
+        frame: the real points.
+        foreground: (N,) which points belong to actors; None measures the whole only.
         intensity_scale: full scale of its intensity; None leaves intensity out.
         origin: (3,) the sensor's place in the frame of the points, metres.
     """
 
     def __init__(
         self,
-        cloud: Cloud,
+        frame: Frame,
         *,
+        foreground: NDArray[np.bool_] | None = None,
         intensity_scale: float | None = None,
         origin: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
-        self.cloud = cloud
+        self.frame = frame
+        self._foreground = foreground
         self._origin = np.asarray(origin, np.float64)
-        self.histograms: Histograms = histograms_of(
-            cloud, intensity_scale=intensity_scale, origin=self._origin
-        )
-        self.surface = RealSurface(cloud.points, self._origin)
-        self._tree = cKDTree(cloud.points)
+        self.histograms = self._histograms(frame.cloud, intensity_scale)
+        self.surface = RealSurface(frame.points, self._origin)
+        self._tree = cKDTree(frame.points)
+        self._actors: Cloud | None = None
+        if foreground is not None and foreground.sum() >= _LEAST_POINTS:
+            self._actors = frame.only(foreground).cloud
+            self._actor_surface = RealSurface(self._actors.points, self._origin)
+            self._actor_histograms = self._histograms(self._actors, intensity_scale)
+        if foreground is not None and not foreground.all():
+            self._still_histograms = self._histograms(
+                frame.only(~foreground).cloud, intensity_scale
+            )
+
+    def _histograms(self, cloud: Cloud, scale: float | None) -> Histograms:
+        return histograms_of(cloud, intensity_scale=scale, origin=self._origin)
 
     def measure(
-        self, other: Cloud, *, intensity_scale: float | None = None
-    ) -> tuple[dict[str, float | None], Histograms]:
-        """Return every figure of ``MEASURES`` for another cloud, and that cloud's histograms.
+        self,
+        other: Frame,
+        *,
+        foreground: NDArray[np.bool_] | None = None,
+        intensity_scale: float | None = None,
+    ) -> Measured:
+        """Measure another frame of the same sensor at the same place.
 
-        A figure is None where it is not defined: the intensity of a cloud without one.
+        Args:
+            other: the frame.
+            foreground: (M,) which of its points belong to actors; None: not split.
+            intensity_scale: full scale of its intensity; None leaves intensity out.
         """
-        hausdorff = p95_hausdorff(self.cloud.points, other.points, real_tree=self._tree)
-        mesh = self.surface.distances_of(other.points)
-        theirs = histograms_of(other, intensity_scale=intensity_scale, origin=self._origin)
-        figures: dict[str, float | None] = {
-            "hausdorff_p95_m": hausdorff.both,
-            "hausdorff_p95_real_to_synthetic_m": hausdorff.real_to_synthetic,
-            "hausdorff_p95_synthetic_to_real_m": hausdorff.synthetic_to_real,
-            "point_to_mesh_mean_m": mesh.mean,
-            "point_to_mesh_median_m": mesh.median,
-            "point_to_mesh_p95_m": mesh.p95,
+        a, b = self.frame.points, other.points
+        near = nearest_distances(a, b, real_tree=self._tree)
+        theirs = self._histograms(other.cloud, intensity_scale)
+        rows, mesh = self.surface.sampled_distances(b)
+        figures = _of_distances(near, mesh) | _of_histograms(self.histograms, theirs)
+        figures |= {
+            "chamfer_squared_m2": chamfer_squared(near),
+            "density_chamfer": density_chamfer(a, b),
+            "earth_mover_m": earth_mover.earth_mover(a, b),
+            "sliced_earth_mover_m": earth_mover.sliced_earth_mover(a, b),
+            "mean_discrepancy": mean_discrepancy.mean_discrepancy(a, b),
+            "frechet_places_m2": frechet.frechet_places(a, b),
+            "frechet_shapes": frechet.frechet_shapes(a, b),
         }
-        for name, value in divergences(self.histograms, theirs).items():
-            figures[f"js_{name}"] = value
-        return figures, theirs
+        figures |= _of_beams(self.frame, other)
+        parts: dict[str, Figures] = {}
+        if self._foreground is not None and foreground is not None:
+            if self._actors is not None and foreground.sum() >= _LEAST_POINTS:
+                parts[FOREGROUND] = self._measure_actors(other.only(foreground), intensity_scale)
+            mine, its = ~self._foreground, ~foreground
+            if min(mine.sum(), its.sum(), its[rows].sum()) >= _LEAST_POINTS:
+                still = NearestDistances(near.real_to_synthetic[mine], near.synthetic_to_real[its])
+                still_histograms = self._histograms(other.only(its).cloud, intensity_scale)
+                parts[BACKGROUND] = _of_distances(still, mesh[its[rows]]) | _of_histograms(
+                    self._still_histograms, still_histograms
+                )
+        return Measured(figures, parts, theirs, near.real_to_synthetic)
+
+    def _measure_actors(self, actors: Frame, intensity_scale: float | None) -> Figures:
+        if self._actors is None:
+            raise ValueError("the real frame has no actors")
+        _, mesh = self._actor_surface.sampled_distances(actors.points)
+        return _of_distances(
+            nearest_distances(self._actors.points, actors.points), mesh
+        ) | _of_histograms(self._actor_histograms, self._histograms(actors.cloud, intensity_scale))
+
+
+def _of_distances(near: NearestDistances, mesh: NDArray[np.float64]) -> Figures:
+    hausdorff, surface = P95Hausdorff.of(near), Spread.of(mesh)
+    return {
+        "hausdorff_p95_m": hausdorff.both,
+        "hausdorff_p95_real_to_synthetic_m": hausdorff.real_to_synthetic,
+        "hausdorff_p95_synthetic_to_real_m": hausdorff.synthetic_to_real,
+        "point_to_mesh_mean_m": surface.mean,
+        "point_to_mesh_median_m": surface.median,
+        "point_to_mesh_p95_m": surface.p95,
+        "chamfer_m": chamfer(near),
+    }
+
+
+def _of_histograms(real: Histograms, other: Histograms) -> Figures:
+    return {f"js_{name}": value for name, value in divergences(real, other).items()}
+
+
+def _of_beams(real: Frame, other: Frame) -> Figures:
+    found = beam_agreement(real, other)
+    if found is None:
+        return {}
+    return {
+        "beam_range_error_median_m": found.range_error_abs_median_m,
+        "beam_range_error_p95_m": found.range_error_abs_p95_m,
+        "beam_disagreement": 1 - found.same_outcome,
+        "beam_dropout_difference": abs(found.real_dropout - found.synthetic_dropout),
+    }

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.fidelity.closest import NearestTriangle
-from urbantwin.fidelity.sampling import sample_rows, sampled
+from urbantwin.fidelity.sampling import sample_rows
 from urbantwin.fidelity.surface import Surface, rebuild_surface
 
 __all__ = ["MAX_POINTS", "RealSurface", "Spread"]
@@ -58,4 +58,11 @@ class RealSurface:
 
     def distances_of(self, synthetic: NDArray[np.float64]) -> Spread:
         """Summarise the distances of (M, 3) points, M >= 1, to the surface."""
-        return Spread.of(self._nearest.distances(sampled(synthetic, MAX_POINTS)))
+        return Spread.of(self.sampled_distances(synthetic)[1])
+
+    def sampled_distances(
+        self, synthetic: NDArray[np.float64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return which of (M, 3) points were measured (S,), and their distances (S,) metres."""
+        rows = sample_rows(len(synthetic), min(len(synthetic), MAX_POINTS))
+        return rows, self._nearest.distances(synthetic[rows])

@@ -9,11 +9,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.fidelity.measure import MEASURES
+from urbantwin.fidelity.definitions import HEADLINE, MEASURES, PUBLISHED
 
-__all__ = ["Aggregate", "FrameFigures", "Report", "aggregate", "reduction_percent"]
+__all__ = [
+    "Aggregate",
+    "Anchored",
+    "FrameFigures",
+    "Report",
+    "aggregate",
+    "anchored",
+    "reduction_percent",
+]
 
 _RESAMPLES = 1000
+_Found = Mapping[str, float | None]
 
 
 @dataclass(frozen=True)
@@ -36,8 +45,48 @@ class Aggregate:
 
 
 @dataclass(frozen=True)
+class Anchored:
+    """Figures of the twin between their anchors.
+
+    Attributes:
+        twin: aggregate of the synthetic against the real frames; None where never defined.
+        real_against_real: each real frame against the next; None for fewer than two.
+        arbitrary: the control against the real frames; None without a control.
+        reduction_percent: ``(1 - twin / arbitrary) * 100`` of the means over the frames that
+            both have; None without a control.
+        reduction_ci95: its 95 % interval by bootstrap over pairs of frames.
+        ratio_to_real: twin over real against real, of the means; None without the latter, or
+            where it is 0. 1 is as near as one real frame is to the next.
+    """
+
+    twin: dict[str, Aggregate | None]
+    real_against_real: dict[str, Aggregate | None] | None
+    arbitrary: dict[str, Aggregate | None] | None
+    reduction_percent: dict[str, float | None] | None
+    reduction_ci95: dict[str, tuple[float, float] | None] | None
+    ratio_to_real: dict[str, float | None] | None
+
+    def as_json(self) -> dict[str, Any]:
+        """Return what ``report.json`` says of them."""
+        return {
+            "aggregate": _plain(self.twin),
+            "anchors": {
+                "real_against_real": _plain(self.real_against_real),
+                "arbitrary": _plain(self.arbitrary),
+                "reduction_percent": self.reduction_percent,
+                "reduction_percent_ci95": self.reduction_ci95,
+                "ratio_to_real": self.ratio_to_real,
+            },
+        }
+
+
+@dataclass(frozen=True)
 class FrameFigures:
-    """One pair of frames: names of the files, their points, and figures by ``MEASURES``."""
+    """One pair of frames: their names, their points, and figures by ``MEASURES``.
+
+    ``parts`` has the figures of foreground and background, each by side ("twin", "arbitrary",
+    "real").
+    """
 
     real: str
     synthetic: str
@@ -47,6 +96,7 @@ class FrameFigures:
     arbitrary_figures: dict[str, float | None] | None
     real_figures: dict[str, float | None] | None
     rebuild: dict[str, Any]
+    parts: dict[str, dict[str, dict[str, float | None]]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -56,47 +106,126 @@ class Report:
     Attributes:
         folders: names of the folders, and how many clouds each holds.
         frames: figures of each pair.
-        twin: aggregate of the synthetic against the real frames; None where never defined.
-        real_against_real: each real frame against the next; None for fewer than two.
-        arbitrary: the control against the real frames; None without a control.
-        reduction_percent: ``(1 - twin / arbitrary) * 100`` of the means over the frames that
-            both have; None without a control.
+        whole: figures of whole frames, with their anchors.
+        parts: the same of foreground and background, where frames are split.
+        split_by: how they are: by labels or by a background model; None where they are not.
+        objects: statistics of labelled objects by side, and differences.
+        missing: places where real points have nothing of the twin near them, worst first.
         parameters: bins, thresholds and scales that the figures depend on.
         notes: what a reader must know about the input.
+        problems: frames that could not be read, and why.
+        protocol: what a challenge's protocol gives, where that was asked for.
     """
 
     folders: dict[str, dict[str, Any]]
     frames: list[FrameFigures]
-    twin: dict[str, Aggregate | None]
-    real_against_real: dict[str, Aggregate | None] | None
-    arbitrary: dict[str, Aggregate | None] | None
-    reduction_percent: dict[str, float | None] | None
+    whole: Anchored
     parameters: dict[str, Any]
+    parts: dict[str, Anchored] = field(default_factory=dict)
+    split_by: str | None = None
+    objects: dict[str, Any] | None = None
+    missing: list[dict[str, Any]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
+    protocol: dict[str, Any] | None = None
+
+    @property
+    def twin(self) -> dict[str, Aggregate | None]:
+        """The twin against the real frames, whole."""
+        return self.whole.twin
+
+    @property
+    def real_against_real(self) -> dict[str, Aggregate | None] | None:
+        """Each real frame against the next, whole."""
+        return self.whole.real_against_real
+
+    @property
+    def arbitrary(self) -> dict[str, Aggregate | None] | None:
+        """The control against the real frames, whole."""
+        return self.whole.arbitrary
+
+    @property
+    def reduction_percent(self) -> dict[str, float | None] | None:
+        """How much less than the control, whole."""
+        return self.whole.reduction_percent
+
+    def headline(self) -> dict[str, Any]:
+        """Return the few figures that the report begins with, by part and measure."""
+        return {
+            name: {
+                measure: {
+                    "twin": _mean(found.twin, measure),
+                    "arbitrary": _mean(found.arbitrary, measure),
+                    "real_against_real": _mean(found.real_against_real, measure),
+                    "reduction_percent": (found.reduction_percent or {}).get(measure),
+                    "reduction_percent_ci95": (found.reduction_ci95 or {}).get(measure),
+                    "ratio_to_real": (found.ratio_to_real or {}).get(measure),
+                    "published": {
+                        "twin": PUBLISHED[measure][0],
+                        "arbitrary": PUBLISHED[measure][1],
+                        "reduction_percent": (1 - PUBLISHED[measure][0] / PUBLISHED[measure][1])
+                        * 100,
+                    },
+                }
+                for measure in HEADLINE
+            }
+            for name, found in {"whole": self.whole, **self.parts}.items()
+        }
+
+    def worst(self, measure: str = "hausdorff_p95_m") -> list[int]:
+        """Return the numbers of the pairs, the one with the largest figure first."""
+        found = [
+            (index, frame.twin_figures.get(measure)) for index, frame in enumerate(self.frames)
+        ]
+        given = [(-value, index) for index, value in found if value is not None]
+        return [index for _, index in sorted(given)]
 
     def as_json(self) -> dict[str, Any]:
         """Return the content of ``report.json``: finite numbers, or null where undefined."""
         return {
             "kind": "report",
-            "version": 1,
+            "version": 2,
             "folders": self.folders,
             "notes": self.notes,
-            "aggregate": _plain(self.twin),
-            "anchors": {
-                "real_against_real": _plain(self.real_against_real),
-                "arbitrary": _plain(self.arbitrary),
-                "reduction_percent": self.reduction_percent,
-            },
+            "problems": self.problems,
+            "headline": self.headline(),
+            **self.whole.as_json(),
+            "split_by": self.split_by,
+            "parts": {name: found.as_json() for name, found in self.parts.items()},
+            "objects": self.objects,
+            "missing": self.missing,
+            "protocol": self.protocol,
             "definitions": {
                 name: {"unit": m.unit or "1", "definition": m.definition, "source": m.source}
                 for name, m in MEASURES.items()
             },
             "parameters": self.parameters,
+            "worst": [self.frames[index].real for index in self.worst()[:10]],
             "frames": [asdict(frame) for frame in self.frames],
         }
 
 
-def aggregate(figures: Sequence[Mapping[str, float | None]]) -> dict[str, Aggregate | None]:
+def anchored(
+    twin: Sequence[_Found | None],
+    arbitrary: Sequence[_Found | None],
+    real: Sequence[_Found | None],
+) -> Anchored:
+    """Return aggregates of figures of the same pairs, None where a pair lacks one."""
+    neighbours = [found for found in real if found is not None]
+    control = [found for found in arbitrary if found is not None]
+    mine = aggregate([found for found in twin if found is not None])
+    nearest = aggregate(neighbours) if neighbours else None
+    return Anchored(
+        twin=mine,
+        real_against_real=nearest,
+        arbitrary=aggregate(control) if control else None,
+        reduction_percent=reduction_percent(twin, arbitrary) if control else None,
+        reduction_ci95=_reduction_interval(twin, arbitrary) if control else None,
+        ratio_to_real=_ratios(mine, nearest) if nearest else None,
+    )
+
+
+def aggregate(figures: Sequence[_Found]) -> dict[str, Aggregate | None]:
     """Return the aggregate over frames of every measure; None where no frame defines it."""
     found: dict[str, Aggregate | None] = {}
     for name in MEASURES:
@@ -116,28 +245,77 @@ def aggregate(figures: Sequence[Mapping[str, float | None]]) -> dict[str, Aggreg
 
 
 def reduction_percent(
-    twin: Sequence[Mapping[str, float | None]], arbitrary: Sequence[Mapping[str, float | None]]
+    twin: Sequence[_Found | None], arbitrary: Sequence[_Found | None]
 ) -> dict[str, float | None]:
     """Return ``(1 - twin / arbitrary) * 100`` of the means over the frames that both have.
 
     None where either is undefined, or where the control itself is 0.
     """
-    common = min(len(twin), len(arbitrary))
-    ours, control = aggregate(twin[:common]), aggregate(arbitrary[:common])
     found: dict[str, float | None] = {}
     for name in MEASURES:
-        a, b = ours[name], control[name]
-        found[name] = (1 - a.mean / b.mean) * 100 if a and b and b.mean > 0 else None
+        ours, control = _pairs(twin, arbitrary, name)
+        some = len(ours) > 0 and control.mean() > 0
+        found[name] = float(1 - ours.mean() / control.mean()) * 100 if some else None
     return found
+
+
+def _pairs(
+    twin: Sequence[_Found | None], arbitrary: Sequence[_Found | None], name: str
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return a measure of the twin and the control over the frames in which both have it."""
+    both = [
+        (a[name], b[name])
+        for a, b in zip(twin, arbitrary, strict=False)
+        if a is not None and b is not None
+        if a.get(name) is not None and b.get(name) is not None
+    ]
+    ours, control = np.array(both, np.float64).reshape(-1, 2).T
+    return ours, control
+
+
+def _reduction_interval(
+    twin: Sequence[_Found | None], arbitrary: Sequence[_Found | None]
+) -> dict[str, tuple[float, float] | None]:
+    found: dict[str, tuple[float, float] | None] = {}
+    for name in MEASURES:
+        ours, control = _pairs(twin, arbitrary, name)
+        found[name] = None
+        if len(ours) < 2:
+            continue
+        rows = _resampled(len(ours))
+        below = control[rows].mean(axis=1)
+        if below.min() > 0:
+            reductions = (1 - ours[rows].mean(axis=1) / below) * 100
+            low, high = np.percentile(reductions, [2.5, 97.5])
+            found[name] = float(low), float(high)
+    return found
+
+
+def _ratios(
+    twin: Mapping[str, Aggregate | None], real: Mapping[str, Aggregate | None]
+) -> dict[str, float | None]:
+    found: dict[str, float | None] = {}
+    for name in MEASURES:
+        a, b = twin[name], real[name]
+        found[name] = a.mean / b.mean if a and b and b.mean > 0 else None
+    return found
+
+
+def _resampled(count: int) -> NDArray[np.int64]:
+    generator = np.random.Generator(np.random.Philox(key=0))
+    return generator.integers(0, count, (_RESAMPLES, count))
 
 
 def _interval(values: NDArray[np.float64]) -> tuple[float, float] | None:
     if len(values) < 2:
         return None
-    generator = np.random.Generator(np.random.Philox(key=0))
-    means = values[generator.integers(0, len(values), (_RESAMPLES, len(values)))].mean(axis=1)
-    low, high = np.percentile(means, [2.5, 97.5])
+    low, high = np.percentile(values[_resampled(len(values))].mean(axis=1), [2.5, 97.5])
     return float(low), float(high)
+
+
+def _mean(found: Mapping[str, Aggregate | None] | None, name: str) -> float | None:
+    value = found.get(name) if found else None
+    return value.mean if value else None
 
 
 def _plain(found: Mapping[str, Aggregate | None] | None) -> dict[str, Any] | None:

@@ -1,0 +1,46 @@
+"""The published challenge's protocol: realism, detection, and a submission's rules."""
+
+from urbantwin.fidelity.challenge.detections import read_detections
+from urbantwin.fidelity.challenge.precision import (
+    Box,
+    average_precision,
+    box_ious,
+    mean_precision,
+)
+from urbantwin.fidelity.challenge.protocol import (
+    CLASSES,
+    CROP_M,
+    FRAMES,
+    NAME,
+    Score,
+    challenge_class,
+    check_protocol,
+    combined_score,
+    cropped,
+    normalised,
+)
+from urbantwin.fidelity.challenge.realism import MomentFit, fit_moments, realism
+from urbantwin.fidelity.challenge.scores import score_clouds, score_sides
+
+__all__ = [
+    "CLASSES",
+    "CROP_M",
+    "FRAMES",
+    "NAME",
+    "Box",
+    "MomentFit",
+    "Score",
+    "average_precision",
+    "box_ious",
+    "challenge_class",
+    "check_protocol",
+    "combined_score",
+    "cropped",
+    "fit_moments",
+    "mean_precision",
+    "normalised",
+    "read_detections",
+    "realism",
+    "score_clouds",
+    "score_sides",
+]

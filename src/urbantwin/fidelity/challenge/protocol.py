@@ -1,0 +1,117 @@
+"""The published challenge for synthetic roadside LiDAR: its numbers and its formula.
+
+UCF UrbanTwin Sim2Real LiDAR Challenge (Shahbaz and Agarwal, IEEE Big Data Cup 2026 and DriveX
+2026): 0.6 of the score is a detector's precision in 50 real frames, 0.4 how near 50 synthetic
+frames are to real ones. The frames of each side are put together, cropped, and 10,000 points of
+either are compared.
+
+What was published: weights, classes, crop, limits, the number of points and the seed; that the
+"Frechet point distance" is the one of x, y, z themselves. The scoring program itself was not to
+be had. Ours to choose were therefore: the Chamfer distance (here the sum of both directions'
+mean squared distance), the kernel (here Gaussians of 1, 4 and 16 m), the number of points that
+are assigned to each other (here 2,000 of the 10,000), and the random generator. Scores are for
+comparing twins with each other and with the anchors, not with a leaderboard.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+
+__all__ = [
+    "CLASSES",
+    "CROP_M",
+    "DETECTION_WEIGHT",
+    "FRAMES",
+    "LIMITS",
+    "NAME",
+    "REALISM_WEIGHT",
+    "Score",
+    "challenge_class",
+    "check_protocol",
+    "combined_score",
+    "cropped",
+    "normalised",
+]
+
+NAME = "urbantwin-challenge"
+DETECTION_WEIGHT, REALISM_WEIGHT = 0.6, 0.4
+#: Frames of a submission.
+FRAMES = 50
+#: Half extents of the space that counts, metres, from the sensor's frame's origin.
+CROP_M = (40.0, 40.0, 5.0)
+#: Best and worst value of each component.
+LIMITS: dict[str, tuple[float, float]] = {
+    "CD": (2.0, 30.0),
+    "MMD": (0.0, 0.5),
+    "EMD": (0.0, 5.0),
+    "FPD": (0.0, 50.0),
+    "AP": (0.0, 0.7),
+}
+CLASSES = ("Person", "Car", "Bicycle", "Motorcycle", "Bus", "Truck", "Van", "Unknown")
+_OURS = {
+    "pedestrian": "Person",
+    "car": "Car",
+    "bicycle": "Bicycle",
+    "motorcycle": "Motorcycle",
+    "bus": "Bus",
+    "truck": "Truck",
+}
+
+
+@dataclass(frozen=True)
+class Score:
+    """A score, and what it is made of.
+
+    Attributes:
+        detection: 0..1; None without detections or without labels.
+        realism: 0..1.
+        combined: 0.6 detection + 0.4 realism; None where detection is.
+    """
+
+    detection: float | None
+    realism: float
+    combined: float | None
+
+
+def check_protocol(name: str) -> None:
+    """Refuse the name of a protocol that we do not have.
+
+    Raises:
+        InputError: there is none of that name.
+    """
+    if name != NAME:
+        raise InputError(f"{name!r} is not a protocol", place="--protocol", expected=NAME)
+
+
+def challenge_class(name: str, source: str = "") -> str:
+    """Return the challenge's class of an object: the data's own name first, then ours."""
+    for known in CLASSES:
+        if source.lower() == known.lower():
+            return known
+    return _OURS.get(name, "Unknown")
+
+
+def cropped(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return which of (N, 3) points count, as the points themselves."""
+    return points[(np.abs(points) <= CROP_M).all(axis=1)]
+
+
+def normalised(component: str, value: float) -> float:
+    """Return a distance as a score: 1 at its best limit or below, 0 at its worst or above."""
+    best, worst = LIMITS[component]
+    return float(1 - np.clip((value - best) / (worst - best), 0, 1))
+
+
+def combined_score(realism: dict[str, float], mean_precision: float | None) -> Score:
+    """Return the score of raw components ("CD", "MMD", "EMD", "FPD") and mean precision."""
+    real = float(np.mean([normalised(name, value) for name, value in realism.items()]))
+    if mean_precision is None:
+        return Score(None, real, None)
+    low, high = LIMITS["AP"]
+    found = float(np.clip((mean_precision - low) / (high - low), 0, 1))
+    return Score(found, real, DETECTION_WEIGHT * found + REALISM_WEIGHT * real)

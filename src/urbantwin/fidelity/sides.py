@@ -1,0 +1,128 @@
+"""The sides of a comparison: real, synthetic, arbitrary; read, checked and told apart."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+from urbantwin.fidelity.background import LEAST_FRAMES, Background
+from urbantwin.fidelity.frame import Frame
+from urbantwin.fidelity.histograms import full_scale
+from urbantwin.fidelity.objects import ObjectStatistics
+from urbantwin.fidelity.readers import Recording, open_recording
+
+__all__ = ["LABELS", "MODEL", "Side", "model_background", "open_side", "survey"]
+
+#: How foreground is told from background.
+LABELS, MODEL = "labels", "background model"
+#: Frames that a background model is made of; of more, so many that are spread evenly.
+_MODEL_FRAMES = 30
+
+
+@dataclass(eq=False)
+class Side:
+    """One side of a comparison.
+
+    Attributes:
+        name: "real", "synthetic" or "arbitrary".
+        recording: its frames.
+        count: how many of them are used.
+        scale: full scale of its intensity; None where not every frame has intensity.
+        problems: number of each frame that cannot be read -> why.
+        labelled: every frame that can be read has labels.
+        stands: the sensor does not move, as far as the frames say.
+        objects: what its labels say of objects.
+        background: what stands still, where that was asked for.
+    """
+
+    name: str
+    recording: Recording
+    count: int
+    scale: float | None = None
+    problems: dict[int, str] = field(default_factory=dict)
+    labelled: bool = False
+    stands: bool = True
+    objects: ObjectStatistics = field(default_factory=ObjectStatistics)
+    background: Background | None = None
+
+    def read(self, index: int) -> Frame | None:
+        """Return a frame; None where it cannot be read, or there are no more."""
+        if index >= self.count or index in self.problems:
+            return None
+        return self.recording.read(index)
+
+    def foreground(self, frame: Frame, how: str | None) -> NDArray[np.bool_] | None:
+        """Return which points (N,) of a frame are actors'; None where that is not known."""
+        if how == LABELS:
+            return frame.foreground()
+        if how == MODEL and self.background is not None:
+            return self.background.foreground(frame.points)
+        return None
+
+
+def open_side(name: str, path: Path, columns: int | None, layout: str | None = None) -> Recording:
+    """Open a side's recording; an error says which side it is.
+
+    Raises:
+        InputError: it is not there, or holds no frames that we know.
+    """
+    recording = open_recording(path, layout, columns=columns)
+    if not len(recording):
+        raise InputError("holds no frames", file=path, place=name, expected="at least one")
+    return recording
+
+
+def survey(side: Side, tell: Callable[[], None]) -> None:
+    """Read every frame of a side once: what is bad is known before the long work begins.
+
+    Fills in everything but ``count`` and ``background``.
+
+    Args:
+        side: to be filled.
+        tell: called before each frame.
+
+    Raises:
+        InputError: not a single frame can be read.
+    """
+    largest: float | None = 0.0
+    labelled, first = 0, ""
+    poses = []
+    for index in range(side.count):
+        tell()
+        try:
+            frame = side.recording.read(index)
+        except InputError as error:
+            first = first or str(error)
+            side.problems[index] = str(error)
+            continue
+        if frame.intensity is None or largest is None:
+            largest = None
+        else:
+            largest = max(largest, float(frame.intensity.max()))
+        labelled += frame.boxes is not None or frame.instance is not None
+        side.objects.add(frame)
+        if frame.world_SE3_frame is not None:
+            poses.append(frame.world_SE3_frame.translation)
+    if len(side.problems) == side.count:
+        raise InputError(
+            f"none of its {side.count} frames can be read; the first: {first}",
+            file=side.recording.path,
+        )
+    side.scale = None if largest is None else full_scale(largest)
+    side.labelled = labelled == side.count - len(side.problems)
+    side.stands = not poses or bool(np.ptp(np.array(poses), axis=0).max() < 0.1)
+
+
+def model_background(side: Side) -> bool:
+    """Make a side's background model; False where there are too few frames, or it moves."""
+    usable = [index for index in range(side.count) if index not in side.problems]
+    if len(usable) < LEAST_FRAMES or not side.stands:
+        return False
+    spread = np.unique(np.linspace(0, len(usable) - 1, _MODEL_FRAMES).round().astype(int))
+    side.background = Background(side.recording.read(usable[i]).points for i in spread)
+    return True
