@@ -238,7 +238,7 @@ def _cast(
         met = arrays.device.cast(arrays, shape, tuple(paths), blocks, rays, when, spread, options)
         return Layers(*met[:6], _mean(met.seen_s, met.seen), met.seen)
     scenes = arrays.scenes[shape]
-    shapes = (scenes, actors.first_face, *arrays[2:5], arrays.low[shape], arrays.high[shape])
+    shapes = (scenes, actors.first_face, *arrays[2:7], arrays.low[shape], arrays.high[shape])
     columns = beams.columns
     clock = np.zeros(1, np.int64)
     scratch = (np.empty((columns, 15)), np.zeros(columns, np.int64))

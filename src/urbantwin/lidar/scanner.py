@@ -264,6 +264,8 @@ _NO_SHAPES = ShapeArrays(
     np.zeros((0, 3)),
     np.zeros(0),
     np.zeros(0, np.bool_),
+    np.zeros((0, 3)),
+    np.zeros((0, 3), np.int32),
     np.zeros(0, np.uint8),
     np.zeros((3, 0)),
     np.zeros(0, np.int64),

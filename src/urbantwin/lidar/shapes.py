@@ -63,6 +63,8 @@ class ShapeArrays(NamedTuple):
         normals: (F, 3) float64.
         offsets: (F,) float64.
         panes: (F,) bool.
+        vertices: (V, 3) float64.
+        corners: (F, 3) int32, of the triangles among the vertices.
         material: (F,) uint8.
         hull: (3, H) float64, vertices of the convex hulls.
         first_hull: (S,) int64, where the vertices of each begin.
@@ -78,6 +80,8 @@ class ShapeArrays(NamedTuple):
     normals: NDArray[np.float64]
     offsets: NDArray[np.float64]
     panes: NDArray[np.bool_]
+    vertices: NDArray[np.float64]
+    corners: NDArray[np.int32]
     material: NDArray[np.uint8]
     hull: NDArray[np.float64]
     first_hull: NDArray[np.int64]
@@ -92,12 +96,20 @@ class ShapeArrays(NamedTuple):
         """Put shapes end to end."""
         count = [len(shape.material) for shape in shapes]
         corners = [shape.hull.shape[1] for shape in shapes]
+        first = np.cumsum([0, *(len(shape.caster.vertices) for shape in shapes)])
         return cls(
             np.array([shape.caster.scene for shape in shapes], np.uint64),
             np.cumsum([0, *count[:-1]], dtype=np.int64)[: len(shapes)],
             np.concatenate([shape.normals for shape in shapes]),
             np.concatenate([shape.offsets for shape in shapes]),
             np.concatenate([shape.panes for shape in shapes]),
+            np.concatenate([shape.caster.vertices for shape in shapes]),
+            np.concatenate(
+                [
+                    shape.caster.faces + np.int32(before)
+                    for shape, before in zip(shapes, first[:-1], strict=True)
+                ]
+            ),
             np.concatenate([shape.material for shape in shapes]),
             np.concatenate([shape.hull for shape in shapes], axis=1),
             np.cumsum([0, *corners[:-1]], dtype=np.int64)[: len(shapes)],

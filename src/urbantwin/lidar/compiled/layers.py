@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 
 from urbantwin.lidar.compiled.intersect import intersect, new_ray
+from urbantwin.lidar.compiled.planes import first_met
 from urbantwin.lidar.compiled.pose import actor_from_sensor, set_pose
 
 __all__ = ["ON_AXIS", "cast_blocks"]
@@ -35,6 +36,24 @@ def _plane_range(n, normals, offsets, ox, oy, oz, dx, dy, dz):
     if abs(slant) < _GRAZING:
         return np.nan, abs(slant)
     return (offsets[n] - (x * ox + y * oy + z * oz)) / slant, abs(slant)
+
+
+@njit(cache=True, nogil=True)
+def _first(
+    address, scene, ray, near, base, normals, vertices, corners, ox, oy, oz, dx, dy, dz,
+):  # fmt: skip
+    """Return range and face of the first hit, confirmed where a ray runs along a triangle.
+
+    There all that single precision knows is rounding, and a triangle may be seen where it is not.
+    """
+    met, hit = intersect(address, scene, ray, near, ox, oy, oz, dx, dy, dz)
+    if hit >= 0:
+        n = base + hit
+        if abs(normals[n, 0] * dx + normals[n, 1] * dy + normals[n, 2] * dz) < _GRAZING:
+            return first_met(
+                address, scene, ray, vertices, corners[base:], near, ox, oy, oz, dx, dy, dz
+            )
+    return met, hit
 
 
 @njit(cache=True, nogil=True)
@@ -66,7 +85,8 @@ def cast_blocks(
         rays: (R,) int32, rays of the blocks in rows of neighbours; -1 for none.
         shapes: what the A actors are made of: Embree's scenes (A,) uint64, first face of each in
             the next arrays (A,) int64, unit normals (F, 3) and offsets (F,) float64 of the planes,
-            whether a triangle lets light through (F,) bool, lower and upper corners (A, 3) of the
+            whether a triangle lets light through (F,) bool, vertices (V, 3) float64 and the
+            triangles' corners among them (F, 3) int32, lower and upper corners (A, 3) of the
             bounds; all in the actors' frames.
         path: knots of all actors, see ``blocks.find_blocks``.
         sensor_rotation: (K, 3, 3) of ``site_SE3_sensor`` by column, or (1, 3, 3).
@@ -86,7 +106,7 @@ def cast_blocks(
         How many layers there are (written only while there is room), and for each actor the sum
         of the times (A,) at which beams' axes met it, and how many did (A,).
     """
-    scenes, first_face, normals, offsets, panes, lows, highs = shapes
+    scenes, first_face, normals, offsets, panes, vertices, corners, lows, highs = shapes
     knot_time, rotation, translation, turns = path
     column_time, ring_time = times
     glass, spread, around = options
@@ -155,8 +175,8 @@ def cast_blocks(
                     pose[column, 12 + i] = v
             late = ring_time[ring]
             x, y, z = beams[ray, 0], beams[ray, 1], beams[ray, 2]
-            range_m[at], face[at] = intersect(
-                address, scene, ray_hit, np.float32(0.0),
+            range_m[at], face[at] = _first(
+                address, scene, ray_hit, np.float32(0.0), base, normals, vertices, corners,
                 pose[column, 9] + pose[column, 12] * late,
                 pose[column, 10] + pose[column, 13] * late,
                 pose[column, 11] + pose[column, 14] * late,
@@ -245,9 +265,10 @@ def cast_blocks(
                         if sample == 0 and pane == 0:
                             met, hit = range_m[at], own
                         else:
-                            met, hit = intersect(
-                                address, scene, ray_hit, near, ox, oy, oz, dx, dy, dz
-                            )
+                            met, hit = _first(
+                                address, scene, ray_hit, near, base, normals, vertices, corners,
+                                ox, oy, oz, dx, dy, dz,
+                            )  # fmt: skip
                         if hit < 0:
                             break
                         joined = False
