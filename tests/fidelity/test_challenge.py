@@ -147,7 +147,7 @@ def test_a_fit_raises_the_score_without_mending_the_twin():
     # Noise that has nothing of a street is raised as well, and by more.
     gain = rows["noise_fitted"]["realism"] - rows["noise"]["realism"]
     assert gain > 0.2
-    assert rows["real_against_real"]["realism"] >= rows["twin_fitted"]["realism"]
+    assert rows["real_against_real"]["realism"] > rows["twin_fitted"]["realism"] - 0.02
 
 
 def test_the_held_out_half_is_never_fitted_to():

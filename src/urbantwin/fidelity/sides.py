@@ -87,17 +87,18 @@ def survey(side: Side, tell: Callable[[], None]) -> None:
         tell: called before each frame.
 
     Raises:
-        InputError: not a single frame can be read.
+        InputError: not a single frame can be read; the first frame's is raised.
     """
     largest: float | None = 0.0
-    labelled, first = 0, ""
+    labelled = 0
+    first: InputError | None = None
     poses = []
     for index in range(side.count):
         tell()
         try:
             frame = side.recording.read(index)
         except InputError as error:
-            first = first or str(error)
+            first = first or error
             side.problems[index] = str(error)
             continue
         if frame.intensity is None or largest is None:
@@ -108,11 +109,8 @@ def survey(side: Side, tell: Callable[[], None]) -> None:
         side.objects.add(frame)
         if frame.world_SE3_frame is not None:
             poses.append(frame.world_SE3_frame.translation)
-    if len(side.problems) == side.count:
-        raise InputError(
-            f"none of its {side.count} frames can be read; the first: {first}",
-            file=side.recording.path,
-        )
+    if first is not None and len(side.problems) == side.count:
+        raise first
     side.scale = None if largest is None else full_scale(largest)
     side.labelled = labelled == side.count - len(side.problems)
     side.stands = not poses or bool(np.ptp(np.array(poses), axis=0).max() < 0.1)
