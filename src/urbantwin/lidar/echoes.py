@@ -134,6 +134,8 @@ def combined(
     found = Echoes(
         touched, start, range_m, amplitude, owner, level, sigma, intensity, first, second
     )
+    if len(share) == 1:  # A thin ray meets what is in front or what is behind, and never both.
+        return found, Alone(touched.take(beam), actor, lone_level)
     own = ~_is_from_behind(found, beam, actor, lone_range)
     return found, Alone(touched.take(beam[own]), actor[own], lone_level[own])
 

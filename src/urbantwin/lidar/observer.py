@@ -223,8 +223,11 @@ class Sighting:
         A beam is carried along with its actor to where that stands in its box. Beams that pass
         beside the box all the same (it stands upright, the actor may not) are returned too.
         """
-        measured = range_m + sigma * standard_noise(noise)
         step_m = float(self._model.step_m)
+        thin = len(self._view.beams.footprint.share) == 1
+        if thin and not step_m and not self._aside and self._model.response.sigma_m == 0:
+            return range_m, np.zeros(0, np.int64)  # On the mesh, which the box holds.
+        measured = range_m + sigma * standard_noise(noise)
         # Half a step of the range may come on top, and half a step of the azimuth.
         aside = self._aside * float(range_m.max(initial=0.0))
         margin = max(0.0, BOX_MARGIN_M - step_m / 2 - aside)
