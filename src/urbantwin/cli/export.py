@@ -27,11 +27,12 @@ urbantwin export twin/ --to ply -o scene.ply
 urbantwin export twin/ --to usd -o scene.usd
 urbantwin export twin/ --to fbx -o scene.fbx
 urbantwin export twin/ --to cityjson -o buildings.city.json
+urbantwin export out/dataset/ --to challenge -o submission/
 """
 
 
 def export(
-    twin: Annotated[Path, typer.Argument(help="A twin.")],
+    twin: Annotated[Path, typer.Argument(help="A twin; for challenge, a dataset.")],
     to: Annotated[
         str,
         typer.Option(
@@ -39,7 +40,8 @@ def export(
             metavar="FORMAT",
             help="opendrive, carla (a package of a map), sumo (a run that is set up) or "
             "geojson (for QGIS: one file, or one per layer in a folder), plan (SVG, PNG), or the "
-            "scene as glb, obj, ply, usd, fbx, or its buildings as cityjson.",
+            "scene as glb, obj, ply, usd, fbx, or its buildings as cityjson; or a dataset's "
+            "frames as a submission to the UrbanTwin challenge (challenge).",
         ),
     ],
     version: Annotated[
@@ -55,10 +57,26 @@ def export(
             help="The file or folder to write.  [default: named after the twin]",
         ),
     ] = None,
+    detections: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="For challenge: what a detector found, as JSON."),
+    ] = None,
+    frames: Annotated[
+        int, typer.Option(min=1, help="For challenge: how many frames are submitted.")
+    ] = 50,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """Write a twin for other programs: OpenDRIVE, CARLA, SUMO, GeoJSON, a plan, 3D scenes."""
+    if to == "challenge":
+        from urbantwin.export.challenge import write_challenge
+
+        folder = out or Path("submission")
+        notes = write_challenge(twin, folder, frames=frames, detections=detections)
+        Console(quiet=quiet, as_json=as_json).result(
+            {"format": to, "written": str(folder), "note": notes}
+        )
+        return
     from urbantwin.export import export_twin
     from urbantwin.twin import load_twin
 
