@@ -39,6 +39,7 @@ class _Found:
     frames: list[FrameFigures] = field(default_factory=list)
     pooled: dict[str, dict[str, NDArray[np.float64]]] = field(default_factory=dict)
     sample: dict[str, Frame] = field(default_factory=dict)
+    indices: list[int] = field(default_factory=list)
     missing: MissingPlaces = field(default_factory=MissingPlaces)
 
     def pool(self, side: str, found: Histograms) -> None:
@@ -62,10 +63,10 @@ def compare(  # noqa: PLR0913 - every one is a person's choice
 ) -> Report:
     """Compare two recordings in the same frame and write the report.
 
-    ``report.json``, ``report.html`` and ``report.png`` are written. Frames are paired in the
-    order of their names (numbers by value): the i-th real with the i-th synthetic one. The
-    longer recording's further frames are left out, and the report says so; of a frame that
-    cannot be read, the pair is left out.
+    ``report.json``, ``report.html`` (with everything in it) and its pictures are written.
+    Frames are paired in the order of their names (numbers by value): the i-th real with the i-th
+    synthetic one. The longer recording's further frames are left out, and the report says so; of
+    a frame that cannot be read, the pair is left out.
 
     Args:
         real: a recording of real frames: any layout that ``readers`` knows.
@@ -104,11 +105,35 @@ def compare(  # noqa: PLR0913 - every one is a person's choice
         report = _report(sides, found, place, split_by, scored)
         write_json(folder / "report.json", report.as_json())
         tell(0.98, "drawing the report")
-        from urbantwin.fidelity.figure import draw_report
-
-        draw_report(report, found.pooled, found.sample, folder / "report.png")
+        _draw(report, sides, found, place, folder)
     tell(1.0, "compared")
     return report
+
+
+def _draw(
+    report: Report,
+    sides: dict[str, Side],
+    found: _Found,
+    origin: NDArray[np.float64],
+    folder: Path,
+) -> None:
+    """Write the pictures and the page."""
+    from urbantwin.fidelity.figure import draw_report
+    from urbantwin.fidelity.page import write_page
+    from urbantwin.fidelity.views import draw_objects, draw_pair
+
+    draw_report(report, found.pooled, found.sample, folder / "report.png")
+    pictures = [("Distributions, and frame by frame", folder / "report.png")]
+    worst = found.indices[report.worst()[0]]
+    real, twin = sides["real"].read(worst), sides["synthetic"].read(worst)
+    if real is not None and twin is not None:
+        target = folder / "worst_frame.png"
+        draw_pair(real, twin, found.missing.points(), report.missing, origin, target)
+        pictures.append(("The worst pair of frames, and what the twin lacks", target))
+    if report.objects is not None:
+        draw_objects(report.objects, folder / "objects.png")
+        pictures.append(("Objects", folder / "objects.png"))
+    write_page(report, pictures, folder / "report.html")
 
 
 def _opened(
@@ -203,6 +228,7 @@ def _measure(
         if measured["twin"] is not None:
             found.missing.add(here.points, measured["twin"].missing, origin, actors)
         found.sample = found.sample or shown
+        found.indices.append(index)
         found.frames.append(_figures(frame, shown, measured))
     if not found.frames:
         raise InputError(

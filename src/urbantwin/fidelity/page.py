@@ -1,0 +1,232 @@
+"""The report as one self-contained HTML file."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Iterable, Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from urbantwin.fidelity.definitions import MEASURES
+from urbantwin.fidelity.report import Aggregate, Anchored, Report
+
+__all__ = ["write_page"]
+
+_STYLE = """
+body{font:15px/1.5 system-ui,sans-serif;color:#1d2733;max-width:1240px;margin:2em auto;
+padding:0 1em}
+h1{font-size:1.7em;margin-bottom:.1em}h2{font-size:1.2em;margin-top:2em}
+table{border-collapse:collapse;width:100%}th,td{padding:.3em .6em;text-align:right;
+border-bottom:1px solid #d5dbe2;vertical-align:top}th:first-child,td:first-child{text-align:left}
+td.text,th.text{text-align:left}td small{color:#5a6675}img{width:100%;margin-top:.6em}
+tr.head td{font-weight:bold;background:#f2f5f8}ul{padding-left:1.2em}
+.doubt{background:#fff4e5;border-left:4px solid #e8710a;padding:.4em .8em;margin:.4em 0}
+"""
+
+
+def write_page(report: Report, pictures: Sequence[tuple[str, Path]], path: Path) -> None:
+    """Write the page.
+
+    Args:
+        report: the figures.
+        pictures: title and PNG of each picture, which are put into the page.
+        path: the HTML file; the same report gives the same bytes.
+    """
+    names = report.folders
+    title = f"{names['synthetic']['name']} against {names['real']['name']}"
+    parts = [
+        f"<h1>Fidelity: {escape(title)}</h1>",
+        f"<p>{len(report.frames)} pairs of frames"
+        + (
+            f"; foreground and background told apart by {report.split_by}"
+            if report.split_by
+            else ""
+        )
+        + ".</p>",
+        _doubts(report),
+        "<h2>In short</h2>",
+        _headline(report),
+        *(_picture(*one) for one in pictures),
+        "<h2>What to mend next</h2>",
+        _missing(report),
+        "<h2>Worst frames first</h2>",
+        _worst(report),
+        _protocol(report),
+        "<h2>Every measure</h2>",
+        _measures("Whole frames", report.whole),
+        *(_measures(name.capitalize(), found) for name, found in report.parts.items()),
+        "<h2>Definitions</h2>",
+        _table(
+            ("Measure", "Unit", "Definition", "Source"),
+            ((m.title, m.unit or "1", m.definition, m.source) for m in MEASURES.values()),
+            text=True,
+        ),
+        "<h2>Notes</h2>",
+        "<ul>" + "".join(f"<li>{escape(note)}</li>" for note in _plain_notes(report)) + "</ul>",
+    ]
+    path.write_text(
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        f"<title>{escape(title)}</title><style>{_STYLE}</style></head><body>"
+        + "\n".join(parts)
+        + "</body></html>\n",
+        encoding="utf-8",
+    )
+
+
+def _is_doubt(note: str) -> bool:
+    return any(word in note for word in ("look rotated", "seem", "not the same sensor"))
+
+
+def _doubts(report: Report) -> str:
+    said = [note for note in report.notes if _is_doubt(note)] + report.problems
+    return "".join(f'<p class="doubt">{escape(note)}</p>' for note in said)
+
+
+def _plain_notes(report: Report) -> list[str]:
+    more = report.protocol["notes"] if report.protocol else []
+    return [note for note in report.notes if not _is_doubt(note)] + more
+
+
+def _number(value: float | None, unit: str = "") -> str:
+    return "–" if value is None else f"{value:.3g}{unit}"
+
+
+def _interval(value: Sequence[float] | None, unit: str = "") -> str:
+    return "" if value is None else f" <small>{value[0]:.3g} to {value[1]:.3g}{unit}</small>"
+
+
+def _headline(report: Report) -> str:
+    rows: list[Sequence[str]] = []
+    for part, figures in report.headline().items():
+        rows.append((part.capitalize(),))
+        for measure, row in figures.items():
+            unit = f" {MEASURES[measure].unit}" if MEASURES[measure].unit else ""
+            published = row["published"]
+            rows.append(
+                (
+                    MEASURES[measure].title,
+                    _number(row["twin"], unit),
+                    _number(row["arbitrary"], unit),
+                    _number(row["reduction_percent"], " %")
+                    + _interval(row["reduction_percent_ci95"], " %"),
+                    _number(row["real_against_real"], unit),
+                    _number(row["ratio_to_real"]),
+                    f"{published['twin']:.3g} / {published['arbitrary']:.3g}, "
+                    f"{published['reduction_percent']:.1f} %",
+                )
+            )
+    return _table(
+        (
+            "Mean over frames",
+            "Twin",
+            "Arbitrary site",
+            "Reduction",
+            "Real against real",
+            "Twin / real",
+            "Published for other data",
+        ),
+        rows,
+    )
+
+
+def _missing(report: Report) -> str:
+    if not report.missing:
+        return "<p>No real point is without a surface of the twin nearby.</p>"
+    head = ("Place", "x, m", "y, m", "z, m", "Points a frame", "Nearest of the twin")
+    return _table(
+        head,
+        (
+            (
+                str(number),
+                f"{one['x']:.1f}",
+                f"{one['y']:.1f}",
+                f"{one['low']:.1f} to {one['high']:.1f}",
+                f"{one['points_per_frame']:.1f}",
+                f"{one['distance_m']:.2f} m",
+            )
+            for number, one in enumerate(report.missing, start=1)
+        ),
+    )
+
+
+def _worst(report: Report) -> str:
+    names = ("hausdorff_p95_m", "point_to_mesh_mean_m", "js_mean")
+    rows = []
+    for index in report.worst()[:10]:
+        frame = report.frames[index]
+        found = [_number(frame.twin_figures.get(name)) for name in names]
+        rows.append((frame.real, frame.synthetic, *found))
+    return _table(("Real", "Synthetic", *(MEASURES[name].title for name in names)), rows)
+
+
+def _protocol(report: Report) -> str:
+    if not report.protocol:
+        return ""
+    rows = []
+    for name, row in report.protocol["scores"].items():
+        raw = [f"{row['raw'][c]:.3g} <small>{row['normalised'][c]:.3f}</small>" for c in row["raw"]]
+        rows.append(
+            (
+                name.replace("_", " "),
+                _number(row["combined"]),
+                _number(row["detection"]),
+                f"{row['realism']:.4f}",
+                *raw,
+            )
+        )
+    return (
+        "<h2>Challenge protocol</h2><p>Against real frames that nothing was fitted to. "
+        "<em>Fitted</em>: moved to the mean and covariance of the other real frames; what that "
+        "gains is no fidelity.</p>"
+        + _table(("Frames", "Score", "Detection", "Realism", "CD", "MMD", "EMD", "FPD"), rows)
+    )
+
+
+def _measures(title: str, found: Anchored) -> str:
+    rows = []
+    for name, measure in MEASURES.items():
+        twin = found.twin.get(name)
+        if twin is None:
+            continue
+        rows.append(
+            (
+                measure.title + (f" <small>{measure.unit}</small>" if measure.unit else ""),
+                _mean(twin),
+                _number(twin.median),
+                _number(twin.p95),
+                _mean((found.arbitrary or {}).get(name)),
+                _number((found.reduction_percent or {}).get(name), " %"),
+                _mean((found.real_against_real or {}).get(name)),
+                _number((found.ratio_to_real or {}).get(name)),
+            )
+        )
+    head = ("Mean", "Median", "P95", "Arbitrary", "Reduction", "Real against real", "Ratio")
+    return _table((title, *head), rows)
+
+
+def _mean(value: Aggregate | None) -> str:
+    return "–" if value is None else _number(value.mean) + _interval(value.mean_ci95)
+
+
+def _table(head: Sequence[str], rows: Iterable[Sequence[str]], *, text: bool = False) -> str:
+    kind = ' class="text"' if text else ""
+    lines = ["<table><tr>" + "".join(f"<th{kind}>{escape(one)}</th>" for one in head) + "</tr>"]
+    for row in rows:
+        cells = [_safe(one) for one in row]
+        if len(cells) == 1:
+            lines.append(f'<tr class="head"><td colspan="{len(head)}">{cells[0]}</td></tr>')
+        else:
+            lines.append("<tr>" + "".join(f"<td{kind}>{one}</td>" for one in cells) + "</tr>")
+    return "\n".join([*lines, "</table>"])
+
+
+def _safe(text: str) -> str:
+    """Escape what is not ours: all but <small>."""
+    safe = escape(text, quote=False)
+    return safe.replace("&lt;small&gt;", "<small>").replace("&lt;/small&gt;", "</small>")
+
+
+def _picture(title: str, path: Path) -> str:
+    data: Any = b64encode(path.read_bytes()).decode()
+    return f'<h2>{escape(title)}</h2><img alt="{escape(title)}" src="data:image/png;base64,{data}">'
