@@ -27,8 +27,9 @@ class Log:
         self.heights = np.load(next(found.glob("*ground_height*.npy"))).astype(float)
         self.cell = 1 / sim2["s"]
         self.south_west = CITY - np.array(sim2["t"])
-        segments = json.loads(next(found.glob("log_map*.json")).read_text())["lane_segments"]
-        self.segments = {int(k): v for k, v in segments.items()}
+        drawn = json.loads(next(found.glob("log_map*.json")).read_text())
+        self.segments = {int(k): v for k, v in drawn["lane_segments"].items()}
+        self.areas = drawn["drivable_areas"].values()
 
     def side(self, segment, name):
         points = self.segments[segment][f"{name}_lane_boundary"]
@@ -37,6 +38,10 @@ class Log:
     def area(self, segment):
         ring = np.vstack([self.side(segment, "left"), self.side(segment, "right")[::-1]])
         return shapely.make_valid(shapely.Polygon(ring))
+
+    def drivable(self):
+        outlines = ([[p["x"], p["y"]] for p in area["area_boundary"]] for area in self.areas)
+        return shapely.union_all([shapely.Polygon(np.array(one) + CITY) for one in outlines])
 
     def known_heights(self):
         """(N, 2) places in EPSG:32617 and (N,) heights of the raster's cells that have one."""

@@ -10,6 +10,7 @@ import yaml
 from pyproj import Transformer
 
 from urbantwin.geometry import DownwardProbe
+from urbantwin.scene.surface import PARTS
 from urbantwin.site import load_site
 from urbantwin.twin import build_twin
 
@@ -54,5 +55,17 @@ def test_roads_lie_within_5_cm_rms_of_the_measured_ground(shared_data, tmp_path,
     above = np.column_stack([xy[on_road], np.full(on_road.sum(), 100.0)])
     ours = DownwardProbe(twin.ground_mesh).height_below(above)
     assert np.isfinite(ours).all()
+    if source == "vector map":
+        # Nothing is raised where the map says that vehicles can drive.
+        islands = twin.ground_mesh.select(twin.ground_mesh.part == PARTS["island"])
+        drivable = shapely.transform(
+            log.drivable(), lambda points: np.column_stack(to_site.transform(*points.T))
+        )
+        middle = islands.triangles().mean(axis=1)
+        inside = shapely.contains_xy(drivable, *middle[:, :2].T)
+        assert islands.areas()[inside].sum() < 1.0
+        paved = np.isin(twin.ground_mesh.part, [PARTS["carriageway"], PARTS["paved"]])
+        paved_m2 = twin.ground_mesh.select(paved).areas().sum()
+        assert paved_m2 > 0.98 * drivable.intersection(twin.region).area
     off = ours + twin.manifest["notes"]["ground"]["anchor_height_m"] - measured[on_road]
     assert np.sqrt(np.mean(off**2)) < 0.05

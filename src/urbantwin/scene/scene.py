@@ -49,6 +49,7 @@ def build_scene(
     features: Sequence[OsmFeature],
     heads: Sequence[Head] = (),
     imported: Reconstruction | None = None,
+    drivable: shapely.Geometry | None = None,
 ) -> Scene:
     """Build ground, decks, buildings and street furniture.
 
@@ -60,11 +61,12 @@ def build_scene(
         features: the map's features that touch the region.
         heads: signals and signs of the lane model, where they are.
         imported: what sources of geometry give; it stands in place of what is mapped there.
+        drivable: where a map says that vehicles can drive, beyond its lanes.
     """
     covers = imported.covers if imported else {}
     spacing = ON_A_PLAIN if elevation.is_flat and len(network.levels) == 1 else ON_A_HILL
     waters = water_bodies(features, region)
-    zones = ground_zones(network, region, features, waters)
+    zones = ground_zones(network, region, features, waters, drivable)
     ground = surface_mesh(
         zones,
         road_height=surface.height,

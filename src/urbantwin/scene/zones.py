@@ -81,20 +81,33 @@ def ground_zones(
     region: shapely.Polygon,
     features: Sequence[OsmFeature],
     waters: Sequence[WaterBody] = (),
+    drivable: shapely.Geometry | None = None,
 ) -> list[Zone]:
-    """Return the zones of the ground level; together they tile the region and its margin."""
+    """Return the zones of the ground level; together they tile the region and its margin.
+
+    Args:
+        network: the lanes.
+        region: region of interest, site frame.
+        features: what is mapped there.
+        waters: what lies under water.
+        drivable: where a map says that vehicles can drive. Of gaps between carriageways, what
+            lies there is carriageway and no median; beside them it is asphalt flush with the
+            terrain.
+    """
+    drivable = shapely.MultiPolygon() if drivable is None else drivable
     carriageway = _closed(network.carriageway(0), SEAM_M)
     footway = area_difference(_closed(network.footway(0), SEAM_M), carriageway)
     paved = area_union([carriageway, footway])
     gaps = area_difference(_closed(paved, MEDIAN_M), paved)
-    islands = _opened(gaps, SEAM_M)
+    islands = _opened(area_difference(gaps, drivable), SEAM_M)
     # Medians and islands of the lane model are raised, whatever the gap around them.
     raised = _raised(network, 0)
     islands = area_union([islands, area_difference(raised, footway)])
     carriageway = area_difference(carriageway, raised)
     # What is too narrow for an island is asphalt between lanes.
     slits = area_difference(area_intersection(_closed(paved, 2 * SEAM_M), gaps), islands)
-    carriageway = area_union([carriageway, slits])
+    driven = area_difference(area_intersection(gaps, drivable), raised)
+    carriageway = area_union([carriageway, slits, driven])
     taken = area_union([carriageway, footway, islands])
     everything = area_union(
         [shapely.buffer(region, MARGIN_M, join_style="mitre"), shapely.buffer(taken, VERGE_M)]
@@ -106,7 +119,9 @@ def ground_zones(
         _zone("footway", footway, "sidewalk", "paving"),
         _zone("island", islands, "other-ground", "concrete"),
     ]
-    for area, semantic, material in _flush_areas(features, waters):
+    beside = _opened(area_difference(drivable, taken), SEAM_M)
+    flush = [(beside, "road", "asphalt"), *_flush_areas(features, waters)]
+    for area, semantic, material in flush:
         free = area_difference(area_intersection(area, everything), taken)
         if not free.is_empty:
             kind = "terrain" if semantic == "terrain" else "paved"

@@ -114,6 +114,7 @@ def build_twin(
             features,
             heads,
             found,
+            imported.drivable if imported else None,
         )
         scene.mesh.save(folder / "scene.npz")
         tell(0.85, "materials")

@@ -1,7 +1,8 @@
-"""The file of an Argoverse 2 vector map: JSON with lane segments and pedestrian crossings.
+"""The file of an Argoverse 2 vector map: JSON with lane segments, crossings, drivable areas.
 
 Source: argoverse/av2-api, ``src/av2/map/README.md`` ("Vector Map: Lane Graph and Lane Segments",
-"Vector Map: Pedestrian Crossings") and ``src/av2/map/lane_segment.py``.
+"Vector Map: Pedestrian Crossings", "Vector Map: Drivable Area") and
+``src/av2/map/lane_segment.py``.
 """
 
 from __future__ import annotations
@@ -58,11 +59,12 @@ class Crossing:
 
 @dataclass(frozen=True)
 class MapFile:
-    """A whole map, by id."""
+    """A whole map, by id; ``drivable`` are outlines (N, 3) of where vehicles can drive."""
 
     path: Path
     segments: dict[int, Segment]
     crossings: dict[int, Crossing]
+    drivable: tuple[NDArray[np.float64], ...] = ()
 
 
 def is_argoverse(path: Path) -> bool:
@@ -76,7 +78,7 @@ def is_argoverse(path: Path) -> bool:
 
 
 def read_file(path: Path) -> MapFile:
-    """Read lane segments and pedestrian crossings.
+    """Read lane segments, pedestrian crossings and drivable areas.
 
     Raises:
         InputError: not found, not JSON, no lane segments, or one that lacks what it must have.
@@ -98,7 +100,11 @@ def read_file(path: Path) -> MapFile:
         raise InputError("pedestrian_crossings is no object", file=path, expected=EXPECTED)
     segments = [_segment(path, key, row) for key, row in rows.items()]
     walks = [_crossing(path, key, row) for key, row in crossings.items()]
-    found = MapFile(path, {s.id: s for s in segments}, {c.id: c for c in walks})
+    areas = data.get("drivable_areas") or {}
+    if not isinstance(areas, dict):
+        raise InputError("drivable_areas is no object", file=path, expected=EXPECTED)
+    drivable = tuple(_outline(path, key, row) for key, row in areas.items())
+    found = MapFile(path, {s.id: s for s in segments}, {c.id: c for c in walks}, drivable)
     if len(found.segments) < len(segments) or len(found.crossings) < len(walks):
         raise InputError("has an id twice", file=path, expected=EXPECTED)
     return found
@@ -139,6 +145,14 @@ def _crossing(path: Path, key: str, row: object) -> Crossing:
     fields = _fields(path, place, row)
     edges = tuple(_line(path, place, fields, name) for name in ("edge1", "edge2"))
     return Crossing(_id(path, place, fields), (edges[0], edges[1]))
+
+
+def _outline(path: Path, key: str, row: object) -> NDArray[np.float64]:
+    place = f"drivable area {key}"
+    outline = _line(path, place, _fields(path, place, row), "area_boundary")
+    if len(outline) < 3:
+        raise InputError("has fewer than three corners", file=path, place=place, expected=EXPECTED)
+    return outline
 
 
 def _fields(path: Path, place: str, row: object) -> dict[str, object]:

@@ -10,17 +10,18 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.geometry import SiteFrame
+from urbantwin.geometry import SiteFrame, area_union, areas_of
 from urbantwin.roads.argoverse.cities import city_of, lonlat_of
 from urbantwin.roads.argoverse.file import MapFile, is_argoverse, read_file
 from urbantwin.roads.lanelet2.document import Document, Node, Relation, Way
 from urbantwin.roads.lanelet2.read import Translation, translated
 from urbantwin.roads.model import LaneModel
 
-__all__ = ["is_argoverse", "lanelets_of_map", "read_argoverse", "translate"]
+__all__ = ["drivable_area", "is_argoverse", "lanelets_of_map", "read_argoverse", "translate"]
 
 #: Kind of a segment -> subtype of a lanelet.
 SUBTYPES = {"VEHICLE": "road", "BIKE": "bicycle_lane", "BUS": "bus_lane"}
@@ -44,6 +45,26 @@ def read_argoverse(path: Path, frame: SiteFrame) -> tuple[LaneModel, dict[str, o
     """
     translation = translate(path, frame)
     return translation.model, translation.notes
+
+
+def drivable_area(path: Path, frame: SiteFrame) -> shapely.Geometry:
+    """Return where the map says that vehicles can drive, in plan, site frame; empty if nowhere.
+
+    It holds what lanes do not: the width beside them where cars park, and the asphalt between
+    carriageways that no median parts. A map that says no city is in its own x and y.
+
+    Raises:
+        InputError: not such a map, or one that lacks what it must have.
+    """
+    read = read_file(path)
+    city = city_of(path)
+    areas = []
+    for outline in read.drivable:
+        places = outline[:, :2]
+        if city is not None:
+            places = frame.site_from_lonlat(lonlat_of(city, places))
+        areas.append(shapely.make_valid(shapely.Polygon(places)))
+    return areas_of(area_union(areas))
 
 
 def translate(path: Path, frame: SiteFrame) -> Translation:

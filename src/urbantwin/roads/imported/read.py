@@ -8,6 +8,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import shapely
+
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads import argoverse, lanelet2
@@ -42,12 +44,15 @@ class ImportedMap:
         notes: what the reader found and assumed.
         heights_at_corners: whether the map has heights at the corners of its lines only, so that
             nothing is known of the road between them, as far apart as a straight street is long.
+        drivable: where the map says that vehicles can drive, lanes or not, in plan; empty where
+            it does not say.
     """
 
     path: Path
     model: LaneModel
     notes: dict[str, object] = field(default_factory=dict)
     heights_at_corners: bool = False
+    drivable: shapely.Geometry = field(default_factory=shapely.MultiPolygon)
 
 
 def map_format(path: Path) -> str:
@@ -95,13 +100,16 @@ def read_map(
     kind = map_format(path)
     if kind == "OpenDRIVE":
         return placed_map(path, read_opendrive(path), frame, anchor_m)
-    reader = lanelet2.read_lanelet2 if kind == "Lanelet2" else argoverse.read_argoverse
+    is_lanelet2 = kind == "Lanelet2"
+    reader = lanelet2.read_lanelet2 if is_lanelet2 else argoverse.read_argoverse
     model, found = reader(path, frame)
+    drivable = shapely.MultiPolygon() if is_lanelet2 else argoverse.drivable_area(path, frame)
     if anchor_m is not None:
         if is_placed(path):
             raise _placed_twice(path)
         model = shifted(model, (-anchor_m[0], -anchor_m[1], 0.0, 0.0))
-    return ImportedMap(path, model, {"format": kind, **found}, kind == "Argoverse 2")
+        drivable = shapely.transform(drivable, lambda xy: xy - anchor_m)
+    return ImportedMap(path, model, {"format": kind, **found}, not is_lanelet2, drivable)
 
 
 def placed_map(
