@@ -44,12 +44,9 @@ class BeamAgreement:
 def beams_are_known(real: Frame, synthetic: Frame) -> str | None:
     """Return how beams can be matched: by ``column`` or ``azimuth``; None where they cannot.
 
-    Ring numbers must be the same: data that numbers its beams in another order does not match,
-    and the largest ring and the number of sensors must not differ.
+    The number of beams (of sensors, and of rings that return anything) must be the same.
     """
-    if real.ring is None or synthetic.ring is None:
-        return None
-    if int(real.ring.max()) != int(synthetic.ring.max()) or _sensors(real) != _sensors(synthetic):
+    if real.ring is None or synthetic.ring is None or _beams(real) != _beams(synthetic):
         return None
     if real.column is None or synthetic.column is None:
         return "azimuth"
@@ -61,9 +58,11 @@ def beams_are_known(real: Frame, synthetic: Frame) -> str | None:
 def beam_agreement(real: Frame, synthetic: Frame) -> BeamAgreement | None:
     """Compare two frames of one sensor beam by beam; None where beams are not known.
 
-    A beam is a ring and a column, or a ring and a cell of azimuth as seen from the sensor (of
-    several points in one, the nearest). What neither frame ever returned is no beam here: rings
-    or columns without any return do not count as agreement.
+    Rings are put in the order of their median elevation, sensor by sensor: data numbers them
+    from the top, from the bottom or as they fire. A beam is a ring and a column, or a ring and a
+    cell of azimuth as seen from the sensor (of several points in one, the nearest). What neither
+    frame ever returned is no beam here: rings or columns without any return do not count as
+    agreement.
 
     Args:
         real: with ``ring`` and, if it has them, ``column`` and ``sensor``.
@@ -97,22 +96,45 @@ def beam_agreement(real: Frame, synthetic: Frame) -> BeamAgreement | None:
     )
 
 
-def _sensors(frame: Frame) -> int:
-    return 1 if frame.sensor is None else int(frame.sensor.max()) + 1
+def _beams(frame: Frame) -> list[int]:
+    """Return the number of rings of each sensor."""
+    if frame.ring is None:
+        return []
+    sensor = _sensor(frame)
+    return [len(np.unique(frame.ring[sensor == one])) for one in np.unique(sensor)]
+
+
+def _sensor(frame: Frame) -> NDArray[np.int64]:
+    return np.zeros(len(frame.points), np.int64) if frame.sensor is None else frame.sensor
 
 
 def _ranges(
     frame: Frame, how: str
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
     """Return the row (sensor and ring), the column and the range of every point."""
-    sensor = np.zeros(len(frame.points), np.int64) if frame.sensor is None else frame.sensor
+    sensor = _sensor(frame)
     places = frame.sensor_places
     seen = frame.points - places[np.minimum(sensor, len(places) - 1)]
-    ring, column = frame.ring, frame.column
-    if ring is None:
-        raise ValueError("the frame has no rings")
+    column = frame.column
     if how == "azimuth" or column is None:
         turn = np.degrees(np.arctan2(seen[:, 1], seen[:, 0])) % 360.0
         column = np.floor(turn / AZIMUTH_CELL_DEG).astype(np.int64)
-    row = sensor.astype(np.int64) * 65_536 + ring
+    elevation = np.arctan2(seen[:, 2], np.hypot(seen[:, 0], seen[:, 1]))
+    row = np.zeros(len(seen), np.int64)
+    for number, one in enumerate(np.unique(sensor)):
+        mine = np.flatnonzero(sensor == one)
+        row[mine] = number * 65_536 + _ranked(frame.ring, mine, elevation)
     return row, column.astype(np.int64), np.linalg.norm(seen, axis=1)
+
+
+def _ranked(
+    ring: NDArray[np.int64] | None, mine: NDArray[np.intp], elevation: NDArray[np.float64]
+) -> NDArray[np.int64]:
+    """Return the place of each point's ring in the order of the rings' median elevations."""
+    if ring is None:
+        raise ValueError("the frame has no rings")
+    _, place = np.unique(ring[mine], return_inverse=True)
+    medians = [np.median(elevation[mine[place == k]]) for k in range(int(place.max()) + 1)]
+    rank = np.empty(len(medians), np.int64)
+    rank[np.argsort(medians, kind="stable")] = np.arange(len(medians))
+    return np.asarray(rank[place])

@@ -14,7 +14,7 @@ _REACH_M = 60.0
 #: Overlap under a turn that makes us doubt: at least, and more than as it is by this factor.
 _LEAST, _FACTOR = 0.25, 1.3
 _TURNS = (90, 180, -90)
-_HEIGHT_M = 0.5
+_HEIGHT_M, _NEAR_M = 0.5, 15.0
 
 
 def doubts_about(real: Frame, other: Frame) -> list[str]:
@@ -22,8 +22,9 @@ def doubts_about(real: Frame, other: Frame) -> list[str]:
 
     Turned by a quarter or half turn: cells of 1 m in plan that both occupy, over those that
     either does, are many more after the turn than before. Shifted in height: the commonest
-    height of points (the street, mostly) differs by more than 0.5 m. Another unit: extents
-    differ by more than a hundred. Another sensor: rings, or points, differ in number.
+    height of the points up to 15 m away (the street, mostly) differs by more than 0.5 m. Another
+    unit: extents differ by more than a hundred. Another sensor: rings, or points, differ in
+    number.
     """
     said = []
     a, b = real.points - real.sensor_places[0], other.points - other.sensor_places[0]
@@ -41,16 +42,18 @@ def doubts_about(real: Frame, other: Frame) -> list[str]:
             f"The real frames look rotated by {abs(best)} degrees: turned by {best}, "
             f"{turned[best]:.0%} of the cells in plan agree, and as they are {as_it_is:.0%}."
         )
-    heights = [_commonest_height(p) for p in (real.points, other.points)]
+    heights = [
+        _commonest_height(frame.points[np.linalg.norm(seen[:, :2], axis=1) < _NEAR_M])
+        for frame, seen in ((real, a), (other, b))
+    ]
     if abs(heights[0] - heights[1]) > _HEIGHT_M:
         said.append(
-            f"The commonest height is {heights[0]:.1f} m in the real frame and {heights[1]:.1f} m "
-            "in the other: the frames of reference seem shifted."
+            f"The commonest height nearby is {heights[0]:.1f} m in the real frame and "
+            f"{heights[1]:.1f} m in the other: the frames of reference seem shifted."
         )
-    if real.ring is not None and other.ring is not None:
-        rings = [len(np.unique(ring)) for ring in (real.ring, other.ring)]
-        if max(rings) > 1.2 * min(rings):
-            said.append(f"The frames have {rings[0]} and {rings[1]} rings: not the same sensor?")
+    rings = [_rings(frame) for frame in (real, other)]
+    if min(rings) and max(rings) > 1.2 * min(rings):
+        said.append(f"The frames have {rings[0]} and {rings[1]} rings: not the same sensor?")
     if max(len(a), len(b)) > 3 * min(len(a), len(b)):
         said.append(f"The frames have {len(a)} and {len(b)} points: not the same sensor?")
     return said
@@ -75,6 +78,17 @@ def _overlap(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     return float((seen[0] & seen[1]).sum() / either) if either else 0.0
 
 
+def _rings(frame: Frame) -> int:
+    """Return how many rings all sensors together have; 0 where that is not known."""
+    if frame.ring is None:
+        return 0
+    sensor = 0 if frame.sensor is None else frame.sensor
+    return len(np.unique(sensor * 65_536 + frame.ring))
+
+
 def _commonest_height(points: NDArray[np.float64]) -> float:
+    """Return it in metres; nan without points."""
+    if not len(points):
+        return float("nan")
     cells, count = np.unique(np.floor(points[:, 2] / 0.2).astype(np.int64), return_counts=True)
     return float(cells[count.argmax()] * 0.2 + 0.1)

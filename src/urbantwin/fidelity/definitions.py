@@ -28,8 +28,8 @@ _METRO = (
 )
 
 _BEAMS = (
-    "rings and columns of one sensor as the data numbers them; where columns are not known on "
-    f"both sides, rings and cells of {AZIMUTH_CELL_DEG} degrees of azimuth"
+    "rings, in the order of their elevation, and columns; where columns are not known on both "
+    f"sides, rings and cells of {AZIMUTH_CELL_DEG} degrees of azimuth"
 )
 
 MEASURES: dict[str, Measure] = {

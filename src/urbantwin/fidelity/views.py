@@ -176,7 +176,7 @@ def draw_objects(objects: Mapping[str, Any], path: Path) -> None:
             axes.legend(fontsize=8, frameon=False)
     for place, name in enumerate(commonest):
         axes = figure.add_subplot(grid[1, place])
-        _titled(axes, f"Points a box: {name} (median, 20 to 80 of 100)")
+        _titled(axes, f"Points a box, {name}: median, P20 to P80")
         for side in sides:
             rows = objects[side]["classes"].get(name, {"points_per_box": []})["points_per_box"]
             if rows:
