@@ -12,6 +12,7 @@ import typer
 
 from urbantwin import __version__
 from urbantwin.cli import (
+    align,
     build,
     carla,
     compare,
@@ -77,6 +78,7 @@ for command, examples in (
     (traffic.traffic, traffic.EXAMPLES),
     (record.record, record.EXAMPLES),
     (coverage.coverage, coverage.EXAMPLES),
+    (align.align, align.EXAMPLES),
     (compare.compare, compare.EXAMPLES),
     (export.export, export.EXAMPLES),
     (carla.carla, carla.EXAMPLES),

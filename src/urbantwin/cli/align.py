@@ -1,0 +1,64 @@
+"""``urbantwin align``: where in a twin a real sensor stands."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from urbantwin.cli.console import Console
+from urbantwin.cli.options import AsJson, Quiet
+
+__all__ = ["EXAMPLES", "align"]
+
+EXAMPLES = """
+urbantwin align real/ twin/ -o rig.yaml
+urbantwin align real/ twin/ --guess 12 -7 135 -o rig.yaml
+urbantwin align real/ twin/ --anywhere --rig rig.yaml -o rig.yaml
+"""
+
+
+def align(
+    real: Annotated[Path, typer.Argument(help="A real frame, or a recording of them.")],
+    twin: Annotated[Path, typer.Argument(help="A twin's folder.")],
+    out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The rig to write.")],
+    rig: Annotated[
+        Path | None,
+        typer.Option(help="The rig whose first sensor it is; the twin's own if not given."),
+    ] = None,
+    frame: Annotated[int, typer.Option(min=0, help="The number of the frame, from 0.")] = 0,
+    guess: Annotated[
+        tuple[float, float, float] | None,
+        typer.Option(
+            metavar="E N YAW",
+            help="Roughly where: metres from the anchor, degrees from east; else as the rig says.",
+        ),
+    ] = None,
+    anywhere: Annotated[
+        bool, typer.Option("--anywhere", help="Search the whole region, with any heading.")
+    ] = False,
+    within: Annotated[
+        tuple[float, float],
+        typer.Option(metavar="M DEG", help="How far off the rough place and heading may be."),
+    ] = (3.0, 15.0),
+    level: Annotated[
+        bool,
+        typer.Option("--level", help="The points are level with gravity; the rig says the tilt."),
+    ] = False,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Find the pose of a sensor in a twin from one real frame, and write it into a rig."""
+    from urbantwin.cli.stages import new_folder, rig_on
+    from urbantwin.fidelity.alignment import Wish, align_rig
+    from urbantwin.twin import load_twin
+
+    console = Console(quiet=quiet, as_json=as_json)
+    loaded = load_twin(twin)
+    source = loaded.rig_path if rig is None else rig
+    placed = rig_on(loaded, rig)
+    with new_folder(out.parent), console.stage("align") as progress:
+        wish = Wish(guess, anywhere, within, level, frame)
+        found = align_rig(real, loaded, placed, source, out, wish, progress)
+    console.result({"path": str(out), **found.report()})

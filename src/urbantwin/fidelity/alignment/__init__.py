@@ -1,0 +1,18 @@
+"""Finding a sensor's pose in the twin from what it really saw."""
+
+from urbantwin.fidelity.alignment.align import Alignment, Guess, align
+from urbantwin.fidelity.alignment.ground_plane import GroundPlane, ground_plane
+from urbantwin.fidelity.alignment.of_rig import Wish, align_rig
+from urbantwin.fidelity.alignment.rig_file import aligned_poses, write_aligned_rig
+
+__all__ = [
+    "Alignment",
+    "GroundPlane",
+    "Guess",
+    "Wish",
+    "align",
+    "align_rig",
+    "aligned_poses",
+    "ground_plane",
+    "write_aligned_rig",
+]

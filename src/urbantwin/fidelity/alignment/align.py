@@ -1,0 +1,232 @@
+"""The pose of a sensor in the twin, found from one real frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+from urbantwin.fidelity.alignment.ground_plane import GroundPlane, ground_plane, thinned
+from urbantwin.fidelity.alignment.register import Registered, registered
+from urbantwin.fidelity.alignment.scene_points import ScenePoints
+from urbantwin.fidelity.alignment.search import Found, PoseSearch, SearchSpan
+from urbantwin.fidelity.frame import Frame
+from urbantwin.geometry import LabelledMesh, Pose, ypr_from_rotation
+
+__all__ = ["Alignment", "Guess", "align"]
+
+Progress = Callable[[float, str], None]
+
+#: Points farther from the sensor than this are left out, metres.
+_REACH_M = 50.0
+#: The points that decide, and those that only tell candidates apart: one per cell, metres.
+_THINNED_M, _SPARSE_M = 0.25, 0.5
+_LEAST_POINTS = 200
+#: A second place that explains as much as this share of the first makes it a guess.
+AMBIGUOUS = 0.9
+#: A place less certain than this is not found, metres and degrees (standard deviations).
+_MOST_SIGMA_M, _MOST_SIGMA_DEG = 0.5, 2.0
+_CANDIDATES = 4
+
+
+@dataclass(frozen=True)
+class Guess:
+    """Roughly where the sensor is.
+
+    Attributes:
+        east_m: metres east of the anchor.
+        north_m: metres north of the anchor.
+        yaw_deg: heading of the frame's x axis, counter-clockwise from east.
+        within_m: how far off the place may be, east and north.
+        within_deg: how far off the heading may be.
+    """
+
+    east_m: float
+    north_m: float
+    yaw_deg: float
+    within_m: float = 3.0
+    within_deg: float = 15.0
+
+
+@dataclass(frozen=True, eq=False)
+class Alignment:
+    """The pose of a frame in the twin, and how far it can be trusted.
+
+    Attributes:
+        pose: ``site_SE3_frame``: takes the frame's points to the site.
+        found: the registration: residual, standard deviations.
+        second: what the next best place explains as a share of the best; 0 where there is none.
+        plane: the ground in the frame.
+        score: of the search, 0 to 1.
+    """
+
+    pose: Pose
+    found: Registered
+    second: float
+    plane: GroundPlane
+    score: float
+
+    @property
+    def confidence(self) -> float:
+        """1 less what the next best place explains as a share of the best."""
+        return 1.0 - self.second
+
+    def report(self) -> dict[str, Any]:
+        """Return everything as JSON holds it."""
+        yaw, pitch, roll = np.degrees(ypr_from_rotation(self.pose.rotation))
+        east, north, up = self.pose.translation
+        return {
+            "east_m": round(float(east), 4),
+            "north_m": round(float(north), 4),
+            "up_m": round(float(up), 4),
+            "yaw_deg": round(float(yaw), 4),
+            "pitch_deg": round(float(pitch), 4),
+            "roll_deg": round(float(roll), 4),
+            "residual_m": round(self.found.residual_m, 4),
+            "sigma_m": [round(float(one), 4) for one in self.found.sigma_m],
+            "sigma_yaw_deg": round(float(self.found.sigma_deg[2]), 4),
+            "explained_share": round(self.found.explained, 4),
+            "confidence": round(self.confidence, 4),
+            "surface_offset_m": round(self.found.surface_offset_m, 4),
+            "points": self.found.points,
+            "height_above_ground_m": round(self.plane.height_m, 3),
+        }
+
+
+def align(
+    frame: Frame,
+    mesh: LabelledMesh,
+    *,
+    guess: Guess | None = None,
+    region: shapely.Polygon | None = None,
+    seed: int = 0,
+    file: str | None = None,
+    progress: Progress | None = None,
+) -> Alignment:
+    """Find where in the twin a real frame was measured.
+
+    1. The ground plane of the frame gives the sensor's height above it, pitch and roll.
+    2. Places and headings are tried in which the sensor stands on the twin's ground as it does on
+       its own; the points must lie on the scene's surfaces (a field of distances).
+    3. The best few are registered to the surfaces that can be seen from there; the one that
+       explains most points wins.
+
+    Points that labels give to objects are left out: objects move, the twin does not.
+
+    Args:
+        frame: one real frame, z roughly upward.
+        mesh: the static world, site frame.
+        guess: roughly where it is; else the whole region is searched, with any heading.
+        region: where it can be, site frame, if there is no guess.
+        seed: of the ground planes that are tried.
+        file: where the frame is from, for errors.
+        progress: told the share done (0..1) and what is being done.
+
+    Raises:
+        InputError: no ground in the frame, or at the guess in the twin; nothing that holds the
+            place (a bare plane looks alike everywhere); or two places that are nearly as good.
+    """
+    tell = progress or (lambda share, text: None)
+    moving = frame.foreground(margin=0.1)
+    points = frame.points if moving is None else frame.points[~moving]
+    sensor = frame.sensor_places.mean(axis=0)
+    points = points - sensor
+    points = points[np.hypot(points[:, 0], points[:, 1]) < _REACH_M]
+    if len(points) < _LEAST_POINTS:
+        raise InputError(
+            f"has {len(points)} points within {_REACH_M:g} m that belong to no object",
+            file=file,
+            expected=f"at least {_LEAST_POINTS}",
+        )
+    tell(0.0, "finding the ground")
+    plane = ground_plane(points, seed)
+    if plane is None:
+        raise InputError(
+            "shows no ground below the sensor",
+            file=file,
+            expected="metres, z roughly upward, and part of a street in view",
+        )
+    span = _span(guess, region, mesh)
+    tell(0.1, "reading the scene")
+    scene = ScenePoints(mesh, span.middle, span.reach_m + _REACH_M)
+    if not len(scene.points):
+        raise _no_ground(guess, file)
+    tell(0.3, "searching the place")
+    search = PoseSearch(scene, points, plane)
+    candidates = search.run(span, _CANDIDATES)
+    if not candidates:
+        raise _no_ground(guess, file)
+    tell(0.6, "registering")
+    best, second = _best(scene, thinned(points, _SPARSE_M), candidates)
+    tell(0.8, "registering")
+    found = None if best is None else registered(scene, thinned(points, _THINNED_M), best[1].pose)
+    if best is None or found is None:
+        raise InputError(
+            "does not fit the twin anywhere there",
+            file=file,
+            expected="a frame of this site, or another guess",
+        )
+    if found.sigma_m.max() > _MOST_SIGMA_M or found.sigma_deg.max() > _MOST_SIGMA_DEG:
+        raise InputError(
+            f"holds the place to no better than {found.sigma_m.max():.2f} m and "
+            f"{found.sigma_deg.max():.1f} degrees (standard deviation)",
+            file=file,
+            expected="a twin with walls, poles or curbs that the sensor sees",
+        )
+    if second is not None and second[1].explained > AMBIGUOUS * best[1].explained:
+        apart = np.hypot(*(second[1].pose.translation - found.pose.translation)[:2])
+        raise InputError(
+            f"fits two places {apart:.1f} m apart nearly as well "
+            f"({best[1].explained:.0%} and {second[1].explained:.0%} of its points off the ground)",
+            file=file,
+            expected="a guess nearer to the right one",
+        )
+    share = 0.0 if second is None else second[1].explained / max(best[1].explained, 1e-9)
+    pose = Pose(found.pose.rotation, found.pose.apply(-sensor[None])[0])
+    return Alignment(pose, replace(found, pose=pose), share, plane, best[0].score)
+
+
+def _best(
+    scene: ScenePoints, points: NDArray[np.float64], candidates: list[Found]
+) -> tuple[tuple[Found, Registered] | None, tuple[Found, Registered] | None]:
+    """Register the candidates; return the best, and the best that is another place."""
+    done = [(one, registered(scene, points, one.pose)) for one in candidates]
+    fits = [(one, found) for one, found in done if found is not None]
+    if not fits:
+        return None, None
+    fits.sort(key=lambda pair: -pair[1].explained)
+    first = fits[0]
+    for other in fits[1:]:
+        apart = np.linalg.norm(other[1].pose.translation - first[1].pose.translation)
+        turned = other[1].pose.rotation.T @ first[1].pose.rotation
+        angle = np.degrees(np.arccos(np.clip((np.trace(turned) - 1) / 2, -1, 1)))
+        if apart > 0.5 or angle > 3.0:
+            return first, other
+    return first, None
+
+
+def _span(guess: Guess | None, region: shapely.Polygon | None, mesh: LabelledMesh) -> SearchSpan:
+    if guess is not None:
+        middle = np.array([guess.east_m, guess.north_m])
+        return SearchSpan(
+            middle, guess.within_m, np.radians(guess.yaw_deg), np.radians(guess.within_deg)
+        )
+    if region is None:
+        low, high = mesh.vertices[:, :2].min(axis=0), mesh.vertices[:, :2].max(axis=0)
+    else:
+        low, high = np.array(region.bounds).reshape(2, 2)
+    return SearchSpan((low + high) / 2, float((high - low).max() / 2), 0.0, np.pi)
+
+
+def _no_ground(guess: Guess | None, file: str | None) -> InputError:
+    where = "in the region" if guess is None else f"at {guess.east_m:g} m E, {guess.north_m:g} m N"
+    return InputError(
+        f"the twin has no ground {where} to stand the sensor on",
+        file=file,
+        expected="a guess on the twin's ground",
+    )

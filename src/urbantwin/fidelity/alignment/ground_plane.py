@@ -1,0 +1,109 @@
+"""The ground as one frame shows it: how high above it the sensor is, and how it is tilted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["GroundPlane", "ground_plane", "leveling"]
+
+#: Points of the ground lie this near to its plane, metres.
+_THICK_M = 0.15
+#: Of the ground, only what is this near counts: farther away streets bend and fall.
+_NEAR_M = 30.0
+#: The sensor's z is not tilted by more than this.
+MOST_TILT_DEG = 60.0
+_TRIES = 600
+_CELL_M = 0.5
+_LEAST_POINTS = 30
+
+
+@dataclass(frozen=True, eq=False)
+class GroundPlane:
+    """The plane that most of a sensor's surroundings stand on.
+
+    Attributes:
+        normal: (3,) unit vector in the frame of the points, away from the ground.
+        height_m: of the frame's origin above the plane.
+        share: of the cells around the sensor that hold points on the plane.
+        sigma_m: root mean square distance of those points from it.
+    """
+
+    normal: NDArray[np.float64]
+    height_m: float
+    share: float
+    sigma_m: float
+
+    def above(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return how high (N, 3) points are above the plane, metres."""
+        return np.asarray(points @ self.normal + self.height_m)
+
+
+def ground_plane(points: NDArray[np.float64], seed: int = 0) -> GroundPlane | None:
+    """Find the ground: the plane with most points on it of which few lie below.
+
+    RANSAC (Fischler and Bolles 1981) over one point per cell of 0.5 m, so that near rings do
+    not outvote the rest, and least squares on the points of the best plane.
+
+    Args:
+        points: (N, 3) metres, frame of the sensor, z roughly upward.
+        seed: of the planes that are tried.
+
+    Returns:
+        ``None`` where there is no plane under the sensor that a tenth of the cells lie on.
+    """
+    near = points[np.linalg.norm(points, axis=1) < _NEAR_M]
+    cells = thinned(near, _CELL_M)
+    if len(cells) < _LEAST_POINTS:
+        return None
+    generator = np.random.default_rng(seed)
+    corners = cells[generator.integers(0, len(cells), (_TRIES, 3))]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    length = np.linalg.norm(normal, axis=1)
+    fit = length > 1.0
+    normal = normal[fit] / length[fit, None]
+    normal *= np.where(normal[:, 2:] < 0, -1.0, 1.0)
+    height = -(normal * corners[fit, 0]).sum(axis=1)
+    possible = (normal[:, 2] > np.cos(np.radians(MOST_TILT_DEG))) & (height > 0.2)
+    normal, height = normal[possible], height[possible]
+    if not len(normal):
+        return None
+    above = cells @ normal.T + height
+    score = (np.abs(above) < _THICK_M).sum(axis=0) - 2.0 * (above < -3 * _THICK_M).sum(axis=0)
+    best = int(score.argmax())
+    found, up = normal[best], float(height[best])
+    for _ in range(5):
+        on = np.abs(cells @ found + up) < _THICK_M
+        if on.sum() < _LEAST_POINTS:
+            return None
+        middle = cells[on].mean(axis=0)
+        found = np.linalg.svd(cells[on] - middle, full_matrices=False)[2][2]
+        found = found * np.sign(found[2])
+        up = float(-found @ middle)
+    on = np.abs(cells @ found + up) < _THICK_M
+    share = float(on.mean())
+    if share < 0.1 or up <= 0:
+        return None
+    return GroundPlane(found, up, share, float(np.sqrt(((cells[on] @ found + up) ** 2).mean())))
+
+
+def leveling(normal: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the smallest turn (3, 3) that takes a unit vector to +z."""
+    x, y, z = normal
+    turned = 1.0 / (1.0 + z)
+    return np.array(
+        [
+            [1.0 - x * x * turned, -x * y * turned, -x],
+            [-x * y * turned, 1.0 - y * y * turned, -y],
+            [x, y, z],
+        ]
+    )
+
+
+def thinned(points: NDArray[np.float64], cell_m: float) -> NDArray[np.float64]:
+    """Return one of (N, 3) points from every cell that holds any: the first."""
+    keys = np.floor(points / cell_m).astype(np.int64)
+    _, first = np.unique(keys, axis=0, return_index=True)
+    return points[np.sort(first)]

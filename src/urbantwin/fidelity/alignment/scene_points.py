@@ -1,0 +1,83 @@
+"""Points of the scene as a sensor at some place would see them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.geometry import DownwardProbe, LabelledMesh
+from urbantwin.lidar.casting import EmbreeCaster
+from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
+
+__all__ = ["ScenePoints"]
+
+#: Distance between neighbouring points on the ground and on everything else, metres.
+GROUND_SPACING_M, OTHER_SPACING_M = 0.25, 0.12
+_MOST_POINTS = 2_000_000
+_GROUND = tuple(semantic_id(name) for name in GROUND_CLASSES)
+
+
+class ScenePoints:
+    """The surfaces of a static world as points, evenly strewn over them.
+
+    Args:
+        mesh: the static world, site frame.
+        middle: (2,) what is around here is kept.
+        reach_m: how far around.
+
+    Attributes:
+        points: (N, 3) float64, site frame.
+        normals: (N, 3) of the surfaces.
+        is_ground: (N,) whether one can stand there.
+    """
+
+    def __init__(self, mesh: LabelledMesh, middle: NDArray[np.float64], reach_m: float) -> None:
+        corners = mesh.triangles()
+        low, high = corners[..., :2].min(axis=1), corners[..., :2].max(axis=1)
+        near = ((low < middle + reach_m) & (high > middle - reach_m)).all(axis=1)
+        self._near = mesh.select(near)
+        self._origin = np.array([*middle, 0.0])
+        self._caster = EmbreeCaster(self._near.vertices - self._origin, self._near.faces)
+        face = _strewn(self._near)
+        generator = np.random.default_rng(len(face))
+        u, v = generator.random((2, len(face)))
+        over = u + v > 1
+        u, v = np.where(over, 1 - u, u), np.where(over, 1 - v, v)
+        a, b, c = np.moveaxis(self._near.triangles()[face], 1, 0)
+        points = a + u[:, None] * (b - a) + v[:, None] * (c - a)
+        inside = np.hypot(*(points[:, :2] - middle).T) < reach_m
+        self.points = points[inside]
+        normals = self._near.normals()
+        self.normals = normals[face[inside]]
+        ground = np.isin(self._near.semantic, _GROUND) & (normals[:, 2] > 0.1)
+        self.is_ground = ground[face[inside]]
+        flat = self._near.select(ground)
+        self._probe = DownwardProbe(flat) if len(flat.faces) else None
+        self._top = float(points[:, 2].max()) + 1.0 if len(points) else 0.0
+
+    def seen_from(self, place: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which points (N,) nothing hides from a place (3,)."""
+        away = self.points - place
+        distance = np.linalg.norm(away, axis=1)
+        aim = (away / np.maximum(distance, 1e-9)[:, None]).astype(np.float32)
+        met = self._caster.cast(place - self._origin, aim).range_m
+        return np.asarray(met > distance - 0.05 - 0.002 * distance)
+
+    def ground_at(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the height (N,) of the ground at (N, 2) places; nan where there is none."""
+        if self._probe is None:
+            return np.full(len(xy), np.nan)
+        return self._probe.height_below(np.column_stack([xy, np.full(len(xy), self._top)]))
+
+
+def _strewn(mesh: LabelledMesh) -> NDArray[np.int64]:
+    """Return the triangle of each point: as many as its area asks for, the rest by chance."""
+    ground = np.isin(mesh.semantic, _GROUND)
+    spacing = np.where(ground, GROUND_SPACING_M, OTHER_SPACING_M)
+    wanted = mesh.areas() / spacing**2
+    wanted *= min(1.0, _MOST_POINTS / max(wanted.sum(), 1.0))
+    # Systematic sampling: the running sum passes a whole number, so no triangle is left out
+    # for being small, and the count is what the area says.
+    passed = np.floor(np.cumsum(wanted)).astype(np.int64)
+    count = np.diff(np.concatenate([[0], passed]))
+    return np.repeat(np.arange(len(count)), count)
