@@ -231,3 +231,19 @@ def test_our_own_dataset(tmp_path):
     (tmp_path / "dataset.json").write_text('{"kind": "datasets", "datasets": ["ne", "sw"]}')
     with pytest.raises(InputError, match=r"a dataset for each sensor.*ne, sw"):
         open_recording(tmp_path)
+
+
+def test_a_damaged_laz_does_not_keep_us_busy(tmp_path):
+    header = laspy.LasHeader(point_format=1, version="1.2")
+    cloud = laspy.LasData(header)
+    cloud.x, cloud.y, cloud.z = POINTS[:, :3].T.astype(np.float64)
+    path = tmp_path / "a.laz"
+    cloud.write(str(path))
+    whole = path.read_bytes()
+    for at, what in ((100, "records"), (96, "where points begin"), (107, "points")):
+        damaged = bytearray(whole)
+        damaged[at : at + 4] = b"\xff\xff\xff\x7f"
+        path.write_bytes(damaged)
+        with pytest.raises(InputError, match=r"a\.laz.*header"):
+            open_recording(path).read(0)
+            pytest.fail(what)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +14,7 @@ from urbantwin.errors import InputError
 from urbantwin.fidelity.pcd import read_pcd
 from urbantwin.fidelity.ply import read_ply
 
-__all__ = ["FORMATS", "Fields", "is_cloud", "position_and_intensity", "read_fields"]
+__all__ = ["FORMATS", "Fields", "is_cloud", "load_array", "position_and_intensity", "read_fields"]
 
 Fields = dict[str, NDArray[np.generic]]
 
@@ -21,6 +23,8 @@ FORMATS = (".npy", ".bin", ".pcd", ".ply", ".las", ".laz")
 _INTENSITY = ("intensity", "scalar_intensity", "i", "reflectivity", "reflectance", "remission")
 #: nuScenes' rows: x, y, z, intensity and the ring, in files that end so.
 _NUSCENES = ".pcd.bin"
+#: LAZ is a tenth of LAS; nothing real is this much smaller.
+_LAZ_RATIO = 1000
 
 
 def is_cloud(path: Path) -> bool:
@@ -79,11 +83,23 @@ def position_and_intensity(
     return table, found[0].astype(np.float64) if found else None
 
 
-def _from_npy(path: Path) -> Fields:
+def load_array(path: Path, expected: str) -> NDArray[Any]:
+    """Load one array of a ``.npy`` file.
+
+    Raises:
+        InputError: it is none.
+    """
     try:
         array = np.load(path, allow_pickle=False)
-    except (ValueError, OSError, EOFError) as error:
-        raise InputError(f"is not readable ({error})", file=path, expected="a .npy array") from None
+    except Exception as error:  # the header is Python's syntax: its parser raises what it likes
+        raise InputError(f"is not readable ({error})", file=path, expected=expected) from None
+    if not isinstance(array, np.ndarray):
+        raise InputError("holds several arrays", file=path, expected=expected)
+    return array
+
+
+def _from_npy(path: Path) -> Fields:
+    array = load_array(path, "a .npy array")
     if array.dtype.names:
         return {name.lower(): array[name].ravel() for name in array.dtype.names}
     if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind not in "fiu":
@@ -107,7 +123,8 @@ def _from_bin(path: Path, columns: int | None) -> Fields:
             file=path,
             expected=f"a multiple of {4 * width} (rows of {width} float32)",
         )
-    table = np.fromfile(path, "<f4").reshape(-1, width).astype(np.float64)
+    with np.errstate(invalid="ignore"):  # of bits that are no number: they become NaN
+        table = np.fromfile(path, "<f4").reshape(-1, width).astype(np.float64)
     fields = _columns(table)
     if rings:
         fields["ring"] = table[:, 4]
@@ -120,9 +137,32 @@ def _columns(table: NDArray[np.float64]) -> Fields:
     }
 
 
+def _check_las_header(path: Path) -> None:
+    """Refuse counts that the file cannot hold: laspy would look for all of them.
+
+    Source: ASPRS LAS 1.4 R15, public header block; LASzip marks the point format's upper bits.
+
+    Raises:
+        InputError: no LAS file, or one that is cut or damaged.
+    """
+    with path.open("rb") as stream:
+        header = stream.read(375)
+    size = path.stat().st_size
+    if header[:4] != b"LASF" or len(header) < 227:
+        raise InputError("is not readable", file=path, expected="a LAS file")
+    begin, points_at, records, kind, length, points = struct.unpack_from("<HIIBHI", header, 94)
+    if header[25] >= 4 and len(header) >= 255:
+        points = max(points, *struct.unpack_from("<Q", header, 247))
+    packed = bool(kind & 0xC0)
+    most = size * (_LAZ_RATIO if packed else 1)
+    if points_at > size or begin + 54 * records > points_at or points * length > most:
+        raise InputError("is cut, or its header is damaged", file=path, expected="a LAS file")
+
+
 def _from_las(path: Path) -> Fields:
     import laspy
 
+    _check_las_header(path)
     try:
         cloud = laspy.read(path)
         fields: Fields = {axis: np.asarray(getattr(cloud, axis), np.float64) for axis in "xyz"}

@@ -65,11 +65,12 @@ def read_pcd(path: Path) -> dict[str, NDArray[np.float64]]:
             file=path,
             expected="ascii, binary or binary_compressed",
         )
-    return {
-        name: array[:, 0].astype(np.float64)
-        for name, array in zip(names, arrays, strict=True)
-        if array.shape[1] == 1
-    }
+    with np.errstate(invalid="ignore"):  # of bits that are no number: they become NaN
+        return {
+            name: array[:, 0].astype(np.float64)
+            for name, array in zip(names, arrays, strict=True)
+            if array.shape[1] == 1
+        }
 
 
 def _split(path: Path, data: bytes) -> tuple[dict[str, list[str]], bytes]:

@@ -74,7 +74,8 @@ def read_ply(path: Path) -> dict[str, NDArray[np.float64]]:
             f"is truncated: {len(body)} bytes after the header", file=path, expected=f"{need}"
         )
     table = np.frombuffer(body, record, count=element.count, offset=skip)
-    return {name: table[name].astype(np.float64) for name, _ in element.properties}
+    with np.errstate(invalid="ignore"):  # of bits that are no number: they become NaN
+        return {name: table[name].astype(np.float64) for name, _ in element.properties}
 
 
 def _header(path: Path, data: bytes) -> tuple[str, list[_Element], bytes]:

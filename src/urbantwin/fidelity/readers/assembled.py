@@ -24,6 +24,8 @@ _NAMES = {
 }
 #: A frame lasts this long, seconds: tells the unit of its points' times.
 _SHORTEST_S, _LONGEST_S = 1e-3, 2.0
+#: Rings, columns and instances are less than this.
+_LARGEST = 2.0**62
 
 
 def frame_of(
@@ -68,7 +70,7 @@ def frame_of(
             )
     usable = usable_points(file, table, intensity)
     of_points: dict[str, Any] = {
-        attribute: values[usable.rows].astype(np.float64 if attribute == "time_s" else np.int64)
+        attribute: _as_kept(attribute, values[usable.rows])
         for attribute, values in found.items()
         if attribute != "intensity"
     }
@@ -83,6 +85,15 @@ def frame_of(
         **of_points,
         **known,
     )
+
+
+def _as_kept(attribute: str, values: NDArray[Any]) -> NDArray[Any]:
+    """Return values as a frame keeps them: times as they are, else whole numbers, -1 for NaN."""
+    if attribute == "time_s":
+        return values.astype(np.float64)
+    if values.dtype.kind == "f":
+        values = np.where(np.abs(values) < _LARGEST, values, -1)
+    return values.astype(np.int64)
 
 
 def seconds_of(values: NDArray[np.generic]) -> NDArray[np.float64] | None:

@@ -57,7 +57,7 @@ def _camera_SE3_lidar(path: Path) -> Pose:  # noqa: N802
     """Return the pose of the sensor in the rectified camera: R0_rect times Tr_velo_to_cam."""
     with laid_out(path, "a calibration of KITTI"):
         rows = {}
-        for line in path.read_text().splitlines():
+        for line in path.read_text(errors="replace").splitlines():
             name, colon, values = line.partition(":")
             if colon:
                 rows[name.strip()] = np.array(values.split(), np.float64)
@@ -70,7 +70,7 @@ def _camera_SE3_lidar(path: Path) -> Pose:  # noqa: N802
 def _read_boxes(path: Path, camera_SE3_lidar: Pose) -> Boxes:
     lidar_SE3_camera = camera_SE3_lidar.inverse()
     labelled = []
-    for number, line in enumerate(path.read_text().splitlines(), 1):
+    for number, line in enumerate(path.read_text(errors="replace").splitlines(), 1):
         words = line.split()
         if not words or words[0] == "DontCare":
             continue

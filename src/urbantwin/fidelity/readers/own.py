@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.fidelity.cloud_fields import read_fields
+from urbantwin.fidelity.cloud_fields import load_array, read_fields
 from urbantwin.fidelity.frame import Boxes, Frame
 from urbantwin.fidelity.readers.assembled import frame_of
 from urbantwin.fidelity.readers.documents import laid_out, read_json_document
@@ -89,10 +89,7 @@ def read_ray_table(path: Path) -> NDArray[np.void]:
     Raises:
         InputError: it is not such a table.
     """
-    try:
-        table: NDArray[np.void] = np.load(path, allow_pickle=False)
-    except (ValueError, OSError, EOFError) as error:
-        raise InputError(f"is not readable ({error})", file=path, expected=_EXPECTED) from None
+    table: NDArray[np.void] = load_array(path, _EXPECTED)
     if not {"sensor", "ring", "column", "time"} <= set(table.dtype.names or ()):
         raise InputError("is no table of rays", file=path, expected=_EXPECTED)
     return table

@@ -87,10 +87,17 @@ def _poses(path: Path) -> list[Pose]:
     if not (file.is_file() and calibration.is_file()):
         return []
     with laid_out(calibration, "a line Tr: of 12 values"):
-        lines = dict(line.split(":", 1) for line in calibration.read_text().splitlines() if line)
+        lines = dict(
+            line.split(":", 1)
+            for line in calibration.read_text(errors="replace").splitlines()
+            if line
+        )
         camera_SE3_lidar = _pose(np.array(lines["Tr"].split(), np.float64))
     with laid_out(file, "12 values a line"):
-        rows = [np.array(line.split(), np.float64) for line in file.read_text().splitlines()]
+        rows = [
+            np.array(line.split(), np.float64)
+            for line in file.read_text(errors="replace").splitlines()
+        ]
         cameras = [_pose(row) for row in rows if len(row)]
     lidar_SE3_camera = camera_SE3_lidar.inverse()
     return [lidar_SE3_camera @ camera @ camera_SE3_lidar for camera in cameras]
