@@ -18,7 +18,7 @@ from urbantwin import __version__
 
 Run = Callable[..., Any]
 COMMANDS = tuple(
-    "build carla compare coverage demo export init inspect record run sensors traffic".split()
+    "align build carla compare coverage demo export init inspect record run sensors traffic".split()
 )
 
 
