@@ -22,6 +22,7 @@ from urbantwin.taxonomy import ACTOR_CLASSES
 __all__ = ["is_own", "open_own"]
 
 _BOX = ("x", "y", "z", "length", "width", "height", "yaw")
+_RAYS = {"sensor": "sensor", "ring": "ring", "column": "column", "time": "time_s"}
 _EXPECTED = "a dataset of urbantwin record"
 
 
@@ -59,9 +60,10 @@ def open_own(path: Path, columns: int | None) -> Recording:
         given: dict[str, NDArray[Any]] = {}
         rays = path / "rays" / file.name
         if rays.is_file():
-            of_rays = read_ray_table(rays)
-            given |= {field: of_rays[field] for field in ("sensor", "ring", "column")}
-            given["time_s"] = of_rays["time"]
+            table = read_ray_table(rays)
+            given |= {
+                _RAYS[field]: table[field] for field in table.dtype.names or () if field in _RAYS
+            }
         labels = path / "semantic" / f"{name}.label"
         if labels.is_file():
             code = np.fromfile(labels, "<u4")
@@ -90,7 +92,7 @@ def read_ray_table(path: Path) -> NDArray[np.void]:
         InputError: it is not such a table.
     """
     table: NDArray[np.void] = load_array(path, _EXPECTED)
-    if not {"sensor", "ring", "column", "time"} <= set(table.dtype.names or ()):
+    if not table.dtype.names:
         raise InputError("is no table of rays", file=path, expected=_EXPECTED)
     return table
 
