@@ -28,7 +28,7 @@ def write(folder, seed):
     folder.mkdir()
     for index in range(3):
         rng = np.random.default_rng(seed + index)
-        points = rng.uniform([-20, -20, -2], [20, 20, -1.9], (700, 3))
+        points = rng.uniform([-20, -20, -2], [20, 20, -1.9], (250, 3))
         np.save(folder / f"<b>{index}.npy", points.astype(np.float32))
     return folder
 
