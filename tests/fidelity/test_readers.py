@@ -247,3 +247,9 @@ def test_a_damaged_laz_does_not_keep_us_busy(tmp_path):
         with pytest.raises(InputError, match=r"a\.laz.*header"):
             open_recording(path).read(0)
             pytest.fail(what)
+
+
+def test_a_file_of_our_manifests_name_is_not_enough(tmp_path):
+    np.save(tmp_path / "a.npy", POINTS)
+    (tmp_path / "dataset.json").write_text('{"classes": ["car"]}')
+    assert open_recording(tmp_path).layout == "plain"

@@ -28,7 +28,10 @@ _EXPECTED = "a dataset of urbantwin record"
 
 def is_own(path: Path) -> bool:
     """Return whether a folder is one of our datasets."""
-    return (path / "dataset.json").is_file() or bool(clouds_in(path / "points", ".npy"))
+    if clouds_in(path / "points", ".npy"):
+        return True
+    manifest = path / "dataset.json"  # others write files of this name too
+    return manifest.is_file() and '"kind": "dataset' in manifest.read_text(errors="replace")
 
 
 def open_own(path: Path, columns: int | None) -> Recording:
