@@ -262,11 +262,15 @@ class Log:
             )
 
     @cached_property
+    def heights(self) -> NDArray[np.float64]:
+        """The measured ground (rows, columns), from the south-west; nan where it is not known."""
+        return unrounded(np.load(next(self.folder.glob("map/*ground_height*.npy"))))
+
+    @cached_property
     def _city_ground(self) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
         """The measured ground as vertices (V, 3), city frame, and faces (F, 3)."""
-        raster = np.load(next(self.folder.glob("map/*ground_height*.npy")))
         sim2 = json.loads(next(self.folder.glob("map/*Sim2*.json")).read_text())
-        heights = unrounded(raster)
+        heights = self.heights
         rows, columns = heights.shape
         row, column = np.indices(heights.shape)
         xy = (np.column_stack([column.ravel(), row.ravel()]) + 0.5) / sim2["s"] - sim2["t"]

@@ -25,7 +25,7 @@ from urbantwin.traffic.assets import (
     coated_mesh,
 )
 
-__all__ = ["World", "actor_class", "mesh_in_box", "numbers"]
+__all__ = ["World", "actor_class", "mesh_in_box", "numbers", "numbers_of"]
 
 #: Classes of the log and ours whose meshes stand for them.
 CLASSES = {
@@ -183,10 +183,15 @@ class World:
 
 def numbers(frame: LabelledFrame) -> list[np.ndarray]:
     """Per sensor which point (C, K) each of its rays gave; -1 for none."""
+    return numbers_of(frame.sensor, frame.ring, frame.column)
+
+
+def numbers_of(sensor: np.ndarray, ring: np.ndarray, column: np.ndarray) -> list[np.ndarray]:
+    """Per sensor which point (C, K) each of its rays gave, by points' (N,) rays; -1 for none."""
     found = []
     for number, (_, _, spin) in enumerate(SENSORS):
         image = np.full((vlp32c(spin).channels, COLUMNS), -1)
-        mine = np.flatnonzero(frame.sensor == number)
-        image[frame.ring[mine], frame.column[mine]] = mine
+        mine = np.flatnonzero(sensor == number)
+        image[ring[mine], column[mine]] = mine
         found.append(image)
     return found
