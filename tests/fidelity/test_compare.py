@@ -154,11 +154,11 @@ def corner(rng, car_at):
     return np.concatenate([still + rng.normal(scale=0.02, size=still.shape), car])
 
 
-def write_corner(folder, seed, lacks=0.0, turn=0.0, late=0.0):
+def write_corner(folder, seed, lacks=0.0, turn=0.0, late=0.0, count=5):
     folder.mkdir()
     rng = np.random.default_rng(seed)
     c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
-    for index in range(5):
+    for index in range(count):
         points = corner(rng, (-20 + 8 * index, -4 + late))
         points = points[points[:, 0] < 25 - lacks]
         points[:, :2] = points[:, :2] @ np.array([[c, s], [-s, c]])
@@ -170,7 +170,9 @@ def test_actors_are_told_apart_and_what_lacks_is_found(tmp_path):
     real = write_corner(tmp_path / "real", 0)
     # The twin's cars drive 1.5 m to the side; of its street the last 10 m are missing.
     twin = write_corner(tmp_path / "twin", 1, lacks=10.0, late=1.5)
-    report = compare(real, twin, tmp_path / "out", arbitrary=write_corner(tmp_path / "x", 2, 30))
+    report = compare(
+        real, twin, tmp_path / "out", arbitrary=write_corner(tmp_path / "x", 2, 30, count=2)
+    )
     assert report.split_by == "background model"
     actors, still = (report.parts[part].twin for part in ("foreground", "background"))
     assert 1.2 < actors["hausdorff_p95_m"].mean < 2.5
@@ -184,6 +186,6 @@ def test_actors_are_told_apart_and_what_lacks_is_found(tmp_path):
 
 
 def test_a_turned_recording_is_told(tmp_path):
-    real = write_corner(tmp_path / "real", 0)
-    report = compare(write_corner(tmp_path / "twin", 1, turn=90), real, tmp_path / "out")
+    real = write_corner(tmp_path / "real", 0, count=1)
+    report = compare(write_corner(tmp_path / "twin", 1, turn=90, count=1), real, tmp_path / "out")
     assert [note for note in report.notes if "look rotated by 90 degrees" in note]
