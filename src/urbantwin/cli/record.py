@@ -72,6 +72,16 @@ def record(
             help="What casts the rays: embree; warp (an extra: a CUDA device); warp:DEVICE.",
         ),
     ] = "embree",
+    background: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="What a real sensor measured of the static world: measured.npz."
+        ),
+    ] = None,
+    fuse: Annotated[
+        bool,
+        typer.Option("--fuse", help="Where the background has nothing, the twin is seen."),
+    ] = False,
     workers: Workers = None,
     seed: Seed = None,
     pictures: Pictures = True,
@@ -109,6 +119,8 @@ def record(
         stop_s=stop,
         changes=changes,
         backend=backend,
+        background=background,
+        fuse=fuse,
     )
     if pictures:
         dataset_pictures_stage(out, loaded, driven, console)

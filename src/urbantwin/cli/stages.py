@@ -135,12 +135,17 @@ def record_stage(
     stop_s: float | None = None,
     changes: RigChanges | None = None,
     backend: str = "embree",
+    background: Path | None = None,
+    fuse: bool = False,
 ) -> None:
     """Record a dataset with the rig of a file, or with the twin's own, and changes to it."""
     from urbantwin.dataset import record
+    from urbantwin.lidar.measured import MeasuredBackground, with_background
 
     file = twin.folder / "rig.yaml" if rig_file is None else rig_file
     rig = rig_on(twin, rig_file, changes)
+    if background is not None:
+        rig = with_background(rig, MeasuredBackground.load(background, fused=fuse), file=background)
     with new_folder(out.parent), console.stage("record") as progress:
         record(
             twin,

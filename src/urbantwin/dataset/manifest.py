@@ -230,6 +230,10 @@ def _table_sha256(table: pa.Table) -> str:
 def _mounted(one: MountedSensor) -> dict[str, Any]:
     values = {field.name: getattr(one, field.name) for field in dataclasses.fields(one)}
     del values["sensor"]
+    if one.measured is None:
+        del values["measured"]
+    else:
+        values["measured"] = {"sha256": one.measured.sha256, "fused": one.measured.fused}
     return {
         "name": values.pop("name"),
         "model": one.sensor.name,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,9 @@ from urbantwin.lidar.sensor import Sensor
 from urbantwin.lidar.sensor_path import FixedPath, SensorPath
 from urbantwin.lidar.sway import swaying
 from urbantwin.site.rig import Conditions, Effects, OutageSpec, RideSpec, SwaySpec
+
+if TYPE_CHECKING:
+    from urbantwin.lidar.measured import MeasuredBackground
 
 __all__ = ["MountedSensor", "Returns", "Rig", "dataset_frame"]
 
@@ -55,6 +58,7 @@ class MountedSensor:
             own height comes to it when the rig boards.
         deskew: whether points of a sensor that rides are told from where it was when it measured
             them, and not as if it had stood still since the frame's time.
+        measured: what a real one found of the static world, to be seen in its place.
     """
 
     name: str
@@ -81,6 +85,7 @@ class MountedSensor:
     carrier_SE3_sensor: Pose | None = None  # noqa: N815
     above_roof_m: float | None = None
     deskew: bool = True
+    measured: MeasuredBackground | None = None
 
     def path(self, frame_index: int, seed: int, carrier: ActorPath | None = None) -> SensorPath:
         """Return where the sensor is in the course of a frame.

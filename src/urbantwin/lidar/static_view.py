@@ -78,6 +78,9 @@ class StaticView:
         # A sensor that stands still looks once and for all, so it can look well.
         kept = path.is_fixed and beams.rings is not None
         layers = world.layers(beams, sweep, poses, model.scatter, thorough=kept)
+        measured = mounted.measured if kept else None
+        if measured is not None:
+            layers = measured.layers(layers, model, len(beams.footprint.share))
         echoes, _ = combined(layers, None, beams.footprint.share, model, mounted.returns)
         layer = -1 - echoes.owner
         first, has = np.maximum(echoes.first, 0), echoes.first >= 0
@@ -90,6 +93,8 @@ class StaticView:
                 echoes.amplitude,
             )
         )
+        if measured is not None:
+            report = measured.reported(report, has, mounted.effects)
         amplitude = report[4]
         semantic = _classes(layers.semantic, layer[first], has)
         also = np.flatnonzero(echoes.second >= 0)
