@@ -248,6 +248,10 @@ def test_its_name_says_where_on_earth_it_lies(path, tmp_path):
         (lambda data: _first(data).update(id="a"), "has id 'a'"),
         (lambda data: _first(data).update(successors=3), "successors are no list"),
         (lambda data: _first(data)["right_lane_boundary"][0].pop("y"), "is no line"),
+        (lambda data: data.update(drivable_areas=[]), None),
+        (lambda data: data.update(drivable_areas=[1]), "drivable_areas is no object"),
+        (lambda data: _area(data).update(area_boundary=None), "area_boundary is no line"),
+        (lambda data: _area(data)["area_boundary"].__delitem__(slice(2, None)), "fewer than three"),
     ],
 )
 def test_what_is_wrong_is_said_in_a_line(path, tmp_path, change, said):
@@ -255,12 +259,35 @@ def test_what_is_wrong_is_said_in_a_line(path, tmp_path, change, said):
     change(data)
     broken = tmp_path / "log_map_archive_x____PIT_city_1.json"
     broken.write_text(json.dumps(data))
+    if said is None:
+        assert read_map(broken, SiteFrame(*ANCHOR)).drivable.is_empty
+        return
     with pytest.raises(InputError, match=said):
         read_map(broken, SiteFrame(*ANCHOR))
 
 
+def test_drivable_areas_are_where_the_file_says_with_and_without_a_city(path, tmp_path):
+    drawn = Drawn(path)
+    areas = json.loads(path.read_text())["drivable_areas"].values()
+    outlines = [shapely.Polygon(drawn.metres(area["area_boundary"])) for area in areas]
+    expected = shapely.union_all(outlines)
+    assert expected.area > 5_000
+    frame = SiteFrame(*ANCHOR)
+    assert read_map(path, frame).drivable.symmetric_difference(expected).area < 20
+    nameless = tmp_path / "map.json"
+    nameless.write_bytes(path.read_bytes())
+    own = [[[p["x"] - 7, p["y"] + 3] for p in area["area_boundary"]] for area in areas]
+    moved = read_map(nameless, frame, (7.0, -3.0)).drivable
+    plain = shapely.union_all([shapely.Polygon(one) for one in own])
+    assert moved.symmetric_difference(plain).area < 20
+
+
 def _first(data):
     return next(iter(data["lane_segments"].values()))
+
+
+def _area(data):
+    return next(iter(data["drivable_areas"].values()))
 
 
 def test_it_is_described(path):
