@@ -4,9 +4,20 @@ import numpy as np
 import pytest
 
 from urbantwin.geometry import Pose, bounding_box, points_in_box
-from urbantwin.lidar.labels import outside, posed_box, spans_in_box
+from urbantwin.lidar.compiled.boxes import tight_boxes
+from urbantwin.lidar.labels import spans_in_box
 from urbantwin.lidar.shapes import ActorShape
 from urbantwin.traffic.assets import asset_mesh, asset_names
+
+
+def tight_box(mesh, pose):
+    """The box of one mesh, between the hulls of others."""
+    hull, other = ActorShape(mesh).hull, np.full((3, 5), 9.0)
+    several = np.concatenate([other, hull, other], axis=1)
+    return tight_boxes(
+        pose.rotation[None], pose.translation[None], several, np.array([5]),
+        np.array([hull.shape[1]]),
+    )[0]  # fmt: skip
 
 
 @pytest.mark.parametrize("actor_class", ["car", "pedestrian"])
@@ -14,12 +25,12 @@ from urbantwin.traffic.assets import asset_mesh, asset_names
 def test_box_is_the_tight_bounds_of_every_posed_vertex(actor_class, angles):
     mesh = asset_mesh(asset_names(actor_class)[0], 0)
     pose = Pose.from_ypr((40, -13, 2), *angles)
-    box = posed_box(ActorShape(mesh), pose)
+    box = tight_box(mesh, pose)
     np.testing.assert_allclose(box, bounding_box(mesh.transformed(pose).vertices, angles[0]))
 
 
 def test_box_of_a_flat_mesh(ground_mesh):
-    box = posed_box(ActorShape(ground_mesh(half=2.0)), Pose.from_ypr((1, 2, 3), 0.5))
+    box = tight_box(ground_mesh(half=2.0), Pose.from_ypr((1, 2, 3), 0.5))
     np.testing.assert_allclose(box, [1, 2, 3, 4, 4, 0, 0.5], atol=1e-12)
 
 
@@ -47,16 +58,3 @@ def test_spans_are_where_points_of_the_ray_are_inside():
         )
         spanned = (step > enter[:40]) & (step < leave[:40])
         np.testing.assert_array_equal(inside, spanned)
-
-
-def test_outside_agrees_with_points_in_box():
-    rng = np.random.default_rng(4)
-    boxes = np.column_stack(
-        [rng.uniform(-2, 2, (500, 3)), rng.uniform(1, 5, (500, 3)), rng.uniform(-3, 3, 500)]
-    )
-    points = rng.uniform(-4, 4, (500, 3))
-    expected = [
-        not points_in_box(point[None], box, 0.1)[0]
-        for point, box in zip(points, boxes, strict=True)
-    ]
-    assert outside(points.T, boxes.T, 0.1).tolist() == expected

@@ -1,6 +1,6 @@
 """The tight box of an actor, and what keeps the points that it returned inside.
 
-Boxes are the tight bounds of the posed mesh, so pitch and roll are inside them.
+Boxes are the tight bounds of the posed mesh (`compiled.boxes`), so pitch and roll are inside them.
 
 A labelled point lies inside its box by construction, to 2 cm. Range noise moves a point along its
 ray, and would carry some out of a box that touches the mesh; an annotator draws a box around what
@@ -15,33 +15,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.geometry import Pose
-from urbantwin.lidar.shapes import ActorShape
-
-__all__ = ["BOX_MARGIN_M", "outside", "posed_box", "spans_in_box"]
+__all__ = ["BOX_MARGIN_M", "spans_in_box"]
 
 #: No labelled point lies farther outside its box.
 BOX_MARGIN_M = 0.019
-
-
-def posed_box(shape: ActorShape, frame_SE3_asset: Pose) -> NDArray[np.float64]:
-    """Return the tight box (7,) of a posed mesh, its yaw that of the asset's x axis."""
-    forward = frame_SE3_asset.rotation[:, 0]
-    yaw = float(np.arctan2(forward[1], forward[0]))
-    c, s = np.cos(yaw), np.sin(yaw)
-    frame_R_box = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    hull = frame_R_box.T @ frame_SE3_asset.rotation @ shape.hull
-    low, high = hull.min(axis=1), hull.max(axis=1)
-    centre = frame_SE3_asset.translation + frame_R_box @ ((low + high) / 2)
-    return np.array([*centre, *(high - low), yaw])
-
-
-def outside(
-    points: NDArray[np.floating], boxes: NDArray[np.float64], margin: float
-) -> NDArray[np.bool_]:
-    """Return which of M points (3, M) lie outside their own boxes (7, M) grown by ``margin``."""
-    local = _turned(points - boxes[:3], boxes[6])
-    return np.asarray((np.abs(local) > boxes[3:6] / 2 + margin).any(axis=0))
 
 
 def spans_in_box(
