@@ -96,6 +96,7 @@ def test_objects_and_their_differences():
     told = real.as_json()
     assert told["frames"] == 1
     assert told["classes"]["car"]["dimensions"]["length_m"]["mean"] == pytest.approx(4.4)
+    assert told["heat_map"]["x_y_boxes"] == [[10, 0, 1], [24, 4, 1]]
     assert told["classes"]["car"]["points_per_box"][0]["median"] == 99
     assert told["classes"]["car"]["points_per_box"][0]["from_m"] == 10
     assert told["classes"]["pedestrian"]["points_per_box"][0]["median"] == 20

@@ -63,7 +63,10 @@ class ObjectStatistics:
         self.distance = np.concatenate([self.distance, away])
 
     def as_json(self) -> dict[str, Any]:
-        """Return per class: boxes per frame, dimensions and points per box by distance."""
+        """Return per class: boxes per frame, dimensions, points per box by distance; heat map.
+
+        The heat map lists the lower corner of each cell that has boxes, and how many.
+        """
         names = np.array(self.classes)
         found: dict[str, Any] = {}
         for name in sorted(set(self.classes)):
@@ -78,7 +81,13 @@ class ObjectStatistics:
                 },
                 "points_per_box": self._points_by_range(mine),
             }
-        return {"frames": self.frames, "boxes": len(self.box), "classes": found}
+        heat = [[x * HEAT_CELL_M, y * HEAT_CELL_M, n] for (x, y), n in self.heat().items()]
+        return {
+            "frames": self.frames,
+            "boxes": len(self.box),
+            "classes": found,
+            "heat_map": {"cell_m": HEAT_CELL_M, "x_y_boxes": heat},
+        }
 
     def _points_by_range(self, mine: NDArray[np.bool_]) -> list[dict[str, Any]]:
         rows = []

@@ -146,7 +146,7 @@ def _range_image(frame: Frame, origin: NDArray[np.float64], like: Frame) -> NDAr
 
 
 def draw_objects(objects: Mapping[str, Any], path: Path) -> None:
-    """Write a picture of labelled objects: boxes a frame, sizes, and points a box by distance.
+    """Write a picture of labelled objects: boxes a frame, sizes, points a box, heat map.
 
     Args:
         objects: as ``report.json`` has them.
@@ -154,7 +154,7 @@ def draw_objects(objects: Mapping[str, Any], path: Path) -> None:
     """
     sides = [side for side in _COLOURS if side in objects]
     names = sorted({name for side in sides for name in objects[side]["classes"]})
-    commonest = sorted(names, key=lambda name: -_boxes_of(objects["real"], name))[:4]
+    commonest = sorted(names, key=lambda name: -_boxes_of(objects["real"], name))[:3]
     figure = Figure(figsize=(16, 6.6), dpi=100, facecolor="white")
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(
@@ -193,6 +193,18 @@ def draw_objects(objects: Mapping[str, Any], path: Path) -> None:
         axes.set_yscale("symlog", linthresh=1)
         axes.set_ylim(bottom=0)
         axes.set_xlabel("distance, m", fontsize=9)
+    axes = figure.add_subplot(grid[1, 3])
+    _titled(axes, "Where boxes are (m, from above)")
+    for side, area in (("real", 34.0), ("synthetic", 7.0)):
+        if side in objects and objects[side]["heat_map"]["x_y_boxes"]:
+            heat = objects[side]["heat_map"]
+            x, y, count = np.array(heat["x_y_boxes"], np.float64).T
+            half = heat["cell_m"] / 2
+            shade = np.clip(0.25 + 0.75 * count / count.max(), 0, 1)
+            axes.scatter(
+                x + half, y + half, s=area, c=_COLOURS[side], alpha=shade, marker="s", linewidths=0
+            )
+    axes.set_aspect("equal", adjustable="datalim")
     figure.savefig(path, metadata={"Software": None})
 
 
