@@ -39,24 +39,6 @@ def _plane_range(n, normals, offsets, ox, oy, oz, dx, dy, dz):
 
 
 @njit(cache=True, nogil=True)
-def _first(
-    address, scene, ray, near, base, normals, vertices, corners, ox, oy, oz, dx, dy, dz,
-):  # fmt: skip
-    """Return range and face of the first hit, confirmed where a ray runs along a triangle.
-
-    There all that single precision knows is rounding, and a triangle may be seen where it is not.
-    """
-    met, hit = intersect(address, scene, ray, near, ox, oy, oz, dx, dy, dz)
-    if hit >= 0:
-        n = base + hit
-        if abs(normals[n, 0] * dx + normals[n, 1] * dy + normals[n, 2] * dz) < _GRAZING:
-            return first_met(
-                address, scene, ray, vertices, corners[base:], near, ox, oy, oz, dx, dy, dz
-            )
-    return met, hit
-
-
-@njit(cache=True, nogil=True)
 def _crosses(n, low, high, ox, oy, oz, dx, dy, dz):
     """Return whether a ray passes through a box."""
     enter, leave = 0.0, np.inf
@@ -175,15 +157,23 @@ def cast_blocks(
                     pose[column, 12 + i] = v
             late = ring_time[ring]
             x, y, z = beams[ray, 0], beams[ray, 1], beams[ray, 2]
-            range_m[at], face[at] = _first(
-                address, scene, ray_hit, np.float32(0.0), base, normals, vertices, corners,
-                pose[column, 9] + pose[column, 12] * late,
-                pose[column, 10] + pose[column, 13] * late,
-                pose[column, 11] + pose[column, 14] * late,
-                pose[column, 0] * x + pose[column, 1] * y + pose[column, 2] * z,
-                pose[column, 3] * x + pose[column, 4] * y + pose[column, 5] * z,
-                pose[column, 6] * x + pose[column, 7] * y + pose[column, 8] * z,
-            )  # fmt: skip
+            ox = pose[column, 9] + pose[column, 12] * late
+            oy = pose[column, 10] + pose[column, 13] * late
+            oz = pose[column, 11] + pose[column, 14] * late
+            dx = pose[column, 0] * x + pose[column, 1] * y + pose[column, 2] * z
+            dy = pose[column, 3] * x + pose[column, 4] * y + pose[column, 5] * z
+            dz = pose[column, 6] * x + pose[column, 7] * y + pose[column, 8] * z
+            met, hit = intersect(address, scene, ray_hit, np.float32(0.0), ox, oy, oz, dx, dy, dz)
+            if hit >= 0:
+                n = base + hit
+                slant = normals[n, 0] * dx + normals[n, 1] * dy + normals[n, 2] * dz
+                if abs(slant) < _GRAZING:
+                    # Along a triangle single precision knows but rounding: see ``planes``.
+                    met, hit = first_met(
+                        address, scene, ray_hit, vertices, corners[base:], np.float32(0.0),
+                        ox, oy, oz, dx, dy, dz,
+                    )  # fmt: skip
+            range_m[at], face[at] = met, hit
         for row in range(rows):
             for n in range(wide):
                 at = start + row * wide + n
@@ -265,10 +255,17 @@ def cast_blocks(
                         if sample == 0 and pane == 0:
                             met, hit = range_m[at], own
                         else:
-                            met, hit = _first(
-                                address, scene, ray_hit, near, base, normals, vertices, corners,
-                                ox, oy, oz, dx, dy, dz,
-                            )  # fmt: skip
+                            met, hit = intersect(
+                                address, scene, ray_hit, near, ox, oy, oz, dx, dy, dz
+                            )
+                            if hit >= 0:
+                                m = base + hit
+                                slant = normals[m, 0] * dx + normals[m, 1] * dy + normals[m, 2] * dz
+                                if abs(slant) < _GRAZING:
+                                    met, hit = first_met(
+                                        address, scene, ray_hit, vertices, corners[base:], near,
+                                        ox, oy, oz, dx, dy, dz,
+                                    )  # fmt: skip
                         if hit < 0:
                             break
                         joined = False
