@@ -18,7 +18,8 @@ from urbantwin import __version__
 
 Run = Callable[..., Any]
 COMMANDS = tuple(
-    "align build carla compare coverage demo export init inspect record run sensors traffic".split()
+    "align background build carla compare coverage demo export init inspect record run sensors "
+    "traffic".split()
 )
 
 

@@ -13,6 +13,7 @@ import typer
 from urbantwin import __version__
 from urbantwin.cli import (
     align,
+    background,
     build,
     carla,
     compare,
@@ -79,6 +80,7 @@ for command, examples in (
     (record.record, record.EXAMPLES),
     (coverage.coverage, coverage.EXAMPLES),
     (align.align, align.EXAMPLES),
+    (background.background, background.EXAMPLES),
     (compare.compare, compare.EXAMPLES),
     (export.export, export.EXAMPLES),
     (carla.carla, carla.EXAMPLES),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +12,12 @@ from scipy.spatial import cKDTree
 
 from urbantwin.errors import InputError
 from urbantwin.fidelity.frame import Frame
+from urbantwin.fidelity.readers import Recording, open_recording
+from urbantwin.lidar import beam_directions
+from urbantwin.lidar import sensor as model_of
 from urbantwin.lidar.measured import MeasuredBackground
 
-__all__ = ["measured_background"]
+__all__ = ["measure_recording", "measured_background"]
 
 #: Ranges of one surface fall into one or two neighbouring bins this wide, metres.
 _BIN_M = 0.4
@@ -83,6 +88,64 @@ def measured_background(
         )
     )
     return MeasuredBackground(range_m, sigma_m, returned, intensity)
+
+
+def measure_recording(
+    real: Path,
+    model: str,
+    out: Path,
+    *,
+    columns: int | None = None,
+    intensity_scale: float = 1.0,
+    progress: Callable[[float, str], None] | None = None,
+) -> dict[str, Any]:
+    """Measure the static world from a recording and write it.
+
+    Args:
+        real: a recording that `readers.open_recording` takes, of a sensor that stands still.
+        model: of the sensor: a name of the catalogue or a sensor's file.
+        out: the ``.npz`` to write.
+        columns: per turn; the model's default if not given.
+        intensity_scale: what the data call full scale.
+        progress: called with the share that is done and what is being done.
+
+    Returns:
+        How many frames were read, how many beams there are and have a background, and how much of
+        the looks at it came back.
+
+    Raises:
+        InputError: the recording or the sensor is not what it should be.
+    """
+    if not intensity_scale > 0:
+        raise InputError(f"the intensity scale is {intensity_scale:g}", expected="more than 0")
+    sensor = model_of(model)
+    if sensor.pattern is not None:
+        raise InputError(f"{sensor.name} scans a pattern", expected="a sensor with channels")
+    if columns is not None and columns not in sensor.columns_options:
+        offered = ", ".join(map(str, sensor.columns_options))
+        raise InputError(f"{sensor.name} has no {columns} columns", expected=f"one of {offered}")
+    # As the beams of a turning head point while the channels of a column fire one after another.
+    beams = beam_directions(sensor, columns, turns_per_second=sensor.rate_hz)
+    recording = open_recording(real)
+    say = progress or (lambda fraction, doing: None)
+
+    def frames(source: Recording) -> Iterator[Frame]:
+        for number in range(len(source)):
+            say(0.9 * number / len(source), f"frame {number + 1} of {len(source)}")
+            yield source.read(number)
+
+    found = measured_background(
+        frames(recording), beams.reshape(-1, 3), beams.shape[:2], intensity_scale=intensity_scale
+    )
+    found.save(out)
+    say(1.0, "done")
+    known = found.known
+    return {
+        "frames": len(recording),
+        "beams": int(known.size),
+        "beams_with_background": int(known.sum()),
+        "returned": round(float(found.returned.ravel()[known].mean()), 4) if known.any() else None,
+    }
 
 
 def _sum(

@@ -8,10 +8,10 @@ either are compared.
 Weights, classes, crop and limits are the challenge's. The number of points, the seed, and that the
 "Frechet point distance" is the one of x, y, z themselves, stand in a participant's public
 repository (amanupg/urbantwin-sim2real-lumpi), not in the organisers' words. The scoring program
-itself was not to be had. Ours to choose were therefore: the Chamfer distance (here the sum of both directions'
-mean squared distance), the kernel (here Gaussians of 1, 4 and 16 m), the number of points that
-are assigned to each other (here 2,000 of the 10,000), and the random generator. Scores are for
-comparing twins with each other and with the anchors, not with a leaderboard.
+itself was not to be had. Ours to choose were therefore: the Chamfer distance (here the sum of both
+directions' mean squared distance), the kernel (here Gaussians of 1, 4 and 16 m), the number of
+points that are assigned to each other (here 2,000 of the 10,000), and the random generator. Scores
+are for comparing twins with each other and with the anchors, not with a leaderboard.
 """
 
 from __future__ import annotations

@@ -1,0 +1,60 @@
+"""From a folder of frames to a measured background that a scanner sees."""
+
+import json
+
+import numpy as np
+
+from urbantwin.geometry import LabelledMesh
+from urbantwin.lidar import Scanner, place_rig
+from urbantwin.lidar.measured import MeasuredBackground
+from urbantwin.site.rig import RigSpec
+from urbantwin.taxonomy import material_id, semantic_id
+
+
+def flat_world():
+    corners = [[-60, -60, 0], [60, -60, 0], [60, 60, 0], [-60, 60, 0]]
+    return LabelledMesh.build(
+        corners, [[0, 1, 2], [0, 2, 3]], semantic_id("road"), material_id("asphalt")
+    )
+
+
+def test_frames_of_a_fixed_sensor_become_its_background(tmp_path, run_here):
+    one = {"name": "a", "model": "VLP-16", "east_m": 0, "north_m": 0, "height_m": 3}
+    spec = RigSpec.model_validate({"frame": "sensor", "sensors": [one]})
+    scanner = Scanner(flat_world(), place_rig(spec, flat_world()), 0)
+    real = tmp_path / "real"
+    real.mkdir()
+    for number in range(6):
+        np.save(real / f"{number:03d}.npy", scanner.scan(number, []).points)
+    outcome = run_here(
+        "background", real, "--sensor", "VLP-16", "-o", tmp_path / "measured.npz", "--json"
+    )
+    assert outcome.code == 0
+    told = json.loads(outcome.out)
+    measured = MeasuredBackground.load(tmp_path / "measured.npz")
+    assert told["frames"] == 6
+    assert told["beams"] == measured.range_m.size == 16 * 1800
+    assert told["beams_with_background"] == measured.known.sum() > 3000
+    # The lowest beam, 15 degrees down, from 3 m above a plane.
+    lowest = measured.range_m[
+        np.argmin(place_rig(spec, flat_world()).sensors[0].sensor.elevation_deg)
+    ]
+    np.testing.assert_allclose(np.median(lowest), 3 / np.sin(np.radians(15)), atol=0.03)
+
+
+def test_what_is_no_such_sensor_or_recording_is_one_line(tmp_path, run_here):
+    real = tmp_path / "real"
+    real.mkdir()
+    np.save(real / "0.npy", np.ones((5, 4), np.float32))
+    out = tmp_path / "measured.npz"
+    for arguments, word in (
+        (("background", real, "--sensor", "VLP-17", "-o", out), "VLP-1"),
+        (("background", real, "--sensor", "VLP-16", "--columns", "7", "-o", out), "columns"),
+        (("background", tmp_path / "none", "--sensor", "VLP-16", "-o", out), "not found"),
+        (("background", real, "--sensor", "OS1-128", "--intensity-scale", "0", "-o", out), "scale"),
+    ):
+        outcome = run_here(*arguments)
+        assert outcome.code == 2
+        assert word in outcome.err
+        assert len(outcome.err.strip().splitlines()) == 1
+        assert not out.exists()
