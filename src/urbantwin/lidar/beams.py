@@ -15,6 +15,7 @@ from urbantwin.lidar.pattern import (
     beam_elevations,
     pattern_directions,
 )
+from urbantwin.lidar.returns.encoder import as_reported, encoder_errors
 
 __all__ = ["Beams", "Rings"]
 
@@ -47,6 +48,8 @@ class Beams:
         columns: K.
         channels: C.
         footprint: the rays that every beam is made of.
+        believed: (N, 3) float64, where the sensor says that they point: its encoder has steps.
+        aside: the most that it is wrong by, radians.
         rings: by elevation; ``None`` for a pattern that stands in no columns.
     """
 
@@ -54,6 +57,8 @@ class Beams:
     columns: int
     channels: int
     footprint: Footprint
+    believed: NDArray[np.float64]
+    aside: float
     rings: Rings | None
 
     @classmethod
@@ -71,7 +76,7 @@ class Beams:
             directions = pattern_directions(
                 sensor.pattern, columns, turn, mounted.turns_per_second
             ).reshape(-1, 3)
-            return cls(directions, columns, sensor.channels, footprint, None)
+            return cls(directions, columns, sensor.channels, footprint, directions, 0.0, None)
         turning = mounted.turns_per_second if mounted.effects.rolling_shutter else 0.0
         elevation = beam_elevations(sensor)
         order = np.argsort(elevation, kind="stable")
@@ -82,8 +87,12 @@ class Beams:
             2 * np.pi / columns,
             -1 if sensor.spin == "cw" else 1,
         )
-        directions = beam_directions(sensor, columns, turns_per_second=turning)
-        return cls(directions.reshape(-1, 3), columns, sensor.channels, footprint, rings)
+        directions = beam_directions(sensor, columns, turns_per_second=turning).reshape(-1, 3)
+        believed, aside = directions, 0.0
+        if mounted.effects.quantisation:
+            believed = as_reported(directions, sensor, columns)
+            aside = float(np.abs(encoder_errors(sensor, columns)).max())
+        return cls(directions, columns, sensor.channels, footprint, believed, aside, rings)
 
     def neighbours(self) -> tuple[NDArray[np.int32], int, int, bool]:
         """Return all beams in rows of neighbours, rows, columns, and whether a row goes around.

@@ -25,7 +25,6 @@ from urbantwin.lidar.returns import (
     standard_quantiles,
     truncated_noise,
 )
-from urbantwin.lidar.returns.encoder import encoder_errors
 from urbantwin.lidar.spurious import Reported, Spurious
 from urbantwin.lidar.static_view import StaticView
 from urbantwin.lidar.sweep import Sweep
@@ -88,9 +87,6 @@ class Sighting:
     ) -> None:
         self._mounted, self._model, self._view, self._sweep = mounted, model, view, sweep
         self._actors = actors
-        told = mounted.effects.quantisation
-        error = encoder_errors(mounted.sensor, mounted.columns) if told else np.zeros(1)
-        self._aside = float(np.abs(error).max())
         self._dead = np.zeros(0, np.bool_) if dead is None else dead.reshape(-1)
         self._layers: Layers = cast_actors(
             view.beams,
@@ -225,11 +221,11 @@ class Sighting:
         """
         step_m = float(self._model.step_m)
         thin = len(self._view.beams.footprint.share) == 1
-        if thin and not step_m and not self._aside and self._model.response.sigma_m == 0:
+        if thin and not step_m and not self._view.beams.aside and self._model.response.sigma_m == 0:
             return range_m, np.zeros(0, np.int64)  # On the mesh, which the box holds.
         measured = range_m + sigma * standard_noise(noise)
         # Half a step of the range may come on top, and half a step of the azimuth.
-        aside = self._aside * float(range_m.max(initial=0.0))
+        aside = self._view.beams.aside * float(range_m.max(initial=0.0))
         margin = max(0.0, BOX_MARGIN_M - step_m / 2 - aside)
         sweep = self._sweep
         leaves, origin, aim = leaving(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, Pose, SurfaceMaterials
 from urbantwin.lidar.actor_path import ActorPath, PosedActor
+from urbantwin.lidar.beams import Beams
 from urbantwin.lidar.casting.backend import layers_on
 from urbantwin.lidar.compiled.boxes import tight_boxes
 from urbantwin.lidar.compiled.pose import poses_at
@@ -80,7 +81,11 @@ class Scanner:
         self._worlds: list[World | None] = []
         self._views: list[StaticView | None] = []
         shared: World | None = None
+        self._beams: list[Beams | None] = []
         for one, model in zip(rig.sensors, self._models, strict=True):
+            # A pattern that does not repeat has other beams in every turn.
+            beams = Beams.of(one) if one.sensor.pattern is None else None
+            self._beams.append(beams)
             path = None if rig.ride is not None else one.path(0, seed)
             if path is None or not path.is_fixed:
                 # Near nothing in particular: a vehicle goes about the whole site.
@@ -89,9 +94,8 @@ class Scanner:
                 self._views.append(None)
                 continue
             world = World(static, one.site_SE3_sensor.translation, surface, device)
-            repeats = one.sensor.pattern is None
-            self._worlds.append(None if repeats else world)
-            self._views.append(self._look(one, model, world, path) if repeats else None)
+            self._worlds.append(None if beams else world)
+            self._views.append(self._look(one, beams, model, world, path) if beams else None)
 
     def scan(self, index: int, actors: Sequence[PosedActor]) -> LabelledFrame:
         """Return the frame of that number.
@@ -164,15 +168,21 @@ class Scanner:
             return kept
         world = self._worlds[number]
         assert world is not None
-        return StaticView.of(
-            self._rig.sensors[number], self._models[number], world, path, sweep, dataset_SE3_site
-        )
+        one = self._rig.sensors[number]
+        beams = self._beams[number] or Beams.of(one, sweep.turn)
+        model = self._models[number]
+        return StaticView.of(one, beams, model, world, path, sweep, dataset_SE3_site)
 
     def _look(
-        self, one: MountedSensor, model: ReturnModel, world: World, path: SensorPath
+        self,
+        one: MountedSensor,
+        beams: Beams,
+        model: ReturnModel,
+        world: World,
+        path: SensorPath,
     ) -> StaticView:
         sweep = Sweep.snapshot(one.columns, one.sensor.channels)
-        return StaticView.of(one, model, world, path, sweep, self._rig.dataset_SE3_site)
+        return StaticView.of(one, beams, model, world, path, sweep, self._rig.dataset_SE3_site)
 
     def _labelled(
         self,

@@ -14,7 +14,6 @@ from urbantwin.lidar.echoes import combined
 from urbantwin.lidar.layers import SensorPoses
 from urbantwin.lidar.mounted import MountedSensor
 from urbantwin.lidar.returns import ReturnModel
-from urbantwin.lidar.returns.encoder import as_reported
 from urbantwin.lidar.returns.strays import is_bright
 from urbantwin.lidar.sensor_path import SensorPath
 from urbantwin.lidar.static import StaticLayers, World
@@ -56,6 +55,7 @@ class StaticView:
     def of(
         cls,
         mounted: MountedSensor,
+        beams: Beams,
         model: ReturnModel,
         world: World,
         path: SensorPath,
@@ -66,13 +66,13 @@ class StaticView:
 
         Args:
             mounted: the sensor.
+            beams: of it, in this turn.
             model: what it makes of echoes.
             world: the static world.
             path: where the sensor is.
             sweep: when its beams fire.
             dataset_SE3_site: to the frame of the points.
         """
-        beams = Beams.of(mounted, sweep.turn)
         times = sweep.column_time_s[:1] if path.is_fixed else sweep.column_time_s
         poses = SensorPoses(*(np.ascontiguousarray(part) for part in path.true_poses(times)))
         # A sensor that stands still looks once and for all, so it can look well.
@@ -103,14 +103,11 @@ class StaticView:
         second = echoes.second[also]
         rotation, place = path.reported_poses(times)
         turned = np.asarray(dataset_SE3_site.rotation) @ rotation
-        believed = beams.directions
-        if mounted.effects.quantisation:
-            believed = as_reported(believed, mounted.sensor, beams.columns)
         return cls(
             beams,
             poses,
             layers,
-            _directions(beams, believed, turned),
+            _directions(beams, beams.believed, turned),
             np.ascontiguousarray(dataset_SE3_site.apply(place).T, np.float32),
             (*report[:4], semantic),
             other,
