@@ -13,7 +13,7 @@ from urbantwin.lidar.compiled.carried import leaving
 from urbantwin.lidar.compiled.echoes import BESIDE
 from urbantwin.lidar.compiled.gather import OUTLIER, gather, write_points
 from urbantwin.lidar.echoes import Echoes, combined
-from urbantwin.lidar.labels.posed_box import BOX_MARGIN_M, spans_in_box
+from urbantwin.lidar.labels.kept_in_box import BOX_MARGIN_M, spans_in_box
 from urbantwin.lidar.layers import Layers, PresentActors, cast_actors
 from urbantwin.lidar.mounted import MountedSensor
 from urbantwin.lidar.returns import (

@@ -111,90 +111,84 @@ class WarpLayers:
             beams: directions and footprint.
             options: glass, spread, around.
         """
-        with self._lock:
-            return self._cast(shapes, shape, path, blocks, rays, turn, beams, options)
-
-    def _cast(
-        self,
-        shapes: Meshes,
-        shape: NDArray[np.int64],
-        path: tuple[NDArray[np.float64], ...],
-        blocks: NDArray[np.int64],
-        rays: NDArray[np.int32],
-        turn: tuple[NDArray[np.float64], ...],
-        beams: tuple[NDArray[np.float64], NDArray[np.float64]],
-        options: tuple[bool, int, bool],
-    ) -> DeviceLayers:
         import warp as wp
 
         from urbantwin.lidar.casting.device import layers, poses
 
-        device, count = self._device, len(rays)
-        if not count:
-            return _none(len(shape))
-        meshes, surfaces = self._shapes(shapes)
-        directions = self._keep("beams", beams[0], wp.vec3d)
-        footprint = self._keep("footprint", beams[1], wp.vec2d)
-        f8, i4 = wp.float64, wp.int32
-        knots = zip(path, (f8, wp.mat33d, wp.vec3d, wp.vec3d), strict=True)
-        fired = zip(turn, (f8, f8, wp.mat33d, wp.vec3d), strict=True)
-        stands = [(np.asarray(column, np.int32), i4) for column in (*blocks.T, rays, shape)]
-        there = self._staging.sent([*knots, *fired, *stands])
-        motion, when, lie = poses.Motion(), poses.Turn(), layers.Blocks()
-        motion.time, motion.rotation, motion.place, motion.turn = there[:4]
-        when.column_time, when.ring_time, when.rotation, when.place = there[4:8]
-        lie.actor, lie.rows, lie.wide, lie.start, lie.ray, surfaces.shape = there[8:]
+        with self._lock:
+            device, count = self._device, len(rays)
+            if not count:
+                return _none(len(shape))
+            meshes, surfaces = self._shapes(shapes)
+            directions = self._keep("beams", beams[0], wp.vec3d)
+            footprint = self._keep("footprint", beams[1], wp.vec2d)
+            f8, i4 = wp.float64, wp.int32
+            knots = zip(path, (f8, wp.mat33d, wp.vec3d, wp.vec3d), strict=True)
+            fired = zip(turn, (f8, f8, wp.mat33d, wp.vec3d), strict=True)
+            stands = [(np.asarray(column, np.int32), i4) for column in (*blocks.T, rays, shape)]
+            there = self._staging.sent([*knots, *fired, *stands])
+            motion, when, lie = poses.Motion(), poses.Turn(), layers.Blocks()
+            motion.time, motion.rotation, motion.place, motion.turn = there[:4]
+            when.column_time, when.ring_time, when.rotation, when.place = there[4:8]
+            lie.actor, lie.rows, lie.wide, lie.start, lie.ray, surfaces.shape = there[8:]
 
-        actors = len(shape)
-        tally = wp.zeros(1 + 2 * actors, dtype=wp.int64, device=device)
-        pose = wp.empty(count, dtype=poses.RayPose, device=device)
-        range_m = wp.empty(count, dtype=wp.float32, device=device)
-        face, first, many, place = (wp.empty(count, dtype=i4, device=device) for _ in range(4))
-        wp.launch(
-            layers.cast_axes,
-            dim=count,
-            inputs=[meshes, surfaces.shape, motion, when, lie, directions],
-            outputs=[pose, range_m, face, tally],
-            device=device,
-        )
-        glass, spread, around = options
-        room = count + count // 2 + 1024
-        while True:
-            found = wp.empty(room, dtype=layers.Layer, device=device)
+            actors = len(shape)
+            tally = wp.zeros(1 + 2 * actors, dtype=wp.int64, device=device)
+            pose = wp.empty(count, dtype=poses.RayPose, device=device)
+            range_m = wp.empty(count, dtype=wp.float32, device=device)
+            face, first, many, place = (wp.empty(count, dtype=i4, device=device) for _ in range(4))
             wp.launch(
-                layers.find_layers,
+                layers.cast_axes,
                 dim=count,
-                inputs=[
-                    meshes, surfaces, lie, directions, footprint, glass, spread, around,
-                    len(turn[0]), pose, range_m, face,
-                ],
-                outputs=[tally, found, first, many],
+                inputs=[meshes, surfaces.shape, motion, when, lie, directions],
+                outputs=[pose, range_m, face, tally],
                 device=device,
-            )  # fmt: skip
-            counts = self._staging.received(tally)
-            if counts[0] <= room:
-                break
-            room = int(counts[0])
-            tally[:1].zero_()
-        used = int(counts[0])
-        if not used:
-            return _none(actors)
-        whole = wp.empty((4, used), dtype=i4, device=device)
-        real = wp.empty((2, used), dtype=wp.float32, device=device)
-        wp.utils.array_scan(many, place, inclusive=False)
-        wp.launch(
-            layers.put_in_order,
-            dim=count,
-            inputs=[found, first, many, place],
-            outputs=[whole, real],
-            device=device,
-        )
-        ray, actor, mask, own_face = self._staging.received(whole)
-        at, cosine = self._staging.received(real)
-        seen_s = counts[1 + actors :].astype(np.float64) / 1e12
-        return DeviceLayers(
-            ray, actor, mask.astype(np.uint8), at, cosine, own_face, seen_s, counts[1 : 1 + actors]
-        )
+            )
+            glass, spread, around = options
+            room = count + count // 2 + 1024
+            while True:
+                found = wp.empty(room, dtype=layers.Layer, device=device)
+                wp.launch(
+                    layers.find_layers,
+                    dim=count,
+                    inputs=[
+                        meshes, surfaces, lie, directions, footprint, glass, spread, around,
+                        len(turn[0]), pose, range_m, face,
+                    ],
+                    outputs=[tally, found, first, many],
+                    device=device,
+                )  # fmt: skip
+                counts = self._staging.received(tally)
+                if counts[0] <= room:
+                    break
+                room = int(counts[0])
+                tally[:1].zero_()
+            used = int(counts[0])
+            if not used:
+                return _none(actors)
+            whole = wp.empty((4, used), dtype=i4, device=device)
+            real = wp.empty((2, used), dtype=wp.float32, device=device)
+            wp.utils.array_scan(many, place, inclusive=False)
+            wp.launch(
+                layers.put_in_order,
+                dim=count,
+                inputs=[found, first, many, place],
+                outputs=[whole, real],
+                device=device,
+            )
+            ray, actor, mask, own_face = self._staging.received(whole)
+            at, cosine = self._staging.received(real)
+            seen_s = counts[1 + actors :].astype(np.float64) / 1e12
+            return DeviceLayers(
+                ray,
+                actor,
+                mask.astype(np.uint8),
+                at,
+                cosine,
+                own_face,
+                seen_s,
+                counts[1 : 1 + actors],
+            )
 
     def _shapes(self, shapes: Meshes) -> tuple[Any, Any]:
         """Return the shapes on the device; those that came before are not sent again."""

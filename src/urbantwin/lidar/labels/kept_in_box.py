@@ -1,4 +1,4 @@
-"""The tight box of an actor, and what keeps the points that it returned inside.
+"""What keeps the points that an actor returned inside its box.
 
 Boxes are the tight bounds of the posed mesh (`compiled.boxes`), so pitch and roll are inside them.
 
