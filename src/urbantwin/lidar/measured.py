@@ -113,7 +113,8 @@ class MeasuredBackground:
         beam = np.repeat(np.arange(count), np.diff(modelled.start))
         kept = ~known[beam] if self.fused else np.zeros(len(beam), np.bool_)
         mine = np.flatnonzero(known)
-        range_m = self.range_m.ravel()[mine]
+        # What this unit adds to every range is in the measured ones already.
+        range_m = np.maximum(self.range_m.ravel()[mine] - model.offset_m, 1e-3)
         semantic, back = _beside(modelled, beam, mine, range_m)
         intensity = self.intensity.ravel()[mine]
         told = np.isfinite(intensity)
@@ -138,7 +139,11 @@ class MeasuredBackground:
         )
 
     def reported(
-        self, report: tuple[NDArray[Any], ...], has: NDArray[np.bool_], effects: Effects
+        self,
+        report: tuple[NDArray[Any], ...],
+        has: NDArray[np.bool_],
+        effects: Effects,
+        missing: float = 0.0,
     ) -> tuple[NDArray[Any], ...]:
         """Return what beams report with the measured drop-out, noise and intensity.
 
@@ -147,11 +152,13 @@ class MeasuredBackground:
                 amplitude of the modelled answer to `layers`.
             has: which beams (N,) have an echo.
             effects: the sensor's: what is off is not measured either.
+            missing: share of beams that the sensor loses besides: the measured share has it too.
         """
         level, range_m, sigma, intensity, amplitude = report
         known = self.known & has
         if effects.dropout:
-            share = np.rint(self.returned.ravel() * LEVELS).astype(np.int32)
+            share = np.minimum(self.returned.ravel() / max(1.0 - missing, 1e-6), 1.0)
+            share = np.rint(share * LEVELS).astype(np.int32)
             level = np.where(known, share, level)
         if effects.noise:
             sigma = np.where(known, self.sigma_m.ravel(), sigma)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
@@ -15,7 +16,7 @@ from urbantwin.lidar.riding_path import RidingPath
 from urbantwin.lidar.sensor import Sensor
 from urbantwin.lidar.sensor_path import FixedPath, SensorPath
 from urbantwin.lidar.sway import swaying
-from urbantwin.site.rig import Conditions, Effects, OutageSpec, RideSpec, SwaySpec
+from urbantwin.site.rig import Calibration, Conditions, Effects, OutageSpec, RideSpec, SwaySpec
 
 if TYPE_CHECKING:
     from urbantwin.lidar.measured import MeasuredBackground
@@ -58,6 +59,8 @@ class MountedSensor:
             own height comes to it when the rig boards.
         deskew: whether points of a sensor that rides are told from where it was when it measured
             them, and not as if it had stood still since the frame's time.
+        calibration: how this unit differs from its datasheet.
+        reflectivity: times what the table of materials says that they send back, by name.
         measured: what a real one found of the static world, to be seen in its place.
     """
 
@@ -85,7 +88,14 @@ class MountedSensor:
     carrier_SE3_sensor: Pose | None = None  # noqa: N815
     above_roof_m: float | None = None
     deskew: bool = True
+    calibration: Calibration = field(default_factory=Calibration)
+    reflectivity: Mapping[str, float] = field(default_factory=dict)
     measured: MeasuredBackground | None = None
+
+    @property
+    def missing(self) -> float:
+        """The share of beams that return nothing, whatever they meet."""
+        return self.calibration.missing if self.effects.dropout else 0.0
 
     def path(self, frame_index: int, seed: int, carrier: ActorPath | None = None) -> SensorPath:
         """Return where the sensor is in the course of a frame.

@@ -17,6 +17,7 @@ from urbantwin.lidar.labels.kept_in_box import BOX_MARGIN_M, spans_in_box
 from urbantwin.lidar.layers import Layers, PresentActors, cast_actors
 from urbantwin.lidar.mounted import MountedSensor
 from urbantwin.lidar.returns import (
+    LEVELS,
     Draws,
     Purpose,
     ReturnModel,
@@ -124,12 +125,15 @@ class Sighting:
             seed: of all random numbers.
         """
         view, beams, mounted = self._view, self._view.beams, self._mounted
-        shape_count = len(self._actors.shape)
+        dead, shape_count = self._dead, len(self._actors.shape)
         count = len(beams.directions)
         key = (seed, mounted.number, self._sweep.turn % _TURNS, count)
         response = self._model.response
         # What is certain, and exact, needs no draws.
         draws = draw(*key) if response.dropout or response.sigma_m > 0 else _no_draws(count)
+        if mounted.missing > 0:
+            lost = draw(*key, Purpose.MISSING).detection < round(mounted.missing * LEVELS)
+            dead = dead | lost if len(dead) else lost
         both = mounted.returns == "dual"
         others = draw(*key, Purpose.SECOND_ECHO) if both else draws
 
@@ -146,8 +150,8 @@ class Sighting:
             )
             front[echoes.beam] = np.arange(len(echoes.beam), dtype=np.int32)
             returns = draws.detection[lone.beam] < lone.level
-            if len(self._dead):
-                returns &= ~self._dead[lone.beam]
+            if len(dead):
+                returns &= ~dead[lone.beam]
             alone = np.bincount(lone.actor[returns], minlength=shape_count)
         moving = _moving(front, echoes, view.layers.semantic)
         out = _room(count * 2 if mounted.returns == "dual" else count)
@@ -155,7 +159,7 @@ class Sighting:
             view.report,
             (view.other, *view.second),
             moving,
-            self._dead,
+            dead,
             (draws.detection, draws.noise),
             (others.detection, others.noise),
             standard_quantiles(),
@@ -182,12 +186,12 @@ class Sighting:
                 dataset_SE3_actors,
             )
             actor[hit[misses]], semantic[hit[misses]] = -1, OUTLIER
-        spurious = Spurious(
-            mounted, self._model, view, echoes, self._sweep.ring_time_s, key, self._dead
-        )
+        spurious = Spurious(mounted, self._model, view, echoes, self._sweep.ring_time_s, key, dead)
         beam, echo, _, semantic, range_m, intensity, actor = spurious.among(
             Reported(beam, echo, source, semantic, range_m, intensity, actor)
         )
+        if self._model.offset_m:
+            range_m = np.maximum(range_m + self._model.offset_m, np.float32(0))
         count = len(beam)
         points, time_s = np.empty((count, 4), np.float32), np.empty(count, np.float32)
         ring, column = np.empty(count, np.uint16), np.empty(count, np.uint16)

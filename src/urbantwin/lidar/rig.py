@@ -90,6 +90,8 @@ def place_rig(
                 carrier_SE3_sensor=pose if one.rides else None,
                 above_roof_m=one.above_roof_m,
                 deskew=spec.deskew,
+                calibration=one.calibration,
+                reflectivity=spec.reflectivity,
             )
         )
     return Rig(

@@ -94,7 +94,7 @@ class StaticView:
             )
         )
         if measured is not None:
-            report = measured.reported(report, has, mounted.effects)
+            report = measured.reported(report, has, mounted.effects, mounted.missing)
         amplitude = report[4]
         semantic = _classes(layers.semantic, layer[first], has)
         also = np.flatnonzero(echoes.second >= 0)

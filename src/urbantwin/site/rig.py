@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
 
 from urbantwin.geometry import SiteFrame
+from urbantwin.site.calibration import Calibration, Reflectivities
 from urbantwin.site.conditions import Conditions, Effects, Strict
 from urbantwin.site.document import Document, read_document, wrong
 from urbantwin.site.outage import OutageSpec
@@ -18,6 +19,7 @@ from urbantwin.taxonomy import ACTOR_CLASSES
 
 __all__ = [
     "FARTHEST_M",
+    "Calibration",
     "Conditions",
     "Effects",
     "OutageSpec",
@@ -106,6 +108,7 @@ class SensorSpec(SensorPlace, _Named):
         latency_s: from a turn's end to when it is at hand.
         dropped_frames: share of frames that never arrive.
         outages: what of it does not work, and when.
+        calibration: what was found of this very unit.
         sway: of its own pole; ``None``: the rig's.
     """
 
@@ -120,6 +123,7 @@ class SensorSpec(SensorPlace, _Named):
     latency_s: Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)] = 0.0
     dropped_frames: Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)] = 0.0
     outages: list[OutageSpec] = Field(default_factory=list)
+    calibration: Calibration = Calibration()
     sway: SwaySpec | None = None
 
 
@@ -145,6 +149,7 @@ class RigSpec(Strict):
             and heading, gravity-aligned) or ``site``.
         fused: the sensors' points in one frame; ``False``: a dataset for each sensor.
         conditions: the weather and the sun.
+        reflectivity: times the table of materials, by name.
         sway: how the sensors' poles swing.
         ride: the actor that carries the rig; ``None``: it stands.
         deskew: whether the points of a rig that rides are moved to where they would have been
@@ -157,6 +162,7 @@ class RigSpec(Strict):
     frame: Literal["sensor", "level", "site"] = "level"
     fused: bool = True
     conditions: Conditions = Conditions()
+    reflectivity: Reflectivities = Field(default_factory=dict)
     ride: RideSpec | None = None
     sway: SwaySpec | None = None
     deskew: bool = True

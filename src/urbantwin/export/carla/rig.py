@@ -61,9 +61,10 @@ def carla_sensor(mounted: MountedSensor, *, blueprint: str = SEMANTIC) -> dict[s
         "sensor_tick": 0.0,
     }
     if blueprint == PLAIN:
-        # CARLA's own noise and drop-out are off: what they model is not this sensor.
-        sigma = model.assumed_range_sigma_m if mounted.effects.noise else 0.0
-        attributes |= {"noise_stddev": sigma, "dropoff_general_rate": 0.0}
+        # CARLA's own drop-out by intensity is off: what it models is not this sensor.
+        sigma = model.assumed_range_sigma_m * mounted.calibration.range_noise
+        sigma = sigma if mounted.effects.noise else 0.0
+        attributes |= {"noise_stddev": sigma, "dropoff_general_rate": mounted.missing}
         attributes |= {"dropoff_intensity_limit": 0.0, "dropoff_zero_intensity": 0.0}
     return {
         "name": mounted.name,

@@ -25,6 +25,7 @@ class Response(NamedTuple):
 
     Attributes:
         per_amplitude: strength per amplitude at 1 m, with the datasheet's sun on the target.
+        gain: of this unit: times the strength of every echo.
         fall: exponent of range by which strength falls.
         extinction: of the air, 1/m.
         sun_noise: variance that the datasheet's light on a white target adds.
@@ -44,6 +45,7 @@ class Response(NamedTuple):
     """
 
     per_amplitude: float
+    gain: float
     fall: float
     extinction: float
     sun_noise: float
@@ -68,9 +70,9 @@ def strength_of(r, amplitude, range_m, light):
     if not (amplitude > 0.0 and 0.0 < range_m < np.inf):
         return 0.0
     if r.fall == 2.0:
-        signal = r.per_amplitude * amplitude / (range_m * range_m)
+        signal = r.gain * r.per_amplitude * amplitude / (range_m * range_m)
     else:
-        signal = r.per_amplitude * amplitude * range_m**-r.fall
+        signal = r.gain * r.per_amplitude * amplitude * range_m**-r.fall
     if r.extinction > 0.0:
         signal *= np.exp(-2.0 * r.extinction * range_m)
     lit = 1.0 + r.sun_noise * light * min(amplitude, 1.0)

@@ -281,9 +281,10 @@ def _turns(mounted: MountedSensor) -> Iterator[NDArray[np.float64]]:
 
 
 def _turns_per_second(mounted: MountedSensor) -> float:
-    """Return how many turns a second are recorded, on average."""
+    """Return how many turns a second are recorded, on average, as far as beams return any."""
     recorded = min(1.0, mounted.frame_window_s * mounted.rate_hz)
-    return mounted.turns_per_second * recorded * (1.0 - mounted.dropped_frames)
+    working = (1.0 - mounted.dropped_frames) * (1.0 - mounted.missing)
+    return mounted.turns_per_second * recorded * working
 
 
 def _add(layer: NDArray[np.float64], cell: NDArray[np.int64], chance: NDArray[np.float64]) -> None:

@@ -7,6 +7,7 @@ the datasheet's reflectivity, faced squarely, at the datasheet's range.
 """
 
 from urbantwin.lidar.returns.draws import (
+    LEVELS,
     Draws,
     Purpose,
     draw,
@@ -18,6 +19,7 @@ from urbantwin.lidar.returns.model import ReturnModel
 from urbantwin.lidar.returns.scatter import Scatter, scatter_of_materials
 
 __all__ = [
+    "LEVELS",
     "Draws",
     "Purpose",
     "ReturnModel",

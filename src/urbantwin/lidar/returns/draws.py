@@ -38,6 +38,7 @@ class Purpose(IntEnum):
     BLOOMING = 3
     CROSSTALK = 4
     ADDED = 5
+    MISSING = 6
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,6 +37,7 @@ class ReturnModel:
         response: all that compiled code needs to know (`compiled.response`).
         scatter: what materials send back to this sensor, with its effects, in that weather.
         clutter: what the air sends back; ``None`` in clear air.
+        offset_m: added to every range in the end, in whole steps.
     """
 
     def __init__(self, mounted: MountedSensor, conditions: Conditions | None = None) -> None:
@@ -48,12 +49,14 @@ class ReturnModel:
         if wet is None:
             wet = 1.0 if weather.weather == "rain" else 0.0
         wavelength = entry.assumed_wavelength_nm
+        unit = mounted.calibration
         self.scatter: Scatter = scatter_of_materials(
             wavelength,
             wet,
             retroreflection=effects.retroreflection,
             glass=effects.glass,
             texture=effects.noise,
+            reflectivity=tuple(sorted(mounted.reflectivity.items())),
         )
         reflectivity, range_m = entry.assumed_reference
         if entry.detection_range_10_m is not None and entry.detection_range_80_m is not None:
@@ -62,6 +65,7 @@ class ReturnModel:
         scale = intensity_scale(entry)
         self.response = Response(
             per_amplitude=range_m**fall / reflectivity,
+            gain=unit.light,
             fall=fall,
             extinction=extinction(weather, wavelength),
             sun_noise=sun,
@@ -72,15 +76,16 @@ class ReturnModel:
             dropout=effects.dropout,
             half=HALF_STRENGTH,
             steepness=STEEPNESS,
-            sigma_m=entry.assumed_range_sigma_m if effects.noise else 0.0,
+            sigma_m=entry.assumed_range_sigma_m * unit.range_noise if effects.noise else 0.0,
             knee=KNEE_STRENGTH,
-            white=scale.white,
+            white=scale.white * unit.intensity,
             greatest=scale.greatest,
-            per_log=scale.per_log,
+            per_log=scale.per_log * unit.intensity,
             whole_codes=effects.quantisation,
         )
         self.clutter: Clutter | None = clutter_of(entry, weather, self.response)
         self._step_m = entry.assumed_range_resolution_m if effects.quantisation else 0.0
+        self.offset_m = self.quantised(np.array([unit.range_offset_m], np.float32))[0]
 
     def strength(self, amplitude: Floats, range_m: Floats, light: Floats | None = None) -> Floats:
         """Return signal to noise relative to the datasheet's target; 0 where nothing was hit.

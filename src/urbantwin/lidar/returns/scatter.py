@@ -41,7 +41,7 @@ from numpy.typing import NDArray
 from urbantwin.lidar.returns.draws import standard_quantiles
 from urbantwin.lidar.returns.fresnel import pane
 from urbantwin.lidar.returns.wet import WET_BEADS, film_passes, wet_reflectivity
-from urbantwin.taxonomy import materials
+from urbantwin.taxonomy import material_id, materials
 
 __all__ = ["TEXTURE", "Scatter", "oren_nayar", "scatter_of_materials"]
 
@@ -124,6 +124,7 @@ def scatter_of_materials(
     retroreflection: bool = True,
     glass: bool = True,
     texture: bool = False,
+    reflectivity: tuple[tuple[str, float], ...] = (),
 ) -> Scatter:
     """Return what every material sends back of a laser's light and lets through.
 
@@ -133,6 +134,7 @@ def scatter_of_materials(
         retroreflection: whether retroreflectors are any; else they are what they are without.
         glass: whether light passes through glass; else it is an opaque surface.
         texture: whether surfaces are not the same all over.
+        reflectivity: materials, and how many times what the table says they send back.
     """
     table = list(materials().values())
     cosine = np.linspace(0, 1, _STEPS + 1)
@@ -150,11 +152,14 @@ def scatter_of_materials(
     falls = np.array([one.retro_law == "sheeting" for one in table])[:, None]
     back = retro[:, None] * np.where(falls, sheeting, 1.0) * (1 - wet * (1 - WET_BEADS))
     relative = pane(cosine) / pane(np.ones(1))
+    factor = np.ones(len(table))
+    for name, times in reflectivity:
+        factor[material_id(name)] = times
     return Scatter(
-        diffuse.astype(np.float32),
-        retro.astype(np.float32),
+        (diffuse * factor).astype(np.float32),
+        (retro * factor).astype(np.float32),
         (passes_squarely**2).astype(np.float32),
-        (dry * (1 - wet) + under_film * wet + back).astype(np.float32),
+        ((dry * (1 - wet) + under_film * wet + back) * factor[:, None]).astype(np.float32),
         ((passes_squarely[:, None] * relative) ** 2).astype(np.float32),
         TEXTURE if texture else 0.0,
     )

@@ -1,0 +1,44 @@
+"""What was found of one very sensor, against the datasheet of its model."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import AfterValidator, Field
+
+from urbantwin.site.conditions import Strict
+from urbantwin.site.document import nearest, wrong
+from urbantwin.taxonomy import materials
+
+__all__ = ["Calibration", "Reflectivities"]
+
+Factor = Annotated[float, Field(ge=0.01, le=10.0, allow_inf_nan=False)]
+
+
+class Calibration(Strict):
+    """How one unit differs from its datasheet; the defaults are the datasheet.
+
+    Attributes:
+        range_noise: times the datasheet's standard deviation; part of the effect ``noise``.
+        range_offset_m: added to every range, metres.
+        light: times the strength of every echo: a dirty window, an aged laser.
+        intensity: times the intensity that it reports.
+        missing: share of beams that return nothing, whatever they meet; part of ``dropout``.
+    """
+
+    range_noise: Annotated[float, Field(ge=0.0, le=10.0, allow_inf_nan=False)] = 1.0
+    range_offset_m: Annotated[float, Field(ge=-1.0, le=1.0, allow_inf_nan=False)] = 0.0
+    light: Factor = 1.0
+    intensity: Factor = 1.0
+    missing: Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)] = 0.0
+
+
+def _of_the_table(value: dict[str, float]) -> dict[str, float]:
+    for name in value:
+        if name not in materials():
+            raise wrong(f"there is no material {name!r:.40}", nearest(name, list(materials())))
+    return value
+
+
+#: By material: times what the table says that it sends back.
+Reflectivities = Annotated[dict[str, Factor], AfterValidator(_of_the_table)]
