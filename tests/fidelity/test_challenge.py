@@ -170,6 +170,7 @@ def test_the_protocol_in_a_report(tmp_path):
         tmp_path / "real",
         tmp_path / "twin",
         tmp_path / "out",
+        arbitrary=None,
         protocol="urbantwin-challenge",
     )
     told = json.loads((tmp_path / "out/report.json").read_text())["protocol"]

@@ -94,14 +94,16 @@ def write_folder(folder, count, shift=0.0, columns=4):
 def test_identical_folders_and_same_bytes(tmp_path):
     real = write_folder(tmp_path / "real", 3)
     told = []
-    report = compare(real, real, tmp_path / "a", progress=lambda done, what: told.append(done))
+    report = compare(
+        real, real, tmp_path / "a", arbitrary=None, progress=lambda done, what: told.append(done)
+    )
     zero = [n for n in report.twin if not n.startswith(("point_to_mesh", "beam"))]
     assert all(report.twin[name].p95 == pytest.approx(0, abs=1e-9) for name in zero)
     # Nine tenths of the points are the surface's own corners.
     assert report.twin["point_to_mesh_median_m"].mean == pytest.approx(0, abs=1e-7)
     assert told == sorted(told)
     assert told[-1] == 1
-    compare(real, real, tmp_path / "b")
+    compare(real, real, tmp_path / "b", arbitrary=None)
     for name in ("report.json", "report.png"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
@@ -130,7 +132,7 @@ def test_a_bad_frame_is_named_and_the_rest_compared(tmp_path):
     synthetic = write_folder(tmp_path / "synthetic", 3)
     (synthetic / "frame_1.npy").write_bytes((synthetic / "frame_1.npy").read_bytes()[:900])
     np.save(real / "frame_2.npy", np.full((5, 4), np.nan, np.float32))
-    report = compare(real, synthetic, tmp_path / "out")
+    report = compare(real, synthetic, tmp_path / "out", arbitrary=None)
     assert [frame.real for frame in report.frames] == ["frame_0.npy"]
     assert len(report.problems) == 2
     assert "frame_1.npy" in "".join(report.problems)
@@ -138,9 +140,9 @@ def test_a_bad_frame_is_named_and_the_rest_compared(tmp_path):
     before = sorted(tmp_path.rglob("*"))
     np.save(synthetic / "frame_0.npy", np.zeros((5, 4), np.float32))
     with pytest.raises(InputError, match="no pair"):
-        compare(real, synthetic, tmp_path / "none")
+        compare(real, synthetic, tmp_path / "none", arbitrary=None)
     with pytest.raises(InputError, match="other files"):
-        compare(real, real, real)
+        compare(real, real, real, arbitrary=None)
     assert sorted(tmp_path.rglob("*")) == before
 
 
@@ -187,5 +189,7 @@ def test_actors_are_told_apart_and_what_lacks_is_found(tmp_path):
 
 def test_a_turned_recording_is_told(tmp_path):
     real = write_corner(tmp_path / "real", 0, count=1)
-    report = compare(write_corner(tmp_path / "twin", 1, turn=90, count=1), real, tmp_path / "out")
+    report = compare(
+        write_corner(tmp_path / "twin", 1, turn=90, count=1), real, tmp_path / "out", arbitrary=None
+    )
     assert [note for note in report.notes if "look rotated by 90 degrees" in note]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -15,6 +15,7 @@ __all__ = ["EXAMPLES", "compare"]
 EXAMPLES = """
 urbantwin compare real/ out/dataset/ -o report/
 urbantwin compare real/ out/dataset/ -o report/ --arbitrary elsewhere/
+urbantwin compare real/ out/dataset/ -o report/ --arbitrary none
 urbantwin compare real/ out/dataset/ -o report/ --protocol urbantwin-challenge
 """
 
@@ -32,7 +33,11 @@ def compare(
     out: Out,
     arbitrary: Annotated[
         Path | None,
-        typer.Option(metavar="FOLDER", help="Clouds of another site, measured alike as a control."),
+        typer.Option(
+            metavar="FOLDER",
+            help="Clouds of another site, measured alike as a control; none: no control.  "
+            "[default: an example site, recorded by the dataset's sensors]",
+        ),
     ] = None,
     layout: Annotated[
         str | None, typer.Option(help="Of the real frames.  [default: what their files tell]")
@@ -62,13 +67,16 @@ def compare(
     from urbantwin.cli.summary import summary
     from urbantwin.fidelity import compare as compare_frames
 
+    control: Path | Literal["example"] | None = arbitrary or "example"
+    if arbitrary == Path("none"):
+        control = None
     console = Console(quiet=quiet, as_json=as_json)
     with console.stage("compare") as progress:
         compare_frames(
             real,
             dataset,
             out,
-            arbitrary=arbitrary,
+            arbitrary=control,
             columns=columns,
             layout=layout,
             origin=origin,

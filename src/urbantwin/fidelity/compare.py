@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.artefact import replaced_folder, write_json
-from urbantwin.errors import InputError
+from urbantwin.errors import InputError, UrbanTwinError
 from urbantwin.fidelity import histograms as bins
 from urbantwin.fidelity import surface
 from urbantwin.fidelity.consistency import doubts_about
@@ -28,9 +28,9 @@ __all__ = ["compare"]
 
 Progress = Callable[[float, str], None]
 
-#: Share of the work that reading every frame once, to check it, takes.
-_SURVEY = 0.1
-#: Real against real is measured at so many pairs, spread evenly, where there are more.
+#: Shares of the work after which every frame was read once, and the arbitrary site is there.
+_SURVEY, _CONTROL = 0.1, 0.15
+#: Anchors are measured at so many pairs, spread evenly, where there are more.
 _ANCHORS = 30
 
 
@@ -55,7 +55,7 @@ def compare(  # noqa: PLR0913 - every one is a person's choice
     synthetic: Path,
     out: Path,
     *,
-    arbitrary: Path | None = None,
+    arbitrary: Path | Literal["example"] | None = "example",
     columns: int | None = None,
     layout: str | None = None,
     origin: ArrayLike | None = None,
@@ -75,7 +75,8 @@ def compare(  # noqa: PLR0913 - every one is a person's choice
         synthetic: one of our datasets, or another recording of the same place.
         out: the report's folder; an older report there is replaced.
         arbitrary: synthetic frames of some other place: the control that the twin is measured
-            beside.
+            beside. ``example``: an example site, recorded by the twin's sensors
+            (`arbitrary.arbitrary_recording`); ``None``: no control.
         columns: values per row of ``.bin`` files, where it is neither 4 nor 3.
         layout: of the real frames, where their files do not tell it.
         origin: (3,) the sensor's place in the frame of the points, metres: where ranges and the
@@ -94,7 +95,7 @@ def compare(  # noqa: PLR0913 - every one is a person's choice
 
         check_protocol(protocol)
     with replaced_folder(out, kind="report") as folder:
-        sides = _opened(real, synthetic, arbitrary, columns, layout, tell)
+        sides, lacking = _opened(real, synthetic, arbitrary, columns, layout, tell)
         place = _origin(sides["real"], origin)
         split_by = _split(sides)
         found = _measure(sides, place, split_by, tell)
@@ -105,6 +106,7 @@ def compare(  # noqa: PLR0913 - every one is a person's choice
 
             scored = score_sides(sides, detections)
         report = _report(sides, found, place, split_by, scored)
+        report.notes.extend(lacking)
         write_json(folder / "report.json", report.as_json())
         tell(0.98, "drawing the report")
         _draw(report, sides, found, place, folder)
@@ -141,23 +143,23 @@ def _draw(
 def _opened(
     real: Path,
     synthetic: Path,
-    arbitrary: Path | None,
+    arbitrary: Path | Literal["example"] | None,
     columns: int | None,
     layout: str | None,
     tell: Progress,
-) -> dict[str, Side]:
-    """Open the sides and read every frame that will be compared once."""
+) -> tuple[dict[str, Side], list[str]]:
+    """Open the sides and read every frame that will be compared once; say what is lacking."""
     recordings = {
         "real": open_side("real", real, columns, layout),
         "synthetic": open_side("synthetic", synthetic, columns),
     }
-    if arbitrary is not None:
+    if isinstance(arbitrary, Path):
         recordings["arbitrary"] = open_side("arbitrary", arbitrary, columns)
     pairs = min(len(recordings["real"]), len(recordings["synthetic"]))
     # One real frame more than pairs: the last one's neighbour.
-    used = {"real": pairs + 1}
+    used = {"real": pairs + 1, "synthetic": pairs, "arbitrary": _ANCHORS}
     sides = {
-        name: Side(name, recording, min(len(recording), used.get(name, pairs)))
+        name: Side(name, recording, min(len(recording), used[name]))
         for name, recording in recordings.items()
     }
     total, done = sum(side.count for side in sides.values()), 0
@@ -169,7 +171,22 @@ def _opened(
 
     for side in sides.values():
         survey(side, step)
-    return sides
+    lacking: list[str] = []
+    if arbitrary == "example":
+        from urbantwin.fidelity.arbitrary import arbitrary_recording
+
+        try:
+            recording = arbitrary_recording(
+                recordings["synthetic"],
+                min(pairs, _ANCHORS),
+                lambda share, what: tell(_SURVEY + (_CONTROL - _SURVEY) * share, what),
+            )
+        except UrbanTwinError as error:  # The twin is measured all the same.
+            lacking.append(f"There is no arbitrary site: {error}.")
+        else:
+            sides["arbitrary"] = Side("arbitrary", recording, min(len(recording), pairs))
+            survey(sides["arbitrary"], lambda: None)
+    return sides, lacking
 
 
 def _origin(real: Side, given: ArrayLike | None) -> NDArray[np.float64]:
@@ -199,10 +216,13 @@ def _measure(
     real, synthetic, arbitrary = sides["real"], sides["synthetic"], sides.get("arbitrary")
     pairs = min(real.count, synthetic.count)
     found = _Found()
-    anchors = set(np.linspace(0, pairs - 1, min(pairs, _ANCHORS)).round().astype(int).tolist())
+    spread = np.linspace(0, pairs - 1, min(pairs, _ANCHORS)).round().astype(int).tolist()
+    anchors = {index: number for number, index in enumerate(spread)}
     following = real.read(0)
     for index in range(pairs):
-        tell(_SURVEY + (0.95 - _SURVEY) * index / pairs, f"comparing frame {index + 1} of {pairs}")
+        tell(
+            _CONTROL + (0.95 - _CONTROL) * index / pairs, f"comparing frame {index + 1} of {pairs}"
+        )
         here, following = following, real.read(index + 1)
         twin = synthetic.read(index)
         if here is None or twin is None:
@@ -216,7 +236,7 @@ def _measure(
             mask = side.foreground(other, split_by)
             return frame.measure(other, foreground=mask, intensity_scale=side.scale)
 
-        control = None if arbitrary is None else arbitrary.read(index)
+        control = arbitrary.read(anchors[index]) if arbitrary and index in anchors else None
         measured = {
             "twin": against(synthetic, twin),
             "arbitrary": None if arbitrary is None else against(arbitrary, control),
@@ -378,7 +398,9 @@ def _notes(sides: dict[str, Side], found: _Found, split_by: str | None) -> list[
         "there are too few frames of a sensor that stands still."
     )
     for name, side in sides.items():
-        more = len(side.recording) - pairs
+        more = len(side.recording) - (min(pairs, _ANCHORS) if name == "arbitrary" else pairs)
+        if name == "arbitrary" and more > 0:
+            continue
         if more > 0:
             notes.append(f"{name}: {more} further clouds have no partner.")
         elif more < 0:
@@ -398,7 +420,7 @@ def _notes(sides: dict[str, Side], found: _Found, split_by: str | None) -> list[
         shown = found.sample.get(name)
         notes += [f"{name}: {note}" for note in (shown.notes if shown else ())]
     if pairs > _ANCHORS:
-        notes.append(f"Real against real is measured at {_ANCHORS} pairs, spread evenly.")
+        notes.append(f"Both anchors are measured at {_ANCHORS} pairs, spread evenly.")
     if len(sides["real"].recording) < 2:
         notes.append("A single real frame: there is no real against real.")
     return notes

@@ -1,0 +1,197 @@
+"""An example site, built, driven and recorded as the twin was: what a comparison is held against.
+
+The site is ``examples/two-avenues``, which the package carries: invented, and with nothing of any
+real place. What the twin's sensors see there is as far from the real frames as a street without a
+twin is: the same map reader, lane model, traffic, sensors and returns, at the wrong place.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from urbantwin.dataset import record
+from urbantwin.dataset.rig_of_manifest import rig_of_manifest
+from urbantwin.errors import InputError
+from urbantwin.fidelity.arbitrary.kept import kept
+from urbantwin.fidelity.arbitrary.rig import level_frame, likely_rig, riding, standing
+from urbantwin.fidelity.frame import Frame
+from urbantwin.fidelity.readers import Recording, open_recording
+from urbantwin.geometry import Pose
+from urbantwin.lidar import Rig, place_rig
+from urbantwin.site import load_site
+from urbantwin.site.rig import RigSpec
+from urbantwin.traffic import run_traffic
+from urbantwin.twin import Twin, build_twin
+
+__all__ = ["MOST_FRAMES", "SITE", "arbitrary_recording"]
+
+Progress = Callable[[float, str], None]
+
+#: The name of the example, and of its folder.
+SITE = "two-avenues"
+#: More frames than this say no more of another place.
+MOST_FRAMES = 30
+#: Traffic is driven no longer than this: a rig of one frame a minute has fewer frames.
+_LONGEST_S = 30.0
+#: Traffic after the last frame's time: its turns take time.
+_AFTER_S = 1.0
+
+
+def arbitrary_recording(
+    twin: Recording,
+    frames: int,
+    progress: Progress | None = None,
+    *,
+    cache: Path | None = None,
+) -> Recording:
+    """Return frames of the example site, by the sensors that a twin's recording is of.
+
+    A dataset of ours says its rig: models, poses relative to the site's middle, rate, effects,
+    weather, and what carries it. Of other clouds the sensor is guessed (`rig.likely_rig`). The
+    first call for a rig takes seconds; the frames are then kept in the user's cache.
+
+    Args:
+        twin: the synthetic frames.
+        frames: how many are needed; at most ``MOST_FRAMES`` are recorded.
+        progress: called with the fraction done and what is being done.
+        cache: a folder in place of the user's cache.
+
+    Raises:
+        UrbanTwinError: it cannot be made.
+    """
+    manifest = _manifest(twin)
+    rig = rig_of_manifest(manifest)
+    seed = int(manifest.get("seeds", {}).get("record", 0)) if rig is not None else 0
+    notes = [f"The arbitrary site is the example {SITE}, built, driven and recorded alike."]
+    first = _first(twin)
+    spec: dict[str, Any] = {}
+    if rig is None:
+        spec, told = likely_rig(first)
+        notes.append(f"Its rig is not the twin's, which is not known: it is {told}.")
+    count = min(max(frames, 1), MOST_FRAMES)
+    told_rig = spec if rig is None else manifest["rig"]
+    recipe = {"rig": told_rig, "frames": count, "seed": seed}
+
+    def say(fraction: float, what: str) -> None:
+        if progress is not None:
+            progress(fraction, f"arbitrary site: {what}")
+
+    def make(out: Path) -> None:
+        _make(out, rig, spec, count, seed, say)
+
+    folder, lasts = kept(SITE, recipe, make, cache)
+    say(1.0, "there")
+    recorded = open_recording(folder)
+    read = _Moved(recorded, twin, first, rig, lasts)
+    return Recording(folder, recorded.layout, recorded.names, read, tuple(notes))
+
+
+@dataclass(frozen=True, eq=False)
+class _Moved:
+    """Reads frames of the site in the frame of reference that the twin's are given in.
+
+    ``lasts`` is what keeps the folder, where that is not the cache.
+    """
+
+    recorded: Recording
+    twin: Recording
+    first: Frame
+    rig: Rig | None
+    lasts: object
+
+    def __call__(self, index: int) -> Frame:
+        frame, rig = self.recorded.read(index), self.rig
+        if rig is None:
+            return frame.moved(_at(self.first))
+        if rig.frame != "site":
+            return frame
+        if rig.ride is None:
+            return frame.moved(level_frame(rig))
+        return frame.moved(_at(self.twin.read(min(index, len(self.twin) - 1))))
+
+
+def _at(frame: Frame) -> Pose:
+    """Return the pose without a turn at the place of a frame's first sensor."""
+    return Pose(np.eye(3), np.asarray(frame.sensor_places[0], np.float64))
+
+
+def _manifest(twin: Recording) -> Mapping[str, Any]:
+    with suppress(OSError, ValueError):
+        found = json.loads((twin.path / "dataset.json").read_text())
+        if isinstance(found, dict):
+            return found
+    return {}
+
+
+def _first(twin: Recording) -> Frame:
+    """Return the first frame that can be read."""
+    for index in range(len(twin)):
+        with suppress(InputError):
+            return twin.read(index)
+    return twin.read(0)
+
+
+def _make(
+    out: Path, rig: Rig | None, spec: Mapping[str, Any], frames: int, seed: int, say: Progress
+) -> None:
+    """Build the site, drive it, and record ``out`` there."""
+    rate_hz = float(spec["rate_hz"]) if rig is None else rig.rate_hz
+    stop_s = min((frames - 1) / rate_hz, _LONGEST_S)
+    with tempfile.TemporaryDirectory(prefix="urbantwin-") as scratch:
+        twin = build_twin(
+            load_site(_site()), Path(scratch) / "twin", lambda f, what: say(0.4 * f, what)
+        )
+        motion = run_traffic(
+            twin,
+            Path(scratch) / "motion",
+            seconds=np.ceil(stop_s + _AFTER_S),
+            progress=lambda f, what: say(0.4 + 0.3 * f, what),
+        )
+        # A carrier drives on: of one that soon leaves the site there are fewer frames.
+        tries = [(one, part * stop_s) for part in (1, 0.3, 0) for one in _stood(rig, spec, twin)]
+        for number, (one, until_s) in enumerate(tries, start=1):
+            try:
+                record(
+                    twin,
+                    motion,
+                    one,
+                    out,
+                    # One: more would each start Python anew, which takes as long as the frames.
+                    workers=1,
+                    seed=seed,
+                    stop_s=until_s,
+                    progress=lambda f, what: say(0.7 + 0.3 * f, what),
+                )
+            except InputError:
+                if number == len(tries):
+                    raise
+                continue
+            return
+
+
+def _stood(rig: Rig | None, spec: Mapping[str, Any], twin: Twin) -> list[Rig]:
+    """Return the rig at the site, the best first; those after it are for when it cannot ride."""
+    if rig is None:
+        return [place_rig(RigSpec.model_validate(spec), twin.mesh)]
+    here = replace(rig, frame="level") if rig.frame == "site" else rig
+    if here.ride is None:
+        return [standing(here, twin.mesh)]
+    classes = dict.fromkeys([here.ride.actor_class or "car", "car"])
+    return [one for name in classes for one in riding(here, name)]
+
+
+def _site() -> Path:
+    """Return the example's file: in a wheel beside this file, in a working copy its own folder."""
+    here = Path(__file__).resolve()
+    for folder in (here.parent, here.parents[4] / "examples"):
+        if (folder / SITE / "site.yaml").is_file():
+            return folder / SITE / "site.yaml"
+    raise InputError("not found", file=f"{SITE}/site.yaml", expected="an installation with it")
