@@ -72,12 +72,12 @@ def test_the_background_stays_and_what_drives_is_foreground():
         noise = rng.normal(scale=0.02, size=wall.shape)
         return np.concatenate([wall + noise, car + [-20 + 5.0 * index, 0, 0]])
 
-    background = Background(frame(index) for index in range(8))
-    moving = background.foreground(frame(3))
+    background = Background(Frame(frame(index)) for index in range(8))
+    moving = background.foreground(Frame(frame(3)))
     assert moving[4000:].all()
     assert moving[:4000].mean() < 0.01
     with pytest.raises(ValueError, match="at least"):
-        Background([wall] * 4)
+        Background([Frame(wall)] * 4)
 
 
 def labelled(shift, length, per_car, name="car"):

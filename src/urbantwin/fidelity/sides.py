@@ -61,7 +61,7 @@ class Side:
         if how == LABELS:
             return frame.foreground()
         if how == MODEL and self.background is not None:
-            return self.background.foreground(frame.points)
+            return self.background.foreground(frame)
         return None
 
 
@@ -122,5 +122,5 @@ def model_background(side: Side) -> bool:
     if len(usable) < LEAST_FRAMES or not side.stands:
         return False
     spread = np.unique(np.linspace(0, len(usable) - 1, _MODEL_FRAMES).round().astype(int))
-    side.background = Background(side.recording.read(usable[i]).points for i in spread)
+    side.background = Background(side.recording.read(usable[i]) for i in spread)
     return True
