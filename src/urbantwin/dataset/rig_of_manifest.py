@@ -15,7 +15,11 @@ from urbantwin.site.rig import Calibration, Conditions, Effects, OutageSpec, Rid
 
 __all__ = ["rig_of_manifest"]
 
-_MODELS: dict[str, type[BaseModel]] = {"effects": Effects, "sway": SwaySpec, "calibration": Calibration}
+_MODELS: dict[str, type[BaseModel]] = {
+    "effects": Effects,
+    "sway": SwaySpec,
+    "calibration": Calibration,
+}
 #: Of a dataset's own place: not carried elsewhere.
 _LEFT = ("measured", "model", "sensor")
 
