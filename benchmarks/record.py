@@ -107,6 +107,7 @@ def twin_of(mesh: LabelledMesh, folder: Path) -> Twin:
     manifest = {
         "kind": "twin",
         "anchor": {"latitude": 0.0, "longitude": 0.0},
+        "region_m": [[-HALF_M, -HALF_M], [HALF_M, -HALF_M], [HALF_M, HALF_M], [-HALF_M, HALF_M]],
         "inputs": [],
         "files": {"scene.npz": sha256_of(folder / "scene.npz")},
     }

@@ -14,10 +14,11 @@ from urbantwin.dataset.layout import FOLDERS, frame_name, read_json_or_none
 from urbantwin.dataset.manifest import manifest_of
 from urbantwin.dataset.split import split_frames
 from urbantwin.dataset.sweeps import write_sweeps
-from urbantwin.dataset.workers import Recipe, Task, record_frames, usable_processors
+from urbantwin.dataset.workers import Recipe, Task, record_frames
 from urbantwin.lidar import Rig
 from urbantwin.lidar.coverage import IgnoreArea
 from urbantwin.lidar.timing import span_of
+from urbantwin.processes import usable_processors
 
 if TYPE_CHECKING:
     from urbantwin.traffic import Motion

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import json
-import os
-import threading
 from collections.abc import Iterable, Iterator, Mapping
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import islice
-from multiprocessing import get_context, parent_process
 from pathlib import Path
 
 import shapely
@@ -24,9 +20,10 @@ from urbantwin.dataset.sweeps import sweep_rows
 from urbantwin.errors import StageError
 from urbantwin.geometry import LabelledMesh, SurfaceMaterials
 from urbantwin.lidar import Rig, Scanner
+from urbantwin.processes import worker_pool
 from urbantwin.traffic.assets import asset_mesh
 
-__all__ = ["Recipe", "Task", "record_frames", "usable_processors"]
+__all__ = ["Recipe", "Task", "record_frames"]
 
 #: What one worker has in hand besides what it works on: enough that it never waits.
 _QUEUED = 3
@@ -101,13 +98,6 @@ class _Recorder:
         return task.index
 
 
-def usable_processors() -> int:
-    """Return how many processors this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
-
-
 def record_frames(recipe: Recipe, tasks: Iterable[Task], workers: int) -> Iterator[int]:
     """Record frames and yield the number of each when its files are there, in any order.
 
@@ -124,13 +114,9 @@ def record_frames(recipe: Recipe, tasks: Iterable[Task], workers: int) -> Iterat
         yield from map(recorder.record, tasks)
         return
     waiting = iter(tasks)
-    # Spawned, not forked: a fork copies the threads' locks but not the threads that hold them.
-    with (
-        _one_thread_each(),
-        ProcessPoolExecutor(workers, get_context("spawn"), _start, (recipe,)) as pool,
-    ):
-        under_way: set[Future[int]] = set()
-        try:
+    try:
+        with worker_pool(workers, _start, recipe) as pool:
+            under_way: set[Future[int]] = set()
             while True:
                 room = workers * _QUEUED - len(under_way)
                 under_way |= {pool.submit(_record, task) for task in islice(waiting, room)}
@@ -139,52 +125,21 @@ def record_frames(recipe: Recipe, tasks: Iterable[Task], workers: int) -> Iterat
                 finished, under_way = wait(under_way, return_when=FIRST_COMPLETED)
                 for future in finished:
                     yield future.result()
-        except BrokenProcessPool:
-            raise StageError(
-                "a worker was stopped from outside (out of memory?); what is finished is kept: "
-                "give the same command again, with fewer workers"
-            ) from None
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+    except BrokenProcessPool:
+        raise StageError(
+            "a worker was stopped from outside (out of memory?); what is finished is kept: "
+            "give the same command again, with fewer workers"
+        ) from None
 
 
 _recorder: _Recorder | None = None
 
 
 def _start(recipe: Recipe) -> None:
-    threading.Thread(target=_end_with_the_run, daemon=True).start()
     global _recorder  # noqa: PLW0603 - a worker's only state: what its static rays hit
     _recorder = _Recorder(recipe)
-
-
-def _end_with_the_run() -> None:
-    """End this worker when the run that started it is killed.
-
-    It would wait for work for ever: it holds the other end of the pipe that work comes by itself.
-    And it would write frames while a run that goes on writes the same.
-    """
-    run = parent_process()
-    assert run is not None
-    run.join()
-    os._exit(1)
 
 
 def _record(task: Task) -> int:
     assert _recorder is not None
     return _recorder.record(task)
-
-
-@contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Let each worker that starts in the block calculate with one thread: they are many."""
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-    before = {name: os.environ.get(name) for name in names}
-    os.environ.update(dict.fromkeys(names, "1"))
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value

@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 
 from urbantwin.fidelity.nearest import NearestDistances
 from urbantwin.fidelity.sampling import sample_rows
+from urbantwin.processes import threads
 
 __all__ = ["DENSITY_POINTS", "DENSITY_SCALE_M", "chamfer", "chamfer_squared", "density_chamfer"]
 
@@ -63,6 +64,6 @@ def density_chamfer(
 
 
 def _one_way(a: NDArray[np.float64], b: NDArray[np.float64], scale_m: float) -> float:
-    distance, neighbour = cKDTree(b).query(a, workers=-1)
+    distance, neighbour = cKDTree(b).query(a, workers=threads())
     crowd = np.bincount(neighbour, minlength=len(b))[neighbour]
     return float((1 - np.exp(-distance / scale_m) / crowd).mean())

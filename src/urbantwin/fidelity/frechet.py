@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from urbantwin.fidelity.sampling import sample_rows
+from urbantwin.processes import threads
 
 __all__ = [
     "NEIGHBOURS",
@@ -96,7 +97,7 @@ def shape_features(points: NDArray[np.float64], seed: int = 0) -> NDArray[np.flo
         seed: of the sample of points that are described; neighbours are sought among all.
     """
     chosen = sample_rows(len(points), min(len(points), SHAPE_POINTS), seed)
-    distance, near = cKDTree(points).query(points[chosen], k=NEIGHBOURS + 1, workers=-1)
+    distance, near = cKDTree(points).query(points[chosen], k=NEIGHBOURS + 1, workers=threads())
     around = points[near] - points[near].mean(axis=1, keepdims=True)
     covariance = np.einsum("sni,snj->sij", around, around) / (NEIGHBOURS + 1)
     value, vector = np.linalg.eigh(covariance)

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
-from urbantwin.fidelity.nearest import NearestDistances, nearest_distances
+from urbantwin.fidelity.nearest import NearestDistances, PointTree, nearest_distances
 
 __all__ = ["P95Hausdorff", "p95_hausdorff"]
 
@@ -38,7 +37,7 @@ def p95_hausdorff(
     real: NDArray[np.float64],
     synthetic: NDArray[np.float64],
     *,
-    real_tree: cKDTree | None = None,
+    real_tree: PointTree | None = None,
 ) -> P95Hausdorff:
     """Return the 95th percentile of nearest-neighbour distances, in both directions.
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial import cKDTree
 
 from urbantwin.fidelity import earth_mover, frechet, mean_discrepancy
 from urbantwin.fidelity.beams import beam_agreement
@@ -15,7 +14,7 @@ from urbantwin.fidelity.clouds import Cloud
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.hausdorff import P95Hausdorff
 from urbantwin.fidelity.histograms import Histograms, divergences, histograms_of
-from urbantwin.fidelity.nearest import NearestDistances, nearest_distances
+from urbantwin.fidelity.nearest import NearestDistances, PointTree, nearest_distances
 from urbantwin.fidelity.point_to_mesh import RealSurface, Spread
 
 __all__ = ["BACKGROUND", "FOREGROUND", "Figures", "Measured", "RealFrame"]
@@ -70,7 +69,7 @@ class RealFrame:
         self._origin = np.asarray(origin, np.float64)
         self.histograms = self._histograms(frame.cloud, intensity_scale)
         self.surface = RealSurface(frame.points, self._origin)
-        self._tree = cKDTree(frame.points)
+        self._tree = PointTree(frame.points)
         self._actors: Cloud | None = None
         if foreground is not None and foreground.sum() >= _LEAST_POINTS:
             self._actors = frame.only(foreground).cloud

@@ -1,0 +1,6 @@
+"""What numba compiles: nearest points and triangles. Arguments are told in words.
+
+Nothing here holds the interpreter's lock, so parts of a query run on threads.
+"""
+
+__all__: list[str] = []

@@ -1,0 +1,108 @@
+"""A balanced tree of boxes over things in space: points, or triangles.
+
+Level k cuts the things into 2^k runs of one order, as even as can be. The parts of all levels are
+numbered through, the whole first: the halves of part p are 2 p + 1 and 2 p + 2.
+"""
+
+import numpy as np
+from numba import njit
+
+__all__ = ["apart", "arranged", "boxed", "run_of"]
+
+
+@njit(cache=True, nogil=True)
+def run_of(part, parts, count):
+    """Return where the ``part``-th of ``parts`` runs of ``count`` things begins and ends."""
+    return part * count // parts, (part + 1) * count // parts
+
+
+@njit(cache=True, nogil=True)
+def apart(a, b):
+    """Return the squared distance of two boxes (6,): lower corner, upper corner."""
+    x = max(a[0] - b[3], b[0] - a[3], 0.0)
+    y = max(a[1] - b[4], b[1] - a[4], 0.0)
+    z = max(a[2] - b[5], b[2] - a[5], 0.0)
+    return x * x + y * y + z * z
+
+
+@njit(cache=True, nogil=True)
+def arranged(places, most):
+    """Return an order of (N, 3) places, and the levels of the tree that it is the leaves of.
+
+    Every run is cut at the median along its longest axis, until no run has more than ``most``.
+    """
+    count = len(places)
+    levels = 0
+    while count > most << levels:
+        levels += 1
+    order = np.arange(count)
+    value = np.empty(count)
+    for level in range(levels):
+        parts = 1 << level
+        for part in range(parts):
+            low, high = run_of(part, parts, count)
+            axis, widest = 0, -1.0
+            for k in range(3):
+                least = greatest = places[order[low], k]
+                for i in range(low + 1, high):
+                    least = min(least, places[order[i], k])
+                    greatest = max(greatest, places[order[i], k])
+                if greatest - least > widest:
+                    axis, widest = k, greatest - least
+            for i in range(low, high):
+                value[i] = places[order[i], axis]
+            _halve(value, order, low, high, run_of(2 * part, 2 * parts, count)[1])
+    return order, levels
+
+
+@njit(cache=True, nogil=True)
+def _halve(value, order, low, high, middle):
+    """Put the lower values of low..high before ``middle`` (Hoare 1961, "Algorithm 65: find")."""
+    first, last = low, high - 1
+    while first < last:
+        pivot = value[(first + last) // 2]
+        i, j = first, last
+        while i <= j:
+            while value[i] < pivot:
+                i += 1
+            while value[j] > pivot:
+                j -= 1
+            if i <= j:
+                value[i], value[j] = value[j], value[i]
+                order[i], order[j] = order[j], order[i]
+                i += 1
+                j -= 1
+        if middle <= j:
+            last = j
+        elif middle >= i:
+            first = i
+        else:
+            return
+
+
+@njit(cache=True, nogil=True)
+def boxed(low, high, order, levels):
+    """Return the boxes (2^(levels + 1) - 1, 6) of all parts.
+
+    Args:
+        low: (N, 3) the lower corner of each thing's box.
+        high: (N, 3) the upper corner.
+        order: (N,) of the things.
+        levels: of the tree.
+    """
+    leaves = 1 << levels
+    box = np.empty((2 * leaves - 1, 6))
+    for leaf in range(leaves):
+        node = leaves - 1 + leaf
+        begin, end = run_of(leaf, leaves, len(order))
+        for k in range(3):
+            least, greatest = np.inf, -np.inf
+            for i in range(begin, end):
+                least = min(least, low[order[i], k])
+                greatest = max(greatest, high[order[i], k])
+            box[node, k], box[node, k + 3] = least, greatest
+    for node in range(leaves - 2, -1, -1):
+        for k in range(3):
+            box[node, k] = min(box[2 * node + 1, k], box[2 * node + 2, k])
+            box[node, k + 3] = max(box[2 * node + 1, k + 3], box[2 * node + 2, k + 3])
+    return box

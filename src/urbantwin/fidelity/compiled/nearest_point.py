@@ -1,0 +1,104 @@
+"""The distance of every point of one tree to the nearest point of another."""
+
+import numpy as np
+from numba import njit
+
+from urbantwin.fidelity.compiled.box_tree import apart, run_of
+
+__all__ = ["LEAF", "leaf_table", "nearest_squares"]
+
+#: Points of a leaf: as many as are measured at once.
+LEAF = 16
+#: Parts that wait to be looked at: two a level at most.
+_STACK = 128
+
+
+@njit(cache=True, nogil=True)
+def leaf_table(points, order, levels):
+    """Return the points of each leaf as (leaves, 3, LEAF); the last one fills what is left."""
+    leaves = 1 << levels
+    table = np.empty((leaves, 3, LEAF))
+    for leaf in range(leaves):
+        begin, end = run_of(leaf, leaves, len(order))
+        for i in range(LEAF):
+            row = order[min(begin + i, end - 1)]
+            for k in range(3):
+                table[leaf, k, i] = points[row, k]
+    return table
+
+
+# Without NaN and signed zeros the least of a leaf's distances is found several at a time; sums
+# stay as they are written, so every processor gives the same.
+@njit(cache=True, nogil=True, fastmath={"nnan", "nsz"})
+def _least(x, y, z, leaf):
+    """Return the least squared distance of a place to the points (3, LEAF) of a leaf."""
+    least = np.inf
+    for i in range(LEAF):
+        dx, dy, dz = leaf[0, i] - x, leaf[1, i] - y, leaf[2, i] - z
+        least = min(least, dx * dx + dy * dy + dz * dz)
+    return least
+
+
+@njit(cache=True, nogil=True)
+def nearest_squares(first, last, table, box, order, other, other_box, found):
+    """Fill in the squared distances of the points of leaves first..last to the other tree.
+
+    The points of a leaf lie close together, so they go through the other tree together: a part is
+    left out where its box is farther from theirs than the worst of their distances so far. These
+    begin with the leaf in which the points before found their nearest.
+
+    Args:
+        first: leaf to begin with.
+        last: leaf to end before.
+        table: (leaves, 3, LEAF) points of the leaves.
+        box: of the tree's parts.
+        order: (N,) of the points.
+        other: as ``table``, of the other tree.
+        other_box: of the other tree's parts.
+        found: (N,) to fill.
+    """
+    leaves, other_leaves = len(table), len(other)
+    waiting = np.empty(_STACK, np.int64)
+    away = np.empty(_STACK)
+    best = np.empty(LEAF)
+    near = 0
+    for leaf in range(first, last):
+        mine, my_box = table[leaf], box[leaves - 1 + leaf]
+        worst = 0.0
+        for i in range(LEAF):
+            best[i] = _least(mine[0, i], mine[1, i], mine[2, i], other[near])
+            worst = max(worst, best[i])
+        waiting[0], away[0], top = 0, 0.0, 1
+        while top:
+            top -= 1
+            if away[top] >= worst:
+                continue
+            part = waiting[top]
+            its = other_box[part]
+            if part >= other_leaves - 1:
+                worst = 0.0
+                for i in range(LEAF):
+                    x, y, z = mine[0, i], mine[1, i], mine[2, i]
+                    dx = max(its[0] - x, x - its[3], 0.0)
+                    dy = max(its[1] - y, y - its[4], 0.0)
+                    dz = max(its[2] - z, z - its[5], 0.0)
+                    if dx * dx + dy * dy + dz * dz < best[i]:
+                        least = _least(x, y, z, other[part - other_leaves + 1])
+                        if least < best[i]:
+                            best[i] = least
+                            near = part - other_leaves + 1
+                    worst = max(worst, best[i])
+                continue
+            closer, farther = 2 * part + 1, 2 * part + 2
+            close, far = apart(my_box, other_box[closer]), apart(my_box, other_box[farther])
+            if close > far:
+                closer, farther, close, far = farther, closer, far, close
+            if far < worst:
+                waiting[top], away[top] = farther, far
+                top += 1
+            if close < worst:
+                waiting[top], away[top] = closer, close
+                top += 1
+        begin, end = run_of(leaf, leaves, len(order))
+        for i in range(begin, end):
+            found[order[i]] = best[i - begin]

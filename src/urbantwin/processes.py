@@ -1,0 +1,117 @@
+"""Processors and processes: how many there are, and workers that end as they should."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from multiprocessing import get_context, parent_process
+from types import ModuleType
+
+__all__ = ["threads", "usable_processors", "worker_pool"]
+
+
+def usable_processors() -> int:
+    """Return how many processors this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def threads() -> int:
+    """Return on how many threads this process should calculate: on one if it is a worker."""
+    return usable_processors() if parent_process() is None else 1
+
+
+@contextmanager
+def worker_pool(
+    workers: int, start: Callable[..., None], *arguments: object
+) -> Iterator[ProcessPoolExecutor]:
+    """Yield a pool of processes; what nobody has begun when the block ends is dropped.
+
+    Workers calculate with one thread each, as they are many. They leave an interrupt to the
+    process that has the pool, and end with it even when it is killed.
+
+    Args:
+        workers: how many processes.
+        start: called in every worker before its work.
+        arguments: of ``start``.
+    """
+    # Spawned, not forked: a fork copies the threads' locks but not the threads that hold them.
+    begin = partial(_start, start, *arguments)
+    pool = ProcessPoolExecutor(workers, get_context("spawn"), begin)
+    try:
+        with ExitStack() as here:
+            for surroundings in (_one_thread_each, _uninterrupted, _without_script):
+                here.enter_context(surroundings())
+            for _ in range(workers):  # a worker starts when there is work for it
+                pool.submit(os.getpid)
+        yield pool
+    finally:
+        pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _start(start: Callable[..., None], *arguments: object) -> None:
+    threading.Thread(target=_end_with_the_run, daemon=True).start()
+    start(*arguments)
+
+
+def _end_with_the_run() -> None:
+    """End this worker when the run that started it is killed.
+
+    It would wait for work for ever: it holds the other end of the pipe that work comes by itself.
+    And it would write files while a run that goes on writes the same.
+    """
+    run = parent_process()
+    assert run is not None
+    run.join()
+    os._exit(1)
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Let processes that start in the block calculate with one thread."""
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    before = {name: os.environ.get(name) for name in names}
+    os.environ.update(dict.fromkeys(names, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Let processes that start in the block never hear of Ctrl-C, from their first moment."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def _without_script() -> Iterator[None]:
+    """Hide what runs as ``__main__`` from processes that start in the block.
+
+    They have no use for it, but would import it: a person's script without a guard
+    (``if __name__ == "__main__"``) would run again in each of them.
+    """
+    script = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = script
