@@ -26,6 +26,7 @@ from urbantwin.cli import (
     run,
     sensors,
     traffic,
+    tune,
 )
 from urbantwin.cli.console import error_line
 from urbantwin.errors import InputError, UrbanTwinError
@@ -81,6 +82,7 @@ for command, examples in (
     (coverage.coverage, coverage.EXAMPLES),
     (align.align, align.EXAMPLES),
     (background.background, background.EXAMPLES),
+    (tune.tune, tune.EXAMPLES),
     (compare.compare, compare.EXAMPLES),
     (export.export, export.EXAMPLES),
     (carla.carla, carla.EXAMPLES),

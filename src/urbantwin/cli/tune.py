@@ -1,0 +1,99 @@
+"""``urbantwin tune``: what is uncertain, fitted to unlabelled real frames."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from urbantwin.cli.console import Console
+from urbantwin.cli.options import AsJson, Out, Quiet
+
+__all__ = ["EXAMPLES", "tune"]
+
+EXAMPLES = """
+urbantwin tune real/ twin/ --rig rig.yaml -o tuned/
+urbantwin tune real/ twin/ motion/ --rig rig.yaml -o tuned/ --fit pose,noise,dropout
+urbantwin record twin/ motion/ --rig tuned/rig.yaml -o dataset/
+"""
+
+
+class _PointsIn(StrEnum):
+    SENSOR = "sensor"
+    LEVEL = "level"
+    SITE = "site"
+
+
+def tune(
+    real: Annotated[Path, typer.Argument(help="Real frames of the rig, in the order of time.")],
+    twin: Annotated[Path, typer.Argument(help="A twin's folder.")],
+    out: Out,
+    motion: Annotated[
+        Path | None, typer.Argument(help="A motion on it, to fit the actors of.")
+    ] = None,
+    rig: Annotated[
+        Path | None, typer.Option(help="A rig.yaml; the twin's own rig if not given.")
+    ] = None,
+    fit: Annotated[
+        str, typer.Option(metavar="LIST", help="What may be fitted.")
+    ] = "pose,noise,dropout,reflectivity,actors",
+    held_out: Annotated[
+        float, typer.Option(metavar="SHARE", help="The last frames, which nothing is fitted to.")
+    ] = 0.3,
+    trials: Annotated[int, typer.Option(min=1, help="Of each group.")] = 300,
+    seed: Annotated[
+        int, typer.Option(min=0, help="The number that everything random follows from.")
+    ] = 0,
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Threads; every number gives the same values.")
+    ] = None,
+    points_in: Annotated[
+        _PointsIn | None,
+        typer.Option(help="The frame of the real points.  [default: the rig's]"),
+    ] = None,
+    layout: Annotated[
+        str | None, typer.Option(help="Of the real frames.  [default: what their files tell]")
+    ] = None,
+    columns: Annotated[
+        int | None, typer.Option(min=3, help="Values per row of .bin files: 4 if not given.")
+    ] = None,
+    quiet: Quiet = False,
+    as_json: AsJson = False,
+) -> None:
+    """Fit what is uncertain of a rig and its actors to unlabelled real frames."""
+    from urbantwin.cli.stages import new_folder, rig_on
+    from urbantwin.fidelity.tuning import Tuning, groups_of
+    from urbantwin.fidelity.tuning import tune as tune_rig
+    from urbantwin.fidelity.tuning.summary import summary_of
+    from urbantwin.processes import usable_processors
+    from urbantwin.traffic import Motion
+    from urbantwin.twin import load_twin
+
+    console = Console(quiet=quiet, as_json=as_json)
+    wish = Tuning(
+        fit=groups_of(fit),
+        held_out=held_out,
+        trials=trials,
+        seed=seed,
+        workers=workers or usable_processors(),
+        points_in=None if points_in is None else points_in.value,
+        layout=layout,
+        columns=columns,
+    )
+    loaded = load_twin(twin)
+    placed = rig_on(loaded, rig)
+    moving = None if motion is None else Motion.load(motion)
+    with new_folder(out.parent), console.stage("tune") as progress:
+        found = tune_rig(
+            real,
+            loaded,
+            placed,
+            loaded.rig_path if rig is None else rig,
+            out,
+            motion=moving,
+            tuning=wish,
+            progress=progress,
+        )
+    console.result({"path": str(out), **summary_of(found)})

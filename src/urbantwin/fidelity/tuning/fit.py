@@ -1,0 +1,198 @@
+"""The fit of a rig: group after group, each with what the ones before found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from urbantwin.fidelity.tuning.frames import Looks
+from urbantwin.fidelity.tuning.group_fit import GroupFit, Searching, fit_group
+from urbantwin.fidelity.tuning.knobs import TILT_DEG, Knob, rig_knobs, starts
+from urbantwin.fidelity.tuning.pose_term import COARSE_M, FINE_M, PoseTerm
+from urbantwin.fidelity.tuning.prediction import BeamView, beam_view
+from urbantwin.fidelity.tuning.return_terms import ReturnTerms
+from urbantwin.fidelity.tuning.study import Term
+from urbantwin.fidelity.tuning.tilt_term import TiltTerm
+from urbantwin.fidelity.tuning.tuned_rig import PointsIn, tuned_rig
+from urbantwin.lidar import Rig
+from urbantwin.twin import Twin
+
+__all__ = ["RigFit", "fit_rig"]
+
+_TILT = ("move.pitch_deg", "move.roll_deg")
+#: Groups whose terms need the beams of a spinning sensor.
+_OF_RETURNS = ("reflectivity", "dropout", "noise")
+
+
+@dataclass(eq=False)
+class RigFit:
+    """What was found of a rig.
+
+    Attributes:
+        knobs: all that were searched.
+        values: of them.
+        groups: what became of each group, in the order of fitting.
+        notes: what a reader must know, one sentence each.
+    """
+
+    knobs: list[Knob] = field(default_factory=list)
+    values: dict[str, float] = field(default_factory=dict)
+    groups: list[GroupFit] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+
+
+@dataclass(eq=False)
+class RigTerms:
+    """The terms of a rig on the frames of one part.
+
+    Args:
+        looks: the frames.
+        twin: where they were measured.
+        rig: as it is written.
+        points_in: the frame of the real points.
+        seed: of which points are taken.
+    """
+
+    looks: Looks
+    twin: Twin
+    rig: Rig
+    points_in: PointsIn
+    seed: int
+
+    def pose(self, half_m: tuple[float, ...] = FINE_M) -> Term:
+        """Return the term of place and heading (and of the tilt, where points show it)."""
+        return PoseTerm(self.looks, self.rig, self.twin.mesh, self.points_in, self.seed, half_m)
+
+    def tilt(self) -> TiltTerm:
+        """Return the term of the tilt of levelled points."""
+        return TiltTerm(self.looks, self.rig, self.seed)
+
+    def returns(self, views: Sequence[BeamView], values: dict[str, float]) -> ReturnTerms:
+        """Return the terms of drop-out, noise and reflectivity at a pose."""
+        return ReturnTerms(self.looks, tuned_rig(self.rig, values), views, self.points_in)
+
+
+def fit_rig(
+    training: RigTerms,
+    validation: RigTerms | None,
+    groups: Sequence[str],
+    searching: Searching,
+    tell: Callable[[str], None],
+) -> RigFit:
+    """Fit a rig to the frames of two parts.
+
+    Pose first: what beams meet depends on nothing else. Then intensities, which tell how bright
+    surfaces are; drop-out, which hangs on that; and noise, which grows as echoes get weak.
+
+    Args:
+        training: terms of the frames that are fitted to.
+        validation: of those that decide whether a group's fit is kept; ``None``: too few frames.
+        groups: what may be fitted.
+        searching: how.
+        tell: told what is being done.
+    """
+    rig = training.rig
+    fit = RigFit()
+
+    def run(name: str, knobs: list[Knob], terms: tuple[Term, Term | None], **first: float) -> None:
+        begin = starts(knobs)
+        fit.knobs += knobs
+        fit.values |= begin
+        found = fit_group(
+            name,
+            knobs,
+            *terms,
+            values=dict(fit.values),
+            begin=begin | first,
+            searching=searching,
+            spread=0.02 if first else 0.12,
+        )
+        fit.values |= found.values
+        fit.groups.append(found)
+
+    if "pose" in groups:
+        _fit_pose(training, validation, searching, run, fit, tell)
+    spins = all(one.sensor.pattern is None for one in rig.sensors)
+    wanted = [one for one in groups if one in _OF_RETURNS]
+    if wanted and not spins:
+        fit.notes.append(
+            f"Not fitted: {', '.join(wanted)}. A sensor draws a pattern that does not repeat, so "
+            "its beams cannot be told apart."
+        )
+    elif wanted:
+        tell("casting the beams")
+        posed = tuned_rig(rig, fit.values)
+        views = views_of(posed, training.twin, training.seed)
+        mine = training.returns(views, fit.values)
+        proof = None if validation is None else validation.returns(views, fit.values)
+        _fit_returns(rig, wanted, mine, proof, run, fit, training.looks.intensity is not None)
+    return fit
+
+
+def views_of(posed: Rig, twin: Twin, seed: int) -> list[BeamView]:
+    """Return what the beams of every sensor meet."""
+    return [
+        beam_view(posed, number, twin.mesh, twin.surface_materials, seed)
+        for number in range(len(posed.sensors))
+    ]
+
+
+def _fit_pose(
+    training: RigTerms,
+    validation: RigTerms | None,
+    searching: Searching,
+    run: Callable[..., None],
+    fit: RigFit,
+    tell: Callable[[str], None],
+) -> None:
+    if training.points_in == "site":
+        fit.notes.append(
+            "Pose is not fitted: real points in the frame of the site say where the sensor is."
+        )
+        return
+    knobs = rig_knobs(training.rig, "pose")
+    tell("preparing the pose")
+    if training.points_in == "level":
+        if all(one.sensor.pattern is None for one in training.rig.sensors):
+            term = training.tilt()
+            first = term.first_try(TILT_DEG)
+            levelled = None if validation is None else validation.tilt()
+            run("tilt", [one for one in knobs if one.name in _TILT], (term, levelled), **first)
+        else:
+            fit.notes.append(
+                "Pitch and roll are not fitted: levelled points show them in rings only."
+            )
+        knobs = [one for one in knobs if one.name not in _TILT]
+    # First with a wide valley, then with a sharp one.
+    rough, _ = searching.search(
+        "pose, roughly", knobs, training.pose(COARSE_M), fit.values, starts(knobs)
+    )
+    proof = None if validation is None else validation.pose()
+    run("pose", knobs, (training.pose(), proof), **rough)
+    for one in knobs:
+        if one.unit and one.share(fit.values[one.name]) in (0.0, 1.0):
+            fit.notes.append(f"{one.name} ended at its bound: find the pose by `align` first.")
+
+
+def _fit_returns(
+    rig: Rig,
+    groups: Sequence[str],
+    training: ReturnTerms,
+    validation: ReturnTerms | None,
+    run: Callable[..., None],
+    fit: RigFit,
+    has_intensity: bool,
+) -> None:
+    if not training.cells:
+        fit.notes.append(
+            f"Not fitted: {', '.join(groups)}. Nowhere do enough real points lie on a smooth "
+            "surface of the twin: is the pose right?"
+        )
+        return
+    for group in groups:
+        knobs = rig_knobs(rig, group, training.materials, has_intensity=has_intensity)
+        if not knobs:
+            fit.notes.append("Reflectivity is not fitted: the real frames have no intensity.")
+            continue
+        proof = validation if validation is not None and validation.cells else None
+        run(group, knobs, (getattr(training, group), proof and getattr(proof, group)))

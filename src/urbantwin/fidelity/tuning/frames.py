@@ -1,0 +1,148 @@
+"""Real frames as tuning sees them: points and beams, without labels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+from urbantwin.fidelity.cloud_fields import read_fields
+from urbantwin.fidelity.frame import Frame
+from urbantwin.fidelity.histograms import full_scale
+from urbantwin.fidelity.readers import Recording, open_recording
+from urbantwin.fidelity.readers.assembled import frame_of
+from urbantwin.fidelity.readers.own import read_ray_table
+
+__all__ = ["MOST_FRAMES", "Looks", "looks_of", "open_unlabelled"]
+
+#: Of a longer part, so many frames that are spread evenly are read.
+MOST_FRAMES = 40
+
+
+@dataclass(frozen=True, eq=False)
+class Looks:
+    """The points of some frames end to end.
+
+    Attributes:
+        points: (N, 3) float64, metres, frame of the recording.
+        intensity: (N,) 0..1; ``None`` where a frame has none.
+        sensor: (N,) which of the rig's sensors.
+        frame: (N,) which frame, from 0, of those that could be read.
+        clouds: these frames, without labels.
+        problems: why others could not be read.
+    """
+
+    points: NDArray[np.float64]
+    intensity: NDArray[np.float64] | None
+    sensor: NDArray[np.int64]
+    frame: NDArray[np.int64]
+    clouds: tuple[Frame, ...]
+    problems: tuple[str, ...] = field(default=())
+
+    @property
+    def frames(self) -> int:
+        """How many frames there are."""
+        return len(self.clouds)
+
+
+def open_unlabelled(
+    path: Path, *, layout: str | None = None, columns: int | None = None
+) -> Recording:
+    """Open a recording; of a dataset of ours only points and rays are read.
+
+    Labels, and tables that say where the sensors truly are, stay closed.
+
+    Raises:
+        InputError: see ``readers.open_recording``.
+    """
+    recording = open_recording(path, layout, columns=columns)
+    if recording.layout != "own":
+        return recording
+    folder = recording.path
+
+    def read(index: int) -> Frame:
+        name = recording.names[index]
+        file = folder / "points" / f"{name}.npy"
+        rays = folder / "rays" / f"{name}.npy"
+        given: dict[str, Any] = {}
+        if rays.is_file():
+            table = read_ray_table(rays)
+            known = table.dtype.names or ()
+            given = {x: table[x] for x in ("sensor", "ring") if x in known}
+        return frame_of(file, read_fields(file, columns), name=name, given=given)
+
+    if not all((folder / "points" / f"{name}.npy").is_file() for name in recording.names):
+        return recording
+    return replace(recording, read_frame=read)
+
+
+def looks_of(
+    recording: Recording,
+    numbers: Sequence[int],
+    sensors: int,
+    *,
+    scale: float | None = None,
+    tell: Callable[[int, int], None] | None = None,
+) -> tuple[Looks, float | None]:
+    """Read some frames, and no others.
+
+    Args:
+        recording: what they are of.
+        numbers: of the frames; of more than `MOST_FRAMES`, so many spread evenly are read.
+        sensors: how many the rig has.
+        scale: full scale of intensity; from what is read if not given.
+        tell: called with how many frames are read, and of how many.
+
+    Returns:
+        The frames, and the full scale of their intensity, ``None`` without intensity.
+
+    Raises:
+        InputError: not one of them can be read (the first one's error), or a point's sensor is
+            not known.
+    """
+    places = np.unique(np.linspace(0, len(numbers) - 1, MOST_FRAMES).round().astype(int))
+    frames: list[Frame] = []
+    problems: list[str] = []
+    first: InputError | None = None
+    for done, place in enumerate(places):
+        if tell is not None:
+            tell(done, len(places))
+        try:
+            frames.append(recording.read(numbers[place]))
+        except InputError as error:
+            first = first or error
+            problems.append(str(error))
+    if not frames:
+        raise first or InputError("holds no frames", file=recording.path)
+    count = [len(one.points) for one in frames]
+    intensity = None
+    if all(one.intensity is not None for one in frames):
+        intensity = np.concatenate([np.asarray(one.intensity) for one in frames])
+        scale = scale or full_scale(float(intensity.max()))
+        intensity = np.clip(intensity / scale, 0.0, 1.0)
+    return Looks(
+        np.concatenate([one.points for one in frames]),
+        intensity,
+        np.concatenate([_sensor(one, sensors, recording.path) for one in frames]),
+        np.repeat(np.arange(len(frames)), count),
+        tuple(replace(one, boxes=None, instance=None, semantic=None) for one in frames),
+        tuple(problems),
+    ), scale
+
+
+def _sensor(frame: Frame, sensors: int, path: Path) -> NDArray[np.int64]:
+    if sensors == 1:
+        return np.zeros(len(frame.points), np.int64)
+    if frame.sensor is None or frame.sensor.max(initial=0) >= sensors:
+        raise InputError(
+            f"does not say which of the rig's {sensors} sensors a point is from",
+            file=path,
+            place=frame.name,
+            expected="a field of sensors' numbers, or one sensor and its frames at a time",
+        )
+    return frame.sensor

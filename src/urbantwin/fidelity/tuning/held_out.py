@@ -1,0 +1,176 @@
+"""The frames that nothing was fitted to: is the twin nearer to them than before?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from urbantwin.artefact import write_json
+from urbantwin.errors import InputError
+from urbantwin.fidelity.frame import Frame
+from urbantwin.fidelity.measure import Figures, RealFrame
+from urbantwin.fidelity.readers import Recording
+from urbantwin.fidelity.tuning.fit import RigFit, RigTerms, views_of
+from urbantwin.fidelity.tuning.frames import Looks, looks_of
+from urbantwin.fidelity.tuning.knobs import starts
+from urbantwin.fidelity.tuning.page import write_report
+from urbantwin.fidelity.tuning.simulated import SimulatedFrames
+from urbantwin.fidelity.tuning.split import Split
+from urbantwin.fidelity.tuning.study import Term
+from urbantwin.fidelity.tuning.tuned_rig import PointsIn, tuned_rig
+from urbantwin.lidar import Rig
+from urbantwin.traffic import Motion
+from urbantwin.twin import Twin
+
+__all__ = ["judge"]
+
+#: So many held-out frames, spread evenly, are measured as `compare` does.
+_MEASURED = 4
+#: Losses that differ by less than so many standard errors are the same.
+_CLEAR = 1.0
+
+
+def judge(  # noqa: PLR0913 - all that a fit is made of
+    recording: Recording,
+    split: Split,
+    twin: Twin,
+    rig: Rig,
+    fit: RigFit,
+    points_in: PointsIn,
+    out: Path,
+    *,
+    motion: Motion | None,
+    scale: float | None,
+    seed: int,
+    training: Looks,
+    tell: Callable[[float, str], None],
+) -> dict[str, Any]:
+    """Judge a fit by the held-out frames, and write ``held_out.json`` and ``report.html``.
+
+    Args:
+        recording: the real frames.
+        split: which of them are held out.
+        twin: where they were measured.
+        rig: as it was written before.
+        fit: what was found.
+        points_in: the frame of the real points.
+        out: the folder that has ``rig.yaml`` and ``tuning.json`` already.
+        motion: the traffic, if any.
+        scale: full scale of intensity.
+        seed: of all random numbers.
+        training: the frames that were fitted to, for the pictures.
+        tell: told the share done and what is being done.
+
+    Returns:
+        What ``held_out.json`` holds. Where no frame can be read, why.
+    """
+    try:
+        held, _ = looks_of(recording, split.held_out, len(rig.sensors), scale=scale)
+    except InputError as error:
+        found: dict[str, Any] = {"frames": 0, "problems": [str(error)]}
+        write_json(out / "held_out.json", found)
+        return found
+    tell(0.1, "the terms of the fit on frames held out")
+    groups = _groups(RigTerms(held, twin, rig, points_in, seed), fit)
+    sides = {
+        name: SimulatedFrames(twin, tuned_rig(rig, values), points_in, motion, seed)
+        for name, values in (("start", starts(fit.knobs)), ("tuned", fit.values))
+    }
+    tell(0.4, "recording with the rig before and after")
+    shown = _Shown(sides, held, scale)
+    measures = shown.measures(lambda share: tell(0.4 + 0.5 * share, "measuring"))
+    worse = [f"{name}: worse than before on frames held out" for name in _worse(groups)]
+    found = {
+        "frames": held.frames,
+        "groups": groups,
+        "measured_frames": shown.count,
+        "measures": measures,
+        "warnings": worse,
+        "problems": list(held.problems),
+    }
+    write_json(out / "held_out.json", found)
+    tell(0.9, "drawing the report")
+    write_report(out, fit, found, training, held, sides, scale)
+    return found
+
+
+def _groups(terms: RigTerms, fit: RigFit) -> dict[str, dict[str, Any]]:
+    """Return the loss of every group on the held-out frames, before and after."""
+    named: dict[str, Term] = {}
+    for one in fit.groups:
+        if one.name == "pose":
+            named["pose"] = terms.pose()
+        elif one.name == "tilt":
+            named["tilt"] = terms.tilt()
+    rest = [one.name for one in fit.groups if one.name in ("reflectivity", "dropout", "noise")]
+    if rest:
+        posed = tuned_rig(terms.rig, fit.values)
+        returns = terms.returns(views_of(posed, terms.twin, terms.seed), fit.values)
+        if returns.cells:
+            named |= {name: getattr(returns, name) for name in rest}
+    found = {}
+    for one in fit.groups:
+        if one.name not in named:
+            continue
+        before = {k.name: k.start for k in fit.knobs if k.name in one.values}
+        at_start = named[one.name]({**fit.values, **before})
+        tuned = named[one.name](fit.values)
+        worse, error = tuned.worse_than(at_start)
+        found[one.name] = {
+            "start": round(at_start.mean, 5),
+            "tuned": round(tuned.mean, 5),
+            "verdict": "same"
+            if abs(worse) <= _CLEAR * error
+            else "worse"
+            if worse > 0
+            else "better",
+        }
+    return found
+
+
+def _worse(groups: dict[str, dict[str, Any]]) -> list[str]:
+    return [name for name, one in groups.items() if one["verdict"] == "worse"]
+
+
+class _Shown:
+    """Held-out frames beside what the rig records before and after, and beside their neighbours."""
+
+    def __init__(self, sides: dict[str, SimulatedFrames], held: Looks, scale: float | None) -> None:
+        self._sides, self._clouds, self._scale = sides, held.clouds, scale
+        last = len(held.clouds) - 1
+        self._numbers = np.unique(
+            np.linspace(0, last, min(_MEASURED, last + 1)).round().astype(int)
+        )
+        self.count = len(self._numbers)
+
+    def measures(self, tell: Callable[[float], None]) -> dict[str, dict[str, float | None]]:
+        """Return the mean of every measure of ``compare``: start, tuned, real against real."""
+        rows: dict[str, list[Figures]] = {"start": [], "tuned": [], "real": []}
+        for done, number in enumerate(self._numbers):
+            tell(done / self.count)
+            real = self._clouds[number]
+            first = self._sides["start"].frame(int(number))
+            origin = first.sensor_places[0]
+            frame = RealFrame(real, intensity_scale=self._scale, origin=origin)
+            others: dict[str, Frame | None] = {
+                name: side.frame(int(number)) for name, side in self._sides.items()
+            }
+            others["real"] = self._clouds[number + 1] if number + 1 < len(self._clouds) else None
+            for name, other in others.items():
+                if other is not None:
+                    own = self._scale if name == "real" else 1.0
+                    scale = None if self._scale is None else own
+                    rows[name].append(frame.measure(other, intensity_scale=scale).figures)
+        names = list(dict.fromkeys(key for one in rows["start"] for key in one))
+        return {
+            key: {side: _mean([row.get(key) for row in found]) for side, found in rows.items()}
+            for key in names
+        }
+
+
+def _mean(values: list[float | None]) -> float | None:
+    known = [one for one in values if one is not None]
+    return round(float(np.mean(known)), 6) if known else None

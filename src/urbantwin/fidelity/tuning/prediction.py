@@ -1,0 +1,137 @@
+"""What a sensor would report of the static world, beam by beam, for any calibration."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.geometry import LabelledMesh, SurfaceMaterials
+from urbantwin.lidar import Rig
+from urbantwin.lidar.beams import Beams
+from urbantwin.lidar.casting import EmbreeCaster
+from urbantwin.lidar.mounted import MountedSensor
+from urbantwin.lidar.returns import LEVELS, ReturnModel
+from urbantwin.lidar.static import World
+from urbantwin.lidar.static_view import StaticView
+from urbantwin.lidar.sweep import Sweep
+from urbantwin.site.rig import Conditions
+from urbantwin.taxonomy import materials
+
+__all__ = ["Answers", "BeamView", "beam_view"]
+
+
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """What N beams report.
+
+    Attributes:
+        share: (N,) probability of a return.
+        sigma_m: (N,) standard deviation of the range, quantisation included.
+        intensity: (N,) 0..1.
+    """
+
+    share: NDArray[np.float64]
+    sigma_m: NDArray[np.float64]
+    intensity: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class BeamView:
+    """What the beams of one sensor meet, cast once: a trial only asks how it answers.
+
+    Attributes:
+        mounted: the sensor where it stands.
+        conditions: the weather and the sun.
+        columns: of a turn; beam = channel * columns + column.
+        directions: (N, 3) where it believes that its beams point, sensor frame.
+        range_m: (N,) of the first echo; 0 where there is none.
+        amplitude: (N,) of the first echo, of materials as the table has them.
+        material: (N,) of the surface in the middle of the beam; -1 for none.
+        face: (N,) the triangle there; -1 for none.
+    """
+
+    mounted: MountedSensor
+    conditions: Conditions
+    columns: int
+    directions: NDArray[np.float64]
+    range_m: NDArray[np.float32]
+    amplitude: NDArray[np.float32]
+    material: NDArray[np.int64]
+    face: NDArray[np.int64]
+
+    def answers(self, mounted: MountedSensor, beams: NDArray[np.int64]) -> Answers:
+        """Return what some beams report with another calibration or reflectivity.
+
+        Args:
+            mounted: the sensor with its calibration and the factors of reflectivity.
+            beams: (N,) their numbers.
+        """
+        model = ReturnModel(mounted, self.conditions)
+        times = _factors(mounted)[self.material[beams]]
+        level, sigma, intensity = model.answers(
+            (self.amplitude[beams] * times).astype(np.float32), self.range_m[beams]
+        )
+        step = float(model.step_m)
+        return Answers(
+            level / float(LEVELS) * (1.0 - mounted.missing),
+            np.sqrt(sigma.astype(np.float64) ** 2 + step**2 / 12),
+            intensity.astype(np.float64),
+        )
+
+
+def beam_view(
+    rig: Rig, number: int, mesh: LabelledMesh, surface: SurfaceMaterials | None, seed: int
+) -> BeamView:
+    """Cast the beams of one sensor that stands still.
+
+    Args:
+        rig: with its sensors where they stand.
+        number: of the sensor.
+        mesh: the static world, site frame.
+        surface: materials of the ground that are finer than the mesh.
+        seed: of all random numbers.
+    """
+    plain = replace(rig.sensors[number], reflectivity={})
+    beams = Beams.of(plain)
+    model = ReturnModel(plain, rig.conditions)
+    place = plain.site_SE3_sensor
+    view = StaticView.of(
+        plain,
+        beams,
+        model,
+        World(mesh, place.translation, surface),
+        replace(plain, sway=None).path(0, seed),
+        Sweep.snapshot(plain.columns, plain.sensor.channels),
+        rig.dataset_SE3_site,
+    )
+    aim = beams.directions @ place.rotation.T
+    caster = EmbreeCaster(mesh.vertices - place.translation, mesh.faces)
+    hits = caster.cast(np.zeros(3), aim.astype(np.float32))
+    material = np.full(len(aim), -1, np.int64)
+    hit = np.flatnonzero(hits.face >= 0)
+    face = hits.face[hit]
+    material[hit] = mesh.material[face]
+    if surface is not None and surface.layers:
+        places = place.translation + aim[hit] * hits.range_m[hit, None].astype(np.float64)
+        material[hit] = surface.materials_of(mesh, face, places)
+    return BeamView(
+        plain,
+        rig.conditions,
+        beams.columns,
+        beams.believed,
+        view.report[1],
+        view.amplitude,
+        material,
+        hits.face.astype(np.int64),
+    )
+
+
+def _factors(mounted: MountedSensor) -> NDArray[np.float64]:
+    """Return the factor of each material's reflectivity; the last one, of none, is 1."""
+    names = list(materials())
+    found = np.ones(len(names) + 1)
+    for name, times in mounted.reflectivity.items():
+        found[names.index(name)] = times
+    return found

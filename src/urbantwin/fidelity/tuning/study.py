@@ -1,0 +1,138 @@
+"""The search for the values of knobs, by optuna."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import optuna
+from scipy.optimize import minimize
+
+from urbantwin.fidelity.tuning.journal import Journal
+from urbantwin.fidelity.tuning.knobs import Knob
+from urbantwin.fidelity.tuning.loss import Loss
+
+__all__ = ["Term", "search"]
+
+#: Loss of some values of the knobs.
+Term = Callable[[dict[str, float]], Loss]
+
+#: Trials that are asked for together, whatever the number of workers: results do not depend on it.
+_TOGETHER = 8
+#: Pulls what nothing else determines to where it was: this much for half the bounds' distance.
+_PULL = 2e-3
+#: Share of the trials that polish the best one along conjugate directions (Powell 1964).
+_POLISH = 0.5
+
+
+def search(  # noqa: PLR0913 - every one is a choice of its own
+    name: str,
+    knobs: Sequence[Knob],
+    term: Term,
+    *,
+    fixed: dict[str, float],
+    begin: dict[str, float],
+    trials: int,
+    seed: int,
+    journal: Journal,
+    spread: float = 0.12,
+    workers: int = 1,
+    tell: Callable[[int], None] | None = None,
+) -> tuple[dict[str, float], list[float]]:
+    """Return the values of knobs with the least loss, and the best loss after every trial.
+
+    CMA-ES (Hansen 2016, arXiv 1604.00772) in optuna, for one knob its tree-structured Parzen
+    estimator; from ``begin``. The last trials search from the best one along conjugate directions.
+    The same arguments give the same values, whatever the workers, and whatever of it the journal
+    knows already.
+
+    Args:
+        name: of the study, in the journal.
+        knobs: what is searched.
+        term: what is to be small.
+        fixed: values of all other knobs.
+        begin: where to begin.
+        trials: how many are made.
+        seed: of the sampler.
+        journal: of earlier runs.
+        spread: of the first trials, as a share of the bounds' distance.
+        workers: threads that trials are computed in.
+        tell: called with the number of trials that are done.
+    """
+    origin = np.array([one.share(one.start) for one in knobs])
+    first = [one.share(begin[one.name]) for one in knobs]
+    history: list[float] = []
+
+    def loss_at(shares: Sequence[float]) -> float:
+        values = {one.name: one.at(x) for one, x in zip(knobs, shares, strict=True)}
+        pull = _PULL * float(((np.asarray(shares) - origin) ** 2).sum()) * 4
+        return term({**fixed, **values}).mean + pull
+
+    def remembered(trial: int, shares: Sequence[float]) -> float:
+        asked = [float(x) for x in shares]
+        loss = journal.recall(name, trial, asked)
+        return loss_at(asked) if loss is None else loss
+
+    def note(trial: int, shares: Sequence[float], loss: float) -> None:
+        journal.keep(name, trial, [float(x) for x in shares], loss)
+        history.append(min(loss, history[-1] if history else np.inf))
+        if tell is not None:
+            tell(len(history))
+
+    polish = int(_POLISH * trials)
+    with warnings.catch_warnings(), ThreadPoolExecutor(workers) as pool:
+        warnings.simplefilter("ignore")  # Samplers that optuna calls experimental.
+        optuna.logging.set_verbosity(optuna.logging.ERROR)
+        study = optuna.create_study(sampler=_sampler(knobs, first, seed, spread))
+        names = [one.name for one in knobs]
+        study.enqueue_trial(dict(zip(names, first, strict=True)))
+        while len(history) < max(1, trials - polish):
+            count = min(_TOGETHER, max(1, trials - polish) - len(history))
+            if not history:
+                count = 1  # The beginning alone.
+            asked = [study.ask() for _ in range(count)]
+            shares = [[one.suggest_float(key, 0.0, 1.0) for key in names] for one in asked]
+            losses = list(pool.map(remembered, [one.number for one in asked], shares))
+            for trial, point, loss in zip(asked, shares, losses, strict=True):
+                note(trial.number, point, loss)
+                study.tell(trial, loss)
+    found = [study.best_params[key] for key in names]
+    if polish > len(names) + 1:
+        number = len(history)
+
+        def step(shares: np.ndarray) -> float:
+            nonlocal number
+            point = [float(x) for x in np.clip(shares, 0.0, 1.0)]
+            loss = remembered(number, point)
+            note(number, point, loss)
+            number += 1
+            return loss
+
+        best = study.best_value
+        while number < trials:
+            polished = minimize(
+                step,
+                found,
+                method="Powell",
+                bounds=[(0.0, 1.0)] * len(found),
+                options={"maxfev": trials - number, "xtol": 1e-3, "ftol": 1e-6},
+            )
+            if not polished.fun < best - 1e-7:
+                break
+            found, best = list(polished.x), float(polished.fun)
+    return {one.name: one.at(float(x)) for one, x in zip(knobs, found, strict=True)}, history
+
+
+def _sampler(
+    knobs: Sequence[Knob], first: Sequence[float], seed: int, spread: float
+) -> optuna.samplers.BaseSampler:
+    if len(knobs) == 1:
+        return optuna.samplers.TPESampler(seed=seed, n_startup_trials=8)
+    return optuna.samplers.CmaEsSampler(
+        x0={one.name: float(np.clip(x, 0.02, 0.98)) for one, x in zip(knobs, first, strict=True)},
+        sigma0=spread,
+        seed=seed,
+        popsize=max(_TOGETHER, 4 + int(3 * np.log(len(knobs)))),
+    )

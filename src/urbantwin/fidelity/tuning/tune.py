@@ -1,0 +1,211 @@
+"""``tune``: what is uncertain of a rig and its traffic, fitted to unlabelled real frames."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from urbantwin.artefact import replaced_folder, sha256_of, write_json
+from urbantwin.errors import InputError
+from urbantwin.fidelity.tuning.fit import RigFit, RigTerms, fit_rig
+from urbantwin.fidelity.tuning.frames import Looks, looks_of, open_unlabelled
+from urbantwin.fidelity.tuning.group_fit import Searching
+from urbantwin.fidelity.tuning.held_out import judge
+from urbantwin.fidelity.tuning.journal import Journal
+from urbantwin.fidelity.tuning.knobs import GROUPS
+from urbantwin.fidelity.tuning.result import fit_as_json, split_as_json
+from urbantwin.fidelity.tuning.split import Split, split_in_time
+from urbantwin.fidelity.tuning.tuned_rig import PointsIn, write_tuned_rig
+from urbantwin.lidar import Rig
+from urbantwin.traffic import Motion
+from urbantwin.twin import Twin
+
+__all__ = ["Tuning", "tune"]
+
+Progress = Callable[[float, str], None]
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """How to tune.
+
+    Attributes:
+        fit: which of ``knobs.GROUPS``.
+        held_out: share of the frames, the last ones, that nothing is fitted to.
+        trials: of each group.
+        seed: of the samplers, and of which points are looked at.
+        workers: threads that trials are computed in; they change no result.
+        points_in: the frame of the real points; the rig's ``frame:`` if not given.
+        layout: of the real frames, where their files do not tell it.
+        columns: values per row of ``.bin`` files, where it is neither 4 nor 3.
+    """
+
+    fit: tuple[str, ...] = field(default=GROUPS)
+    held_out: float = 0.3
+    trials: int = 300
+    seed: int = 0
+    workers: int = 1
+    points_in: PointsIn | None = None
+    layout: str | None = None
+    columns: int | None = None
+
+
+def tune(
+    real: Path,
+    twin: Twin,
+    rig: Rig,
+    rig_file: Path,
+    out: Path,
+    *,
+    motion: Motion | None = None,
+    tuning: Tuning | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Fit what is uncertain to the first part of a recording, and judge it by the last.
+
+    ``out`` gets ``rig.yaml`` and ``tuning.json`` when the fit is done. Only then is the first frame
+    of the held-out part opened, and ``held_out.json`` and ``report.html`` follow. Labels are never
+    read. A run that is interrupted leaves its journal beside ``out``, and the same command goes on
+    from there.
+
+    Args:
+        real: a recording of the rig, of any layout that ``readers`` knows.
+        twin: where it stands.
+        rig: as it is written.
+        rig_file: its file.
+        out: the folder to write; an older tuning there is replaced.
+        motion: traffic of the twin, for its actors.
+        tuning: how.
+        progress: told the share done (0..1) and what is being done.
+
+    Returns:
+        What ``tuning.json`` and ``held_out.json`` hold.
+
+    Raises:
+        InputError: fewer than two frames, none of the training part readable, a rig that rides, or
+            ``out`` holds other files.
+    """
+    asked = tuning or Tuning()
+    say = progress or (lambda share, doing: None)
+    if rig.ride is not None:
+        raise InputError("its rig rides", file=rig_file, place="ride", expected="one that stands")
+    if asked.trials < 1:
+        raise InputError(f"{asked.trials} trials", place="trials", expected="1 or more")
+    points_in: PointsIn = asked.points_in or rig.frame
+    recording = open_unlabelled(real, layout=asked.layout, columns=asked.columns)
+    try:
+        split = split_in_time(len(recording), asked.held_out)
+    except InputError as error:
+        raise InputError(
+            error.problem,
+            file=None if error.place else real,
+            place=error.place,
+            expected=error.expected,
+        ) from None
+    out.parent.mkdir(parents=True, exist_ok=True)
+    say(0.0, "reading the frames that are fitted to")
+    count = len(rig.sensors)
+    train, scale = looks_of(recording, split.training, count)
+    proof = None
+    if split.validation:
+        proof, _ = looks_of(recording, split.validation, count, scale=scale)
+    done = list(asked.fit)
+
+    def tell(study: str, share: float) -> None:
+        place = next((k for k, one in enumerate(GROUPS) if study.startswith(one)), 0)
+        say(0.1 + 0.7 * (place + share) / len(GROUPS), f"{study}: {share:.0%} of the trials")
+
+    recipe = _recipe(twin, rig_file, motion, asked, points_in, split, train, proof)
+    with Journal(out.parent / f".{out.name}.journal", recipe) as journal:
+        searching = Searching(asked.trials, asked.seed, journal, asked.workers, tell)
+        parts = [
+            None if looks is None else RigTerms(looks, twin, rig, points_in, asked.seed)
+            for looks in (train, proof)
+        ]
+        assert parts[0] is not None
+        fit = fit_rig(parts[0], parts[1], done, searching, lambda doing: say(0.1, doing))
+        written = _written(real, asked, points_in, split, fit, train, proof)
+        with replaced_folder(out, kind="tuning") as folder:
+            write_tuned_rig(rig_file, folder / "rig.yaml", rig, fit.values)
+            write_json(folder / "tuning.json", written)
+        # From here on, and not before, the held-out frames are opened.
+        say(0.8, "judging by the frames held out")
+        judged = judge(
+            recording,
+            split,
+            twin,
+            rig,
+            fit,
+            points_in,
+            out,
+            motion=motion,
+            scale=scale,
+            seed=asked.seed,
+            training=train,
+            tell=lambda share, doing: say(0.8 + 0.2 * share, doing),
+        )
+    say(1.0, "done")
+    return {**written, "held_out": judged}
+
+
+def _written(
+    real: Path,
+    asked: Tuning,
+    points_in: PointsIn,
+    split: Split,
+    fit: RigFit,
+    train: Looks,
+    proof: Looks | None,
+) -> dict[str, Any]:
+    problems = [*train.problems, *(proof.problems if proof else ())]
+    notes = list(fit.notes)
+    if proof is None:
+        notes.append("Too few frames to prove a fit on others: every fit is kept.")
+    return {
+        "kind": "tuning",
+        "version": 1,
+        "real": real.resolve().name,
+        "points_in": points_in,
+        "fit": list(asked.fit),
+        "trials": asked.trials,
+        "seed": asked.seed,
+        "split": split_as_json(split),
+        **fit_as_json(fit),
+        "notes": notes,
+        "problems": problems,
+    }
+
+
+def _recipe(
+    twin: Twin,
+    rig_file: Path,
+    motion: Motion | None,
+    asked: Tuning,
+    points_in: PointsIn,
+    split: Split,
+    train: Looks,
+    proof: Looks | None,
+) -> str:
+    """Return a hash of everything that decides what is fitted."""
+    digest = hashlib.sha256()
+    for looks in (train, proof):
+        if looks is not None:
+            digest.update(looks.points.tobytes())
+            digest.update(b"" if looks.intensity is None else looks.intensity.tobytes())
+            digest.update(looks.sensor.tobytes() + looks.frame.tobytes())
+    said = {
+        "twin": twin.sha256,
+        "rig": sha256_of(rig_file),
+        "motion": None if motion is None else motion.sha256(),
+        "fit": asked.fit,
+        "trials": asked.trials,
+        "seed": asked.seed,
+        "points_in": points_in,
+        "split": split_as_json(split),
+        "frames": digest.hexdigest(),
+    }
+    return hashlib.sha256(json.dumps(said, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,103 @@
+"""A rig with other values of its knobs, in memory and as its file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import yaml
+
+from urbantwin.fidelity.alignment import write_aligned_rig
+from urbantwin.fidelity.tuning.knobs import Values
+from urbantwin.geometry import Pose, ypr_from_rotation
+from urbantwin.lidar import Rig
+from urbantwin.lidar.mounted import MountedSensor, dataset_frame
+from urbantwin.site.rig import Calibration
+
+__all__ = ["PointsIn", "frame_of_points", "tuned_rig", "write_tuned_rig"]
+
+#: The frame of the real points: see ``frame:`` of a rig.
+PointsIn = Literal["sensor", "level", "site"]
+_MOVES = ("east_m", "north_m", "up_m", "yaw_deg", "pitch_deg", "roll_deg")
+
+
+def frame_of_points(rig: Rig, points_in: PointsIn) -> Pose:
+    """Return ``site_SE3_points`` of real points in the frame of a rig."""
+    return dataset_frame(points_in, rig.sensors[0].site_SE3_sensor)
+
+
+def tuned_rig(rig: Rig, values: Values) -> Rig:
+    """Return a rig with other values of knobs; what is not given stays.
+
+    ``move.*`` moves the first sensor along the axes of the site and adds to its yaw, pitch and
+    roll; the others keep their places beside it.
+    """
+    sensors = [_calibrated(one, values) for one in rig.sensors]
+    moves = np.array([values.get(f"move.{name}", 0.0) for name in _MOVES])
+    if moves.any():
+        before = rig.sensors[0].site_SE3_sensor
+        angles = np.array(ypr_from_rotation(before.rotation)) + np.radians(moves[3:])
+        move = Pose.from_ypr(before.translation + moves[:3], *angles) @ before.inverse()
+        sensors = [
+            replace(one, site_SE3_sensor=move @ one.site_SE3_sensor) if number else one
+            for number, one in enumerate(sensors)
+        ]
+        sensors[0] = replace(
+            sensors[0], site_SE3_sensor=Pose.from_ypr(before.translation + moves[:3], *angles)
+        )
+    return replace(
+        rig,
+        sensors=tuple(sensors),
+        dataset_SE3_site=dataset_frame(rig.frame, sensors[0].site_SE3_sensor).inverse(),
+    )
+
+
+def _calibrated(one: MountedSensor, values: Values) -> MountedSensor:
+    own = f"sensors.{one.name}.calibration."
+    unit = one.calibration.model_dump()
+    unit |= {name: values[own + name] for name in unit if own + name in values}
+    return replace(
+        one,
+        calibration=Calibration.model_validate(unit),
+        reflectivity={**one.reflectivity, **_reflectivity(values)},
+    )
+
+
+def _reflectivity(values: Values) -> dict[str, float]:
+    head = "reflectivity."
+    return {name.removeprefix(head): v for name, v in values.items() if name.startswith(head)}
+
+
+def write_tuned_rig(source: Path, target: Path, rig: Rig, values: Values) -> None:
+    """Write a rig's file with the values of its knobs; all else that it says stays.
+
+    Args:
+        source: the rig's file, valid.
+        target: the file to write.
+        rig: what ``source`` describes.
+        values: of knobs; where no ``move.*`` is among them, places stay as they are written.
+    """
+    found = tuned_rig(rig, values)
+    if any(values.get(f"move.{name}", 0.0) for name in _MOVES):
+        write_aligned_rig(source, target, [one.site_SE3_sensor for one in found.sensors])
+        source = target
+    document: dict[str, Any] = yaml.safe_load(source.read_text(encoding="utf-8"))
+    for entry, one in zip(document["sensors"], rig.sensors, strict=True):
+        own = f"sensors.{one.name}.calibration."
+        fitted = {
+            name.removeprefix(own): round(value, 6)
+            for name, value in values.items()
+            if name.startswith(own)
+        }
+        _update(entry, "calibration", fitted)
+    _update(document, "reflectivity", {k: round(v, 6) for k, v in _reflectivity(values).items()})
+    text = yaml.safe_dump(document, sort_keys=False, allow_unicode=True)
+    target.write_text(text, encoding="utf-8")
+
+
+def _update(document: dict[str, Any], name: str, values: Mapping[str, float]) -> None:
+    if values:
+        document[name] = {**(document.get(name) or {}), **values}
