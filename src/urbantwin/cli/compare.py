@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Out, Quiet
+from urbantwin.cli.options import AsJson, Out, Quiet, Workers
 
 __all__ = ["EXAMPLES", "compare"]
 
@@ -60,6 +60,7 @@ def compare(
         Path | None,
         typer.Option(metavar="FILE", help="Detections in the real frames, for the protocol."),
     ] = None,
+    workers: Workers = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -82,6 +83,7 @@ def compare(
             origin=origin,
             protocol=protocol,
             detections=detections,
+            workers=workers,
             progress=progress,
         )
     console.result(summary(out))

@@ -23,5 +23,5 @@ Seed = Annotated[
 ]
 Workers = Annotated[
     int | None,
-    typer.Option(min=1, help="Processes to record with; every number gives the same bytes."),
+    typer.Option(min=1, help="Processes to work with; every number gives the same bytes."),
 ]

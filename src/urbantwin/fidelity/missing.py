@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["CELL_M", "NEAR_M", "SPACING_SHARE", "MissingPlaces"]
+__all__ = ["CELL_M", "NEAR_M", "SPACING_SHARE", "MissingPlaces", "without_surface"]
 
 #: A real point farther from every synthetic point than this has no surface, metres; or than
 #: this share of its range, where a sensor's points themselves lie that far apart.
@@ -19,6 +19,27 @@ CELL_M = 4.0
 _LISTED = 20
 
 
+def without_surface(
+    points: NDArray[np.float64],
+    away: NDArray[np.float64],
+    origin: NDArray[np.float64],
+    actor: NDArray[np.bool_] | None = None,
+) -> NDArray[np.float64]:
+    """Return the real points that have nothing of the twin near them, (K, 4): x, y, z, distance.
+
+    Args:
+        points: (N, 3) real points, metres.
+        away: (N,) distance of each to the nearest synthetic point, metres.
+        origin: (3,) the sensor's place.
+        actor: (N,) points of actors, which are left out: traffic differs, places do not.
+    """
+    range_m = np.linalg.norm(points - origin, axis=1)
+    lost = away > np.maximum(NEAR_M, SPACING_SHARE * range_m)
+    if actor is not None:
+        lost &= ~actor
+    return np.column_stack([points[lost], away[lost]])
+
+
 @dataclass(eq=False)
 class MissingPlaces:
     """Gathers real points without a surface, over the frames of a comparison."""
@@ -26,27 +47,10 @@ class MissingPlaces:
     frames: int = 0
     _points: list[NDArray[np.float64]] = field(default_factory=list)
 
-    def add(
-        self,
-        points: NDArray[np.float64],
-        missing: NDArray[np.float64],
-        origin: NDArray[np.float64],
-        actor: NDArray[np.bool_] | None = None,
-    ) -> None:
-        """Add a frame.
-
-        Args:
-            points: (N, 3) real points, metres.
-            missing: (N,) distance of each to the nearest synthetic point, metres.
-            origin: (3,) the sensor's place.
-            actor: (N,) points of actors, which are left out: traffic differs, places do not.
-        """
+    def add(self, lost: NDArray[np.float64]) -> None:
+        """Add what `without_surface` found of a frame."""
         self.frames += 1
-        away = np.linalg.norm(points - origin, axis=1)
-        lost = missing > np.maximum(NEAR_M, SPACING_SHARE * away)
-        if actor is not None:
-            lost &= ~actor
-        self._points.append(np.column_stack([points[lost], missing[lost]]))
+        self._points.append(lost)
 
     def points(self) -> NDArray[np.float64]:
         """Return all of them, (K, 3) metres."""

@@ -62,6 +62,14 @@ class ObjectStatistics:
         away = np.linalg.norm(boxes.box[:, :3] - frame.sensor_places[0], axis=1)
         self.distance = np.concatenate([self.distance, away])
 
+    def join(self, other: ObjectStatistics) -> None:
+        """Add the boxes of further frames."""
+        self.frames += other.frames
+        self.classes += other.classes
+        self.box = np.concatenate([self.box, other.box])
+        self.points = np.concatenate([self.points, other.points])
+        self.distance = np.concatenate([self.distance, other.distance])
+
     def as_json(self) -> dict[str, Any]:
         """Return per class: boxes per frame, dimensions, points per box by distance; heat map.
 

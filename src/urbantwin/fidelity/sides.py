@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.histograms import full_scale
 from urbantwin.fidelity.objects import ObjectStatistics
 from urbantwin.fidelity.readers import Recording, open_recording
+from urbantwin.processes import threads
 
 __all__ = ["LABELS", "MODEL", "Side", "model_background", "open_side", "survey"]
 
@@ -37,6 +39,7 @@ class Side:
         labelled: every frame that can be read has labels.
         stands: the sensor does not move, as far as the frames say.
         objects: what its labels say of objects.
+        points: of all frames together.
         background: what stands still, where that was asked for.
     """
 
@@ -48,6 +51,7 @@ class Side:
     labelled: bool = False
     stands: bool = True
     objects: ObjectStatistics = field(default_factory=ObjectStatistics)
+    points: int = 0
     background: Background | None = None
 
     def read(self, index: int) -> Frame | None:
@@ -63,6 +67,28 @@ class Side:
         if how == MODEL and self.background is not None:
             return self.background.foreground(frame)
         return None
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What is kept of a frame that was read once."""
+
+    points: int
+    largest: float | None  # intensity
+    labelled: bool
+    objects: ObjectStatistics
+    place: NDArray[np.float64] | None
+
+    @classmethod
+    def of(cls, frame: Frame) -> _Seen:
+        pose, intensity = frame.world_SE3_frame, frame.intensity
+        return cls(
+            points=len(frame.points),
+            largest=None if intensity is None else float(intensity.max()),
+            labelled=frame.boxes is not None or frame.instance is not None,
+            objects=ObjectStatistics.of([frame]),
+            place=None if pose is None else pose.translation,
+        )
 
 
 def open_side(name: str, path: Path, columns: int | None, layout: str | None = None) -> Recording:
@@ -84,7 +110,7 @@ def survey(side: Side, tell: Callable[[], None]) -> None:
 
     Args:
         side: to be filled.
-        tell: called before each frame.
+        tell: called after each frame.
 
     Raises:
         InputError: not a single frame can be read; the first frame's is raised.
@@ -93,22 +119,28 @@ def survey(side: Side, tell: Callable[[], None]) -> None:
     labelled = 0
     first: InputError | None = None
     poses = []
-    for index in range(side.count):
-        tell()
+
+    def look(index: int) -> _Seen | InputError:
         try:
-            frame = side.recording.read(index)
+            return _Seen.of(side.recording.read(index))
         except InputError as error:
-            first = first or error
-            side.problems[index] = str(error)
-            continue
-        if frame.intensity is None or largest is None:
-            largest = None
-        else:
-            largest = max(largest, float(frame.intensity.max()))
-        labelled += frame.boxes is not None or frame.instance is not None
-        side.objects.add(frame)
-        if frame.world_SE3_frame is not None:
-            poses.append(frame.world_SE3_frame.translation)
+            return error
+
+    with ThreadPoolExecutor(threads()) as pool:
+        for index, seen in enumerate(pool.map(look, range(side.count))):
+            tell()
+            if isinstance(seen, InputError):
+                first = first or seen
+                side.problems[index] = str(seen)
+                continue
+            if largest is None or seen.largest is None:
+                largest = None
+            else:
+                largest = max(largest, seen.largest)
+            labelled += seen.labelled
+            side.objects.join(seen.objects)
+            side.points += seen.points
+            poses += [] if seen.place is None else [seen.place]
     if first is not None and len(side.problems) == side.count:
         raise first
     side.scale = None if largest is None else full_scale(largest)

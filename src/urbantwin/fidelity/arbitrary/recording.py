@@ -107,6 +107,10 @@ class _Moved:
     rig: Rig | None
     lasts: object
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Go to another process without what keeps the folder: it stays with this one."""
+        return _Moved, (self.recorded, self.twin, self.first, self.rig, None)
+
     def __call__(self, index: int) -> Frame:
         frame, rig = self.recorded.read(index), self.rig
         if rig is None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 from urbantwin.errors import InputError
@@ -71,10 +72,11 @@ def open_recording(
             that belongs to the recording is not right.
     """
     try:
-        return _opened(path, layout, columns)
+        recording = _opened(path, layout, columns)
     except OSError as error:
         what = error.strerror or str(error)
         raise InputError(f"is not readable ({what})", file=error.filename or path) from None
+    return replace(recording, again=partial(open_recording, path, layout, columns=columns))
 
 
 def _opened(path: Path, layout: str | None, columns: int | None) -> Recording:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from urbantwin.fidelity.frame import Frame
 
@@ -21,6 +22,7 @@ class Recording:
         names: of the frames in their order, without folders.
         read_frame: reads the frame of a number; raises InputError where its file is bad.
         notes: what a reader of figures must know about the whole of it, one sentence each.
+        again: opens it anew: what goes to another process in place of an open one.
     """
 
     path: Path
@@ -28,6 +30,11 @@ class Recording:
     names: tuple[str, ...]
     read_frame: Callable[[int], Frame] = field(repr=False)
     notes: tuple[str, ...] = ()
+    again: Callable[[], Recording] | None = field(default=None, repr=False)
+
+    def __reduce__(self) -> str | tuple[Any, ...]:
+        """Go to another process as what opens it."""
+        return super().__reduce__() if self.again is None else (self.again, ())
 
     def __len__(self) -> int:
         """Return how many frames there are."""

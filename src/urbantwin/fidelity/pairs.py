@@ -1,0 +1,191 @@
+"""Pairs of frames, measured one after the other or by several processes at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.errors import StageError
+from urbantwin.fidelity.frame import Frame
+from urbantwin.fidelity.measure import BACKGROUND, FOREGROUND, Measured, RealFrame
+from urbantwin.fidelity.missing import without_surface
+from urbantwin.fidelity.report import FrameFigures
+from urbantwin.fidelity.sides import Side
+from urbantwin.processes import usable_processors, worker_pool
+
+__all__ = ["MOST_ANCHORS", "MeasuredPair", "Pairs", "measured_pairs"]
+
+#: Anchors are measured at so many pairs, spread evenly, where there are more.
+MOST_ANCHORS = 30
+#: Fewer points than this are measured sooner than workers start.
+_WORTH_WORKERS = 2_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredPair:
+    """What was found of one pair.
+
+    Attributes:
+        index: of the pair.
+        figures: its figures.
+        binned: histograms by side ("real", "synthetic", "arbitrary") and name.
+        missing: (K, 4) real points without a surface of the twin (`missing.without_surface`).
+    """
+
+    index: int
+    figures: FrameFigures
+    binned: dict[str, dict[str, NDArray[np.float64]]]
+    missing: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """The pairs of a comparison, to be measured in any order: none needs another.
+
+    Attributes:
+        sides: "real", "synthetic" and, with a control, "arbitrary".
+        origin: (3,) the sensor's place in the frame of the points, metres.
+        split_by: how foreground is told from background (`Side.foreground`).
+    """
+
+    sides: dict[str, Side]
+    origin: NDArray[np.float64]
+    split_by: str | None
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return min(self.sides["real"].count, self.sides["synthetic"].count)
+
+    @cached_property
+    def anchors(self) -> dict[int, int]:
+        """The pairs at which anchors are measured: index -> number of the arbitrary frame."""
+        spread = np.linspace(0, len(self) - 1, min(len(self), MOST_ANCHORS)).round().astype(int)
+        return {int(index): number for number, index in enumerate(spread)}
+
+    def frames(self, index: int) -> dict[str, Frame]:
+        """Return the frames of a pair by side; not those that cannot be read."""
+        number = {"real": index, "synthetic": index, "arbitrary": self.anchors.get(index)}
+        found = {
+            name: side.read(at)
+            for name, side in self.sides.items()
+            if (at := number[name]) is not None
+        }
+        return {name: frame for name, frame in found.items() if frame is not None}
+
+    def measure(self, index: int) -> MeasuredPair | None:
+        """Measure a pair and, where it is one of ``anchors``, these; None without either frame."""
+        frames = self.frames(index)
+        if "real" not in frames or "synthetic" not in frames:
+            return None
+        real = self.sides["real"]
+        actors = real.foreground(frames["real"], self.split_by)
+        frame = RealFrame(
+            frames["real"], foreground=actors, intensity_scale=real.scale, origin=self.origin
+        )
+
+        def against(side: Side, other: Frame | None) -> Measured | None:
+            if other is None:
+                return None
+            mask = side.foreground(other, self.split_by)
+            return frame.measure(other, foreground=mask, intensity_scale=side.scale)
+
+        twin = against(self.sides["synthetic"], frames["synthetic"])
+        measured = {
+            "twin": twin,
+            "arbitrary": against(self.sides["arbitrary"], frames["arbitrary"])
+            if "arbitrary" in frames
+            else None,
+            "real": against(real, real.read(index + 1)) if index in self.anchors else None,
+        }
+        binned = {"real": frame.histograms.binned}
+        for side, name in (("synthetic", "twin"), ("arbitrary", "arbitrary")):
+            one = measured[name]
+            if one is not None:
+                binned[side] = one.histograms.binned
+        assert twin is not None
+        missing = without_surface(frames["real"].points, twin.missing, self.origin, actors)
+        return MeasuredPair(index, _figures(frame, frames, measured), binned, missing)
+
+
+def measured_pairs(pairs: Pairs, workers: int | None) -> Iterator[MeasuredPair | None]:
+    """Measure all pairs and yield them in their order; how many workers changes nothing in it.
+
+    Args:
+        pairs: what to measure.
+        workers: number of processes; when not given, one for every processor if that is sooner.
+            With one, pairs are measured in this process.
+
+    Raises:
+        StageError: a worker was killed.
+    """
+    if workers is None:
+        points = sum(side.points for side in pairs.sides.values())
+        workers = usable_processors() if points >= _WORTH_WORKERS else 1
+    workers = min(workers, len(pairs))
+    if workers == 1:
+        yield from map(pairs.measure, range(len(pairs)))
+        return
+    try:
+        with worker_pool(workers, _start, pairs) as pool:
+            for future in [pool.submit(_measure, index) for index in range(len(pairs))]:
+                yield future.result()
+    except BrokenProcessPool:
+        raise StageError(
+            "a worker was stopped from outside (out of memory?): try it with fewer workers"
+        ) from None
+
+
+_pairs: Pairs | None = None
+
+
+def _start(pairs: Pairs) -> None:
+    global _pairs  # noqa: PLW0603 - a worker's only state
+    _pairs = pairs
+
+
+def _measure(index: int) -> MeasuredPair | None:
+    assert _pairs is not None
+    return _pairs.measure(index)
+
+
+def _figures(
+    frame: RealFrame, shown: dict[str, Frame], measured: dict[str, Measured | None]
+) -> FrameFigures:
+    error = frame.surface.rebuild_error
+    whole = {name: None if one is None else one.figures for name, one in measured.items()}
+    return FrameFigures(
+        real=shown["real"].name,
+        synthetic=shown["synthetic"].name,
+        arbitrary=shown["arbitrary"].name if "arbitrary" in shown else None,
+        points={
+            side: {
+                "compared": len(one.points),
+                "not_finite": one.not_finite,
+                "no_return": one.no_return,
+            }
+            for side, one in shown.items()
+        },
+        twin_figures=whole["twin"] or {},
+        arbitrary_figures=whole["arbitrary"],
+        real_figures=whole["real"],
+        rebuild={
+            "triangles": frame.surface.surface.triangles,
+            "covered": frame.surface.surface.covered,
+            "held_out_mean_m": error.mean if error else None,
+            "held_out_median_m": error.median if error else None,
+            "held_out_p95_m": error.p95 if error else None,
+        },
+        parts={
+            part: {
+                name: one.parts[part]
+                for name, one in measured.items()
+                if one is not None and part in one.parts
+            }
+            for part in (FOREGROUND, BACKGROUND)
+        },
+    )
