@@ -102,6 +102,8 @@ class ActorBox:
         velocity: (3,) by the boxes of the track before and after.
         observed_s: when its points were measured on average, seconds after the sweep's time.
         intensity: median of its points that are not near the ground, 0 to 255; nan without any.
+        mesh: which one of our catalogue fills it; the one of the nearest proportions if not given.
+        panes: whether its panes are of glass.
     """
 
     category: str
@@ -111,6 +113,8 @@ class ActorBox:
     velocity: NDArray[np.float64]
     observed_s: float
     intensity: float
+    mesh: str | None = None
+    panes: bool = True
 
     @property
     def coat(self) -> str:
@@ -169,6 +173,10 @@ class Log:
         """All points (N, 3) of a sweep, vehicle frame."""
         table = self._table(f"sensors/lidar/{sweep}.feather")
         return np.asarray(table[["x", "y", "z"]].to_numpy(np.float64, copy=True))
+
+    def lasers(self, sweep: int) -> NDArray[np.int64]:
+        """Which laser (N,) measured each point of a sweep."""
+        return self._table(f"sensors/lidar/{sweep}.feather").laser_number.to_numpy(np.int64)
 
     def rays(self, sweep: int, name: str) -> RealRays:
         """One sensor's rays of a sweep."""

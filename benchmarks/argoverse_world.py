@@ -5,7 +5,7 @@ Nothing else stands there: what the log does not describe (houses, trees, poles,
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -25,7 +25,7 @@ from urbantwin.traffic.assets import (
     coated_mesh,
 )
 
-__all__ = ["World", "actor_class", "mesh_in_box", "numbers", "numbers_of"]
+__all__ = ["World", "actor_class", "mesh_in_box", "meshes_of", "numbers", "numbers_of"]
 
 #: Classes of the log and ours whose meshes stand for them.
 CLASSES = {
@@ -71,24 +71,55 @@ def actor_class(category: str) -> str:
     return CLASSES.get(category, "pedestrian")
 
 
-def mesh_in_box(category: str, size: np.ndarray, coat: str | None = None) -> LabelledMesh:
-    """The mesh of the class whose proportions come nearest, scaled to fill a box around 0."""
-    if category not in CLASSES:
+def mesh_in_box(
+    category: str,
+    size: np.ndarray,
+    coat: str | None = None,
+    name: str | None = None,
+    *,
+    panes: bool = True,
+) -> LabelledMesh:
+    """A mesh of the class scaled to fill a box around 0.
+
+    Args:
+        category: of the log.
+        size: (3,) of the box.
+        coat: of a vehicle.
+        name: of the mesh; without it the one whose proportions come nearest.
+        panes: without, what is glass is painted: a van of sheet metal.
+    """
+    meshes = meshes_of(category)
+    if not meshes:
         return _plain(category, size)
-    found = []
-    for name in asset_names(actor_class(category)):
-        mesh = asset_mesh(name, asset(name).standing)
-        if category in PARKED:
-            mesh = mesh.select(~_of_rider(mesh))
-        used = mesh.vertices[np.unique(mesh.faces)]
-        extent = np.ptp(used, axis=0)
-        found.append((float(np.abs(np.log(size / extent)).sum()), name, mesh, used))
-    _, _, mesh, used = min(found, key=lambda one: one[:2])
+    if name is None:
+        name = min(
+            (float(np.abs(np.log(size / _extent(mesh))).sum()), key) for key, mesh in meshes.items()
+        )[1]
+    mesh = meshes[name]
+    if not panes:
+        glass = mesh.material == material_id("glass")
+        material = np.where(glass, material_id("metal-painted"), mesh.material)
+        mesh = replace(mesh, material=material.astype(mesh.material.dtype))
     if coat is not None and actor_class(category) in COATED_CLASSES:
         mesh = coated_mesh(mesh, coat)
-    low, high = used.min(axis=0), used.max(axis=0)
-    scaled = (mesh.vertices - (low + high) / 2) * (size / (high - low))
+    used = mesh.vertices[np.unique(mesh.faces)]
+    scaled = (mesh.vertices - (used.min(axis=0) + used.max(axis=0)) / 2) * (size / _extent(mesh))
     return LabelledMesh(scaled, mesh.faces, mesh.semantic, mesh.material, mesh.part)
+
+
+def meshes_of(category: str) -> dict[str, LabelledMesh]:
+    """The catalogue's meshes of a class of the log; none of things that are in no catalogue."""
+    if category not in CLASSES:
+        return {}
+    found = {}
+    for name in asset_names(actor_class(category)):
+        mesh = asset_mesh(name, asset(name).standing)
+        found[name] = mesh.select(~_of_rider(mesh)) if category in PARKED else mesh
+    return found
+
+
+def _extent(mesh: LabelledMesh) -> np.ndarray:
+    return np.asarray(np.ptp(mesh.vertices[np.unique(mesh.faces)], axis=0))
 
 
 def _of_rider(mesh: LabelledMesh) -> np.ndarray:
@@ -161,7 +192,8 @@ class World:
     def scan(self, boxes: list[ActorBox], effects: Effects, seed: int = 0) -> LabelledFrame:
         """The frame that the simulated rig sees."""
         meshes = {
-            str(n): mesh_in_box(box.category, box.size, box.coat) for n, box in enumerate(boxes, 1)
+            str(n): mesh_in_box(box.category, box.size, box.coat, box.mesh, panes=box.panes)
+            for n, box in enumerate(boxes, 1)
         }
         scanner = Scanner(
             self.ground, self.rig(effects), seed, meshes=lambda name, phase: meshes[name]

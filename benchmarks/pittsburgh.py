@@ -14,7 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,12 +24,16 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import Delaunay
 
-from argoverse_log import DATA, SENSORS, ActorBox, Log
-from argoverse_world import World, numbers_of
-from pittsburgh_twin import RADIUS_M, Place, elsewhere, fitted, motion_of, write_site
+from argoverse_log import DATA, ActorBox, Log
+from argoverse_world import World
+from pittsburgh_actors import SweepRays, mended
+from pittsburgh_background import GEOMETRY, write_background
+from pittsburgh_twin import RADIUS_M, Place, elsewhere, motion_of, write_site
 from urbantwin.dataset import record
 from urbantwin.fidelity import Cloud, RealSurface, divergences, histograms_of, p95_hausdorff
 from urbantwin.fidelity.closest import NearestTriangle
+from urbantwin.fidelity.frame import Frame
+from urbantwin.fidelity.histograms import Histograms
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.geometry import DownwardProbe
 from urbantwin.site import load_site
@@ -40,14 +44,14 @@ from urbantwin.twin import Twin, build_twin
 ROAD_M = 0.3
 #: Points so near to a box are not of the road.
 BOX_M = 0.3
-#: A simulated point whose real ray ended this much sooner, outside of boxes, is hidden.
-HIDDEN_M = 1.0
 #: The longest edge of the road's surface in plan: real rings lie up to this far apart nearby.
 LONGEST_M = 5.0
 #: Parts are measured up to these distances in plan.
 REACHES_M = (25.0, 40.0, 100.0)
 PUBLISHED = {"p95_m": 70.2, "js": 63.7, "p2m_m": 69.9}
 TARGETS = {"p95_m": 1.0, "js": 0.15, "p2m_m": 0.10}
+MEANS = (*TARGETS, "p95_lacking_m", "p95_added_m", "p2m_median_m")
+ELSEWHERE = "arbitrary"
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,33 +85,40 @@ class RoadSurface:
         return self._nearest.distances(points)
 
 
-def measured(real: Points, other: Points, origin: NDArray[np.float64], part: str) -> dict[str, Any]:
-    """P95 Hausdorff, Jensen-Shannon and point-to-mesh of points against the real ones."""
-    far = p95_hausdorff(real.xyz, other.xyz)
-    rebuilt = RealSurface(real.xyz, origin)
-    plain = rebuilt.distances_of(other.xyz)
-    mean, median = plain.mean, plain.median
-    if part == "road":
-        distances = RoadSurface(real.xyz).distances(other.xyz)
-        mean, median = float(distances.mean()), float(np.median(distances))
-    histograms = [
-        histograms_of(Cloud(one.xyz, one.intensity), intensity_scale=255.0, origin=origin)
-        for one in (real, other)
-    ]
-    shares = divergences(*histograms)
-    return {
-        "real_points": len(real.xyz),
-        "points": len(other.xyz),
-        "p95_m": far.both,
-        "p95_lacking_m": far.real_to_synthetic,
-        "p95_added_m": far.synthetic_to_real,
-        "js": shares.pop("mean"),
-        **{f"js_{name}": value for name, value in shares.items()},
-        "p2m_m": mean,
-        "p2m_median_m": median,
-        "p2m_of_compare_m": plain.mean,
-        "rebuild_error_m": rebuilt.rebuild_error.mean if rebuilt.rebuild_error else None,
-    }
+class Yardstick:
+    """Real points of one part, to measure others against."""
+
+    def __init__(self, real: Points, origin: NDArray[np.float64], part: str) -> None:
+        self._real, self._origin = real, origin
+        self._rebuilt = RealSurface(real.xyz, origin)
+        self._road = RoadSurface(real.xyz) if part == "road" else None
+        self._histograms = self._histograms_of(real)
+
+    def _histograms_of(self, points: Points) -> Histograms:
+        cloud = Cloud(points.xyz, points.intensity)
+        return histograms_of(cloud, intensity_scale=255.0, origin=self._origin)
+
+    def measured(self, other: Points) -> dict[str, Any]:
+        """P95 Hausdorff, Jensen-Shannon and point-to-mesh of other points."""
+        far = p95_hausdorff(self._real.xyz, other.xyz)
+        plain = self._rebuilt.distances_of(other.xyz)
+        mean, median = plain.mean, plain.median
+        if self._road is not None:
+            distances = self._road.distances(other.xyz)
+            mean, median = float(distances.mean()), float(np.median(distances))
+        shares = divergences(self._histograms, self._histograms_of(other))
+        return {
+            "real_points": len(self._real.xyz),
+            "points": len(other.xyz),
+            "p95_m": far.both,
+            "p95_lacking_m": far.real_to_synthetic,
+            "p95_added_m": far.synthetic_to_real,
+            "js": shares.pop("mean"),
+            **{f"js_{name}": value for name, value in shares.items()},
+            "p2m_m": mean,
+            "p2m_median_m": median,
+            "p2m_of_compare_m": plain.mean,
+        }
 
 
 class Sweep:
@@ -144,27 +155,27 @@ class Sweep:
         road = shapely.contains_xy(self.area, *points.xyz[:, :2].T) & ~near
         return {"road": road & (np.abs(above) < ROAD_M), "actors": actor}
 
-    def recorded(self, boxes: list[ActorBox], out: Path) -> tuple[Points, NDArray[np.bool_]]:
-        """What the sensors see in the twin, and what of it is hidden by what is in no map."""
-        motion = motion_of(self.place, self.twin, boxes)
-        rig = self.world.rig(Effects())
-        record(self.twin, motion, rig, out, workers=1, stop_s=0.0)
-        frame = open_recording(out).read(0)
-        assert frame.intensity is not None
-        xyz = self.place.site_SE3_vehicle.inverse().apply(frame.points)
-        hidden = np.zeros(len(xyz), bool)
-        for number, (name, _, _) in enumerate(SENSORS):
-            real = self.log.rays(self.sweep, name)
-            point = numbers_of(frame.sensor, frame.ring, frame.column)[number][:, real.column]
-            range_m = np.linalg.norm(xyz - self.log.mounts[name].translation, axis=1)
-            places = real.points_m.reshape(-1, 3)
-            back = np.isfinite(places[:, 0])
-            boxed = np.zeros(len(places), bool)
-            for box in self.boxes:
-                boxed[back] |= box.holds(places[back], BOX_M)
-            sooner = (real.range_m < range_m[point] - HIDDEN_M) & ~boxed.reshape(point.shape)
-            hidden[point[(point >= 0) & sooner]] = True
-        return Points(xyz, 255.0 * frame.intensity), hidden
+    def split(self, points: Points) -> dict[str, Points]:
+        """Points by part."""
+        return {part: points.only(some) for part, some in self.parts(points).items()}
+
+    def recorded(self, twin: Twin, boxes: list[ActorBox], out: Path) -> Frame:
+        """What the sensors see in a twin with these actors, vehicle frame."""
+        motion = motion_of(self.place, twin, boxes)
+        record(twin, motion, self.world.rig(Effects()), out, workers=1, stop_s=0.0)
+        return open_recording(out).read(0).moved(self.place.site_SE3_vehicle.inverse())
+
+    def standing(self, gone: set[str]) -> NDArray[np.bool_]:
+        """Which real points are of what is in no map: not of the road, and in no box.
+
+        Args:
+            gone: names of boxes that hold nothing of their class.
+        """
+        found = ~self.parts(self.real)["road"]
+        for box in self.boxes:
+            if box.name not in gone:
+                found &= ~box.holds(self.real.xyz, BOX_M)
+        return found
 
     def again(self, later: Sweep) -> dict[str, Points]:
         """The next real sweep by part: the road where the vehicle was, actors with their boxes."""
@@ -197,9 +208,9 @@ def measure(
     Args:
         data: the log's folder.
         scratch: where twins and datasets stay; nowhere if not given.
-        keep: takes each sweep with its points.
-        whole: without it, only the twin is recorded, for the first sweep, and only the
-            nearest reach is measured.
+        keep: takes each sweep with its frames and their points by part.
+        whole: without it, only the first sweep is measured, only the nearest reach, and beside
+            no arbitrary site.
         radius_m: of the twin.
     """
     with tempfile.TemporaryDirectory() as temporary:
@@ -207,75 +218,87 @@ def measure(
         log = Log(data)
         twin = build_twin(load_site(write_site(log, folder / "site", radius_m)), folder / "twin")
         sweeps = [Sweep(log, sweep, twin) for sweep in log.sweeps]
-        other = None
-        if whole:
-            other = elsewhere(sweeps[0].world.rig(Effects()), folder / "elsewhere")
+        others = elsewhere(sweeps[0].world.rig(Effects()), folder / "elsewhere") if whole else []
         rows = []
         for number, sweep in enumerate(sweeps if whole else sweeps[:1]):
-            seen = _seen(sweep, sweeps[1 - number], folder / f"{number}", whole=whole)
-            if other is not None:
+            frames = _recorded(sweep, sweeps[1 - number], folder / f"{number}", radius_m)
+            seen = {side: sweep.split(_points_of(frame)) for side, frame in frames.items()}
+            seen["real"] = sweep.again(sweeps[1 - number])
+            for index, other in enumerate(others):
                 points = Points(other.xyz, other.intensity)
-                seen["arbitrary"] = {
+                seen[f"{ELSEWHERE} {index}"] = {
                     "road": points.only(other.road), "actors": points.only(other.actors)
                 }  # fmt: skip
             if keep is not None:
-                keep.append((sweep, seen))
+                keep.append((sweep, frames, seen))
             origin = log.mounts["up_lidar"].translation
-            real = {part: sweep.real.only(some) for part, some in sweep.parts(sweep.real).items()}
-            for part in ("road", "actors"):
+            for part, real in sweep.split(sweep.real).items():
                 for reach in REACHES_M if whole else REACHES_M[:1]:
+                    yardstick = Yardstick(real.within(reach), origin, part)
                     rows += [
                         {
                             "sweep": number, "part": part, "reach_m": reach, "side": side,
-                            **measured(
-                                real[part].within(reach), points[part].within(reach), origin, part
-                            ),
+                            **yardstick.measured(points[part].within(reach)),
                         }
                         for side, points in seen.items()
-                        if part in points
                     ]  # fmt: skip
     return {"rows": rows, "means": means(rows)}
 
 
-def _seen(sweep: Sweep, later: Sweep, out: Path, *, whole: bool) -> dict[str, dict[str, Points]]:
-    """The points of each side by part."""
-    points, hidden = sweep.recorded(sweep.boxes, out.with_suffix(".boxes"))
-    parts = sweep.parts(points)
-    found = {
-        "twin": {part: points.only(some) for part, some in parts.items()},
-        "twin, not hidden": {part: points.only(some & ~hidden) for part, some in parts.items()},
-        "real": sweep.again(later),
+def _points_of(frame: Frame) -> Points:
+    assert frame.intensity is not None
+    return Points(frame.points, 255.0 * frame.intensity)
+
+
+def _recorded(sweep: Sweep, other: Sweep, folder: Path, radius_m: float) -> dict[str, Frame]:
+    """A sweep's frames in its twin: as the map has it, and with what the other sweep measured."""
+    log = sweep.log
+    bright = {box.name: box.intensity for box in other.boxes}
+    boxes = [replace(box, intensity=bright.get(box.name, np.nan)) for box in sweep.boxes]
+    rays = SweepRays.of(log, other.sweep)
+    fits = [mended(box, other.boxes, rays) for box in boxes]
+    gone = {box.name for box, fit in zip(boxes, fits, strict=True) if fit is None}
+    path = write_site(log, folder / "site", radius_m, GEOMETRY)
+    write_background(
+        log, other.sweep, other.standing(gone), other.place.site_SE3_vehicle,
+        path.with_name(GEOMETRY["file"]),
+    )  # fmt: skip
+    background = build_twin(load_site(path), folder / "twin")
+    return {
+        "twin": sweep.recorded(sweep.twin, boxes, folder / "plain"),
+        "with background": sweep.recorded(background, boxes, folder / "background"),
+        "and actors fitted": sweep.recorded(
+            background, [fit for fit in fits if fit is not None], folder / "fitted"
+        ),
     }
-    if not whole:
-        return found
-    fits = [fitted(box, later.boxes, later.real.xyz, sweep.log) for box in sweep.boxes]
-    closer, closer_hidden = sweep.recorded(fits, out.with_suffix(".fitted"))
-    inside = sweep.parts(closer)["actors"]
-    found["twin, fitted"] = {"actors": closer.only(inside)}
-    found["twin, fitted, not hidden"] = {"actors": closer.only(inside & ~closer_hidden)}
-    return found
 
 
 def means(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Means of both sweeps; reductions against the arbitrary site, ratios to real against real."""
-    keys = [(row["part"], row["reach_m"], row["side"]) for row in rows]
-    table: dict[tuple[str, float, str], dict[str, Any]] = {}
-    for key in dict.fromkeys(keys):
-        mine = [row for row, its in zip(rows, keys, strict=True) if its == key]
-        table[key] = {
-            name: float(np.mean([row[name] for row in mine])) for name in (*TARGETS, "p2m_median_m")
-        }
+    """Means of both sweeps; reductions against the arbitrary site, ratios to real against real.
+
+    Of the moments at the arbitrary site, each measure takes the one that is nearest to the real
+    frames.
+    """
+    table: dict[tuple[str, float, str], dict[str, float]] = {}
+    for key in dict.fromkeys((row["part"], row["reach_m"], row["side"]) for row in rows):
+        mine = [row for row in rows if (row["part"], row["reach_m"], row["side"]) == key]
+        figures = {name: float(np.mean([row[name] for row in mine])) for name in MEANS}
+        part, reach, side = key
+        if side.startswith(ELSEWHERE):
+            side = ELSEWHERE
+            best = table.get((part, reach, side), figures)
+            figures = {name: min(value, best[name]) for name, value in figures.items()}
+        table[part, reach, side] = figures
     found = []
     for (part, reach, side), figures in table.items():
         row: dict[str, Any] = {"part": part, "reach_m": reach, "side": side}
         row |= {name: round(value, 3) for name, value in figures.items()}
-        for name in TARGETS:
-            value = figures[name]
-            if (part, reach, "arbitrary") in table and side not in ("arbitrary", "real"):
-                control = table[part, reach, "arbitrary"][name]
-                row[f"less_{name}"] = round(100 * (1 - value / control), 1)
-            if side not in ("arbitrary", "real"):
-                row[f"ratio_{name}"] = round(value / table[part, reach, "real"][name], 1)
+        if side not in (ELSEWHERE, "real"):
+            control = table.get((part, reach, ELSEWHERE))
+            for name in TARGETS:
+                if control:
+                    row[f"less_{name}"] = round(100 * (1 - figures[name] / control[name]), 1)
+                row[f"ratio_{name}"] = round(figures[name] / table[part, reach, "real"][name], 1)
         found.append(row)
     return found
 
@@ -288,26 +311,18 @@ def draw(seen: list[Any], path: Path) -> None:
     from matplotlib import pyplot
     from shapely.plotting import plot_polygon
 
-    sweep, sides = seen[0]
-    parts = sweep.parts(sweep.real)
-    real = {part: sweep.real.only(some) for part, some in parts.items()}
-    shown = {"real": real, "twin": sides["twin"]}
-    if "arbitrary" in sides:
-        shown["arbitrary site"] = sides["arbitrary"]
-    figure, rows = pyplot.subplots(2, len(shown), figsize=(8 * len(shown), 14), squeeze=False)
-    for k, (name, points) in enumerate(shown.items()):
+    sweep, frames, sides = seen[0]
+    shown = {"real": (sweep.real, sweep.split(sweep.real))}
+    shown |= {side: (_points_of(frame), sides[side]) for side, frame in frames.items()}
+    figure, rows = pyplot.subplots(2, len(shown), figsize=(8 * len(shown), 16), squeeze=False)
+    for k, (name, (everything, parts)) in enumerate(shown.items()):
         for axes, reach in zip(rows[:, k], (100, 30), strict=True):
-            if name != "arbitrary site":
-                plot_polygon(sweep.area, ax=axes, add_points=False, color="0.85")
-            axes.scatter(*points["road"].xyz[:, :2].T, s=1, color="C0", label="road")
-            axes.scatter(*points["actors"].xyz[:, :2].T, s=1, color="C3", label="actors")
-            if name == "twin":
-                kept = {tuple(one) for one in sides["twin, not hidden"]["road"].xyz}
-                lost = np.array([one for one in points["road"].xyz if tuple(one) not in kept])
-                if len(lost):
-                    axes.scatter(*lost[:, :2].T, s=2, color="C1", label="road, really hidden")
+            plot_polygon(sweep.area, ax=axes, add_points=False, color="0.9")
+            axes.scatter(*everything.xyz[:, :2].T, s=0.3, color="0.55", label="all else")
+            axes.scatter(*parts["road"].xyz[:, :2].T, s=1, color="C0", label="road")
+            axes.scatter(*parts["actors"].xyz[:, :2].T, s=1, color="C3", label="actors")
             axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", title=name)
-    rows[0, 1].legend(markerscale=6)
+    rows[0, 0].legend(markerscale=6)
     figure.tight_layout()
     figure.savefig(path, dpi=60)
     pyplot.close(figure)

@@ -8,6 +8,7 @@ points, each filled with a mesh of its class, by the velocity of its track.
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -43,7 +44,6 @@ __all__ = [
     "Elsewhere",
     "Place",
     "elsewhere",
-    "fitted",
     "motion_of",
     "write_site",
 ]
@@ -54,19 +54,22 @@ CITY = np.array([583710.007, 4477260.000])
 RADIUS_M = 100
 #: The arbitrary site, and when a car carries the sensors there, seconds.
 EXAMPLE = Path(__file__).parents[1] / "examples/two-avenues/site.yaml"
-ELSEWHERE_S = 10.0
+ELSEWHERE_S = (4.0, 6.0, 8.0, 10.0)
 #: From the middle of a car on the ground to the log's vehicle frame, above its rear axle.
 AXLE_M = np.array([-1.4, 0.0, 0.33])
-#: Points lower in a box than this may be of the ground, and a box with fewer above is not fitted.
-GROUND_M, FEWEST_POINTS = 0.35, 20
 STEP_S = float(TIMES_S[1] - TIMES_S[0])
 
 
-def write_site(log: Log, folder: Path, radius_m: float = RADIUS_M) -> Path:
+def write_site(
+    log: Log,
+    folder: Path,
+    radius_m: float = RADIUS_M,
+    geometry: Mapping[str, Any] | None = None,
+) -> Path:
     """Write ``site.yaml`` and the DEM beside it."""
     folder.mkdir(parents=True, exist_ok=True)
     _write_dem(log, folder / "ground.tif")
-    site = {
+    site: dict[str, Any] = {
         "name": "pittsburgh",
         "anchor": ANCHOR,
         "region": {"radius_m": radius_m},
@@ -77,6 +80,8 @@ def write_site(log: Log, folder: Path, radius_m: float = RADIUS_M) -> Path:
             "sensors": [{"name": "a", "model": "OS1-128", "east_m": 0, "north_m": 0, "height_m": 6}]
         },
     }
+    if geometry:
+        site["geometry"] = [dict(geometry)]
     path = folder / "site.yaml"
     path.write_text(yaml.safe_dump(site))
     return path
@@ -157,7 +162,7 @@ def motion_of(place: Place, twin: Twin, boxes: list[ActorBox]) -> Motion:
         rows.append(_row(time_s, EGO, "car", "ego", pose, np.ptp(meshes["ego", 0].vertices, 0), 0))
     for track, box in enumerate(boxes, 1):
         name = f"box-{track}"
-        meshes[name, 0] = mesh_in_box(box.category, box.size, box.coat)
+        meshes[name, 0] = mesh_in_box(box.category, box.size, box.coat, box.mesh, panes=box.panes)
         speed = float(np.linalg.norm(box.velocity))
         for step in range(len(TIMES_S)):
             time_s = round(step * STEP_S, 9)
@@ -212,35 +217,6 @@ def _ego_mesh() -> LabelledMesh:
     )
 
 
-def fitted(box: ActorBox, boxes: list[ActorBox], points: NDArray[np.float64], log: Log) -> ActorBox:
-    """The box with its top and the sides that the sensors see where another sweep has points.
-
-    Args:
-        box: of the sweep that is simulated.
-        boxes: of the other sweep: the same track is looked for.
-        points: (N, 3) of the other sweep.
-        log: the log.
-    """
-    other = next((one for one in boxes if one.name == box.name), None)
-    if other is None:
-        return box
-    local = other.pose.inverse().apply(points[other.holds(points)])
-    low, high = -box.size / 2, box.size / 2
-    local = local[local[:, 2] > low[2] + GROUND_M]
-    if len(local) < FEWEST_POINTS:
-        return box
-    eye = other.pose.inverse().apply(log.mounts["up_lidar"].translation[None])[0]
-    near, far = np.percentile(local, [1, 99], axis=0)
-    for axis in (0, 1):
-        if eye[axis] > high[axis]:
-            high[axis] = min(high[axis], far[axis])
-        elif eye[axis] < low[axis]:
-            low[axis] = max(low[axis], near[axis])
-    high[2] = min(high[2], far[2])
-    size = np.maximum(high - low, 0.1)
-    return replace(box, size=size, pose=box.pose @ Pose(np.eye(3), (low + high) / 2))
-
-
 @dataclass(frozen=True, eq=False)
 class Elsewhere:
     """What the sensors see at the arbitrary site, in the frame of the log's vehicle.
@@ -258,13 +234,10 @@ class Elsewhere:
     actors: NDArray[np.bool_]
 
 
-def elsewhere(rig: Rig, folder: Path) -> Elsewhere:
-    """Drive the rig through the example's traffic, on the car that is nearest to its anchor."""
+def elsewhere(rig: Rig, folder: Path) -> list[Elsewhere]:
+    """Drive the rig through the example's traffic, each time on the car nearest to its anchor."""
     twin = build_twin(load_site(EXAMPLE), folder / "twin")
-    motion = run_traffic(twin, folder / "motion", seconds=ELSEWHERE_S + 1.0)
-    rows = motion.at(ELSEWHERE_S)
-    cars = rows[rows["class"] == "car"]
-    carrier = cars[np.hypot(cars["x"], cars["y"]).argmin()]
+    motion = run_traffic(twin, folder / "motion", seconds=ELSEWHERE_S[-1] + 1.0)
     on_axle = Pose(np.eye(3), AXLE_M)
     sensors = tuple(
         replace(
@@ -274,15 +247,23 @@ def elsewhere(rig: Rig, folder: Path) -> Elsewhere:
         )
         for one in rig.sensors
     )
-    track = int(carrier["track"])
-    riding = replace(rig, sensors=sensors, ride=RideSpec(track=track), carrier=track)
-    out = folder / "dataset"
-    record(twin, motion, riding, out, workers=1, start_s=ELSEWHERE_S, stop_s=ELSEWHERE_S)
-    frame = open_recording(out).read(0)
-    place = np.array([carrier["x"], carrier["y"], carrier["z"]])
-    car = Pose.from_ypr(place, carrier["yaw"], carrier["pitch"], carrier["roll"])
-    xyz = (car @ on_axle).inverse().apply(frame.points)
     kinds = [semantic_id(name) for name in ("road", "parking")]
-    return Elsewhere(
-        xyz, 255.0 * frame.intensity, np.isin(frame.semantic, kinds), frame.instance > 0
-    )
+    found = []
+    for time_s in ELSEWHERE_S:
+        rows = motion.at(time_s)
+        cars = rows[rows["class"] == "car"]
+        carrier = cars[np.hypot(cars["x"], cars["y"]).argmin()]
+        track = int(carrier["track"])
+        riding = replace(rig, sensors=sensors, ride=RideSpec(track=track), carrier=track)
+        out = folder / f"dataset-{time_s:g}"
+        record(twin, motion, riding, out, workers=1, start_s=time_s, stop_s=time_s)
+        frame = open_recording(out).read(0)
+        place = np.array([carrier["x"], carrier["y"], carrier["z"]])
+        car = Pose.from_ypr(place, carrier["yaw"], carrier["pitch"], carrier["roll"])
+        xyz = (car @ on_axle).inverse().apply(frame.points)
+        found.append(
+            Elsewhere(
+                xyz, 255.0 * frame.intensity, np.isin(frame.semantic, kinds), frame.instance > 0
+            )
+        )
+    return found
