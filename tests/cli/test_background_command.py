@@ -6,7 +6,7 @@ import numpy as np
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.lidar import Scanner, place_rig
-from urbantwin.lidar.measured import MeasuredBackground
+from urbantwin.lidar.measured_file import load_backgrounds
 from urbantwin.site.rig import RigSpec
 from urbantwin.taxonomy import material_id, semantic_id
 
@@ -31,12 +31,14 @@ def test_frames_of_a_fixed_sensor_become_its_background(tmp_path, run_here):
     )
     assert outcome.code == 0
     told = json.loads(outcome.out)
-    measured = MeasuredBackground.load(tmp_path / "measured.npz")
-    assert told["frames"] == 6
-    assert told["beams"] == measured.range_m.size == 16 * 1800
-    assert told["beams_with_background"] == measured.known.sum() > 3000
+    (measured,) = load_backgrounds(tmp_path / "measured.npz")
+    assert told["frames"] == told["of"] == 6
+    (sensor,) = told["sensors"]
+    assert sensor["beams"] == measured.known.size == 16 * 1800
+    assert sensor["with_background"] == measured.known.sum() > 3000
+    assert (measured.model, measured.turns_per_second) == ("VLP-16", 10.0)
     # The lowest beam, 15 degrees down, from 3 m above a plane.
-    lowest = measured.range_m[
+    lowest = measured.range_m[0][
         np.argmin(place_rig(spec, flat_world()).sensors[0].sensor.elevation_deg)
     ]
     np.testing.assert_allclose(np.median(lowest), 3 / np.sin(np.radians(15)), atol=0.03)

@@ -7,7 +7,8 @@ from scipy.stats import binom
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
 from urbantwin.lidar.coverage import rig_coverage
-from urbantwin.lidar.measured import MeasuredBackground, with_background
+from urbantwin.lidar.measured import MeasuredBackground
+from urbantwin.lidar.measured_file import with_background
 from urbantwin.lidar.returns import ReturnModel
 from urbantwin.lidar.rig import place_rig
 from urbantwin.lidar.scanner import Scanner
@@ -173,7 +174,7 @@ def test_reflectivity_doubles_the_strength_of_that_material_alone(one_of):
 
 def test_a_measured_background_is_this_units_already(frame_of):
     """What it says of ranges, noise and drop-out holds whatever else is known of the unit."""
-    shape = (16, 1800)
+    shape = (1, 16, 1800)
     rng = np.random.default_rng(1)
     background = MeasuredBackground(
         rng.integers(1000, 20000, shape).astype(np.float32) * np.float32(0.002),
@@ -185,7 +186,7 @@ def test_a_measured_background_is_this_units_already(frame_of):
     plain = frame_of(background=background, actors=())
     found = frame_of(background=background, actors=(), calibration=calibration)
     for frame in (plain, found):
-        away = ranges_of(frame) - background.range_m[frame.ring, frame.column]
+        away = ranges_of(frame) - background.range_m[0, frame.ring, frame.column]
         assert np.std(away) == pytest.approx(0.02, rel=0.05)
         assert abs(np.mean(away)) < 0.001
         assert np.median(frame.points[:, 3]) == pytest.approx(0.3, abs=1e-6)

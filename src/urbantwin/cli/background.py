@@ -1,4 +1,4 @@
-"""``urbantwin background``: what stands still, measured by a fixed sensor's own frames."""
+"""``urbantwin background``: what stands still, measured by fixed sensors' own frames."""
 
 from __future__ import annotations
 
@@ -9,45 +9,88 @@ import typer
 
 from urbantwin.cli.console import Console
 from urbantwin.cli.options import AsJson, Quiet
+from urbantwin.errors import InputError
 
 __all__ = ["EXAMPLES", "background"]
 
 EXAMPLES = """
 urbantwin background real/ --sensor OS1-128 -o measured.npz
-urbantwin background real/ --sensor VLS-128 --columns 1800 -o measured.npz
+urbantwin background real/ --sensor VLS-128 --columns 1800 --pose 0 0 0 0 5 0 -o measured.npz
+urbantwin background real/ --twin twin/ --rig rig.yaml -o measured.npz
+urbantwin background real/ --twin twin/ --only corner --points-in level -o measured.npz
+urbantwin background matrix.mat --elevations beams.mat --sensor VLS-128 -o measured.npz
 urbantwin record twin/ motion/ --background measured.npz -o dataset/
 """
 
 
 def background(
     real: Annotated[
-        Path, typer.Argument(help="Frames of a sensor that stands still, in its own frame.")
+        Path,
+        typer.Argument(help="Frames of sensors that stand still; or a matrix of ranges."),
     ],
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The .npz to write.")],
     sensor: Annotated[
-        str, typer.Option(metavar="MODEL", help="A model of the catalogue, or a sensor's file.")
-    ],
+        str | None,
+        typer.Option(metavar="MODEL", help="A model of the catalogue, or a sensor's file."),
+    ] = None,
     columns: Annotated[
         int | None, typer.Option(min=1, help="Its columns per turn; the default's if not given.")
     ] = None,
+    rate: Annotated[
+        float | None, typer.Option(min=0.1, metavar="HZ", help="Its turns per second.")
+    ] = None,
+    pose: Annotated[
+        tuple[float, float, float, float, float, float] | None,
+        typer.Option(
+            metavar="X Y Z YAW PITCH ROLL",
+            help="Of the sensor in the frame of the points, metres and degrees; else it is theirs.",
+        ),
+    ] = None,
+    twin: Annotated[
+        Path | None, typer.Option(help="A twin whose rig's sensors they are, in place of --sensor.")
+    ] = None,
+    rig: Annotated[
+        Path | None, typer.Option(help="With --twin: a rig.yaml; the twin's own if not given.")
+    ] = None,
+    only: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="With --twin: the sensor that recorded alone."),
+    ] = None,
+    points_in: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FRAME", help="With --twin: sensor, level or site; else as the rig says."
+        ),
+    ] = None,
+    elevations: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Of a matrix's rows, degrees or radians.")
+    ] = None,
     intensity_scale: Annotated[
-        float, typer.Option(metavar="X", help="What the data call full scale of intensity.")
-    ] = 1.0,
+        float | None, typer.Option(metavar="X", help="What the data call full scale of intensity.")
+    ] = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """Measure the static world beam by beam from unlabelled frames, for `record --background`."""
-    from urbantwin.cli.stages import new_folder
+    from urbantwin.cli.stages import new_folder, rig_on
     from urbantwin.fidelity.measured_background import measure_recording
+    from urbantwin.fidelity.on_beams import beams_of_model, beams_of_rig
+    from urbantwin.fidelity.range_matrix import is_matrix, measure_matrix
+    from urbantwin.twin import load_twin
 
     console = Console(quiet=quiet, as_json=as_json)
+    if (sensor is None) == (twin is None):
+        raise InputError("which sensor is it?", expected="--sensor or --twin, and not both")
+    if twin is not None:
+        beams = beams_of_rig(rig_on(load_twin(twin), rig), only=only, frame=points_in)
+    else:
+        assert sensor is not None
+        beams = [beams_of_model(sensor, columns=columns, turns_per_second=rate, pose=pose)]
     with new_folder(out.parent), console.stage("background") as progress:
-        summary = measure_recording(
-            real,
-            sensor,
-            out,
-            columns=columns,
-            intensity_scale=intensity_scale,
-            progress=progress,
-        )
+        if is_matrix(real):
+            summary = measure_matrix(real, beams[0], out, elevations=elevations)
+        else:
+            summary = measure_recording(
+                real, beams, out, intensity_scale=intensity_scale, progress=progress
+            )
     console.result({"path": str(out), **summary})

@@ -20,6 +20,7 @@ urbantwin record twin/ motion/ -o dataset/ --weather rain --visibility 800
 urbantwin record twin/ motion/ -o dataset/ --effects none
 urbantwin record twin/ motion/ --rig bus.yaml --ride 12 -o dataset/
 urbantwin record twin/ motion/ -o dataset/ --backend warp --workers 1
+urbantwin record twin/ motion/ -o dataset/ --background corner=a.npz --background pole=b.npz
 """
 
 
@@ -73,14 +74,15 @@ def record(
         ),
     ] = "embree",
     background: Annotated[
-        Path | None,
+        list[str] | None,
         typer.Option(
-            metavar="FILE", help="What a real sensor measured of the static world: measured.npz."
+            metavar="[NAME=]FILE",
+            help="What a real sensor measured of the static world; for each sensor of the rig.",
         ),
     ] = None,
     fuse: Annotated[
         bool,
-        typer.Option("--fuse", help="Where the background has nothing, the twin is seen."),
+        typer.Option("--fuse", help="Where nobody looked, the twin is seen."),
     ] = False,
     workers: Workers = None,
     seed: Seed = None,
@@ -119,7 +121,7 @@ def record(
         stop_s=stop,
         changes=changes,
         backend=backend,
-        background=background,
+        background=background or (),
         fuse=fuse,
     )
     if pictures:

@@ -11,7 +11,7 @@ from urbantwin.cli.console import Console
 from urbantwin.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from urbantwin.lidar import Rig
     from urbantwin.reconstruct import Reconstruction
@@ -135,17 +135,15 @@ def record_stage(
     stop_s: float | None = None,
     changes: RigChanges | None = None,
     backend: str = "embree",
-    background: Path | None = None,
+    background: Sequence[str] = (),
     fuse: bool = False,
 ) -> None:
     """Record a dataset with the rig of a file, or with the twin's own, and changes to it."""
     from urbantwin.dataset import record
-    from urbantwin.lidar.measured import MeasuredBackground, with_background
+    from urbantwin.lidar.measured_file import rig_with_backgrounds
 
     file = twin.folder / "rig.yaml" if rig_file is None else rig_file
-    rig = rig_on(twin, rig_file, changes)
-    if background is not None:
-        rig = with_background(rig, MeasuredBackground.load(background, fused=fuse), file=background)
+    rig = rig_with_backgrounds(rig_on(twin, rig_file, changes), background, fused=fuse)
     with new_folder(out.parent), console.stage("record") as progress:
         record(
             twin,

@@ -1,173 +1,169 @@
-"""Measuring the static world from frames of a sensor that does not move."""
+"""Measuring the static world from frames of sensors that do not move."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from urbantwin.errors import InputError
 from urbantwin.fidelity.frame import Frame
-from urbantwin.fidelity.readers import Recording, open_recording
-from urbantwin.lidar import beam_directions
-from urbantwin.lidar import sensor as model_of
+from urbantwin.fidelity.histograms import full_scale
+from urbantwin.fidelity.on_beams import BeamsOf
+from urbantwin.fidelity.range_modes import RangeModes, range_modes
+from urbantwin.fidelity.readers import open_recording
 from urbantwin.lidar.measured import MeasuredBackground
+from urbantwin.lidar.measured_file import save_backgrounds
 
-__all__ = ["measure_recording", "measured_background"]
+__all__ = ["measure_recording", "measured_backgrounds"]
 
-#: Ranges of one surface fall into one or two neighbouring bins this wide, metres.
-_BIN_M = 0.4
-#: A point farther from every beam than this share of the beams' distance is none of theirs.
-_ASIDE = 1.0
+#: Looks of a sensor that are kept at a time; of longer recordings, frames spread evenly.
+_MOST_LOOKS = 30_000_000
+#: Fewer points than this share on a sensor's beams: it is another sensor, or another frame.
+_LEAST_ON = 0.5
 
 
-def measured_background(
+def measured_backgrounds(
     frames: Iterable[Frame],
-    directions: NDArray[np.float64],
-    shape: tuple[int, int],
+    sensors: Sequence[BeamsOf],
     *,
-    intensity_scale: float = 1.0,
-) -> MeasuredBackground:
-    """Return per-beam statistics of what stands still.
+    intensity_scale: float | None = None,
+    file: Path | None = None,
+) -> list[MeasuredBackground]:
+    """Return per-beam statistics of what stands still, for each sensor.
 
-    A point belongs to the beam whose direction is nearest. The background of a beam is the
-    most frequent range (bins of 0.4 m, two neighbours together; of equally frequent ones the
-    farthest): objects are there now and then, and always nearer. Looks that end before it are
-    obstructed and count neither way; of the others, the share that came back is the drop-out.
-    What stands still in most frames, a parked car, is background.
+    The ranges of a beam are those of `range_modes.range_modes`: what frames see beyond is no
+    background, however long it stood there.
 
     Args:
-        frames: points in the sensor's own frame; two looks of one beam in a frame count once.
-        directions: (C * K, 3) unit vectors of its beams, ring by ring.
-        shape: C and K.
-        intensity_scale: what the data call full scale.
+        frames: in the order of time; two looks of one beam in a frame count once.
+        sensors: that they are of.
+        intensity_scale: what the data call full scale; guessed if not given.
+        file: for errors.
 
     Raises:
-        InputError: no frame, or no point on any beam.
+        InputError: no frame, or most points lie on no beam of the sensors.
     """
-    tree = cKDTree(directions)
-    near, _ = tree.query(directions[:: max(1, len(directions) // 5000)], k=2)
-    widest = _ASIDE * max(float(np.median(near[:, 1])), 2e-3)
-    beams, ranges, lights, count = [], [], [], 0
+    looks: list[list[tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]]] = [
+        [] for _ in sensors
+    ]
+    count, points, brightest = 0, 0, 0.0
     for frame in frames:
-        count += 1
-        away = np.linalg.norm(frame.points, axis=1)
-        aside, beam = tree.query(frame.points / np.maximum(away, 1e-9)[:, None])
-        on = np.flatnonzero(aside <= widest)
-        on = on[np.unique(beam[on], return_index=True)[1]]
-        beams.append(beam[on])
-        ranges.append(away[on])
-        light = np.full(len(away), np.nan) if frame.intensity is None else frame.intensity
-        lights.append(light[on] / intensity_scale)
-    if not count or not sum(len(one) for one in beams):
+        light = np.full(len(frame.points), np.nan) if frame.intensity is None else frame.intensity
+        brightest = max(brightest, float(np.nan_to_num(light).max(initial=0)))
+        count, points = count + 1, points + len(frame.points)
+        for kept, one in zip(looks, sensors, strict=True):
+            rows, beam, range_m = one.of(frame)
+            found = (range_m[rows].astype(np.float32), light[rows].astype(np.float32))
+            kept.append((beam.astype(np.int32), *found))
+    on = sum(len(beam) for kept in looks for beam, *_ in kept)
+    if on < max(1, _LEAST_ON * points):
+        names = ", ".join(one.sensor.name for one in sensors)
         raise InputError(
-            "no point lies on a beam of the sensor", expected="frames of it, in its own frame"
+            f"{on} of {points} points lie on beams of {names}",
+            file=file,
+            expected="frames of that sensor in its own frame, or its pose in theirs",
         )
-    beam, range_m, light = (np.concatenate(part) for part in (beams, ranges, lights))
-    total = len(directions)
-    mode = _mode(beam, range_m, total)
-    member = np.abs(range_m - mode[beam]) < _BIN_M
-    inside = np.bincount(beam[member], minlength=total)
-    middle = _sum(beam, range_m, member, total) / np.maximum(inside, 1)
-    spread = _sum(beam, (range_m - middle[beam]) ** 2, member, total) / np.maximum(inside, 1)
-    before = np.bincount(beam[range_m < mode[beam] - _BIN_M], minlength=total)
-    lit = member & np.isfinite(light)
-    lights_n = np.bincount(beam[lit], minlength=total)
-    bright = _sum(beam, np.nan_to_num(light), lit, total) / np.maximum(lights_n, 1)
-    range_m, sigma_m, returned, intensity = (
-        one.reshape(shape).astype(np.float32)
-        for one in (
-            np.where(inside > 0, middle, 0.0),
-            np.sqrt(np.maximum(spread, 0.0)),
-            np.where(inside > 0, inside / np.maximum(count - before, 1), 0.0).clip(0, 1),
-            np.where(lights_n > 0, bright, np.nan),
-        )
-    )
-    return MeasuredBackground(range_m, sigma_m, returned, intensity)
+    scale = full_scale(brightest) if intensity_scale is None else intensity_scale
+    return [_background(one, _modes(one, looks.pop(0), count), scale) for one in tuple(sensors)]
 
 
 def measure_recording(
     real: Path,
-    model: str,
+    sensors: Sequence[BeamsOf],
     out: Path,
     *,
-    columns: int | None = None,
-    intensity_scale: float = 1.0,
+    intensity_scale: float | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> dict[str, Any]:
     """Measure the static world from a recording and write it.
 
     Args:
-        real: a recording that `readers.open_recording` takes, of a sensor that stands still.
-        model: of the sensor: a name of the catalogue or a sensor's file.
+        real: a recording that `readers.open_recording` takes, of sensors that stand still.
+        sensors: that it is of.
         out: the ``.npz`` to write.
-        columns: per turn; the model's default if not given.
-        intensity_scale: what the data call full scale.
+        intensity_scale: what the data call full scale; guessed if not given.
         progress: called with the share that is done and what is being done.
 
     Returns:
-        How many frames were read, how many beams there are and have a background, and how much of
-        the looks at it came back.
+        How many frames were read, and for each sensor how many beams there are, have a
+        background and have several ranges, and how much of the looks at it came back.
 
     Raises:
-        InputError: the recording or the sensor is not what it should be.
+        InputError: the recording or the scale is not what it should be.
     """
-    if not intensity_scale > 0:
+    if intensity_scale is not None and not intensity_scale > 0:
         raise InputError(f"the intensity scale is {intensity_scale:g}", expected="more than 0")
-    sensor = model_of(model)
-    if sensor.pattern is not None:
-        raise InputError(f"{sensor.name} scans a pattern", expected="a sensor with channels")
-    if columns is not None and columns not in sensor.columns_options:
-        offered = ", ".join(map(str, sensor.columns_options))
-        raise InputError(f"{sensor.name} has no {columns} columns", expected=f"one of {offered}")
-    # As the beams of a turning head point while the channels of a column fire one after another.
-    beams = beam_directions(sensor, columns, turns_per_second=sensor.rate_hz)
     recording = open_recording(real)
     say = progress or (lambda fraction, doing: None)
+    most = max(1, _MOST_LOOKS // sum(one.count for one in sensors))
+    used = np.unique(np.linspace(0, len(recording) - 1, most).round().astype(int)).tolist()
+    problems = []
 
-    def frames(source: Recording) -> Iterator[Frame]:
-        for number in range(len(source)):
-            say(0.9 * number / len(source), f"frame {number + 1} of {len(source)}")
-            yield source.read(number)
+    def frames() -> Iterable[Frame]:
+        for done, number in enumerate(used):
+            say(0.8 * done / len(used), f"frame {done + 1} of {len(used)}")
+            try:
+                yield recording.read(number)
+            except InputError as error:
+                problems.append(str(error))
+                if len(problems) == len(used):
+                    raise
 
-    found = measured_background(
-        frames(recording), beams.reshape(-1, 3), beams.shape[:2], intensity_scale=intensity_scale
-    )
-    found.save(out)
+    found = measured_backgrounds(frames(), sensors, intensity_scale=intensity_scale, file=real)
+    save_backgrounds(out, found)
     say(1.0, "done")
-    known = found.known
     return {
-        "frames": len(recording),
-        "beams": int(known.size),
-        "beams_with_background": int(known.sum()),
-        "returned": round(float(found.returned.ravel()[known].mean()), 4) if known.any() else None,
+        "frames": len(used) - len(problems),
+        "of": len(recording),
+        "sensors": [described(one) for one in found],
+        **({"problems": problems} if problems else {}),
     }
 
 
-def _sum(
-    beam: NDArray[np.int64],
-    values: NDArray[np.float64],
-    chosen: NDArray[np.bool_],
-    total: int,
-) -> NDArray[np.float64]:
-    return np.bincount(beam[chosen], values[chosen], minlength=total).astype(np.float64)
+def described(one: MeasuredBackground) -> dict[str, Any]:
+    """Return what a person wants to know of a background."""
+    known = one.known
+    returned = one.returned[known]
+    told = np.isfinite(returned)
+    return {
+        **({"name": one.name} if one.name else {}),
+        "model": one.model,
+        "beams": int(known.size),
+        "with_background": int(known.sum()),
+        "with_several_ranges": int(((one.share > 0).sum(axis=0) > 1).sum()),
+        "returned": round(float(returned[told].mean()), 4) if told.any() else None,
+    }
 
 
-def _mode(beam: NDArray[np.int64], range_m: NDArray[np.float64], total: int) -> NDArray[np.float64]:
-    """Return the most frequent range (total,) of each beam; 0 where it never came back."""
-    number = np.floor(range_m / _BIN_M).astype(np.int64)
-    span = int(number.max()) + 3
-    # Each range counts in its bin and in the one before: a bin then stands for two neighbours.
-    key = np.concatenate([beam * span + number + 1, beam * span + number])
-    found, times = np.unique(key, return_counts=True)
-    owner, bin_ = found // span, found % span
-    order = np.lexsort((bin_, times, owner))
-    last = order[np.flatnonzero(np.diff(np.append(owner[order], -1)))]
-    mode = np.zeros(total)
-    # Bin b counted the ranges from (b - 1) to (b + 1) bins: its middle is b bins.
-    mode[owner[last]] = bin_[last] * _BIN_M
-    return mode
+def _modes(
+    one: BeamsOf,
+    looks: list[tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]],
+    frames: int,
+) -> RangeModes:
+    """Return the ranges of a sensor's beams; empties the looks."""
+    number = np.repeat(np.arange(frames, dtype=np.int32), [len(beam) for beam, *_ in looks])
+    beam, range_m, light = (np.concatenate(part) for part in zip(*looks, strict=True))
+    looks.clear()
+    return range_modes(beam, number, range_m, light, cells=one.count, frames=frames)
+
+
+def _background(one: BeamsOf, modes: RangeModes, scale: float) -> MeasuredBackground:
+    shape = (one.sensor.channels, one.columns)
+
+    def images(values: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.ascontiguousarray(values.T).reshape(-1, *shape)
+
+    return MeasuredBackground(
+        images(modes.range_m),
+        images(modes.sigma_m),
+        images(modes.share),
+        images(np.where(modes.share > 0, modes.intensity / np.float32(scale), np.nan).clip(0, 1)),
+        modes.looks.reshape(shape),
+        one.sensor.name,
+        one.turns_per_second,
+        one.name,
+    )

@@ -134,6 +134,8 @@ class Sighting:
         if mounted.missing > 0:
             lost = draw(*key, Purpose.MISSING).detection < round(mounted.missing * LEVELS)
             dead = dead | lost if len(dead) else lost
+        if view.several is not None:
+            view = view.drawn(draw(*key, Purpose.MEASURED).detection)
         both = mounted.returns == "dual"
         others = draw(*key, Purpose.SECOND_ECHO) if both else draws
 
@@ -148,6 +150,7 @@ class Sighting:
                 self._model,
                 mounted.returns,
             )
+            view.as_measured(echoes)
             front[echoes.beam] = np.arange(len(echoes.beam), dtype=np.int32)
             returns = draws.detection[lone.beam] < lone.level
             if len(dead):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import Pose
 from urbantwin.lidar.beams import Beams
-from urbantwin.lidar.echoes import combined
+from urbantwin.lidar.echoes import Echoes, combined
 from urbantwin.lidar.layers import SensorPoses
+from urbantwin.lidar.measured import SeveralRanges
 from urbantwin.lidar.mounted import MountedSensor
 from urbantwin.lidar.returns import ReturnModel
 from urbantwin.lidar.returns.strays import is_bright
@@ -38,6 +39,9 @@ class StaticView:
         second: the same five of the second echoes.
         amplitude: (N,) float32, of the first echo; 0 where there is none.
         bright: (B,) int32, beams whose echo is brighter than white.
+        measured: (N,) which beams see what was measured, with its drop-out, noise and intensity;
+            ``None``: none does.
+        several: those of them that see now one and now another surface.
     """
 
     beams: Beams
@@ -50,6 +54,31 @@ class StaticView:
     second: tuple[NDArray[Any], ...]
     amplitude: NDArray[np.float32]
     bright: NDArray[np.int32]
+    measured: NDArray[np.bool_] | None = None
+    several: SeveralRanges | None = None
+
+    def drawn(self, draws: NDArray[np.uint16]) -> StaticView:
+        """Return what is seen in one turn, in which chance chooses among surfaces.
+
+        Args:
+            draws: (N,) of the beams.
+        """
+        if self.several is None:
+            return self
+        layers, report = self.several.drawn(draws, self.layers, self.report)
+        return replace(self, layers=layers, report=report)
+
+    def as_measured(self, echoes: Echoes) -> None:
+        """Give echoes of measured surfaces beside or before actors what was measured of them."""
+        if self.measured is None:
+            return
+        row = np.flatnonzero(echoes.owner < 0)
+        beam = np.repeat(echoes.beam, np.diff(echoes.start))[row]
+        whole = np.abs(echoes.range_m[row] - self.layers.range_m[-1 - echoes.owner[row]]) < 1e-3
+        row, beam = row[whole & self.measured[beam]], beam[whole & self.measured[beam]]
+        level, _, sigma, intensity, _ = self.report
+        echoes.level[row], echoes.sigma[row] = level[beam], sigma[beam]
+        echoes.intensity[row] = intensity[beam]
 
     @classmethod
     def of(
@@ -79,9 +108,15 @@ class StaticView:
         kept = path.is_fixed and beams.rings is not None
         layers = world.layers(beams, sweep, poses, model.scatter, thorough=kept)
         measured = mounted.measured if kept else None
+        several = None
+        share = beams.footprint.share
         if measured is not None:
-            layers = measured.layers(layers, model, len(beams.footprint.share))
-        echoes, _ = combined(layers, None, beams.footprint.share, model, mounted.returns)
+            several = measured.several(layers, model, mounted.effects)
+            level = None
+            if measured.fused:
+                level = _strongest_levels(combined(layers, None, share, model, mounted.returns)[0])
+            layers = measured.layers(layers, model, len(share), level)
+        echoes, _ = combined(layers, None, share, model, mounted.returns)
         layer = -1 - echoes.owner
         first, has = np.maximum(echoes.first, 0), echoes.first >= 0
         if not len(layer):
@@ -118,6 +153,8 @@ class StaticView:
             ),
             amplitude,
             np.flatnonzero(is_bright(amplitude)).astype(np.int32),
+            None if measured is None else measured.known & has,
+            several,
         )
 
 
@@ -130,6 +167,14 @@ def _directions(
     fans = directions.reshape(beams.channels, beams.columns, 3)
     turned = np.einsum("kij,ckj->ick", rotation, fans, optimize=True)
     return np.ascontiguousarray(turned.reshape(3, -1), np.float32)
+
+
+def _strongest_levels(echoes: Echoes) -> NDArray[np.int32]:
+    """Return the level (N,) below which a draw means a return of the first echo; 0: no echo."""
+    level = np.zeros(len(echoes.first), np.int32)
+    has = echoes.first >= 0
+    level[has] = echoes.level[echoes.first[has]]
+    return level
 
 
 def _classes(

@@ -39,6 +39,7 @@ class Purpose(IntEnum):
     CROSSTALK = 4
     ADDED = 5
     MISSING = 6
+    MEASURED = 7
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,211 @@
+"""Measured backgrounds in their file, and on the sensors of a rig that they were measured by."""
+
+from __future__ import annotations
+
+import json
+import zipfile
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from urbantwin.errors import InputError
+from urbantwin.lidar.measured import IMAGES, MeasuredBackground
+from urbantwin.lidar.mounted import MountedSensor, Rig
+
+__all__ = ["load_backgrounds", "rig_with_backgrounds", "save_backgrounds", "with_background"]
+
+_EXPECTED = "a background that urbantwin measured"
+_FORMAT = 1
+_MOST = {"range_m": 2000.0, "sigma_m": 100.0, "share": 1.0, "intensity": 1.0}
+#: Rates that differ by less are one.
+_SAME_RATE_HZ = 0.01
+
+
+def save_backgrounds(path: Path, measured: Iterable[MeasuredBackground]) -> None:
+    """Write them as an ``.npz``; the file appears whole or not at all.
+
+    ``about`` is JSON: the sensors' names, models, channels, columns and turns per second. The
+    images of the n-th are ``n.range_m`` and so on.
+    """
+    arrays, about = {}, []
+    for number, one in enumerate(measured):
+        rate = one.turns_per_second
+        about.append(
+            {
+                "name": one.name,
+                "model": one.model,
+                "channels": one.shape[0],
+                "columns": one.shape[1],
+                "turns_per_second": rate if np.isfinite(rate) else None,
+            }
+        )
+        for name in (*IMAGES, "looks"):
+            arrays[f"{number}.{name}"] = getattr(one, name)
+    told = {"kind": "background", "format": _FORMAT, "sensors": about}
+    scratch = path.with_name(f".{path.name}.part.npz")
+    np.savez_compressed(scratch, about=np.array(json.dumps(told)), **arrays)
+    scratch.replace(path)
+
+
+def load_backgrounds(path: Path) -> list[MeasuredBackground]:
+    """Read them.
+
+    Raises:
+        InputError: missing, damaged, or images of other sizes, or with values out of bounds.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            about = json.loads(str(file["about"]))
+            if about["kind"] != "background" or about["format"] != _FORMAT:
+                raise ValueError("another kind, or a later format")
+            sensors = [
+                (one, {name: file[f"{number}.{name}"] for name in (*IMAGES, "looks")})
+                for number, one in enumerate(about["sensors"])
+            ]
+            found = [
+                MeasuredBackground(
+                    np.asarray(arrays["range_m"], np.float32),
+                    np.asarray(arrays["sigma_m"], np.float32),
+                    np.asarray(arrays["share"], np.float32),
+                    np.asarray(arrays["intensity"], np.float32),
+                    np.asarray(arrays["looks"], np.int32),
+                    str(one["model"]),
+                    float(one["turns_per_second"] or "nan"),
+                    str(one["name"]),
+                )
+                for one, arrays in sensors
+            ]
+    except FileNotFoundError:
+        raise InputError("not found", file=path, expected=_EXPECTED) from None
+    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        raise InputError(f"is not readable ({error})", file=path, expected=_EXPECTED) from None
+    for one in found:
+        _check(one, path)
+    return found
+
+
+def _check(one: MeasuredBackground, path: Path) -> None:
+    size = one.range_m.shape
+    sizes = [getattr(one, name).shape for name in IMAGES]
+    if len(size) != 3 or not size[0] or any(each != size for each in sizes):
+        raise InputError("holds images of different sizes", file=path, expected=_EXPECTED)
+    if one.looks.size and one.looks.shape != size[1:]:
+        raise InputError("holds images of different sizes", file=path, expected=_EXPECTED)
+    for name, most in _MOST.items():
+        values = getattr(one, name)
+        good = (values >= 0) & (values <= most)
+        if name != "range_m":
+            good |= np.isnan(values)
+        if not good.all():
+            raise InputError(
+                "has a value out of bounds", file=path, place=name, expected=f"0 to {most:g}"
+            )
+
+
+def rig_with_backgrounds(rig: Rig, given: Sequence[str], *, fused: bool = False) -> Rig:
+    """Return a rig whose sensors see what a person's files say that they measured.
+
+    Args:
+        rig: as it stands.
+        given: ``NAME=FILE``, or ``FILE`` for a rig of one sensor or with the sensors' own names.
+        fused: beams without a measured range see the modelled scene.
+
+    Raises:
+        InputError: a file is none such, a sensor is not in the rig or in the file, is given
+            twice, or is another than the one that measured.
+    """
+    chosen: dict[str, tuple[MeasuredBackground, Path]] = {}
+    names = [one.name for one in rig.sensors]
+    for text in given:
+        name, equals, rest = text.partition("=")
+        named = bool(equals) and "/" not in name
+        path = Path(rest if named else text)
+        found = load_backgrounds(path)
+        if named:
+            found = _of_sensor(found, name, path)
+        elif len(found) == len(names) == 1:
+            found = [replace(found[0], name=names[0])]
+        for one in found:
+            if one.name not in names:
+                whose = f"of {one.name!r}" if one.name else "of a sensor without a name"
+                raise InputError(
+                    f"has a background {whose}, which is not in the rig",
+                    file=path,
+                    expected=" or ".join(f"{each}={path.name}" for each in names),
+                )
+            if one.name in chosen:
+                raise InputError(
+                    f"{one.name!r} has a background twice", file=path, expected="one for a sensor"
+                )
+            chosen[one.name] = (replace(one, fused=fused), path)
+    for name, (one, path) in chosen.items():
+        rig = with_background(rig, one, sensor=name, file=path)
+    return rig
+
+
+def _of_sensor(found: list[MeasuredBackground], name: str, path: Path) -> list[MeasuredBackground]:
+    if len(found) == 1:
+        return [replace(found[0], name=name)]
+    mine = [one for one in found if one.name == name]
+    if not mine:
+        raise InputError(
+            f"has no background of {name!r}",
+            file=path,
+            expected=" or ".join(one.name for one in found),
+        )
+    return mine
+
+
+def with_background(
+    rig: Rig,
+    measured: MeasuredBackground,
+    *,
+    sensor: str | None = None,
+    file: str | Path | None = None,
+) -> Rig:
+    """Return a rig one of whose sensors, which stands still, sees a measured background.
+
+    Args:
+        rig: as it stands.
+        measured: what it measured.
+        sensor: its name; the rig's first if not given.
+        file: for errors.
+
+    Raises:
+        InputError: it rides or sways, its pattern does not repeat, or the background is another
+            sensor's.
+    """
+    sensors = list(rig.sensors)
+    number = 0 if sensor is None else [one.name for one in sensors].index(sensor)
+    one = sensors[number]
+    if rig.ride is not None or one.sway is not None or one.sensor.pattern is not None:
+        raise InputError(
+            f"is of a sensor that stands still, and {one.name} does not",
+            file=file,
+            expected="a sensor without ride or sway, whose beams repeat",
+        )
+    mine = _described(one.sensor.name, (one.sensor.channels, one.columns), one.turns_per_second)
+    its = _described(measured.model, measured.shape, measured.turns_per_second)
+    if not _is_of(measured, one):
+        raise InputError(
+            f"was measured by {its}", file=file, place=one.name, expected=f"{mine}, as in the rig"
+        )
+    sensors[number] = replace(one, measured=measured)
+    return replace(rig, sensors=tuple(sensors))
+
+
+def _is_of(measured: MeasuredBackground, one: MountedSensor) -> bool:
+    rate = measured.turns_per_second
+    return (
+        measured.shape == (one.sensor.channels, one.columns)
+        and measured.model in ("", one.sensor.name)
+        and not abs(rate - one.turns_per_second) > _SAME_RATE_HZ  # nan: not known
+    )
+
+
+def _described(model: str, shape: tuple[int, int], rate_hz: float) -> str:
+    channels, columns = shape
+    turning = f" at {rate_hz:g} Hz" if np.isfinite(rate_hz) else ""
+    return f"{model or 'a sensor'} with {channels} channels by {columns} columns{turning}"
