@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.fidelity.alignment.ground_plane import GroundPlane, ground_plane, thinned
+from urbantwin.fidelity.alignment.ground_plane import GroundPlane, ground_plane
 from urbantwin.fidelity.alignment.register import Registered, registered
 from urbantwin.fidelity.alignment.scene_points import ScenePoints
 from urbantwin.fidelity.alignment.search import Found, PoseSearch, SearchSpan
+from urbantwin.fidelity.alignment.sight import Sight
 from urbantwin.fidelity.frame import Frame
-from urbantwin.geometry import LabelledMesh, Pose, ypr_from_rotation
+from urbantwin.geometry import LabelledMesh, Pose, SurfaceMaterials, ypr_from_rotation
 
 __all__ = ["Alignment", "Guess", "align"]
 
@@ -25,7 +25,7 @@ Progress = Callable[[float, str], None]
 #: Points farther from the sensor than this are left out, metres.
 _REACH_M = 50.0
 #: The points that decide, and those that only tell candidates apart: one per cell, metres.
-_THINNED_M, _SPARSE_M = 0.25, 0.5
+_THINNED_M, _SPARSE_M = 0.4, 0.7
 _LEAST_POINTS = 200
 #: A second place that explains as much as this share of the first makes it a guess.
 AMBIGUOUS = 0.9
@@ -91,8 +91,11 @@ class Alignment:
             "sigma_m": [round(float(one), 4) for one in self.found.sigma_m],
             "sigma_yaw_deg": round(float(self.found.sigma_deg[2]), 4),
             "explained_share": round(self.found.explained, 4),
+            "curbs_explained": round(self.found.curbs_explained, 4),
+            "marks_explained": round(self.found.marks_explained, 4),
             "confidence": round(self.confidence, 4),
             "surface_offset_m": round(self.found.surface_offset_m, 4),
+            "edge_offset_m": round(self.found.edge_offset_m, 4),
             "points": self.found.points,
             "height_above_ground_m": round(self.plane.height_m, 3),
         }
@@ -104,6 +107,7 @@ def align(
     *,
     guess: Guess | None = None,
     region: shapely.Polygon | None = None,
+    surface: SurfaceMaterials | None = None,
     seed: int = 0,
     file: str | None = None,
     progress: Progress | None = None,
@@ -123,6 +127,7 @@ def align(
         mesh: the static world, site frame.
         guess: roughly where it is; else the whole region is searched, with any heading.
         region: where it can be, site frame, if there is no guess.
+        surface: paint on the twin's roads.
         seed: of the ground planes that are tried.
         file: where the frame is from, for errors.
         progress: told the share done (0..1) and what is being done.
@@ -133,10 +138,11 @@ def align(
     """
     tell = progress or (lambda share, text: None)
     moving = frame.foreground(margin=0.1)
-    points = frame.points if moving is None else frame.points[~moving]
     sensor = frame.sensor_places.mean(axis=0)
-    points = points - sensor
-    points = points[np.hypot(points[:, 0], points[:, 1]) < _REACH_M]
+    away = frame.points - sensor
+    kept = np.hypot(away[:, 0], away[:, 1]) < _REACH_M
+    kept &= np.ones(len(away), bool) if moving is None else ~moving
+    points = away[kept]
     if len(points) < _LEAST_POINTS:
         raise InputError(
             f"has {len(points)} points within {_REACH_M:g} m that belong to no object",
@@ -151,20 +157,21 @@ def align(
             file=file,
             expected="metres, z roughly upward, and part of a street in view",
         )
+    sight = Sight.of(frame.only(kept), sensor, plane)
     span = _span(guess, region, mesh)
     tell(0.1, "reading the scene")
-    scene = ScenePoints(mesh, span.middle, span.reach_m + _REACH_M)
+    scene = ScenePoints(mesh, span.middle, span.reach_m + _REACH_M, surface)
     if not len(scene.points):
         raise _no_ground(guess, file)
     tell(0.3, "searching the place")
-    search = PoseSearch(scene, points, plane)
+    search = PoseSearch(scene, sight, plane)
     candidates = search.run(span, _CANDIDATES)
     if not candidates:
         raise _no_ground(guess, file)
     tell(0.6, "registering")
-    best, second = _best(scene, thinned(points, _SPARSE_M), candidates)
+    best, second = _best(scene, sight.thinned(_SPARSE_M), candidates)
     tell(0.8, "registering")
-    found = None if best is None else registered(scene, thinned(points, _THINNED_M), best[1].pose)
+    found = None if best is None else registered(scene, sight.thinned(_THINNED_M), best[1].pose)
     if best is None or found is None:
         raise InputError(
             "does not fit the twin anywhere there",
@@ -178,28 +185,28 @@ def align(
             file=file,
             expected="a twin with walls, poles or curbs that the sensor sees",
         )
-    if second is not None and second[1].explained > AMBIGUOUS * best[1].explained:
+    if second is not None and second[1].support > AMBIGUOUS * best[1].support:
         apart = np.hypot(*(second[1].pose.translation - found.pose.translation)[:2])
         raise InputError(
             f"fits two places {apart:.1f} m apart nearly as well "
-            f"({best[1].explained:.0%} and {second[1].explained:.0%} of its points off the ground)",
+            f"({second[1].support / best[1].support:.0%} of what the better one explains)",
             file=file,
             expected="a guess nearer to the right one",
         )
-    share = 0.0 if second is None else second[1].explained / max(best[1].explained, 1e-9)
+    share = 0.0 if second is None else second[1].support / max(best[1].support, 1e-9)
     pose = Pose(found.pose.rotation, found.pose.apply(-sensor[None])[0])
     return Alignment(pose, replace(found, pose=pose), share, plane, best[0].score)
 
 
 def _best(
-    scene: ScenePoints, points: NDArray[np.float64], candidates: list[Found]
+    scene: ScenePoints, sight: Sight, candidates: list[Found]
 ) -> tuple[tuple[Found, Registered] | None, tuple[Found, Registered] | None]:
     """Register the candidates; return the best, and the best that is another place."""
-    done = [(one, registered(scene, points, one.pose)) for one in candidates]
+    done = [(one, registered(scene, sight, one.pose)) for one in candidates]
     fits = [(one, found) for one, found in done if found is not None]
     if not fits:
         return None, None
-    fits.sort(key=lambda pair: -pair[1].explained)
+    fits.sort(key=lambda pair: -pair[1].support)
     first = fits[0]
     for other in fits[1:]:
         apart = np.linalg.norm(other[1].pose.translation - first[1].pose.translation)

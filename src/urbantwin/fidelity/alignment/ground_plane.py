@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["GroundPlane", "ground_plane", "leveling"]
+__all__ = ["GroundPlane", "ground_plane", "leveling", "thinned"]
 
 #: Points of the ground lie this near to its plane, metres.
 _THICK_M = 0.15
@@ -27,7 +27,7 @@ class GroundPlane:
     Attributes:
         normal: (3,) unit vector in the frame of the points, away from the ground.
         height_m: of the frame's origin above the plane.
-        share: of the cells around the sensor that hold points on the plane.
+        share: of the cells around the sensor, or of their columns, that hold points on the plane.
         sigma_m: root mean square distance of those points from it.
     """
 
@@ -52,14 +52,21 @@ def ground_plane(points: NDArray[np.float64], seed: int = 0) -> GroundPlane | No
         seed: of the planes that are tried.
 
     Returns:
-        ``None`` where there is no plane under the sensor that a tenth of the cells lie on.
+        ``None`` where there is no plane under the sensor that a tenth of the cells or of their
+        columns lie on.
     """
     near = points[np.linalg.norm(points, axis=1) < _NEAR_M]
-    cells = thinned(near, _CELL_M)
+    cells = near[thinned(near, _CELL_M)]
     if len(cells) < _LEAST_POINTS:
         return None
     generator = np.random.default_rng(seed)
-    corners = cells[generator.integers(0, len(cells), (_TRIES, 3))]
+    # Half of the planes through any three cells, half through the lowest of their columns: where
+    # facades fill the view few cells are of the ground, and where the sensor is tipped it is not
+    # the lowest ones that are.
+    lowest = cells[_lowest(cells)]
+    corners = np.concatenate(
+        [some[generator.integers(0, len(some), (_TRIES, 3))] for some in (cells, lowest)]
+    )
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normal, axis=1)
     fit = length > 1.0
@@ -83,10 +90,18 @@ def ground_plane(points: NDArray[np.float64], seed: int = 0) -> GroundPlane | No
         found = found * np.sign(found[2])
         up = float(-found @ middle)
     on = np.abs(cells @ found + up) < _THICK_M
-    share = float(on.mean())
+    columns = np.abs(lowest @ found + up) < _THICK_M
+    share = max(float(on.mean()), float(columns.mean()))
     if share < 0.1 or up <= 0:
         return None
     return GroundPlane(found, up, share, float(np.sqrt(((cells[on] @ found + up) ** 2).mean())))
+
+
+def _lowest(points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the numbers of the lowest of (N, 3) points in every column of 2 m."""
+    order = np.argsort(points[:, 2], kind="stable")
+    column = np.floor(points[order, :2] / 2.0).astype(np.int64)
+    return np.asarray(order[np.unique(column, axis=0, return_index=True)[1]])
 
 
 def leveling(normal: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -102,8 +117,8 @@ def leveling(normal: NDArray[np.float64]) -> NDArray[np.float64]:
     )
 
 
-def thinned(points: NDArray[np.float64], cell_m: float) -> NDArray[np.float64]:
-    """Return one of (N, 3) points from every cell that holds any: the first."""
+def thinned(points: NDArray[np.float64], cell_m: float) -> NDArray[np.int64]:
+    """Return the numbers (K,) of the first of (N, 3) points in every cell that holds any."""
     keys = np.floor(points / cell_m).astype(np.int64)
     _, first = np.unique(keys, axis=0, return_index=True)
-    return points[np.sort(first)]
+    return np.sort(first)

@@ -96,6 +96,7 @@ def align_rig(
         twin.mesh,
         guess=rough,
         region=twin.region,
+        surface=twin.surface_materials,
         file=f"{real}: {recording.names[frame_number]}",
         progress=progress,
     )

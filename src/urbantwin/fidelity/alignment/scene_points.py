@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.geometry import DownwardProbe, LabelledMesh
+from urbantwin.fidelity.alignment.marks import mark_lines
+from urbantwin.fidelity.alignment.road_edges import road_edges
+from urbantwin.geometry import DownwardProbe, LabelledMesh, SurfaceMaterials
 from urbantwin.lidar.casting import EmbreeCaster
 from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
 
@@ -24,14 +26,25 @@ class ScenePoints:
         mesh: the static world, site frame.
         middle: (2,) what is around here is kept.
         reach_m: how far around.
+        surface: paint on its roads.
 
     Attributes:
         points: (N, 3) float64, site frame.
         normals: (N, 3) of the surfaces.
         is_ground: (N,) whether one can stand there.
+        edges: (E, 3) along the edges of carriageways.
+        edge_normal: (E, 3) unit vectors from there towards the road, level.
+        lines: (L, 3) along painted lines.
+        line_normal: (L, 3) unit vectors across them, level.
     """
 
-    def __init__(self, mesh: LabelledMesh, middle: NDArray[np.float64], reach_m: float) -> None:
+    def __init__(
+        self,
+        mesh: LabelledMesh,
+        middle: NDArray[np.float64],
+        reach_m: float,
+        surface: SurfaceMaterials | None = None,
+    ) -> None:
         corners = mesh.triangles()
         low, high = corners[..., :2].min(axis=1), corners[..., :2].max(axis=1)
         near = ((low < middle + reach_m) & (high > middle - reach_m)).all(axis=1)
@@ -54,6 +67,12 @@ class ScenePoints:
         flat = self._near.select(ground)
         self._probe = DownwardProbe(flat) if len(flat.faces) else None
         self._top = float(points[:, 2].max()) + 1.0 if len(points) else 0.0
+        self.edges, self.edge_normal = road_edges(flat)
+        lines, across = mark_lines(surface or SurfaceMaterials(), middle, reach_m)
+        height = self.ground_at(lines)
+        known = np.isfinite(height)
+        self.lines = np.column_stack([lines, height])[known]
+        self.line_normal = np.column_stack([across, np.zeros(len(lines))])[known]
 
     def seen_from(self, place: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return which points (N,) nothing hides from a place (3,)."""

@@ -7,20 +7,21 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt
 
 from urbantwin.fidelity.alignment.ground_plane import GroundPlane, leveling, thinned
+from urbantwin.fidelity.alignment.maps import HIGHEST_M, Plan, Space
 from urbantwin.fidelity.alignment.scene_points import ScenePoints
+from urbantwin.fidelity.alignment.sight import Sight
 from urbantwin.geometry import Pose
 
 __all__ = ["Found", "PoseSearch", "SearchSpan"]
 
-#: Cells of the field of distances: no more than this, and no finer.
-_MOST_CELLS, _FINEST_M = 6_000_000, 0.25
-#: A point this far from every surface tells nothing more, metres.
-_FAR_M = 1.0
-#: Of the ground, points count less: it looks alike everywhere.
-_GROUND_WEIGHT = 0.2
+#: A point of the ground this far above or below the twin's tells nothing, metres.
+_FAR_UP_M = 0.4
+#: What the ground counts, surfaces off it, edges of carriageways, lines. The ground looks alike
+#: everywhere, and much that is bright is no line.
+_WEIGHTS = (0.2, 0.8, 0.8, 0.3)
+_GROUND, _RAISED, _EDGES, _LINES = range(4)
 _MOST_POINTS = 1500
 #: Of many poses, every so many points look first.
 _MANY_POSES, _FIRST_LOOK = 5000, 6
@@ -65,42 +66,46 @@ class PoseSearch:
 
     Args:
         scene: the static world as points.
-        points: (N, 3) of one frame.
+        sight: what one frame shows.
         plane: the ground in that frame.
     """
 
-    def __init__(self, scene: ScenePoints, points: NDArray[np.float64], plane: GroundPlane) -> None:
+    def __init__(self, scene: ScenePoints, sight: Sight, plane: GroundPlane) -> None:
         self._scene, self._plane = scene, plane
         self._level = leveling(plane.normal)
-        low = scene.points.min(axis=0) - 2.0
-        extent = scene.points.max(axis=0) + 2.0 - low
-        self._cell = max(_FINEST_M, float((extent.prod() / _MOST_CELLS) ** (1 / 3)))
-        shape = np.ceil(extent / self._cell).astype(int) + 1
-        free = np.ones(shape, np.bool_)
-        free[tuple(((scene.points - low) / self._cell).astype(int).T)] = False
-        away = distance_transform_edt(free, sampling=self._cell)
-        self._gain = np.maximum(0.0, 1.0 - away / _FAR_M).astype(np.float32)
-        self._low = low
-        self._points, self._weight = self._chosen(points)
+        raised = scene.points[~scene.is_ground]
+        self._space = Space.around(raised)
+        low, high = scene.points[:, :2].min(axis=0), scene.points[:, :2].max(axis=0)
+        self._plan = Plan.over(scene, low - 2.0, high + 2.0)
+        self._points, self._kind, self._weight = self._chosen(sight, len(raised) > 0)
 
     def _chosen(
-        self, points: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return points in the level frame, on the ground below its origin, and their weights."""
-        level = thinned(points, 0.5) @ self._level.T
-        generator = np.random.default_rng(len(level))
+        self, sight: Sight, any_raised: bool
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+        """Return points in the level frame, what they are looked up as, and their weights."""
+        kept = thinned(sight.points, 0.5)
+        level, raised = sight.points[kept] @ self._level.T, sight.raised[kept]
         above = level[:, 2] + self._plane.height_m
-        parts = [np.flatnonzero(above < 0.3), np.flatnonzero((above >= 0.3) & (above < 25.0))]
-        kept = [
-            generator.permutation(part)[: _MOST_POINTS // (2 - n)] for n, part in enumerate(parts)
-        ]
-        weight = np.concatenate(
-            [
-                np.full(len(kept[0]), _GROUND_WEIGHT / max(len(kept[0]), 1)),
-                np.full(len(kept[1]), (1 - _GROUND_WEIGHT) / max(len(kept[1]), 1)),
-            ]
+        near = above < HIGHEST_M
+        parts = [level[~raised & near], level[raised & near][: len(level) * any_raised]]
+        parts.append((sight.curbs @ self._level.T)[: len(sight.curbs) * self._plan.any_edges])
+        parts.append((sight.spots @ self._level.T)[: len(sight.spots) * self._plan.any_lines])
+        generator = np.random.default_rng(len(level))
+        points, kinds, weights = [], [], []
+        for kind, part in enumerate(parts):
+            chosen = generator.permutation(len(part))[: _MOST_POINTS // 3]
+            share = sight.spot_weight[chosen] if kind == _LINES else np.ones(len(chosen))
+            points.append(part[chosen])
+            kinds.append(np.full(len(chosen), kind))
+            weights.append(_WEIGHTS[kind] * share / max(share.sum(), 1e-9))
+        # All kinds mixed, so that every so many points are a fair sample.
+        order = generator.permutation(sum(len(part) for part in points))
+        weight = np.concatenate(weights)[order]
+        return (
+            np.concatenate(points)[order],
+            np.concatenate(kinds)[order],
+            weight / max(weight.sum(), 1e-9),
         )
-        return level[np.concatenate(kept)], weight / max(weight.sum(), 1e-9)
 
     def run(self, span: SearchSpan, most: int = 5) -> list[Found]:
         """Return the best poses, best first; empty where no ground was found in the span."""
@@ -165,12 +170,13 @@ class PoseSearch:
         headings = np.stack([Pose.from_ypr(np.zeros(3), yaw).rotation for yaw in yaws])
         scores = _scores(
             self._points[::every],
-            self._weight[::every] * every,
+            self._kind[::every],
+            self._weight[::every] / max(float(self._weight[::every].sum()), 1e-9),
             turned,
-            place - self._low,
+            place,
             headings,
-            self._gain,
-            1.0 / self._cell,
+            self._space,
+            self._plan,
         )
         order = np.argsort(-scores, axis=None, kind="stable")[: 50 * most]
         ranked = []
@@ -200,12 +206,13 @@ def _distinct(ranked: list[Found], most: int) -> list[Found]:
 @numba.njit(cache=True)
 def _scores(
     points: NDArray[np.float64],
+    kind: NDArray[np.int64],
     weight: NDArray[np.float64],
     turned: NDArray[np.float64],
     place: NDArray[np.float64],
     headings: NDArray[np.float64],
-    gain: NDArray[np.float32],
-    per_m: float,
+    space: Space,
+    plan: Plan,
 ) -> NDArray[np.float64]:
     """Return the weighted gain (P, Y) of points (N, 3) at every place and heading."""
     out = np.zeros((len(place), len(headings)))
@@ -214,11 +221,27 @@ def _scores(
             r = np.ascontiguousarray(turned[k]) @ np.ascontiguousarray(headings[m])
             total = 0.0
             for n in range(len(points)):
-                x, y, z = points[n]
-                i = int((r[0, 0] * x + r[0, 1] * y + r[0, 2] * z + place[k, 0]) * per_m)
-                j = int((r[1, 0] * x + r[1, 1] * y + r[1, 2] * z + place[k, 1]) * per_m)
-                h = int((r[2, 0] * x + r[2, 1] * y + r[2, 2] * z + place[k, 2]) * per_m)
-                if 0 <= i < gain.shape[0] and 0 <= j < gain.shape[1] and 0 <= h < gain.shape[2]:
-                    total += weight[n] * gain[i, j, h]
+                p = points[n]
+                x = r[0, 0] * p[0] + r[0, 1] * p[1] + r[0, 2] * p[2] + place[k, 0]
+                y = r[1, 0] * p[0] + r[1, 1] * p[1] + r[1, 2] * p[2] + place[k, 1]
+                z = r[2, 0] * p[0] + r[2, 1] * p[1] + r[2, 2] * p[2] + place[k, 2]
+                if kind[n] == _RAISED:
+                    a = int(np.floor((x - space.low[0]) / space.cell_m))
+                    b = int(np.floor((y - space.low[1]) / space.cell_m))
+                    c = int(np.floor((z - space.low[2]) / space.cell_m))
+                    inside = 0 <= a < space.gain.shape[0] and 0 <= b < space.gain.shape[1]
+                    if inside and 0 <= c < space.gain.shape[2]:
+                        total += weight[n] * space.gain[a, b, c]
+                    continue
+                i = int(np.floor((x - plan.low[0]) / plan.cell_m))
+                j = int(np.floor((y - plan.low[1]) / plan.cell_m))
+                if not (0 <= i < plan.height.shape[0] and 0 <= j < plan.height.shape[1]):
+                    continue
+                if kind[n] == _GROUND:
+                    off = abs(z - plan.height[i, j]) / _FAR_UP_M
+                    if off < 1.0:  # false where nobody knows the ground
+                        total += weight[n] * (1.0 - off)
+                else:
+                    total += weight[n] * plan.gain[kind[n] - _EDGES, i, j]
             out[k, m] = total
     return out
