@@ -22,6 +22,8 @@ Progress = Callable[[float, str], None]
 
 #: Shares of the work after which every frame was read once, and the arbitrary site is there.
 _SURVEY, _CONTROL = 0.1, 0.15
+#: So many pairs, the worst, are drawn.
+_WORST = 3
 
 
 def compare(  # noqa: PLR0913 - every one is a person's choice
@@ -94,26 +96,28 @@ def compare(  # noqa: PLR0913 - every one is a person's choice
 def _draw(report: Report, found: Findings, folder: Path) -> None:
     """Write the pictures and the page."""
     from urbantwin.fidelity.figure import draw_report
-    from urbantwin.fidelity.page import write_page
-    from urbantwin.fidelity.views import draw_objects, draw_pair
+    from urbantwin.fidelity.object_views import draw_objects
+    from urbantwin.fidelity.page import Pictures, write_page
+    from urbantwin.fidelity.views import draw_missing, draw_pair
 
-    draw_report(report, found.pooled, found.sample, folder / "report.png")
-    pictures = [("Distributions, and frame by frame", folder / "report.png")]
-    worst = found.pairs.frames(found.indices[report.worst()[0]])
-    target = folder / "worst_frame.png"
-    draw_pair(
-        worst["real"],
-        worst["synthetic"],
-        found.missing.points(),
-        report.missing,
-        found.pairs.origin,
-        target,
-    )
-    pictures.append(("The worst pair of frames, and what the twin lacks", target))
+    origin = found.pairs.origin
+    draw_report(report, found.pooled, folder / "report.png")
+    missing = None
+    if report.missing:
+        missing = folder / "missing.png"
+        draw_missing(found.sample["real"], found.missing.points(), report.missing, origin, missing)
+    worst: dict[int, Path] = {}
+    for number in report.worst()[:_WORST]:
+        frames = found.pairs.frames(found.indices[number])
+        worst[number] = folder / f"worst_{len(worst) + 1}.png"
+        draw_pair(frames["real"], frames["synthetic"], origin, worst[number])
+    objects = None
     if report.objects is not None:
-        draw_objects(report.objects, folder / "objects.png")
-        pictures.append(("Objects", folder / "objects.png"))
-    write_page(report, pictures, folder / "report.html")
+        objects = folder / "objects.png"
+        draw_objects(report.objects, objects)
+    write_page(
+        report, Pictures(folder / "report.png", missing, worst, objects), folder / "report.html"
+    )
 
 
 def _opened(

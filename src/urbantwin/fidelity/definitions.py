@@ -152,8 +152,9 @@ HEADLINE = ("hausdorff_p95_m", "js_mean", "point_to_mesh_mean_m")
 #: What was published for digital twins of roadside sensors made by hand in CARLA, beside an
 #: arbitrary site (Shahbaz and Agarwal 2025, "UrbanTwin", arXiv 2509.02903): other data and other
 #: bins of histograms, so it is beside the figures of a report and not among them.
-PUBLISHED: dict[str, tuple[float, float]] = {
-    "hausdorff_p95_m": (3.645, 12.237),
-    "js_mean": (0.184, 0.505),
-    "point_to_mesh_mean_m": (0.795, 2.648),
+#: The twin, the arbitrary site, and the reduction in percent as it is printed there.
+PUBLISHED: dict[str, tuple[float, float, float]] = {
+    "hausdorff_p95_m": (3.645, 12.237, 70.2),
+    "js_mean": (0.184, 0.505, 63.7),
+    "point_to_mesh_mean_m": (0.795, 2.648, 69.9),
 }

@@ -1,161 +1,185 @@
-"""The report as one picture."""
+"""The report's figures as one picture."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
+from matplotlib.gridspec import GridSpec
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from urbantwin.fidelity import histograms as bins
-from urbantwin.fidelity.definitions import MEASURES
-from urbantwin.fidelity.frame import Frame
-from urbantwin.fidelity.report import Aggregate, FrameFigures, Report
+from urbantwin.fidelity.definitions import HEADLINE, MEASURES, PUBLISHED
+from urbantwin.fidelity.drawing import COLOURS, INK, LABELS, blank, legend, plain, save
+from urbantwin.fidelity.report import Aggregate, Anchored, FrameFigures, Report
 
 __all__ = ["draw_report"]
 
-_PAPER, _INK, _FAINT = "#ffffff", "#1d2733", "#d5dbe2"
-_COLOURS = {"real": "#7b8794", "synthetic": "#1769e0", "arbitrary": "#e8710a"}
-_LABELS = {
-    "real": "real against the next real",
-    "synthetic": "twin against real",
-    "arbitrary": "arbitrary site against real",
+_HISTOGRAMS = {
+    "range": (
+        bins.RANGE_EDGES_M,
+        "Range: share of points (grey: real)",
+        "distance from the sensor, m",
+    ),
+    "height": (
+        bins.HEIGHT_EDGES_M,
+        "Height: share of points (grey: real)",
+        "z in the clouds' frame, m",
+    ),
+    "intensity": (
+        bins.INTENSITY_EDGES,
+        "Intensity: share of points (grey: real)",
+        "share of full scale",
+    ),
+    "density": (bins.DENSITY_EDGES_M, "Density: share of the sum", "distance, m"),
 }
-_DISTANCES = ("hausdorff_p95_m", "point_to_mesh_mean_m", "point_to_mesh_p95_m")
-_DIVERGENCES = ("js_occupancy", "js_range", "js_height", "js_intensity", "js_density", "js_mean")
-_OVERLAY_CELLS = 260
+_PUBLISHED = "published,\nother data"
+#: Twice the control: farther to the right the shares of measures are cut off, percent.
+_MOST_SHARE = 200.0
 
 
 def draw_report(
-    report: Report,
-    pooled: Mapping[str, Mapping[str, NDArray[np.float64]]],
-    sample: Mapping[str, Frame],
-    path: Path,
+    report: Report, pooled: Mapping[str, Mapping[str, NDArray[np.float64]]], path: Path
 ) -> None:
     """Write the picture.
 
     Args:
         report: the figures.
         pooled: histograms summed over frames, by side ("real", "synthetic", "arbitrary") and name.
-        sample: the clouds of the first pair, by side.
         path: the PNG to write; the same report gives the same bytes.
     """
-    figure = Figure(figsize=(16, 11.6), dpi=100, facecolor=_PAPER)
-    FigureCanvasAgg(figure)
+    course = len(report.frames) > 1
+    ratios = (1.25, 1.5, 0.8, 0.9) if course else (1.25, 1.5, 0.9)
+    figure = blank(15, 3.1 * sum(ratios))
     grid = figure.add_gridspec(
-        3, 12, left=0.05, right=0.98, top=0.885, bottom=0.055, hspace=0.42, wspace=1.6
+        len(ratios),
+        12,
+        height_ratios=ratios,
+        left=0.045,
+        right=0.99,
+        top=0.94,
+        bottom=0.045,
+        hspace=0.42,
+        wspace=1.4,
     )
-    _head(figure, report)
-    _bars(figure.add_subplot(grid[0, :4]), report, _DISTANCES, "Distances, mean over frames", "m")
-    _bars(
-        figure.add_subplot(grid[0, 4:]),
-        report,
-        _DIVERGENCES,
-        "Jensen-Shannon divergence, mean over frames (0 equal, 1 disjoint)",
-        "",
-    )
-    _course(figure.add_subplot(grid[1, :4]), report.frames, "hausdorff_p95_m")
-    _course(figure.add_subplot(grid[1, 4:8]), report.frames, "point_to_mesh_mean_m")
-    _course(figure.add_subplot(grid[1, 8:]), report.frames, "js_mean")
-    edges = {
-        "range": (bins.RANGE_EDGES_M, "distance from the sensor, m"),
-        "height": (bins.HEIGHT_EDGES_M, "height in the clouds' frame, m"),
-        "intensity": (bins.INTENSITY_EDGES, "intensity, share of full scale"),
-    }
-    shown = [name for name in edges if any(name in mine for mine in pooled.values())]
-    lower = grid[2, :].subgridspec(1, len(shown) + 1, wspace=0.22)
-    for place, name in enumerate(shown):
-        _overlaid(figure.add_subplot(lower[0, place]), pooled, name, *edges[name])
-    _overlay(figure.add_subplot(lower[0, len(shown)]), sample)
-    figure.savefig(path, metadata={"Software": None})
+    sides = [side for side in COLOURS if _of(report.whole, side) is not None]
+    legend(figure, [(LABELS[side], COLOURS[side]) for side in sides], 0.04, 0.995)
+    said = "means over frames; black: their 95 % intervals"
+    figure.text(0.99, 0.991, said, ha="right", va="top", fontsize=10, color=INK)
+    for place, name in enumerate(HEADLINE):
+        _headline(figure.add_subplot(grid[0, 4 * place : 4 * place + 4]), report, name)
+    _divergences(figure.add_subplot(grid[1, :6]), report)
+    _shares(figure.add_subplot(grid[1, 7:]), report)
+    if course:
+        for place, name in enumerate(HEADLINE):
+            _course(figure.add_subplot(grid[2, 4 * place : 4 * place + 4]), report.frames, name)
+    _distributions(figure, grid, len(ratios) - 1, pooled)
+    save(figure, path)
 
 
-def _head(figure: Figure, report: Report) -> None:
-    names = report.folders
-    title = f"{names['synthetic']['name']} against {names['real']['name']}"
-    figure.text(0.05, 0.965, f"Fidelity: {title}", color=_INK, fontsize=19, weight="bold")
-    said = [f"{len(report.frames)} pairs of frames"]
-    for name, unit in (("hausdorff_p95_m", " m"), ("js_mean", ""), ("point_to_mesh_mean_m", " m")):
-        found = report.twin[name]
-        if found is not None:
-            text = f"{MEASURES[name].title} {found.mean:.3g}{unit}"
-            less = (report.reduction_percent or {}).get(name)
-            if less is not None:
-                text += f" ({abs(less):.0f} % {'less' if less >= 0 else 'more'} than arbitrary)"
-            said.append(text)
-    figure.text(0.05, 0.938, "     ".join(said), color=_INK, fontsize=12)
-    x = 0.98
-    for side in ("arbitrary", "synthetic", "real"):
-        if _of(report, side) is None:
-            continue
-        figure.text(
-            x, 0.968, _LABELS[side], color=_COLOURS[side], fontsize=12, ha="right", weight="bold"
-        )
-        x -= 0.0068 * len(_LABELS[side]) + 0.015
-
-
-def _of(report: Report, side: str) -> dict[str, Aggregate | None] | None:
+def _of(found: Anchored, side: str) -> dict[str, Aggregate | None] | None:
     return {
-        "real": report.real_against_real,
-        "synthetic": report.twin,
-        "arbitrary": report.arbitrary,
+        "real": found.real_against_real,
+        "synthetic": found.twin,
+        "arbitrary": found.arbitrary,
     }[side]
 
 
-def _plain(axes: Axes, title: str) -> None:
-    axes.set_facecolor(_PAPER)
-    axes.set_title(title, loc="left", fontsize=11, color=_INK, weight="bold")
-    axes.tick_params(colors=_INK, labelsize=9, length=3)
-    for side, spine in axes.spines.items():
-        spine.set_visible(side in ("left", "bottom"))
-        spine.set_color(_FAINT)
-    axes.grid(visible=True, axis="y", color=_FAINT, linewidth=0.6)
-    axes.set_axisbelow(True)
+def _headline(axes: Axes, report: Report, name: str) -> None:
+    measure = MEASURES[name]
+    plain(axes, measure.title + (f" ({measure.unit})" if measure.unit else ""))
+    parts = {"whole": report.whole, **report.parts}
+    for place, found in enumerate(parts.values()):
+        for side in COLOURS:
+            value = (_of(found, side) or {}).get(name)
+            if value is not None:
+                _bar(axes, place, side, value.mean, value.mean_ci95)
+    for side, figure in zip(("synthetic", "arbitrary"), PUBLISHED[name][:2], strict=True):
+        _bar(axes, len(parts), side, figure, None, faint=True)
+    axes.set_xticks(range(len(parts) + 1), [*parts, _PUBLISHED])
+    axes.margins(y=0.14)
+    axes.set_ylim(bottom=0)
 
 
-def _bars(axes: Axes, report: Report, names: tuple[str, ...], title: str, unit: str) -> None:
-    _plain(axes, title)
-    sides = [(s, found) for s in _COLOURS if (found := _of(report, s)) is not None]
-    width = 0.8 / len(sides)
-    for number, (side, found) in enumerate(sides):
-        for place, name in enumerate(names):
-            value = found[name]
-            x = place - 0.4 + width * (number + 0.5)
-            if value is None:
-                axes.text(x, 0, "none", ha="center", va="bottom", fontsize=8, color=_COLOURS[side])
-                continue
-            axes.bar(x, value.mean, width * 0.92, color=_COLOURS[side])
-            top = value.mean
-            if value.mean_ci95 is not None:
-                low, top = value.mean_ci95
-                axes.plot([x, x], [low, top], color=_INK, linewidth=1)
-            axes.annotate(
-                f"{value.mean:.2f}" if value.mean >= 0.01 or value.mean == 0 else "<0.01",
-                (x, max(top, value.mean)),
-                xytext=(0, 2),
-                textcoords="offset points",
-                ha="center",
-                fontsize=8,
-                color=_INK,
-            )
-    labels = [MEASURES[name].title.replace("JS ", "").replace(", ", ",\n") for name in names]
-    axes.set_xticks(range(len(names)), labels)
-    axes.set_ylabel(unit, color=_INK, rotation=0, labelpad=8)
+def _bar(
+    axes: Axes,
+    place: int,
+    side: str,
+    value: float,
+    interval: tuple[float, float] | None,
+    *,
+    faint: bool = False,
+) -> None:
+    width = 0.8 / len(COLOURS)
+    x = place - 0.4 + width * (list(COLOURS).index(side) + 0.5)
+    axes.bar(x, value, width * 0.92, color=COLOURS[side], alpha=0.35 if faint else 1.0)
+    top = value
+    if interval is not None:
+        low, top = interval
+        axes.plot([x, x], [low, top], color=INK, linewidth=1)
+    axes.annotate(
+        f"{value:.3g}" if value >= 0.01 or value == 0 else "<0.01",
+        (x, max(top, value)),
+        xytext=(0, 2),
+        textcoords="offset points",
+        ha="center",
+        fontsize=7,
+        color=INK,
+    )
+
+
+def _divergences(axes: Axes, report: Report) -> None:
+    plain(axes, "Jensen-Shannon divergence by histogram (0 equal, 1 disjoint)")
+    names = [name for name in MEASURES if name.startswith("js_")]
+    for place, name in enumerate(names):
+        for side in COLOURS:
+            value = (_of(report.whole, side) or {}).get(name)
+            if value is not None:
+                _bar(axes, place, side, value.mean, value.mean_ci95)
+    axes.set_xticks(range(len(names)), [MEASURES[name].title.removeprefix("JS ") for name in names])
     axes.margins(y=0.12)
     axes.set_ylim(bottom=0)
 
 
+def _shares(axes: Axes, report: Report) -> None:
+    """Draw every measure as a share of the control's; without a control, times real to real."""
+    control, real = report.arbitrary, report.real_against_real
+    below, title, most = control, "Every measure, percent of the arbitrary site's", _MOST_SHARE
+    shown = ["real", "synthetic"]
+    if control is None:
+        below, title, most = real, "Every measure, percent of real against real", 1e9
+        shown = ["synthetic"]
+    plain(axes, title)
+    axes.grid(visible=True, axis="x", color="#d5dbe2", linewidth=0.6)
+    rows = []
+    for name in MEASURES:
+        base = (below or {}).get(name)
+        if base is not None and base.mean > 0 and report.twin.get(name) is not None:
+            rows.append((name, base.mean))
+    for place, (name, mean) in enumerate(rows):
+        for side in shown:
+            value = (_of(report.whole, side) or {}).get(name)
+            if value is not None:
+                share = 100 * value.mean / mean
+                marker = "o" if share <= most else ">"
+                axes.plot(
+                    min(share, most), -place, marker=marker, color=COLOURS[side], markersize=6
+                )
+    axes.axvline(100, color=COLOURS["arbitrary" if control is not None else "real"], linewidth=1.5)
+    axes.set_yticks([-place for place in range(len(rows))], [MEASURES[n].title for n, _ in rows])
+    axes.set_xlim(left=-2)
+    axes.set_ylim(-max(len(rows), 1) + 0.5, 0.5)
+    if control is None and rows:
+        axes.set_xscale("log")
+
+
 def _course(axes: Axes, frames: list[FrameFigures], name: str) -> None:
-    measure = MEASURES[name]
-    _plain(
-        axes, f"{measure.title}, frame by frame" + (f" ({measure.unit})" if measure.unit else "")
-    )
+    plain(axes, f"{MEASURES[name].title}, pair by pair")
     series: dict[str, list[dict[str, float | None] | None]] = {
         "real": [frame.real_figures for frame in frames],
         "synthetic": [frame.twin_figures for frame in frames],
@@ -163,14 +187,31 @@ def _course(axes: Axes, frames: list[FrameFigures], name: str) -> None:
     }
     marker = "o" if len(frames) < 60 else ""
     for side, found in series.items():
-        given = [(i, f[name]) for i, f in enumerate(found) if f is not None and f[name] is not None]
+        given = [
+            (i, f[name]) for i, f in enumerate(found) if f is not None and f.get(name) is not None
+        ]
         if given:
             x, y = np.array(given, np.float64).T
-            axes.plot(x, y, color=_COLOURS[side], marker=marker, markersize=4, linewidth=1.4)
-    axes.set_xlabel("pair", fontsize=9, color=_INK)
+            axes.plot(x, y, color=COLOURS[side], marker=marker, markersize=4, linewidth=1.4)
     axes.set_xlim(-0.5, len(frames) - 0.5)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylim(bottom=0)
+
+
+def _distributions(
+    figure: Figure,
+    grid: GridSpec,
+    row: int,
+    pooled: Mapping[str, Mapping[str, NDArray[np.float64]]],
+) -> None:
+    shown = [name for name in _HISTOGRAMS if any(name in mine for mine in pooled.values())]
+    lower: Any = grid[row, :].subgridspec(1, len(shown), wspace=0.2)
+    for place, name in enumerate(shown):
+        axes = figure.add_subplot(lower[0, place])
+        edges, title, label = _HISTOGRAMS[name]
+        plain(axes, title)
+        _overlaid(axes, pooled, name, edges)
+        axes.set_xlabel(label, fontsize=9, color=INK)
 
 
 def _overlaid(
@@ -178,9 +219,7 @@ def _overlaid(
     pooled: Mapping[str, Mapping[str, NDArray[np.float64]]],
     name: str,
     edges: NDArray[np.float64],
-    label: str,
 ) -> None:
-    _plain(axes, f"{name.capitalize()}, share of points")
     held = np.zeros(len(edges) - 1)
     for side, mine in pooled.items():
         if name not in mine or not mine[name].sum():
@@ -190,51 +229,13 @@ def _overlaid(
         axes.stairs(
             share,
             edges,
-            color=_COLOURS[side],
+            color=COLOURS[side],
             fill=side == "real",
             alpha=0.55 if side == "real" else 1.0,
             linewidth=1.5,
         )
     # The bins that hold all but the last thousandth of the points.
-    sums = np.cumsum(held) / held.sum()
+    sums = np.cumsum(held) / max(held.sum(), 1e-300)
     low, high = np.searchsorted(sums, [0.0005, 0.9995])
     axes.set_xlim(edges[low], edges[min(high + 1, len(edges) - 1)])
     axes.set_ylim(bottom=0)
-    axes.set_xlabel(label, fontsize=9, color=_INK)
-
-
-def _overlay(axes: Axes, sample: Mapping[str, Frame]) -> None:
-    """Draw cells from above: seen by both, by the real sensor alone, by the twin alone."""
-    _plain(axes, "First pair from above (m)")
-    axes.grid(visible=False)
-    real, synthetic = sample["real"].points, sample["synthetic"].points
-    middle = (np.percentile(real[:, :2], 2, axis=0) + np.percentile(real[:, :2], 98, axis=0)) / 2
-    reach = float(np.percentile(np.abs(real[:, :2] - middle).max(axis=1), 97))
-    edges = np.linspace(-reach, reach, _OVERLAY_CELLS + 1)
-    seen = [
-        np.histogram2d(p[:, 1] - middle[1], p[:, 0] - middle[0], (edges, edges))[0] > 0
-        for p in (real, synthetic)
-    ]
-    picture = np.ones((*seen[0].shape, 3))
-    picture[seen[0] & ~seen[1]] = to_rgb(_COLOURS["real"])
-    picture[seen[1] & ~seen[0]] = to_rgb(_COLOURS["synthetic"])
-    picture[seen[0] & seen[1]] = to_rgb(_INK)
-    x, y = middle
-    axes.imshow(
-        picture,
-        origin="lower",
-        extent=(x - reach, x + reach, y - reach, y + reach),
-        interpolation="nearest",
-    )
-    for place, (text, colour) in enumerate(
-        (("both", _INK), ("real alone", _COLOURS["real"]), ("twin alone", _COLOURS["synthetic"]))
-    ):
-        axes.text(
-            (0.0, 0.24, 0.62)[place],
-            -0.13,
-            f"■ {text}",
-            transform=axes.transAxes,
-            color=colour,
-            fontsize=9,
-            va="top",
-        )

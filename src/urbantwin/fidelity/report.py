@@ -22,6 +22,12 @@ __all__ = [
 ]
 
 _RESAMPLES = 1000
+#: The measures of the headline, as a sentence has them.
+_WORDS = {
+    "hausdorff_p95_m": "P95 Hausdorff distance",
+    "js_mean": "Jensen-Shannon divergence",
+    "point_to_mesh_mean_m": "distance to the real surface",
+}
 _Found = Mapping[str, float | None]
 
 
@@ -163,14 +169,35 @@ class Report:
                     "published": {
                         "twin": PUBLISHED[measure][0],
                         "arbitrary": PUBLISHED[measure][1],
-                        "reduction_percent": (1 - PUBLISHED[measure][0] / PUBLISHED[measure][1])
-                        * 100,
+                        "reduction_percent": PUBLISHED[measure][2],
                     },
                 }
                 for measure in HEADLINE
             }
             for name, found in {"whole": self.whole, **self.parts}.items()
         }
+
+    def in_short(self) -> str:
+        """Return the headline as one sentence: of whole frames, beside both anchors."""
+        found = self.headline()["whole"]
+        given = {name: row for name, row in found.items() if row["twin"] is not None}
+        less = [
+            f"its {_WORDS[name]} is {_less(row['reduction_percent'])} "
+            f"({_figure(name, row['twin'])} against {_figure(name, row['arbitrary'])})"
+            for name, row in given.items()
+            if row["reduction_percent"] is not None
+        ]
+        plain = [f"{_WORDS[name]} is {_figure(name, row['twin'])}" for name, row in given.items()]
+        said = (
+            f"The twin beside an arbitrary site: {_listed(less)}"
+            if less
+            else f"There is no arbitrary site to hold the twin against: its {_listed(plain)}"
+        )
+        ratios = [row["ratio_to_real"] for row in given.values()]
+        times = [f"{ratio:.2g}" for ratio in ratios if ratio is not None]
+        if times:
+            said += f"; {_listed(times)} times that of one real frame beside the next"
+        return said + "."
 
     def worst(self, measure: str = "hausdorff_p95_m") -> list[int]:
         """Return the numbers of the pairs, the one with the largest figure first."""
@@ -188,6 +215,7 @@ class Report:
             "folders": self.folders,
             "notes": self.notes,
             "problems": self.problems,
+            "in_short": self.in_short(),
             "headline": self.headline(),
             **self.whole.as_json(),
             "split_by": self.split_by,
@@ -311,6 +339,19 @@ def _interval(values: NDArray[np.float64]) -> tuple[float, float] | None:
         return None
     low, high = np.percentile(values[_resampled(len(values))].mean(axis=1), [2.5, 97.5])
     return float(low), float(high)
+
+
+def _figure(name: str, value: float) -> str:
+    unit = MEASURES[name].unit
+    return f"{value:.3g}" + (f" {unit}" if unit else "")
+
+
+def _less(percent: float) -> str:
+    return f"{abs(percent):.0f} % {'less' if percent >= 0 else 'more'}"
+
+
+def _listed(words: Sequence[str]) -> str:
+    return " and ".join([", ".join(words[:-1]), words[-1]]) if len(words) > 1 else "".join(words)
 
 
 def _mean(found: Mapping[str, Aggregate | None] | None, name: str) -> float | None:

@@ -98,7 +98,7 @@ def arbitrary_recording(
 class _Moved:
     """Reads frames of the site in the frame of reference that the twin's are given in.
 
-    ``lasts`` is what keeps the folder, where that is not the cache.
+    ``lasts`` is what keeps the folder, where that is not the cache; it stays in this process.
     """
 
     recorded: Recording
