@@ -15,6 +15,7 @@ __all__ = ["EXAMPLES", "traffic"]
 EXAMPLES = """
 urbantwin traffic twin/ -o motion/
 urbantwin traffic twin/ -o motion/ --seconds 300 --seed 7
+urbantwin traffic twin/ -o motion/ --demand tuned/traffic.yaml
 """
 
 
@@ -26,14 +27,25 @@ def traffic(
         typer.Option(min=0.1, max=86400.0, help="Length of the motion; the site's if not given."),
     ] = None,
     seed: Seed = None,
+    demand: Annotated[
+        Path | None,
+        typer.Option(
+            help="Fields of `traffic:` that replace the site's: tuned/traffic.yaml."
+        ),
+    ] = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """Drive a twin's traffic: every actor's pose at every step."""
-    from urbantwin.cli.stages import traffic_stage
+    from urbantwin.cli.stages import new_folder
     from urbantwin.cli.summary import summary
+    from urbantwin.site import load_traffic_changes
+    from urbantwin.traffic import run_traffic
     from urbantwin.twin import load_twin
 
     console = Console(quiet=quiet, as_json=as_json)
-    traffic_stage(load_twin(twin), out, console, seconds=seconds, seed=seed)
+    changes = None if demand is None else load_traffic_changes(demand)
+    loaded = load_twin(twin)
+    with new_folder(out.parent), console.stage("traffic") as progress:
+        run_traffic(loaded, out, seconds=seconds, seed=seed, changes=changes, progress=progress)
     console.result(summary(out))

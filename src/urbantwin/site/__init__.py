@@ -8,7 +8,14 @@ from urbantwin.site.init import init_site
 from urbantwin.site.junction import JunctionProposal, propose_junction
 from urbantwin.site.orthophoto import Orthophoto, read_orthophoto
 from urbantwin.site.rig import Effects, RigSpec, SensorSpec, load_rig_spec
-from urbantwin.site.site import InputFile, Site, TrafficSpec, check_extract, load_site
+from urbantwin.site.site import (
+    InputFile,
+    Site,
+    TrafficSpec,
+    check_extract,
+    load_site,
+    load_traffic_changes,
+)
 
 __all__ = [
     "DemGrid",
@@ -35,6 +42,7 @@ __all__ = [
     "init_site",
     "load_rig_spec",
     "load_site",
+    "load_traffic_changes",
     "propose_junction",
     "read_extract",
     "read_heights",

@@ -31,7 +31,15 @@ from urbantwin.site.rig import RigSpec, load_rig_spec, rig_spec_from
 from urbantwin.site.signals import SignalPlan, SignalSpec
 from urbantwin.taxonomy import ACTOR_CLASSES
 
-__all__ = ["DEFAULT_PER_HOUR", "InputFile", "Site", "TrafficSpec", "check_extract", "load_site"]
+__all__ = [
+    "DEFAULT_PER_HOUR",
+    "InputFile",
+    "Site",
+    "TrafficSpec",
+    "check_extract",
+    "load_site",
+    "load_traffic_changes",
+]
 
 #: A moderately busy urban junction in the middle of the day, all approaches together.
 DEFAULT_PER_HOUR: dict[str, float] = {
@@ -52,12 +60,21 @@ def _known_class(name: str) -> str:
 
 ActorClass = Annotated[str, AfterValidator(_known_class)]
 PerHour = Annotated[float, Field(ge=0.0, le=100_000.0, allow_inf_nan=False)]
+SizeFactor = Annotated[float, Field(ge=0.5, le=2.0, allow_inf_nan=False)]
 Metres = Annotated[float, Field(ge=-1e8, le=1e8, allow_inf_nan=False)]
 Seconds = Annotated[float, Field(le=86400.0, allow_inf_nan=False)]
 
 
 class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
+
+
+class SizeSpec(_Strict):
+    """Factors of the catalogue's length, width and height."""
+
+    length: SizeFactor = 1.0
+    width: SizeFactor = 1.0
+    height: SizeFactor = 1.0
 
 
 class TrafficSpec(_Strict):
@@ -70,6 +87,7 @@ class TrafficSpec(_Strict):
         warmup_s: simulated before the motion starts, so that the streets are not empty, seconds.
         step_s: time between two steps of the simulation, seconds.
         seed: of every random choice; the same seed gives the same traffic.
+        size: by class, how large its actors are against the catalogue's.
     """
 
     per_hour: dict[ActorClass, PerHour] = Field(default_factory=lambda: dict(DEFAULT_PER_HOUR))
@@ -77,6 +95,7 @@ class TrafficSpec(_Strict):
     warmup_s: Annotated[Seconds, Field(ge=0.0)] = 120.0
     step_s: Annotated[float, Field(ge=0.01, le=1.0, allow_inf_nan=False)] = 0.1
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
+    size: dict[ActorClass, SizeSpec] = Field(default_factory=dict)
 
     @field_validator("per_hour")
     @classmethod
@@ -272,7 +291,7 @@ class Site:
             **self._imagery(),
             **self._signals(),
             "closed_loop": self.closed_loop,
-            "traffic": self.traffic.model_dump(),
+            "traffic": self.traffic.model_dump(exclude=None if self.traffic.size else {"size"}),
             "rig": self.rig.written(),
         }
 
@@ -327,6 +346,16 @@ class Site:
             for kind, item in files
             if item
         ] + sources
+
+
+def load_traffic_changes(path: Path) -> dict[str, Any]:
+    """Read a file of fields of ``traffic:``, and return those that it has, checked.
+
+    Raises:
+        InputError: the file is missing or wrong; it names the file, the field and the line.
+    """
+    found = read_document(path, kind="traffic").validated(TrafficSpec)
+    return found.model_dump(exclude_unset=True)
 
 
 def _file_entry(item: InputFile) -> dict[str, str]:

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -21,6 +22,7 @@ from urbantwin.traffic.demand import Demand, plan_demand
 from urbantwin.traffic.motion import MOTION_VERSION, Motion
 from urbantwin.traffic.network import StreetNetwork
 from urbantwin.traffic.placement import Ground
+from urbantwin.traffic.resize import resized
 from urbantwin.traffic.signals import signal_table
 from urbantwin.traffic.simulation import Simulated, simulate
 from urbantwin.twin import Twin
@@ -37,6 +39,7 @@ def run_traffic(
     *,
     seconds: float | None = None,
     seed: int | None = None,
+    changes: Mapping[str, Any] | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Motion:
     """Simulate traffic in a twin and write the motion.
@@ -48,6 +51,7 @@ def run_traffic(
         out: the folder to write.
         seconds: how long the motion is; ``None`` for the site's ``traffic.duration_s``.
         seed: of every random choice; ``None`` for the site's ``traffic.seed``.
+        changes: fields of the site's ``traffic`` that are to be others.
         progress: called with the fraction done and what is being done.
 
     Raises:
@@ -55,7 +59,7 @@ def run_traffic(
         StageError: SUMO failed.
     """
     told = progress or _silent
-    asked = twin.site["traffic"]
+    asked = {**twin.site["traffic"], **(changes or {})}
     step_s, warmup_s = float(asked["step_s"]), float(asked["warmup_s"])
     steps = _steps(asked["duration_s"] if seconds is None else seconds, step_s)
     chosen_seed = _seed(asked["seed"] if seed is None else seed)
@@ -63,6 +67,7 @@ def run_traffic(
     told(0.0, "planning trips")
     demand = demand_of(
         twin,
+        asked=asked,
         duration_s=steps * step_s,
         seed=chosen_seed,
         progress=lambda fraction: told(0.1 * fraction, "finding how many circulate"),
@@ -109,7 +114,7 @@ def run_traffic(
     if demand.circulates:
         manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)
     told(0.9, "meshes of the actors")
-    motion = Motion(manifest, actors, signals).with_meshes()
+    motion = resized(Motion(manifest, actors, signals).with_meshes(), asked.get("size", {}))
     told(0.95, "writing the motion")
     motion.save(out)
     told(1.0, "done")
@@ -121,9 +126,10 @@ def demand_of(
     *,
     duration_s: float,
     seed: int,
+    asked: Mapping[str, Any] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Demand:
-    """Return who sets out in a twin, as its site asks for, over warm-up and duration.
+    """Return who sets out in a twin, as its site (or ``asked``) wants, over warm-up and duration.
 
     In a closed loop everybody comes in during the warm-up and stays. How many that takes is found
     by pilot simulations (``calibration``). Elsewhere traffic passes through.
@@ -131,7 +137,7 @@ def demand_of(
     Raises:
         StageError: SUMO failed.
     """
-    asked = twin.site["traffic"]
+    asked = asked or twin.site["traffic"]
     network = StreetNetwork(twin.net_path, twin.region)
     circulation = None
     if twin.site.get("closed_loop"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+from urbantwin.fidelity.tuning.actor_terms import Clusters
 from urbantwin.fidelity.tuning.frames import Looks
 from urbantwin.fidelity.tuning.group_fit import GroupFit, Searching, fit_group
 from urbantwin.fidelity.tuning.knobs import TILT_DEG, Knob, rig_knobs, starts
@@ -17,7 +18,7 @@ from urbantwin.fidelity.tuning.tuned_rig import PointsIn, tuned_rig
 from urbantwin.lidar import Rig
 from urbantwin.twin import Twin
 
-__all__ = ["RigFit", "fit_rig"]
+__all__ = ["RigFit", "RigTerms", "fit_rig", "views_of"]
 
 _TILT = ("move.pitch_deg", "move.roll_deg")
 #: Groups whose terms need the beams of a spinning sensor.
@@ -33,12 +34,14 @@ class RigFit:
         values: of them.
         groups: what became of each group, in the order of fitting.
         notes: what a reader must know, one sentence each.
+        simulated: what moves in frames of the twin, where actors were fitted.
     """
 
     knobs: list[Knob] = field(default_factory=list)
     values: dict[str, float] = field(default_factory=dict)
     groups: list[GroupFit] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    simulated: Clusters | None = None
 
 
 @dataclass(eq=False)

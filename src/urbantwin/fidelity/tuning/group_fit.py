@@ -75,7 +75,7 @@ class Searching:
         )
 
 
-def fit_group(
+def fit_group(  # noqa: PLR0913 - every one is a choice of its own
     name: str,
     knobs: Sequence[Knob],
     training: Term,
@@ -85,6 +85,7 @@ def fit_group(
     begin: dict[str, float],
     searching: Searching,
     spread: float = 0.12,
+    error: float = 1.0,
 ) -> GroupFit:
     """Fit the knobs of a group.
 
@@ -100,10 +101,12 @@ def fit_group(
         begin: where the search begins.
         searching: how.
         spread: of the first trials, as a share of the bounds' distance.
+        error: times the standard errors that the scatter of the losses shows.
     """
     start = {one.name: one.start for one in knobs}
     found, history = searching.search(name, knobs, training, values, begin, spread=spread)
     sharp = sharpness(knobs, {**values, **found}, training)
+    sharp = {name: error * one for name, one in sharp.items()}
     state = {one.name: FITTED if sharp[one.name] <= VAGUE else NOT_DETERMINED for one in knobs}
     free = [one for one in knobs if state[one.name] == FITTED]
     if len(free) < len(knobs):

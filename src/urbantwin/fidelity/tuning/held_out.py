@@ -13,9 +13,11 @@ from urbantwin.errors import InputError
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.measure import Figures, RealFrame
 from urbantwin.fidelity.readers import Recording
+from urbantwin.fidelity.tuning.actor_terms import ActorTerms, actor_changes
 from urbantwin.fidelity.tuning.fit import RigFit, RigTerms, views_of
+from urbantwin.fidelity.tuning.fit_actors import real_clusters
 from urbantwin.fidelity.tuning.frames import Looks, looks_of
-from urbantwin.fidelity.tuning.knobs import starts
+from urbantwin.fidelity.tuning.knobs import Values, starts
 from urbantwin.fidelity.tuning.page import write_report
 from urbantwin.fidelity.tuning.simulated import SimulatedFrames
 from urbantwin.fidelity.tuning.split import Split
@@ -23,6 +25,7 @@ from urbantwin.fidelity.tuning.study import Term
 from urbantwin.fidelity.tuning.tuned_rig import PointsIn, tuned_rig
 from urbantwin.lidar import Rig
 from urbantwin.traffic import Motion
+from urbantwin.traffic.resize import resized
 from urbantwin.twin import Twin
 
 __all__ = ["judge"]
@@ -76,7 +79,7 @@ def judge(  # noqa: PLR0913 - all that a fit is made of
     tell(0.1, "the terms of the fit on frames held out")
     groups = _groups(RigTerms(held, twin, rig, points_in, seed), fit)
     sides = {
-        name: SimulatedFrames(twin, tuned_rig(rig, values), points_in, motion, seed)
+        name: SimulatedFrames(twin, tuned_rig(rig, values), points_in, _sized(motion, values), seed)
         for name, values in (("start", starts(fit.knobs)), ("tuned", fit.values))
     }
     tell(0.4, "recording with the rig before and after")
@@ -97,11 +100,21 @@ def judge(  # noqa: PLR0913 - all that a fit is made of
     return found
 
 
+def _sized(motion: Motion | None, values: Values) -> Motion | None:
+    """Return a motion with the actors' sizes; how many they are is for ``traffic`` to say."""
+    size: Any = actor_changes(values, {}).get("size", {})
+    return None if motion is None else resized(motion, size)
+
+
 def _groups(terms: RigTerms, fit: RigFit) -> dict[str, dict[str, Any]]:
     """Return the loss of every group on the held-out frames, before and after."""
     named: dict[str, Term] = {}
     for one in fit.groups:
-        if one.name == "pose":
+        if one.name == "actors":
+            seen = real_clusters(terms, fit)
+            if seen is not None and fit.simulated is not None:
+                named["actors"] = ActorTerms(seen, fit.simulated)
+        elif one.name == "pose":
             named["pose"] = terms.pose()
         elif one.name == "tilt":
             named["tilt"] = terms.tilt()

@@ -9,9 +9,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from urbantwin.artefact import replaced_folder, sha256_of, write_json
 from urbantwin.errors import InputError
 from urbantwin.fidelity.tuning.fit import RigFit, RigTerms, fit_rig
+from urbantwin.fidelity.tuning.fit_actors import fit_actors
 from urbantwin.fidelity.tuning.frames import Looks, looks_of, open_unlabelled
 from urbantwin.fidelity.tuning.group_fit import Searching
 from urbantwin.fidelity.tuning.held_out import judge
@@ -128,10 +131,17 @@ def tune(
         ]
         assert parts[0] is not None
         fit = fit_rig(parts[0], parts[1], done, searching, lambda doing: say(0.1, doing))
+        changed = None
+        if "actors" in done:
+            say(0.7, "recording the twin's actors")
+            changed = fit_actors(parts[0], parts[1], motion, fit, searching)
         written = _written(real, asked, points_in, split, fit, train, proof)
         with replaced_folder(out, kind="tuning") as folder:
             write_tuned_rig(rig_file, folder / "rig.yaml", rig, fit.values)
             write_json(folder / "tuning.json", written)
+            if changed is not None:
+                text = yaml.safe_dump(changed, sort_keys=False)
+                (folder / "traffic.yaml").write_text(text, encoding="utf-8")
         # From here on, and not before, the held-out frames are opened.
         say(0.8, "judging by the frames held out")
         judged = judge(
