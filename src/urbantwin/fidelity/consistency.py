@@ -1,94 +1,376 @@
-"""Whether two frames can be of one sensor in one frame of reference at all."""
+"""Whether two frames can be of one place, in one frame of reference, by one sensor."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.fidelity.alignment.ground_plane import ground_plane
 from urbantwin.fidelity.frame import Frame
+from urbantwin.fidelity.plan_match import (
+    Matches,
+    PlanMotion,
+    Standing,
+    agreement,
+    best_match,
+    standing,
+)
+from urbantwin.fidelity.sensor_match import doubts_about_sensors
 
 __all__ = ["doubts_about"]
 
-_CELL_M = 1.0
-_REACH_M = 60.0
-#: Overlap under a turn that makes us doubt: at least, and more than as it is by this factor.
-_LEAST, _FACTOR = 0.25, 1.3
-_TURNS = (90, 180, -90)
-_HEIGHT_M, _NEAR_M = 0.5, 15.0
+Array = NDArray[np.float64]
+
+#: Points that are looked at, and the least number of them.
+_MOST, _LEAST = 60_000, 200
+#: Metres of a unit -> its name.
+_UNITS = {
+    0.3048: "feet",
+    0.01: "centimetres",
+    0.001: "millimetres",
+    0.0254: "inches",
+    1000.0: "kilometres",
+}
+#: Extents of one place in one unit differ by less than the first factor, and in another unit by
+#: less than the second from what the units differ by.
+_OTHER_UNIT, _LIKE = 15.0, 2.5
+#: The way that is upward is this much shorter than z, if it is not z.
+_FLAT = 0.7
+#: Points that the ground is found by, and the share of it that makes z plainly upward.
+_OF_GROUND, _PLAINLY = 20_000, 0.45
+#: What extents usually are.
+_TYPICAL_M = 25.0
+#: Frames agree as they are: this share of what stands in one has something of the other nearby.
+_AGREES = 0.6
+#: The best place stands out if its correlation is so much more than that of other headings, and
+#: so much more agrees there.
+_STANDS_OUT, _BETTER = 1.35, 1.25
+#: Of turns about the origin alone one stands out sooner (a single wall fits in many places), if
+#: so much agrees then.
+_STANDS_OUT_IN_PLACE = (1.1, 0.7)
+#: Another place: so many points stand in either, of so few one is near, and moving helps nothing.
+_ENOUGH, _ELSEWHERE, _STRANGE = 800, 0.1, 0.5
+#: What is said from: degrees, metres in plan and in height, degrees of tilt.
+_TURN_DEG, _SHIFT_M, _HEIGHT_M, _TILT_DEG = 1.5, 1.0, 0.5, 2.5
+#: Up -> the axes that make it z, as rows: the first is a camera's frame (x right, y down).
+_UPRIGHT: dict[str, Array] = {
+    "z": np.eye(3),
+    "-y": np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]),
+    "y": np.array([[0.0, 0, -1], [-1, 0, 0], [0, 1, 0]]),
+    "-z": np.diag([1.0, -1, -1]),
+    "x": np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]]),
+    "-x": np.array([[0.0, 1, 0], [0, 0, -1], [-1, 0, 0]]),
+}
+#: Cells that the ground is compared in, metres, and the least number of them.
+_CELL_M, _LEAST_CELLS = 2.0, 30
+_ALIGN = "or run `urbantwin align` and record again"
 
 
 def doubts_about(real: Frame, other: Frame) -> list[str]:
     """Return what looks wrong about comparing two frames, one sentence each.
 
-    Turned by a quarter or half turn: cells of 1 m in plan that both occupy, over those that
-    either does, are many more after the turn than before. Shifted in height: the commonest
-    height of the points up to 15 m away (the street, mostly) differs by more than 0.5 m. Another
-    unit: extents differ by more than a hundred. Another sensor: rings, or points, differ in
-    number.
+    Said is another unit; height along another axis; a tilt; frames that look turned by any angle,
+    mirrored, shifted in plan or in height, or of another place altogether; and another sensor
+    (`sensor_match`). Places are told by what stands above the ground (`plan_match`); of frames in
+    which hardly anything stands nothing is said.
     """
-    said = []
-    a, b = real.points - real.sensor_places[0], other.points - other.sensor_places[0]
-    extents = [float(np.percentile(np.linalg.norm(p, axis=1), 90)) for p in (a, b)]
-    if max(extents) > 100 * max(min(extents), 1e-9):
-        return [
-            f"Extents are {extents[0]:.3g} m (real) and {extents[1]:.3g} m: "
-            "one of them seems to be in another unit."
-        ]
-    as_it_is = _overlap(a, b)
-    turned = {turn: _overlap(_turned(a, turn), b) for turn in _TURNS}
-    best = max(_TURNS, key=lambda turn: turned[turn])
-    if turned[best] > max(_LEAST, _FACTOR * as_it_is):
-        said.append(
-            f"The real frames look rotated by {abs(best)} degrees: turned by {best}, "
-            f"{turned[best]:.0%} of the cells in plan agree, and as they are {as_it_is:.0%}."
-        )
-    heights = [
-        _commonest_height(frame.points[np.linalg.norm(seen[:, :2], axis=1) < _NEAR_M])
-        for frame, seen in ((real, a), (other, b))
-    ]
-    if abs(heights[0] - heights[1]) > _HEIGHT_M:
-        said.append(
-            f"The commonest height nearby is {heights[0]:.1f} m in the real frame and "
-            f"{heights[1]:.1f} m in the other: the frames of reference seem shifted."
-        )
-    rings = [_rings(frame) for frame in (real, other)]
-    if min(rings) and max(rings) > 1.2 * min(rings):
-        said.append(f"The frames have {rings[0]} and {rings[1]} rings: not the same sensor?")
-    if max(len(a), len(b)) > 3 * min(len(a), len(b)):
-        said.append(f"The frames have {len(a)} and {len(b)} points: not the same sensor?")
+    if min(len(real.points), len(other.points)) < _LEAST:
+        return []
+    mine, its = _Upright.of(real.points), _Upright.of(other.points)
+    ratio = _extent(mine.points) / _extent(its.points)
+    placed = _placed(mine, its)
+    metres = None
+    if not placed.found:
+        for candidate in _units_like(ratio):
+            scaled = replace(mine, points=mine.points * candidate)
+            again = _placed(scaled, its)
+            if again.found:
+                metres, placed = candidate, again
+                break
+    if metres is None and not 1 / _OTHER_UNIT < ratio < _OTHER_UNIT:
+        # Nothing stands in the frames that would tell which of the likely units it is.
+        metres = next(iter(_units_like(ratio)), 0.0)
+        return [_unit_said(metres, ratio)]
+    said = [] if metres is None else [_unit_said(metres, ratio)]
+    if mine.up != "z" or its.up != "z":
+        return said + _axes_said(mine, its, placed)
+    said += _place_said(placed)
+    if placed.elsewhere:
+        return said
+    level = _level(placed)
+    said += _level_said(level)
+    if metres is None and level.tilt_deg < _TILT_DEG:
+        here = _as_placed(real, placed, level)
+        if real.ring is not None or not _is_far(placed, level):
+            said += doubts_about_sensors(here, other)
     return said
 
 
-def _turned(points: NDArray[np.float64], degrees: int) -> NDArray[np.float64]:
-    c, s = {90: (0, 1), 180: (-1, 0), -90: (0, -1)}[degrees]
-    return np.column_stack(
-        [c * points[:, 0] - s * points[:, 1], s * points[:, 0] + c * points[:, 1], points[:, 2]]
+@dataclass(frozen=True, eq=False)
+class _Upright:
+    """Points (N, 3) with their height along z, and which axis that was."""
+
+    points: Array
+    up: str
+
+    @classmethod
+    def of(cls, points: Array) -> _Upright:
+        """Take some points of a frame; z stays upward unless the ground says otherwise loudly."""
+        if len(points) > _MOST:
+            points = points[:: -(-len(points) // _MOST)]
+        some = points[:: -(-len(points) // _OF_GROUND)]
+        share = {"z": _ground_share(some)}
+        if share["z"] < _PLAINLY:
+            tall = np.ptp(np.percentile(some, [5, 95], axis=0), axis=0)
+            for up, axes in _UPRIGHT.items():  # what is upward is the shortest way in a street
+                if up == "-z" or tall["xyz".index(up[-1])] < _FLAT * tall[2]:
+                    share[up] = _ground_share(some @ axes.T)
+        best = max(share, key=lambda up: share[up])
+        if share[best] < 1.5 * share["z"] + 0.1:
+            best = "z"
+        return cls(points @ _UPRIGHT[best].T, best)
+
+
+def _ground_share(points: Array) -> float:
+    """Return the share of the cells nearby that are ground, if z is upward: `ground_plane`.
+
+    The points may be in any unit, and their origin anywhere.
+    """
+    level = (points - np.median(points, axis=0)) * (_TYPICAL_M / _extent(points))
+    near = level[np.hypot(level[:, 0], level[:, 1]) < _TYPICAL_M / 2, 2]
+    if not len(near):
+        return 0.0
+    plane = ground_plane(level - [0.0, 0.0, np.percentile(near, 1) + 3.0])
+    return 0.0 if plane is None else plane.share
+
+
+@dataclass(frozen=True, eq=False)
+class _Placed:
+    """Where one frame lies on another.
+
+    Attributes:
+        motion: moves the real frame onto the other in plan.
+        found: it stands out, or the frames agree as they are.
+        moves: it is another place or heading than as they are.
+        elsewhere: the frames are of two places.
+        mine: what stands in the real frame, before the motion.
+        its: what stands in the other.
+    """
+
+    motion: PlanMotion
+    found: bool
+    moves: bool
+    elsewhere: bool
+    mine: Standing
+    its: Standing
+
+
+def _placed(mine: _Upright, its: _Upright) -> _Placed:
+    one, other = standing(mine.points), standing(its.points)
+    before = max(agreement(one, other))
+    stays = _Placed(PlanMotion(), before >= _AGREES, False, False, one, other)
+    if stays.found:
+        return stays
+    match = best_match(one, other)
+    if match is None:
+        return stays
+    for candidate, strength, least in (
+        (match.anywhere, _STANDS_OUT, 0.0),
+        (match.in_place, *_STANDS_OUT_IN_PLACE),
+    ):
+        after = max(agreement(one.moved(candidate.motion), other))
+        if candidate.strength < strength or after < least:
+            continue
+        moves = _is_another(candidate.motion, one.middle) and after > _BETTER * before
+        motion = candidate.motion if moves else PlanMotion()
+        return replace(stays, motion=motion, found=True, moves=moves)
+    return replace(stays, elsewhere=_is_elsewhere(match, before, one, other))
+
+
+def _is_another(motion: PlanMotion, middle: Array) -> bool:
+    away = float(np.hypot(*(motion.apply(middle[None])[0] - middle)))
+    turned = abs(np.degrees(motion.yaw)) > _TURN_DEG
+    return motion.mirrored or turned or away > _SHIFT_M
+
+
+def _is_elsewhere(match: Matches, before: float, one: Standing, other: Standing) -> bool:
+    enough = min(len(one.points), len(other.points)) >= _ENOUGH
+    return enough and before < _ELSEWHERE and match.as_it_is < _STRANGE
+
+
+def _extent(points: Array) -> float:
+    middle = np.median(points, axis=0)
+    return max(float(np.percentile(np.linalg.norm(points - middle, axis=1), 75)), 1e-9)
+
+
+def _units_like(ratio: float) -> list[float]:
+    """Return what to multiply real points by, if one side is in another unit, likeliest first."""
+    both = [metres for one in _UNITS for metres in (one, 1.0 / one)]
+    near = [one for one in both if abs(np.log(ratio * one)) < np.log(_LIKE)]
+    return sorted(near, key=lambda one: abs(np.log(ratio * one)))
+
+
+def _unit_said(metres: float, ratio: float) -> str:
+    extents = f"the real extent is {ratio:.3g} times the other's"
+    if metres == 0.0:
+        return f"One of the frames seems to be in another unit: {extents}."
+    whose, factor = ("real", metres) if metres in _UNITS else ("other", 1.0 / metres)
+    unit = next(name for one, name in _UNITS.items() if abs(one / factor - 1) < 1e-9)
+    return (
+        f"The {whose} frames look to be in {unit} ({extents}): multiply x, y and z of the {whose} "
+        f"frames by {factor:g}."
     )
 
 
-def _overlap(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    """Return occupied cells in common over occupied cells, of what is not the ground nearby."""
-    edges = np.arange(-_REACH_M, _REACH_M + _CELL_M / 2, _CELL_M)
-    low = min(_commonest_height(p) for p in (a, b)) + 0.5
-    seen = []
-    for points in (a, b):
-        tall = points[points[:, 2] > low]
-        seen.append(np.histogram2d(tall[:, 0], tall[:, 1], (edges, edges))[0] > 0)
-    either = (seen[0] | seen[1]).sum()
-    return float((seen[0] & seen[1]).sum() / either) if either else 0.0
+def _place_said(placed: _Placed) -> list[str]:
+    if placed.elsewhere:
+        return [
+            "The frames look to be of different places: nothing that stands in the one stands in "
+            "the other, however they are turned and shifted (or the twin has little of what is "
+            "there)."
+        ]
+    if not placed.moves:
+        return []
+    motion = placed.motion
+    degrees = float(np.degrees(motion.yaw))
+    if motion.mirrored:
+        return [_mirror_said(degrees, motion)]
+    if abs(degrees) <= _TURN_DEG:
+        x, y = motion.apply(placed.mine.middle[None])[0] - placed.mine.middle
+        return [
+            f"The real frames look shifted by {-x:.1f} m in x and {-y:.1f} m in y: add {x:.1f} and "
+            f"{y:.1f} m, {_ALIGN}."
+        ]
+    way = " clockwise" if degrees > 0 else " counter-clockwise"
+    if abs(degrees) > 179.5:
+        way, degrees = "", 180.0
+    said = f"The real frames look rotated by {abs(degrees):.0f} degrees{way}"
+    turn = f"turn them by {degrees:.0f} degrees about z"
+    return [f"{said}: {turn}{_then_shift(placed)}, {_ALIGN}."]
 
 
-def _rings(frame: Frame) -> int:
-    """Return how many rings all sensors together have; 0 where that is not known."""
-    if frame.ring is None:
-        return 0
-    sensor = 0 if frame.sensor is None else frame.sensor
-    return len(np.unique(sensor * 65_536 + frame.ring))
+def _mirror_said(degrees: float, motion: PlanMotion) -> str:
+    nearest = round(degrees / 90) * 90 % 360
+    what = {
+        0: "(y turned round): multiply y by -1",
+        180: "(x turned round): multiply x by -1",
+        90: "(x and y exchanged): exchange them",
+        270: "(x and y exchanged, with signs): take x = -y and y = -x",
+    }[nearest]
+    if abs((degrees - nearest + 180) % 360 - 180) > _TURN_DEG:
+        what = f"and rotated: multiply y by -1, then turn by {degrees:.0f} degrees about z"
+    return f"The real frames look mirrored {what}."
 
 
-def _commonest_height(points: NDArray[np.float64]) -> float:
-    """Return it in metres; nan without points."""
-    if not len(points):
-        return float("nan")
-    cells, count = np.unique(np.floor(points[:, 2] / 0.2).astype(np.int64), return_counts=True)
-    return float(cells[count.argmax()] * 0.2 + 0.1)
+def _then_shift(placed: _Placed) -> str:
+    """Return what is left after a turn about the origin; a far origin makes that vague."""
+    x, y = placed.motion.shift
+    if np.hypot(x, y) < _SHIFT_M + 0.02 * float(np.hypot(*placed.mine.middle)):
+        return ""
+    return f", then add {x:.1f} m to x and {y:.1f} m to y"
+
+
+def _axes_said(mine: _Upright, its: _Upright, placed: _Placed) -> list[str]:
+    said = []
+    if mine.up != "z":
+        axes = _UPRIGHT[mine.up]
+        how = "exchange axes so that z is upward"
+        if placed.found and its.up == "z":
+            turn = np.eye(3)
+            turn[:2, :2] = placed.motion.matrix
+            left = np.degrees(placed.motion.yaw)
+            nearest = np.round(turn @ axes)
+            if abs((left + 45) % 90 - 45) < _TURN_DEG:
+                how = f"take {_named(nearest)}"
+            else:
+                how = f"take {_named(axes)}, then turn by {left:.0f} degrees about z"
+        like = " (as a camera's frame: x right, y down, z forward)" if mine.up == "-y" else ""
+        said.append(
+            f"The height of the real frames runs along {mine.up} and not along z{like}: {how}."
+        )
+    if its.up != "z":
+        said.append(
+            f"The height of the other frames runs along {its.up} and not along z: exchange axes "
+            "so that z is upward."
+        )
+    return said
+
+
+def _named(axes: Array) -> str:
+    """Return a signed exchange of axes as "x = z, y = -x, z = -y"."""
+    parts = []
+    for name, row in zip("xyz", axes, strict=True):
+        index = int(np.abs(row).argmax())
+        parts.append(f"{name} = {'-' if row[index] < 0 else ''}{'xyz'[index]}")
+    return ", ".join(parts)
+
+
+@dataclass(frozen=True, eq=False)
+class _Level:
+    """How the ground of one frame lies over the other's: tilt, and metres at the origin."""
+
+    tilt_deg: float = 0.0
+    height_m: float = 0.0
+
+
+def _level(placed: _Placed) -> _Level:
+    """Return it where both frames have ground: a plane through the differences, L1."""
+    mine, its = placed.mine.moved(placed.motion).ground, placed.its.ground
+    theirs = {tuple(key): z for key, z in zip(_cells(its), its[:, 2], strict=True)}
+    rows = [
+        (x, y, z - theirs[key])
+        for key, (x, y, z) in zip(map(tuple, _cells(mine)), mine, strict=True)
+        if key in theirs
+    ]
+    if len(rows) < _LEAST_CELLS:
+        return _Level()
+    x, y, apart = np.array(rows).T
+    x, y = x - placed.its.middle[0], y - placed.its.middle[1]
+    design = np.column_stack([x, y, np.ones(len(x))])
+    found = np.array([0.0, 0.0, np.median(apart)])
+    for _ in range(20):
+        weight = 1.0 / np.sqrt(np.maximum(np.abs(apart - design @ found), 0.02))
+        found = np.linalg.lstsq(design * weight[:, None], apart * weight, rcond=None)[0]
+    tilt = float(np.degrees(np.arctan(np.hypot(found[0], found[1]))))
+    return _Level(tilt, float(found[2] if tilt > _TILT_DEG else np.median(apart)))
+
+
+def _cells(ground: Array) -> NDArray[np.int64]:
+    return np.floor(ground[:, :2] / _CELL_M).astype(np.int64)
+
+
+def _level_said(level: _Level) -> list[str]:
+    said = []
+    if level.tilt_deg > _TILT_DEG:
+        said.append(
+            f"The real frames look tilted by {level.tilt_deg:.0f} degrees against the other: "
+            "compare frames that are both level with gravity, or both the sensor's own (`frame:` "
+            "in the rig)."
+        )
+    if abs(level.height_m) > _HEIGHT_M:
+        way = "higher" if level.height_m > 0 else "lower"
+        said.append(
+            f"The ground lies {abs(level.height_m):.1f} m {way} in the real frames, which look "
+            f"shifted in height: add {-level.height_m:.1f} m to z, {_ALIGN}."
+        )
+    return said
+
+
+def _is_far(placed: _Placed, level: _Level) -> bool:
+    """Return whether the real frame is shifted: where its sensor is, nothing tells then."""
+    return float(np.hypot(*placed.motion.shift)) > _SHIFT_M or abs(level.height_m) > _HEIGHT_M
+
+
+def _as_placed(real: Frame, placed: _Placed, level: _Level) -> Frame:
+    """Return the real frame where it looks to belong; its sensor too, if that is known."""
+
+    def moved(points: Array) -> Array:
+        plan = placed.motion.apply(points[:, :2])
+        return np.column_stack([plan, points[:, 2] - level.height_m])
+
+    places = real.sensor_places
+    if real.ring is not None or places.any():
+        places = moved(places)
+    return replace(real, points=moved(real.points), sensor_places=places)

@@ -1,0 +1,191 @@
+"""Whether two frames can be of one kind of sensor: rings, field of view, steps, reach, density."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.fidelity.frame import Frame
+
+__all__ = ["doubts_about_sensors"]
+
+Array = NDArray[np.float64]
+
+#: A ring counts from so many points on.
+_LEAST_IN_RING = 10
+#: Counts and steps may differ by this factor, densities by the other.
+_FACTOR, _DENSER = 1.25, 1.8
+#: Fields of view may differ by so many degrees.
+_VIEW_DEG = 4.0
+#: Seen steeper than this, points are not from a sensor at the place that is assumed.
+_STEEPEST_DEG = -70.0
+#: The percentile of elevations that stands for the lowest beams.
+_LOWEST = 0.5
+#: A frame ends sharply where this share of its points lie in the last tenth of its reach; points
+#: of the other beyond that must be this share of its own.
+_SHARP, _BEYOND = 0.012, 0.02
+#: Ground is compared at these distances and in cells of this size, metres.
+_NEAR_M, _FAR_M, _CELL_M = 4.0, 25.0, 2.0
+_LEAST_CELLS, _LEAST_IN_CELL = 20, 8
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """A frame from its sensors' places: direction and range of each point."""
+
+    range_m: Array
+    elevation: Array
+    azimuth: Array
+    ring: NDArray[np.int64] | None
+
+
+def doubts_about_sensors(real: Frame, other: Frame) -> list[str]:
+    """Return what looks unlike one kind of sensor, one sentence each.
+
+    Both frames must be in one frame of reference. What one of them lacks because the twin lacks
+    walls is no doubt: only beams that go below the horizon, sharp ends and the density of ground
+    that both show are looked at.
+    """
+    if not len(real.points) or not len(other.points):
+        return []
+    places = _places(real, other)
+    seen = _seen(real, places[0]), _seen(other, places[1])
+    said = [*_view(*seen), *_reach(*seen)]
+    if not said:
+        said += _rings(*seen)
+    if not said:
+        said += _density(
+            real.points - places[0].mean(axis=0), other.points - places[1].mean(axis=0)
+        )
+    return said
+
+
+def _places(real: Frame, other: Frame) -> tuple[Array, Array]:
+    """Return each one's sensors; where the real data may not say, the likelier of both."""
+    own, its = real.sensor_places, other.sensor_places
+    if real.ring is None and not own.any():
+        return its, its
+    if len(own) == 1 and _raggedness(real, its) < _raggedness(real, own):
+        return its, its
+    return own, its
+
+
+def _raggedness(frame: Frame, places: Array) -> float:
+    """Return how much elevations of one ring differ over how much all do: little at the sensor."""
+    seen = _seen(frame, places)
+    if seen.ring is None:
+        return 0.0
+    _, ring = np.unique(seen.ring, return_inverse=True)
+    many = np.maximum(np.bincount(ring), 1)
+    mean = np.bincount(ring, seen.elevation) / many
+    spread = np.abs(seen.elevation - seen.elevation.mean()).mean()
+    return float(np.abs(seen.elevation - mean[ring]).mean() / max(spread, 1e-9))
+
+
+def _seen(frame: Frame, places: Array) -> _Seen:
+    sensor = np.zeros(len(frame.points), np.int64)
+    if frame.sensor is not None and frame.sensor.min() >= 0 and frame.sensor.max() < len(places):
+        sensor = frame.sensor
+    x, y, z = (frame.points - places[sensor]).T
+    flat = np.hypot(x, y)
+    ring = None
+    if frame.ring is not None and frame.ring.min() >= 0:
+        ring = (0 if frame.sensor is None else frame.sensor * 65_536) + frame.ring
+    return _Seen(
+        np.hypot(flat, z), np.degrees(np.arctan2(z, flat)), np.degrees(np.arctan2(y, x)), ring
+    )
+
+
+def _of_rings(seen: _Seen) -> tuple[Array, Array]:
+    """Return the median elevation and the step in azimuth of each ring, degrees."""
+    assert seen.ring is not None
+    order = np.lexsort([seen.azimuth, seen.ring])
+    _, first, count = np.unique(seen.ring[order], return_index=True, return_counts=True)
+    rows = []
+    for begin, many in zip(first, count, strict=True):
+        if many >= _LEAST_IN_RING:
+            mine = order[begin : begin + many]
+            steps = np.diff(seen.azimuth[mine])
+            steps = steps[steps > 1e-3]
+            rows.append(
+                (np.median(seen.elevation[mine]), np.median(steps) if len(steps) else np.nan)
+            )
+    table = np.array(rows, np.float64).reshape(-1, 2)
+    return table[:, 0], table[:, 1]
+
+
+def _rings(real: _Seen, other: _Seen) -> Iterator[str]:
+    if real.ring is None or other.ring is None:
+        return
+    (mine, my_steps), (its, its_steps) = _of_rings(real), _of_rings(other)
+    if min(len(mine), len(its)) < 4:
+        return
+    low = max(mine.min(), its.min()) - 0.5
+    high = min(mine.max(), its.max(), 0.0) + 0.5
+    counts = [int(((one >= low) & (one <= high)).sum()) for one in (mine, its)]
+    if min(counts) >= 4 and max(counts) > _FACTOR * min(counts):
+        yield (
+            f"Between {low:.0f} and {high:.0f} degrees the real frames have {counts[0]} rings and "
+            f"the other {counts[1]}: not the same sensor?"
+        )
+    steps = [
+        float(np.nanmedian(one)) if np.isfinite(one).any() else 0.0 for one in (my_steps, its_steps)
+    ]
+    if min(steps) > 0 and max(steps) > 1.6 * min(steps):
+        yield (
+            f"Points of a ring are {steps[0]:.2f} degrees apart in the real frames and "
+            f"{steps[1]:.2f} in the other: another sensor, or another number of columns?"
+        )
+
+
+def _below(degrees: float) -> str:
+    return f"{abs(degrees):.0f} degrees {'down' if degrees < 0 else 'up'}"
+
+
+def _view(real: _Seen, other: _Seen) -> Iterator[str]:
+    """Say where the lowest beams, which meet the ground of any twin, go down differently far."""
+    mine, its = (float(np.percentile(one.elevation, _LOWEST)) for one in (real, other))
+    if abs(mine - its) > _VIEW_DEG and min(mine, its) > _STEEPEST_DEG:
+        yield (
+            f"The lowest beams of the real frames look {_below(mine)} and the other's "
+            f"{_below(its)}: another sensor, or mounted in another way?"
+        )
+
+
+def _reach(real: _Seen, other: _Seen) -> Iterator[str]:
+    """Say where one frame ends sharply and the other goes on."""
+    for one, far, names in ((real, other, ("real", "other")), (other, real, ("other", "real"))):
+        ends = float(np.percentile(one.range_m, 99.9))
+        sharp = float((one.range_m > 0.9 * ends).mean())
+        beyond = float((far.range_m > 1.1 * ends).mean())
+        if sharp > _SHARP and beyond > _BEYOND:
+            yield (
+                f"The {names[0]} frames end sharply at {ends:.0f} m, and {beyond:.0%} of the "
+                f"{names[1]}'s points lie farther away: another sensor, or cut to a range? "
+                "Cut both alike."
+            )
+
+
+def _density(real: Array, other: Array) -> Iterator[str]:
+    """Say where ground that both show holds more points of one of them."""
+    edges = np.arange(-_FAR_M, _FAR_M + _CELL_M / 2, _CELL_M)
+    counts = []
+    for points in (real, other):
+        flat = np.hypot(points[:, 0], points[:, 1])
+        near = points[(flat > _NEAR_M) & (flat < _FAR_M)]
+        if not len(near):
+            return
+        low = near[near[:, 2] < np.percentile(near[:, 2], 60)]
+        counts.append(np.histogram2d(low[:, 0], low[:, 1], (edges, edges))[0])
+    both = (counts[0] >= _LEAST_IN_CELL) & (counts[1] >= _LEAST_IN_CELL)
+    if both.sum() < _LEAST_CELLS:
+        return
+    ratio = float(np.median(counts[0][both] / counts[1][both]))
+    if not 1 / _DENSER < ratio < _DENSER:
+        yield (
+            f"On ground that both show, the real frames have {ratio:.2g} times the other's points: "
+            "another sensor or number of columns, or thinned?"
+        )
