@@ -187,7 +187,11 @@ def dropout(found: Surfaces, by: str) -> list[dict]:
     """Share of missing pixels on surfaces, real and simulated, by range or by strength."""
     model, white = return_model()
     amplitude, range_m = (a.astype(np.float32) for a in (found.amplitude, found.range_m))
-    expected = 1 - model.detection_level(amplitude, range_m) / 65536
+    # The surroundings tell how bright a pixel is but for the texture.
+    median = amplitude * np.exp(-(model.scatter.texture**2) / 2)
+    peak = np.where(found.ground, model.peak_left(range_m, np.maximum(found.cosine, 0.01)), 1)
+    peak = peak.astype(np.float32)
+    expected = 1 - model.detection_among(median, range_m, model.scatter.texture, peak)
     strength = white * found.amplitude / found.range_m**2
     value, edges = (found.range_m, RANGES_M) if by == "range_m" else (strength, STRENGTHS)
     rows = []
@@ -332,7 +336,10 @@ def road_missing(recording: Recording) -> list[dict]:
     law = scatter_of_materials(sensor("OS1-128").assumed_wavelength_nm)
     material = np.full(len(ahead), material_id("asphalt"), np.uint8)
     amplitude = law.backscatter(material, cosine).astype(np.float32)
-    ours = 1 - model.detection_level(amplitude, ahead.astype(np.float32)) / 65536
+    # Frames have texture and patches; mean and median of the first differ.
+    median = amplitude * np.exp(-(model.scatter.texture**2) / 2)
+    peak = model.peak_left(ahead, cosine)
+    ours = 1 - model.detection_among(median, ahead, model.scatter.ground_spread, peak)
     found = []
     for low, high in itertools.pairwise(RANGES_M):
         here = (ahead >= low) & (ahead < high)

@@ -51,6 +51,15 @@ def test_the_road_is_lost_where_the_real_sensor_loses_it(ouster):
     assert simulated == pytest.approx(real, rel=0.25)
 
 
+def test_the_loss_of_the_road_sets_in_as_early(ouster):
+    """Within a factor of four wherever the real sensor loses 5 to 40 % of it."""
+    rows = [row for row in ouster["road_missing"] if row["range_m"][1] <= 30]
+    rows = [row for row in rows if row["real"] > 0.05]
+    assert len(rows) == 3
+    for row in rows:
+        assert 0.25 < row["simulated"] / row["real"] < 1.5
+
+
 def test_surfaces_that_are_not_ground_return_as_often(ouster):
     rows = [row for row in ouster["dropout_by_range"] if row["surface"] == "other"]
     assert sum(row["pixels"] for row in rows) > 100_000

@@ -36,6 +36,7 @@ class Echoes(NamedTuple):
         level: (E,) int32, the level below which a draw means a return.
         sigma: (E,) float32, standard deviation of the range, metres.
         intensity: (E,) float32.
+        peak: (E,) float32, what is left of the pulse's peak, see ``returns.stretch``.
         first: (M,) int32, the echo that is reported; -1 for none.
         second: (M,) int32, the one that is reported too, or in its place; -1 for none.
     """
@@ -48,6 +49,7 @@ class Echoes(NamedTuple):
     level: NDArray[np.int32]
     sigma: NDArray[np.float32]
     intensity: NDArray[np.float32]
+    peak: NDArray[np.float32]
     first: NDArray[np.int32]
     second: NDArray[np.int32]
 
@@ -100,7 +102,6 @@ def combined(
         touched = chained(met.ray, head, before)
         material = actors.shapes.material.take(actors.first_face.take(met.actor) + met.face)
         back = model.scatter.backscatter(material, met.cosine)
-        back *= model.scatter.grain(met.ray, met.face)
         through = model.scatter.transmission(material, met.cosine)
         chain = (head, before, met.actor, met.range_m, back, through, met.mask)
     still = (static.start, static.range_m, static.backscatter, static.through, static.mask)
@@ -126,15 +127,21 @@ def combined(
             break
         most = used
     range_m, amplitude, owner = (values[:used] for values in echoes)
-    level, sigma, intensity = model.answers(amplitude, range_m)
-    strength = model.strength(amplitude, range_m)
+    peak = np.ones(used, np.float32)
+    if static.cosine is not None and model.divergence_rad > 0:
+        row = np.flatnonzero(owner < 0)
+        layer = -1 - owner[row]
+        peak[row] = model.peak_left(static.range_m[layer], static.cosine[layer])
+    level, sigma, intensity = model.answers(amplitude, range_m, peak=peak)
+    strength = model.strength(amplitude, range_m) * peak
     first, second = choose(start, strength, level, _MODES.index(returns))
     beam, actor, lone_range, lone_amplitude = (values[:lone] for values in alone)
     lone_level = model.answers(lone_amplitude, lone_range)[0]
     found = Echoes(
-        touched, start, range_m, amplitude, owner, level, sigma, intensity, first, second
+        touched, start, range_m, amplitude, owner, level, sigma, intensity, peak, first, second
     )
-    if len(share) == 1:  # A thin ray meets what is in front or what is behind, and never both.
+    # A thin ray meets what is in front or what is behind, and both only through a pane.
+    if len(share) == 1 and not model.scatter.through.any():
         return found, Alone(touched.take(beam), actor, lone_level)
     own = ~_is_from_behind(found, beam, actor, lone_range)
     return found, Alone(touched.take(beam[own]), actor[own], lone_level[own])

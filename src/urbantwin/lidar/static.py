@@ -16,7 +16,7 @@ from urbantwin.lidar.layers import SensorPoses, cast_world
 from urbantwin.lidar.returns import Scatter, scatter_of_materials
 from urbantwin.lidar.shapes import ActorShape, ShapeArrays
 from urbantwin.lidar.sweep import Sweep
-from urbantwin.taxonomy import semantic_id
+from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
 
 __all__ = ["StaticHits", "StaticLayers", "World", "cast_static"]
 
@@ -32,6 +32,7 @@ class StaticLayers:
         through: (L,) float32, share of the light that passes, to and fro.
         mask: (L,) uint8, which of the beam's rays meet it.
         semantic: (L,) uint16.
+        cosine: (L,) float32, of the angles of incidence; ``None``: all are faced squarely.
     """
 
     start: NDArray[np.int64]
@@ -40,6 +41,7 @@ class StaticLayers:
     through: NDArray[np.float32]
     mask: NDArray[np.uint8]
     semantic: NDArray[np.uint16]
+    cosine: NDArray[np.float32] | None = None
 
 
 class World:
@@ -73,6 +75,7 @@ class World:
         # from the far side of a hollow building.
         self._shape.panes &= mesh.semantic != semantic_id("building")
         self._arrays = ShapeArrays.of([self._shape], device)
+        self._ground = np.isin(mesh.semantic, [semantic_id(name) for name in GROUND_CLASSES])
 
     def layers(
         self, beams: Beams, sweep: Sweep, poses: SensorPoses, scatter: Scatter, *, thorough: bool
@@ -93,19 +96,37 @@ class World:
         ray, face = met.ray[order], met.face[order]
         range_m, cosine = met.range_m[order], met.cosine[order]
         material = self._mesh.material[face]
+        grain = scatter.grain(ray, face)
+        if scatter.texture > 0:
+            ground = np.flatnonzero(self._ground.take(face))
+            places = _places(beams, poses, ray[ground], range_m[ground])
+            grain[ground] *= scatter.patches(places)
         if self._surface is not None and self._surface.layers:
-            n = ray % beams.columns if len(here.translation) > 1 else np.zeros(len(ray), np.int64)
-            aim = np.einsum("nij,nj->ni", poses.rotation[n], beams.directions[ray])
-            places = poses.translation[n] + aim * range_m[:, None]
+            places = _places(beams, poses, ray, range_m)
             material = self._surface.materials_of(self._mesh, face, places)
         return StaticLayers(
             start,
             range_m,
-            scatter.backscatter(material, cosine) * scatter.grain(ray, face),
+            scatter.backscatter(material, cosine) * grain,
             scatter.transmission(material, cosine),
             met.mask[order],
             self._mesh.semantic[face],
+            cosine,
         )
+
+
+def _places(
+    beams: Beams, poses: SensorPoses, ray: NDArray[np.int32], range_m: NDArray[np.float32]
+) -> NDArray[np.float64]:
+    """Return where beams (N,) are at ranges (N,), in the frame of the poses, (N, 3)."""
+    aim = beams.directions[ray]
+    if len(poses.translation) == 1:
+        aim, place = aim @ poses.rotation[0].T, poses.translation[0]
+    else:
+        n = ray % beams.columns
+        aim = np.einsum("nij,nj->ni", poses.rotation[n], aim)
+        place = poses.translation[n]
+    return np.asarray(place + aim * range_m[:, None])
 
 
 @dataclass(frozen=True, eq=False)

@@ -126,10 +126,14 @@ def intensity_of(r, amplitude, range_m):
 
 
 @njit(cache=True, nogil=True)
-def answers(r, amplitude, range_m, light, level, sigma, intensity):
-    """Fill level, sigma and intensity (N,) of echoes (N,); light is (N,) or (1,) for all."""
+def answers(r, amplitude, range_m, light, peak, level, sigma, intensity):
+    """Fill level, sigma and intensity (N,) of echoes (N,).
+
+    Light on the targets, and what is left of the pulses' peaks, are (N,) or (1,) for all.
+    """
     for i in range(len(amplitude)):
         strength = strength_of(r, amplitude[i], range_m[i], light[i if len(light) > 1 else 0])
+        strength *= peak[i if len(peak) > 1 else 0]
         level[i] = level_of(r, strength, range_m[i])
         sigma[i] = sigma_of(r, strength)
         intensity[i] = intensity_of(r, amplitude[i], range_m[i])

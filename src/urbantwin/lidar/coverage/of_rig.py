@@ -47,7 +47,6 @@ REFLECTIVITY = 0.1
 
 #: Ground that vehicles drive and stand on.
 _STREET = ("road", "parking")
-_LEVELS = 1 << 16
 #: Most frames of a pattern that does not repeat with the frame that are looked at.
 _MOST_FRAMES = 20
 
@@ -208,7 +207,9 @@ class _Looking:
         # What a metre of a ray is worth at a range: the chance of a return from a facing surface.
         farthest = self._mounted.sensor.assumed_range_max_m
         ranges = (np.arange(int(np.ceil(farthest / STEP_M))) + 0.5) * STEP_M
-        weight = self._chance(np.full(len(ranges), REFLECTIVITY), ranges)
+        weight = self._model.detection(
+            np.full(len(ranges), REFLECTIVITY, np.float32), ranges.astype(np.float32)
+        )
         turns = list(_turns(self._mounted))
         for beams in turns:
             aims = beams @ self._mounted.site_SE3_sensor.rotation.T
@@ -219,14 +220,16 @@ class _Looking:
             hit = np.flatnonzero(found.face >= 0)
             hit = hit[self._walkable[found.face[hit]]]
             behind = np.where(pane.range_m[hit] < found.range_m[hit], passes[hit], 1.0)
-            place, sent = self._returned(aims[hit], found.face[hit], found.range_m[hit])
-            _add(ground, cells.numbers(place), self._chance(sent * behind, found.range_m[hit]))
+            place, sent, peak = self._returned(aims[hit], found.face[hit], found.range_m[hit])
+            chance = self._chance(sent * behind, found.range_m[hit], peak)
+            _add(ground, cells.numbers(place), chance)
 
             passage = traverse(cells, self._origin, aims, found.range_m, weight)
             ray = np.flatnonzero(passage.cell >= 0)
             behind = np.where(pane.range_m[ray] < passage.range_m[ray], passes[ray], 1.0)
             sent = REFLECTIVITY * np.abs(aims[ray, 2]) * behind
-            _add(lying, passage.cell[ray], self._chance(sent, passage.range_m[ray]))
+            away = passage.range_m[ray].astype(np.float32)
+            _add(lying, passage.cell[ray], self._model.detection(sent.astype(np.float32), away))
             facing += passage.length_m
         return [layer / len(turns) for layer in (ground, lying, facing)]
 
@@ -241,29 +244,26 @@ class _Looking:
 
     def _returned(
         self, aims: NDArray[np.float64], face: NDArray[np.int32], range_m: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-        """Return where rays (N, 3) meet faces (N,), (N, 3), and what these send back (N,)."""
+    ) -> tuple[NDArray[np.float64], NDArray[np.float32], NDArray[np.float32]]:
+        """Return where rays (N, 3) meet faces (N,), (N, 3), what these send back, its peak (N,)."""
         place = self._origin + aims * range_m[:, None]
         material = self._solid.material[face]
         if self._surface is not None:
             material = self._surface.materials_of(self._solid, face, place)
         cosine = np.abs((self._normals[face] * aims).sum(axis=1)).astype(np.float32)
-        return place, self._model.scatter.backscatter(material, cosine)
+        peak = self._model.peak_left(range_m, cosine)
+        return place, self._model.scatter.backscatter(material, cosine), peak
 
     def _chance(
-        self, amplitude: NDArray[np.floating], range_m: NDArray[np.floating]
+        self,
+        amplitude: NDArray[np.floating],
+        range_m: NDArray[np.float32],
+        peak: NDArray[np.float32],
     ) -> NDArray[np.float64]:
-        """Return the chance (N,) of a return, over all that a surface's texture may be."""
-        texture = self._model.scatter.texture
-        # Gauss-Hermite quadrature over the normal logarithm of the texture.
-        node, weight = np.polynomial.hermite_e.hermegauss(7 if texture else 1)
-        away = np.asarray(range_m, np.float32)
-        chance = np.zeros(len(away))
-        for one, share in zip(node, weight / weight.sum(), strict=True):
-            grain = np.exp(texture * one - texture**2 / 2)
-            level = self._model.detection_level(np.asarray(amplitude * grain, np.float32), away)
-            chance += share * level / _LEVELS
-        return chance
+        """Return the chance (N,) of a return from ground, over all that its texture may be."""
+        scatter = self._model.scatter
+        median = np.asarray(amplitude * np.exp(-(scatter.texture**2) / 2), np.float32)
+        return self._model.detection_among(median, range_m, scatter.ground_spread, peak)
 
 
 def _turns(mounted: MountedSensor) -> Iterator[NDArray[np.float64]]:

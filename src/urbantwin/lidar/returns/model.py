@@ -13,6 +13,7 @@ from urbantwin.lidar.returns.draws import LEVELS
 from urbantwin.lidar.returns.intensity import intensity_scale
 from urbantwin.lidar.returns.noise import KNEE_STRENGTH
 from urbantwin.lidar.returns.scatter import Scatter, scatter_of_materials
+from urbantwin.lidar.returns.stretch import divergence, peak_left
 from urbantwin.lidar.returns.sunlight import daylight, sun_noise
 from urbantwin.lidar.rig import MountedSensor
 from urbantwin.site.rig import Conditions
@@ -36,6 +37,7 @@ class ReturnModel:
     Attributes:
         response: all that compiled code needs to know (`compiled.response`).
         scatter: what materials send back to this sensor, with its effects, in that weather.
+        divergence_rad: of its beams, as far as they are wide.
         clutter: what the air sends back; ``None`` in clear air.
         offset_m: added to every range in the end, in whole steps.
     """
@@ -83,9 +85,19 @@ class ReturnModel:
             per_log=scale.per_log * unit.intensity,
             whole_codes=effects.quantisation,
         )
+        self.divergence_rad = divergence(entry) if effects.footprint else 0.0
         self.clutter: Clutter | None = clutter_of(entry, weather, self.response)
         self._step_m = entry.assumed_range_resolution_m if effects.quantisation else 0.0
         self.offset_m = self.quantised(np.array([unit.range_offset_m], np.float32))[0]
+
+    def peak_left(self, range_m: Floats, cosine: Floats) -> Floats:
+        """Return what is left (N,) of the peak of pulses from surfaces: see `stretch`.
+
+        Args:
+            range_m: (N,) of the surfaces.
+            cosine: (N,) of the angles of incidence.
+        """
+        return peak_left(self.divergence_rad, range_m, cosine)
 
     def strength(self, amplitude: Floats, range_m: Floats, light: Floats | None = None) -> Floats:
         """Return signal to noise relative to the datasheet's target; 0 where nothing was hit.
@@ -101,13 +113,22 @@ class ReturnModel:
         return strength
 
     def answers(
-        self, amplitude: Floats, range_m: Floats, light: Floats | None = None
+        self,
+        amplitude: Floats,
+        range_m: Floats,
+        light: Floats | None = None,
+        peak: Floats | None = None,
     ) -> tuple[NDArray[np.int32], Floats, Floats]:
-        """Return detection level, sigma and intensity in one pass, each (N,)."""
+        """Return detection level, sigma and intensity in one pass, each (N,).
+
+        ``peak`` is what is left (N,) of the pulses' peaks, 1 if not given.
+        """
+        peak = np.ones(1, np.float32) if peak is None else peak
         count = len(amplitude)
         level = np.empty(count, np.int32)
         sigma, intensity = np.empty(count, np.float32), np.empty(count, np.float32)
-        answers(self.response, amplitude, range_m, self._light(light), level, sigma, intensity)
+        light = self._light(light)
+        answers(self.response, amplitude, range_m, light, peak, level, sigma, intensity)
         return level, sigma, intensity
 
     def detection_level(
@@ -138,6 +159,26 @@ class ReturnModel:
     ) -> NDArray[np.float64]:
         """Return the probability of a return, in steps of 1/65,536."""
         return self.detection_level(amplitude, range_m, light) / float(LEVELS)
+
+    def detection_among(
+        self, amplitude: Floats, range_m: Floats, spread: float, peak: Floats | None = None
+    ) -> NDArray[np.float64]:
+        """Return the probability of a return from places that are not all as bright.
+
+        Args:
+            amplitude: (N,) median over the places.
+            range_m: (N,) of echoes.
+            spread: standard deviation of the logarithm of amplitude.
+            peak: what is left (N,) of the pulses' peaks, 1 if not given.
+        """
+        # Gauss-Hermite quadrature.
+        node, weight = np.polynomial.hermite_e.hermegauss(15 if spread else 1)
+        chance = np.zeros(len(range_m))
+        for one, share in zip(node, weight / weight.sum(), strict=True):
+            brighter = np.asarray(amplitude * np.exp(spread * one), np.float32)
+            level = self.answers(brighter, np.asarray(range_m, np.float32), peak=peak)[0]
+            chance += share * level / LEVELS
+        return chance
 
     def intensity(self, amplitude: Floats, range_m: Floats | None = None) -> Floats:
         """Return the reported intensity, 0 to 1: the sensor's code divided by its greatest.
