@@ -123,8 +123,12 @@ class ActorBox:
 
     def holds(self, points: NDArray[np.floating], grown_m: float = 0.0) -> NDArray[np.bool_]:
         """Which of (N, 3) points lie inside the box, grown to all sides."""
-        local = self.pose.inverse().apply(points)
-        return np.asarray((np.abs(local) <= self.size / 2 + grown_m).all(axis=1))
+        half = self.size / 2 + grown_m
+        off = points[:, 0] - self.pose.translation[0]
+        near = np.flatnonzero(np.abs(off) <= np.linalg.norm(half))
+        found = np.zeros(len(points), bool)
+        found[near] = (np.abs(self.pose.inverse().apply(points[near])) <= half).all(axis=1)
+        return found
 
 
 class Log:

@@ -256,7 +256,11 @@ def _recorded(sweep: Sweep, other: Sweep, folder: Path, radius_m: float) -> dict
     bright = {box.name: box.intensity for box in other.boxes}
     boxes = [replace(box, intensity=bright.get(box.name, np.nan)) for box in sweep.boxes]
     rays = SweepRays.of(log, other.sweep)
-    fits = [mended(box, other.boxes, rays) for box in boxes]
+    near = radius_m if radius_m < RADIUS_M else np.inf
+    fits = [
+        mended(box, other.boxes, rays) if np.hypot(*box.pose.translation[:2]) < near else box
+        for box in boxes
+    ]
     gone = {box.name for box, fit in zip(boxes, fits, strict=True) if fit is None}
     path = write_site(log, folder / "site", radius_m, GEOMETRY)
     write_background(

@@ -10,6 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cache
 
+import embreex.mesh_construction
+import embreex.rtcore_scene
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
@@ -19,7 +21,6 @@ from scipy.spatial.transform import Rotation
 from argoverse_log import SENSORS, ActorBox, Log
 from argoverse_world import TIMES_S, actor_class, mesh_in_box, meshes_of
 from urbantwin.geometry import Pose
-from urbantwin.reconstruct.cleaning.rays import Rays
 from urbantwin.taxonomy import material_id
 from urbantwin.traffic.assets import COATED_CLASSES
 
@@ -82,14 +83,34 @@ class SweepRays:
         return SweepRays(start[comes], end[comes])
 
 
+class _Surface:
+    """Triangles to cast rays at."""
+
+    def __init__(self, vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> None:
+        self._scene = embreex.rtcore_scene.EmbreeScene(robust=True)
+        # Kept: the scene refers to its geometry without owning it.
+        self._mesh = embreex.mesh_construction.TriangleMesh(
+            self._scene, vertices.astype(np.float32), np.ascontiguousarray(faces, np.int32)
+        )
+
+    def first(
+        self, start: NDArray[np.float64], way: NDArray[np.float64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """The triangle that each ray meets first, -1 for none, and after how many of its ways."""
+        found = self._scene.run(start.astype(np.float32), way.astype(np.float32), output=True)
+        hit = found["geomID"] >= 0
+        reach = np.where(hit, found["tfar"].astype(np.float64), np.inf)
+        return np.where(hit, found["primID"].astype(np.int64), -1), reach
+
+
 @dataclass(frozen=True, eq=False)
 class _Body:
     """A mesh of the catalogue that fills a cube of edge 1 around 0, to cast rays at."""
 
     name: str
     panes: bool
-    whole: Rays
-    opaque: Rays
+    whole: _Surface
+    opaque: _Surface
     is_pane: NDArray[np.bool_]
 
 
@@ -100,8 +121,8 @@ def _bodies(category: str) -> tuple[_Body, ...]:
     for name in sorted(meshes_of(category)):
         mesh = mesh_in_box(category, np.ones(3), name=name)
         pane = mesh.material == material_id("glass")
-        whole = Rays(mesh.vertices, mesh.faces)
-        opaque = Rays(mesh.vertices, mesh.faces[~pane]) if pane.any() else whole
+        whole = _Surface(mesh.vertices, mesh.faces)
+        opaque = _Surface(mesh.vertices, mesh.faces[~pane]) if pane.any() else whole
         found.append(_Body(name, True, whole, opaque, pane))
         if pane.any():
             found.append(_Body(name, False, whole, whole, np.zeros_like(pane)))

@@ -14,7 +14,7 @@ def figures(shared_data):
         patch.syspath_prepend(str(BENCHMARKS))
         pittsburgh = importlib.import_module("pittsburgh")
         data = shared_data / "lidar" / "argoverse2-pittsburgh"
-        found = pittsburgh.measure(data, whole=False, radius_m=45)
+        found = pittsburgh.measure(data, whole=False, radius_m=35)
     return {(row["part"], row["side"]): row for row in found["rows"] if row["reach_m"] == 25}
 
 
