@@ -1,6 +1,7 @@
 """The challenge's protocol: closed forms, counted precision, and what a fit can feign."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import open3d as o3d
@@ -21,7 +22,11 @@ from urbantwin.fidelity.challenge import (
     read_detections,
     realism,
     score_clouds,
+    score_sides,
 )
+from urbantwin.fidelity.frame import Boxes, Frame
+from urbantwin.fidelity.readers import Recording
+from urbantwin.fidelity.sides import Side, survey
 
 
 def test_the_formula():
@@ -107,6 +112,44 @@ def test_average_precision_by_hand():
     assert each["Van"] is None
 
 
+def labelled_side(name, boxes):
+    """A side of two frames with the same labels, and points around."""
+    points = np.random.default_rng(5).uniform([-30, -30, -3], [30, 30, 3], (300, 3))
+
+    def read(index):
+        told = Boxes(np.array(boxes, np.float64), ("car",) * len(boxes), np.arange(len(boxes)))
+        return Frame(points, boxes=told, name=f"{index:06d}")
+
+    side = Side(name, Recording(Path("here"), "plain", ("000000", "000001"), read), 2)
+    survey(side, lambda: None)
+    return side
+
+
+def test_perfect_detections_and_none_at_all(tmp_path):
+    # The last box is beyond the space that counts: no label, and no wrong detection either.
+    boxes = [[0, 0, 0, 4, 2, 1.5, 0.3], [20, 9, 0, 4, 2, 1.5, 2], [60, 0, 0, 4, 2, 1.5, 0]]
+    sides = {name: labelled_side(name, boxes) for name in ("real", "synthetic")}
+    rows = [{"box": box, "score": 0.5, "class": "Car"} for box in boxes]
+    perfect = {"000000": rows, "000001": rows}
+
+    def scored(told):
+        (tmp_path / "found.json").write_text(json.dumps(told))
+        return score_sides(sides, tmp_path / "found.json")
+
+    found = scored(perfect)
+    assert found["mean_average_precision"] == 1
+    row = found["scores"]["twin"]
+    assert row["detection"] == 1
+    assert row["combined"] == pytest.approx(0.6 + 0.4 * row["realism"])
+    for none in ({}, {"000000": [], "000001": []}):
+        assert scored(none)["mean_average_precision"] == 0
+    more = scored(perfect | {"999999": rows})
+    assert more["mean_average_precision"] == 1
+    assert any("999999" in note for note in more["notes"])
+    with pytest.raises(InputError, match="names none of the labelled real frames"):
+        scored({"999999": rows})
+
+
 def test_the_fit_matches_moments_and_moves_least():
     rng = np.random.default_rng(3)
     source = rng.normal(size=(500, 3)) @ np.diag([3.0, 1, 0.2]) + [1, 2, 3]
@@ -190,7 +233,8 @@ def test_the_protocol_in_a_report(tmp_path):
         ('{"1": [{"box": [1], "score": 1, "class": "Car"}]}', "7 numbers"),
         ('{"1": [{"box": [0,0,0,1,1,0,0], "score": 1, "class": "Car"}]}', "extent"),
         ('{"1": [{"box": [0,0,0,1,1,NaN,0], "score": 1, "class": "Car"}]}', "7 numbers"),
-        ('{"1": [{"box": [0,0,0,1,1,1,0], "score": null, "class": "Car"}]}', "score"),
+        ('{"1": [{"box": [0,0,0,1,1,1,0], "score": null, "class": "Car"}]}', "finite score"),
+        ('{"1": [{"box": [0,0,0,1,1,1,0], "score": NaN, "class": "Car"}]}', "finite score"),
         ('{"1": [{"box": [0,0,0,1,1,1,0], "score": 1, "class": "Tank"}]}', "Tank"),
     ],
 )

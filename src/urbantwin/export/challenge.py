@@ -80,5 +80,8 @@ def write_challenge(
             "There is no predictions.json: the challenge also wants what a detector, trained on "
             "synthetic frames alone, finds in its real frames (--detections)."
         )
-    notes.append("The signed declaration that the challenge asks for is yours to add.")
+    notes.append(
+        "The archive to hand in holds synthetic/, predictions.json and the signed declaration, "
+        "which is yours to add; submission.json is a note for yourself."
+    )
     return notes

@@ -45,7 +45,7 @@ def blank(width: float, height: float) -> Figure:
 
 def save(figure: Figure, path: Path) -> None:
     """Write a PNG; the same figure gives the same bytes."""
-    figure.savefig(path, metadata={"Software": None}, pil_kwargs={"compress_level": 9})
+    figure.savefig(path, metadata={"Software": None})
 
 
 def plain(axes: Axes, title: str) -> None:
@@ -107,6 +107,7 @@ def from_above(
         extent=(x - reach, x + reach, y - reach, y + reach),
         interpolation="nearest",
     )
+    axes.autoscale(False)
     axes.plot(x, y, marker="+", color=INK, markersize=10)
     axes.tick_params(labelsize=8)
     for spine in axes.spines.values():

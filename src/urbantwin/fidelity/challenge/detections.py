@@ -58,7 +58,7 @@ def _boxes(path: Path, frame: str, rows: Any) -> list[Box]:  # noqa: ANN401
         if min(box[3:6]) <= 0:
             raise InputError("has a box without extent", file=path, place=place, expected=_EXPECTED)
         if not _is_number(score):
-            raise InputError("has no score", file=path, place=place, expected=_EXPECTED)
+            raise InputError("has no finite score", file=path, place=place, expected=_EXPECTED)
         if name not in CLASSES:
             raise InputError(
                 f"class {name!r} is unknown", file=path, place=place, expected=", ".join(CLASSES)

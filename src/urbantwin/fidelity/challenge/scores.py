@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -102,8 +102,9 @@ def score_sides(sides: Mapping[str, Side], detections: Path | None) -> dict[str,
     each_class: dict[str, float | None] = {}
     labels = {frame.name: _labels(frame) for frame in frames["real"] if frame.boxes is not None}
     if detections is not None:
-        told = read_detections(detections)
-        shared = {name: labels[name] for name in labels if name in told}
+        told = {name: _inside(boxes) for name, boxes in read_detections(detections).items()}
+        # A detector that found nothing at all need not name the frames.
+        shared = {name: labels[name] for name in labels if name in told or not told}
         if not shared:
             raise InputError(
                 "names none of the labelled real frames",
@@ -113,6 +114,12 @@ def score_sides(sides: Mapping[str, Side], detections: Path | None) -> dict[str,
         mean, each_class = mean_precision(shared, told, CLASSES[:-1])
         if len(shared) < len(labels):
             notes.append(f"Detections are given in {len(shared)} of {len(labels)} real frames.")
+        strange = sorted(set(told) - set(labels))
+        if strange:
+            notes.append(
+                f"Detections in {len(strange)} frames that are no labelled real ones do not count: "
+                f"{', '.join(strange[:3])}{', ...' if len(strange) > 3 else ''}."
+            )
     else:
         notes.append("No detections were given: there is no detection score and no sum.")
     if len(clouds["real"]) < 2:
@@ -147,9 +154,13 @@ def _labels(frame: Frame) -> list[Box]:
     boxes = frame.boxes
     if boxes is None:
         return []
-    inside = (np.abs(boxes.box[:, :3]) <= CROP_M).all(axis=1)
     sources = boxes.source_names or ("",) * len(boxes)
-    return [
-        Box(boxes.box[index], challenge_class(boxes.class_names[index], sources[index]))
-        for index in np.flatnonzero(inside)
-    ]
+    return _inside(
+        Box(box, challenge_class(name, source))
+        for box, name, source in zip(boxes.box, boxes.class_names, sources, strict=True)
+    )
+
+
+def _inside(boxes: Iterable[Box]) -> list[Box]:
+    """Return the boxes whose middle is in the space that counts, labelled or detected."""
+    return [one for one in boxes if bool((np.abs(one.box[:3]) <= CROP_M).all())]
