@@ -3,6 +3,7 @@
 import json
 import shutil
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
@@ -156,7 +157,7 @@ def fitted(place, tmp_path_factory):
     out = tmp_path_factory.mktemp("fit") / "tuned"
     opened = Opened()
     opened.on = True
-    found = tune(real, twin, on(twin, begun), begun, out, tuning=Tuning(trials=240))
+    found = tune(real, twin, on(twin, begun), begun, out, tuning=Tuning(trials=200))
     opened.on = False
     return found, out, opened.events
 
@@ -204,7 +205,7 @@ def test_no_held_out_frame_is_opened_before_the_fit_is_written(place, fitted):
     assert min(looked) > there
 
 
-QUICK = Tuning(fit=("dropout", "noise"), trials=24)
+QUICK = Tuning(fit=("dropout", "noise"), trials=24, report=False)
 
 
 def quick(place, real, out, tuning=QUICK, progress=None):
@@ -224,7 +225,7 @@ def test_held_out_frames_workers_and_interruptions_change_nothing(place, tmp_pat
     files = sorted(spoilt.iterdir())
     for number in (*split.gap, *split.held_out):
         files[number].write_bytes(b"no cloud at all")
-    workers = Tuning(fit=QUICK.fit, trials=QUICK.trials, workers=3)
+    workers = replace(QUICK, workers=3)
     assert quick(place, spoilt, tmp_path / "spoilt" / "tuned", workers) == expected
     judged = json.loads((tmp_path / "spoilt" / "tuned" / "held_out.json").read_text())
     assert "000010.npy" in " ".join(judged["problems"])
@@ -262,11 +263,10 @@ def test_it_is_said_when_frames_held_out_are_worse_than_before(place, tmp_path):
     for number in split_in_time(FRAMES).held_out:
         name = f"{number:06d}.npy"
         shutil.copy(new / name, mixed / name)
-    quick(place, mixed, tmp_path / "tuned", Tuning(fit=("noise",), trials=24))
+    quick(place, mixed, tmp_path / "tuned", replace(QUICK, fit=("noise",)))
     judged = json.loads((tmp_path / "tuned" / "held_out.json").read_text())
     assert judged["groups"]["noise"]["verdict"] == "worse"
     assert judged["warnings"] == ["noise: worse than before on frames held out"]
-    assert "worse than before" in (tmp_path / "tuned" / "report.html").read_text()
 
 
 def test_what_the_data_cannot_tell_is_kept(tmp_path):
@@ -277,7 +277,12 @@ def test_what_the_data_cannot_tell_is_kept(tmp_path):
     shift = {"east_m": 0.4, "up_m": 0.3, "pitch_deg": 1.3, "roll_deg": -0.6}
     rig = written(tmp_path / "wrong.yaml", wrong(level, **shift))
     found = tune(
-        real, twin, on(twin, rig), rig, tmp_path / "out", tuning=Tuning(fit=("pose",), trials=120)
+        real,
+        twin,
+        on(twin, rig),
+        rig,
+        tmp_path / "out",
+        tuning=replace(QUICK, fit=("pose",), trials=120),
     )
     knobs = found["knobs"]
     for name in ("move.east_m", "move.north_m", "move.yaw_deg"):

@@ -59,6 +59,9 @@ def tune(
     columns: Annotated[
         int | None, typer.Option(min=3, help="Values per row of .bin files: 4 if not given.")
     ] = None,
+    report: Annotated[
+        bool, typer.Option("--report/--no-report", help="Measure and draw before and after.")
+    ] = True,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
@@ -81,6 +84,7 @@ def tune(
         points_in=None if points_in is None else points_in.value,
         layout=layout,
         columns=columns,
+        report=report,
     )
     loaded = load_twin(twin)
     placed = rig_on(loaded, rig)

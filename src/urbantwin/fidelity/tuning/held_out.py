@@ -48,7 +48,7 @@ def judge(  # noqa: PLR0913 - all that a fit is made of
     motion: Motion | None,
     scale: float | None,
     seed: int,
-    training: Looks,
+    training: Looks | None,
     tell: Callable[[float, str], None],
 ) -> dict[str, Any]:
     """Judge a fit by the held-out frames, and write ``held_out.json`` and ``report.html``.
@@ -64,7 +64,7 @@ def judge(  # noqa: PLR0913 - all that a fit is made of
         motion: the traffic, if any.
         scale: full scale of intensity.
         seed: of all random numbers.
-        training: the frames that were fitted to, for the pictures.
+        training: the frames that were fitted to, for the report; ``None``: no measures, no report.
         tell: told the share done and what is being done.
 
     Returns:
@@ -78,25 +78,28 @@ def judge(  # noqa: PLR0913 - all that a fit is made of
         return found
     tell(0.1, "the terms of the fit on frames held out")
     groups = _groups(RigTerms(held, twin, rig, points_in, seed), fit)
-    sides = {
-        name: SimulatedFrames(twin, tuned_rig(rig, values), points_in, _sized(motion, values), seed)
-        for name, values in (("start", starts(fit.knobs)), ("tuned", fit.values))
-    }
-    tell(0.4, "recording with the rig before and after")
-    shown = _Shown(sides, held, scale)
-    measures = shown.measures(lambda share: tell(0.4 + 0.5 * share, "measuring"))
     worse = [f"{name}: worse than before on frames held out" for name in _worse(groups)]
     found = {
         "frames": held.frames,
         "groups": groups,
-        "measured_frames": shown.count,
-        "measures": measures,
         "warnings": worse,
         "problems": list(held.problems),
     }
+    if training is not None:
+        tell(0.4, "recording with the rig before and after")
+        sides = {
+            name: SimulatedFrames(
+                twin, tuned_rig(rig, values), points_in, _sized(motion, values), seed
+            )
+            for name, values in (("start", starts(fit.knobs)), ("tuned", fit.values))
+        }
+        shown = _Shown(sides, held, scale)
+        found["measured_frames"] = shown.count
+        found["measures"] = shown.measures(lambda share: tell(0.4 + 0.5 * share, "measuring"))
     write_json(out / "held_out.json", found)
-    tell(0.9, "drawing the report")
-    write_report(out, fit, found, training, held, sides, scale)
+    if training is not None:
+        tell(0.9, "drawing the report")
+        write_report(out, fit, found, training, held, sides, scale)
     return found
 
 

@@ -45,6 +45,7 @@ class Tuning:
         points_in: the frame of the real points; the rig's ``frame:`` if not given.
         layout: of the real frames, where their files do not tell it.
         columns: values per row of ``.bin`` files, where it is neither 4 nor 3.
+        report: measure the held-out frames as ``compare`` does, and draw.
     """
 
     fit: tuple[str, ...] = field(default=GROUPS)
@@ -55,6 +56,7 @@ class Tuning:
     points_in: PointsIn | None = None
     layout: str | None = None
     columns: int | None = None
+    report: bool = True
 
 
 def tune(
@@ -155,7 +157,7 @@ def tune(
             motion=motion,
             scale=scale,
             seed=asked.seed,
-            training=train,
+            training=train if asked.report else None,
             tell=lambda share, doing: say(0.8 + 0.2 * share, doing),
         )
     say(1.0, "done")

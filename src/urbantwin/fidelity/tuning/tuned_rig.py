@@ -57,12 +57,15 @@ def tuned_rig(rig: Rig, values: Values) -> Rig:
 
 def _calibrated(one: MountedSensor, values: Values) -> MountedSensor:
     own = f"sensors.{one.name}.calibration."
-    unit = one.calibration.model_dump()
-    unit |= {name: values[own + name] for name in unit if own + name in values}
+    fitted = {k.removeprefix(own): v for k, v in values.items() if k.startswith(own)}
+    bright = _reflectivity(values)
+    if not fitted and not bright:
+        return one
+    unit = one.calibration.model_dump() | fitted
     return replace(
         one,
         calibration=Calibration.model_validate(unit),
-        reflectivity={**one.reflectivity, **_reflectivity(values)},
+        reflectivity={**one.reflectivity, **bright},
     )
 
 
