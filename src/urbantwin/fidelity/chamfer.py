@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
-from urbantwin.fidelity.nearest import NearestDistances
+from urbantwin.fidelity.nearest import NearestDistances, PointTree
 from urbantwin.fidelity.sampling import sample_rows
-from urbantwin.processes import threads
 
 __all__ = ["DENSITY_POINTS", "DENSITY_SCALE_M", "chamfer", "chamfer_squared", "density_chamfer"]
 
@@ -59,11 +57,11 @@ def density_chamfer(
             1/1000; a street at the spacing of a LiDAR's points needs metres.
     """
     count = min(len(real), len(synthetic), most)
-    a, b = (cloud[sample_rows(len(cloud), count)] for cloud in (real, synthetic))
+    a, b = (PointTree(cloud[sample_rows(len(cloud), count)]) for cloud in (real, synthetic))
     return (_one_way(a, b, scale_m) + _one_way(b, a, scale_m)) / 2
 
 
-def _one_way(a: NDArray[np.float64], b: NDArray[np.float64], scale_m: float) -> float:
-    distance, neighbour = cKDTree(b).query(a, workers=threads())
-    crowd = np.bincount(neighbour, minlength=len(b))[neighbour]
+def _one_way(a: PointTree, b: PointTree, scale_m: float) -> float:
+    distance, neighbour = a.nearest_of(b)
+    crowd = np.bincount(neighbour)[neighbour]
     return float((1 - np.exp(-distance / scale_m) / crowd).mean())

@@ -50,9 +50,12 @@ class Boxes:
         """
         owner = np.full(len(points), -1, np.int64)
         nearest = np.full(len(points), np.inf)
+        along = np.argsort(points[:, 0])
+        x, y = points[along, 0], points[along, 1]
         for index, box in enumerate(self.box):
             reach = np.linalg.norm(box[3:6]) / 2 + 2 * margin
-            near = np.flatnonzero(np.abs(points[:, :2] - box[:2]).max(axis=1) <= reach)
+            first, last = np.searchsorted(x, (box[0] - reach, box[0] + reach))
+            near = along[first:last][np.abs(y[first:last] - box[1]) <= reach]
             inside = near[points_in_box(points[near], box, margin)]
             away = np.linalg.norm(points[inside] - box[:3], axis=1)
             better = away < nearest[inside]

@@ -97,7 +97,8 @@ def shape_features(points: NDArray[np.float64], seed: int = 0) -> NDArray[np.flo
         seed: of the sample of points that are described; neighbours are sought among all.
     """
     chosen = sample_rows(len(points), min(len(points), SHAPE_POINTS), seed)
-    distance, near = cKDTree(points).query(points[chosen], k=NEIGHBOURS + 1, workers=threads())
+    tree = cKDTree(points, balanced_tree=False, compact_nodes=False)  # soon built
+    distance, near = tree.query(points[chosen], k=NEIGHBOURS + 1, workers=threads())
     around = points[near] - points[near].mean(axis=1, keepdims=True)
     covariance = np.einsum("sni,snj->sij", around, around) / (NEIGHBOURS + 1)
     value, vector = np.linalg.eigh(covariance)
@@ -109,9 +110,14 @@ def shape_features(points: NDArray[np.float64], seed: int = 0) -> NDArray[np.flo
 
 
 def _of_samples(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
-    return frechet(
-        first.mean(axis=0),
-        np.cov(first, rowvar=False, bias=True),
-        second.mean(axis=0),
-        np.cov(second, rowvar=False, bias=True),
-    )
+    return frechet(*_moments(first), *_moments(second))
+
+
+def _moments(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return mean (K,) and covariance (K, K) of (N, K) values.
+
+    Written out: a matrix product would depend on the number of threads in its last digits.
+    """
+    mean = values.mean(axis=0)
+    off = values - mean
+    return mean, np.einsum("ni,nj->ij", off, off) / len(off)

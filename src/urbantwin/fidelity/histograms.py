@@ -123,21 +123,33 @@ def _open_ended(
 
 def _occupied(voxels: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the different voxels (V, 3) in order, and how often each stands in (N, 3)."""
+    key, low, size = _keys(voxels)
+    unique, count = np.unique(key, axis=0, return_counts=True)
+    if key is voxels:
+        return unique, count
+    return np.column_stack(np.unravel_index(unique, size)) + low, count
+
+
+def _keys(
+    voxels: NDArray[np.int64],
+) -> tuple[NDArray[np.int64], NDArray[np.int64], tuple[int, ...]]:
+    """Return a number (N,) for each voxel in their order, and of what grid it is.
+
+    The voxels themselves where they lie farther apart than an index can number.
+    """
     low = voxels.min(axis=0)
     size = np.ptp(voxels, axis=0) + 1
-    if np.prod(size.astype(np.float64)) > 2**62:  # farther apart than an index can number
-        return np.unique(voxels, axis=0, return_counts=True)
-    key = np.ravel_multi_index(tuple((voxels - low).T), tuple(size))
-    unique, count = np.unique(key, return_counts=True)
-    return np.column_stack(np.unravel_index(unique, tuple(size))) + low, count
+    if np.prod(size.astype(np.float64)) > 2**62:
+        return voxels, low, ()
+    return np.ravel_multi_index(tuple((voxels - low).T), tuple(size)), low, tuple(size)
 
 
 def _on_the_same_voxels(
     first: Histograms, second: Histograms
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the points of both clouds over the voxels that either occupies."""
-    both = np.concatenate([first.voxels, second.voxels])
-    _, place = np.unique(both, axis=0, return_inverse=True)
+    key, _, _ = _keys(np.concatenate([first.voxels, second.voxels]))
+    _, place = np.unique(key, axis=0, return_inverse=True)
     place = place.ravel()
     size = int(place.max()) + 1
     split = len(first.voxels)

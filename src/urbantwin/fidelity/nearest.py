@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.fidelity.compiled.box_tree import arranged, boxed
-from urbantwin.fidelity.compiled.nearest_point import LEAF, leaf_table, nearest_squares
+from urbantwin.fidelity.compiled.nearest_point import LEAF, leaf_table, nearest_points
 from urbantwin.processes import threads
 
 __all__ = ["NearestDistances", "PointTree", "nearest_distances"]
@@ -42,14 +42,14 @@ class PointTree:
         self._box = boxed(points, points, self._order, levels)
         self._table = leaf_table(points, self._order, levels)
 
-    def distances_to(self, other: PointTree) -> NDArray[np.float64]:
-        """Return the distance (N,) of every point to the nearest one of another tree, metres."""
-        found = np.empty(len(self._order))
+    def nearest_of(self, other: PointTree) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return what is nearest to every point in another tree: distance (N,), metres, and row."""
+        square, where = np.empty(len(self._order)), np.empty(len(self._order), np.int64)
         leaves = len(self._table)
         runs = max(1, min(threads(), leaves // _LEAST_LEAVES))
 
         def fill(run: int) -> None:
-            nearest_squares(
+            nearest_points(
                 run * leaves // runs,
                 (run + 1) * leaves // runs,
                 self._table,
@@ -57,7 +57,9 @@ class PointTree:
                 self._order,
                 other._table,
                 other._box,
-                found,
+                other._order,
+                square,
+                where,
             )
 
         if runs == 1:
@@ -65,7 +67,7 @@ class PointTree:
         else:
             with ThreadPoolExecutor(runs) as pool:
                 list(pool.map(fill, range(runs)))
-        return np.sqrt(found)
+        return np.sqrt(square), where
 
 
 def nearest_distances(
@@ -83,4 +85,4 @@ def nearest_distances(
     """
     mine = real_tree if real_tree is not None else PointTree(real)
     its = PointTree(synthetic)
-    return NearestDistances(mine.distances_to(its), its.distances_to(mine))
+    return NearestDistances(mine.nearest_of(its)[0], its.nearest_of(mine)[0])

@@ -84,8 +84,9 @@ def rebuild_surface(points: NDArray[np.float64], origin: ArrayLike = (0.0, 0.0, 
     angles[len(points) : len(points) + len(low), 0] += 2 * np.pi
     angles[len(points) + len(low) :, 0] -= 2 * np.pi
     # Two points in one direction: the first, in the order of the cloud.
-    angles, first = np.unique(angles, axis=0, return_index=True)
-    index = index[first]
+    order = np.lexsort(angles.T[::-1])
+    order = order[np.append(True, (np.diff(angles[order], axis=0) != 0).any(axis=1))]
+    angles, index = angles[order], index[order]
 
     corner = _delaunay(angles)
     centre = angles[corner, 0].mean(axis=1)

@@ -1,11 +1,11 @@
-"""The distance of every point of one tree to the nearest point of another."""
+"""The nearest point of one tree to every point of another."""
 
 import numpy as np
 from numba import njit
 
 from urbantwin.fidelity.compiled.box_tree import apart, run_of
 
-__all__ = ["LEAF", "leaf_table", "nearest_squares"]
+__all__ = ["LEAF", "leaf_table", "nearest_points"]
 
 #: Points of a leaf: as many as are measured at once.
 LEAF = 16
@@ -40,8 +40,18 @@ def _least(x, y, z, leaf):
 
 
 @njit(cache=True, nogil=True)
-def nearest_squares(first, last, table, box, order, other, other_box, found):
-    """Fill in the squared distances of the points of leaves first..last to the other tree.
+def _place(x, y, z, leaf, square):
+    """Return which point of a leaf is at a squared distance."""
+    for i in range(LEAF):
+        dx, dy, dz = leaf[0, i] - x, leaf[1, i] - y, leaf[2, i] - z
+        if dx * dx + dy * dy + dz * dz <= square:
+            return i
+    return 0
+
+
+@njit(cache=True, nogil=True)
+def nearest_points(first, last, table, box, order, other, other_box, other_order, square, where):
+    """Fill in squared distances and rows of what is nearest to the points of leaves first..last.
 
     The points of a leaf lie close together, so they go through the other tree together: a part is
     left out where its box is farther from theirs than the worst of their distances so far. These
@@ -55,18 +65,22 @@ def nearest_squares(first, last, table, box, order, other, other_box, found):
         order: (N,) of the points.
         other: as ``table``, of the other tree.
         other_box: of the other tree's parts.
-        found: (N,) to fill.
+        other_order: of its points.
+        square: (N,) to fill: squared distances.
+        where: (N,) to fill: rows of the other's points.
     """
     leaves, other_leaves = len(table), len(other)
     waiting = np.empty(_STACK, np.int64)
     away = np.empty(_STACK)
     best = np.empty(LEAF)
+    held = np.empty(LEAF, np.int64)  # leaf of the best
     near = 0
     for leaf in range(first, last):
         mine, my_box = table[leaf], box[leaves - 1 + leaf]
         worst = 0.0
         for i in range(LEAF):
             best[i] = _least(mine[0, i], mine[1, i], mine[2, i], other[near])
+            held[i] = near
             worst = max(worst, best[i])
         waiting[0], away[0], top = 0, 0.0, 1
         while top:
@@ -86,7 +100,7 @@ def nearest_squares(first, last, table, box, order, other, other_box, found):
                         least = _least(x, y, z, other[part - other_leaves + 1])
                         if least < best[i]:
                             best[i] = least
-                            near = part - other_leaves + 1
+                            held[i] = near = part - other_leaves + 1
                     worst = max(worst, best[i])
                 continue
             closer, farther = 2 * part + 1, 2 * part + 2
@@ -101,4 +115,8 @@ def nearest_squares(first, last, table, box, order, other, other_box, found):
                 top += 1
         begin, end = run_of(leaf, leaves, len(order))
         for i in range(begin, end):
-            found[order[i]] = best[i - begin]
+            k = i - begin
+            square[order[i]] = best[k]
+            at = _place(mine[0, k], mine[1, k], mine[2, k], other[held[k]], best[k])
+            its_begin, its_end = run_of(held[k], other_leaves, len(other_order))
+            where[order[i]] = other_order[min(its_begin + at, its_end - 1)]
