@@ -117,7 +117,7 @@ def main() -> None:
             write(Path(scratch) / "real", real),
             write(Path(scratch) / "twin", twin),
             options.out,
-            arbitrary=options.arbitrary,
+            arbitrary=options.arbitrary or "example",
             origin=log.mounts["up_lidar"].translation,
         )
     print(json.dumps(report.headline(), indent=1))

@@ -6,6 +6,7 @@ import hashlib
 import json
 import shutil
 import tempfile
+import weakref
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from importlib.resources import files
@@ -51,9 +52,9 @@ def kept(
             folder.mkdir(parents=True, exist_ok=True)
             scratch = tempfile.TemporaryDirectory(prefix=".making-", dir=folder)
         except OSError:
-            scratch = tempfile.TemporaryDirectory(prefix="urbantwin-")
-            make(Path(scratch.name) / name)
-            return Path(scratch.name) / name, scratch
+            passing = _Passing()
+            make(passing.folder / name)
+            return passing.folder / name, passing
         with scratch:
             made = Path(scratch.name) / key
             made.mkdir()
@@ -62,6 +63,14 @@ def kept(
                 made.rename(target)
         _forget(folder, target)
     return target / name, None
+
+
+class _Passing:
+    """A folder that is there as long as this object is."""
+
+    def __init__(self) -> None:
+        self.folder = Path(tempfile.mkdtemp(prefix="urbantwin-"))
+        weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
 
 
 def _forget(folder: Path, newest: Path) -> None:
