@@ -20,9 +20,9 @@ _GAP_M = 0.25
 #: A mode has looks in so many frames and in this share of those that could see it.
 _LEAST_LOOKS, _LEAST_SHARE = 2, 0.05
 #: What stands before something else has this share: in the same lane, cars come by at one range.
-_LEAST_BEFORE = 0.2
+_LEAST_BEFORE = 0.3
 #: What comes and goes by chance alternates this often, of what independent looks would.
-_ALTERNATES = 0.5
+_ALTERNATES = 0.7
 #: Candidates that are looked at in one direction.
 _TRIES = 6
 _UNSEEN, _NEARER, _BEYOND, _HIT = 0, 1, 2, 3
@@ -65,7 +65,7 @@ def range_modes(
     So a look counts for a range (it came back from there), against it (it came back from beyond,
     or not at all) or not at all (something nearer was in the way), and the changes between looks
     for and against are held against those of independent looks with the same share (the runs test
-    of Wald and Wolfowitz 1940, with a threshold of one half).
+    of Wald and Wolfowitz 1940, with a threshold of 0.7).
 
     Args:
         cell: (N,) direction of each look, from 0.

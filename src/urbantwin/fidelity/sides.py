@@ -23,7 +23,7 @@ __all__ = ["LABELS", "MODEL", "Side", "model_background", "open_side", "survey"]
 #: How foreground is told from background.
 LABELS, MODEL = "labels", "background model"
 #: Frames that a background model is made of; of more, so many that are spread evenly.
-_MODEL_FRAMES = 30
+_MODEL_FRAMES = 60
 
 
 @dataclass(eq=False)
