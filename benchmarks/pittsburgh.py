@@ -219,9 +219,11 @@ def measure(
         twin = build_twin(load_site(write_site(log, folder / "site", radius_m)), folder / "twin")
         sweeps = [Sweep(log, sweep, twin) for sweep in log.sweeps]
         others = elsewhere(sweeps[0].world.rig(Effects()), folder / "elsewhere") if whole else []
-        rows = []
+        rows, reaches = [], REACHES_M if whole else REACHES_M[:1]
         for number, sweep in enumerate(sweeps if whole else sweeps[:1]):
-            frames = _recorded(sweep, sweeps[1 - number], folder / f"{number}", radius_m)
+            frames = _recorded(
+                sweep, sweeps[1 - number], folder / f"{number}", radius_m, reaches[-1]
+            )
             seen = {side: sweep.split(_points_of(frame)) for side, frame in frames.items()}
             seen["real"] = sweep.again(sweeps[1 - number])
             for index, other in enumerate(others):
@@ -233,7 +235,7 @@ def measure(
                 keep.append((sweep, frames, seen))
             origin = log.mounts["up_lidar"].translation
             for part, real in sweep.split(sweep.real).items():
-                for reach in REACHES_M if whole else REACHES_M[:1]:
+                for reach in reaches:
                     yardstick = Yardstick(real.within(reach), origin, part)
                     rows += [
                         {
@@ -250,15 +252,19 @@ def _points_of(frame: Frame) -> Points:
     return Points(frame.points, 255.0 * frame.intensity)
 
 
-def _recorded(sweep: Sweep, other: Sweep, folder: Path, radius_m: float) -> dict[str, Frame]:
-    """A sweep's frames in its twin: as the map has it, and with what the other sweep measured."""
+def _recorded(
+    sweep: Sweep, other: Sweep, folder: Path, radius_m: float, reach_m: float
+) -> dict[str, Frame]:
+    """A sweep's frames in its twin: as the map has it, and with what the other sweep measured.
+
+    Actors farther away than ``reach_m`` are not fitted.
+    """
     log = sweep.log
     bright = {box.name: box.intensity for box in other.boxes}
     boxes = [replace(box, intensity=bright.get(box.name, np.nan)) for box in sweep.boxes]
     rays = SweepRays.of(log, other.sweep)
-    near = radius_m if radius_m < RADIUS_M else np.inf
     fits = [
-        mended(box, other.boxes, rays) if np.hypot(*box.pose.translation[:2]) < near else box
+        mended(box, other.boxes, rays) if np.hypot(*box.pose.translation[:2]) < reach_m else box
         for box in boxes
     ]
     gone = {box.name for box, fit in zip(boxes, fits, strict=True) if fit is None}
