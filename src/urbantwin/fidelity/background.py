@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from urbantwin.fidelity.compiled.standing import stand_still
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.range_modes import range_modes
 
@@ -72,25 +73,23 @@ class Background:
         What lies beyond everything static in its direction is background: it was hidden.
         """
         name, range_m = self._placed(frame)
-        still = np.zeros(len(name), np.bool_)
-        turns = self._columns or round(360 / _CELL_DEG)
-        row, column = name // _SIDE, name % _SIDE
-        # Noise carries points across the edges of cells.
-        for up in (0,) if self._rings else (0, -1, 1):
-            for aside in (0, -1, 1):
-                wanted = (row + up) * _SIDE + (column + aside) % turns
-                at = np.searchsorted(self._names, wanted).clip(max=len(self._names) - 1)
-                stands = self._stands[at] & (self._names[at] == wanted)[:, None]
-                behind = range_m[:, None] - self._range_m[at]
-                still |= (stands & (np.abs(behind) <= self._reach_m[at])).any(axis=1)
-                if not up and not aside:
-                    still |= stands.any(axis=1) & ((behind > 0) | ~stands).all(axis=1)
+        still = stand_still(
+            name,
+            range_m,
+            self._names,
+            self._stands,
+            self._range_m,
+            self._reach_m,
+            _SIDE,
+            self._columns or round(360 / _CELL_DEG),
+            0 if self._rings else 1,  # noise carries points across the edges of cells
+        )
         moves = np.flatnonzero(~still)
         if len(moves):
             points = frame.points[moves]
             away = cKDTree(points).query(points, k=2)[0][:, 1]
             still[moves[away > _ALONE_M + _ALONE_SHARE * range_m[moves]]] = True
-        return ~still
+        return np.asarray(~still)
 
     def _placed(self, frame: Frame) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Return cell and range (N,) of each point."""

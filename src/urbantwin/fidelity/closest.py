@@ -53,14 +53,12 @@ class NearestTriangle:
     """
 
     def __init__(self, vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> None:
-        corners = np.asarray(vertices, np.float64)[faces]
-        low, high = corners.min(axis=1), corners.max(axis=1)
+        a, b, c = (np.asarray(vertices, np.float64)[faces[:, k]] for k in range(3))
+        low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
         order, levels = arranged((low + high) / 2, _TRIANGLES)
         self._box = boxed(low, high, order, levels)
-        corners = corners[order]
-        self._corner = np.ascontiguousarray(corners[:, 0])
-        self._side1 = corners[:, 1] - self._corner
-        self._side2 = corners[:, 2] - self._corner
+        self._corner = a[order]
+        self._side1, self._side2 = b[order] - self._corner, c[order] - self._corner
 
     def distances(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the distance (N,) of (N, 3) points to the nearest triangle, metres."""

@@ -24,6 +24,8 @@ import numpy as np
 import pythoncdt
 from numpy.typing import ArrayLike, NDArray
 
+from urbantwin.fidelity.compiled.whole_triangles import can_be_surface
+
 if TYPE_CHECKING:
     from typing_extensions import Buffer
 
@@ -89,11 +91,17 @@ def rebuild_surface(points: NDArray[np.float64], origin: ArrayLike = (0.0, 0.0, 
     angles, index = angles[order], index[order]
 
     corner = _delaunay(angles)
-    centre = angles[corner, 0].mean(axis=1)
-    corner, spread = corner[(centre >= -np.pi) & (centre < np.pi)], angles
-    width = np.ptp(spread[corner], axis=1).max(axis=1)
-    faces = index[corner[width <= np.radians(MAX_ANGLE_DEG)]]
-    faces = faces[_is_surface(seen, faces)]
+    kept = can_be_surface(
+        angles,
+        seen,
+        corner,
+        index,
+        np.radians(MAX_ANGLE_DEG),
+        MAX_EDGE_M,
+        np.sin(np.radians(MIN_GRAZING_DEG)),
+        np.cos(np.radians(LEVEL_DEG)),
+    )
+    faces = index[corner[kept]]
 
     used = np.zeros(len(points), bool)
     used[faces] = True
@@ -118,18 +126,3 @@ def _delaunay(angles: NDArray[np.float64]) -> NDArray[np.int64]:
     mesh.insert_vertices(cast("Buffer", angles))
     mesh.erase_super_triangle()
     return mesh.triangles_array()["vertices"].astype(np.int64)
-
-
-def _is_surface(seen: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return which triangles (F,) are short enough and not seen edge-on."""
-    a, b, c = (seen[faces[:, k]] for k in range(3))
-    longest = np.maximum.reduce([((p - q) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))])
-    normal = np.cross(b - a, c - a)
-    size = np.linalg.norm(normal, axis=1)
-    sight = np.linalg.norm(a, axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        sine = np.abs((normal * a).sum(axis=1)) / (size * sight)
-        level = np.abs(normal[:, 2]) / size
-    facing = sine >= np.sin(np.radians(MIN_GRAZING_DEG))
-    street = level >= np.cos(np.radians(LEVEL_DEG))
-    return np.asarray((longest <= MAX_EDGE_M**2) & (size > 0) & (facing | street))
