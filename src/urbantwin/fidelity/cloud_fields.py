@@ -23,13 +23,21 @@ FORMATS = (".npy", ".bin", ".pcd", ".ply", ".las", ".laz")
 _INTENSITY = ("intensity", "scalar_intensity", "i", "reflectivity", "reflectance", "remission")
 #: nuScenes' rows: x, y, z, intensity and the ring, in files that end so.
 _NUSCENES = ".pcd.bin"
+#: Rows of ``.npy`` have no more values than this; of ``.bin`` as many as these.
+_WIDEST = 64
+_WIDTHS = (3, 4, 5, 6)
+#: The least number of values that tell the width, and the share of variance that does.
+_TELLING, _EXPLAINED = 300, 0.05
 #: LAZ is a tenth of LAS; nothing real is this much smaller.
 _LAZ_RATIO = 1000
 
 
 def is_cloud(path: Path) -> bool:
     """Return whether a path is a file of points by its name."""
-    return path.suffix.lower() in FORMATS and not path.name.startswith(".") and path.is_file()
+    if path.suffix.lower() not in FORMATS or path.name.startswith("."):
+        return False
+    # A link that leads nowhere is a frame that cannot be read, not one that was never there.
+    return path.is_file() or (path.is_symlink() and not path.is_dir())
 
 
 def read_fields(path: Path, columns: int | None = None) -> Fields:
@@ -37,8 +45,8 @@ def read_fields(path: Path, columns: int | None = None) -> Fields:
 
     ``.npy``: (N, 3 or more), x, y, z and, if there is a fourth column, intensity; or a structured
     array. ``.bin``: float32 rows, KITTI's x, y, z, intensity, and nuScenes' with the ring as the
-    fifth where the name ends in ``.pcd.bin``; ``columns`` says how many values a row has,
-    otherwise 4, or 3 where only that divides the size. ``.pcd``, ``.ply``, ``.las``, ``.laz``: all
+    fifth where the name ends in ``.pcd.bin``; ``columns`` says how many values a row has, otherwise
+    4, or 3, 5 or 6 where the values say so (`_width`). ``.pcd``, ``.ply``, ``.las``, ``.laz``: all
     fields of one value per point, coordinates of the last two with scale and offset.
 
     Args:
@@ -78,9 +86,15 @@ def position_and_intensity(
             file=path,
             expected=f"x, y, z among {', '.join(fields) or 'its fields'}",
         )
-    table = np.column_stack([fields[name].astype(np.float64) for name in "xyz"])
     found = [fields[name] for name in _INTENSITY if name in fields]
-    return table, found[0].astype(np.float64) if found else None
+    for values in (*(fields[name] for name in "xyz"), *found[:1]):
+        if values.dtype.kind not in "fiu":
+            raise InputError(f"has values of {values.dtype}", file=path, expected="numbers")
+    table = np.column_stack([fields[name].astype(np.float64) for name in "xyz"])
+    intensity = found[0].astype(np.float64) if found else None
+    if intensity is not None and not np.isfinite(intensity).any():
+        intensity = None  # a field that nobody filled
+    return table, intensity
 
 
 def load_array(path: Path, expected: str) -> NDArray[Any]:
@@ -92,7 +106,8 @@ def load_array(path: Path, expected: str) -> NDArray[Any]:
     try:
         array = np.load(path, allow_pickle=False)
     except Exception as error:  # the header is Python's syntax: its parser raises what it likes
-        raise InputError(f"is not readable ({error})", file=path, expected=expected) from None
+        why = str(error).partition(". ")[0].partition(" (object)")[0]
+        raise InputError(f"is not readable ({why})", file=path, expected=expected) from None
     if not isinstance(array, np.ndarray):
         raise InputError("holds several arrays", file=path, expected=expected)
     return array
@@ -102,33 +117,58 @@ def _from_npy(path: Path) -> Fields:
     array = load_array(path, "a .npy array")
     if array.dtype.names:
         return {name.lower(): array[name].ravel() for name in array.dtype.names}
-    if array.ndim != 2 or array.shape[1] < 3 or array.dtype.kind not in "fiu":
+    if array.ndim != 2 or not 3 <= array.shape[1] <= _WIDEST or array.dtype.kind not in "fiu":
         raise InputError(
             f"is an array of {array.dtype} of shape {array.shape}",
             file=path,
-            expected="numbers of shape (N, 3 or more)",
+            expected=f"numbers of shape (N, 3 to {_WIDEST})",
         )
-    return _columns(array.astype(np.float64))
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _columns(array.astype(np.float64))
 
 
 def _from_bin(path: Path, columns: int | None) -> Fields:
     size = path.stat().st_size
     if columns is not None and columns < 3:
         raise InputError(f"{columns} columns", file=path, expected="at least 3: x, y, z")
-    rings = columns in (None, 5) and path.name.lower().endswith(_NUSCENES)
-    width = 5 if rings else columns or (3 if size % 16 and not size % 12 else 4)
+    named = path.name.lower().endswith(_NUSCENES)
+    with np.errstate(invalid="ignore"):  # of bits that are no number: they become NaN
+        values = np.fromfile(path, "<f4", count=size // 4).astype(np.float64)
+    width = columns or (5 if named else _width(values))
     if size % (4 * width):
         raise InputError(
             f"is truncated, or has other columns: {size} bytes",
             file=path,
             expected=f"a multiple of {4 * width} (rows of {width} float32)",
         )
-    with np.errstate(invalid="ignore"):  # of bits that are no number: they become NaN
-        table = np.fromfile(path, "<f4").reshape(-1, width).astype(np.float64)
+    table = values.reshape(-1, width)
     fields = _columns(table)
-    if rings:
+    if width == 5 and named:
         fields["ring"] = table[:, 4]
     return fields
+
+
+def _width(values: NDArray[np.float64]) -> int:
+    """Return how many values a row of a ``.bin`` has: 4, unless the values say otherwise.
+
+    Values of one column are alike in size, those of a row are not (plan, height, intensity):
+    with the right width the columns explain much of the variance of their sizes, with another
+    none of it.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        sizes = np.log1p(np.minimum(np.abs(np.nan_to_num(values)), 1e6))
+    total = float(sizes.var()) if len(sizes) else 0.0
+    if total and len(sizes) >= _TELLING:
+        share = {}
+        for width in _WIDTHS:
+            rows = sizes[: len(sizes) // width * width].reshape(-1, width)
+            share[width] = float(rows.mean(axis=0).var()) / total
+        best = max(share.values())
+        if share[4] >= 0.5 * best > 0.5 * _EXPLAINED:
+            return 4
+        if best > _EXPLAINED:
+            return next(width for width in _WIDTHS if share[width] >= 0.95 * best)
+    return 3 if len(sizes) % 4 and not len(sizes) % 3 else 4
 
 
 def _columns(table: NDArray[np.float64]) -> Fields:

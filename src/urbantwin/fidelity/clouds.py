@@ -139,6 +139,6 @@ def usable_points(
         raise InputError(
             f"a coordinate is {farthest:.3g} m",
             file=path,
-            expected="metres in a frame near the sensor (is the number of columns right?)",
+            expected="metres in a frame near the sensor (are values and columns as its name says?)",
         )
     return UsablePoints(returned, int((~finite).sum()), int((finite & ~returned).sum()))

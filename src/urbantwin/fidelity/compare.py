@@ -171,7 +171,14 @@ def _opened(
 
 def _origin(real: Side, given: ArrayLike | None) -> NDArray[np.float64]:
     if given is not None:
-        return np.asarray(given, np.float64).reshape(3)
+        place = np.asarray(given, np.float64).reshape(3)
+        if not (np.abs(place) < 1e7).all():  # nor NaN
+            raise InputError(
+                f"{' '.join(f'{one:g}' for one in place)} is no place",
+                place="origin",
+                expected="x, y and z in metres in the frame of the clouds",
+            )
+        return place
     first = next(i for i in range(real.count) if i not in real.problems)
     return np.asarray(real.recording.read(first).sensor_places[0], np.float64)
 

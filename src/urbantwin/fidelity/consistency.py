@@ -25,6 +25,8 @@ Array = NDArray[np.float64]
 
 #: Points that are looked at, and the least number of them.
 _MOST, _LEAST = 60_000, 200
+#: Frames that are smaller are a point, in any unit.
+_LEAST_EXTENT = 1e-3
 #: Metres of a unit -> its name.
 _UNITS = {
     0.3048: "feet",
@@ -63,6 +65,8 @@ _UPRIGHT: dict[str, Array] = {
     "x": np.array([[0.0, 1, 0], [0, 0, 1], [1, 0, 0]]),
     "-x": np.array([[0.0, 1, 0], [0, 0, -1], [-1, 0, 0]]),
 }
+#: Frames whose middles are this far apart are never in one frame of reference.
+_APART_M = 150.0
 #: Cells that the ground is compared in, metres, and the least number of them.
 _CELL_M, _LEAST_CELLS = 2.0, 30
 _ALIGN = "or run `urbantwin align` and record again"
@@ -79,6 +83,8 @@ def doubts_about(real: Frame, other: Frame) -> list[str]:
     if min(len(real.points), len(other.points)) < _LEAST:
         return []
     mine, its = _Upright.of(real.points), _Upright.of(other.points)
+    if min(_extent(mine.points), _extent(its.points)) < _LEAST_EXTENT:
+        return []
     ratio = _extent(mine.points) / _extent(its.points)
     placed = _placed(mine, its)
     metres = None
@@ -225,6 +231,12 @@ def _unit_said(metres: float, ratio: float) -> str:
 
 
 def _place_said(placed: _Placed) -> list[str]:
+    x, y = placed.mine.middle - placed.its.middle
+    if not placed.found and np.hypot(x, y) > _APART_M:
+        return [
+            f"The real frames lie {np.hypot(x, y):.0f} m away from the other ({x:.0f} m in x, "
+            f"{y:.0f} m in y): in a frame of reference with another origin, or of another place."
+        ]
     if placed.elsewhere:
         return [
             "The frames look to be of different places: nothing that stands in the one stands in "

@@ -33,6 +33,8 @@ def read_pcd(path: Path) -> dict[str, NDArray[np.float64]]:
         if points < 0:
             points = int(header["WIDTH"][0]) * int(header["HEIGHT"][0])
         encoding = header["DATA"][0]
+        if points < 0 or min(counts) < 0:
+            raise ValueError
         columns = [
             (f"{index}", f"<{kind}{size}", (count,))
             for index, (kind, size, count) in enumerate(zip(kinds, sizes, counts, strict=True))
@@ -98,10 +100,15 @@ def _ascii(
 ) -> dict[str, NDArray[np.float64]]:
     if points == 0:
         return {name: np.zeros(0) for name in names}
+    if not body.strip():
+        raise InputError("is truncated: 0 points", file=path, expected=f"{points}")
     try:
         table = np.loadtxt(io.BytesIO(body), np.float64, ndmin=2, max_rows=points)
     except ValueError as error:
-        raise InputError(f"has a line that is not right ({error})", file=path) from None
+        why = str(error).partition(";")[0]
+        raise InputError(
+            f"has a line that is not right ({why})", file=path, expected=f"{sum(counts)} numbers"
+        ) from None
     if len(table) < points:
         raise InputError(f"is truncated: {len(table)} points", file=path, expected=f"{points}")
     if table.shape[1] != sum(counts):

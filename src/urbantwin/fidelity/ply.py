@@ -96,10 +96,14 @@ def _header(path: Path, data: bytes) -> tuple[str, list[_Element], bytes]:
                 case ["format", encoding, _]:
                     order = _ORDERS[encoding]
                 case ["element", name, count]:
+                    if int(count) < 0:
+                        raise ValueError
                     elements.append(_Element(name, int(count)))
                 case ["property", "list", _, _, _]:
                     elements[-1].has_list = True
                 case ["property", kind, name]:
+                    if name in (known for known, _ in elements[-1].properties):
+                        raise ValueError
                     elements[-1].properties.append((name, _TYPES[kind]))
         if order is None:
             raise ValueError
@@ -124,7 +128,10 @@ def _ascii(path: Path, body: bytes, element: _Element, skip: int) -> dict[str, N
     try:
         table = np.loadtxt(lines, np.float64, ndmin=2)
     except ValueError as error:
-        raise InputError(f"has a line that is not right ({error})", file=path) from None
+        why = str(error).partition(";")[0]
+        raise InputError(
+            f"has a line that is not right ({why})", file=path, expected=f"{len(names)} numbers"
+        ) from None
     if table.shape != (element.count, len(names)):
         raise InputError(f"has {table.shape[1]} values a line", file=path, expected=f"{len(names)}")
     return {name: table[:, index] for index, name in enumerate(names)}

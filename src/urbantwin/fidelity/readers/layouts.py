@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from urbantwin.errors import InputError
+from urbantwin.fidelity.cloud_fields import FORMATS
 from urbantwin.fidelity.readers.argoverse import is_argoverse, open_argoverse
 from urbantwin.fidelity.readers.dair import is_dair, open_dair
 from urbantwin.fidelity.readers.kitti import is_kitti, open_kitti
@@ -98,6 +99,12 @@ def _opened(path: Path, layout: str | None, columns: int | None) -> Recording:
         names = ", ".join(str(folder.relative_to(path)) for folder, _ in inside[:8])
         raise InputError(
             f"holds {len(inside)} recordings", file=path, expected=f"one of them: {names}"
+        )
+    if path.is_file():
+        raise InputError(
+            f"holds no clouds, by its name ({path.suffix or 'without an ending'})",
+            file=path,
+            expected=f"{', '.join(FORMATS)} or .pcap",
         )
     raise InputError(
         "holds no clouds and no recording that is known",
