@@ -3,9 +3,10 @@
 import json
 
 import numpy as np
+from scipy.io import savemat
 
 from urbantwin.geometry import LabelledMesh
-from urbantwin.lidar import Scanner, place_rig
+from urbantwin.lidar import Scanner, beam_directions, place_rig, sensor
 from urbantwin.lidar.measured_file import load_backgrounds
 from urbantwin.site.rig import RigSpec
 from urbantwin.taxonomy import material_id, semantic_id
@@ -33,9 +34,9 @@ def test_frames_of_a_fixed_sensor_become_its_background(tmp_path, run_here):
     told = json.loads(outcome.out)
     (measured,) = load_backgrounds(tmp_path / "measured.npz")
     assert told["frames"] == told["of"] == 6
-    (sensor,) = told["sensors"]
-    assert sensor["beams"] == measured.known.size == 16 * 1800
-    assert sensor["with_background"] == measured.known.sum() > 3000
+    (one,) = told["sensors"]
+    assert one["beams"] == measured.known.size == 16 * 1800
+    assert one["with_background"] == measured.known.sum() > 3000
     assert (measured.model, measured.turns_per_second) == ("VLP-16", 10.0)
     # The lowest beam, 15 degrees down, from 3 m above a plane.
     lowest = measured.range_m[0][
@@ -60,3 +61,37 @@ def test_what_is_no_such_sensor_or_recording_is_one_line(tmp_path, run_here):
         assert word in outcome.err
         assert len(outcome.err.strip().splitlines()) == 1
         assert not out.exists()
+
+
+def test_a_matrix_of_ranges_becomes_a_background(tmp_path, run_here):
+    """Rows from the lowest beam, half a degree a cell: a range for each row and quadrant."""
+    up = np.arange(-15.0, 16.0, 2.0)
+    quadrant = np.repeat(np.arange(4), 180)
+    ranges = 10.0 + np.arange(16)[:, None] + 20.0 * quadrant[None, :]
+    ranges[:, quadrant == 3] = 0.0
+    savemat(tmp_path / "ranges.mat", {"matrix": ranges})
+    savemat(tmp_path / "up.mat", {"beams": np.radians(up)[None]})
+    np.savetxt(tmp_path / "up.txt", up)
+    np.save(tmp_path / "few.npy", ranges[:15])
+    out = tmp_path / "measured.npz"
+    given = ("--sensor", "VLP-16", "-o", out)
+    for rows in ("up.mat", "up.txt"):
+        outcome = run_here(
+            "background", tmp_path / "ranges.mat", "--elevations", tmp_path / rows, *given
+        )
+        assert outcome.code == 0, outcome.err
+        (found,) = load_backgrounds(out)
+        aim = beam_directions(sensor("VLP-16"), 1800, turns_per_second=10.0)
+        row = np.rint((np.degrees(np.arcsin(aim[..., 2])) + 15) / 2)
+        azimuth = np.degrees(np.arctan2(aim[..., 1], aim[..., 0])) % 360
+        expected = np.where(azimuth < 270, 10 + row + 20 * np.floor(azimuth / 90), 0)
+        np.testing.assert_array_equal(found.range_m[0], expected)
+    for arguments, word in (
+        ((tmp_path / "few.npy", "--elevations", tmp_path / "up.txt", *given), "15 rows"),
+        ((tmp_path / "ranges.mat", "--elevations", tmp_path / "none.txt", *given), "not found"),
+        ((tmp_path / "ranges.mat", "--sensor", "OS1-32", "-o", out), "16 rows for 32"),
+    ):
+        outcome = run_here("background", *arguments)
+        assert outcome.code == 2
+        assert word in outcome.err
+        assert len(outcome.err.strip().splitlines()) == 1
