@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 import pyarrow.feather
+import shapely
 from numpy.typing import NDArray
 from scipy.ndimage import convolve
 from scipy.spatial.transform import Rotation, Slerp
@@ -180,7 +181,8 @@ class Log:
 
     def lasers(self, sweep: int) -> NDArray[np.int64]:
         """Which laser (N,) measured each point of a sweep."""
-        return self._table(f"sensors/lidar/{sweep}.feather").laser_number.to_numpy(np.int64)
+        table = self._table(f"sensors/lidar/{sweep}.feather")
+        return np.asarray(table.laser_number.to_numpy(np.int64))
 
     def rays(self, sweep: int, name: str) -> RealRays:
         """One sensor's rays of a sweep."""
@@ -272,6 +274,25 @@ class Log:
                 observed_s=float(time_s[inside].mean()),
                 intensity=float(np.median(intensity[raised])) if raised.any() else np.nan,
             )
+
+    def drivable(self, sweep: int, points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which points (N, 3) of the vehicle frame lie on what the map calls drivable."""
+        turn, origin = self.city_of_vehicle(np.array([sweep]))
+        city = turn[0].apply(points) + origin
+        return np.asarray(shapely.contains_xy(self._drivable, city[:, 0], city[:, 1]))
+
+    @cached_property
+    def _drivable(self) -> shapely.Geometry:
+        """The map's drivable areas less 30 cm along their borders, city frame."""
+        found = json.loads(next(self.folder.glob("map/log_map_archive*.json")).read_text())
+        rings = [
+            [(corner["x"], corner["y"]) for corner in one["area_boundary"]]
+            for one in found["drivable_areas"].values()
+        ]
+        area = shapely.union_all([shapely.make_valid(shapely.Polygon(ring)) for ring in rings])
+        area = area.buffer(-0.3)
+        shapely.prepare(area)
+        return area
 
     @cached_property
     def heights(self) -> NDArray[np.float64]:

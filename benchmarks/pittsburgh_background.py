@@ -6,6 +6,7 @@ Facades, trees, poles, sidewalks: all that is neither of the road nor in an anno
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -18,7 +19,7 @@ from urbantwin.geometry import Pose
 __all__ = ["GEOMETRY", "write_background"]
 
 #: What the site says of the model: it is where it is, and every piece of it was measured.
-GEOMETRY = {
+GEOMETRY: dict[str, Any] = {
     "file": "background.ply",
     "kind": "mesh",
     "unit": "m",
@@ -64,7 +65,7 @@ def write_background(
         faces = faces[_is_narrow((seen - origin)[faces])]
         lone = np.setdiff1d(np.flatnonzero(kept), faces)
         meshes += [trimesh.Trimesh(seen, faces, process=False), _squares(seen[lone], origin)]
-    mesh = trimesh.util.concatenate(meshes)
+    mesh: Any = trimesh.util.concatenate(meshes)
     mesh.vertices = site_SE3_vehicle.apply(mesh.vertices)
     mesh.remove_unreferenced_vertices()
     mesh.export(path)

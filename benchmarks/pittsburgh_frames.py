@@ -13,6 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from argoverse_fidelity import write
 from argoverse_log import DATA, Log
 from pittsburgh import measure, table
@@ -34,8 +36,9 @@ def whole_frames(data: Path, out: Path) -> list[dict[str, Any]]:
     recording = open_recording(log.folder)
     real = [recording.read(index) for index in range(len(recording))]
     # On one scale of intensity, and with the annotated boxes on both sides.
-    bright = [replace(one, intensity=one.intensity / 255) for one in real]  # type: ignore[operator]
-    write(out / "frames/real", bright)
+    bright = [np.zeros(0) if one.intensity is None else one.intensity / 255 for one in real]
+    real = [replace(one, intensity=light) for one, light in zip(real, bright, strict=True)]
+    write(out / "frames/real", real)
     found: dict[str, dict[str, Any]] = {}
     for side in seen[0][1]:
         name = side.replace(" ", "-")
@@ -59,7 +62,7 @@ def whole_frames(data: Path, out: Path) -> list[dict[str, Any]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])  # type: ignore[union-attr]
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--data", type=Path, default=DATA)
     parser.add_argument("-o", "--out", type=Path, required=True, help="for frames and reports")
     options = parser.parse_args()

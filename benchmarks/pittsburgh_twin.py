@@ -258,6 +258,9 @@ def elsewhere(rig: Rig, folder: Path) -> list[Elsewhere]:
         out = folder / f"dataset-{time_s:g}"
         record(twin, motion, riding, out, workers=1, start_s=time_s, stop_s=time_s)
         frame = open_recording(out).read(0)
+        assert frame.intensity is not None
+        assert frame.semantic is not None
+        assert frame.instance is not None
         place = np.array([carrier["x"], carrier["y"], carrier["z"]])
         car = Pose.from_ypr(place, carrier["yaw"], carrier["pitch"], carrier["roll"])
         xyz = (car @ on_axle).inverse().apply(frame.points)
