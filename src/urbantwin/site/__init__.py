@@ -8,14 +8,8 @@ from urbantwin.site.init import init_site
 from urbantwin.site.junction import JunctionProposal, propose_junction
 from urbantwin.site.orthophoto import Orthophoto, read_orthophoto
 from urbantwin.site.rig import Effects, RigSpec, SensorSpec, load_rig_spec
-from urbantwin.site.site import (
-    InputFile,
-    Site,
-    TrafficSpec,
-    check_extract,
-    load_site,
-    load_traffic_changes,
-)
+from urbantwin.site.site import InputFile, Site, check_extract, load_site
+from urbantwin.site.traffic import TrafficSpec, load_traffic_changes
 
 __all__ = [
     "DemGrid",

@@ -14,7 +14,8 @@ from urbantwin.artefact import sha256_of
 from urbantwin.errors import InputError
 from urbantwin.site.pole import PolePosition
 from urbantwin.site.region import FARTHEST_M
-from urbantwin.site.site import DEFAULT_PER_HOUR, load_site
+from urbantwin.site.site import load_site
+from urbantwin.site.traffic import DEFAULT_PER_HOUR
 
 __all__ = ["CARS_PER_LANE", "SiteDraft", "checked_target", "usual_volumes", "write_draft"]
 

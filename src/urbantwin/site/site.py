@@ -9,14 +9,14 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import shapely
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 from pyproj import Geod
 
 from urbantwin.artefact import sha256_of
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.site.dem import check_dem
-from urbantwin.site.document import Document, nearest, read_document, wrong
+from urbantwin.site.document import Document, read_document, wrong
 from urbantwin.site.extract import Extract
 from urbantwin.site.geometry import GeometrySource, GeometrySpec
 from urbantwin.site.imagery import ImagerySource, ImagerySpec
@@ -29,78 +29,15 @@ from urbantwin.site.region import (
 )
 from urbantwin.site.rig import RigSpec, load_rig_spec, rig_spec_from
 from urbantwin.site.signals import SignalPlan, SignalSpec
-from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.site.traffic import TrafficSpec
 
-__all__ = [
-    "DEFAULT_PER_HOUR",
-    "InputFile",
-    "Site",
-    "TrafficSpec",
-    "check_extract",
-    "load_site",
-    "load_traffic_changes",
-]
+__all__ = ["InputFile", "Site", "check_extract", "load_site"]
 
-#: A moderately busy urban junction in the middle of the day, all approaches together.
-DEFAULT_PER_HOUR: dict[str, float] = {
-    "car": 1200.0,
-    "truck": 60.0,
-    "bus": 40.0,
-    "motorcycle": 60.0,
-    "bicycle": 150.0,
-    "pedestrian": 400.0,
-}
-
-
-def _known_class(name: str) -> str:
-    if name not in ACTOR_CLASSES:
-        raise wrong("is not a class of actors", nearest(name, ACTOR_CLASSES))
-    return name
-
-
-ActorClass = Annotated[str, AfterValidator(_known_class)]
-PerHour = Annotated[float, Field(ge=0.0, le=100_000.0, allow_inf_nan=False)]
-SizeFactor = Annotated[float, Field(ge=0.5, le=2.0, allow_inf_nan=False)]
 Metres = Annotated[float, Field(ge=-1e8, le=1e8, allow_inf_nan=False)]
-Seconds = Annotated[float, Field(le=86400.0, allow_inf_nan=False)]
 
 
 class _Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
-
-
-class SizeSpec(_Strict):
-    """Factors of the catalogue's length, width and height."""
-
-    length: SizeFactor = 1.0
-    width: SizeFactor = 1.0
-    height: SizeFactor = 1.0
-
-
-class TrafficSpec(_Strict):
-    """How much traffic, for how long.
-
-    Attributes:
-        per_hour: actors that come into the region per hour, by class, over all streets together. A
-            class that is not named has none.
-        duration_s: length of the motion, seconds.
-        warmup_s: simulated before the motion starts, so that the streets are not empty, seconds.
-        step_s: time between two steps of the simulation, seconds.
-        seed: of every random choice; the same seed gives the same traffic.
-        size: by class, how large its actors are against the catalogue's.
-    """
-
-    per_hour: dict[ActorClass, PerHour] = Field(default_factory=lambda: dict(DEFAULT_PER_HOUR))
-    duration_s: Annotated[Seconds, Field(gt=0.0)] = 60.0
-    warmup_s: Annotated[Seconds, Field(ge=0.0)] = 120.0
-    step_s: Annotated[float, Field(ge=0.01, le=1.0, allow_inf_nan=False)] = 0.1
-    seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
-    size: dict[ActorClass, SizeSpec] = Field(default_factory=dict)
-
-    @field_validator("per_hour")
-    @classmethod
-    def _every_class_is_named(cls, value: dict[str, float]) -> dict[str, float]:
-        return {name: value.get(name, 0.0) for name in ACTOR_CLASSES}
 
 
 class _Anchor(_Strict):
@@ -346,16 +283,6 @@ class Site:
             for kind, item in files
             if item
         ] + sources
-
-
-def load_traffic_changes(path: Path) -> dict[str, Any]:
-    """Read a file of fields of ``traffic:``, and return those that it has, checked.
-
-    Raises:
-        InputError: the file is missing or wrong; it names the file, the field and the line.
-    """
-    found = read_document(path, kind="traffic").validated(TrafficSpec)
-    return found.model_dump(exclude_unset=True)
 
 
 def _file_entry(item: InputFile) -> dict[str, str]:

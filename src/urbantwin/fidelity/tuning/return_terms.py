@@ -137,7 +137,10 @@ class ReturnTerms:
         losses, weights, sectors = [], [], []
         for cells, answers in self._answered(values):
             fit = np.isfinite(cells.scatter)
-            model = (answers.sigma_m**2).reshape(cells.beams.shape).mean(axis=1)[fit]
+            # Beams that seldom come back have the most noise, and seldom show it.
+            weight = answers.share.reshape(cells.beams.shape) + 1e-6
+            square = (answers.sigma_m**2).reshape(cells.beams.shape)
+            model = ((square * weight).sum(axis=1) / weight.sum(axis=1))[fit]
             median = chi2.median(cells.freedom[fit]) / cells.freedom[fit]
             losses.append(np.abs(np.log(cells.scatter[fit] / (model * median))) / 2)
             weights.append(np.ones(int(fit.sum())))

@@ -1,0 +1,80 @@
+"""``traffic:`` of a site: how much of it, for how long, how large."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, Field, field_validator
+
+from urbantwin.site.conditions import Strict
+from urbantwin.site.document import nearest, read_document, wrong
+from urbantwin.taxonomy import ACTOR_CLASSES
+
+__all__ = ["DEFAULT_PER_HOUR", "TrafficSpec", "load_traffic_changes"]
+
+#: A moderately busy urban junction in the middle of the day, all approaches together.
+DEFAULT_PER_HOUR: dict[str, float] = {
+    "car": 1200.0,
+    "truck": 60.0,
+    "bus": 40.0,
+    "motorcycle": 60.0,
+    "bicycle": 150.0,
+    "pedestrian": 400.0,
+}
+
+
+def _known_class(name: str) -> str:
+    if name not in ACTOR_CLASSES:
+        raise wrong("is not a class of actors", nearest(name, ACTOR_CLASSES))
+    return name
+
+
+ActorClass = Annotated[str, AfterValidator(_known_class)]
+PerHour = Annotated[float, Field(ge=0.0, le=100_000.0, allow_inf_nan=False)]
+SizeFactor = Annotated[float, Field(ge=0.5, le=2.0, allow_inf_nan=False)]
+Seconds = Annotated[float, Field(le=86400.0, allow_inf_nan=False)]
+
+
+class SizeSpec(Strict):
+    """Factors of the catalogue's length, width and height."""
+
+    length: SizeFactor = 1.0
+    width: SizeFactor = 1.0
+    height: SizeFactor = 1.0
+
+
+class TrafficSpec(Strict):
+    """How much traffic, for how long.
+
+    Attributes:
+        per_hour: actors that come into the region per hour, by class, over all streets together. A
+            class that is not named has none.
+        duration_s: length of the motion, seconds.
+        warmup_s: simulated before the motion starts, so that the streets are not empty, seconds.
+        step_s: time between two steps of the simulation, seconds.
+        seed: of every random choice; the same seed gives the same traffic.
+        size: by class, how large its actors are against the catalogue's.
+    """
+
+    per_hour: dict[ActorClass, PerHour] = Field(default_factory=lambda: dict(DEFAULT_PER_HOUR))
+    duration_s: Annotated[Seconds, Field(gt=0.0)] = 60.0
+    warmup_s: Annotated[Seconds, Field(ge=0.0)] = 120.0
+    step_s: Annotated[float, Field(ge=0.01, le=1.0, allow_inf_nan=False)] = 0.1
+    seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
+    size: dict[ActorClass, SizeSpec] = Field(default_factory=dict)
+
+    @field_validator("per_hour")
+    @classmethod
+    def _every_class_is_named(cls, value: dict[str, float]) -> dict[str, float]:
+        return {name: value.get(name, 0.0) for name in ACTOR_CLASSES}
+
+
+def load_traffic_changes(path: Path) -> dict[str, Any]:
+    """Read a file of fields of ``traffic:``, and return those that it has, checked.
+
+    Raises:
+        InputError: the file is missing or wrong; it names the file, the field and the line.
+    """
+    found = read_document(path, kind="traffic").validated(TrafficSpec)
+    return found.model_dump(exclude_unset=True)
