@@ -15,6 +15,7 @@ __all__ = ["EXAMPLES", "align"]
 EXAMPLES = """
 urbantwin align real/ twin/ -o rig.yaml
 urbantwin align real/ twin/ --guess 12 -7 135 -o rig.yaml
+urbantwin align real_b/ twin/ --rig rig.yaml --sensor b --frames 0,5,10 -o rig.yaml
 urbantwin align real/ twin/ --anywhere --rig rig.yaml -o rig.yaml
 """
 
@@ -27,7 +28,21 @@ def align(
         Path | None,
         typer.Option(help="The rig whose first sensor it is; the twin's own if not given."),
     ] = None,
-    frame: Annotated[int, typer.Option(min=0, help="The number of the frame, from 0.")] = 0,
+    sensor: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="The sensor that recorded, which alone moves; else the first, and others "
+            "move with it.",
+        ),
+    ] = None,
+    frames: Annotated[
+        str,
+        typer.Option(
+            metavar="N,N,...",
+            help="Numbers of frames from 0, or all; of a sensor that stands still their mean.",
+        ),
+    ] = "0",
     guess: Annotated[
         tuple[float, float, float] | None,
         typer.Option(
@@ -46,12 +61,16 @@ def align(
         bool,
         typer.Option("--level", help="The points are level with gravity; the rig says the tilt."),
     ] = False,
+    picture: Annotated[
+        Path | None,
+        typer.Option(metavar="PNG", help="The picture to write; beside the rig if not given."),
+    ] = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Find the pose of a sensor in a twin from one real frame, and write it into a rig."""
+    """Find the pose of a sensor in a twin from real frames, and write it into a rig."""
     from urbantwin.cli.stages import new_folder, rig_on
-    from urbantwin.fidelity.alignment import Wish, align_rig
+    from urbantwin.fidelity.alignment import Wish, align_rig, frame_numbers
     from urbantwin.twin import load_twin
 
     console = Console(quiet=quiet, as_json=as_json)
@@ -59,6 +78,7 @@ def align(
     source = loaded.rig_path if rig is None else rig
     placed = rig_on(loaded, rig)
     with new_folder(out.parent), console.stage("align") as progress:
-        wish = Wish(guess, anywhere, within, level, frame)
-        found = align_rig(real, loaded, placed, source, out, wish, progress)
-    console.result({"path": str(out), **found.report()})
+        wish = Wish(guess, anywhere, within, level, frame_numbers(frames), sensor)
+        drawn = picture or out.with_suffix(".png")
+        found = align_rig(real, loaded, placed, source, out, wish, progress, drawn)
+    console.result({"path": str(out), "picture": str(drawn), **found.report()})

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.fidelity.alignment.ground_plane import GroundPlane, ground_plane
@@ -63,6 +64,10 @@ class Alignment:
         second: what the next best place explains as a share of the best; 0 where there is none.
         plane: the ground in the frame.
         score: of the search, 0 to 1.
+        start: where the search began; None where it was anywhere.
+        frames: how many frames the pose is the mean of.
+        scatter_m: of these frames' places (root mean square).
+        left_out: frames that were not found.
     """
 
     pose: Pose
@@ -70,6 +75,10 @@ class Alignment:
     second: float
     plane: GroundPlane
     score: float
+    start: Pose | None = None
+    frames: int = 1
+    scatter_m: float = 0.0
+    left_out: int = 0
 
     @property
     def confidence(self) -> float:
@@ -97,6 +106,9 @@ class Alignment:
             "surface_offset_m": round(self.found.surface_offset_m, 4),
             "edge_offset_m": round(self.found.edge_offset_m, 4),
             "points": self.found.points,
+            "frames": self.frames,
+            "frames_left_out": self.left_out,
+            "frames_scatter_m": round(self.scatter_m, 4),
             "height_above_ground_m": round(self.plane.height_m, 3),
         }
 
@@ -194,15 +206,23 @@ def align(
             expected="a guess nearer to the right one",
         )
     share = 0.0 if second is None else second[1].support / max(best[1].support, 1e-9)
-    pose = Pose(found.pose.rotation, found.pose.apply(-sensor[None])[0])
-    return Alignment(pose, replace(found, pose=pose), share, plane, best[0].score)
+    pose = _of_frame(found.pose, sensor)
+    start = None if guess is None else _of_frame(search.standing(span.middle, span.yaw), sensor)
+    if start is not None and not np.isfinite(start.translation).all():
+        start = None
+    return Alignment(pose, replace(found, pose=pose), share, plane, best[0].score, start)
+
+
+def _of_frame(pose: Pose, sensor: NDArray[np.float64]) -> Pose:
+    """Return the pose of the points' frame by that of the middle of its sensors."""
+    return Pose(pose.rotation, pose.apply(-sensor[None])[0])
 
 
 def _best(
     scene: ScenePoints, sight: Sight, candidates: list[Found]
 ) -> tuple[tuple[Found, Registered] | None, tuple[Found, Registered] | None]:
     """Register the candidates; return the best, and the best that is another place."""
-    done = [(one, registered(scene, sight, one.pose)) for one in candidates]
+    done = [(one, registered(scene, sight, one.pose, rough=True)) for one in candidates]
     fits = [(one, found) for one, found in done if found is not None]
     if not fits:
         return None, None

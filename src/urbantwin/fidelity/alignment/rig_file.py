@@ -22,19 +22,27 @@ _PLACE = (
 
 
 def aligned_poses(
-    rig: Rig, site_SE3_frame: Pose, points_in: Literal["sensor", "level"] = "sensor"
+    rig: Rig,
+    site_SE3_frame: Pose,
+    points_in: Literal["sensor", "level"] = "sensor",
+    only: int | None = None,
 ) -> list[Pose]:
-    """Return the poses of a rig's sensors of which the first was found; the others move with it.
+    """Return the poses of a rig's sensors of which one was found.
 
     Args:
         rig: as it stood before.
         site_SE3_frame: the pose of the real frame.
         points_in: the frame of the real points: the first sensor's own, or ``level``: its place
             and heading with z against gravity; its tilt is then the rig's.
+        only: the number of the sensor that was found, and alone moves; if not given it was the
+            first, and the others move with it.
     """
-    before = rig.sensors[0].site_SE3_sensor
+    before = rig.sensors[only or 0].site_SE3_sensor
     move = site_SE3_frame @ dataset_frame(points_in, before).inverse()
-    return [move @ one.site_SE3_sensor for one in rig.sensors]
+    return [
+        move @ one.site_SE3_sensor if only in (None, number) else one.site_SE3_sensor
+        for number, one in enumerate(rig.sensors)
+    ]
 
 
 def write_aligned_rig(source: Path, target: Path, poses: list[Pose]) -> None:

@@ -178,7 +178,10 @@ class PoseSearch:
             self._space,
             self._plan,
         )
-        order = np.argsort(-scores, axis=None, kind="stable")[: 50 * most]
+        flat = scores.ravel()
+        high = np.partition(flat, -min(50 * most, len(flat)))[-min(50 * most, len(flat))]
+        order = np.flatnonzero(flat >= high)
+        order = order[np.argsort(-flat[order], kind="stable")][: 50 * most]
         ranked = []
         for n in order:
             k, m = np.unravel_index(n, scores.shape)
