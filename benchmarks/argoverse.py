@@ -52,6 +52,7 @@ class Pair:
         above_m: (C, M) height of the real point over the measured ground.
         boxed: (C, M) whether the real point lies in a box or next to one.
         point: (C, M) number of the simulated point in its frame, -1 for none.
+        road: (C, M) whether the exact ray meets the ground on a drivable area.
     """
 
     real: RealRays
@@ -62,12 +63,15 @@ class Pair:
     above_m: NDArray[np.float64]
     boxed: NDArray[np.bool_]
     point: NDArray[np.int64]
+    road: NDArray[np.bool_]
 
 
 def pairs(world: World, boxes: list[ActorBox], frame: LabelledFrame) -> list[Pair]:
     """Both sensors of a sweep."""
     exact = world.scan(boxes, GEOMETRY)
     far, exact_far = world.ranges(frame), world.ranges(exact)
+    road = world.log.drivable(world.sweep, exact.points[:, :3].astype(np.float64))
+    road &= exact.instance == 0
     probe = DownwardProbe(world.ground)
     found = []
     for number, (name, _, _) in enumerate(SENSORS):
@@ -91,6 +95,7 @@ def pairs(world: World, boxes: list[ActorBox], frame: LabelledFrame) -> list[Pai
                 above.reshape(shape),
                 boxed.reshape(shape),
                 point,
+                (bare_point >= 0) & road[bare_point],
             )
         )
     return found
@@ -220,6 +225,23 @@ def real_again(first: list[dict[str, Any]], second: list[dict[str, Any]]) -> dic
     return ratio(both, "later")
 
 
+def road_missing(sweeps: list[list[Pair]]) -> list[dict[str, float]]:
+    """How many rays towards the road are lost, by distance, whatever became of those beside them.
+
+    A ray counts that must meet a drivable area if nothing stands in its way, and that returned
+    from there or not at all. One that met something else and was lost there counts too.
+    """
+    real, simulated, distance = [], [], []
+    for pair in (pair for sweep in sweeps for pair in sweep):
+        there = np.abs(pair.real.range_m - pair.exact_m) < np.maximum(0.5, 0.05 * pair.exact_m)
+        back = np.isfinite(pair.real.range_m)
+        judged = pair.road & (there | ~back)
+        real.append(~back[judged])
+        simulated.append(np.isnan(pair.range_m[judged]))
+        distance.append(pair.exact_m[judged])
+    return _by_distance(*(np.concatenate(one) for one in (real, simulated, distance)))
+
+
 def dropout(sweeps: list[list[Pair]], *, actors: bool) -> list[dict[str, float]]:
     """How many rays are lost, by distance, where it is known what they must have met.
 
@@ -243,7 +265,13 @@ def dropout(sweeps: list[list[Pair]], *, actors: bool) -> list[dict[str, float]]
         real.append(~back[judged])
         simulated.append(np.isnan(pair.range_m[judged]))
         distance.append(pair.exact_m[judged])
-    lost, ours, at = (np.concatenate(one) for one in (real, simulated, distance))
+    return _by_distance(*(np.concatenate(one) for one in (real, simulated, distance)))
+
+
+def _by_distance(
+    lost: NDArray[np.bool_], ours: NDArray[np.bool_], at: NDArray[np.float64]
+) -> list[dict[str, float]]:
+    """Shares of rays (N,) that are lost, really and simulated, at distances (N,)."""
     rows = []
     for low, high in pairwise(RANGES_M):
         inside = (at >= low) & (at < high)
@@ -319,6 +347,7 @@ def measure(
         "boxes_unblocked": [ratio(one, "unblocked") for one in rows],
         "boxes_real_against_real": real_again(*rows),
         "intensity_ground": brightness(sweeps),
+        "dropout_road": road_missing(sweeps),
         "dropout_ground": dropout(sweeps, actors=False),
         "dropout_actors": dropout(sweeps, actors=True),
         "box_rows": rows,

@@ -53,13 +53,17 @@ EGO = 60000
 #: What the vehicle itself hides from its sensors (its roof, and what stands on it), by where
 #: neither sweep has any return though others see the ground there.
 HIDDEN = {
-    "up_lidar": (OutageSpec(channels=[0], sector_deg=[157, 205]),),
+    "up_lidar": (OutageSpec(channels=[0], sector_deg=[150, 211]),),
     "down_lidar": (
-        OutageSpec(sector_deg=[154, 163]),
+        OutageSpec(sector_deg=[153, 168]),
         # In its own frame: hanging, it sees the sky below 0.
         OutageSpec(
             channels=np.flatnonzero(vlp32c("ccw").elevation_deg < 1.7).tolist(),
             sector_deg=[153, 180],
+        ),
+        OutageSpec(
+            channels=np.flatnonzero(vlp32c("ccw").elevation_deg < 3.5).tolist(),
+            sector_deg=[171, 177],
         ),
     ),
 }

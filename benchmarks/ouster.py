@@ -35,7 +35,7 @@ from urbantwin.taxonomy import material_id, semantic_id
 DATA = Path(__file__).parents[2] / "shared/data/lidar/ouster-os1-128"
 NAME = "OS-1-128_v2.3.0_1024x10"
 ROWS, COLUMNS, STEP_M = 128, 1024, 0.008
-REACH, AGREE, WINDOW = 4, 0.03, 9
+REACH, AGREE, WINDOW, EVEN = 4, 0.03, 9, 0.3
 RANGES_M = (5, 8, 11, 15, 18, 21, 25, 30, 35, 40, 50, 60, 80, 120)
 STRENGTHS = (0.5, 0.7, 1.0, 1.4, 2.0, 3.0, 5.0, 10.0, 30.0, 100.0)
 #: Nearer than this the sensor reports asphalt darker the nearer it is: its optics overlap there.
@@ -110,6 +110,7 @@ class Surfaces:
     ground: np.ndarray
     cosine: np.ndarray
     reflectivity: np.ndarray
+    even: np.ndarray
 
 
 def surfaces(recording: Recording) -> Surfaces:
@@ -137,7 +138,29 @@ def surfaces(recording: Recording) -> Surfaces:
         near,
         -(aim @ plane[:3]),
         f[on],
+        _even(recording, expected, left[1], right[1])[on],
     )
+
+
+def _even(
+    recording: Recording, expected: np.ndarray, left: np.ndarray, right: np.ndarray
+) -> np.ndarray:
+    """Whether the pixels above and below return from there too, all four about as bright."""
+    r, f = recording.range_m, recording.reflectivity
+    shift = recording.metadata["data_format"]["pixel_shift_by_row"]
+    even = np.abs(np.log((left + 0.5) / (right + 0.5))) < EVEN
+    for other in (-1, 1):
+        for row in range(ROWS):
+            if not 0 <= row + other < ROWS:
+                even[:, row] = False
+                continue
+            aside = shift[row + other] - shift[row]
+            range_m = np.roll(r[:, row + other], aside, 1)
+            bright = np.roll(f[:, row + other], aside, 1)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                even[:, row] &= np.abs(np.log(range_m / expected[:, row])) < AGREE
+            even[:, row] &= np.abs(np.log((bright + 0.5) / (left[:, row] + 0.5))) < EVEN
+    return even
 
 
 def _nearest_return(r: np.ndarray, f: np.ndarray, turn: int) -> tuple[np.ndarray, ...]:
@@ -195,7 +218,10 @@ def dropout(found: Surfaces, by: str) -> list[dict]:
     strength = white * found.amplitude / found.range_m**2
     value, edges = (found.range_m, RANGES_M) if by == "range_m" else (strength, STRENGTHS)
     rows = []
-    for kind, chosen in (("ground", found.ground), ("other", ~found.ground)):
+    # Farther than that, what lies near the plane is no longer road.
+    ground = found.ground & (found.range_m < 30)
+    kinds = (("ground", ground), ("other", ~found.ground), ("even", ~found.ground & found.even))
+    for kind, chosen in kinds:
         # Below the overlap the reported reflectivity is none.
         counted = chosen & (found.range_m > (0 if by == "range_m" else OVERLAP_M))
         for low, high in itertools.pairwise(edges):
@@ -365,7 +391,7 @@ def picture(result: dict, path: Path) -> None:
 
     figure, axes = plt.subplots(2, 3, figsize=(15, 8), layout="constrained")
     styles = (("real", "o-"), ("simulated", "x--"))
-    colours = {"ground": "tab:gray", "other": "tab:red"}
+    colours = {"ground": "tab:gray", "other": "tab:red", "even": "tab:blue"}
 
     def draw(ax: object, rows: list[dict], by: str, value: str, colour: str, kind: str) -> None:
         middle = [np.sqrt(row[by][0] * row[by][1]) for row in rows]
@@ -381,7 +407,8 @@ def picture(result: dict, path: Path) -> None:
     ):
         for kind, colour in colours.items():
             rows = [row for row in result[key] if row["surface"] == kind]
-            draw(ax, rows, by, value, colour, kind)
+            if rows:
+                draw(ax, rows, by, value, colour, kind)
     for side, style in styles:
         cosine = [row["cosine"] for row in result["asphalt"]]
         brightness = [row[side] for row in result["asphalt"]]

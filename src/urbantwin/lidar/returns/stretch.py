@@ -43,6 +43,8 @@ def peak_left(
         range_m: (N,) of the surface.
         cosine: (N,) of the angle of incidence.
     """
+    if divergence_rad == 0:
+        return np.ones(len(range_m), np.float32)
     faced = np.maximum(cosine, _LEAST)
     longer = range_m * divergence_rad / CELL_M * np.sqrt(np.maximum(1 - faced**2, 0)) / faced
     return np.asarray(1 / np.sqrt(1 + longer**2 / 2), np.float32)
