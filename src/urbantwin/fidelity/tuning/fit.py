@@ -20,6 +20,8 @@ from urbantwin.twin import Twin
 
 __all__ = ["RigFit", "RigTerms", "fit_rig", "views_of"]
 
+#: Loss of a pose at which most points lie nowhere near the twin.
+_STRANGE = 0.5
 _TILT = ("move.pitch_deg", "move.roll_deg")
 #: Groups whose terms need the beams of a spinning sensor.
 _OF_RETURNS = ("reflectivity", "dropout", "noise")
@@ -172,6 +174,11 @@ def _fit_pose(
     )
     proof = None if validation is None else validation.pose()
     run("pose", knobs, (training.pose(), proof), **rough)
+    if fit.groups[-1].losses["training"][1] > _STRANGE:
+        fit.notes.append(
+            "Most real points lie on no surface of the twin, wherever the rig is put: is it this "
+            "place, roughly this pose (`align`), and the right frame of the points (--points-in)?"
+        )
     for one in knobs:
         if one.unit and one.share(fit.values[one.name]) in (0.0, 1.0):
             fit.notes.append(f"{one.name} ended at its bound: find the pose by `align` first.")
