@@ -6,6 +6,8 @@ from html.parser import HTMLParser
 import numpy as np
 
 from urbantwin.fidelity import compare
+from urbantwin.fidelity.definitions import MEASURES
+from urbantwin.fidelity.report import Report, anchored
 
 
 class Balanced(HTMLParser):
@@ -47,6 +49,8 @@ def test_the_page_is_whole_and_self_contained(tmp_path):
     assert len(images) == 5  # the measures, what is missing, the three worst pairs
     assert all(image.startswith("data:image/png;base64,") for image in images)
     assert not re.search(r'(src|href)="(?!data:)', text)
+    assert not re.search(r"url\(|@import|<(link|iframe|object)", text)
+    assert len(text) < 10_000_000
     assert str(tmp_path) not in text
     for word in (
         "The twin beside an arbitrary site",
@@ -57,3 +61,23 @@ def test_the_page_is_whole_and_self_contained(tmp_path):
         assert word in text
     compare(real, twin, tmp_path / "again", arbitrary=real, protocol="urbantwin-challenge")
     assert (tmp_path / "again/report.html").read_text() == text
+
+
+def figures(**values):
+    return dict.fromkeys(MEASURES) | values
+
+
+def test_the_headline_in_one_sentence():
+    twin = [figures(hausdorff_p95_m=2.0, js_mean=0.3), figures(hausdorff_p95_m=4.0, js_mean=0.3)]
+    control = [figures(hausdorff_p95_m=12.0, js_mean=0.2)] * 2
+    real = [figures(hausdorff_p95_m=1.5, js_mean=0.1), None]
+    whole = anchored(twin, control, real)
+    assert Report({}, [], whole, {}).in_short() == (
+        "The twin beside an arbitrary site: its P95 Hausdorff distance is 75 % less (3 m against "
+        "12 m) and its Jensen-Shannon divergence is 50 % more (0.3 against 0.2); 2 and 3 times "
+        "that of one real frame beside the next."
+    )
+    alone = anchored(twin, [None, None], [None, None])
+    assert Report({}, [], alone, {}).in_short() == (
+        "The twin alone: its P95 Hausdorff distance is 3 m and Jensen-Shannon divergence is 0.3."
+    )

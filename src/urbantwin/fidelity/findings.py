@@ -56,7 +56,10 @@ class Findings:
 
 def report_of(found: Findings, scored: dict[str, Any] | None = None) -> Report:
     """Return the report of what was found, and of what a challenge's protocol gives."""
+    from urbantwin.fidelity.consistency import doubts_about
+
     sides, split_by, frames = found.pairs.sides, found.pairs.split_by, found.frames
+    doubts = doubts_about(found.sample["real"], found.sample["synthetic"])
     parts = {part: _part(frames, part) for part in (FOREGROUND, BACKGROUND)}
     return Report(
         folders={
@@ -80,7 +83,8 @@ def report_of(found: Findings, scored: dict[str, Any] | None = None) -> Report:
         objects=_objects(sides),
         missing=found.missing.places(),
         parameters=_parameters(found.pairs.origin),
-        notes=_notes(found),
+        notes=_notes(found, doubts),
+        doubts=doubts,
         problems=[
             f"{name}: {side.recording.names[index]}: {why}"
             for name, side in sides.items()
@@ -134,14 +138,12 @@ def _bins(edges: NDArray[np.float64]) -> dict[str, Any]:
     return {"from": float(edges[0]), "to": float(edges[-1]), "count": len(edges) - 1}
 
 
-def _notes(found: Findings) -> list[str]:
+def _notes(found: Findings, doubts: list[str]) -> list[str]:
     """Say what a reader of the figures must know about the input."""
-    from urbantwin.fidelity.consistency import doubts_about
-
     sides, split_by, frames = found.pairs.sides, found.pairs.split_by, found.frames
     pairs, anchors = len(found.pairs), len(found.pairs.anchors)
     notes = ["Frames are paired in the order of their names: the i-th with the i-th."]
-    notes += doubts_about(found.sample["real"], found.sample["synthetic"])
+    notes += doubts
     notes.append(
         f"Foreground and background are told apart by {split_by}."
         if split_by

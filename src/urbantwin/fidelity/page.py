@@ -102,18 +102,14 @@ def _name_of(report: Report, side: str) -> str:
     return str(report.folders[side]["name"]) if side in report.folders else "none"
 
 
-def _is_doubt(note: str) -> bool:
-    return any(word in note for word in ("look rotated", "seem", "not the same sensor"))
-
-
 def _doubts(report: Report) -> str:
-    said = [note for note in report.notes if _is_doubt(note)] + report.problems
+    said = report.doubts + report.problems
     return "".join(f'<p class="doubt">{escape(note)}</p>' for note in said)
 
 
 def _plain_notes(report: Report) -> list[str]:
     more = report.protocol["notes"] if report.protocol else []
-    return [note for note in report.notes if not _is_doubt(note)] + more
+    return [note for note in report.notes if note not in report.doubts] + more
 
 
 def _number(value: float | None, unit: str = "") -> str:

@@ -119,6 +119,7 @@ class Report:
         missing: places where real points have nothing of the twin near them, worst first.
         parameters: bins, thresholds and scales that the figures depend on.
         notes: what a reader must know about the input.
+        doubts: those of the notes that say that the sides do not belong together as they are.
         problems: frames that could not be read, and why.
         protocol: what a challenge's protocol gives, where that was asked for.
     """
@@ -132,6 +133,7 @@ class Report:
     objects: dict[str, Any] | None = None
     missing: list[dict[str, Any]] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    doubts: list[str] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
     protocol: dict[str, Any] | None = None
 
@@ -191,7 +193,7 @@ class Report:
         said = (
             f"The twin beside an arbitrary site: {_listed(less)}"
             if less
-            else f"There is no arbitrary site to hold the twin against: its {_listed(plain)}"
+            else f"The twin alone: its {_listed(plain)}"
         )
         ratios = [row["ratio_to_real"] for row in given.values()]
         times = [f"{ratio:.2g}" for ratio in ratios if ratio is not None]
@@ -214,6 +216,7 @@ class Report:
             "version": 2,
             "folders": self.folders,
             "notes": self.notes,
+            "doubts": self.doubts,
             "problems": self.problems,
             "in_short": self.in_short(),
             "headline": self.headline(),
