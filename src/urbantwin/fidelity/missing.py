@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 __all__ = ["CELL_M", "NEAR_M", "SPACING_SHARE", "MissingPlaces", "without_surface"]
 
@@ -17,6 +18,10 @@ SPACING_SHARE = 0.02
 #: Edge of the cells in plan that such points are gathered in, metres.
 CELL_M = 4.0
 _LISTED = 20
+#: Points of the twin in nearly the same direction that are looked at, the slope up to which the
+#: way between two of them is level, and its longest as a share of the range.
+_AROUND, _LEVEL, _LONGEST_SHARE = 10, 0.25, 0.3
+_FLATTENED = 0.15
 
 
 def without_surface(
@@ -24,20 +29,52 @@ def without_surface(
     away: NDArray[np.float64],
     origin: NDArray[np.float64],
     actor: NDArray[np.bool_] | None = None,
+    twin: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
     """Return the real points that have nothing of the twin near them, (K, 4): x, y, z, distance.
+
+    Far away a sensor's rings on the ground lie metres apart: a point on the twin's ground between
+    two of them is not missing, though no point of the twin is near it.
 
     Args:
         points: (N, 3) real points, metres.
         away: (N,) distance of each to the nearest synthetic point, metres.
         origin: (3,) the sensor's place.
         actor: (N,) points of actors, which are left out: traffic differs, places do not.
+        twin: (M, 3) the synthetic points; without them nothing is known between rings.
     """
     range_m = np.linalg.norm(points - origin, axis=1)
     lost = away > np.maximum(NEAR_M, SPACING_SHARE * range_m)
     if actor is not None:
         lost &= ~actor
-    return np.column_stack([points[lost], away[lost]])
+    found = np.column_stack([points[lost], away[lost]])
+    if twin is not None and len(found) and len(twin) > _AROUND:
+        found = found[~_on_level_ground(found[:, :3] - origin, twin - origin)]
+    return found
+
+
+def _on_level_ground(points: NDArray[np.float64], twin: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which points (K, 3) lie on level ground between neighbouring points of the twin.
+
+    Neighbours are those that the sensor, at the origin, sees in nearly the same direction; between
+    two of them there is ground if the way from one to the other is level and not too long.
+    """
+    _, near = cKDTree(_directions(twin)).query(_directions(points), k=_AROUND)
+    first, second = np.triu_indices(_AROUND, 1)
+    begin, way = twin[near[:, first]], twin[near[:, second]] - twin[near[:, first]]
+    flat = np.hypot(way[..., 0], way[..., 1])
+    longest = _LONGEST_SHARE * np.linalg.norm(points, axis=1)[:, None]
+    level = (np.abs(way[..., 2]) < _LEVEL * flat) & (flat < longest)
+    beyond = points[:, None] - begin
+    along = (beyond * way).sum(axis=2) / np.maximum((way**2).sum(axis=2), 1e-12)
+    aside = np.linalg.norm(beyond - np.clip(along, 0.0, 1.0)[..., None] * way, axis=2)
+    return np.asarray((level & (aside < NEAR_M)).any(axis=1))
+
+
+def _directions(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the unit vectors to points (N, 3), flattened: rings lie farther apart than columns."""
+    unit = points / np.maximum(np.linalg.norm(points, axis=1), 1e-9)[:, None]
+    return np.asarray(unit * [1.0, 1.0, _FLATTENED])
 
 
 @dataclass(eq=False)

@@ -108,7 +108,9 @@ class Pairs:
             if one is not None:
                 binned[side] = one.histograms.binned
         assert twin is not None
-        missing = without_surface(frames["real"].points, twin.missing, self.origin, actors)
+        missing = without_surface(
+            frames["real"].points, twin.missing, self.origin, actors, frames["synthetic"].points
+        )
         return MeasuredPair(index, _figures(frame, frames, measured), binned, missing)
 
 
