@@ -83,6 +83,8 @@ def nearest_distances(
         synthetic: (M, 3) metres, M >= 1, the same frame.
         real_tree: a tree of ``real`` to use again.
     """
-    mine = real_tree if real_tree is not None else PointTree(real)
-    its = PointTree(synthetic)
+    wanted = [synthetic] if real_tree is not None else [synthetic, real]
+    with ThreadPoolExecutor(threads()) as pool:
+        its, *made = pool.map(PointTree, wanted)
+    mine = real_tree if real_tree is not None else made[0]
     return NearestDistances(mine.nearest_of(its)[0], its.nearest_of(mine)[0])

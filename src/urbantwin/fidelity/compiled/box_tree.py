@@ -36,27 +36,43 @@ def arranged(places, most):
     while count > most << levels:
         levels += 1
     order = np.arange(count)
-    value = np.empty(count)
-    for level in range(levels):
-        parts = 1 << level
-        for part in range(parts):
-            low, high = run_of(part, parts, count)
-            axis, widest = 0, -1.0
-            for k in range(3):
-                least = greatest = places[order[low], k]
-                for i in range(low + 1, high):
-                    least = min(least, places[order[i], k])
-                    greatest = max(greatest, places[order[i], k])
-                if greatest - least > widest:
-                    axis, widest = k, greatest - least
-            for i in range(low, high):
-                value[i] = places[order[i], axis]
-            _halve(value, order, low, high, run_of(2 * part, 2 * parts, count)[1])
+    moved = np.empty((3, count))  # the places in that order: what is near in space, in memory too
+    for i in range(count):
+        for k in range(3):
+            moved[k, i] = places[i, k]
+    level, part = np.empty(levels + 2, np.int64), np.empty(levels + 2, np.int64)
+    level[0], part[0], top = 0, 0, 1
+    while top:
+        top -= 1
+        here, run = level[top], part[top]
+        if here == levels:
+            continue
+        low, high = run_of(run, 1 << here, count)
+        axis, widest = 0, -1.0
+        for k in range(3):
+            width = _width(moved[k, low:high])
+            if width > widest:
+                axis, widest = k, width
+        middle = run_of(2 * run, 2 << here, count)[1]
+        _halve(moved[axis], moved[axis - 1], moved[axis - 2], order, low, high, middle)
+        for half in range(2):
+            level[top], part[top] = here + 1, 2 * run + half
+            top += 1
     return order, levels
 
 
+@njit(cache=True, nogil=True, fastmath={"nnan", "nsz"})
+def _width(values):
+    """Return the greatest less the least value."""
+    least = greatest = values[0]
+    for value in values:
+        least = min(least, value)
+        greatest = max(greatest, value)
+    return greatest - least
+
+
 @njit(cache=True, nogil=True)
-def _halve(value, order, low, high, middle):
+def _halve(value, second, third, order, low, high, middle):
     """Put the lower values of low..high before ``middle`` (Hoare 1961, "Algorithm 65: find")."""
     first, last = low, high - 1
     while first < last:
@@ -69,6 +85,8 @@ def _halve(value, order, low, high, middle):
                 j -= 1
             if i <= j:
                 value[i], value[j] = value[j], value[i]
+                second[i], second[j] = second[j], second[i]
+                third[i], third[j] = third[j], third[i]
                 order[i], order[j] = order[j], order[i]
                 i += 1
                 j -= 1

@@ -29,7 +29,7 @@ def leaf_table(points, order, levels):
 
 # Without NaN and signed zeros the least of a leaf's distances is found several at a time; sums
 # stay as they are written, so every processor gives the same.
-@njit(cache=True, nogil=True, fastmath={"nnan", "nsz"})
+@njit(cache=True, nogil=True, fastmath={"nnan", "nsz"}, inline="always")
 def _least(x, y, z, leaf):
     """Return the least squared distance of a place to the points (3, LEAF) of a leaf."""
     least = np.inf
@@ -49,7 +49,7 @@ def _place(x, y, z, leaf, square):
     return 0
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath={"nnan", "nsz"})
 def nearest_points(first, last, table, box, order, other, other_box, other_order, square, where):
     """Fill in squared distances and rows of what is nearest to the points of leaves first..last.
 
