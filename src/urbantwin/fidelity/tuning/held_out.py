@@ -10,6 +10,7 @@ import numpy as np
 
 from urbantwin.artefact import write_json
 from urbantwin.errors import InputError
+from urbantwin.fidelity.definitions import MEASURES
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.measure import Figures, RealFrame
 from urbantwin.fidelity.readers import Recording
@@ -32,6 +33,9 @@ __all__ = ["judge"]
 
 #: So many held-out frames, spread evenly, are measured as `compare` does.
 _MEASURED = 4
+#: What is said to be worse, if it is by more than this share.
+_HEADLINES = ("hausdorff_p95_m", "js_mean", "js_intensity", "point_to_mesh_mean_m", "chamfer_m")
+_LARGER = 0.02
 #: Losses that differ by less than so many standard errors are the same.
 _CLEAR = 1.0
 
@@ -96,6 +100,7 @@ def judge(  # noqa: PLR0913 - all that a fit is made of
         shown = _Shown(sides, held, scale)
         found["measured_frames"] = shown.count
         found["measures"] = shown.measures(lambda share: tell(0.4 + 0.5 * share, "measuring"))
+        worse += _measured_worse(found["measures"])
     write_json(out / "held_out.json", found)
     if training is not None:
         tell(0.9, "drawing the report")
@@ -149,6 +154,20 @@ def _groups(terms: RigTerms, fit: RigFit) -> dict[str, dict[str, Any]]:
 
 def _worse(groups: dict[str, dict[str, Any]]) -> list[str]:
     return [name for name, one in groups.items() if one["verdict"] == "worse"]
+
+
+def _measured_worse(measures: dict[str, dict[str, float | None]]) -> list[str]:
+    """Say which measures are larger than before; groups may be nearer, and the whole not."""
+    said = []
+    for name in _HEADLINES:
+        row = measures.get(name, {})
+        before, after = row.get("start"), row.get("tuned")
+        if before is not None and after is not None and after > (1 + _LARGER) * before:
+            title = MEASURES[name].title
+            said.append(
+                f"{title}: worse than before on frames held out, {before:.3g} to {after:.3g}"
+            )
+    return said
 
 
 class _Shown:
