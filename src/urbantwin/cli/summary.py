@@ -152,6 +152,7 @@ def _report(folder: Path) -> dict[str, Any]:
         }
         return {
             "kind": "report",
+            "in_short": manifest.get("in_short"),
             "folders": manifest["folders"],
             "frames": len(manifest["frames"]),
             "mean_over_frames": {
