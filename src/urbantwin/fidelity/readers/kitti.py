@@ -48,7 +48,8 @@ def open_kitti(path: Path, columns: int | None) -> Recording:
         if labels.is_file() and calibration.is_file():
             boxes = _read_boxes(labels, _camera_SE3_lidar(calibration))
             notes = ("Only objects that the camera saw are labelled.",)
-        return frame_of(file, read_fields(file, columns), name=file.stem, boxes=boxes, notes=notes)
+        fields = read_fields(file, columns or 4)
+        return frame_of(file, fields, name=file.stem, boxes=boxes, notes=notes)
 
     return Recording(path, "kitti", tuple(file.stem for file in files), read)
 

@@ -76,7 +76,7 @@ def open_opencood(path: Path) -> Recording:
             mirrored = _is_simulated(values)
             world_SE3_lidar = _pose(values["lidar_pose"])
             boxes = _boxes(values.get("vehicles") or {}, world_SE3_lidar)
-        fields = read_fields(file)
+        fields = read_fields(file, 4)
         given: dict[str, NDArray[Any]] = {}
         if "rgb" in fields and "intensity" not in fields:
             given["intensity"] = _red(fields["rgb"])

@@ -185,11 +185,13 @@ class _BoxTable(_Table):
         if rows is None:
             return None
         with laid_out(self._path, _EXPECTED):
-            classes = [str(one) for one in rows["class"]]
+            box = np.column_stack([rows[column].astype(np.float64) for column in _BOX])
+            kept = np.isfinite(box).all(axis=1) & (box[:, 3:6] > 0).all(axis=1)
+            classes = [str(one) for one in rows["class"][kept]]
             return Boxes(
-                box=np.column_stack([rows[column].astype(np.float64) for column in _BOX]),
+                box=box[kept],
                 class_names=tuple(c if c in ACTOR_CLASSES else "other" for c in classes),
-                track=rows["track"].astype(np.int64),
+                track=rows["track"][kept].astype(np.int64),
                 source_names=tuple(classes),
             )
 

@@ -62,7 +62,7 @@ def open_semantic_kitti(path: Path, columns: int | None) -> Recording:
         number = int(file.stem) if file.stem.isdigit() else index
         return frame_of(
             file,
-            read_fields(file, columns),
+            read_fields(file, columns or 4),
             name=file.stem,
             given=given,
             world_SE3_frame=poses[number] if number < len(poses) else None,
