@@ -74,6 +74,8 @@ def write(folder: Path, frames: list[Frame]) -> Path:
         np.save(folder / "points" / f"{name}.npy", table)
         rays = np.zeros(len(frame.points), RAY_TYPE)
         rays["ring"], rays["sensor"] = frame.ring, frame.sensor
+        if frame.column is not None:
+            rays["column"] = frame.column
         np.save(folder / "rays" / f"{name}.npy", rays)
         if frame.boxes is None:
             raise ValueError("a frame without boxes")

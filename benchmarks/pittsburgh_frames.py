@@ -14,11 +14,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from argoverse_fidelity import write
-from argoverse_log import DATA, Log
+from argoverse_log import DATA, SENSORS, Log
 from pittsburgh import measure, table
 from urbantwin.fidelity import compare
+from urbantwin.fidelity.beams import AZIMUTH_CELL_DEG
+from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers import open_recording
 
 
@@ -37,13 +40,19 @@ def whole_frames(data: Path, out: Path) -> list[dict[str, Any]]:
     real = [recording.read(index) for index in range(len(recording))]
     # On one scale of intensity, and with the annotated boxes on both sides.
     bright = [np.zeros(0) if one.intensity is None else one.intensity / 255 for one in real]
-    real = [replace(one, intensity=light) for one, light in zip(real, bright, strict=True)]
+    real = [
+        replace(one, intensity=light, column=columns(one, log))
+        for one, light in zip(real, bright, strict=True)
+    ]
     write(out / "frames/real", real)
     found: dict[str, dict[str, Any]] = {}
     for side in seen[0][1]:
         name = side.replace(" ", "-")
         pairs = zip(seen, real, strict=True)
-        frames = [replace(one[1][side], boxes=its.boxes, instance=None) for one, its in pairs]
+        frames = [
+            replace(one[1][side], boxes=its.boxes, instance=None, column=columns(one[1][side], log))
+            for one, its in pairs
+        ]
         report = compare(
             out / "frames/real",
             write(out / "frames" / name, frames),
@@ -59,6 +68,15 @@ def whole_frames(data: Path, out: Path) -> list[dict[str, Any]]:
                 anchor = again.get(key)
                 row["real again"] = None if anchor is None else round(anchor.mean, 4)
     return list(found.values())
+
+
+def columns(frame: Frame, log: Log) -> NDArray[np.int64]:
+    """Cells of azimuth (N,) about each point's sensor: the real sweeps do not name columns."""
+    places = np.stack([log.mounts[name].translation for name, _, _ in SENSORS])
+    assert frame.sensor is not None
+    seen = frame.points - places[frame.sensor]
+    turn = np.degrees(np.arctan2(seen[:, 1], seen[:, 0])) % 360.0
+    return np.floor(turn / AZIMUTH_CELL_DEG).astype(np.int64)
 
 
 def main() -> None:
