@@ -215,16 +215,15 @@ def _objects(report: Report, picture: Path | None) -> str:
         found = report.objects.get(f"{side}_against_real")
         if found is None:
             continue
+        longer = _typical(found["classes"], "length_m")
         rows.append(
             (
                 "Twin" if side == "synthetic" else "Arbitrary site",
                 _number(found["boxes_per_frame_ratio"]),
                 _number(found["class_mix_js"]),
                 _number(found["heat_map_js"]),
-                *(
-                    _number(_typical(found["classes"], name), unit)
-                    for name, unit in (("length_m", " m"), ("points_ratio", ""))
-                ),
+                "–" if longer is None else f"{longer:+.2f} m",
+                _number(_typical(found["classes"], "points_ratio")),
             )
         )
     head = (
