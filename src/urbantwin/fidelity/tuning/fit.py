@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from urbantwin.fidelity.tuning.actor_terms import Clusters
 from urbantwin.fidelity.tuning.frames import Looks
-from urbantwin.fidelity.tuning.group_fit import GroupFit, Searching, fit_group
+from urbantwin.fidelity.tuning.group_fit import AT_BOUND, FITTED, GroupFit, Searching, fit_group
 from urbantwin.fidelity.tuning.knobs import TILT_DEG, Knob, rig_knobs, starts
 from urbantwin.fidelity.tuning.pose_term import COARSE_M, FINE_M, PoseTerm
 from urbantwin.fidelity.tuning.prediction import BeamView, beam_view
@@ -179,9 +181,8 @@ def _fit_pose(
             "Most real points lie on no surface of the twin, wherever the rig is put: is it this "
             "place, roughly this pose (`align`), and the right frame of the points (--points-in)?"
         )
-    for one in knobs:
-        if one.unit and one.share(fit.values[one.name]) in (0.0, 1.0):
-            fit.notes.append(f"{one.name} ended at its bound: find the pose by `align` first.")
+    if AT_BOUND in fit.groups[-1].state.values():
+        fit.notes.append("The pose ended at a bound: find it by `align` first.")
 
 
 def _fit_returns(
@@ -206,3 +207,26 @@ def _fit_returns(
             continue
         proof = validation if validation is not None and validation.cells else None
         run(group, knobs, (getattr(training, group), proof and getattr(proof, group)))
+        if group == "reflectivity":
+            _fewest_factors(fit, knobs)
+
+
+def _fewest_factors(fit: RigFit, knobs: Sequence[Knob]) -> None:
+    """Divide what is common to intensities and reflectivities so that the fewest factors differ.
+
+    Only their products show: as much more intensity and as much less reflectivity is the same. The
+    sum of the logarithms' sizes is least where the common factor is their median.
+    """
+    found = fit.groups[-1]
+    if any(found.state[one.name] != FITTED for one in knobs):
+        return  # What was kept has settled it.
+    sign = {one.name: 1.0 if one.name.startswith("reflectivity.") else -1.0 for one in knobs}
+    logs = sorted(sign[one.name] * np.log(found.values[one.name]) for one in knobs)
+    common = logs[len(logs) // 2]
+    divided = {
+        one.name: float(np.exp(np.log(found.values[one.name]) - sign[one.name] * common))
+        for one in knobs
+    }
+    if all(one.low <= divided[one.name] <= one.high for one in knobs):
+        found.values.update(divided)
+        fit.values |= divided

@@ -10,10 +10,21 @@ from urbantwin.fidelity.tuning.knobs import Knob
 from urbantwin.fidelity.tuning.sharpness import VAGUE, sharpness
 from urbantwin.fidelity.tuning.study import Term, search
 
-__all__ = ["FITTED", "NOT_BETTER", "NOT_DETERMINED", "GroupFit", "Searching", "fit_group"]
+__all__ = [
+    "AT_BOUND",
+    "FITTED",
+    "NOT_BETTER",
+    "NOT_DETERMINED",
+    "GroupFit",
+    "Searching",
+    "fit_group",
+]
 
+#: Nearer to a bound than this share of the way between them is at it.
+_AT_BOUND = 0.005
 FITTED = "fitted"
 NOT_DETERMINED = "not identifiable: kept"
+AT_BOUND = "ended at its bound: kept"
 NOT_BETTER = "no better on frames it was not fitted to: kept"
 
 
@@ -24,7 +35,7 @@ class GroupFit:
     Attributes:
         name: of the group.
         values: of its knobs, as they are to be written.
-        state: of each knob: one of `FITTED`, `NOT_DETERMINED`, `NOT_BETTER`.
+        state: of each knob: one of `FITTED`, `NOT_DETERMINED`, `AT_BOUND`, `NOT_BETTER`.
         sharp: standard error of each, as a share of the distance between its bounds.
         history: the best loss after every trial.
         losses: by part, the loss at the start and at ``values``.
@@ -108,6 +119,11 @@ def fit_group(  # noqa: PLR0913 - every one is a choice of its own
     sharp = sharpness(knobs, {**values, **found}, training)
     sharp = {name: error * one for name, one in sharp.items()}
     state = {one.name: FITTED if sharp[one.name] <= VAGUE else NOT_DETERMINED for one in knobs}
+    for one in knobs:
+        share = one.share(found[one.name])
+        # A share of nothing is a value like any other.
+        if share > 1 - _AT_BOUND or (share < _AT_BOUND and one.low != 0.0):
+            state[one.name] = AT_BOUND
     free = [one for one in knobs if state[one.name] == FITTED]
     if len(free) < len(knobs):
         kept = {one.name: one.start for one in knobs if one not in free}
