@@ -48,6 +48,7 @@ class BeamView:
         directions: (N, 3) where it believes that its beams point, sensor frame.
         range_m: (N,) of the first echo; 0 where there is none.
         amplitude: (N,) of the first echo, of materials as the table has them.
+        peak: (N,) what is left of the pulse's peak, see ``lidar.returns.stretch``.
         material: (N,) of the surface in the middle of the beam; -1 for none.
         face: (N,) the triangle there; -1 for none.
     """
@@ -58,6 +59,7 @@ class BeamView:
     directions: NDArray[np.float64]
     range_m: NDArray[np.float32]
     amplitude: NDArray[np.float32]
+    peak: NDArray[np.float32]
     material: NDArray[np.int64]
     face: NDArray[np.int64]
 
@@ -71,7 +73,9 @@ class BeamView:
         model = ReturnModel(mounted, self.conditions)
         times = _factors(mounted)[self.material[beams]]
         level, sigma, intensity = model.answers(
-            (self.amplitude[beams] * times).astype(np.float32), self.range_m[beams]
+            (self.amplitude[beams] * times).astype(np.float32),
+            self.range_m[beams],
+            peak=self.peak[beams],
         )
         step = float(model.step_m)
         return Answers(
@@ -113,6 +117,9 @@ def beam_view(
     hit = np.flatnonzero(hits.face >= 0)
     face = hits.face[hit]
     material[hit] = mesh.material[face]
+    peak = np.ones(len(aim), np.float32)
+    cosine = np.abs((mesh.normals()[face] * aim[hit]).sum(axis=1)).astype(np.float32)
+    peak[hit] = model.peak_left(hits.range_m[hit], cosine)
     if surface is not None and surface.layers:
         places = place.translation + aim[hit] * hits.range_m[hit, None].astype(np.float64)
         material[hit] = surface.materials_of(mesh, face, places)
@@ -123,6 +130,7 @@ def beam_view(
         beams.believed,
         view.report[1],
         view.amplitude,
+        peak,
         material,
         hits.face.astype(np.int64),
     )
