@@ -14,7 +14,7 @@ from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
 __all__ = ["ScenePoints"]
 
 #: Distance between neighbouring points on the ground and on everything else, metres.
-GROUND_SPACING_M, OTHER_SPACING_M = 0.25, 0.12
+GROUND_SPACING_M, OTHER_SPACING_M = 0.4, 0.15
 _MOST_POINTS = 2_000_000
 _GROUND = tuple(semantic_id(name) for name in GROUND_CLASSES)
 
