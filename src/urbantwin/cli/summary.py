@@ -153,6 +153,7 @@ def _report(folder: Path) -> dict[str, Any]:
         return {
             "kind": "report",
             "in_short": manifest.get("in_short"),
+            "doubts": manifest.get("doubts", []),
             "folders": manifest["folders"],
             "frames": len(manifest["frames"]),
             "mean_over_frames": {
