@@ -339,6 +339,15 @@ def test_what_cannot_be_aligned_is_said_in_one_line_and_nothing_written(
     assert not out.parent.exists()
 
 
+def test_a_bare_plane_is_nowhere_in_pittsburgh(pittsburgh):
+    """Though the twin's ground has relief, on which it would come to rest somewhere."""
+    _, twin, _ = pittsburgh
+    places = np.random.default_rng(0).uniform(-30, 30, (20_000, 2))
+    plane = Frame(np.column_stack([places, np.full(len(places), -2.0)]))
+    with pytest.raises(InputError, match="nothing of the twin"):
+        align(plane, twin.mesh, guess=Guess(1.0, 1.0, -23.0))
+
+
 def test_frames_of_one_place_are_averaged_and_those_of_two_are_not(points):
     one = align(Frame(points), street(), guess=Guess(2.4, -3.3, 66.0, within_m=1.0, within_deg=5.0))
     beside = Pose(one.pose.rotation, one.pose.translation + [0.02, 0.0, 0.0])

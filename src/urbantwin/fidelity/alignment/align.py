@@ -33,6 +33,9 @@ AMBIGUOUS = 0.9
 #: A place less certain than this is not found, metres and degrees (standard deviations).
 _MOST_SIGMA_M, _MOST_SIGMA_DEG = 0.5, 2.0
 _CANDIDATES = 4
+#: With fewer curbs and fewer points off the ground explained, only heights of the ground would
+#: hold the place, and they fit somewhere whatever the frame shows.
+_FEWEST_CURBS, _FEWEST_RAISED = 4, 50
 
 
 @dataclass(frozen=True)
@@ -196,6 +199,14 @@ def align(
             f"{found.sigma_deg.max():.1f} degrees (standard deviation)",
             file=file,
             expected="a twin with walls, poles or curbs that the sensor sees",
+        )
+    curbs = found.curbs_explained * len(sight.curbs)
+    raised = found.explained * sight.thinned(_THINNED_M).raised.sum()
+    if curbs < _FEWEST_CURBS and raised < _FEWEST_RAISED:
+        raise InputError(
+            f"shows nothing of the twin but ground ({curbs:.0f} curbs, {raised:.0f} other points)",
+            file=file,
+            expected="a frame of this site in which walls, poles or curbs of the twin are seen",
         )
     if second is not None and second[1].support > AMBIGUOUS * best[1].support:
         apart = np.hypot(*(second[1].pose.translation - found.pose.translation)[:2])
