@@ -46,7 +46,7 @@ def test_nearest_points_are_those_of_brute_force(seed, count, other, apart, on_g
     np.testing.assert_allclose(each[np.arange(count), row], distance, rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("shift", [0.0, 3.0, 100.0])
+@pytest.mark.parametrize("shift", [0.0, 3.0, 10.0])
 def test_distances_of_large_clouds_are_scipys(shift):
     rng = np.random.default_rng(3)
     # A street, its houses, and the same point many times: what a tree cannot cut.
