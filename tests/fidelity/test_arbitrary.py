@@ -179,7 +179,7 @@ def test_every_report_has_an_arbitrary_site(tmp_path, monkeypatch):
     )
     assert told == ["arbitrary site: there"]
     assert kept_ones.path == folder / "two-avenues"
-    # The street, which slopes, five metres under the sensor, where the twin's frame of reference has it.
+    # The sloping street five metres under the sensor, in the frame of reference of the twin.
     frame = kept_ones.read(0)
     assert frame.sensor_places[0] == pytest.approx([10, -12, 5])
     near = np.hypot(*(frame.points[:, :2] - [10, -12]).T) < 22

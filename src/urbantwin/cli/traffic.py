@@ -29,9 +29,7 @@ def traffic(
     seed: Seed = None,
     demand: Annotated[
         Path | None,
-        typer.Option(
-            help="Fields of `traffic:` that replace the site's: tuned/traffic.yaml."
-        ),
+        typer.Option(help="Fields of `traffic:` that replace the site's: tuned/traffic.yaml."),
     ] = None,
     quiet: Quiet = False,
     as_json: AsJson = False,

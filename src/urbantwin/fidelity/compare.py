@@ -151,6 +151,13 @@ def _opened(
 
     for side in sides.values():
         survey(side, step)
+    bad = sides["real"].problems.keys() | sides["synthetic"].problems.keys()
+    if bad >= set(range(pairs)):
+        raise InputError(
+            "no pair of frames can be read on both sides",
+            file=real,
+            expected=f"frames beside those of {synthetic.name}",
+        )
     lacking: list[str] = []
     if arbitrary == "example":
         from urbantwin.fidelity.arbitrary import arbitrary_recording
@@ -204,10 +211,4 @@ def _measured(pairs: Pairs, workers: int | None, tell: Progress) -> Findings:
             found.add(one)
         done = (index + 1) / len(pairs)
         tell(_CONTROL + (0.95 - _CONTROL) * done, f"compared {index + 1} of {len(pairs)} pairs")
-    if not found.frames:
-        raise InputError(
-            "no pair of frames can be read on both sides",
-            file=pairs.sides["real"].recording.path,
-            expected=f"frames beside those of {pairs.sides['synthetic'].recording.path.name}",
-        )
     return found
