@@ -31,7 +31,7 @@ demo: $(RUNTIME)
 	$(BIN)/urbantwin demo -o urbantwin-demo
 
 test: lint judges
-	$(BIN)/pytest
+	$(BIN)/pytest -n auto --dist loadfile
 
 lint: $(DEVELOPMENT)
 	$(BIN)/ruff check

@@ -19,7 +19,7 @@ from urbantwin import __version__
 Run = Callable[..., Any]
 COMMANDS = tuple(
     "align background build carla compare coverage demo export init inspect record run sensors "
-    "traffic".split()
+    "traffic tune".split()
 )
 
 

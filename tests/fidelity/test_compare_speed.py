@@ -113,14 +113,18 @@ def test_an_interrupted_comparison_leaves_nothing(tmp_path):
     # A script without a guard: workers must not run it again.
     script = tmp_path / "script.py"
     script.write_text(
+        "import signal, time\n"
         "from pathlib import Path\n"
         "from urbantwin.fidelity import compare\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)  # if ignored\n"
         "def tell(done, what):\n"
         "    print(what, flush=True)\n"
+        "    if what.startswith('compared'):\n"
+        "        time.sleep(0.5)  # The interrupt comes while there is work left.\n"
         "compare(Path('real'), Path('twin'), Path('out'), arbitrary=None, workers=2,\n"
         "        progress=tell)\n"
     )
-    write(tmp_path / "real", 1, 60), write(tmp_path / "twin", 2, 60)
+    write(tmp_path / "real", 1, 20), write(tmp_path / "twin", 2, 20)
     before = sorted(tmp_path.rglob("*"))
     run = subprocess.Popen(
         [sys.executable, str(script)],

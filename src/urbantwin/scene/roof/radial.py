@@ -14,14 +14,17 @@ from urbantwin.scene.roof.facet import Facet
 
 __all__ = ["apex_of", "radial"]
 
+#: An apex nearer to the line of an edge than this would make a wall of the roof there, metres.
+_LEAST_RUN_M = 0.3
+
 
 def apex_of(footprint: Polygon) -> NDArray[np.float64] | None:
-    """Return a point (2,) that sees the whole outline: the centroid if it does; else ``None``."""
+    """Return a point (2,) well within the lines of all edges, the centroid if it is."""
     if footprint.interiors:
         return None
     for point in (footprint.centroid, footprint.envelope.centroid):
         apex: NDArray[np.float64] = shapely.get_coordinates(point)[0]
-        if (_twice_areas(footprint, apex) > 1e-3).all():
+        if _well_within(footprint, apex):
             return apex
     return None
 
@@ -63,7 +66,8 @@ def _ring(footprint: Polygon) -> NDArray[np.float64]:
     return np.asarray(shapely.get_coordinates(oriented.exterior)[:-1])
 
 
-def _twice_areas(footprint: Polygon, apex: NDArray[np.float64]) -> NDArray[np.float64]:
+def _well_within(footprint: Polygon, apex: NDArray[np.float64]) -> bool:
     a = _ring(footprint) - apex
     b = np.roll(a, -1, axis=0)
-    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+    twice_areas = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]
+    return bool((twice_areas > _LEAST_RUN_M * np.linalg.norm(b - a, axis=1)).all())
