@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -164,10 +164,10 @@ def _report(folder: Path) -> dict[str, Any]:
                 }
                 for measure in manifest["definitions"]
             },
-            "reduction_percent": anchors["reduction_percent"],
-            "ratio_to_real": anchors.get("ratio_to_real"),
+            "reduction_percent": _rounded(anchors["reduction_percent"], 1),
+            "ratio_to_real": _rounded(anchors.get("ratio_to_real"), 2),
             "parts": {
-                part: {measure: row["twin"] for measure, row in rows.items()}
+                part: _rounded({measure: row["twin"] for measure, row in rows.items()}, 4)
                 for part, rows in manifest.get("headline", {}).items()
                 if part != "whole"
             },
@@ -179,6 +179,15 @@ def _report(folder: Path) -> dict[str, Any]:
         raise InputError(
             f"lacks {error}", file=folder / "report.json", expected="a report's figures"
         ) from None
+
+
+def _rounded(
+    values: Mapping[str, float | None] | None, digits: int
+) -> dict[str, float | None] | None:
+    """Return values to print; ``report.json`` has all their digits."""
+    if values is None:
+        return None
+    return {name: None if value is None else round(value, digits) for name, value in values.items()}
 
 
 def _yaml(path: Path) -> dict[str, Any]:

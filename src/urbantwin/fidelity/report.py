@@ -350,7 +350,9 @@ def _figure(name: str, value: float) -> str:
 
 
 def _less(percent: float) -> str:
-    return f"{abs(percent):.0f} % {'less' if percent >= 0 else 'more'}"
+    # Nearly all is not all.
+    share = f"{min(percent, 99.9):.1f}" if 99.5 <= percent < 100 else f"{abs(percent):.0f}"
+    return f"{share} % {'less' if percent >= 0 else 'more'}"
 
 
 def _listed(words: Sequence[str]) -> str:
