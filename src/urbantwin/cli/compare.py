@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Out, Quiet, Workers
+from urbantwin.cli.options import AsJson, Layout, Out, Quiet, RowWidth, Workers
 
 __all__ = ["EXAMPLES", "compare"]
 
@@ -39,12 +39,8 @@ def compare(
             "[default: an example site, recorded by the dataset's sensors]",
         ),
     ] = None,
-    layout: Annotated[
-        str | None, typer.Option(help="Of the real frames.  [default: what their files tell]")
-    ] = None,
-    columns: Annotated[
-        int | None, typer.Option(min=3, help="Values per row of .bin files: 4 if not given.")
-    ] = None,
+    layout: Layout = None,
+    columns: RowWidth = None,
     origin: Annotated[
         tuple[float, float, float] | None,
         typer.Option(

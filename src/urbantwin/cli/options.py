@@ -7,9 +7,15 @@ from typing import Annotated
 
 import typer
 
-__all__ = ["AsJson", "Out", "Pictures", "Quiet", "Seed", "Workers"]
+__all__ = ["AsJson", "Layout", "Out", "Pictures", "Quiet", "RowWidth", "Seed", "Workers"]
 
 Out = Annotated[Path, typer.Option("--out", "-o", metavar="FOLDER", help="The folder to write.")]
+Layout = Annotated[
+    str | None, typer.Option(help="Of the real frames.  [default: what their files tell]")
+]
+RowWidth = Annotated[
+    int | None, typer.Option(min=3, help="Values per row of .bin files: 4 if not given.")
+]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 AsJson = Annotated[
     bool, typer.Option("--json", help="Print one JSON document on stdout and nothing else there.")

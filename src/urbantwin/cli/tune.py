@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Out, Quiet
+from urbantwin.cli.options import AsJson, Layout, Out, Quiet, RowWidth
 
 __all__ = ["EXAMPLES", "tune"]
 
@@ -53,12 +53,8 @@ def tune(
         _PointsIn | None,
         typer.Option(help="The frame of the real points.  [default: the rig's]"),
     ] = None,
-    layout: Annotated[
-        str | None, typer.Option(help="Of the real frames.  [default: what their files tell]")
-    ] = None,
-    columns: Annotated[
-        int | None, typer.Option(min=3, help="Values per row of .bin files: 4 if not given.")
-    ] = None,
+    layout: Layout = None,
+    columns: RowWidth = None,
     report: Annotated[
         bool, typer.Option("--report/--no-report", help="Measure and draw before and after.")
     ] = True,

@@ -15,6 +15,7 @@ from urbantwin.fidelity.histograms import full_scale
 from urbantwin.fidelity.on_beams import BeamsOf
 from urbantwin.fidelity.range_modes import RangeModes, range_modes
 from urbantwin.fidelity.readers import open_recording
+from urbantwin.fidelity.sampling import evenly
 from urbantwin.lidar.measured import MeasuredBackground
 from urbantwin.lidar.measured_file import save_backgrounds
 
@@ -100,7 +101,7 @@ def measure_recording(
     recording = open_recording(real)
     say = progress or (lambda fraction, doing: None)
     most = max(1, _MOST_LOOKS // sum(one.count for one in sensors))
-    used = np.unique(np.linspace(0, len(recording) - 1, most).round().astype(int)).tolist()
+    used = evenly(len(recording), most)
     problems = []
 
     def frames() -> Iterable[Frame]:

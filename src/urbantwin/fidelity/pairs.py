@@ -15,6 +15,7 @@ from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.measure import BACKGROUND, FOREGROUND, Measured, RealFrame
 from urbantwin.fidelity.missing import without_surface
 from urbantwin.fidelity.report import FrameFigures
+from urbantwin.fidelity.sampling import evenly
 from urbantwin.fidelity.sides import Side
 from urbantwin.processes import usable_processors, worker_pool
 
@@ -64,8 +65,7 @@ class Pairs:
     @cached_property
     def anchors(self) -> dict[int, int]:
         """The pairs at which anchors are measured: index -> number of the arbitrary frame."""
-        spread = np.linspace(0, len(self) - 1, min(len(self), MOST_ANCHORS)).round().astype(int)
-        return {int(index): number for number, index in enumerate(spread)}
+        return {index: number for number, index in enumerate(evenly(len(self), MOST_ANCHORS))}
 
     def frames(self, index: int) -> dict[str, Frame]:
         """Return the frames of a pair by side; not those that cannot be read."""

@@ -1,11 +1,17 @@
-"""Samples of points, drawn the same every time."""
+"""Samples of points and of frames, the same every time."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["sample_rows", "sampled"]
+__all__ = ["evenly", "sample_rows", "sampled"]
+
+
+def evenly(count: int, most: int) -> list[int]:
+    """Return the numbers of all of ``count`` things, or of ``most`` that are spread evenly."""
+    spread: list[int] = np.linspace(0, count - 1, min(count, most)).round().astype(int).tolist()
+    return spread
 
 
 def sample_rows(count: int, wanted: int, seed: int = 0) -> NDArray[np.int64]:

@@ -16,6 +16,7 @@ from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.histograms import full_scale
 from urbantwin.fidelity.objects import ObjectStatistics
 from urbantwin.fidelity.readers import Recording, open_recording
+from urbantwin.fidelity.sampling import evenly
 from urbantwin.processes import threads
 
 __all__ = ["LABELS", "MODEL", "Side", "model_background", "open_side", "survey"]
@@ -153,6 +154,6 @@ def model_background(side: Side) -> bool:
     usable = [index for index in range(side.count) if index not in side.problems]
     if len(usable) < LEAST_FRAMES or not side.stands:
         return False
-    spread = np.unique(np.linspace(0, len(usable) - 1, _MODEL_FRAMES).round().astype(int))
+    spread = evenly(len(usable), _MODEL_FRAMES)
     side.background = Background(side.recording.read(usable[i]) for i in spread)
     return True

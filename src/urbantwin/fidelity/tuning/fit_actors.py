@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from urbantwin.fidelity.sampling import evenly
 from urbantwin.fidelity.tuning.actor_terms import (
     KINDS,
     ActorTerms,
@@ -96,8 +97,6 @@ def real_clusters(terms: RigTerms, fit: RigFit) -> Clusters | None:
 def _simulated(terms: RigTerms, fit: RigFit, motion: Motion) -> Clusters | None:
     rig = tuned_rig(terms.rig, fit.values)
     made = SimulatedFrames(terms.twin, rig, terms.points_in, motion, terms.seed)
-    last = (made.count or 1) - 1
-    numbers = np.unique(np.linspace(0, last, _SIMULATED).round().astype(int))
-    clouds = [made.frame(int(number)) for number in numbers]
+    clouds = [made.frame(number) for number in evenly(made.count or 1, _SIMULATED)]
     place = frame_of_points(rig, terms.points_in)
     return clusters_of(clouds, place, clouds[0].sensor_places, terms.twin.ground_mesh)

@@ -17,6 +17,7 @@ from urbantwin.fidelity.histograms import full_scale
 from urbantwin.fidelity.readers import Recording, open_recording
 from urbantwin.fidelity.readers.assembled import frame_of
 from urbantwin.fidelity.readers.own import read_ray_table
+from urbantwin.fidelity.sampling import evenly
 
 __all__ = ["MOST_FRAMES", "Looks", "looks_of", "open_unlabelled"]
 
@@ -105,7 +106,7 @@ def looks_of(
         InputError: not one of them can be read (the first one's error), or a point's sensor is
             not known.
     """
-    places = np.unique(np.linspace(0, len(numbers) - 1, MOST_FRAMES).round().astype(int))
+    places = evenly(len(numbers), MOST_FRAMES)
     frames: list[Frame] = []
     problems: list[str] = []
     first: InputError | None = None

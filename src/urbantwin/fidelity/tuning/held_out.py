@@ -14,6 +14,7 @@ from urbantwin.fidelity.definitions import MEASURES
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.measure import Figures, RealFrame
 from urbantwin.fidelity.readers import Recording
+from urbantwin.fidelity.sampling import evenly
 from urbantwin.fidelity.tuning.actor_terms import ActorTerms, actor_changes
 from urbantwin.fidelity.tuning.fit import RigFit, RigTerms, views_of
 from urbantwin.fidelity.tuning.fit_actors import real_clusters
@@ -175,10 +176,7 @@ class _Shown:
 
     def __init__(self, sides: dict[str, SimulatedFrames], held: Looks, scale: float | None) -> None:
         self._sides, self._clouds, self._scale = sides, held.clouds, scale
-        last = len(held.clouds) - 1
-        self._numbers = np.unique(
-            np.linspace(0, last, min(_MEASURED, last + 1)).round().astype(int)
-        )
+        self._numbers = evenly(len(held.clouds), _MEASURED)
         self.count = len(self._numbers)
 
     def measures(self, tell: Callable[[float], None]) -> dict[str, dict[str, float | None]]:
