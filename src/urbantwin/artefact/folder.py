@@ -1,19 +1,16 @@
-"""Artefacts: folders on disk that appear whole or not at all, and the JSON beside them."""
+"""Folders that appear whole or not at all."""
 
 from __future__ import annotations
 
-import hashlib
-import json
 import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from urbantwin.errors import InputError
 
-__all__ = ["read_json", "replaced_folder", "sha256_of", "write_json"]
+__all__ = ["replaced_folder"]
 
 
 @contextmanager
@@ -49,33 +46,3 @@ def replaced_folder(target: Path, *, kind: str) -> Iterator[Path]:
         scratch.replace(target)
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
-
-
-def write_json(path: Path, value: object) -> None:
-    """Write ``value`` as stable, readable JSON (keys in the given order, newline at the end)."""
-    scratch = path.with_name(f".{path.name}.part")
-    scratch.write_text(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
-    scratch.replace(path)
-
-
-def read_json(path: Path, *, kind: str) -> dict[str, Any]:
-    """Read an artefact's manifest.
-
-    Raises:
-        InputError: the file is missing, is not JSON, or is not a mapping.
-    """
-    try:
-        value = json.loads(path.read_text())
-    except FileNotFoundError:
-        raise InputError("not found", file=path, expected=f"a {kind}'s manifest") from None
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"is not JSON ({error})", file=path, expected=f"a {kind}") from None
-    if not isinstance(value, dict):
-        raise InputError("is not a mapping", file=path, expected=f"a {kind}'s manifest")
-    return value
-
-
-def sha256_of(path: Path) -> str:
-    """Return the SHA-256 of a file's bytes, in hexadecimal."""
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
