@@ -1,6 +1,18 @@
-"""``python -m urbantwin`` is the command ``urbantwin``."""
+"""The command ``urbantwin``, and ``python -m urbantwin``."""
 
-from urbantwin.cli import main
+from urbantwin.interruption import ends_at_once
+
+__all__ = ["main"]
+
+ends_at_once()  # before the imports of the commands, which take a while
+
+
+def main() -> int:
+    """Run the command line; see `urbantwin.cli.main`."""
+    from urbantwin.cli import main as run
+
+    return run()
+
 
 if __name__ == "__main__":
     raise SystemExit(main())

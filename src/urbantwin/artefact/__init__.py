@@ -1,7 +1,36 @@
-"""Artefacts: folders on disk that appear whole or not at all, and the documents in them."""
+"""Artefacts: outputs that appear whole or not at all, their inventories, the documents in them."""
 
 from urbantwin.artefact.checksum import sha256_of
 from urbantwin.artefact.document import read_json, write_json
-from urbantwin.artefact.folder import replaced_folder
+from urbantwin.artefact.inventory import INVENTORY, Damage, damages, write_inventory
+from urbantwin.artefact.output import (
+    KINDS,
+    check_file,
+    check_folder,
+    kind_of,
+    replaced_file,
+    replaced_folder,
+)
+from urbantwin.artefact.room import check_room
+from urbantwin.artefact.scratch import claimed, new_folder, passing_folder, remove_dead
 
-__all__ = ["read_json", "replaced_folder", "sha256_of", "write_json"]
+__all__ = [
+    "INVENTORY",
+    "KINDS",
+    "Damage",
+    "check_file",
+    "check_folder",
+    "check_room",
+    "claimed",
+    "damages",
+    "kind_of",
+    "new_folder",
+    "passing_folder",
+    "read_json",
+    "remove_dead",
+    "replaced_file",
+    "replaced_folder",
+    "sha256_of",
+    "write_inventory",
+    "write_json",
+]

@@ -30,12 +30,13 @@ from urbantwin.cli import (
 )
 from urbantwin.cli.console import error_line
 from urbantwin.errors import InputError, UrbanTwinError
+from urbantwin.interruption import EXIT_CODE as EXIT_INTERRUPTED
+from urbantwin.interruption import unwinds
 
 __all__ = ["app", "main"]
 
 EXIT_FAILED = 1
 EXIT_WRONG_INPUT = 2
-EXIT_INTERRUPTED = 130
 
 app = typer.Typer(
     name="urbantwin",
@@ -97,8 +98,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     Returns:
         0 when all went well, 1 when a stage failed, 2 when something given was wrong,
-        130 when it was interrupted from the keyboard.
+        130 when it was interrupted: by Ctrl-C, SIGTERM or SIGHUP.
     """
+    with unwinds() as interruptions:
+        try:
+            code = _run(arguments)
+        except KeyboardInterrupt:
+            code = EXIT_INTERRUPTED
+        except Exception:
+            if not interruptions.count:
+                raise
+            code = EXIT_INTERRUPTED  # a library made something else of it
+        if interruptions.count:
+            code = EXIT_INTERRUPTED
+        if code == EXIT_INTERRUPTED:
+            error_line("interrupted")
+    return code
+
+
+def _run(arguments: Sequence[str] | None) -> int:
     try:
         with warnings.catch_warnings():
             if (
@@ -128,8 +146,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except MemoryError:
         error_line("out of memory")
         code = EXIT_FAILED
-    except (KeyboardInterrupt, typer.Abort):
+    except typer.Abort:
         code = EXIT_INTERRUPTED
-    if code == EXIT_INTERRUPTED:  # typer itself returns it where it sees the interruption first
-        error_line("interrupted")
     return code if isinstance(code, int) else 0

@@ -72,7 +72,8 @@ def background(
     as_json: AsJson = False,
 ) -> None:
     """Measure the static world beam by beam from unlabelled frames, for `record --background`."""
-    from urbantwin.cli.stages import new_folder, rig_on
+    from urbantwin.artefact import check_file
+    from urbantwin.cli.stages import rig_on
     from urbantwin.fidelity.measured_background import measure_recording
     from urbantwin.fidelity.on_beams import beams_of_model, beams_of_rig
     from urbantwin.fidelity.range_matrix import is_matrix, measure_matrix
@@ -81,12 +82,13 @@ def background(
     console = Console(quiet=quiet, as_json=as_json)
     if (sensor is None) == (twin is None):
         raise InputError("which sensor is it?", expected="--sensor or --twin, and not both")
+    check_file(out, inputs=[real, twin, rig, elevations])
     if twin is not None:
         beams = beams_of_rig(rig_on(load_twin(twin), rig), only=only, frame=points_in)
     else:
         assert sensor is not None
         beams = [beams_of_model(sensor, columns=columns, turns_per_second=rate, pose=pose)]
-    with new_folder(out.parent), console.stage("background") as progress:
+    with console.stage("background") as progress:
         if is_matrix(real):
             summary = measure_matrix(real, beams[0], out, elevations=elevations)
         else:

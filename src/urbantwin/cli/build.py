@@ -26,11 +26,9 @@ def build(
     as_json: AsJson = False,
 ) -> None:
     """Build a site's twin: ground, roads and labelled scene."""
-    from urbantwin.cli.stages import build_stage, site_with_known_sensors, twin_pictures_stage
+    from urbantwin.cli.stages import build_stage, site_with_known_sensors
     from urbantwin.cli.summary import summary
 
     console = Console(quiet=quiet, as_json=as_json)
-    twin = build_stage(site_with_known_sensors(site), out, console, pictures=pictures)
-    if pictures:
-        twin_pictures_stage(twin, console)
+    build_stage(site_with_known_sensors(site), out, console, pictures=pictures)
     console.result(summary(out))

@@ -30,16 +30,18 @@ def coverage(
     as_json: AsJson = False,
 ) -> None:
     """Map the points per square metre that a rig gets from the ground and 1 m above it."""
-    from urbantwin.artefact import replaced_folder, write_json
-    from urbantwin.cli.stages import new_folder, rig_on
+    from urbantwin.artefact import check_folder, replaced_folder, write_json
+    from urbantwin.cli.stages import rig_on
     from urbantwin.lidar.coverage import rig_coverage
     from urbantwin.twin import load_twin
     from urbantwin.view.pictures import picture_of_coverage
 
     console = Console(quiet=quiet, as_json=as_json)
+    inputs = [twin, rig]
+    check_folder(out, kind="coverage", inputs=inputs)
     loaded = load_twin(twin)
     placed = rig_on(loaded, rig)
-    with new_folder(out.parent), replaced_folder(out, kind="coverage") as folder:
+    with replaced_folder(out, kind="coverage", inputs=inputs) as folder:
         with console.stage("coverage") as progress:
             found = rig_coverage(
                 placed,

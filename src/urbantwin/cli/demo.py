@@ -32,13 +32,14 @@ def demo(
     as_json: AsJson = False,
 ) -> None:
     """Run a real intersection in central Helsinki, map to frames."""
-    from urbantwin.cli.stages import new_folder, site_with_known_sensors, whole_line
+    from urbantwin.artefact import new_folder
+    from urbantwin.cli.stages import site_with_known_sensors, whole_line
     from urbantwin.site.init import init_site
 
     console = Console(quiet=quiet, as_json=as_json)
     extract, file = helsinki_extract(), out / "site" / "site.yaml"
     if not file.exists():  # a person may have tried changes in it
-        with new_folder(out), new_folder(file.parent):
+        with new_folder(file.parent):
             init_site(
                 file.parent,
                 extract,

@@ -71,7 +71,7 @@ def init(
     as_json: AsJson = False,
 ) -> None:
     """Write a commented site.yaml for a place on a map."""
-    from urbantwin.cli.stages import new_folder
+    from urbantwin.artefact import new_folder
     from urbantwin.cli.summary import summary
     from urbantwin.roads.imported import init_site_of_map
     from urbantwin.site.init import init_site

@@ -91,7 +91,8 @@ def record(
     as_json: AsJson = False,
 ) -> None:
     """Record labelled LiDAR frames. Run again after an interruption, it goes on from there."""
-    from urbantwin.cli.stages import dataset_pictures_stage, record_stage
+    from urbantwin.artefact import check_folder
+    from urbantwin.cli.stages import record_stage
     from urbantwin.cli.summary import summary
     from urbantwin.site.rig_changes import RigChanges
     from urbantwin.traffic import Motion
@@ -108,10 +109,11 @@ def record(
         ride=ride,
         fused=fused,
     )
-    loaded, driven = load_twin(twin), Motion.load(motion)
+    inputs = [twin, motion, *([] if rig is None else [rig])]
+    check_folder(out, kind="dataset", inputs=inputs)
     record_stage(
-        loaded,
-        driven,
+        load_twin(twin),
+        Motion.load(motion),
         rig,
         out,
         console,
@@ -123,7 +125,7 @@ def record(
         backend=backend,
         background=background or (),
         fuse=fuse,
+        inputs=inputs,
+        pictures=pictures,
     )
-    if pictures:
-        dataset_pictures_stage(out, loaded, driven, console)
     console.result(summary(out))

@@ -6,8 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from urbantwin.artefact import replaced_folder
-from urbantwin.cli.console import Console
+from urbantwin.cli.console import Console, ProgressCallback
 from urbantwin.errors import InputError
 
 if TYPE_CHECKING:
@@ -22,28 +21,13 @@ if TYPE_CHECKING:
 
 __all__ = [
     "build_stage",
-    "dataset_pictures_stage",
     "fields_below",
-    "new_folder",
     "record_stage",
     "rig_on",
     "site_with_known_sensors",
     "traffic_stage",
-    "twin_pictures_stage",
     "whole_line",
 ]
-
-
-@contextmanager
-def new_folder(folder: Path) -> Iterator[None]:
-    """Take a folder away again if the block made it and then failed with nothing in it."""
-    existed = folder.exists()
-    try:
-        yield
-    except BaseException:
-        if not existed and folder.is_dir() and not any(folder.iterdir()):
-            folder.rmdir()
-        raise
 
 
 def rig_on(twin: Twin, rig_file: Path | None = None, changes: RigChanges | None = None) -> Rig:
@@ -82,34 +66,27 @@ def site_with_known_sensors(path: Path) -> Site:
 
 
 def build_stage(site: Site, out: Path, console: Console, *, pictures: bool = True) -> Twin:
-    """Build a twin that the site's own rig stands in; draw how its geometry was cleaned."""
+    """Build a twin that the site's own rig stands in, with pictures of it and of its geometry."""
     from urbantwin.lidar.rig import place_rig
-    from urbantwin.twin import build_twin, load_twin
+    from urbantwin.twin import build_twin
 
     found: list[Reconstruction] = []
-    with (
-        new_folder(out.parent),
-        replaced_folder(out, kind="twin") as scratch,
-        console.stage("twin") as progress,
-    ):
-        twin = build_twin(site, scratch / "twin", progress, watch=found.append)
-        with fields_below(_rig_field(site), site.rig_file):
-            place_rig(
-                site.rig,
-                twin.mesh,
-                file=site.rig_file,
-                anchor_height_m=twin.anchor_height_m,
-            )
-        for entry in sorted((scratch / "twin").iterdir()):
-            entry.replace(scratch / entry.name)
-        (scratch / "twin").rmdir()
-        if pictures and found:
-            from urbantwin.view.geometry_pictures import pictures_of_geometry
-            from urbantwin.view.pictures import attributions
 
-            sources = attributions({"inputs": site.inputs()})
-            pictures_of_geometry(found[0], scratch / "pictures", attribution=sources)
-    return load_twin(out)
+    def also(twin: Twin, progress: ProgressCallback) -> None:
+        with fields_below(_rig_field(site), site.rig_file):
+            place_rig(site.rig, twin.mesh, file=site.rig_file, anchor_height_m=twin.anchor_height_m)
+        if pictures:
+            from urbantwin.view.geometry_pictures import pictures_of_geometry
+            from urbantwin.view.pictures import attributions, pictures_of_twin
+
+            folder = twin.folder / "pictures"
+            if found:
+                sources = attributions({"inputs": site.inputs()})
+                pictures_of_geometry(found[0], folder, attribution=sources)
+            pictures_of_twin(twin, folder, progress=progress)
+
+    with console.stage("twin") as progress:
+        return build_twin(site, out, progress, watch=found.append, also=also)
 
 
 def traffic_stage(
@@ -118,7 +95,7 @@ def traffic_stage(
     """Drive a twin's traffic; what is not given is as the twin's site asks."""
     from urbantwin.traffic import run_traffic
 
-    with new_folder(out.parent), console.stage("traffic") as progress:
+    with console.stage("traffic") as progress:
         return run_traffic(twin, out, seconds=seconds, seed=seed, progress=progress)
 
 
@@ -137,6 +114,8 @@ def record_stage(
     backend: str = "embree",
     background: Sequence[str] = (),
     fuse: bool = False,
+    inputs: Sequence[Path] = (),
+    pictures: bool = True,
 ) -> None:
     """Record a dataset with the rig of a file, or with the twin's own, and changes to it."""
     from urbantwin.dataset import record
@@ -144,7 +123,18 @@ def record_stage(
 
     file = twin.folder / "rig.yaml" if rig_file is None else rig_file
     rig = rig_with_backgrounds(rig_on(twin, rig_file, changes), background, fused=fuse)
-    with new_folder(out.parent), console.stage("record") as progress:
+    with console.stage("record") as progress:
+
+        def also(dataset: Path) -> None:
+            from urbantwin.view.pictures import pictures_of_dataset
+
+            pictures_of_dataset(
+                dataset,
+                twin=twin,
+                motion=motion,
+                progress=lambda share, doing: progress(0.98 + 0.02 * share, doing),
+            )
+
         record(
             twin,
             motion,
@@ -156,46 +146,41 @@ def record_stage(
             stop_s=stop_s,
             rig_file=file,
             backend=backend,
+            inputs=inputs,
+            also=also if pictures else None,
             progress=progress,
         )
-
-
-def twin_pictures_stage(twin: Twin, console: Console) -> list[Path]:
-    """Draw a twin's plan and scene into its ``pictures/``."""
-    from urbantwin.view.pictures import pictures_of_twin
-
-    with console.stage("pictures") as progress:
-        return pictures_of_twin(twin, twin.folder / "pictures", progress=progress)
-
-
-def dataset_pictures_stage(
-    dataset: Path, twin: Twin, motion: Motion, console: Console
-) -> list[Path]:
-    """Draw a recorded frame and the points of each class into the dataset's ``pictures/``."""
-    from urbantwin.view.pictures import pictures_of_dataset
-
-    with console.stage("pictures") as progress:
-        return pictures_of_dataset(dataset, twin=twin, motion=motion, progress=progress)
 
 
 def whole_line(
     site: Site, out: Path, console: Console, *, workers: int | None, pictures: bool = True
 ) -> dict[str, Any]:
     """Go from a site to a dataset with pictures, and say where everything is."""
-    with new_folder(out):
-        twin = build_stage(site, out / "twin", console, pictures=pictures)
-        motion = traffic_stage(twin, out / "motion", console, seconds=None, seed=None)
-        record_stage(twin, motion, None, out / "dataset", console, workers=workers)
-        drawn: list[Path] = []
-        if pictures:
-            drawn += twin_pictures_stage(twin, console)
-            drawn += dataset_pictures_stage(out / "dataset", twin, motion, console)
+    from urbantwin.artefact import check_folder
+
+    places = {kind: out / kind for kind in ("twin", "motion", "dataset")}
+    for kind, place in places.items():
+        check_folder(place, kind=kind, inputs=site.files())
+    twin = build_stage(site, places["twin"], console, pictures=pictures)
+    motion = traffic_stage(twin, places["motion"], console, seconds=None, seed=None)
+    record_stage(
+        twin,
+        motion,
+        None,
+        places["dataset"],
+        console,
+        workers=workers,
+        inputs=[places["motion"]],
+        pictures=pictures,
+    )
     return {
-        "twin": str(out / "twin"),
-        "motion": str(out / "motion"),
-        "dataset": str(out / "dataset"),
+        **{kind: str(place) for kind, place in places.items()},
         "attribution": list(dict.fromkeys(item["attribution"] for item in site.inputs())),
-        "pictures": [str(picture) for picture in drawn],
+        "pictures": [
+            str(picture)
+            for place in (places["twin"], places["dataset"])
+            for picture in sorted(place.rglob("pictures/*.png"))
+        ],
     }
 
 

@@ -62,7 +62,8 @@ def tune(
     as_json: AsJson = False,
 ) -> None:
     """Fit what is uncertain of a rig and its actors to unlabelled real frames."""
-    from urbantwin.cli.stages import new_folder, rig_on
+    from urbantwin.artefact import check_folder
+    from urbantwin.cli.stages import rig_on
     from urbantwin.fidelity.tuning import Tuning, groups_of
     from urbantwin.fidelity.tuning import tune as tune_rig
     from urbantwin.fidelity.tuning.summary import summary_of
@@ -82,10 +83,11 @@ def tune(
         columns=columns,
         report=report,
     )
+    check_folder(out, kind="tuning", inputs=[real, twin, motion, rig])
     loaded = load_twin(twin)
     placed = rig_on(loaded, rig)
     moving = None if motion is None else Motion.load(motion)
-    with new_folder(out.parent), console.stage("tune") as progress:
+    with console.stage("tune") as progress:
         found = tune_rig(
             real,
             loaded,

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -54,22 +56,24 @@ def write_frame(folder: Path, index: int, frame: LabelledFrame) -> dict[str, Any
 
     Returns:
         What can stand in JSON: ``points`` (their number), ``bounds`` (least and greatest x, y, z,
-        or ``None``), ``semantic`` (number of points by class number) and ``boxes`` (one row per
-        box).
+        or ``None``), ``semantic`` (number of points by class number), ``boxes`` (one row per
+        box) and ``sha256`` (of each file, by its name in the dataset).
     """
     name = frame_name(index)
-    _save(folder / "points" / f"{name}.npy", frame.points)
-    (folder / "labels" / f"{name}.txt").write_text(label_lines(frame.boxes))
+    sums = {f"points/{name}.npy": _save(folder / "points" / f"{name}.npy", frame.points)}
+    lines = label_lines(frame.boxes).encode()
+    (folder / "labels" / f"{name}.txt").write_bytes(lines)
+    sums[f"labels/{name}.txt"] = hashlib.sha256(lines).hexdigest()
 
     labels = frame.instance.astype("<u4")
     labels <<= 16
     labels |= frame.semantic
-    _write(folder / "semantic" / f"{name}.label", b"", labels)
+    sums[f"semantic/{name}.label"] = _write(folder / "semantic" / f"{name}.label", b"", labels)
 
     rays = np.empty(len(frame.points), RAY_TYPE)
     for field, attribute in _RAY_FIELDS.items():
         rays[field] = getattr(frame, attribute, 0)
-    _save(folder / "rays" / f"{name}.npy", rays)
+    sums[f"rays/{name}.npy"] = _save(folder / "rays" / f"{name}.npy", rays)
 
     counts = np.bincount(frame.semantic)
     return {
@@ -77,29 +81,49 @@ def write_frame(folder: Path, index: int, frame: LabelledFrame) -> dict[str, Any
         "bounds": _bounds(frame.points),
         "semantic": {str(number): int(counts[number]) for number in np.flatnonzero(counts)},
         "boxes": [_row(one) for one in frame.boxes],
+        "sha256": sums,
     }
 
 
-def _save(path: Path, array: NDArray[Any]) -> None:
-    """Write what ``np.save`` writes."""
+def _save(path: Path, array: NDArray[Any]) -> str:
+    """Write what ``np.save`` writes, and return the file's SHA-256."""
     header = io.BytesIO()
     np.lib.format.write_array_header_1_0(header, np.lib.format.header_data_from_array_1_0(array))
-    _write(path, header.getvalue(), array)
+    return _write(path, header.getvalue(), array)
 
 
-def _write(path: Path, header: bytes, array: NDArray[Any]) -> None:
-    """Write a file through to the disk and give its memory back.
+def _write(path: Path, header: bytes, array: NDArray[Any]) -> str:
+    """Write a file through to the disk, give its memory back, and return the file's SHA-256.
 
     A frame that is marked as finished is then really there after a loss of power. And where the
     machine is a virtual one, the next frame finds memory that it has already: with fresh pages
     for every frame, writing takes five times as long.
     """
-    with path.open("wb", buffering=0) as stream:
-        stream.write(header)
-        stream.write(np.ascontiguousarray(array).reshape(-1).view(np.uint8).data)
+    body = np.ascontiguousarray(array).reshape(-1).view(np.uint8).data
+    digest = hashlib.sha256(header)
+    digest.update(body)
+    with path.open("wb", buffering=0) as stream, _named(path):
+        for part in (header, body):
+            _write_all(stream, part)
         os.fdatasync(stream.fileno())
         if hasattr(os, "posix_fadvise"):
             os.posix_fadvise(stream.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
+    return digest.hexdigest()
+
+
+def _write_all(stream: io.RawIOBase, part: bytes | memoryview) -> None:
+    """Write all of it: where a disk fills up or files are limited, the system writes a part."""
+    while len(part):
+        part = part[stream.write(part) or 0 :]
+
+
+@contextmanager
+def _named(path: Path) -> Iterator[None]:
+    """Say in the system's errors which file they are about."""
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno, error.strerror, str(path)) from None
 
 
 def read_json_or_none(path: Path) -> Any:  # noqa: ANN401

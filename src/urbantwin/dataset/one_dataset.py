@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from urbantwin.traffic import Motion
     from urbantwin.twin import Twin
 
-__all__ = ["MARKS", "finish_dataset", "record_dataset"]
+__all__ = ["MARKS", "checksums", "finish_dataset", "record_dataset"]
 
 #: Folder of the marks of finished frames; no part of the dataset.
 MARKS = "done"
@@ -107,6 +107,16 @@ def finish_dataset(
     write_ignore_regions(folder / IGNORE_REGIONS, ignored)
     write_sweeps(folder / "sweeps.parquet", list(times_s), entries)
     write_json(folder / "dataset.json", manifest_of(recipe, times_s, entries, (train, validate)))
+
+
+def checksums(entries: Mapping[str, Entries]) -> dict[str, str]:
+    """Return the SHA-256 of every frame's files, by dataset and name."""
+    return {
+        f"{name}/{file}" if name else file: digest
+        for name, own in entries.items()
+        for entry in own
+        for file, digest in entry["sha256"].items()
+    }
 
 
 def _mark(done: Path, index: int) -> Path:

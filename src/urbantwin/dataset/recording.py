@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from urbantwin.artefact import replaced_folder, write_json
+from urbantwin.artefact import (
+    INVENTORY,
+    check_folder,
+    check_room,
+    replaced_folder,
+    write_inventory,
+    write_json,
+)
 from urbantwin.dataset.frame_times import frame_times
+from urbantwin.dataset.layout import RAY_TYPE
 from urbantwin.dataset.manifest import manifest_of_parts, recipe_key, recipe_of, recipe_of_rig
 from urbantwin.dataset.moment import FASTEST_M_S
-from urbantwin.dataset.one_dataset import MARKS, finish_dataset, record_dataset
+from urbantwin.dataset.one_dataset import MARKS, checksums, finish_dataset, record_dataset
 from urbantwin.errors import InputError
 from urbantwin.lidar import Rig
 from urbantwin.lidar.casting.backend import layers_on
@@ -24,6 +31,11 @@ if TYPE_CHECKING:
     from urbantwin.twin import Twin
 
 __all__ = ["record"]
+
+#: Of a point: x, y, z and intensity, its label, and the ray that it came from.
+BYTES_PER_POINT = 16 + 4 + RAY_TYPE.itemsize
+#: So many of the rays come back at least, in a street.
+LEAST_RETURNED = 0.4
 
 
 def record(  # noqa: PLR0913 - every one is a person's choice
@@ -38,6 +50,8 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     stop_s: float | None = None,
     rig_file: str | Path | None = None,
     backend: str = "embree",
+    inputs: Sequence[Path] = (),
+    also: Callable[[Path], None] | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> None:
     """Record every frame of a motion; the layout is in ``docs/architecture.md``.
@@ -47,8 +61,8 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     also does not depend on the number of workers.
 
     The folder appears when it is whole. A run that is interrupted leaves the frames that it
-    finished beside it, and the same command goes on from there. With ``fused: false`` in the rig
-    there is a dataset for each sensor, in a folder of the sensor's name.
+    finished in its scratch beside it, and the same command goes on from there. With
+    ``fused: false`` in the rig there is a dataset for each sensor, in a folder of its name.
 
     Args:
         twin: the twin.
@@ -61,13 +75,17 @@ def record(  # noqa: PLR0913 - every one is a person's choice
         stop_s: no frame after it; the motion's last step when not given.
         rig_file: the rig's file, for errors.
         backend: what casts the rays: ``embree``, ``warp`` or ``warp:DEVICE``.
+        inputs: files and folders besides the twin that ``out`` must not touch: the motion's, the
+            rig's.
+        also: called with the folder of the whole dataset before it appears, for what else belongs
+            into it: pictures.
         progress: called with the share that is done and what is being done.
 
     Raises:
         InputError: a backend that this machine lacks, a motion on another twin, a negative
             number, a span without frames, a rig that rides on an actor that is not there all the
             time, or an ``out`` that holds other files.
-        StageError: a worker was killed.
+        StageError: a worker was killed, or the disk is full.
     """
     if workers is not None and workers < 1:
         raise InputError(f"{workers} workers", place="workers", expected="1 or more")
@@ -79,51 +97,64 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     file = None if rig_file is None else str(rig_file)
     rig = boarded(rig, motion, list(times_s.values()), fastest_m_s=FASTEST_M_S, file=file)
     layers_on(backend)  # Before any work: is it there?
+    inputs = [twin.folder, *inputs]
+    check_folder(out, kind="dataset", inputs=inputs)
     say = progress or (lambda fraction, doing: None)
     say(0.0, "static world")
     recipe = recipe_of(twin, motion, rig, seed, times_s, backend)
     parts = {"": rig} if rig.fused else {one.sensors[0].name: one for one in rig.separate()}
     total = len(times_s) * len(parts)
 
-    with replaced_folder(out, kind="dataset") as finished:
-        partial = out.parent / f".{out.name}.{recipe_key(recipe)}.partial"
-        entries: dict[str, list[dict[str, Any]]] = {}
-        for number, (name, part) in enumerate(parts.items()):
+    key = recipe_key(recipe)
+    with replaced_folder(out, kind="dataset", inputs=inputs, key=key) as folder:
+        if not (folder / INVENTORY).is_file():
+            _check_room(out, folder, parts, times_s)
+            entries: dict[str, list[dict[str, Any]]] = {}
+            for number, (name, part) in enumerate(parts.items()):
 
-            def count(frames: int, before: int = number * len(times_s)) -> None:
-                ready = before + frames
-                say(0.98 * ready / total, f"frame {ready} of {total}")
+                def count(frames: int, before: int = number * len(times_s)) -> None:
+                    ready = before + frames
+                    say(0.98 * ready / total, f"frame {ready} of {total}")
 
-            entries[name] = record_dataset(
-                twin,
-                motion,
-                part,
-                partial / name,
-                seed=seed,
-                times_s=times_s,
-                workers=workers,
-                backend=backend,
-                progress=count,
-            )
-        say(0.98, "tables")
-        for name, part in parts.items():
-            own = {**recipe, **recipe_of_rig(part)}
-            ignored = ignore_areas(part, twin.mesh, twin.region)
-            finish_dataset(partial / name, own, times_s, entries[name], ignored)
-        if not rig.fused:
-            write_json(partial / "dataset.json", manifest_of_parts(recipe, entries))
+                entries[name] = record_dataset(
+                    twin,
+                    motion,
+                    part,
+                    folder / name,
+                    seed=seed,
+                    times_s=times_s,
+                    workers=workers,
+                    backend=backend,
+                    progress=count,
+                )
+            say(0.98, "tables")
+            for name, part in parts.items():
+                own = {**recipe, **recipe_of_rig(part)}
+                ignored = ignore_areas(part, twin.mesh, twin.region)
+                finish_dataset(folder / name, own, times_s, entries[name], ignored)
+            if not rig.fused:
+                write_json(folder / "dataset.json", manifest_of_parts(recipe, entries))
+            if also is not None:
+                also(folder)
+            write_inventory(folder, known=checksums(entries), without=[MARKS])
+        # With an inventory it is whole, and what an interruption leaves from here on is enough.
         for name in parts:
-            shutil.rmtree(partial / name / MARKS)
-        for entry in sorted(partial.iterdir()):
-            entry.replace(finished / entry.name)
-    _forget_partial(out)
+            shutil.rmtree(folder / name / MARKS, ignore_errors=True)
     say(1.0, "done")
 
 
-def _forget_partial(out: Path) -> None:
-    """Take away what interrupted runs left beside a dataset that is now there."""
-    for left in out.parent.glob(f".{out.name}.*.partial"):
-        shutil.rmtree(left, ignore_errors=True)
-    for left in out.parent.glob(f".{out.name}-*"):
-        with suppress(OSError):  # Not empty, so not what a killed run leaves.
-            left.rmdir()
+def _check_room(
+    out: Path, folder: Path, parts: Mapping[str, Rig], times_s: Mapping[int, float]
+) -> None:
+    """Refuse to record what will not fit beside what an interrupted run left.
+
+    Raises:
+        InputError: the disk has less room than the frames will take at least.
+    """
+    needed = 0.0
+    for name, part in parts.items():
+        marks = folder / name / MARKS
+        done = len(list(marks.glob("*.json"))) if marks.is_dir() else 0
+        rays = sum(one.sensor.channels * one.columns for one in part.sensors)
+        needed += (len(times_s) - done) * rays * LEAST_RETURNED * BYTES_PER_POINT
+    check_room(out, needed, f"a dataset of {len(times_s)} frames")

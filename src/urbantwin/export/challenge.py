@@ -50,7 +50,7 @@ def write_challenge(
         read_detections(detections)
     chosen = np.linspace(0, len(recording) - 1, frames).round().astype(int)
     notes, thinned, names = [], 0, {}
-    with replaced_folder(out, kind="submission") as folder:
+    with replaced_folder(out, kind="submission", inputs=[dataset, detections]) as folder:
         (folder / "synthetic").mkdir()
         for number, index in enumerate(chosen, start=1):
             frame = recording.read(int(index))

@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from urbantwin.artefact import check_file, check_folder
 from urbantwin.errors import InputError
 from urbantwin.export.carla import write_carla
 from urbantwin.export.geojson import write_geojson
@@ -27,6 +28,7 @@ class Format:
         name: what people call it.
         ending: of the file's name; empty where a folder is written.
         versions: those of the format's standard that can be asked for, the default first.
+        files: endings of names that are files, where a folder is written otherwise.
         write: writes a twin, whole or not at all: twin, path, version; returns what a person
             should be told.
     """
@@ -35,6 +37,11 @@ class Format:
     ending: str
     versions: tuple[str, ...]
     write: Callable[[Twin, Path, str], Sequence[str] | None]
+    files: tuple[str, ...] = ()
+
+    def is_file(self, path: Path) -> bool:
+        """Return whether the format is written to a path as a file."""
+        return bool(self.ending and not self.files) or path.suffix.lower() in self.files
 
 
 @dataclass(frozen=True)
@@ -58,10 +65,16 @@ FORMATS: Mapping[str, Format] = {
     entry.name: entry
     for entry in (
         Format("opendrive", ".xodr", VERSIONS, _opendrive),
-        Format("geojson", ".geojson", (), lambda twin, path, _: write_geojson(twin, path)),
+        Format(
+            "geojson",
+            ".geojson",
+            (),
+            lambda twin, path, _: write_geojson(twin, path),
+            (".geojson", ".json"),
+        ),
         Format("sumo", "", (), lambda twin, path, _: write_sumo(twin, path)),
         Format("carla", "", (), lambda twin, path, _: write_carla(twin, path)),
-        Format("plan", "", (), lambda twin, path, _: write_plan(twin, path)),
+        Format("plan", "", (), lambda twin, path, _: write_plan(twin, path), (".svg", ".png")),
         _scene("glb", ".glb"),
         _scene("obj", ".obj"),
         _scene("ply", ".ply"),
@@ -107,9 +120,10 @@ def export_twin(
             expected=f"one of {', '.join(wanted.versions)}" if wanted.versions else "none",
         )
     path = out or Path(f"{_file_name(str(twin.manifest['name']))}{wanted.ending or '-' + name}")
-    if wanted.versions and path.is_dir():
-        raise InputError("is a folder", file=path, expected=f"a file, such as map{wanted.ending}")
-    path.parent.mkdir(parents=True, exist_ok=True)
+    if wanted.is_file(path):
+        check_file(path, inputs=[twin.folder])
+    else:
+        check_folder(path, kind=name, inputs=[twin.folder])
     notes = wanted.write(twin, path, version or next(iter(wanted.versions), ""))
     return Exported(path, tuple(notes or ()))
 

@@ -11,7 +11,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.artefact import replaced_folder, write_json
+from urbantwin.artefact import replaced_file, replaced_folder, write_json
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads import Lane
@@ -61,11 +61,12 @@ def write_geojson(twin: Twin, path: Path) -> None:
     name = str(twin.manifest["name"])
     if path.suffix.lower() in ENDINGS:
         everything = [feature for features in layers.values() for feature in features]
-        _write(path, name, everything)
+        with replaced_file(path, inputs=[twin.folder]) as scratch:
+            _write(scratch, name, everything)
         return
     if path.is_file():
         raise InputError("is a file", file=path, expected="a folder, or a name that ends .geojson")
-    with replaced_folder(path, kind="geojson") as scratch:
+    with replaced_folder(path, kind="geojson", inputs=[twin.folder]) as scratch:
         for layer, features in layers.items():
             _write(scratch / f"{layer}.geojson", layer, features)
         counts = {layer: len(features) for layer, features in layers.items()}
@@ -77,9 +78,7 @@ def write_geojson(twin: Twin, path: Path) -> None:
 
 def _write(path: Path, name: str, features: list[dict[str, Any]]) -> None:
     document = {"type": "FeatureCollection", "name": name, "features": features}
-    scratch = path.with_name(f".{path.name}.part")
-    scratch.write_text(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
-    scratch.replace(path)
+    path.write_text(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False) + "\n")
 
 
 def _features(twin: Twin) -> Iterator[Feature]:

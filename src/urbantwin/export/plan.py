@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from urbantwin.artefact import replaced_folder, write_json
+from urbantwin.artefact import replaced_file, replaced_folder, write_json
 from urbantwin.errors import InputError
 from urbantwin.twin import Twin
 from urbantwin.view.pictures import attributions, title_of
@@ -42,11 +42,10 @@ def write_plan(twin: Twin, path: Path) -> None:
         look=PAPER,
     )
     if single:
-        scratch = path.with_name(f".part-{path.name}")
-        save(figure, scratch)
-        scratch.replace(path)
+        with replaced_file(path, inputs=[twin.folder]) as scratch:
+            save(figure, scratch)
         return
-    with replaced_folder(path, kind="plan") as folder:
+    with replaced_folder(path, kind="plan", inputs=[twin.folder]) as folder:
         for ending in ENDINGS:
             save(figure, folder / f"plan{ending}")
         write_json(

@@ -37,8 +37,9 @@ def write_sumo(twin: Twin, folder: Path) -> None:
     step_ms, substeps = sumo_substeps(float(asked["step_s"]))
     seed, warmup_s = int(asked["seed"]), float(asked["warmup_s"])
     steps = max(1, round(float(asked["duration_s"]) * 1000 / step_ms))
-    demand = demand_of(twin, duration_s=steps * step_ms / 1000, seed=seed)
-    with replaced_folder(folder, kind="sumo") as scratch:
+    with replaced_folder(folder, kind="sumo", inputs=[twin.folder]) as scratch:
+        duration_s = steps * step_ms / 1000
+        demand = demand_of(twin, duration_s=duration_s, seed=seed, scratch=scratch)
         shutil.copyfile(twin.net_path, scratch / "network.net.xml")
         write_routes(scratch / "demand.rou.xml", demand, asset)
         _split_types(scratch / "demand.rou.xml", scratch / "types.add.xml")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
@@ -22,6 +23,8 @@ Progress = Callable[[float, str], None]
 
 #: Shares of the work after which every frame was read once, and the arbitrary site is there.
 _SURVEY, _CONTROL = 0.1, 0.15
+#: Where the arbitrary site is made when it cannot be kept; no part of the report.
+_CONTROL_FOLDER = "arbitrary"
 #: So many pairs, the worst, are drawn.
 _WORST = 3
 
@@ -74,8 +77,10 @@ def compare(  # noqa: PLR0913 - every one is a person's choice
         from urbantwin.fidelity.challenge import check_protocol
 
         check_protocol(protocol)
-    with replaced_folder(out, kind="report") as folder:
-        sides, lacking = _opened(real, synthetic, arbitrary, columns, layout, tell)
+    control = arbitrary if isinstance(arbitrary, Path) else None
+    inputs = [real, synthetic, control, detections]
+    with replaced_folder(out, kind="report", inputs=inputs) as folder:
+        sides, lacking = _opened(real, synthetic, arbitrary, columns, layout, folder, tell)
         pairs = Pairs(sides, _origin(sides["real"], origin), _split(sides))
         found = _measured(pairs, workers, tell)
         scored = None
@@ -89,6 +94,7 @@ def compare(  # noqa: PLR0913 - every one is a person's choice
         write_json(folder / "report.json", report.as_json())
         tell(0.98, "drawing the report")
         _draw(report, found, folder)
+        shutil.rmtree(folder / _CONTROL_FOLDER, ignore_errors=True)
     tell(1.0, "compared")
     return report
 
@@ -126,6 +132,7 @@ def _opened(
     arbitrary: Path | Literal["example"] | None,
     columns: int | None,
     layout: str | None,
+    scratch: Path,
     tell: Progress,
 ) -> tuple[dict[str, Side], list[str]]:
     """Open the sides and read every frame that will be compared once; say what is lacking."""
@@ -166,6 +173,7 @@ def _opened(
             recording = arbitrary_recording(
                 recordings["synthetic"],
                 min(pairs, MOST_ANCHORS),
+                scratch / _CONTROL_FOLDER,
                 lambda share, what: tell(_SURVEY + (_CONTROL - _SURVEY) * share, what),
             )
         except UrbanTwinError as error:  # The twin is measured all the same.

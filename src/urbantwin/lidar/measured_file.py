@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from urbantwin.artefact import replaced_file
 from urbantwin.errors import InputError
 from urbantwin.lidar.measured import IMAGES, MeasuredBackground
 from urbantwin.lidar.mounted import MountedSensor, Rig
@@ -44,9 +45,8 @@ def save_backgrounds(path: Path, measured: Iterable[MeasuredBackground]) -> None
         for name in (*IMAGES, "looks"):
             arrays[f"{number}.{name}"] = getattr(one, name)
     told = {"kind": "background", "format": _FORMAT, "sensors": about}
-    scratch = path.with_name(f".{path.name}.part.npz")
-    np.savez_compressed(scratch, about=np.array(json.dumps(told)), **arrays)
-    scratch.replace(path)
+    with replaced_file(path) as scratch, scratch.open("wb") as stream:
+        np.savez_compressed(stream, about=np.array(json.dumps(told)), **arrays)
 
 
 def load_backgrounds(path: Path) -> list[MeasuredBackground]:

@@ -126,7 +126,7 @@ def build_roads(
     level_of_way = levels_of_ways(crossings)
     signals = mapped_signals(extract, ways, frame)
     country = country_of(frame.latitude, frame.longitude)
-    with tempfile.TemporaryDirectory() as scratch:
+    with tempfile.TemporaryDirectory(prefix="netconvert-", dir=out.parent) as scratch:
         osm = Path(scratch) / "network.osm"
         pieces, left_out = _main_component(extract.clipped(frame, region, ways))
         loop = OuterRoads(pieces)

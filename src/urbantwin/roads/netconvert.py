@@ -113,7 +113,7 @@ def sumo_network(
         StageError: netconvert failed.
     """
     types = ",".join(str(sumo_home() / "data" / "typemap" / name) for name in TYPE_FILES)
-    with tempfile.TemporaryDirectory() as scratch:
+    with tempfile.TemporaryDirectory(prefix="netconvert-", dir=out.parent) as scratch:
         raw = Path(scratch) / "raw.net.xml"
         command = [
             *("--osm-files", str(osm)),

@@ -43,9 +43,7 @@ def redraw_sumo_network(path: Path, network: RoadNetwork) -> None:
             item.set("length", f"{length:.3f}")
             if lane is not None:
                 item.set("shape", _shape(lane))
-    scratch = path.with_name(f".{path.name}.part")
-    tree.write(scratch, encoding="UTF-8", xml_declaration=True)
-    scratch.replace(path)
+    tree.write(path, encoding="UTF-8", xml_declaration=True)
 
 
 def _shape(lane: Lane) -> str:

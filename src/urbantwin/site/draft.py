@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from urbantwin.artefact import sha256_of
+from urbantwin.artefact import replaced_file, sha256_of
 from urbantwin.errors import InputError
 from urbantwin.site.pole import PolePosition
 from urbantwin.site.region import FARTHEST_M
@@ -118,9 +118,8 @@ def _brought_in(file: Path, folder: Path, force: bool) -> str:
             raise InputError(
                 f"differs from {file}", file=target, expected="a new folder, or --force"
             )
-    scratch = folder / f".{file.name}.part"
-    shutil.copyfile(file, scratch)
-    scratch.replace(target)
+    with replaced_file(target) as scratch:
+        shutil.copyfile(file, scratch)
     return file.name
 
 

@@ -257,6 +257,12 @@ class Site:
         plans = [plan.spec.model_dump(exclude_none=True) for plan in self.signals]
         return {"signals": plans} if plans else {}
 
+    def files(self) -> list[Path]:
+        """Return every file and folder that the site names, and its own."""
+        given = (self.osm, self.roads, self.dem, *self.geometry, *self.imagery)
+        named = [one.path for one in given if one is not None and one.path is not None]
+        return [self.file, self.rig_file, *named]
+
     def inputs(self) -> list[dict[str, str]]:
         """Return what the site is made from: kind, name, sha256, licence and attribution."""
         files = (("osm", self.osm), ("roads", self.roads), ("dem", self.dem))

@@ -53,6 +53,7 @@ def calibrate(
     room: float,
     asset: Callable[[str], Asset],
     asset_names: Callable[[str], tuple[str, ...]],
+    scratch: Path | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Calibrated:
     """Find the population that the wanted flow needs, or less where the streets cannot carry it.
@@ -63,6 +64,7 @@ def calibrate(
         room: how many cars fit onto the network's lanes bumper to bumper.
         asset: the mesh of a name.
         asset_names: the meshes of a class.
+        scratch: a folder for SUMO's files; the system's when not given.
         progress: called with the fraction done.
 
     Raises:
@@ -82,6 +84,7 @@ def calibrate(
             seconds=PILOT_S,
             step_ms=STEP_MS,
             seed=circulation.seed,
+            scratch=scratch,
         )
         return _pace(populations, seen.observed, pace)
 

@@ -148,10 +148,14 @@ class Motion:
             InputError: the folder holds something else.
         """
         with replaced_folder(folder, kind="motion") as scratch:
-            (scratch / "actors.parquet").write_bytes(_parquet(self.actors))
-            (scratch / "signals.parquet").write_bytes(_parquet(self.signals))
-            _write_meshes(scratch / "meshes.npz", self.meshes)
-            write_json(scratch / "motion.json", self.manifest)
+            self.write(scratch)
+
+    def write(self, folder: Path) -> None:
+        """Write the files of a motion into a folder that is there."""
+        (folder / "actors.parquet").write_bytes(_parquet(self.actors))
+        (folder / "signals.parquet").write_bytes(_parquet(self.signals))
+        _write_meshes(folder / "meshes.npz", self.meshes)
+        write_json(folder / "motion.json", self.manifest)
 
     @classmethod
     def load(cls, folder: Path) -> Motion:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from urbantwin.artefact import replaced_folder
 from urbantwin.errors import InputError
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.actor_table import actor_table
@@ -56,20 +57,39 @@ def run_traffic(
 
     Raises:
         InputError: the duration, the step or ``out`` cannot be used.
-        StageError: SUMO failed.
+        StageError: SUMO failed, or the disk is full.
     """
     told = progress or _silent
     asked = {**twin.site["traffic"], **(changes or {})}
-    step_s, warmup_s = float(asked["step_s"]), float(asked["warmup_s"])
-    steps = _steps(asked["duration_s"] if seconds is None else seconds, step_s)
+    duration_s = asked["duration_s"] if seconds is None else seconds
+    steps = _steps(duration_s, float(asked["step_s"]))
     chosen_seed = _seed(asked["seed"] if seed is None else seed)
 
+    with replaced_folder(out, kind="motion", inputs=[twin.folder]) as folder:
+        motion = _driven(twin, asked, steps, chosen_seed, folder, told)
+        told(0.95, "writing the motion")
+        motion.write(folder)
+    told(1.0, "done")
+    return motion
+
+
+def _driven(
+    twin: Twin,
+    asked: Mapping[str, Any],
+    steps: int,
+    seed: int,
+    scratch: Path,
+    told: Callable[[float, str], None],
+) -> Motion:
+    """Return the motion of ``steps`` steps that a twin's traffic makes."""
+    step_s, warmup_s = float(asked["step_s"]), float(asked["warmup_s"])
     told(0.0, "planning trips")
     demand = demand_of(
         twin,
         asked=asked,
         duration_s=steps * step_s,
-        seed=chosen_seed,
+        seed=seed,
+        scratch=scratch,
         progress=lambda fraction: told(0.1 * fraction, "finding how many circulate"),
     )
     simulated = simulate(
@@ -79,7 +99,8 @@ def run_traffic(
         warmup_s=warmup_s,
         steps=steps,
         step_s=step_s,
-        seed=chosen_seed,
+        seed=seed,
+        scratch=scratch,
         progress=lambda fraction, what: told(0.1 + 0.7 * fraction, what),
     )
     told(0.8, "standing actors on the ground")
@@ -97,7 +118,7 @@ def run_traffic(
         "version": MOTION_VERSION,
         "twin_sha256": twin.sha256,
         "sumo": simulated.sumo,
-        "seed": chosen_seed,
+        "seed": seed,
         "step_s": step_s,
         "steps": steps,
         "duration_s": round(steps * step_s, 9),
@@ -114,11 +135,7 @@ def run_traffic(
     if demand.circulates:
         manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)
     told(0.9, "meshes of the actors")
-    motion = resized(Motion(manifest, actors, signals).with_meshes(), asked.get("size", {}))
-    told(0.95, "writing the motion")
-    motion.save(out)
-    told(1.0, "done")
-    return motion
+    return resized(Motion(manifest, actors, signals).with_meshes(), asked.get("size", {}))
 
 
 def demand_of(
@@ -127,6 +144,7 @@ def demand_of(
     duration_s: float,
     seed: int,
     asked: Mapping[str, Any] | None = None,
+    scratch: Path | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Demand:
     """Return who sets out in a twin, as its site (or ``asked``) wants, over warm-up and duration.
@@ -149,6 +167,7 @@ def demand_of(
             room=_room(twin),
             asset=asset,
             asset_names=asset_names,
+            scratch=scratch,
             progress=progress,
         )
         demand = circulation.demand(

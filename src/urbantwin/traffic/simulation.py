@@ -105,7 +105,7 @@ class Simulated:
     observed: Observed
 
 
-def simulate(
+def simulate(  # noqa: PLR0913 - SUMO has as many sides
     net_path: Path,
     demand: Demand,
     asset: Callable[[str], Asset],
@@ -114,6 +114,7 @@ def simulate(
     steps: int,
     step_s: float,
     seed: int,
+    scratch: Path | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Simulated:
     """Run the demand through SUMO in a process of its own.
@@ -126,6 +127,7 @@ def simulate(
         steps: how many steps are kept.
         step_s: time between them; SUMO itself steps 0.1 s or an integer part of ``step_s``.
         seed: SUMO's seed.
+        scratch: a folder for SUMO's files; the system's when not given.
         progress: called with the fraction done and what is being done.
 
     Raises:
@@ -142,7 +144,7 @@ def simulate(
         "last_step": steps - 1 + margin,
         "substeps": substeps,
     }
-    return _worked(net_path, demand, asset, options, job, progress)
+    return _worked(net_path, demand, asset, options, job, scratch, progress)
 
 
 def observe(
@@ -153,6 +155,7 @@ def observe(
     seconds: int,
     step_ms: int,
     seed: int,
+    scratch: Path | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Simulated:
     """Run those who circulate through SUMO without keeping their positions.
@@ -164,6 +167,7 @@ def observe(
         seconds: for how long.
         step_ms: SUMO's step.
         seed: SUMO's seed.
+        scratch: a folder for SUMO's files; the system's when not given.
         progress: called with the fraction done and what is being done.
 
     Raises:
@@ -172,7 +176,7 @@ def observe(
     options = sumo_options(step_ms, seed, circulates=True)
     steps = round(seconds * 1000 / step_ms)
     job = {"warmup_substeps": steps, "first_step": 1, "last_step": 0, "substeps": 1}
-    return _worked(net_path, demand, asset, options, job, progress)
+    return _worked(net_path, demand, asset, options, job, scratch, progress)
 
 
 def _worked(
@@ -181,11 +185,12 @@ def _worked(
     asset: Callable[[str], Asset],
     options: dict[str, object],
     job: Mapping[str, object],
+    scratch: Path | None,
     progress: Callable[[float, str], None] | None,
 ) -> Simulated:
     """Let the worker do a job."""
-    with tempfile.TemporaryDirectory(prefix="urbantwin-traffic-") as scratch:
-        folder = Path(scratch)
+    with tempfile.TemporaryDirectory(prefix="sumo-", dir=scratch) as name:
+        folder = Path(name).resolve()
         routes = folder / "demand.rou.xml"
         write_routes(routes, demand, asset)
         whole = {
@@ -306,7 +311,7 @@ def _run_worker(job: Path, progress: Callable[[float, str], None] | None) -> Non
     with (
         messages.open("wb") as stderr,
         subprocess.Popen(
-            command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=stderr, text=True
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=stderr, text=True
         ) as process,
     ):
         try:

@@ -11,7 +11,9 @@ The job's fields are those of ``simulation.Job``.
 from __future__ import annotations
 
 import json
+import os
 import sys
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -164,5 +166,13 @@ def simulate(job: dict[str, Any]) -> None:
     libsumo.close()
 
 
+def end_with_the_run() -> None:
+    """End this process when the run that started it is killed: its end of stdin is closed then."""
+    while os.read(sys.stdin.fileno(), 1):
+        pass
+    os._exit(1)
+
+
 if __name__ == "__main__":
+    threading.Thread(target=end_with_the_run, daemon=True).start()
     simulate(json.loads(Path(sys.argv[1]).read_text()))

@@ -10,7 +10,7 @@ import shapely
 import yaml
 
 from urbantwin import __version__
-from urbantwin.artefact import replaced_folder, sha256_of, write_json
+from urbantwin.artefact import check_folder, replaced_folder, sha256_of, write_json
 from urbantwin.errors import InputError
 from urbantwin.reconstruct import Reconstruction, outcome
 from urbantwin.roads import build_roads, driving_side
@@ -44,6 +44,7 @@ def build_twin(
     progress: Progress | None = None,
     *,
     watch: Callable[[Reconstruction], None] | None = None,
+    also: Callable[[Twin, Progress], None] | None = None,
 ) -> Twin:
     """Build a site's twin and write it to a folder, whole or not at all.
 
@@ -53,12 +54,15 @@ def build_twin(
         progress: told the share done (0..1) and what is being done.
         watch: given what the sources of geometry gave, for pictures of how they were placed and
             cleaned.
+        also: given the whole twin before it appears, for what is to be checked of it and what else
+            belongs into its folder: pictures.
 
     Raises:
         InputError: the map, the DEM or the region cannot be used.
         StageError: netconvert failed.
     """
     tell = progress or (lambda share, text: None)
+    check_folder(out, kind="twin", inputs=site.files())
     tell(0.0, "reading the map")
     extract = read_extract(site.osm.path) if site.osm else None
     imported = read_map(site.roads.path, site.frame, site.anchor_m) if site.roads else None
@@ -66,7 +70,7 @@ def build_twin(
     side = _driving_side(site, imported)
     around = site.region.buffer(PICTURE_MARGIN_M)
     photo = read_orthophoto(site.imagery, site.frame, around) if site.imagery else None
-    with replaced_folder(out, kind="twin") as folder:
+    with replaced_folder(out, kind="twin", inputs=site.files()) as folder:
         tell(0.1, "ground")
         ground = surveyed(
             site,
@@ -163,6 +167,8 @@ def build_twin(
                 },
             },
         )
+        if also is not None:
+            also(load_twin(folder), lambda share, text: tell(0.92 + 0.08 * share, text))
     tell(1.0, "done")
     return load_twin(out)
 

@@ -75,7 +75,10 @@ def drive(
         said = str(error).splitlines()[0] if str(error) else "no answer"
         raise StageError(f"no CARLA server at {host}:{port} ({said})") from None
     try:
-        with replaced_folder(out, kind="carla_frames") as scratch, ExitStack() as stack:
+        with (
+            replaced_folder(out, kind="carla_frames", inputs=[package]) as scratch,
+            ExitStack() as stack,
+        ):
             client.set_timeout(SLOW_S)
             tell(0.0, "loading the map")
             imported = _load_map(client, package, plan)

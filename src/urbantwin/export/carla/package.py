@@ -59,7 +59,7 @@ def write_carla(twin: Twin, folder: Path) -> list[str]:
     looks = looks_of(objects)
     interpreter = blender_python()
     notes = []
-    with replaced_folder(folder, kind="carla") as scratch:
+    with replaced_folder(folder, kind="carla", inputs=[twin.folder]) as scratch:
         here = scratch / package / name
         here.mkdir(parents=True)
         if interpreter:

@@ -11,12 +11,12 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from urbantwin.artefact import passing_folder
 from urbantwin.errors import StageError
 from urbantwin.export.mesh.mesh_object import Look, MeshObject
 
@@ -53,21 +53,21 @@ def write_fbx(
     Raises:
         StageError: Blender failed.
     """
-    with tempfile.TemporaryDirectory(prefix="urbantwin-fbx-") as scratch:
+    with passing_folder("urbantwin-fbx") as scratch:
         arrays: dict[str, np.ndarray[tuple[int, ...], np.dtype[np.generic]]] = {}
         for number, one in enumerate(objects):
             arrays[f"{number}/vertices"] = one.vertices
             arrays[f"{number}/faces"] = one.faces
             arrays[f"{number}/material"] = one.material
-        np.savez(Path(scratch) / "objects.npz", allow_pickle=False, **arrays)
+        np.savez(scratch / "objects.npz", allow_pickle=False, **arrays)
         used = sorted({name for one in objects for name in one.materials})
         job = {
             "objects": [{"name": one.name, "materials": one.materials} for one in objects],
             "colours": {name: looks[name].colour for name in used},
             "out": str(path.resolve()),
         }
-        (Path(scratch) / "job.json").write_text(json.dumps(job))
-        command = [interpreter, "-P", str(_PROGRAM), scratch]
+        (scratch / "job.json").write_text(json.dumps(job))
+        command = [interpreter, "-P", str(_PROGRAM), str(scratch)]
         try:
             done = subprocess.run(
                 command,

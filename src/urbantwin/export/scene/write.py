@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import tempfile
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from urbantwin.artefact import replaced_file
 from urbantwin.errors import InputError
 from urbantwin.export.mesh import (
     HOW_TO_GET_FBX,
@@ -66,7 +63,7 @@ def write_scene(twin: Twin, path: Path, name: str) -> Notes:
             file=path,
             expected=f"a name that ends in {' or '.join(_ENDINGS[name])}",
         )
-    with _beside(path) as scratch:
+    with replaced_file(path, inputs=[twin.folder]) as scratch:
         return SCENE_FORMATS[name](twin, scratch)
 
 
@@ -117,18 +114,3 @@ SCENE_FORMATS: dict[str, Callable[[Twin, Path], Notes]] = {
     "fbx": _fbx,
     "cityjson": write_cityjson,
 }
-
-
-@contextmanager
-def _beside(path: Path) -> Iterator[Path]:
-    """Yield a path of the same name in a new folder; its files are moved beside it in the end."""
-    folder = Path(tempfile.mkdtemp(prefix=f".{path.name}-", dir=path.parent))
-    try:
-        yield folder / path.name
-        for file in sorted(folder.iterdir(), key=lambda file: file.name == path.name):
-            umask = os.umask(0)
-            os.umask(umask)
-            file.chmod(0o666 & ~umask)
-            file.replace(path.parent / file.name)
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)

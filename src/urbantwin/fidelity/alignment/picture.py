@@ -10,6 +10,7 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from numpy.typing import NDArray
 
+from urbantwin.artefact import replaced_file
 from urbantwin.fidelity.alignment.align import Alignment
 from urbantwin.fidelity.alignment.ground_plane import thinned
 from urbantwin.fidelity.alignment.marks import mark_lines
@@ -62,10 +63,8 @@ def draw_alignment(frame: Frame, twin: Twin, found: Alignment, path: Path) -> No
     bar = figure.colorbar(colours, ax=figure.axes, fraction=0.025, pad=0.02)
     bar.set_label("metres from the twin's surface (black: edges of its roads, orange: its lines)")
     bar.ax.yaxis.label.set_color(INK)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    scratch = path.with_name(f".{path.name}.part.png")
-    save(figure, scratch)
-    scratch.replace(path)
+    with replaced_file(path) as scratch:
+        save(figure, scratch)
 
 
 def _share(distance: NDArray[np.float64]) -> float:

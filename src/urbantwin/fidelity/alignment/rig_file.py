@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 import yaml
 
+from urbantwin.artefact import replaced_file
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose, ypr_from_rotation
 from urbantwin.lidar import Rig
@@ -61,18 +62,14 @@ def write_aligned_rig(source: Path, target: Path, poses: list[Pose]) -> None:
     document: dict[str, Any] = yaml.safe_load(source.read_text(encoding="utf-8"))
     if document.get("ride") is not None:
         raise InputError("its rig rides", file=source, place="ride", expected="one that stands")
-    if target.is_dir():
-        raise InputError("is a folder", file=target, expected="a file for the rig")
     for entry, pose in zip(document["sensors"], poses, strict=True):
         for name in _PLACE:
             entry.pop(name, None)
         entry.update(_written(pose))
-    target.parent.mkdir(parents=True, exist_ok=True)
-    scratch = target.with_name(f".{target.name}.part")
-    scratch.write_text(
-        yaml.safe_dump(document, sort_keys=False, allow_unicode=True), encoding="utf-8"
-    )
-    scratch.replace(target)
+    with replaced_file(target, replaces=source) as scratch:
+        scratch.write_text(
+            yaml.safe_dump(document, sort_keys=False, allow_unicode=True), encoding="utf-8"
+        )
 
 
 def _written(pose: Pose) -> dict[str, float]:

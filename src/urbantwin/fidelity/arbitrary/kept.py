@@ -5,16 +5,16 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-import tempfile
-import weakref
 from collections.abc import Callable, Mapping
-from contextlib import suppress
+from contextlib import ExitStack
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
 from urbantwin import __version__
+from urbantwin.artefact import claimed, remove_dead
+from urbantwin.errors import InputError
 
 __all__ = ["kept"]
 
@@ -26,19 +26,20 @@ _MANIFEST = "dataset.json"
 def kept(
     name: str,
     recipe: Mapping[str, Any],
-    make: Callable[[Path], None],
+    make: Callable[[Path], Path],
+    scratch: Path,
     folder: Path | None = None,
-) -> tuple[Path, object]:
-    """Return the folder ``name`` that ``make`` wrote, now or when it was asked for before.
+) -> Path:
+    """Return the dataset ``name`` that ``make`` made, now or when it was asked for before.
 
-    It appears whole or not at all, whoever makes it at the same time.
+    It appears whole or not at all. Who asks while another process makes it makes its own.
 
     Args:
         name: of the folder that is returned.
         recipe: all that it follows from; our own code counts by itself.
-        make: writes the folder that it is given, which does not exist yet.
-        folder: where such folders are; the user's cache when not given. Where nobody can write
-            there, the folder lasts as long as what is returned beside it.
+        make: makes it in the folder that it is given, beside other things, and returns its folder.
+        scratch: a folder, not there yet, to make it in where nobody can write to ``folder``.
+        folder: where such datasets are; the user's cache when not given.
     """
     text = json.dumps([__version__, _code(), name, recipe], sort_keys=True, default=str)
     key = hashlib.sha256(text.encode()).hexdigest()[:24]
@@ -47,33 +48,27 @@ def kept(
 
         folder = user_cache_path("urbantwin", appauthor=False) / "arbitrary"
     target = folder / key
-    if not (target / name / _MANIFEST).is_file():
+    if (target / name / _MANIFEST).is_file():
+        return target / name
+    with ExitStack() as stack:
         try:
-            folder.mkdir(parents=True, exist_ok=True)
-            scratch = tempfile.TemporaryDirectory(prefix=".making-", dir=folder)
-        except OSError:
-            passing = _Passing()
-            make(passing.folder / name)
-            return passing.folder / name, passing
-        with scratch:
-            made = Path(scratch.name) / key
-            made.mkdir()
-            make(made / name)
-            with suppress(OSError):  # Somebody else was faster: theirs is the same.
-                made.rename(target)
-        _forget(folder, target)
-    return target / name, None
-
-
-class _Passing:
-    """A folder that is there as long as this object is."""
-
-    def __init__(self) -> None:
-        self.folder = Path(tempfile.mkdtemp(prefix="urbantwin-"))
-        weakref.finalize(self, shutil.rmtree, self.folder, ignore_errors=True)
+            made_in = stack.enter_context(claimed(target)).folder
+        except InputError:  # Read-only, or another process is making it.
+            scratch.mkdir()
+            return make(scratch)
+        dataset = make(made_in)
+        for other in made_in.iterdir():
+            if other != dataset:
+                shutil.rmtree(other)
+        dataset.rename(made_in / name)
+        shutil.rmtree(target, ignore_errors=True)  # what is there is no dataset
+        made_in.rename(target)
+    _forget(folder, target)
+    return target / name
 
 
 def _forget(folder: Path, newest: Path) -> None:
+    remove_dead(folder)
     there = [one for one in folder.iterdir() if one.is_dir() and not one.name.startswith(".")]
     older = sorted((one for one in there if one != newest), key=lambda one: one.stat().st_mtime)
     for one in older[: max(len(older) - _MOST + 1, 0)]:

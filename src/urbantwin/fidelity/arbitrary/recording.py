@@ -8,7 +8,6 @@ twin is: the same map reader, lane model, traffic, sensors and returns, at the w
 from __future__ import annotations
 
 import json
-import tempfile
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -48,6 +47,7 @@ _AFTER_S = 1.0
 def arbitrary_recording(
     twin: Recording,
     frames: int,
+    scratch: Path,
     progress: Progress | None = None,
     *,
     cache: Path | None = None,
@@ -61,6 +61,7 @@ def arbitrary_recording(
     Args:
         twin: the synthetic frames.
         frames: how many are needed; at most ``MOST_FRAMES`` are recorded.
+        scratch: a folder, not there yet, to record in where nobody can write to the cache.
         progress: called with the fraction done and what is being done.
         cache: a folder in place of the user's cache.
 
@@ -84,32 +85,24 @@ def arbitrary_recording(
         if progress is not None:
             progress(fraction, f"arbitrary site: {what}")
 
-    def make(out: Path) -> None:
-        _make(out, rig, spec, count, seed, say)
+    def make(folder: Path) -> Path:
+        return _made(folder, rig, spec, count, seed, say)
 
-    folder, lasts = kept(SITE, recipe, make, cache)
+    folder = kept(SITE, recipe, make, scratch, cache)
     say(1.0, "there")
     recorded = open_recording(folder)
-    read = _Moved(recorded, twin, first, rig, lasts)
+    read = _Moved(recorded, twin, first, rig)
     return Recording(folder, recorded.layout, recorded.names, read, tuple(notes))
 
 
 @dataclass(frozen=True, eq=False)
 class _Moved:
-    """Reads frames of the site in the frame of reference that the twin's are given in.
-
-    ``lasts`` is what keeps the folder, where that is not the cache; it stays in this process.
-    """
+    """Reads frames of the site in the frame of reference that the twin's are given in."""
 
     recorded: Recording
     twin: Recording
     first: Frame
     rig: Rig | None
-    lasts: object
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Go to another process without what keeps the folder: it stays with this one."""
-        return _Moved, (self.recorded, self.twin, self.first, self.rig, None)
 
     def __call__(self, index: int) -> Frame:
         frame, rig = self.recorded.read(index), self.rig
@@ -143,42 +136,40 @@ def _first(twin: Recording) -> Frame:
     return twin.read(0)
 
 
-def _make(
-    out: Path, rig: Rig | None, spec: Mapping[str, Any], frames: int, seed: int, say: Progress
-) -> None:
-    """Build the site, drive it, and record ``out`` there."""
+def _made(
+    folder: Path, rig: Rig | None, spec: Mapping[str, Any], frames: int, seed: int, say: Progress
+) -> Path:
+    """Build the site in a folder, drive it, and return the dataset that is recorded there."""
     rate_hz = float(spec["rate_hz"]) if rig is None else rig.rate_hz
     stop_s = min((frames - 1) / rate_hz, _LONGEST_S)
-    with tempfile.TemporaryDirectory(prefix="urbantwin-") as scratch:
-        twin = build_twin(
-            load_site(_site()), Path(scratch) / "twin", lambda f, what: say(0.4 * f, what)
-        )
-        motion = run_traffic(
-            twin,
-            Path(scratch) / "motion",
-            seconds=np.ceil(stop_s + _AFTER_S),
-            progress=lambda f, what: say(0.4 + 0.3 * f, what),
-        )
-        # A carrier drives on: of one that soon leaves the site there are fewer frames.
-        tries = [(one, part * stop_s) for part in (1, 0.3, 0) for one in _stood(rig, spec, twin)]
-        for number, (one, until_s) in enumerate(tries, start=1):
-            try:
-                record(
-                    twin,
-                    motion,
-                    one,
-                    out,
-                    # One: more would each start Python anew, which takes as long as the frames.
-                    workers=1,
-                    seed=seed,
-                    stop_s=until_s,
-                    progress=lambda f, what: say(0.7 + 0.3 * f, what),
-                )
-            except InputError:
-                if number == len(tries):
-                    raise
-                continue
-            return
+    twin = build_twin(load_site(_site()), folder / "twin", lambda f, what: say(0.4 * f, what))
+    motion = run_traffic(
+        twin,
+        folder / "motion",
+        seconds=np.ceil(stop_s + _AFTER_S),
+        progress=lambda f, what: say(0.4 + 0.3 * f, what),
+    )
+    # A carrier drives on: of one that soon leaves the site there are fewer frames.
+    tries = [(one, part * stop_s) for part in (1, 0.3, 0) for one in _stood(rig, spec, twin)]
+    for number, (one, until_s) in enumerate(tries, start=1):
+        try:
+            record(
+                twin,
+                motion,
+                one,
+                folder / "dataset",
+                # One: more would each start Python anew, which takes as long as the frames.
+                workers=1,
+                seed=seed,
+                stop_s=until_s,
+                progress=lambda f, what: say(0.7 + 0.3 * f, what),
+            )
+        except InputError:
+            if number == len(tries):
+                raise
+            continue
+        break
+    return folder / "dataset"
 
 
 def _stood(rig: Rig | None, spec: Mapping[str, Any], twin: Twin) -> list[Rig]:

@@ -11,7 +11,7 @@ from typing import Any
 
 import yaml
 
-from urbantwin.artefact import replaced_folder, sha256_of, write_json
+from urbantwin.artefact import check_folder, replaced_folder, sha256_of, write_json
 from urbantwin.errors import InputError
 from urbantwin.fidelity.tuning.fit import RigFit, RigTerms, fit_rig
 from urbantwin.fidelity.tuning.fit_actors import fit_actors
@@ -72,10 +72,10 @@ def tune(
 ) -> dict[str, Any]:
     """Fit what is uncertain to the first part of a recording, and judge it by the last.
 
-    ``out`` gets ``rig.yaml`` and ``tuning.json`` when the fit is done. Only then is the first frame
+    ``rig.yaml`` and ``tuning.json`` are written when the fit is done. Only then is the first frame
     of the held-out part opened, and ``held_out.json`` and ``report.html`` follow. Labels are never
-    read. A run that is interrupted leaves its journal beside ``out``, and the same command goes on
-    from there.
+    read. A run that is interrupted leaves its journal in its scratch beside ``out``, and the same
+    command goes on from there.
 
     Args:
         real: a recording of the rig, of any layout that ``readers`` knows.
@@ -101,6 +101,8 @@ def tune(
     if asked.trials < 1:
         raise InputError(f"{asked.trials} trials", place="trials", expected="1 or more")
     points_in: PointsIn = asked.points_in or rig.frame
+    inputs = [real, twin.folder, rig_file]
+    check_folder(out, kind="tuning", inputs=inputs)
     recording = open_unlabelled(real, layout=asked.layout, columns=asked.columns)
     try:
         split = split_in_time(len(recording), asked.held_out)
@@ -111,7 +113,6 @@ def tune(
             place=error.place,
             expected=error.expected,
         ) from None
-    out.parent.mkdir(parents=True, exist_ok=True)
     say(0.0, "reading the frames that are fitted to")
     count = len(rig.sensors)
     train, scale = looks_of(recording, split.training, count)
@@ -125,7 +126,10 @@ def tune(
         say(0.1 + 0.7 * (place + share) / len(GROUPS), f"{study}: {share:.0%} of the trials")
 
     recipe = _recipe(twin, rig_file, motion, asked, points_in, split, train, proof)
-    with Journal(out.parent / f".{out.name}.journal", recipe) as journal:
+    with (
+        replaced_folder(out, kind="tuning", inputs=inputs, key=recipe[:16]) as folder,
+        _journal(folder, recipe) as journal,
+    ):
         searching = Searching(asked.trials, asked.seed, journal, asked.workers, tell)
         parts = [
             None if looks is None else RigTerms(looks, twin, rig, points_in, asked.seed)
@@ -138,12 +142,11 @@ def tune(
             say(0.7, "recording the twin's actors")
             changed = fit_actors(parts[0], parts[1], motion, fit, searching)
         written = _written(real, asked, points_in, split, fit, train, proof)
-        with replaced_folder(out, kind="tuning") as folder:
-            write_tuned_rig(rig_file, folder / "rig.yaml", rig, fit.values)
-            write_json(folder / "tuning.json", written)
-            if changed is not None:
-                text = yaml.safe_dump(changed, sort_keys=False)
-                (folder / "traffic.yaml").write_text(text, encoding="utf-8")
+        write_tuned_rig(rig_file, folder / "rig.yaml", rig, fit.values)
+        if changed is not None:
+            text = yaml.safe_dump(changed, sort_keys=False)
+            (folder / "traffic.yaml").write_text(text, encoding="utf-8")
+        write_json(folder / "tuning.json", written)
         # From here on, and not before, the held-out frames are opened.
         say(0.8, "judging by the frames held out")
         judged = judge(
@@ -153,7 +156,7 @@ def tune(
             rig,
             fit,
             points_in,
-            out,
+            folder,
             motion=motion,
             scale=scale,
             seed=asked.seed,
@@ -162,6 +165,15 @@ def tune(
         )
     say(1.0, "done")
     return {**written, "held_out": judged}
+
+
+def _journal(folder: Path, recipe: str) -> Journal:
+    """Return the journal in a folder, in which nothing else is left of an interrupted run."""
+    path = folder / "journal"
+    for left in folder.iterdir():
+        if left != path:
+            left.unlink()
+    return Journal(path, recipe)
 
 
 def _written(

@@ -5,13 +5,13 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.artefact import passing_folder
 from urbantwin.errors import InputError
 from urbantwin.reconstruct.formats.polygons import cut_polygons
 from urbantwin.reconstruct.formats.sound import (
@@ -41,9 +41,8 @@ def read_fbx(path: Path) -> ImportedModel:
     Raises:
         InputError: it cannot be read, or holds nothing.
     """
-    with tempfile.TemporaryDirectory(prefix="urbantwin-fbx-") as name:
-        folder = Path(name)
-        command = [sys.executable, "-P", str(_PROGRAM), str(path.resolve()), name]
+    with passing_folder("urbantwin-fbx") as folder:
+        command = [sys.executable, "-P", str(_PROGRAM), str(path.resolve()), str(folder)]
         try:
             done = subprocess.run(command, capture_output=True, check=False, timeout=LONGEST_S)
             failed = done.returncode != 0

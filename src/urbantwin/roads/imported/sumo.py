@@ -75,7 +75,7 @@ def sumo_network_of_model(model: LaneModel, out: Path) -> SumoNetwork:
         "lefthand": "true" if model.driving_side == "left" else "false",
         "crossings.guess": "false" if mapped else "true",
     }
-    with tempfile.TemporaryDirectory() as scratch:
+    with tempfile.TemporaryDirectory(prefix="netconvert-", dir=out.parent) as scratch:
         raw = Path(scratch) / "raw.net.xml"
         files = write_plain(Path(scratch), plain)
         settings = [text for key, value in options.items() for text in (f"--{key}", value)]

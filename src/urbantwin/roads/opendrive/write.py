@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from urbantwin.artefact import replaced_file
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.model import LaneModel
@@ -46,6 +47,5 @@ def write_opendrive(
     if version == "1.4":
         model = numbered_for_carla(for_carla(right_handed(model)))
     content = document(model, frame, version=version, name=name)
-    scratch = path.with_name(f".{path.name}.part")
-    scratch.write_bytes(content)
-    scratch.replace(path)
+    with replaced_file(path) as scratch:
+        scratch.write_bytes(content)

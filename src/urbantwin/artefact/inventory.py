@@ -1,0 +1,171 @@
+"""The inventory of an artefact: its files with their checksums, as ``sha256sum -c`` reads it."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+from urbantwin.artefact.checksum import sha256_of
+from urbantwin.errors import InputError
+
+__all__ = ["INVENTORY", "Damage", "damages", "foreign_entry", "read_inventory", "write_inventory"]
+
+#: Its name; GNU coreutils' usual one.
+INVENTORY = "SHA256SUMS"
+_LINE = re.compile(r"(\\?)([0-9a-f]{64}) [ *](.+)")
+_ESCAPES = {"\\\\": "\\", "\\n": "\n", "\\r": "\r"}
+
+
+@dataclass(frozen=True)
+class Damage:
+    """What is wrong with a file of an artefact.
+
+    Attributes:
+        name: of the file, relative to the artefact.
+        problem: ``damaged``, ``missing`` or ``foreign``.
+    """
+
+    name: str
+    problem: str
+
+
+def write_inventory(
+    folder: Path, *, known: Mapping[str, str] | None = None, without: Sequence[str] = ()
+) -> None:
+    """Write ``SHA256SUMS`` of everything in a folder, sorted by name.
+
+    Args:
+        folder: the artefact's.
+        known: checksums that were taken while files were written, by name.
+        without: names of folders, wherever they are, that are no part of it.
+    """
+    sums = dict(known or {})
+    lines = []
+    for name in sorted(_files(folder)):
+        if name != INVENTORY and not set(without).intersection(name.split("/")[:-1]):
+            digest = sums.get(name) or sha256_of(folder / name)
+            lines.append(f"{digest}  {name}" if name == _escaped(name) else "")
+            if not lines[-1]:  # sha256sum(1): a backslash before the line says so
+                lines[-1] = f"\\{digest}  {_escaped(name)}"
+    scratch = folder / f".{INVENTORY}.part"
+    scratch.write_text("".join(f"{line}\n" for line in lines), errors="surrogateescape")
+    scratch.replace(folder / INVENTORY)
+
+
+def read_inventory(folder: Path) -> dict[str, str]:
+    """Return the checksum of every file of an artefact by its name.
+
+    Raises:
+        InputError: there is no inventory, or it is damaged.
+    """
+    path = folder / INVENTORY
+    try:
+        text = path.read_text(errors="surrogateescape")
+    except FileNotFoundError:
+        raise InputError("not found", file=path, expected="the artefact's inventory") from None
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})", file=path) from None
+    sums = {}
+    for number, line in enumerate(text.removesuffix("\n").split("\n") if text else [], start=1):
+        found = _LINE.fullmatch(line)
+        if not found:
+            raise InputError(
+                "is damaged", file=path, place=f"line {number}", expected="a SHA-256 and a name"
+            )
+        name = found[3]
+        if found[1]:
+            name = re.sub(r"\\[\\nr]", lambda one: _ESCAPES[one[0]], name)
+        sums[name] = found[2]
+    return sums
+
+
+def foreign_entry(folder: Path, named: Mapping[str, str]) -> str | None:
+    """Return the first entry of a folder that an inventory does not name, or ``None``.
+
+    Folders count: one that is no part of the way to a file that is named is somebody's own.
+    """
+    ways = {"/".join(name.split("/")[:k]) for name in named for k in range(1, name.count("/") + 1)}
+    for name, entry in _entries(folder):
+        if entry.is_dir(follow_symlinks=False):
+            if name not in ways:
+                return f"{name}/"
+        elif name not in named and name != INVENTORY:
+            return name
+    return None
+
+
+def damages(
+    folder: Path,
+    *,
+    below: str = "",
+    workers: int = 1,
+    progress: Callable[[float, str], None] | None = None,
+) -> tuple[int, list[Damage]]:
+    """Compare an artefact with its inventory.
+
+    Args:
+        folder: the artefact's.
+        below: only what is in this folder of it.
+        workers: threads that take checksums.
+        progress: told the share done and what is being done.
+
+    Returns:
+        How many files were checked, and those that are wrong, by name.
+
+    Raises:
+        InputError: there is no inventory, or it is damaged.
+    """
+    inside = f"{below}/" if below else ""
+    sums = {
+        name: digest for name, digest in read_inventory(folder).items() if name.startswith(inside)
+    }
+    found = [
+        Damage(name, "foreign")
+        for name in _files(folder)
+        if name.startswith(inside) and name not in sums and name != INVENTORY
+    ]
+    with ThreadPoolExecutor(workers) as pool:
+        states = pool.map(lambda item: _state(folder, *item), sums.items())
+        for number, (name, state) in enumerate(zip(sums, states, strict=True), start=1):
+            if state:
+                found.append(Damage(name, state))
+            if progress:
+                progress(number / len(sums), f"{number} of {len(sums)} files")
+    return len(sums), sorted(found, key=lambda one: one.name)
+
+
+def _state(folder: Path, name: str, digest: str) -> str | None:
+    path = folder / name
+    if name.startswith("/") or ".." in Path(name).parts:
+        return "foreign"
+    if path.is_symlink() or not path.is_file():
+        return "missing"
+    try:
+        return None if sha256_of(path) == digest else "damaged"
+    except OSError:
+        return "damaged"
+
+
+def _files(folder: Path) -> Iterator[str]:
+    """Yield the name of everything in a folder that is not a folder."""
+    for name, entry in _entries(folder):
+        if not entry.is_dir(follow_symlinks=False):
+            yield name
+
+
+def _entries(folder: Path, above: str = "") -> Iterator[tuple[str, os.DirEntry[str]]]:
+    with os.scandir(folder) as found:
+        entries = sorted(found, key=lambda one: one.name)
+    for entry in entries:
+        name = above + entry.name
+        yield name, entry
+        if entry.is_dir(follow_symlinks=False):
+            yield from _entries(folder / entry.name, f"{name}/")
+
+
+def _escaped(name: str) -> str:
+    return name.replace("\\", "\\\\").replace("\n", "\\n").replace("\r", "\\r")

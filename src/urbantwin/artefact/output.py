@@ -1,0 +1,209 @@
+"""Outputs: folders and files that appear whole or not at all, in place of nothing but their own."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from urbantwin.artefact.document import read_json
+from urbantwin.artefact.inventory import (
+    INVENTORY,
+    foreign_entry,
+    read_inventory,
+    write_inventory,
+)
+from urbantwin.artefact.room import says_no_room
+from urbantwin.artefact.scratch import claimed, put_in_place, refuse_if_written
+from urbantwin.errors import InputError
+from urbantwin.interruption import deferred
+
+__all__ = ["KINDS", "check_file", "check_folder", "kind_of", "replaced_file", "replaced_folder"]
+
+#: Every kind of artefact; the manifest of a ``twin`` is ``twin.json``.
+KINDS = (
+    *("twin", "motion", "dataset", "report", "coverage", "tuning", "submission"),
+    *("geojson", "sumo", "carla", "carla_frames", "plan"),
+)
+#: A rig whose sensors are not fused leaves a dataset of datasets.
+_ALSO = {"dataset": ("dataset", "datasets")}
+
+
+def kind_of(folder: Path) -> str | None:
+    """Return the kind of artefact that a folder is, or ``None``."""
+    for kind in KINDS:
+        path = folder / f"{kind}.json"
+        if path.is_file():
+            try:
+                said = read_json(path, kind=kind).get("kind")
+            except InputError:
+                continue
+            if said in _ALSO.get(kind, (kind,)):
+                return kind
+    return None
+
+
+def check_folder(target: Path, *, kind: str, inputs: Sequence[Path | None] = ()) -> None:
+    """Refuse an output folder that cannot be written, before any work.
+
+    Args:
+        target: the folder to write. An older artefact of the same kind may be there if it holds
+            nothing that its inventory does not name.
+        kind: of the artefact; its manifest is ``KIND.json``.
+        inputs: what it is made from: files and folders; ``None`` are passed over.
+
+    Raises:
+        InputError: it is a file, a folder that holds something else, inside another artefact or an
+            input, has an input inside, is being written by another run, or nobody may write there.
+    """
+    real = Path(os.path.realpath(target))
+    _check_place(target, real, inputs)
+    _check_replaceable(target, real, kind)
+    refuse_if_written(real)
+
+
+def check_file(
+    target: Path, *, inputs: Sequence[Path | None] = (), replaces: Path | None = None
+) -> None:
+    """Refuse an output file that cannot be written, before any work.
+
+    Args:
+        target: the file to write.
+        inputs: what it is made from.
+        replaces: an input that it may replace.
+
+    Raises:
+        InputError: it is a folder, an input, inside an artefact or an input, is being written by
+            another run, or nobody may write there.
+    """
+    real = Path(os.path.realpath(target))
+    if real.is_dir():
+        raise InputError("is a folder", file=target, expected="the name of a file")
+    if replaces is None or real != Path(os.path.realpath(replaces)):
+        _check_place(target, real, inputs)
+    refuse_if_written(real)
+
+
+@contextmanager
+def replaced_folder(
+    target: Path, *, kind: str, inputs: Sequence[Path | None] = (), key: str | None = None
+) -> Iterator[Path]:
+    """Yield a folder beside ``target`` that takes its place when the block succeeds.
+
+    When the block fails, ``target`` stays as it was and nothing half-written is left; with a
+    ``key``, what was made waits for the next run with that key. The folder gets an inventory of
+    its files, unless the block wrote one.
+
+    Args:
+        target: the folder to write; see `check_folder`.
+        kind: the artefact's kind; its manifest is ``KIND.json``.
+        inputs: what it is made from.
+        key: 16 hexadecimal digits that say what is made. The folder then holds what an interrupted
+            run with the same key left.
+
+    Raises:
+        InputError: see `check_folder`.
+        StageError: the disk is full.
+    """
+    check_folder(target, kind=kind, inputs=inputs)
+    with (
+        claimed(target, key=key) as scratch,
+        says_no_room(target, scratch.folder, goes_on=key is not None),
+    ):
+        yield scratch.folder
+        if not (scratch.folder / INVENTORY).is_file():
+            write_inventory(scratch.folder)
+        with deferred():
+            # Somebody may have put something there since it was checked.
+            _check_replaceable(target, scratch.target, kind)
+            put_in_place(scratch.folder, scratch.target)
+
+
+@contextmanager
+def replaced_file(
+    target: Path, *, inputs: Sequence[Path | None] = (), replaces: Path | None = None
+) -> Iterator[Path]:
+    """Yield a path of the same name in a folder of its own; its files then take their places.
+
+    Files that the block writes beside it (an OBJ's materials) come along, before it. When the
+    block fails, ``target`` stays as it was and nothing half-written is left.
+
+    Args:
+        target: the file to write; an older one is replaced.
+        inputs: what it is made from.
+        replaces: an input that it may replace.
+
+    Raises:
+        InputError: see `check_file`.
+        StageError: the disk is full.
+    """
+    check_file(target, inputs=inputs, replaces=replaces)
+    with claimed(target) as scratch, says_no_room(target, scratch.folder):
+        yield scratch.folder / target.name
+        with deferred():
+            for file in sorted(scratch.folder.iterdir(), key=lambda one: one.name == target.name):
+                last = file.name == target.name
+                file.replace(scratch.target if last else scratch.target.with_name(file.name))
+
+
+def _check_place(target: Path, real: Path, inputs: Sequence[Path | None]) -> None:
+    for given in inputs:
+        if given is None:
+            continue
+        path = Path(os.path.realpath(given))
+        if real == path:
+            raise InputError("is an input, too", file=target, expected="another output")
+        if path.is_dir() and real.is_relative_to(path):
+            raise InputError(
+                f"is inside an input ({given})", file=target, expected="an output beside it"
+            )
+        if path.is_relative_to(real):
+            raise InputError(
+                f"holds an input ({given}), which would be lost",
+                file=target,
+                expected="another output",
+            )
+    for above in real.parents:
+        kind = kind_of(above) if above.is_dir() else None
+        if kind is not None:
+            raise InputError(
+                f"is inside a {kind} ({above})",
+                file=target,
+                expected=f"an output beside it: what replaces or checks the {kind} knows no such "
+                "entry",
+            )
+
+
+def _check_replaceable(target: Path, real: Path, kind: str) -> None:
+    """Refuse a folder that is not an older artefact of a kind, whole or damaged, and only that.
+
+    Raises:
+        InputError: it is a file, or a folder with something else in it.
+    """
+    if not real.exists():
+        return
+    expected = f"a new or empty folder, or an older {kind} and nothing else"
+    if not real.is_dir():
+        raise InputError("is a file", file=target, expected=f"a folder for the {kind}")
+    try:
+        if not any(real.iterdir()):
+            return
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})", file=target) from None
+    if kind_of(real) != kind:
+        raise InputError("holds other files, which would be lost", file=target, expected=expected)
+    try:
+        named = read_inventory(real)
+    except InputError as error:
+        raise InputError(
+            f"holds a {kind} whose inventory is no help ({error.file}: {error.problem}), and maybe "
+            "other files, which would be lost",
+            file=target,
+            expected=expected,
+        ) from None
+    foreign = foreign_entry(real, named)
+    if foreign is not None:
+        raise InputError(
+            f"holds other files, which would be lost ({foreign})", file=target, expected=expected
+        )

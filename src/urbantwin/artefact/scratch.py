@@ -1,0 +1,319 @@
+"""Scratch beside an output: a hidden folder with its owner's process in its name, and a lock.
+
+``.NAME.PROCESS.urbantwin-new`` holds what a run is writing, ``.NAME.PROCESS.KEY.urbantwin-partial``
+what a run can go on from, and ``.NAME.PROCESS.urbantwin-old`` what has just been replaced. A run
+holds a lock (``flock``) on its own folder; the kernel takes the lock from a process that dies, so
+nothing stays locked, and the next run on the same output tells what is dead and removes it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import errno
+import fcntl
+import hashlib
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+
+from urbantwin.errors import InputError
+from urbantwin.interruption import deferred
+
+__all__ = [
+    "Scratch",
+    "claimed",
+    "new_folder",
+    "passing_folder",
+    "put_in_place",
+    "refuse_if_written",
+    "remove_dead",
+]
+
+_NEW, _PARTIAL, _OLD = ".urbantwin-new", ".urbantwin-partial", ".urbantwin-old"
+_LEFT = re.compile(
+    rf"\.(?P<name>.+)\.(?P<process>\d+)(?:\.(?P<key>[0-9a-f]{{16}}){_PARTIAL}|{_NEW}|{_OLD})"
+)
+#: Longer names of outputs are cut, so that the scratch's own stays one that file systems take.
+_LONGEST = 150
+_NO_LOCKS = (errno.EBADF, errno.EINVAL, errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP)
+_EXCHANGE = 2  # RENAME_EXCHANGE, renameat2(2)
+_HERE = -100  # AT_FDCWD
+_held: set[tuple[int, int]] = set()
+_numbers = count()
+
+
+@dataclass(frozen=True)
+class Scratch:
+    """A run's own scratch.
+
+    Attributes:
+        target: the output, without symbolic links.
+        folder: the scratch; empty, or what an interrupted run with the same key left.
+    """
+
+    target: Path
+    folder: Path
+
+
+@contextmanager
+def claimed(target: Path, *, key: str | None = None) -> Iterator[Scratch]:
+    """Hold an output: yield scratch for it, while no other run may write it.
+
+    What dead runs left is removed before. In the end the scratch goes, too; with a ``key`` it stays
+    when the block fails, for the next run with that key, until a run on this output succeeds.
+
+    Args:
+        target: the output; its folder is made if it is not there, and taken away again if the block
+            fails and nothing is in it.
+        key: 16 hexadecimal digits that say what is made.
+
+    Raises:
+        InputError: another run is writing it, or nobody may write there.
+    """
+    target = Path(os.path.realpath(target))
+    lock: int | None = None
+    folder: Path | None = None
+    with new_folder(target.parent):
+        try:
+            try:
+                with _alone(target.parent):
+                    refuse_if_written(target)
+                    folder = _own(target, key)
+                    lock = _lock(folder)
+            except OSError as error:
+                raise _not_writable(target, error) from None
+            yield Scratch(target, folder)
+        except BaseException:
+            with deferred():
+                if folder and (key is None or not any(one.is_file() for one in folder.rglob("*"))):
+                    _remove(folder)
+                _close(lock)
+            raise
+        with deferred():
+            _remove(folder)
+            _close(lock)
+            remove_dead(target.parent, target.name)
+
+
+def refuse_if_written(target: Path) -> None:
+    """Refuse an output that a run is writing now.
+
+    Args:
+        target: the output, without symbolic links.
+
+    Raises:
+        InputError: one is.
+    """
+    for left, process, _ in _left(target):
+        if not _is_dead(left, process):
+            raise InputError(
+                f"another run is writing it (process {process})",
+                file=target,
+                expected="another output, or to wait for that run",
+            )
+
+
+@contextmanager
+def new_folder(folder: Path) -> Iterator[None]:
+    """Make a folder for somebody to write to; take it away again if the block leaves it empty.
+
+    Raises:
+        InputError: it cannot be made.
+    """
+    made = _make_parents(folder)
+    try:
+        yield
+    finally:
+        for one in made:
+            with suppress(OSError):  # Something is in it.
+                one.rmdir()
+
+
+@contextmanager
+def passing_folder(subject: str) -> Iterator[Path]:
+    """Yield a folder in the system's temporary one that goes with the block.
+
+    What killed runs left there of the same subject goes, too.
+    """
+    place = Path(tempfile.gettempdir())
+    number = next(_numbers)
+    for left in _hidden(place):
+        found = _LEFT.fullmatch(left.name)
+        if found and found["name"].startswith(f"{subject}-"):
+            remove_dead(place, found["name"])
+    with claimed(place / f"{subject}-{os.getpid()}-{number}") as scratch:
+        yield scratch.folder
+
+
+def put_in_place(scratch: Path, target: Path) -> None:
+    """Give a finished folder its name; at every moment the older one or this one has it.
+
+    The older one is then scratch, and goes with it.
+    """
+    if not target.exists():
+        scratch.rename(target)
+    elif not _exchange(scratch, target):
+        # A file system without an exchange: the older one steps aside, and whoever comes next
+        # puts it back if this run is killed between the two.
+        with _alone(target.parent):
+            target.rename(scratch.with_name(f"{_beginning(target)}.{os.getpid()}{_OLD}"))
+            scratch.rename(target)
+
+
+def remove_dead(folder: Path, name: str | None = None) -> None:
+    """Remove what dead runs left in a folder, of the output ``name`` or of every output."""
+    for entry in _hidden(folder):
+        found = _LEFT.fullmatch(entry.name)
+        if (
+            found
+            and (name is None or found["name"] == _beginning(Path(name))[1:])
+            and _is_dead(entry, int(found["process"]))
+        ):
+            _remove(entry)
+
+
+def _own(target: Path, key: str | None) -> Path:
+    """Put back, take over and remove what dead runs left; return this run's own scratch."""
+    ending = _NEW if key is None else f".{key}{_PARTIAL}"
+    mine = target.with_name(f"{_beginning(target)}.{os.getpid()}{ending}")
+    for left, _, its_key in _left(target):
+        if left.suffix == _OLD and not target.exists():
+            left.rename(target)
+        elif its_key is None:
+            _remove(left)
+        elif its_key == key and not mine.exists():
+            left.rename(mine)
+    mine.mkdir(exist_ok=True)
+    return mine
+
+
+def _beginning(target: Path) -> str:
+    name = target.name
+    if len(os.fsencode(name)) > _LONGEST:
+        digest = hashlib.sha256(os.fsencode(name)).hexdigest()[:16]
+        name = os.fsencode(name)[: _LONGEST - 17].decode(errors="ignore") + "-" + digest
+    return f".{name}"
+
+
+def _left(target: Path) -> list[tuple[Path, int, str | None]]:
+    """Return the scratch of an output, its process and its key."""
+    found = []
+    for entry in _hidden(target.parent):
+        match = _LEFT.fullmatch(entry.name)
+        if match and match["name"] == _beginning(target)[1:]:
+            found.append((entry, int(match["process"]), match["key"]))
+    return found
+
+
+def _hidden(folder: Path) -> list[Path]:
+    try:
+        with os.scandir(folder) as entries:
+            return sorted(folder / one.name for one in entries if one.name.startswith("."))
+    except (FileNotFoundError, NotADirectoryError):
+        return []
+
+
+def _is_dead(left: Path, process: int) -> bool:
+    """Return whether the run that a scratch belongs to is over."""
+    try:
+        lock = os.open(left, os.O_RDONLY | os.O_NOFOLLOW)
+    except OSError:  # It is gone, or none of ours.
+        return False
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno not in _NO_LOCKS:
+            return False
+        try:  # No locks on this file system: is there such a process?
+            os.kill(process, 0)
+        except ProcessLookupError:
+            return True
+        except PermissionError:
+            return False
+        return False
+    finally:
+        os.close(lock)
+    return True
+
+
+def _lock(folder: Path) -> int:
+    lock = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError as error:
+        if error.errno not in _NO_LOCKS:
+            os.close(lock)
+            raise
+    _held.add(_identity(lock))
+    return lock
+
+
+def _close(lock: int | None) -> None:
+    if lock is not None:
+        _held.discard(_identity(lock))
+        os.close(lock)
+
+
+def _identity(descriptor: int) -> tuple[int, int]:
+    found = os.fstat(descriptor)
+    return found.st_dev, found.st_ino
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Let runs look at what is in a folder one after the other."""
+    lock = os.open(folder, os.O_RDONLY)
+    try:
+        if _identity(lock) not in _held:  # in a scratch of our own nobody else looks
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX)
+            except OSError as error:
+                if error.errno not in _NO_LOCKS:
+                    raise
+        yield
+    finally:
+        os.close(lock)
+
+
+def _exchange(one: Path, other: Path) -> bool:
+    """Let two paths change their names in one step, where the system can (Linux)."""
+    rename = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
+    if rename is None:
+        return False
+    return bool(rename(_HERE, os.fsencode(one), _HERE, os.fsencode(other), _EXCHANGE) == 0)
+
+
+def _make_parents(folder: Path) -> list[Path]:
+    """Make a folder and those above it; return what was made, the innermost first."""
+    missing = []
+    for one in (folder, *folder.parents):
+        if one.exists():
+            break
+        missing.append(one)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise _not_writable(folder, error) from None
+    return missing
+
+
+def _not_writable(target: Path, error: OSError) -> InputError:
+    why = (error.strerror or str(error)).lower()
+    return InputError(f"cannot be written ({why})", file=target, expected="a place to write to")
+
+
+def _remove(left: Path) -> None:
+    if left.is_dir() and not left.is_symlink():
+        # Twice: a worker of a killed run may have been writing until now.
+        shutil.rmtree(left, ignore_errors=True)
+        if left.exists():
+            shutil.rmtree(left, ignore_errors=True)
+    else:
+        with suppress(OSError):
+            left.unlink()

@@ -1,0 +1,88 @@
+"""Interruption: Ctrl-C, SIGTERM and SIGHUP end a command in the same way, wherever it is.
+
+While Python starts and imports, nothing is made yet and the process just ends (`ends_at_once`).
+While a command works, ``KeyboardInterrupt`` unwinds it, so that its scratch goes (`unwinds`). Where
+a result takes its place, the signal waits (`deferred`).
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Any
+
+__all__ = ["EXIT_CODE", "Interruptions", "deferred", "ends_at_once", "unwinds"]
+
+#: As shells have it: 128 + SIGINT.
+EXIT_CODE = 130
+_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+Handler = Callable[[int, FrameType | None], Any]
+
+
+class Interruptions:
+    """How often a block was interrupted, even where a library swallowed the exception."""
+
+    def __init__(self) -> None:
+        self.count = 0
+
+
+def ends_at_once() -> None:
+    """From now on let an interruption end the process with one line: there is nothing to undo."""
+    for number in _heard():
+        signal.signal(number, _end)
+
+
+@contextmanager
+def unwinds() -> Iterator[Interruptions]:
+    """Let an interruption raise ``KeyboardInterrupt`` in the block."""
+    interruptions = Interruptions()
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        interruptions.count += 1
+        raise KeyboardInterrupt
+
+    with _handled(interrupt):
+        yield interruptions
+
+
+@contextmanager
+def deferred() -> Iterator[None]:
+    """Let an interruption wait until the block has ended: for moments that must not be cut."""
+    waiting: list[int] = []
+    try:
+        with _handled(lambda number, _frame: waiting.append(number)):
+            yield
+    finally:
+        if waiting:
+            signal.raise_signal(waiting[0])
+
+
+def _end(_number: int, _frame: FrameType | None) -> None:
+    # No line of Python's own, no traceback out of half an import.
+    os.write(2, b"error: interrupted\n")
+    os._exit(EXIT_CODE)
+
+
+def _heard() -> list[signal.Signals]:
+    """Return the signals that whoever started this process wants heard: not `nohup`'s."""
+    return [one for one in _SIGNALS if signal.getsignal(one) not in (signal.SIG_IGN, None)]
+
+
+@contextmanager
+def _handled(handler: Handler) -> Iterator[None]:
+    if threading.current_thread() is not threading.main_thread():  # Python's rule
+        yield
+        return
+    before = {number: signal.getsignal(number) for number in _heard()}
+    for number in before:
+        signal.signal(number, handler)
+    try:
+        yield
+    finally:
+        for number, former in before.items():
+            signal.signal(number, former)
