@@ -13,11 +13,13 @@ from urbantwin.artefact.output import (
 )
 from urbantwin.artefact.room import check_room
 from urbantwin.artefact.scratch import claimed, new_folder, passing_folder, remove_dead
+from urbantwin.artefact.verify import Verified, verify
 
 __all__ = [
     "INVENTORY",
     "KINDS",
     "Damage",
+    "Verified",
     "check_file",
     "check_folder",
     "check_room",
@@ -31,6 +33,7 @@ __all__ = [
     "replaced_file",
     "replaced_folder",
     "sha256_of",
+    "verify",
     "write_inventory",
     "write_json",
 ]

@@ -27,6 +27,7 @@ from urbantwin.cli import (
     sensors,
     traffic,
     tune,
+    verify,
 )
 from urbantwin.cli.console import error_line
 from urbantwin.errors import InputError, UrbanTwinError
@@ -88,6 +89,7 @@ for command, examples in (
     (export.export, export.EXAMPLES),
     (carla.carla, carla.EXAMPLES),
     (inspect.inspect, inspect.EXAMPLES),
+    (verify.verify, verify.EXAMPLES),
     (sensors.sensors, sensors.EXAMPLES),
 ):
     app.command(epilog=_examples(examples))(command)

@@ -1,0 +1,86 @@
+"""Whether artefacts are what was written: every file there, unchanged, and nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from urbantwin.artefact.inventory import INVENTORY, Damage, damages
+from urbantwin.artefact.output import KINDS, kind_of
+from urbantwin.errors import InputError
+
+__all__ = ["Verified", "verify"]
+
+
+@dataclass(frozen=True)
+class Verified:
+    """What was found of one artefact.
+
+    Attributes:
+        folder: the artefact's, or the part of it that was asked for.
+        kind: of the artefact.
+        files: how many were checked.
+        damages: what is wrong.
+    """
+
+    folder: Path
+    kind: str
+    files: int
+    damages: tuple[Damage, ...]
+
+
+def verify(
+    path: Path, *, workers: int = 1, progress: Callable[[float, str], None] | None = None
+) -> list[Verified]:
+    """Compare every artefact at a path with its inventory.
+
+    Args:
+        path: an artefact, its manifest or another file of it, a part of a dataset of several
+            sensors, or a folder of artefacts: what ``urbantwin run`` wrote.
+        workers: threads that take checksums.
+        progress: told the share done and what is being done.
+
+    Raises:
+        InputError: there is no artefact, or its inventory cannot be read.
+    """
+    if not path.exists():
+        raise InputError("not found", file=path, expected="an artefact")
+    found = list(_artefacts(path))
+    if not found:
+        raise InputError(
+            "is no artefact, and holds none",
+            file=path,
+            expected=f"a folder that urbantwin wrote: {', '.join(KINDS)}",
+        )
+    tell = progress or (lambda share, doing: None)
+    verified = []
+    for number, (folder, below) in enumerate(found):
+
+        def step(share: float, doing: str, number: int = number, name: str = folder.name) -> None:
+            tell((number + share) / len(found), f"{name}: {doing}")
+
+        files, wrong = damages(folder, below=below, workers=workers, progress=step)
+        kind = kind_of(folder)
+        verified.append(Verified(folder / below, kind or "damaged", files, tuple(wrong)))
+    return verified
+
+
+def _artefacts(path: Path) -> Iterator[tuple[Path, str]]:
+    """Yield the folder of each artefact, and which folder of it is meant (``""``: all)."""
+    inside = path.resolve()
+    if inside.is_file():
+        inside = inside.parent
+    for folder in (inside, *inside.parents):
+        if _is_artefact(folder):
+            below = inside.relative_to(folder).as_posix()
+            yield folder, "" if below == "." else below
+            return
+    for entry in sorted(inside.iterdir()):
+        if entry.is_dir() and not entry.name.startswith(".") and _is_artefact(entry):
+            yield entry, ""
+
+
+def _is_artefact(folder: Path) -> bool:
+    """Return whether a folder is an artefact, or was one before its inventory was lost."""
+    return (folder / INVENTORY).is_file() or kind_of(folder) is not None
