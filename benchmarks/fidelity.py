@@ -201,7 +201,7 @@ def main() -> None:
             real, twin = recorded(scratch, given.pairs, given.points)
         else:
             real, twin = of_sweeps(given.sweeps, scratch, given.pairs, given.points)
-        arbitrary_recording(open_recording(twin), given.pairs)
+        arbitrary_recording(open_recording(twin), given.pairs, scratch / "arbitrary")
         result: dict[str, float] = {"pairs": given.pairs, "points": given.points}
         result["workers"] = given.workers
         result |= timed_compare(real, twin, scratch / "report", given.workers)

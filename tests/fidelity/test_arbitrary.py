@@ -1,6 +1,7 @@
 """The arbitrary site: the dataset's own rig elsewhere, made once, and in every report."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -112,32 +113,34 @@ def test_the_sensor_of_other_peoples_frames(shared_data):
 def test_what_is_made_is_kept(tmp_path):
     made = []
 
-    def make(out: Path) -> None:
-        made.append(out)
-        out.mkdir()
-        (out / "dataset.json").write_text(f"{len(made)}")
+    def make(folder: Path) -> Path:
+        made.append(folder)
+        (folder / "twin").mkdir()
+        (folder / "frames").mkdir()
+        (folder / "frames/dataset.json").write_text(f"{len(made)}")
+        return folder / "frames"
 
-    first, _ = kept("site", {"seed": 1}, make, tmp_path / "cache")
-    again, _ = kept("site", {"seed": 1}, make, tmp_path / "cache")
-    assert first == again
+    def asked(seed: int, make: Callable[[Path], Path] = make, cache: str = "cache") -> Path:
+        return kept("site", {"seed": seed}, make, tmp_path / "scratch", tmp_path / cache)
+
+    first = asked(1)
+    assert asked(1) == first
     assert len(made) == 1
-    assert kept("site", {"seed": 2}, make, tmp_path / "cache")[0] != first
+    assert [one.name for one in first.parent.iterdir()] == ["site"]
+    assert asked(2) != first
 
-    def fail(out: Path) -> None:
-        out.mkdir()
+    def fail(folder: Path) -> Path:
+        (folder / "twin").mkdir()
         raise RuntimeError("no traffic")
 
     with pytest.raises(RuntimeError):
-        kept("site", {"seed": 3}, fail, tmp_path / "cache")
+        asked(3, fail)
     assert len(list((tmp_path / "cache").iterdir())) == 2
-    # Where nobody can write, it lasts as long as what comes beside it.
+    # Where nobody can write, it is made in the scratch of who asks.
     (tmp_path / "file").write_text("")
-    folder, lasts = kept("site", {"seed": 1}, make, tmp_path / "file" / "cache")
-    assert (folder / "dataset.json").is_file()
-    del lasts
-    assert not folder.exists()
+    assert asked(1, cache="file/cache") == tmp_path / "scratch/frames"
     for seed in range(4, 14):
-        newest, _ = kept("site", {"seed": seed}, make, tmp_path / "cache")
+        newest = asked(seed)
     assert newest.is_dir()
     assert len(list((tmp_path / "cache").iterdir())) == 8
 
@@ -175,7 +178,10 @@ def test_every_report_has_an_arbitrary_site(tmp_path, monkeypatch):
     # The second time nothing is made.
     told.clear()
     kept_ones = arbitrary_recording(
-        open_recording(tmp_path / "twin"), 1, lambda share, what: told.append(what)
+        open_recording(tmp_path / "twin"),
+        1,
+        tmp_path / "scratch",
+        lambda share, what: told.append(what),
     )
     assert told == ["arbitrary site: there"]
     assert kept_ones.path == folder / "two-avenues"

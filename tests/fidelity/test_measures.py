@@ -18,6 +18,7 @@ from urbantwin.fidelity import (
 )
 from urbantwin.fidelity.closest import NearestTriangle, triangle_distances
 from urbantwin.fidelity.histograms import full_scale
+from urbantwin.fidelity.point_to_mesh import MAX_POINTS
 
 
 def grid_plane(height, size=20.0, step=0.1):
@@ -209,6 +210,18 @@ def test_point_to_mesh_of_a_shifted_floor():
     raised = real.distances_of(floor + np.array([0, 0, 0.25]))
     assert raised.median == pytest.approx(0.25)
     assert raised.mean == pytest.approx(0.25, abs=1e-6)
+
+
+def test_an_identical_copy_is_nearer_than_the_points_kept_out_and_the_next_frame():
+    """More points than are measured: the draw of those must not be that of the points kept out."""
+    rng = np.random.default_rng(5)
+    room = scan_of_room(rng)
+    scan, following = (room + rng.normal(0, 0.02, room.shape) for _ in range(2))
+    assert len(scan) > MAX_POINTS
+    real = RealSurface(scan)
+    copied = real.distances_of(scan).mean
+    assert copied < 0.2 * real.rebuild_error.mean  # nine of ten points are the surface's own
+    assert copied < 0.2 * real.distances_of(following).mean
 
 
 def test_surface_does_not_bridge_an_object_and_what_is_behind():

@@ -192,7 +192,10 @@ def _check_replaceable(target: Path, real: Path, kind: str) -> None:
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror})", file=target) from None
     if kind_of(real) != kind:
-        raise InputError("holds other files, which would be lost", file=target, expected=expected)
+        first = min(one.name for one in real.iterdir())
+        raise InputError(
+            f"holds other files, which would be lost ({first})", file=target, expected=expected
+        )
     try:
         named = read_inventory(real)
     except InputError as error:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from urbantwin.artefact import replaced_folder, write_json
+from urbantwin.artefact import check_folder, replaced_folder, write_json
 from urbantwin.errors import InputError
 from urbantwin.fidelity.challenge import CROP_M, FRAMES, NAME, cropped, read_detections
 from urbantwin.fidelity.readers import open_recording
@@ -41,6 +41,7 @@ def write_challenge(
         InputError: the dataset cannot be read or has too few frames, a frame has no point in the
             space that counts, the detections are wrong, or ``out`` holds other files.
     """
+    check_folder(out, kind="submission", inputs=[dataset, detections])
     recording = open_recording(dataset)
     if len(recording) < frames:
         raise InputError(

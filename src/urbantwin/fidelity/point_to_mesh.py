@@ -17,6 +17,9 @@ __all__ = ["MAX_POINTS", "RealSurface", "Spread"]
 MAX_POINTS = 10_000
 #: Every so many-th real point is kept out of the rebuild, to judge the rebuild by.
 HELD_OUT = 10
+#: Key of their draw: with that of the measured points, clouds of the same size would be measured by
+#: the very points that the surface lacks.
+_HELD_OUT_KEY = 1
 
 
 @dataclass(frozen=True)
@@ -49,7 +52,7 @@ class RealSurface:
     """
 
     def __init__(self, real: NDArray[np.float64], origin: ArrayLike = (0.0, 0.0, 0.0)) -> None:
-        held_out = sample_rows(len(real), len(real) // HELD_OUT)
+        held_out = sample_rows(len(real), len(real) // HELD_OUT, _HELD_OUT_KEY)
         self.surface: Surface = rebuild_surface(np.delete(real, held_out, axis=0), origin)
         self._nearest = NearestTriangle(self.surface.vertices, self.surface.faces)
         self.rebuild_error: Spread | None = None
