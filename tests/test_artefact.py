@@ -18,11 +18,11 @@ def test_a_folder_appears_whole(tmp_path):
 def test_an_interruption_keeps_the_older_one(tmp_path):
     target = tmp_path / "twin"
     with replaced_folder(target, kind="twin") as folder:
-        write_json(folder / "twin.json", {"number": 1})
+        write_json(folder / "twin.json", {"kind": "twin", "number": 1})
     with pytest.raises(KeyboardInterrupt), replaced_folder(target, kind="twin") as folder:
         write_json(folder / "twin.json", {"number": 2})
         raise KeyboardInterrupt
-    assert read_json(target / "twin.json", kind="twin") == {"number": 1}
+    assert read_json(target / "twin.json", kind="twin")["number"] == 1
     assert [p.name for p in tmp_path.iterdir()] == ["twin"]
 
 

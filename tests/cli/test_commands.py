@@ -19,7 +19,7 @@ from urbantwin import __version__
 Run = Callable[..., Any]
 COMMANDS = tuple(
     "align background build carla compare coverage demo export init inspect record run sensors "
-    "traffic tune".split()
+    "traffic tune verify".split()
 )
 
 
@@ -157,8 +157,8 @@ def test_a_missing_right_is_one_line(run_here: Run, tmp_path: Path, two_avenues:
         blocked = tmp_path / "closed"
         blocked.mkdir(mode=0o500)
     outcome = run_here("build", two_avenues / "site.yaml", "-o", blocked / "twin")
-    assert outcome.code == 1
-    assert outcome.err.strip().splitlines()[-1].startswith("error: ")
+    assert outcome.code == 2
+    assert "cannot be written" in outcome.err.strip().splitlines()[-1]
     assert "Traceback" not in outcome.err
 
 

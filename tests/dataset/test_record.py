@@ -41,7 +41,13 @@ def left_beside(out):
 
 def test_every_frame_has_its_files_and_nothing_else_is_there(dataset):
     files = {str(path.relative_to(dataset)) for path in dataset.rglob("*") if path.is_file()}
-    expected = {"dataset.json", "boxes.parquet", "sweeps.parquet", "ignore_regions.geojson"}
+    expected = {
+        "SHA256SUMS",
+        "dataset.json",
+        "boxes.parquet",
+        "sweeps.parquet",
+        "ignore_regions.geojson",
+    }
     expected |= {"ImageSets/train.txt", "ImageSets/val.txt"}
     for name in NAMES:
         expected |= {f"points/{name}.npy", f"labels/{name}.txt"}

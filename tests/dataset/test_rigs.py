@@ -85,7 +85,12 @@ def separate(twin, motion, tmp_path_factory):
 
 
 def test_sensors_that_are_not_fused_have_a_dataset_each(fused, separate):
-    assert sorted(path.name for path in separate.iterdir()) == ["dataset.json", "steady", "swift"]
+    assert sorted(path.name for path in separate.iterdir()) == [
+        "SHA256SUMS",
+        "dataset.json",
+        "steady",
+        "swift",
+    ]
     assert [path.name for path in parts_of(separate)] == ["steady", "swift"]
     assert parts_of(fused) == [fused]
     for part in parts_of(separate):

@@ -20,10 +20,10 @@ def planned_once():
     """Plan a twin's traffic once for all exports: in a closed loop that takes pilot simulations."""
     known = {}
 
-    def planned(twin, *, duration_s, seed):
+    def planned(twin, *, duration_s, seed, scratch=None):
         key = twin.sha256, duration_s, seed
         if key not in known:
-            known[key] = demand_of(twin, duration_s=duration_s, seed=seed)
+            known[key] = demand_of(twin, duration_s=duration_s, seed=seed, scratch=scratch)
         return known[key]
 
     with pytest.MonkeyPatch.context() as patch:

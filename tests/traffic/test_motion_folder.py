@@ -51,6 +51,7 @@ def test_a_motion_comes_back_as_it_was(motion: Motion, tmp_path: Path) -> None:
     assert again.sha256() == motion.sha256()
     assert pq.read_schema(tmp_path / "m" / "actors.parquet").equals(ACTOR_SCHEMA)
     assert sorted(path.name for path in (tmp_path / "m").iterdir()) == [
+        "SHA256SUMS",
         "actors.parquet",
         "meshes.npz",
         "motion.json",
