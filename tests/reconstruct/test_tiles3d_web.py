@@ -21,7 +21,7 @@ KEY = "s3cret-key"
 
 @pytest.fixture(autouse=True)
 def short_pauses(monkeypatch):
-    monkeypatch.setattr("urbantwin.reconstruct.tiles3d.web._PAUSE_S", 0.005)
+    monkeypatch.setattr("urbantwin.download.client.PAUSE_S", 0.005)
     monkeypatch.delenv("URBANTWIN_TILE_CACHE", raising=False)
 
 
@@ -120,7 +120,7 @@ def test_key_and_session_reach_every_tile_and_no_report(tmp_path, monkeypatch):
     assert set(model.files) == {"root.json", "sub/inner.json", "deep/a.glb", "sub/b.glb"}
 
 
-def test_a_token_is_a_header_and_goes_to_its_own_host_only(tmp_path, monkeypatch):
+def test_a_token_is_a_header_and_goes_to_its_own_origin_only(tmp_path, monkeypatch):
     monkeypatch.setenv("ION_TOKEN", KEY)
     with serving({"/far.glb": square(), "/moved.glb": square()}) as other:
         elsewhere = other.url.replace("127.0.0.1", "localhost")
@@ -130,7 +130,8 @@ def test_a_token_is_a_header_and_goes_to_its_own_host_only(tmp_path, monkeypatch
             "/go.glb": f"{elsewhere}/moved.glb",
         }
         with serving(pages, lambda query, token: token == f"Bearer {KEY}") as server:
-            model = read(f"{server.url}/t.json", key_env="ION_TOKEN")
+            url = f"{server.url}/t.json"
+            model = read(url, key_env="ION_TOKEN", origins=[elsewhere])
     assert len(model.mesh.faces) == 3
     assert not model.problems
     assert len(other.log) == 2
