@@ -65,7 +65,11 @@ class _Plain(socket.socket):
 
     def recv_into(self, buffer: Any, nbytes: int = 0, flags: int = 0) -> int:  # noqa: ANN401
         self.settimeout(self.pace.wait_s())
-        received = super().recv_into(buffer, nbytes, flags)
+        try:
+            received = super().recv_into(buffer, nbytes, flags)
+        except TimeoutError:
+            self.pace.wait_s()  # of which end was it: the byte's, or the whole answer's?
+            raise
         self.pace.count(received)
         return received
 
@@ -82,7 +86,11 @@ class _Encrypted(ssl.SSLSocket):
         flags: int = 0,
     ) -> int:
         self.settimeout(self.pace.wait_s())
-        received = super().recv_into(buffer, nbytes, flags)
+        try:
+            received = super().recv_into(buffer, nbytes, flags)
+        except TimeoutError:
+            self.pace.wait_s()  # of which end was it: the byte's, or the whole answer's?
+            raise
         self.pace.count(received)
         return received
 
