@@ -79,5 +79,6 @@ def _stated_length(response: http.client.HTTPResponse) -> int | None:
 
 
 def _too_large(most_bytes: int) -> DownloadError:
-    unit, name = (1 << 20, "MiB") if most_bytes >= 1 << 20 else (1000, "kB")
-    return DownloadError(f"is larger than {most_bytes // unit} {name}")
+    if most_bytes % (1 << 20) == 0:
+        return DownloadError(f"is larger than {most_bytes >> 20} MiB")
+    return DownloadError(f"is larger than {most_bytes / 1e6:g} MB")
