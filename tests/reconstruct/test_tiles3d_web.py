@@ -259,7 +259,9 @@ def test_the_key_in_what_a_server_writes_is_in_no_report(tmp_path, monkeypatch):
         with pytest.raises(InputError) as caught:
             read(f"{server.url}/t.json", key_env="TILES_KEY")
     assert KEY not in str(caught.value)
-    assert not any(KEY in str(path) for path in (tmp_path / "kept").rglob("*"))
+    kept = [path for path in (tmp_path / "kept").rglob("*") if path.is_file()]
+    assert len(kept) == 1
+    assert not any(KEY in str(path) or KEY.encode() in path.read_bytes() for path in kept)
 
 
 def test_a_key_written_into_the_address_goes_nowhere_else(tmp_path):
@@ -322,6 +324,13 @@ def test_a_cache_that_cannot_be_used_is_one_line(tmp_path, monkeypatch):
 def test_origins_that_are_none(spec, words):
     with pytest.raises(ValidationError, match=words):
         GeometrySpec(**spec)
+
+
+def test_a_token_that_is_no_header_is_refused(monkeypatch):
+    monkeypatch.setenv("ION_TOKEN", f"{KEY}\r\nHost: other")
+    with pytest.raises(InputError, match="ION_TOKEN holds what no header may") as caught:
+        read("http://127.0.0.1:9/t.json", key_env="ION_TOKEN")
+    assert KEY not in str(caught.value)
 
 
 def test_an_address_with_a_password_is_refused_without_it(tmp_path):

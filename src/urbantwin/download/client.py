@@ -15,7 +15,7 @@ import time
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from urllib.parse import quote, quote_plus, unquote, unquote_plus, urlencode, urljoin
 
 from urbantwin import __version__
@@ -30,6 +30,8 @@ __all__ = ["Client", "Limits"]
 TRIES = 4
 #: Before the second try, seconds; each further pause is four times as long.
 PAUSE_S = 0.25
+#: Nothing is tried again later than this, seconds.
+LAST_TRY_S = 30.0
 #: Tries in a row without any answer after which a server is given up.
 PATIENCE = 64
 MOST_REDIRECTS = 5
@@ -119,23 +121,33 @@ class Client:
             DownloadError: it cannot be had.
         """
         first = parse_address(address)
-        attempt = 0
+        attempt, begun = 0, time.monotonic()
         while True:
             try:
                 return self._followed(first)
             except DownloadError as error:
                 attempt += 1
-                if attempt == TRIES or not error.may_pass:
+                late = time.monotonic() - begun > LAST_TRY_S
+                if attempt == TRIES or late or not error.may_pass:
                     raise
             time.sleep(PAUSE_S * 4 ** (attempt - 1))
 
     def hidden(self, text: str) -> str:
         """Return a text without any key in it: what a server says may hold it."""
-        for secret in self._secrets:
-            if len(secret) >= SHORTEST:
-                for form in (secret, quote(secret, safe=""), quote(secret), quote_plus(secret)):
-                    text = text.replace(form, "***")
+        for form in self._written:
+            text = text.replace(form, "***")
         return text
+
+    def holds_key(self, data: bytes) -> bool:
+        """Return whether a server wrote a key into what it answered."""
+        return any(form.encode() in data for form in self._written)
+
+    @cached_property
+    def _written(self) -> tuple[str, ...]:
+        """How secrets are written in addresses and texts."""
+        ways = (str, partial(quote, safe=""), quote, quote_plus)
+        found = {way(one) for one in self._secrets if len(one) >= SHORTEST for way in ways}
+        return tuple(sorted(found, key=len, reverse=True))
 
     def _followed(self, here: Address) -> bytes:
         """Return what is at an address, or where redirects from it lead."""
@@ -188,7 +200,8 @@ class Client:
         proxy = proxy_for(address.origin)
         places = self._places(address.origin, looked_up=proxy is None)
         pace = Pace(self._limits.one_bytes)
-        connection, target, headers = open_connection(address, places, pace, self._context, proxy)
+        context = self._context if address.origin.scheme == "https" else None
+        connection, target, headers = open_connection(address, places, pace, context, proxy)
         headers |= {
             "User-Agent": f"urbantwin/{__version__}",
             "Accept-Encoding": "gzip",
@@ -221,14 +234,16 @@ class Client:
         if not looked_up:
             literal = literal_address(origin.host)
             if literal is not None and not private and not is_public(literal):
-                raise DownloadError(f"is refused: {origin} is a private address")
+                raise DownloadError(
+                    f"is refused: {origin} is a private address, and the root's is not"
+                )
             return []
         places = located(origin.host, origin.port)
         if private:
             return places
         public = [place for place in places if is_public(place[1][0])]
         if not public:
-            raise DownloadError(f"is refused: {origin} is a private address")
+            raise _private(origin)
         return public
 
     def _root_is_private(self) -> bool:
@@ -293,6 +308,10 @@ class Client:
                 raise DownloadError(
                     f"takes longer than {limits.all_s / 60:.0f} minutes altogether", spent=True
                 )
+
+
+def _private(origin: Origin) -> DownloadError:
+    return DownloadError(f"is refused: {origin} is a private address, and the root's is not")
 
 
 def _refusal(status: int) -> DownloadError:

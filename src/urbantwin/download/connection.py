@@ -149,7 +149,7 @@ def open_connection(
     address: Address,
     places: list[Place],
     pace: Pace,
-    context: ssl.SSLContext,
+    context: ssl.SSLContext | None,
     proxy: Proxy | None,
 ) -> tuple[http.client.HTTPConnection, str, dict[str, str]]:
     """Connect to one of the places given, or through a proxy.
@@ -159,7 +159,7 @@ def open_connection(
         places: where its origin is; nothing is looked up again, so that a name which changes its
             numbers in between leads nowhere else.
         pace: kept from now on.
-        context: of TLS.
+        context: of TLS (`secure_context`), or ``None`` to speak without.
         proxy: who is asked to connect instead, if anybody.
 
     Returns:
@@ -169,7 +169,7 @@ def open_connection(
         OSError: nobody is there.
     """
     origin = address.origin
-    if origin.scheme == "https":
+    if context is not None:
         if proxy is None:
             return _encrypted(origin, places, pace, context), address.target, {}
         tunnel = http.client.HTTPSConnection(

@@ -18,7 +18,7 @@ from urbantwin.reconstruct.airborne.vector_file import check_vector_file
 
 __all__ = ["read_footprints"]
 
-_EXPECTED = "polygons in a GeoPackage, GeoJSON, SpatiaLite or Shapefile, with a CRS"
+_EXPECTED = "polygons in a GeoPackage, GeoJSON, SpatiaLite, Shapefile or FlatGeobuf, with a CRS"
 #: More outlines than this are a country, not a site.
 MOST_OUTLINES = 500_000
 #: Smaller than any shed, square metres: slivers of a topology.

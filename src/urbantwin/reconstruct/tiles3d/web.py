@@ -51,6 +51,13 @@ def open_web(source: GeometrySource, environment: Mapping[str, str] | None = Non
             bearer = value
         else:
             key = value
+    if bearer is not None and not (bearer.isascii() and bearer.isprintable()):
+        raise InputError(
+            f"the environment variable {spec.key_env} holds what no header may",
+            file=source.document.file,
+            place=source.place("key_env"),
+            expected="a token of printable ASCII",
+        )
     cache = environment.get(CACHE)
     try:
         return Web(
@@ -139,7 +146,7 @@ class Web:
                     expected="a larger geometric_error_m, or a smaller region",
                 ) from None
             raise MalformedError(str(error)) from None
-        if kept is not None:
+        if kept is not None and not self._client.holds_key(data):
             keep_bytes(kept, data)
         return data
 
