@@ -15,8 +15,8 @@ import time
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from urllib.parse import quote, quote_plus, unquote, unquote_plus, urlencode, urljoin
+from functools import cached_property
+from urllib.parse import quote, urlencode, urljoin
 
 from urbantwin import __version__
 from urbantwin.download.body import read_body
@@ -24,6 +24,7 @@ from urbantwin.download.connection import Pace, open_connection, proxy_for, secu
 from urbantwin.download.failure import DownloadError
 from urbantwin.download.internet import Place, is_public, literal_address, located
 from urbantwin.download.origin import Address, Origin, parse_address
+from urbantwin.download.secrets import Secrets
 
 __all__ = ["Client", "Limits"]
 
@@ -35,8 +36,6 @@ LAST_TRY_S = 30.0
 #: Tries in a row without any answer after which a server is given up.
 PATIENCE = 64
 MOST_REDIRECTS = 5
-#: A secret is looked for inside of texts from so many characters on.
-SHORTEST = 4
 _MOVED = (301, 302, 303, 307, 308)
 
 
@@ -74,6 +73,10 @@ class Client:
         bearer: sent as ``Authorization: Bearer``, or ``None``.
         secrets: what else must not reach another origin: a key that is part of addresses.
 
+    Attributes:
+        root: the origin of the root.
+        secrets: the key and what else is secret.
+
     Raises:
         DownloadError: the root is not an address of HTTP.
     """
@@ -93,7 +96,7 @@ class Client:
         self._limits = limits
         self._key = key
         self._bearer = bearer
-        self._secrets = tuple(one for one in (key, bearer, *secrets) if one)
+        self.secrets = Secrets(one for one in (key, bearer, *secrets) if one)
         self._lock = threading.Lock()
         self._deciding = threading.Lock()
         self._unanswered: Counter[Origin] = Counter()
@@ -109,7 +112,7 @@ class Client:
         """
         origin = address.origin
         if origin not in self._allowed:
-            name = "another origin" if self._is_told(str(origin)) else str(origin)
+            name = "another origin" if self.secrets.told_in(str(origin)) else str(origin)
             raise DownloadError(
                 f"is refused: {how} {name}, which is not the root's origin nor among its origins"
             )
@@ -131,23 +134,6 @@ class Client:
                 if attempt == TRIES or late or not error.may_pass:
                     raise
             time.sleep(PAUSE_S * 4 ** (attempt - 1))
-
-    def hidden(self, text: str) -> str:
-        """Return a text without any key in it: what a server says may hold it."""
-        for form in self._written:
-            text = text.replace(form, "***")
-        return text
-
-    def holds_key(self, data: bytes) -> bool:
-        """Return whether a server wrote a key into what it answered."""
-        return any(form.encode() in data for form in self._written)
-
-    @cached_property
-    def _written(self) -> tuple[str, ...]:
-        """How secrets are written in addresses and texts."""
-        ways = (str, partial(quote, safe=""), quote, quote_plus)
-        found = {way(one) for one in self._secrets if len(one) >= SHORTEST for way in ways}
-        return tuple(sorted(found, key=len, reverse=True))
 
     def _followed(self, here: Address) -> bytes:
         """Return what is at an address, or where redirects from it lead."""
@@ -271,25 +257,11 @@ class Client:
                 pairs = [pair for pair in pairs if pair.partition("=")[0] != "key"]
                 pairs.append(urlencode({"key": self._key}))
         else:
-            pairs = [pair for pair in pairs if not self._is_told(pair)]
+            pairs = [pair for pair in pairs if not self.secrets.told_in(pair)]
         asked = replace(address, query="&".join(pairs))
-        if asked.origin != self.root and self._is_told(str(asked)):
+        if asked.origin != self.root and self.secrets.told_in(str(asked)):
             raise DownloadError("is refused: the key would go to another origin")
         return asked
-
-    def _is_told(self, text: str) -> bool:
-        """Return whether a part of an address holds a secret, however it is encoded."""
-        forms = {text, text.partition("=")[2]}
-        for undo in (unquote, unquote_plus, unquote, unquote_plus):
-            forms |= {undo(form) for form in forms}
-        lowered = {form.lower() for form in forms}
-        for secret in (one.lower() for one in self._secrets):
-            # Of a very short one everything seems to hold it.
-            if secret in lowered or (
-                len(secret) >= SHORTEST and any(secret in form for form in lowered)
-            ):
-                return True
-        return False
 
     def _spend(self, received: int) -> None:
         """Count what came.

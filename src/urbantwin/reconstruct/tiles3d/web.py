@@ -146,7 +146,7 @@ class Web:
                     expected="a larger geometric_error_m, or a smaller region",
                 ) from None
             raise MalformedError(str(error)) from None
-        if kept is not None and not self._client.holds_key(data):
+        if kept is not None and not self._client.secrets.held_by(data):
             keep_bytes(kept, data)
         return data
 
@@ -160,11 +160,11 @@ class Web:
             name = path[len(self._folder) :] or path
         else:
             name = f"{origin.host}{path}"
-        return self._client.hidden(name)
+        return self._client.secrets.hidden(name)
 
     def hidden(self, text: str) -> str:
         """Return a text without the key, which a server may have written into a file."""
-        return self._client.hidden(text)
+        return self._client.secrets.hidden(text)
 
     def _kept(self, address: str) -> Path | None:
         """Return where a file is kept: its name tells nothing of who asked for it."""
