@@ -155,7 +155,7 @@ def test_a_bad_source_is_one_line_and_leaves_nothing(
     source: dict[str, Any],
     said: str,
 ) -> None:
-    monkeypatch.setattr("urbantwin.reconstruct.tiles3d.web.time.sleep", lambda seconds: None)
+    monkeypatch.setattr("urbantwin.download.client.PAUSE_S", 0.0)
     write(tmp_path)
     assert said in refused(run_here, tmp_path, source)
 

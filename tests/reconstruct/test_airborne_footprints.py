@@ -1,6 +1,7 @@
 """Outlines of buildings read from files that GDAL and SQLite wrote."""
 
 import json
+import socket
 import sqlite3
 import struct
 
@@ -164,3 +165,63 @@ def test_another_continent_is_named(shared_data):
     path = shared_data / "airborne/delft-ahn3/bgt/bgt_pand.sqlite"
     with pytest.raises(InputError, match=r"they lie around 52\.01\d+, 4\.36\d+"):
         read_footprints(path, SiteFrame(40.46, -79.95), AREA)
+
+
+GEOJSON = {
+    "type": "FeatureCollection",
+    "features": [
+        {
+            "type": "Feature",
+            "properties": {"url": "http://houses.example/1", "name": "\u0041 link"},
+            "geometry": shapely.geometry.mapping(
+                shapely.transform(HOUSES[0], FRAME.lonlat_from_site)
+            ),
+        }
+    ],
+}
+
+
+def orders(url):
+    """Files that tell GDAL to ask an address."""
+    link = {"type": "link", "properties": {"href": f"{url}/crs", "type": "proj4"}}
+    plain = json.dumps(GEOJSON)
+    linked = json.dumps({"crs": link, **GEOJSON})
+    vrt = f"<SrcDataSource>/vsicurl/{url}/a.geojson</SrcDataSource>"
+    return {
+        "link.geojson": linked,
+        "letters.geojson": linked.replace('"link"', '"\\u006cink"'),
+        "quotes.geojson": linked.replace('"crs"', "'crs'").replace('"link"', "'link'"),
+        "twice.geojson": linked[:-1] + ', "crs": {"type": "name", "properties": {"name": "x"}}}',
+        "inside.geojson": plain.replace(
+            '"geometry": {', f'"geometry": {{"crs": {json.dumps(link)}, '
+        ),
+        "houses.vrt": '<OGRVRTDataSource><OGRVRTLayer name="a">'
+        f"{vrt}</OGRVRTLayer></OGRVRTDataSource>",
+        "houses.gpkg": f"<OGRWFSDataSource><URL>{url}/wfs</URL></OGRWFSDataSource>",
+        "houses.json": json.dumps(
+            {
+                "type": "gdal_streamed_alg",
+                "command_line": f"gdal vector pipeline ! read /vsicurl/{url}/a.json ! reproject",
+            }
+        ),
+    }
+
+
+def test_no_file_makes_gdal_ask_an_address(tmp_path):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(0.05)
+        for name, text in orders(f"http://127.0.0.1:{server.getsockname()[1]}").items():
+            path = tmp_path / name
+            path.write_text(text)
+            with pytest.raises(InputError, match=r"by a link|cannot be read") as error:
+                read_footprints(path, FRAME, AREA)
+            assert str(error.value).startswith(str(path))
+        with pytest.raises(TimeoutError):
+            server.accept()
+
+
+def test_a_crs_by_name_and_addresses_of_houses_are_no_links(tmp_path):
+    named = {"type": "name", "properties": {"name": "urn:ogc:def:crs:OGC:1.3:CRS84"}}
+    path = tmp_path / "houses.geojson"
+    path.write_text(json.dumps({"crs": named, **GEOJSON}))
+    assert len(read_footprints(path, FRAME, AREA)) == 1

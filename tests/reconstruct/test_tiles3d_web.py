@@ -3,6 +3,7 @@
 import contextlib
 import gzip
 import json
+import os
 import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -10,8 +11,11 @@ from urllib.parse import parse_qs, urlsplit
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
+from urbantwin.download import Limits
 from urbantwin.errors import InputError
+from urbantwin.site.geometry import GeometrySpec
 
 from .tile_bytes import Gltf
 from .tileset_site import names, read, tile, write
@@ -21,7 +25,7 @@ KEY = "s3cret-key"
 
 @pytest.fixture(autouse=True)
 def short_pauses(monkeypatch):
-    monkeypatch.setattr("urbantwin.reconstruct.tiles3d.web._PAUSE_S", 0.005)
+    monkeypatch.setattr("urbantwin.download.client.PAUSE_S", 0.005)
     monkeypatch.delenv("URBANTWIN_TILE_CACHE", raising=False)
 
 
@@ -120,7 +124,7 @@ def test_key_and_session_reach_every_tile_and_no_report(tmp_path, monkeypatch):
     assert set(model.files) == {"root.json", "sub/inner.json", "deep/a.glb", "sub/b.glb"}
 
 
-def test_a_token_is_a_header_and_goes_to_its_own_host_only(tmp_path, monkeypatch):
+def test_a_token_is_a_header_and_goes_to_its_own_origin_only(tmp_path, monkeypatch):
     monkeypatch.setenv("ION_TOKEN", KEY)
     with serving({"/far.glb": square(), "/moved.glb": square()}) as other:
         elsewhere = other.url.replace("127.0.0.1", "localhost")
@@ -130,7 +134,8 @@ def test_a_token_is_a_header_and_goes_to_its_own_host_only(tmp_path, monkeypatch
             "/go.glb": f"{elsewhere}/moved.glb",
         }
         with serving(pages, lambda query, token: token == f"Bearer {KEY}") as server:
-            model = read(f"{server.url}/t.json", key_env="ION_TOKEN")
+            url = f"{server.url}/t.json"
+            model = read(url, key_env="ION_TOKEN", origins=[elsewhere])
     assert len(model.mesh.faces) == 3
     assert not model.problems
     assert len(other.log) == 2
@@ -214,3 +219,121 @@ def test_nobody_answers():
         url = server.url
     with pytest.raises(InputError, match="cannot be fetched"):
         read(f"{url}/t.json")
+
+
+def test_another_port_is_asked_only_if_it_is_listed(tmp_path, monkeypatch):
+    monkeypatch.setenv("TILES_KEY", KEY)
+    with serving({"/far.glb": square(), "/moved.glb": square()}) as other:
+        pages = {
+            "/t.json": tileset(tmp_path, children("a.glb", f"{other.url}/far.glb", "go.glb")),
+            "/a.glb": square(),
+            "/go.glb": f"{other.url}/moved.glb?key={KEY}",
+        }
+        with serving(pages) as server:
+            model = read(f"{server.url}/t.json", key_env="TILES_KEY")
+            assert not other.log
+            assert names(model) == {"a.glb"}
+            assert len(model.problems) == 2
+            assert all(f"{other.url}, which is not the root's" in line for line in model.problems)
+            model = read(f"{server.url}/t.json", key_env="TILES_KEY", origins=[other.url])
+    assert len(model.mesh.faces) == 3
+    assert not model.problems
+    assert sorted(other.log) == [("/far.glb", {}, None), ("/moved.glb", {}, None)]
+    assert KEY not in everything(model)
+    assert f"{other.url}/far.glb" in model.files
+
+
+def test_the_key_in_what_a_server_writes_is_in_no_report(tmp_path, monkeypatch):
+    """Some servers write the key that they were asked with into their tilesets."""
+    monkeypatch.setenv("TILES_KEY", KEY)
+    monkeypatch.setenv("URBANTWIN_TILE_CACHE", str(tmp_path / "kept"))
+    uris = (f"{KEY}/a.glb", f"{KEY}/gone.glb", f"ftp://host/{KEY}", f"http://{KEY}.example/b.glb")
+    pages = {"/t.json": tileset(tmp_path, children(*uris)), f"/{KEY}/a.glb": square()}
+    with serving(pages) as server:
+        model = read(f"{server.url}/t.json", key_env="TILES_KEY")
+        assert len(model.mesh.faces) == 1
+        assert len(model.problems) == 3
+        assert KEY not in everything(model)
+        monkeypatch.delenv("URBANTWIN_TILE_CACHE")
+        pages["/t.json"] = tileset(tmp_path, children(*uris[1:]))
+        with pytest.raises(InputError) as caught:
+            read(f"{server.url}/t.json", key_env="TILES_KEY")
+    assert KEY not in str(caught.value)
+    kept = [path for path in (tmp_path / "kept").rglob("*") if path.is_file()]
+    assert len(kept) == 1
+    assert not any(KEY in str(path) or KEY.encode() in path.read_bytes() for path in kept)
+
+
+def test_a_key_written_into_the_address_goes_nowhere_else(tmp_path):
+    with serving({"/far.glb": square()}) as other:
+        far = f"{other.url}/far.glb?token={KEY}&v=1"
+        with serving({"/t.json": tileset(tmp_path, children(far))}) as server:
+            read(f"{server.url}/t.json?token={KEY}", origins=[other.url])
+    assert other.log == [("/far.glb", {"v": "1"}, None)]
+
+
+def test_a_tile_beyond_the_limit_is_a_problem(tmp_path, monkeypatch):
+    limits = Limits(20_000, 1 << 30, 600.0)
+    monkeypatch.setattr("urbantwin.reconstruct.tiles3d.web.LIMITS", limits)
+    pages = {
+        "/t.json": tileset(tmp_path, children("a.glb", "big.glb")),
+        "/a.glb": square(),
+        "/big.glb": square() + bytes(20_000),
+    }
+    with serving(pages) as server:
+        model = read(f"{server.url}/t.json")
+        assert model.problems == ("big.glb: is larger than 0.02 MB",)
+        short = Limits(20_000, 1000, 600.0)
+        monkeypatch.setattr("urbantwin.reconstruct.tiles3d.web.LIMITS", short)
+        with pytest.raises(InputError, match=r"needs more than .* a larger geometric_error_m"):
+            read(f"{server.url}/t.json")
+
+
+def test_a_cache_that_cannot_be_used_is_one_line(tmp_path, monkeypatch):
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("URBANTWIN_TILE_CACHE", str(tmp_path / "file"))
+    pages = {"/t.json": tileset(tmp_path, children("a.glb")), "/a.glb": square()}
+    with serving(pages) as server:
+        with pytest.raises(InputError, match=r"cannot be written .*URBANTWIN_TILE_CACHE"):
+            read(f"{server.url}/t.json")
+        monkeypatch.setenv("URBANTWIN_TILE_CACHE", str(tmp_path / "kept"))
+        read(f"{server.url}/t.json")
+        some = next(path for path in (tmp_path / "kept").rglob("*") if path.is_file())
+        forgotten, other = (some.with_name(f"{some.name}.{k}.part") for k in (1, 2))
+        for path in (forgotten, other):
+            path.write_text("half")
+        os.utime(forgotten, (0, 0))
+        some.unlink()
+        read(f"{server.url}/t.json")
+    assert some.is_file()
+    assert other.is_file()
+    assert not forgotten.exists()
+
+
+@pytest.mark.parametrize(
+    ("spec", "words"),
+    [
+        ({"url": "https://h/t.json", "origins": ["h2"]}, "is 'h2', which is no origin"),
+        ({"url": "https://h/t.json", "origins": ["https://h/x"]}, "which is no origin"),
+        ({"url": "https://h/t.json", "origins": ["https://a:b@h"]}, "an address, which is no"),
+        ({"url": "https://h/t.json", "origins": ["ftp://h"]}, "which is no origin"),
+        ({"url": "https://h/t.json", "origins": ["http://h"]}, "'http://h' of http"),
+        ({"file": "a.json", "origins": ["https://h"]}, "has origins without a url"),
+    ],
+)
+def test_origins_that_are_none(spec, words):
+    with pytest.raises(ValidationError, match=words):
+        GeometrySpec(**spec)
+
+
+def test_a_token_that_is_no_header_is_refused(monkeypatch):
+    monkeypatch.setenv("ION_TOKEN", f"{KEY}\r\nHost: other")
+    with pytest.raises(InputError, match="ION_TOKEN holds what no header may") as caught:
+        read("http://127.0.0.1:9/t.json", key_env="ION_TOKEN")
+    assert KEY not in str(caught.value)
+
+
+def test_an_address_with_a_password_is_refused_without_it(tmp_path):
+    with pytest.raises(InputError, match="a name or a password") as caught:
+        read("https://me:pa55@127.0.0.1/t.json")
+    assert "pa55" not in str(caught.value)

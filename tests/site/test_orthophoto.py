@@ -1,21 +1,27 @@
 """Pictures of the ground: where a line lands, and what is wrong with files and tiles."""
 
+import contextlib
 import http.server
 import io
+import socket
+import struct
 import threading
 from types import SimpleNamespace
+from zlib import compress, crc32
 
 import numpy as np
 import pytest
 import rasterio
 import shapely
 from PIL import Image
+from pydantic import ValidationError
 from pyproj import Transformer
 from rasterio.transform import Affine
 
+from urbantwin.download import Limits
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
-from urbantwin.site import Orthophoto, read_orthophoto
+from urbantwin.site import Orthophoto, map_tiles, read_orthophoto
 from urbantwin.site.document import Document
 from urbantwin.site.imagery import ImagerySource, ImagerySpec
 
@@ -151,30 +157,59 @@ def tiles_of(frame, zoom, area=AREA):
     ]
 
 
-@pytest.fixture
-def server():
-    """An address on this machine; ``tiles`` maps paths to bytes, ``asked`` is what came."""
-    state = SimpleNamespace(tiles={}, asked=[])
+def answering(tiles, asked):
+    """A server on this machine; ``tiles`` maps paths to bytes, or text to redirect to."""
 
     class Handler(http.server.BaseHTTPRequestHandler):
         def do_GET(self):
-            state.asked.append(self.path)
-            data = state.tiles.get(self.path.split("?")[0])
-            self.send_response(200 if data is not None else 404)
+            asked.append(self.path)
+            data = tiles.get(self.path.split("?")[0])
+            if isinstance(data, str):
+                self.send_response(302)
+                self.send_header("Location", data)
+                self.end_headers()
+                return
+            self.send_response(200 if data else 404)
             self.end_headers()
             self.wfile.write(data or b"")
 
         def log_message(self, *_):
             pass
 
-    running = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    return http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+
+
+@contextlib.contextmanager
+def serving():
+    state = SimpleNamespace(tiles={}, asked=[])
+    running = answering(state.tiles, state.asked)
     thread = threading.Thread(target=running.serve_forever, kwargs={"poll_interval": 0.02})
     thread.start()
     state.address = f"http://127.0.0.1:{running.server_port}"
-    yield state
-    running.shutdown()
-    running.server_close()
-    thread.join()
+    try:
+        yield state
+    finally:
+        running.shutdown()
+        running.server_close()
+        thread.join()
+
+
+@pytest.fixture
+def server():
+    with serving() as state:
+        yield state
+
+
+@pytest.fixture
+def other():
+    """A server of another port: another origin."""
+    with serving() as state:
+        yield state
+
+
+@pytest.fixture(autouse=True)
+def short_pauses(monkeypatch):
+    monkeypatch.setattr("urbantwin.download.client.PAUSE_S", 0.001)
 
 
 def test_tiles_of_an_address_make_one_picture(tmp_path, server):
@@ -306,3 +341,114 @@ def test_tiles_that_cannot_be_had_are_said_in_one_line(tmp_path, server):
     nobody = "http://127.0.0.1:9/{z}/{x}/{y}.png"
     with pytest.raises(InputError, match="cannot be fetched"):
         read_orthophoto([source(tmp_path, xyz=nobody)], frame, AREA, {})
+
+
+@pytest.mark.parametrize("where", ["in the path", "as a parameter"])
+def test_the_key_of_tiles_goes_to_their_origin_only(tmp_path, server, other, where):
+    frame = SiteFrame(52.4, 13.4)
+    folder = "/t/se%26cret" if where == "in the path" else "/t"
+    for x, y in tiles_of(frame, 19):
+        server.tiles[f"{folder}/19/{x}/{y}.png"] = f"{other.address}/{x}/{y}?v=1&key=se%26cret"
+        other.tiles[f"/{x}/{y}"] = tile_png(frame, 19, x, y)
+    address = (
+        f"{server.address}/t{'/{key}' if where == 'in the path' else ''}/{{z}}/{{x}}/{{y}}.png"
+    )
+    spec = {"xyz": address, "key_env": "MAP_KEY"}
+    with pytest.raises(InputError, match=f"it redirects to {other.address}, which") as caught:
+        read_orthophoto([source(tmp_path, **spec)], frame, AREA, {"MAP_KEY": "se&cret"})
+    assert "cret" not in str(caught.value)
+    assert not other.asked
+    one = source(tmp_path, **spec, origins=[other.address])
+    photo = read_orthophoto([one], frame, AREA, {"MAP_KEY": "se&cret"})
+    assert photo.known.all()
+    assert other.asked
+    assert all(path.endswith("?v=1") for path in other.asked)
+    assert all("cret" in path for path in server.asked)
+
+
+def test_tiles_have_limits_of_size_and_time(tmp_path, server, monkeypatch):
+    frame = SiteFrame(52.4, 13.4)
+    for x, y in tiles_of(frame, 19):
+        server.tiles[f"/19/{x}/{y}"] = tile_png(frame, 19, x, y)
+    spec = {"xyz": server.address + "/{z}/{x}/{y}"}
+    big = next(iter(server.tiles))
+    server.tiles[big] += bytes(map_tiles.MOST_BYTES)
+    photo = read_orthophoto([source(tmp_path, **spec)], frame, AREA, {})
+    assert [one.split(": ")[1] for one in photo.notes[0]["problems"]] == ["is larger than 5 MB"]
+    monkeypatch.setattr(map_tiles, "LIMITS", Limits(map_tiles.MOST_BYTES, 5000, 60.0))
+    with pytest.raises(InputError, match=r"imagery\[0\].xyz: needs more than .* altogether"):
+        read_orthophoto([source(tmp_path, **spec)], frame, AREA, {})
+    monkeypatch.setattr(map_tiles, "LIMITS", Limits(map_tiles.MOST_BYTES, 1 << 30, -1.0))
+    with pytest.raises(InputError, match=r"imagery\[0\].xyz: takes longer than .* a lower zoom"):
+        read_orthophoto([source(tmp_path, **spec)], frame, AREA, {})
+
+
+def png(width, height, *chunks):
+    """A PNG whose header claims a size, with further chunks."""
+
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", crc32(kind + data))
+
+    head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
+    body = b"".join(chunk(kind, data) for kind, data in chunks)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + body + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        png(12_000, 9_000),
+        png(60_000, 60_000),
+        png(2**31 - 1, 2**31 - 1),
+        png(256, 256),
+        png(256, 256, (b"IDAT", b"no zlib")),
+        png(256, 256, (b"zTXt", b"a\0\0" + compress(bytes(50_000_000)))),
+        png(256, 256, (b"iCCP", b"a\0\0" + compress(bytes(50_000_000)))),
+        b"GIF89a" + bytes(50),
+        b"RIFF\x10\0\0\0WEBPVP8X" + bytes(20),
+        b"\xff\xd8\xff\xe0" + bytes(40),
+    ],
+)
+def test_what_pretends_to_be_a_tile_is_one_line(tmp_path, server, data):
+    frame = SiteFrame(52.4, 13.4)
+    places = tiles_of(frame, 19)
+    for x, y in places:
+        server.tiles[f"/19/{x}/{y}"] = tile_png(frame, 19, x, y)
+    server.tiles["/19/{}/{}".format(*places[0])] = data
+    one = source(tmp_path, xyz=server.address + "/{z}/{x}/{y}")
+    photo = read_orthophoto([one], frame, AREA, {})
+    (problem,) = photo.notes[0]["problems"]
+    assert problem.startswith("tile 19/")
+    assert "is no picture" in problem or "pixels" in problem
+
+
+@pytest.mark.parametrize(
+    ("address", "problem"),
+    [
+        ("file:///etc/{z}/{x}/{y}", "is not an address of HTTP"),
+        ("ftp://host/{z}/{x}/{y}", "is not an address of HTTP"),
+        ("https://{key}.host/{z}/{x}/{y}", "is not an address of HTTP"),
+        ("https://host{x}/{z}/{x}/{y}", "is not an address of HTTP"),
+        ("https://me:pass@host/{z}/{x}/{y}", "a name or a password"),
+    ],
+)
+def test_addresses_of_tiles_that_are_none(address, problem):
+    with pytest.raises(ValidationError, match=problem) as caught:
+        ImagerySpec(xyz=address, key_env="MAP_KEY")
+    assert "pass@" not in str(caught.value.errors(include_input=False))
+
+
+def test_a_crs_is_no_address(tmp_path):
+    frame = bad_file(tmp_path, "no crs")
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        listening.settimeout(0.05)
+        address = f"http://127.0.0.1:{listening.getsockname()[1]}/crs"
+        for crs in (address, f"/vsicurl/{address}"):
+            with pytest.raises(InputError, match="which is not known"):
+                read_orthophoto([source(tmp_path, file="o.tif", crs=crs)], frame, AREA)
+        with pytest.raises(TimeoutError):
+            listening.accept()
+    photo = read_orthophoto(
+        [source(tmp_path, file="o.tif", crs="ETRS89 / UTM zone 32N")], frame, AREA
+    )
+    assert np.abs(middle_of_line(photo)).max() < 0.125

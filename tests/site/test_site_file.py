@@ -234,6 +234,25 @@ def test_resolved_site_loads_as_the_same_site(
     assert second.resolved().keys() == resolved.keys()
 
 
+def test_origins_are_kept_and_wrong_ones_named_by_their_place(write_site: Write) -> None:
+    fields = site_fields()
+    fields["geometry"] = [{"url": "https://h/t.json", "origins": ["https://tiles.example:8443"]}]
+    fields["imagery"] = [{"xyz": "http://h/{z}/{x}/{y}", "origins": ["http://127.0.0.1:81"]}]
+    resolved = load_site(write_site(fields)).resolved()
+    assert resolved["geometry"] == fields["geometry"]
+    assert resolved["imagery"][0]["origins"] == ["http://127.0.0.1:81"]
+    fields["imagery"][0]["origins"] = ["http://h:81", "h/path"]
+    with pytest.raises(InputError, match=r"imagery\[0\]\.origins\[1\].*is 'h/path', which is no"):
+        load_site(write_site(fields))
+    fields["imagery"][0]["origins"] = "http://h:81"
+    with pytest.raises(InputError, match=r"imagery\[0\]\.origins .*a list"):
+        load_site(write_site(fields))
+    fields["imagery"] = []
+    fields["geometry"][0]["origins"] = ["http://h:81"]
+    with pytest.raises(InputError, match=r"geometry\[0\].*the origin 'http://h:81' of http"):
+        load_site(write_site(fields))
+
+
 def test_extract_without_roads_or_far_away_is_refused(write_site: Write, tmp_path: Path) -> None:
     site = load_site(write_site(site_fields()))
     (tmp_path / "bare.osm").write_text(OSM.replace('"highway"', '"waterway"'))

@@ -262,7 +262,7 @@ def _dem(path: Path) -> dict[str, Any]:
     from rasterio.errors import RasterioError
 
     try:
-        with rasterio.open(path) as raster:
+        with rasterio.open(path, driver="GTiff") as raster:
             heights = raster.read(1, masked=True)
             return {
                 "kind": "dem",

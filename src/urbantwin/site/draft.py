@@ -225,6 +225,7 @@ region:
 #   - xyz: "https://host/tiles/{{z}}/{{x}}/{{y}}.png"
 #     zoom: 19
 #     key_env: TILES_KEY            # the environment variable that holds the address's key
+#     origins: ["https://host2"]    # who else than the address's own host may be asked
 {roads}
 # Programs of signals, if you know them; else they are assumed. `urbantwin inspect` of the twin
 # lists its junctions with their streets, approaches and phases.

@@ -281,7 +281,7 @@ def read_extract(path: Path) -> Extract:
     ways: dict[int, Way] = {}
     relations: dict[int, Relation] = {}
     try:
-        source = osmium.io.File(str(path), "osm" if path.suffix == ".xml" else "")
+        source = osmium.io.File(str(path.absolute()), "osm" if path.suffix == ".xml" else "")
         with osmium.io.Reader(source) as reader:
             box = reader.header().box()
         for item in osmium.FileProcessor(source):

@@ -10,6 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from urbantwin.site.document import Document, nearest, wrong
+from urbantwin.site.web_source import OriginText, check_origins
 from urbantwin.taxonomy import material_id, semantic_classes
 
 __all__ = [
@@ -153,6 +154,8 @@ class GeometrySpec(_Strict):
         file: its file, relative to ``site.yaml`` (or a folder: a photogrammetry export).
         url: instead of ``file``, the address of a ``tileset.json``.
         key_env: name of the environment variable that holds the address's key.
+        origins: other origins (``https://host:port``) that its tiles may lie at; they are not told
+            the key.
         kind: what it is; ``auto`` tells by the file.
         crs: its coordinate reference system where the file does not say (``EPSG:7415``), vertical
             datum included where heights matter.
@@ -176,6 +179,7 @@ class GeometrySpec(_Strict):
     file: Annotated[str, Field(min_length=1)] | None = None
     url: Annotated[str, Field(min_length=1)] | None = None
     key_env: Annotated[str, Field(min_length=1)] | None = None
+    origins: list[OriginText] = []
     kind: Literal["auto", "tiles", "mesh", "cloud", "cityjson", "photogrammetry"] = "auto"
     crs: Annotated[str, Field(min_length=1)] | None = None
     height_offset_m: Number = 0.0
@@ -201,7 +205,8 @@ class GeometrySpec(_Strict):
     @classmethod
     def _short_forms(cls, value: Any) -> Any:  # noqa: ANN401
         if isinstance(value, str):
-            value = {"url": value} if re.match(r"https?://", value) else {"file": value}
+            is_web = re.match(r"https?://", value, re.IGNORECASE)
+            value = {"url": value} if is_web else {"file": value}
         if isinstance(value, dict) and isinstance(value.get("register"), bool):
             value = {**value, "register": {} if value["register"] else None}
         return value
@@ -241,6 +246,7 @@ class GeometrySpec(_Strict):
             raise wrong("is not one source", "file or url, and not both")
         if self.url is None and self.key_env is not None:
             raise wrong("has key_env without a url", "the address that the key is for")
+        check_origins(self.url, self.origins, "a url")
         given = [self.origin, self.control_points, self.similarity]
         if sum(item is not None for item in given) > 1:
             raise wrong("is placed twice", "one of origin, control_points and similarity")
@@ -277,7 +283,7 @@ class GeometrySource:
         """What it is called in reports."""
         if self.path is not None:
             return self.path.name
-        return re.sub(r"[?#].*", "", self.spec.url or "").rstrip("/")
+        return re.sub(r"[?#].*|(?<=//)[^/@]*@", "", self.spec.url or "").rstrip("/")
 
     def place(self, *below: int | str) -> str:
         """Return ``geometry[0].crs (line 12)``: where in ``site.yaml`` a field stands."""

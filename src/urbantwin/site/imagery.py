@@ -9,9 +9,17 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from urbantwin.download import DownloadError, parse_address
 from urbantwin.site.document import Document, wrong
+from urbantwin.site.web_source import OriginText, check_origins
 
 __all__ = ["ImagerySource", "ImagerySpec"]
+
+_EXPECTED = "an address such as https://host/{z}/{x}/{y}.png"
+
+
+def _is_web(xyz: str | None) -> bool:
+    return xyz is not None and "://" in xyz
 
 
 class ImagerySpec(BaseModel):
@@ -26,6 +34,8 @@ class ImagerySpec(BaseModel):
         zoom: of the tiles; one pixel of zoom 19 is 0.3 m at the equator.
         key_env: name of the environment variable that holds the address's key. It goes where the
             address says ``{key}``, or else is added as ``key=``.
+        origins: other origins (``https://host:port``) that the address may redirect to; they are
+            not told the key.
         licence: on what terms it may be used.
         attribution: who made it.
     """
@@ -37,6 +47,7 @@ class ImagerySpec(BaseModel):
     xyz: Annotated[str, Field(min_length=1)] | None = None
     zoom: Annotated[int, Field(ge=10, le=24)] = 19
     key_env: Annotated[str, Field(min_length=1)] | None = None
+    origins: list[OriginText] = []
     licence: str = "not stated"
     attribution: str = "not stated"
 
@@ -57,7 +68,12 @@ class ImagerySpec(BaseModel):
             if missing or unknown:
                 names = [name.strip("{}") for name in missing or sorted(unknown)]
                 problem = f"{'lacks' if missing else 'holds'} {names[0]!r} in braces"
-                raise wrong(problem, "an address such as https://host/{z}/{x}/{y}.png")
+                raise wrong(problem, _EXPECTED)
+            if "://" in value:
+                try:
+                    parse_address(value)
+                except DownloadError as error:
+                    raise wrong(str(error), _EXPECTED) from None
         return value
 
     @model_validator(mode="after")
@@ -70,6 +86,7 @@ class ImagerySpec(BaseModel):
             raise wrong("has a crs for tiles", "none: tiles lie on the grid of EPSG:3857")
         if self.xyz is not None and "{key}" in self.xyz and self.key_env is None:
             raise wrong("has no key for {key}", "key_env: the name of an environment variable")
+        check_origins(self.xyz if _is_web(self.xyz) else None, self.origins, "an address of tiles")
         return self
 
 
@@ -95,7 +112,7 @@ class ImagerySource:
     @property
     def is_web(self) -> bool:
         """Whether its tiles come from an address."""
-        return self.spec.xyz is not None and re.match(r"https?://", self.spec.xyz) is not None
+        return _is_web(self.spec.xyz)
 
     @property
     def name(self) -> str:

@@ -5,22 +5,20 @@ Tile (0, 0) of zoom z is the north-western of 2^z by 2^z (OGC 17-083r2, WebMerca
 
 from __future__ import annotations
 
-import http.client
 import io
 import math
 import os
-import urllib.error
-import urllib.parse
-import urllib.request
-from collections.abc import Mapping
+import warnings
+from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from urllib.parse import quote
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from urbantwin import __version__
+from urbantwin.download import Client, DownloadError, Limits, parse_origin
 from urbantwin.errors import InputError
 from urbantwin.site.imagery import ImagerySource
 
@@ -32,8 +30,10 @@ HALF_M = math.pi * 6378137.0
 SIDES = (256, 512, 1024)
 #: Most pixels of a mosaic, and most bytes of one tile.
 MOST_PIXELS, MOST_BYTES = 64_000_000, 5_000_000
-#: How long one tile may take, seconds, and how many are asked for at once.
-TIMEOUT_S, AT_ONCE = 10.0, 4
+#: Of one tile, of all tiles of a source, and how long all of them may take.
+LIMITS = Limits(MOST_BYTES, 1 << 30, 1800.0)
+#: How many are asked for at once.
+AT_ONCE = 4
 #: Problems that are listed one by one.
 LISTED = 10
 #: Of so many tiles one at least must be answered before the others are asked for.
@@ -90,15 +90,17 @@ def read_tiles(
             ("imagery", source.number, "zoom"),
             f"a lower one, of at most {MOST_PIXELS // SIDES[0] ** 2} tiles",
         )
-    key = _key(source, environment)
+    fetch = _from_web(source, _key(source, environment)) if source.is_web else _from_files(source)
     places = [(x, y) for y in range(low[1], high[1]) for x in range(low[0], high[0])]
-    found = [_tile(source, place, key) for place in places[:TRIED_FIRST]]
-    if any(not isinstance(one, str) or UNREACHED not in one for one in found):
-        with ThreadPoolExecutor(AT_ONCE) as pool:
-            rest = places[TRIED_FIRST:]
-            found += pool.map(lambda place: _tile(source, place, key), rest)
-    else:  # nobody answers: it would take minutes to be told so of every tile
-        found += [f"{UNREACHED} either"] * (len(places) - len(found))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", Image.DecompressionBombWarning)
+        found = [_tile(source, place, fetch) for place in places[:TRIED_FIRST]]
+        if any(not isinstance(one, str) or UNREACHED not in one for one in found):
+            with ThreadPoolExecutor(AT_ONCE) as pool:
+                rest = places[TRIED_FIRST:]
+                found += pool.map(lambda place: _tile(source, place, fetch), rest)
+        else:  # nobody answers: it would take minutes to be told so of every tile
+            found += [f"{UNREACHED} either"] * (len(places) - len(found))
     pictures = [one for one in found if not isinstance(one, str)]
     problems = [one for one in found if isinstance(one, str)]
     if not pictures:
@@ -147,18 +149,30 @@ def _key(source: ImagerySource, environment: Mapping[str, str] | None) -> str:
     return value
 
 
-def _tile(source: ImagerySource, place: tuple[int, int], key: str) -> NDArray[np.uint8] | str:
-    """Return a tile's pixels (S, S, 4), or what is wrong with it."""
+def _tile(
+    source: ImagerySource, place: tuple[int, int], fetch: Callable[[str], bytes]
+) -> NDArray[np.uint8] | str:
+    """Return a tile's pixels (S, S, 4), or what is wrong with it.
+
+    Raises:
+        InputError: all that may be downloaded has been.
+    """
     zoom, (x, y) = source.spec.zoom, place
     address = (source.spec.xyz or "").replace("{z}", str(zoom)).replace("{x}", str(x))
     address = address.replace("{-y}", str((1 << zoom) - 1 - y)).replace("{y}", str(y))
     try:
-        return _decoded(_fetched(address, key) if source.is_web else _read(source, address))
-    except urllib.error.HTTPError as error:
-        problem = f"not there (status {error.code})"
+        return _decoded(fetch(address))
+    except DownloadError as error:
+        if error.spent:
+            raise source.document.error(
+                str(error),
+                ("imagery", source.number, "xyz"),
+                "a lower zoom, a smaller region, or a server that is faster",
+            ) from None
+        problem = str(error) if error.status is None else f"not there (status {error.status})"
     except FileNotFoundError:
         problem = "not found"
-    except (OSError, http.client.HTTPException):
+    except OSError:
         problem = UNREACHED
     except _NoPictureError as error:
         problem = str(error)
@@ -173,21 +187,33 @@ def _decoded(data: bytes) -> NDArray[np.uint8]:
             if picture.size not in [(side, side) for side in SIDES]:
                 raise _NoPictureError(f"{picture.size[0]} x {picture.size[1]} pixels")
             return np.asarray(picture.convert("RGBA"))
-    except (OSError, ValueError, SyntaxError, Image.DecompressionBombError):
+    except _NoPictureError:
+        raise
+    except Exception:
+        # Decoders raise whatever they stumble over: OSError, SyntaxError, struct.error, ...
         raise _NoPictureError("is no picture") from None
 
 
-def _fetched(address: str, key: str) -> bytes:
-    if "{key}" in address:
-        address = address.replace("{key}", urllib.parse.quote(key, safe=""))
-    elif key:
-        address += ("&" if "?" in address else "?") + urllib.parse.urlencode({"key": key})
-    agent = {"User-Agent": f"urbantwin/{__version__}"}
-    request = urllib.request.Request(address, headers=agent)
-    with urllib.request.urlopen(request, timeout=TIMEOUT_S) as answer:
-        return bytes(answer.read(MOST_BYTES + 1))
+def _from_web(source: ImagerySource, key: str) -> Callable[[str], bytes]:
+    """Return what downloads a tile, given its address with ``{key}`` in it as it stands."""
+    pattern = source.spec.xyz or ""
+    inside = "{key}" in pattern
+    client = Client(
+        pattern,
+        LIMITS,
+        origins=[parse_origin(text) for text in source.spec.origins],
+        key=None if inside or not key else key,
+        secrets=[key] if inside else [],
+    )
+    return lambda address: client.get(address.replace("{key}", quote(key, safe="")))
 
 
-def _read(source: ImagerySource, name: str) -> bytes:
-    with (source.document.file.parent / name).open("rb") as stream:
-        return stream.read(MOST_BYTES + 1)
+def _from_files(source: ImagerySource) -> Callable[[str], bytes]:
+    """Return what reads a tile, given its path beside ``site.yaml``."""
+    folder = source.document.file.parent
+
+    def read(name: str) -> bytes:
+        with (folder / name).open("rb") as stream:
+            return stream.read(MOST_BYTES + 1)
+
+    return read

@@ -227,13 +227,18 @@ def _window(
 
 def _crs(raster: Any, source: ImagerySource, path: Path) -> Any:  # noqa: ANN401
     """Return the file's CRS, or the one that the person gives."""
+    import pyproj
     from rasterio.crs import CRS
     from rasterio.errors import CRSError
 
     if source.spec.crs is not None:
         try:
+            # GDAL would ask an address, and open a path, for what they hold; PROJ does neither.
+            known = pyproj.CRS.from_user_input(source.spec.crs)
+            if "/" in source.spec.crs:
+                return CRS.from_wkt(known.to_wkt())
             return CRS.from_user_input(source.spec.crs)
-        except CRSError:
+        except (CRSError, pyproj.exceptions.CRSError):
             raise source.document.error(
                 f"is {source.spec.crs!r}, which is not known",
                 ("imagery", source.number, "crs"),

@@ -14,10 +14,11 @@ from pyproj.exceptions import CRSError, ProjError
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
+from urbantwin.reconstruct.airborne.vector_file import check_vector_file
 
 __all__ = ["read_footprints"]
 
-_EXPECTED = "polygons in a GeoPackage, GeoJSON, SpatiaLite or Shapefile, with a CRS"
+_EXPECTED = "polygons in a GeoPackage, GeoJSON, SpatiaLite, Shapefile or FlatGeobuf, with a CRS"
 #: More outlines than this are a country, not a site.
 MOST_OUTLINES = 500_000
 #: Smaller than any shed, square metres: slivers of a topology.
@@ -101,6 +102,7 @@ def _polygons(path: Path, told: list[str]) -> tuple[str, NDArray[Any], str | Non
 
     if not path.is_file():
         raise InputError("no such file", file=path, expected=_EXPECTED)
+    check_vector_file(path, _EXPECTED)
     try:
         layers = [str(name) for name, kind in pyogrio.list_layers(path) if kind is not None]
     except (DataSourceError, DataLayerError) as error:

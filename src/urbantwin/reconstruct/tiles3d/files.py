@@ -38,6 +38,10 @@ class TileFiles:
         """Return what a file is called in reports."""
         return self._store.name(address)
 
+    def hidden(self, text: str) -> str:
+        """Return what a report may say of a file's content."""
+        return self._store.hidden(text)
+
     def resolve(self, base: str, uri: str) -> str:
         """Return the address that ``uri`` means in the file at ``base``."""
         return self._store.resolve(base, uri)

@@ -82,7 +82,8 @@ def read_tiles3d(
     reading = Reading(files, interest, traversal, tell)
     reading.run()
     content = reading.content
-    problems = list(dict.fromkeys([*traversal.problems, *content.problems]))
+    told = dict.fromkeys([*traversal.problems, *content.problems])
+    problems = [files.hidden(problem) for problem in told]
     mesh = TriangleMesh.concatenate(content.meshes) if content.meshes else None
     cloud = joined_clouds(tuple(content.clouds))
     if mesh is None and cloud is None:
@@ -155,7 +156,7 @@ def _root(source: GeometrySource, store: Store, files: TileFiles) -> Tile:
         if is_tileset(data) or data[:4] not in _CONTENT:
             return read_tileset(data, store.root, None)
     except MalformedError as error:
-        raise InputError(str(error), file=name, expected="3D Tiles") from None
+        raise InputError(files.hidden(str(error)), file=name, expected="3D Tiles") from None
     tileset = Tileset(store.root, Y_UP_TO_Z_UP, (store.root,))
     last = store.root
     if source.path is None:

@@ -79,7 +79,7 @@ class Reading:
             try:
                 asked.append((tile, self._files.resolve(tile.tileset.address, link.uri)))
             except MalformedError as error:
-                self._traversal.fail(tile, f"{shown(link.uri)} {error}")
+                self._traversal.fail(tile, f"{shown(self._files.hidden(link.uri))} {error}")
         everything = self._files.read_all([address for _, address in asked])
         for number, ((tile, address), data) in enumerate(zip(asked, everything, strict=True)):
             self._tell(number / len(asked), f"tile {number + 1} of {len(asked)}")
@@ -102,7 +102,7 @@ class Reading:
             try:
                 return self._files.read(self._files.resolve(address, uri))
             except MalformedError as error:
-                raise MalformedError(f"{shown(uri)} {error}") from None
+                raise MalformedError(f"{shown(self._files.hidden(uri))} {error}") from None
 
         def spend(count: int) -> None:
             nonlocal spent
@@ -195,7 +195,7 @@ class Reading:
                 if not is_tileset(data):
                     whole.add(self._opened(tile, address, data))
             except MalformedError as error:
-                self._traversal.problems.append(f"{shown(link.uri)}: {error}")
+                self._traversal.problems.append(f"{shown(self._files.hidden(link.uri))}: {error}")
         return whole if whole.meshes or whole.clouds else None
 
 

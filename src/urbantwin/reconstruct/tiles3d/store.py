@@ -47,6 +47,9 @@ class Store(Protocol):
     def name(self, address: str) -> str:
         """Return what the file is called in reports; nothing secret is part of it."""
 
+    def hidden(self, text: str) -> str:
+        """Return what a report may say of a file's content: nothing secret is part of it."""
+
 
 def local_path(base: str, uri: str) -> str:
     """Return the path, relative to a store's root, that ``uri`` means in the file at ``base``.
@@ -105,6 +108,10 @@ class Folder:
         """Return the address."""
         return address
 
+    def hidden(self, text: str) -> str:
+        """Return the text: nothing is secret here."""
+        return text
+
 
 class Archive:
     """A tileset in one ZIP file (``.3tz``), its ``tileset.json`` at the top."""
@@ -138,6 +145,10 @@ class Archive:
     def name(self, address: str) -> str:
         """Return the address."""
         return address
+
+    def hidden(self, text: str) -> str:
+        """Return the text: nothing is secret here."""
+        return text
 
 
 def unzipped(data: bytes) -> bytes:

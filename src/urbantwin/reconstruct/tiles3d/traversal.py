@@ -152,7 +152,7 @@ class Traversal:
         try:
             return [(tile, self._files.resolve(tile.tileset.address, uri), link)]
         except MalformedError as error:
-            self.fail(tile, f"{shown(uri)} {error}")
+            self.fail(tile, f"{shown(self._files.hidden(uri))} {error}")
             return []
 
     def _external(self, tile: Tile, address: str, data: bytes) -> Tile:

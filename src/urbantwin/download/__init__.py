@@ -1,0 +1,17 @@
+"""What comes over HTTP: one client, which asks only where the person said, within limits."""
+
+from __future__ import annotations
+
+from urbantwin.download.client import Client, Limits
+from urbantwin.download.failure import DownloadError
+from urbantwin.download.origin import Address, Origin, parse_address, parse_origin
+
+__all__ = [
+    "Address",
+    "Client",
+    "DownloadError",
+    "Limits",
+    "Origin",
+    "parse_address",
+    "parse_origin",
+]

@@ -1,0 +1,220 @@
+"""Connections to addresses that were judged before, which no server holds up for ever."""
+
+from __future__ import annotations
+
+import base64
+import http.client
+import socket
+import ssl
+import time
+import urllib.request
+from dataclasses import dataclass
+from typing import Any
+from urllib.parse import unquote, urlsplit
+
+from urbantwin.download.failure import DownloadError
+from urbantwin.download.internet import Place, literal_address, located
+from urbantwin.download.origin import Address, Origin
+
+__all__ = ["Pace", "Proxy", "open_connection", "proxy_for", "secure_context"]
+
+#: Longest wait for a connection, and for the next byte, seconds.
+CONNECT_S, QUIET_S = 10.0, 20.0
+#: An answer must have come this soon, or faster than this all along, and never take longer.
+GRACE_S, SLOWEST, DEADLINE_S = 30.0, 4096, 300.0
+
+
+class Pace:
+    """How fast one answer must come, headers included, and how much of it.
+
+    A server that sends a byte now and then never lets a read time out: what counts is the whole.
+
+    Args:
+        most_bytes: what may come over the wire; 1 MiB and as much again are for headers and the
+            lengths of chunks.
+    """
+
+    def __init__(self, most_bytes: int) -> None:
+        self._most = 2 * most_bytes + (1 << 20)
+        self._start = time.monotonic()
+        self._received = 0
+
+    def wait_s(self) -> float:
+        """Return how long the next byte may take.
+
+        Raises:
+            DownloadError: no longer at all.
+        """
+        allowed = min(GRACE_S + self._received / SLOWEST, DEADLINE_S)
+        left = self._start + allowed - time.monotonic()
+        if left <= 0:
+            raise DownloadError("cannot be fetched: it comes too slowly", unanswered=True)
+        return min(left, QUIET_S)
+
+    def count(self, received: int) -> None:
+        """Count bytes that came."""
+        self._received += received
+        if self._received > self._most:
+            raise DownloadError("is refused: the server sends more than it was asked for")
+
+
+class _Plain(socket.socket):
+    """A socket that keeps to a pace."""
+
+    pace: Pace
+
+    def recv_into(self, buffer: Any, nbytes: int = 0, flags: int = 0) -> int:  # noqa: ANN401
+        self.settimeout(self.pace.wait_s())
+        try:
+            received = super().recv_into(buffer, nbytes, flags)
+        except TimeoutError:
+            self.pace.wait_s()  # of which end was it: the byte's, or the whole answer's?
+            raise
+        self.pace.count(received)
+        return received
+
+
+class _Encrypted(ssl.SSLSocket):
+    """A socket of TLS that keeps to a pace."""
+
+    pace: Pace
+
+    def recv_into(
+        self,
+        buffer: Any,  # noqa: ANN401
+        nbytes: int | None = None,
+        flags: int = 0,
+    ) -> int:
+        self.settimeout(self.pace.wait_s())
+        try:
+            received = super().recv_into(buffer, nbytes, flags)
+        except TimeoutError:
+            self.pace.wait_s()  # of which end was it: the byte's, or the whole answer's?
+            raise
+        self.pace.count(received)
+        return received
+
+
+def secure_context() -> ssl.SSLContext:
+    """Return how TLS is spoken: certificates are checked against the system's."""
+    context = ssl.create_default_context()
+    context.sslsocket_class = _Encrypted
+    return context
+
+
+@dataclass(frozen=True)
+class Proxy:
+    """Who asks in our place.
+
+    Attributes:
+        host: of the proxy.
+        port: of the proxy.
+        headers: what tells the proxy who we are.
+    """
+
+    host: str
+    port: int
+    headers: dict[str, str]
+
+
+def proxy_for(origin: Origin) -> Proxy | None:
+    """Return the proxy that the environment names for an origin, as other programs read it.
+
+    This machine itself is never asked of a proxy, to which it would be another machine.
+
+    Raises:
+        DownloadError: what the environment names is no proxy of HTTP.
+    """
+    named = urllib.request.getproxies().get(origin.scheme)
+    if not named or urllib.request.proxy_bypass(origin.netloc):
+        return None
+    literal = literal_address(origin.host)
+    if literal is not None and (literal.startswith("127.") or literal == "::1"):
+        return None
+    try:
+        parts = urlsplit(named if "://" in named else f"http://{named}")
+        host, port = parts.hostname, parts.port or 80
+    except ValueError:
+        host, port, parts = None, 0, urlsplit("")
+    if parts.scheme != "http" or not host:
+        raise DownloadError(f"is not asked for: {origin.scheme}_proxy names no proxy of HTTP")
+    headers = {}
+    if parts.username is not None:
+        who = f"{unquote(parts.username)}:{unquote(parts.password or '')}".encode()
+        headers["Proxy-Authorization"] = f"Basic {base64.b64encode(who).decode()}"
+    return Proxy(host, port, headers)
+
+
+def open_connection(
+    address: Address,
+    places: list[Place],
+    pace: Pace,
+    context: ssl.SSLContext | None,
+    proxy: Proxy | None,
+) -> tuple[http.client.HTTPConnection, str, dict[str, str]]:
+    """Connect to one of the places given, or through a proxy.
+
+    Args:
+        address: what will be asked for.
+        places: where its origin is; nothing is looked up again, so that a name which changes its
+            numbers in between leads nowhere else.
+        pace: kept from now on.
+        context: of TLS (`secure_context`), or ``None`` to speak without.
+        proxy: who is asked to connect instead, if anybody.
+
+    Returns:
+        The connection, the target to ask for on it, and headers that it needs.
+
+    Raises:
+        OSError: nobody is there.
+    """
+    origin = address.origin
+    if context is not None:
+        if proxy is None:
+            return _encrypted(origin, places, pace, context), address.target, {}
+        tunnel = http.client.HTTPSConnection(
+            proxy.host, proxy.port, timeout=CONNECT_S, context=context
+        )
+        tunnel.set_tunnel(origin.host, origin.port, proxy.headers)
+        tunnel.connect()
+        assert isinstance(tunnel.sock, _Encrypted)
+        tunnel.sock.pace = pace
+        return tunnel, address.target, {}
+    plain = http.client.HTTPConnection(origin.host, origin.port)
+    if proxy is None:
+        plain.sock = _connected(places, pace)
+        return plain, address.target, {}
+    plain.sock = _connected(located(proxy.host, proxy.port), pace)
+    return plain, str(address), proxy.headers
+
+
+def _encrypted(
+    origin: Origin, places: list[Place], pace: Pace, context: ssl.SSLContext
+) -> http.client.HTTPConnection:
+    secure = http.client.HTTPSConnection(origin.host, origin.port, context=context)
+    wrapped = context.wrap_socket(
+        _connected(places, pace), server_hostname=origin.host.removesuffix(".")
+    )
+    assert isinstance(wrapped, _Encrypted)
+    wrapped.pace = pace
+    secure.sock = wrapped
+    return secure
+
+
+def _connected(places: list[Place], pace: Pace) -> _Plain:
+    """Return a socket to the first place that answers."""
+    failure: OSError = ConnectionError("no address")
+    for family, place in places:
+        wait_s = min(CONNECT_S, pace.wait_s())
+        one = _Plain(family, socket.SOCK_STREAM)
+        one.pace = pace
+        try:
+            one.settimeout(wait_s)
+            one.connect(place)
+            one.settimeout(QUIET_S)
+        except OSError as error:
+            one.close()
+            failure = error
+        else:
+            return one
+    raise failure

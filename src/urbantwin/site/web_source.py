@@ -1,0 +1,48 @@
+"""What ``site.yaml`` says of who may be asked over HTTP."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import AfterValidator
+
+from urbantwin.download import DownloadError, parse_address, parse_origin
+from urbantwin.site.document import wrong
+
+__all__ = ["OriginText", "check_origins"]
+
+
+def _one_origin(text: str) -> str:
+    try:
+        parse_origin(text)
+    except DownloadError:
+        shown = "an address" if "@" in text else repr(text[:60])
+        raise wrong(
+            f"is {shown}, which is no origin", "scheme, host and port: https://tiles.example.org"
+        ) from None
+    return text
+
+
+#: ``https://host`` or ``http://host:8080``: who else than the root may be asked.
+OriginText = Annotated[str, AfterValidator(_one_origin)]
+
+
+def check_origins(url: str | None, origins: list[str], name: str) -> None:
+    """Check that origins fit the address whose files they give.
+
+    Args:
+        url: the address, or ``None`` where a source is no address.
+        origins: as `OriginText`.
+        name: of the field that holds the address.
+
+    Raises:
+        PydanticCustomError: there is no address, or they are less safe than it.
+    """
+    if url is None:
+        if origins:
+            raise wrong(f"has origins without {name}", "them for an address only")
+        return
+    if url.lower().startswith("https:"):
+        for text in origins:
+            if parse_address(text).origin.scheme != "https":
+                raise wrong(f"has the origin {text!r} of http", "https, as its own address has")
