@@ -30,7 +30,9 @@ help:
 demo: $(RUNTIME)
 	$(BIN)/urbantwin demo -o urbantwin-demo
 
-test: lint judges
+# Types are checked while the judges are downloaded.
+test: $(DEVELOPMENT)
+	@$(MAKE) --no-print-directory -j2 lint judges
 	$(BIN)/pytest -n auto --dist loadfile
 
 lint: $(DEVELOPMENT)
