@@ -52,7 +52,10 @@ def write_inventory(
             if not lines[-1]:  # sha256sum(1): a backslash before the line says so
                 lines[-1] = f"\\{digest}  {_escaped(name)}"
     scratch = folder / f".{INVENTORY}.part"
-    scratch.write_text("".join(f"{line}\n" for line in lines), errors="surrogateescape")
+    with scratch.open("w", errors="surrogateescape", newline="\n") as stream:
+        stream.writelines(f"{line}\n" for line in lines)
+        stream.flush()
+        os.fsync(stream.fileno())  # whoever finds it may rely on it, after a loss of power too
     scratch.replace(folder / INVENTORY)
 
 

@@ -80,7 +80,7 @@ def write_carla(twin: Twin, folder: Path) -> list[str]:
         write_json(scratch / package / f"{package}.json", {"maps": [entry], "props": []})
         points = spawn_points(twin.roads)
         write_json(scratch / "spawn_points.json", {"map": name, "spawn_points": points})
-        write_json(scratch / "traffic.json", {**carla_traffic(twin), "map": name})
+        write_json(scratch / "traffic.json", {**carla_traffic(twin, scratch), "map": name})
         rig = carla_rig(
             place_rig(
                 twin.rig_spec(),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -40,7 +41,7 @@ BLUEPRINTS: dict[str, dict[str, Any]] = {
 _NORMC = re.compile(r"normc\(([-\d.,\s]+)\)")
 
 
-def carla_traffic(twin: Twin) -> dict[str, Any]:
+def carla_traffic(twin: Twin, scratch: Path | None = None) -> dict[str, Any]:
     """Return what reproduces the twin's mix of traffic, for a client of CARLA.
 
     ``per_hour`` is the flow that the site asks for. ``population`` is how many of a class are on
@@ -50,11 +51,15 @@ def carla_traffic(twin: Twin) -> dict[str, Any]:
     least and greatest share of the speed limit, of which CARLA's Traffic Manager takes the
     difference in percent; pedestrians and cyclists have ``speed_ms`` instead, what they want to go
     at.
+
+    Args:
+        twin: the twin.
+        scratch: a folder for SUMO's files; the system's when not given.
     """
     asked = twin.site["traffic"]
     per_hour: Mapping[str, float] = asked["per_hour"]
     seed = int(asked["seed"])
-    demand = demand_of(twin, duration_s=float(asked["duration_s"]), seed=seed)
+    demand = demand_of(twin, duration_s=float(asked["duration_s"]), seed=seed, scratch=scratch)
     if demand.circulates:
         present = Counter(trip.actor_class for trip in demand.trips)
         seconds = {
