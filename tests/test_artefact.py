@@ -87,15 +87,19 @@ def test_a_failure_takes_the_folders_above_away_again(tmp_path):
 
 def test_what_was_made_waits_for_the_same_key(tmp_path):
     target = tmp_path / "twin"
-    with pytest.raises(ValueError, match="now"):
-        with replaced_folder(target, kind="twin", key=KEY) as folder:
-            (folder / "made").write_text("much work")
-            raise ValueError("now")
+    with (
+        pytest.raises(ValueError, match="now"),
+        replaced_folder(target, kind="twin", key=KEY) as folder,
+    ):
+        (folder / "made").write_text("much work")
+        raise ValueError("now")
     assert names(tmp_path) == [f".twin.{os.getpid()}.{KEY}.urbantwin-partial"]
-    with pytest.raises(ValueError, match="now"):
-        with replaced_folder(target, kind="twin", key=KEY[::-1]) as folder:
-            assert names(folder) == []
-            raise ValueError("now")
+    with (
+        pytest.raises(ValueError, match="now"),
+        replaced_folder(target, kind="twin", key=KEY[::-1]) as folder,
+    ):
+        assert names(folder) == []
+        raise ValueError("now")
     with replaced_folder(target, kind="twin", key=KEY) as folder:
         assert names(folder) == ["made"]
         write_json(folder / "twin.json", {"kind": "twin"})
@@ -204,10 +208,12 @@ def test_a_foreign_file_keeps_the_artefact(tmp_path, foreign):
 
 def test_a_foreign_file_that_comes_late_keeps_the_artefact(tmp_path):
     make(tmp_path / "twin", 1)
-    with pytest.raises(InputError, match=r"would be lost .*thesis\.tex"):
-        with replaced_folder(tmp_path / "twin", kind="twin") as folder:
-            write_json(folder / "twin.json", {"kind": "twin"})
-            (tmp_path / "twin" / "thesis.tex").write_text("mine")
+    with (
+        pytest.raises(InputError, match=r"would be lost .*thesis\.tex"),
+        replaced_folder(tmp_path / "twin", kind="twin") as folder,
+    ):
+        write_json(folder / "twin.json", {"kind": "twin"})
+        (tmp_path / "twin" / "thesis.tex").write_text("mine")
     assert (tmp_path / "twin" / "thesis.tex").read_text() == "mine"
     assert names(tmp_path) == ["twin"]
 
@@ -354,12 +360,12 @@ def test_room_is_asked_for_before_work(tmp_path):
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG])
 def test_a_full_disk_names_the_file_and_what_to_do(tmp_path, number):
     target, scratch = tmp_path / "twin", tmp_path / "scratch"
-    with pytest.raises(StageError, match=f"{target}/deep/a: .*; make room and give the same"):
-        with says_no_room(target, scratch):
-            try:
-                raise OSError(number, os.strerror(number), str(scratch / "deep" / "a"))
-            except OSError as error:
-                raise RuntimeError("a library failed") from error
+    said = f"{target}/deep/a: .*; make room and give the same"
+    with pytest.raises(StageError, match=said), says_no_room(target, scratch):
+        try:
+            raise OSError(number, os.strerror(number), str(scratch / "deep" / "a"))
+        except OSError as error:
+            raise RuntimeError("a library failed") from error
     with pytest.raises(OSError, match="denied"), says_no_room(target, scratch):
         raise PermissionError(errno.EACCES, "denied")
 
