@@ -1,6 +1,6 @@
 """The command ``urbantwin``, and ``python -m urbantwin``."""
 
-from urbantwin.interruption import ends_at_once
+from urbantwin.interruption import EXIT_CODE, ends_at_once
 
 __all__ = ["main"]
 
@@ -11,7 +11,9 @@ def main() -> int:
     """Run the command line; see `urbantwin.cli.main`."""
     from urbantwin.cli import main as run
 
-    return run()
+    code = run()
+    ends_at_once(said=code == EXIT_CODE)
+    return code
 
 
 if __name__ == "__main__":

@@ -9,11 +9,9 @@ from __future__ import annotations
 
 import os
 import signal
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import Any
 
 __all__ = ["EXIT_CODE", "Interruptions", "deferred", "ends_at_once", "unwinds"]
 
@@ -21,20 +19,30 @@ __all__ = ["EXIT_CODE", "Interruptions", "deferred", "ends_at_once", "unwinds"]
 EXIT_CODE = 130
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
-Handler = Callable[[int, FrameType | None], Any]
+Handler = Callable[[int, FrameType | None], object]
 
 
 class Interruptions:
-    """How often a block was interrupted, even where a library swallowed the exception."""
+    """How often a block was interrupted, even where a library swallowed the exception.
+
+    Attributes:
+        count: so often.
+        heard: whether one raises; who has begun to say that there was one listens no more.
+    """
 
     def __init__(self) -> None:
         self.count = 0
+        self.heard = True
 
 
-def ends_at_once() -> None:
-    """From now on let an interruption end the process with one line: there is nothing to undo."""
+def ends_at_once(*, said: bool = False) -> None:
+    """From now on let an interruption end the process with one line: there is nothing to undo.
+
+    Args:
+        said: the line is there already.
+    """
     for number in _heard():
-        signal.signal(number, _end)
+        signal.signal(number, _end_silently if said else _end)
 
 
 @contextmanager
@@ -44,7 +52,8 @@ def unwinds() -> Iterator[Interruptions]:
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:
         interruptions.count += 1
-        raise KeyboardInterrupt
+        if interruptions.heard:
+            raise KeyboardInterrupt
 
     with _handled(interrupt):
         yield interruptions
@@ -68,6 +77,10 @@ def _end(_number: int, _frame: FrameType | None) -> None:
     os._exit(EXIT_CODE)
 
 
+def _end_silently(_number: int, _frame: FrameType | None) -> None:
+    os._exit(EXIT_CODE)
+
+
 def _heard() -> list[signal.Signals]:
     """Return the signals that whoever started this process wants heard: not `nohup`'s."""
     return [one for one in _SIGNALS if signal.getsignal(one) not in (signal.SIG_IGN, None)]
@@ -75,6 +88,8 @@ def _heard() -> list[signal.Signals]:
 
 @contextmanager
 def _handled(handler: Handler) -> Iterator[None]:
+    import threading  # not above: `ends_at_once` is called as early as can be
+
     if threading.current_thread() is not threading.main_thread():  # Python's rule
         yield
         return

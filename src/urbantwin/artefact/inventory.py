@@ -43,6 +43,8 @@ def write_inventory(
         known: checksums that were taken while files were written, by name.
         without: names of folders, wherever they are, that are no part of it.
     """
+    scratch = folder / f".{INVENTORY}.part"
+    scratch.unlink(missing_ok=True)  # of a run that was killed here
     sums = dict(known or {})
     lines = []
     for name in sorted(_files(folder)):
@@ -51,8 +53,10 @@ def write_inventory(
             lines.append(f"{digest}  {name}" if name == _escaped(name) else "")
             if not lines[-1]:  # sha256sum(1): a backslash before the line says so
                 lines[-1] = f"\\{digest}  {_escaped(name)}"
-    scratch = folder / f".{INVENTORY}.part"
-    scratch.write_text("".join(f"{line}\n" for line in lines), errors="surrogateescape")
+    with scratch.open("w", errors="surrogateescape", newline="\n") as stream:
+        stream.writelines(f"{line}\n" for line in lines)
+        stream.flush()
+        os.fsync(stream.fileno())  # whoever finds it may rely on it, after a loss of power too
     scratch.replace(folder / INVENTORY)
 
 

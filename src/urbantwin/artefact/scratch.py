@@ -84,8 +84,10 @@ def claimed(target: Path, *, key: str | None = None) -> Iterator[Scratch]:
             try:
                 with _alone(target.parent):
                     refuse_if_written(target)
-                    folder = _own(target, key)
-                    lock = _lock(folder)
+                    _clear(target)
+                    with deferred():
+                        folder = _own(target, key)
+                        lock = _lock(folder)
             except OSError as error:
                 raise _not_writable(target, error) from None
             yield Scratch(target, folder)
@@ -152,45 +154,72 @@ def passing_folder(subject: str) -> Iterator[Path]:
 
 
 def put_in_place(scratch: Path, target: Path) -> None:
-    """Give a finished folder its name; at every moment the older one or this one has it.
+    """Give a finished folder its name, and remove the older one that had it.
 
-    The older one is then scratch, and goes with it.
+    At every moment the older one or this one has the name.
     """
     if not target.exists():
         scratch.rename(target)
-    elif not _exchange(scratch, target):
+        return
+    # What comes out of the exchange is the older one: nothing for a run to go on from.
+    passing = _scratch_of(target, _NEW)
+    if passing != scratch:
+        scratch.rename(passing)
+    try:
+        if _exchange(passing, target):
+            _remove(passing)
+            return
         # A file system without an exchange: the older one steps aside, and whoever comes next
         # puts it back if this run is killed between the two.
+        older = _scratch_of(target, _OLD)
         with _alone(target.parent):
-            target.rename(scratch.with_name(f"{_beginning(target)}.{os.getpid()}{_OLD}"))
-            scratch.rename(target)
+            target.rename(older)
+            try:
+                passing.rename(target)
+            except OSError:
+                older.rename(target)
+                raise
+        _remove(older)
+    except OSError:
+        if passing != scratch:
+            passing.rename(scratch)
+        raise
 
 
 def remove_dead(folder: Path, name: str | None = None) -> None:
     """Remove what dead runs left in a folder, of the output ``name`` or of every output."""
-    for entry in _hidden(folder):
-        found = _LEFT.fullmatch(entry.name)
-        if (
-            found
-            and (name is None or found["name"] == _beginning(Path(name))[1:])
-            and _is_dead(entry, int(found["process"]))
-        ):
-            _remove(entry)
+    with _alone(folder):  # a run that has made its scratch has not locked it yet
+        for entry in _hidden(folder):
+            found = _LEFT.fullmatch(entry.name)
+            if (
+                found
+                and (name is None or found["name"] == _beginning(Path(name))[1:])
+                and _is_dead(entry, int(found["process"]))
+            ):
+                _remove(entry)
 
 
-def _own(target: Path, key: str | None) -> Path:
-    """Put back, take over and remove what dead runs left; return this run's own scratch."""
-    ending = _NEW if key is None else f".{key}{_PARTIAL}"
-    mine = target.with_name(f"{_beginning(target)}.{os.getpid()}{ending}")
+def _clear(target: Path) -> None:
+    """Put back and remove what dead runs left, but for what a run can go on from."""
     for left, _, its_key in _left(target):
         if left.suffix == _OLD and not target.exists():
             left.rename(target)
         elif its_key is None:
             _remove(left)
-        elif its_key == key and not mine.exists():
+
+
+def _own(target: Path, key: str | None) -> Path:
+    """Take over what a dead run with the same key left, or make a folder; return it."""
+    mine = _scratch_of(target, _NEW if key is None else f".{key}{_PARTIAL}")
+    for left, _, its_key in _left(target):
+        if key is not None and its_key == key and not mine.exists():
             left.rename(mine)
-    mine.mkdir(exist_ok=True)
+    mine.mkdir(exist_ok=key is not None)
     return mine
+
+
+def _scratch_of(target: Path, ending: str) -> Path:
+    return target.with_name(f"{_beginning(target)}.{os.getpid()}{ending}")
 
 
 def _beginning(target: Path) -> str:
@@ -226,7 +255,8 @@ def _is_dead(left: Path, process: int) -> bool:
     except OSError:  # It is gone, or none of ours.
         return False
     try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        # Shared: others who look at the same time are no owners.
+        fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except OSError as error:
         if error.errno not in _NO_LOCKS:
             return False
@@ -245,7 +275,7 @@ def _is_dead(left: Path, process: int) -> bool:
 def _lock(folder: Path) -> int:
     lock = os.open(folder, os.O_RDONLY)
     try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(lock, fcntl.LOCK_EX)  # it waits for those who look, which is a moment
     except OSError as error:
         if error.errno not in _NO_LOCKS:
             os.close(lock)
@@ -305,7 +335,9 @@ def _make_parents(folder: Path) -> list[Path]:
 
 def _not_writable(target: Path, error: OSError) -> InputError:
     why = (error.strerror or str(error)).lower()
-    return InputError(f"cannot be written ({why})", file=target, expected="a place to write to")
+    full = error.errno in (errno.ENOSPC, errno.EDQUOT)
+    expected = "room on its disk" if full else "a place to write to"
+    return InputError(f"cannot be written ({why})", file=target, expected=expected)
 
 
 def _remove(left: Path) -> None:

@@ -104,7 +104,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     with unwinds() as interruptions:
         try:
-            code = _run(arguments)
+            try:
+                code = _run(arguments)
+            finally:
+                interruptions.heard = False  # a second one must not cut what is said of the first
         except KeyboardInterrupt:
             code = EXIT_INTERRUPTED
         except Exception:

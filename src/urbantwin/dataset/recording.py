@@ -105,7 +105,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     parts = {"": rig} if rig.fused else {one.sensors[0].name: one for one in rig.separate()}
     total = len(times_s) * len(parts)
 
-    key = recipe_key(recipe)
+    key = recipe_key({**recipe, "pictures": also is not None})
     with replaced_folder(out, kind="dataset", inputs=inputs, key=key) as folder:
         if not (folder / INVENTORY).is_file():
             _check_room(out, folder, parts, times_s)

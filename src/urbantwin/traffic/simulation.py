@@ -9,7 +9,8 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ import numpy as np
 from lxml import etree
 from numpy.typing import NDArray
 
+from urbantwin.artefact import passing_folder
 from urbantwin.errors import InputError, StageError
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.actor_kind import ACTOR_KINDS
@@ -189,8 +191,9 @@ def _worked(
     progress: Callable[[float, str], None] | None,
 ) -> Simulated:
     """Let the worker do a job."""
-    with tempfile.TemporaryDirectory(prefix="sumo-", dir=scratch) as name:
-        folder = Path(name).resolve()
+    own = passing_folder("urbantwin-sumo") if scratch is None else _folder_in(scratch)
+    with own as made:
+        folder = made.resolve()
         routes = folder / "demand.rou.xml"
         write_routes(routes, demand, asset)
         whole = {
@@ -206,6 +209,12 @@ def _worked(
         (folder / "job.json").write_text(json.dumps(whole))
         _run_worker(folder / "job.json", progress)
         return _read(folder / "rows.npy", folder / "outcome.json")
+
+
+@contextmanager
+def _folder_in(scratch: Path) -> Iterator[Path]:
+    with tempfile.TemporaryDirectory(prefix="sumo-", dir=scratch) as name:
+        yield Path(name)
 
 
 def sumo_substeps(step_s: float) -> tuple[int, int]:

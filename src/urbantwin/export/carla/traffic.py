@@ -50,7 +50,11 @@ def carla_traffic(twin: Twin, scratch: Path | None = None) -> dict[str, Any]:
     the time for a way round). ``speed_factor`` is that of SUMO's vehicle types: mean, deviation,
     least and greatest share of the speed limit, of which CARLA's Traffic Manager takes the
     difference in percent; pedestrians and cyclists have ``speed_ms`` instead, what they want to go
-    at. Pilot simulations use the folder ``scratch``, or the system's.
+    at.
+
+    Args:
+        twin: the twin.
+        scratch: a folder for SUMO's files; the system's when not given.
     """
     asked = twin.site["traffic"]
     per_hour: Mapping[str, float] = asked["per_hour"]

@@ -1,0 +1,184 @@
+"""Killing the program: a moment, a signal, what is left, and the same command once more."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from .small_site import Command, Stand, bytes_of, command_line
+
+#: A machine that many share is slow at times.
+PATIENCE_S = 60.0
+SCRATCH = re.compile(r"\..+\.\d+(\.[0-9a-f]{16}\.urbantwin-partial|\.urbantwin-(new|old))")
+PARTS = ("twin", "motion", "dataset")
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a run ended.
+
+    Attributes:
+        code: its exit code, or minus the signal.
+        err: what it said on standard error.
+        in_time: whether the signal met it alive.
+        survivors_s: how long its children outlived it.
+    """
+
+    code: int
+    err: str
+    in_time: bool
+    survivors_s: float
+
+
+def killed(
+    arguments: list[object],
+    environment: dict[str, str],
+    after_s: float,
+    number: signal.Signals = signal.SIGKILL,
+    *,
+    times: int = 1,
+) -> Ended:
+    """Start a command in a session of its own and send its first process a signal.
+
+    Args:
+        arguments: of the program.
+        environment: of the process.
+        after_s: when, from its start.
+        number: the signal.
+        times: how often it is sent, at once.
+    """
+    process = subprocess.Popen(
+        command_line(arguments),
+        env=environment,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
+    assert process.stderr is not None
+    try:
+        process.wait(after_s)
+    except subprocess.TimeoutExpired:
+        for _ in range(times):
+            os.kill(process.pid, number)
+        in_time = True
+    else:
+        in_time = False
+    code = process.wait(PATIENCE_S)
+    began = time.monotonic()
+    while left := processes_of(process.pid):
+        assert time.monotonic() - began < PATIENCE_S, f"still there: {left}"
+        time.sleep(0.02)
+    survivors_s = time.monotonic() - began
+    err = process.stderr.read().decode()
+    process.stderr.close()
+    return Ended(code, err, in_time, survivors_s)
+
+
+def processes_of(session: int) -> dict[int, str]:
+    """Return the processes of a session, and what they are, from ``/proc``."""
+    found = {}
+    for entry in Path("/proc").iterdir():
+        if not entry.name.isdigit():
+            continue
+        try:
+            state, _, _, its_session = (entry / "stat").read_text().rpartition(")")[2].split()[:4]
+            if int(its_session) == session and state not in "ZX":
+                found[int(entry.name)] = (entry / "cmdline").read_text().replace("\0", " ")
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+    return found
+
+
+def place_for(stand: Stand, command: Command, place: Path, *, older: bool) -> Path:
+    """Make a place for a command's output, with an older one in it, and return the output."""
+    out = place / "out" / command.output
+    out.parent.mkdir(parents=True)
+    if older:
+        former = stand.older[command.output]
+        (shutil.copytree if former.is_dir() else shutil.copyfile)(former, out)
+    return out
+
+
+def check_left(
+    stand: Stand, key: str, command: Command, out: Path, *, older: bool, scratch: bool = True
+) -> None:
+    """Check what a killed run left: the older or the new artefact, whole, and scratch.
+
+    Args:
+        stand: what is expected.
+        key: of the command.
+        command: the command.
+        out: its output.
+        older: whether an older artefact was there.
+        scratch: whether scratch may be there.
+    """
+    hidden = [one.name for one in out.parent.rglob(".*") if one.name.endswith(ENDINGS)]
+    visible = [one.name for one in out.parent.iterdir() if one.name not in hidden]
+    assert set(visible) <= {command.output}
+    assert all(SCRATCH.fullmatch(name) for name in hidden)
+    assert scratch or not hidden, hidden
+    pairs = [(out, stand.expected(key), stand.older[command.output] if older else None)]
+    if key == "run":  # each of the three by itself
+        pairs = [
+            (new / part, want / part, was and was / part)
+            for new, want, was in pairs
+            for part in PARTS
+        ]
+    for new, want, was in pairs:
+        if was is None and not new.exists():
+            continue
+        possible = [bytes_of(want)] + ([] if was is None else [bytes_of(was)])
+        assert bytes_of(new) in possible, f"{new} is neither the older nor the new one"
+        if new.is_dir():
+            check_inventory(new)
+
+
+ENDINGS = (".urbantwin-new", ".urbantwin-partial", ".urbantwin-old")
+
+
+def check_inventory(folder: Path) -> None:
+    """Check an artefact by the program that everybody has."""
+    done = subprocess.run(
+        ["sha256sum", "--check", "--strict", "--quiet", "SHA256SUMS"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def finish(stand: Stand, key: str, command: Command, out: Path, place: Path) -> str:
+    """Give the command once more, check its bytes and that there is nothing else; return stderr."""
+    done = subprocess.run(
+        command_line(command.arguments(stand, out)),
+        env=stand.environment(place),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    check_whole(stand, key, command, out, place)
+    return done.stderr
+
+
+def check_whole(stand: Stand, key: str, command: Command, out: Path, place: Path) -> None:
+    """Check that an output is as undisturbed, and that nothing else is anywhere."""
+    assert bytes_of(out) == bytes_of(stand.expected(key))
+    assert [one.name for one in out.parent.iterdir()] == [command.output]
+    assert list((place / "tmp").iterdir()) == []
+    cache = [str(one.relative_to(place)) for one in (place / "cache").rglob("*")]
+    if command.control:
+        kept = re.compile(r"cache/urbantwin(/arbitrary(/[0-9a-f]{24}(/two-avenues(/.+)?)?)?)?")
+        assert all(kept.fullmatch(name) for name in cache), cache
+        assert sum(name.count("/") == 3 for name in cache) == 1
+    else:
+        assert cache == []

@@ -1,0 +1,237 @@
+"""A small site, what every command makes of it undisturbed, and how the commands are called."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import yaml
+
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "examples" / "two-avenues"
+SENSOR = ["--sensor", "VLP-16", "--columns", "900"]
+
+
+@dataclass(frozen=True)
+class Command:
+    """A command of the program.
+
+    Attributes:
+        name: of the command.
+        output: name of what it writes.
+        arguments: from the stand and the output to the command line.
+        resumes: whether an interrupted run leaves scratch to go on from.
+        control: whether it records the arbitrary site, into the user's cache.
+    """
+
+    name: str
+    output: str
+    arguments: Callable[[Stand, Path], list[object]]
+    resumes: bool = False
+    control: bool = False
+
+
+def _record(stand: Stand, out: Path) -> list[object]:
+    options = ["--workers", "2", "--no-pictures"]
+    return ["record", stand.twin, stand.motion, "-o", out, *options]
+
+
+def _run(stand: Stand, out: Path) -> list[object]:
+    return ["run", stand.site, "-o", out, "--workers", "2", "--no-pictures"]
+
+
+def _compare(stand: Stand, out: Path) -> list[object]:
+    control = ["--arbitrary", "none", "--workers", "2"]
+    return ["compare", stand.real, stand.dataset, "-o", out, *control]
+
+
+def _compare_control(stand: Stand, out: Path) -> list[object]:
+    return ["compare", stand.real, stand.dataset, "-o", out, "--workers", "1"]
+
+
+def _tune(stand: Stand, out: Path) -> list[object]:
+    options = ["--fit", "pose,noise", "--trials", "6", "--no-report", "--workers", "1"]
+    return ["tune", stand.real, stand.twin, "-o", out, *options]
+
+
+COMMANDS = {
+    one.name if not one.control else "compare-control": one
+    for one in (
+        Command("record", "dataset", _record, resumes=True),
+        Command(
+            "build",
+            "twin",
+            lambda stand, out: ["build", stand.site, "-o", out, "--no-pictures"],
+        ),
+        Command("traffic", "motion", lambda stand, out: ["traffic", stand.twin, "-o", out]),
+        Command("run", "out", _run, resumes=True),
+        Command("compare", "report", _compare),
+        Command("compare", "report", _compare_control, control=True),
+        Command("tune", "tuned", _tune, resumes=True),
+        Command(
+            "background",
+            "measured.npz",
+            lambda stand, out: ["background", stand.real, *SENSOR, "-o", out],
+        ),
+        Command(
+            "export",
+            "carla",
+            lambda stand, out: ["export", stand.twin, "--to", "carla", "-o", out],
+        ),
+    )
+}
+
+
+@dataclass
+class Stand:
+    """The inputs of the commands, and what the commands make of them.
+
+    Args:
+        folder: where all of it is.
+    """
+
+    folder: Path
+    durations_s: dict[str, float] = field(default_factory=dict)
+
+    @cached_property
+    def site(self) -> Path:
+        """One sensor and 20 frames within 40 m of the middle of the example."""
+        shutil.copytree(EXAMPLE, self.folder / "site")
+        path = self.folder / "site" / "site.yaml"
+        fields = yaml.safe_load(path.read_text())
+        fields["region"] = {"radius_m": 40}
+        fields["traffic"] |= {"duration_s": 2.0, "warmup_s": 5}
+        sensor = {"name": "corner", "model": "VLP-16", "columns": 900, "yaw_deg": 135}
+        sensor |= {"east_m": 12, "north_m": -12, "height_m": 4.0}
+        fields["rig"] |= {"rate_hz": 10, "sensors": [sensor]}
+        path.write_text(yaml.safe_dump(fields))
+        return path
+
+    @property
+    def twin(self) -> Path:
+        """The twin of the site."""
+        return self.expected("build")
+
+    @property
+    def motion(self) -> Path:
+        """Its motion."""
+        return self.expected("traffic")
+
+    @property
+    def dataset(self) -> Path:
+        """Its dataset."""
+        return self.expected("record")
+
+    @cached_property
+    def real(self) -> Path:
+        """What stands for real frames: those of another seed."""
+        return self._made("real", [*_record(self, self.folder / "real"), "--seed", "11"])
+
+    @cached_property
+    def older(self) -> Mapping[str, Path]:
+        """An older artefact of every kind, which differs from what the commands make."""
+        twin = self.folder / "older" / "twin"
+        if not twin.exists():  # the same place in other words
+            changed = self.site.with_name("older.yaml")
+            changed.write_text(self.site.read_text().replace("radius_m: 40", "radius_m: 35"))
+            self._made("older/twin", ["build", changed, "-o", twin, "--no-pictures"])
+        motion = self._made(
+            "older/motion",
+            ["traffic", self.twin, "-o", self.folder / "older/motion", "--seconds", "0.3"],
+        )
+        dataset = self._made(
+            "older/dataset",
+            [*_record(self, self.folder / "older/dataset"), "--stop", "0.3", "--seed", "3"],
+        )
+        whole = self.folder / "older" / "out"
+        for one in (twin, motion, dataset):
+            shutil.copytree(one, whole / one.name, dirs_exist_ok=True)
+        here = self.folder / "older"
+        swapped = ["compare", self.dataset, self.real, "--arbitrary", "none", "--workers", "1"]
+        tuned = ["tune", self.real, self.twin, "--fit", "noise", "--trials", "2", "--no-report"]
+        layers = ["export", twin, "--to", "carla"]
+        measured = ["background", dataset, *SENSOR]
+        return {
+            "dataset": dataset,
+            "twin": twin,
+            "motion": motion,
+            "out": whole,
+            "report": self._made("older/report", [*swapped, "-o", here / "report"]),
+            "tuned": self._made("older/tuned", [*tuned, "-o", here / "tuned"]),
+            "carla": self._made("older/carla", [*layers, "-o", here / "carla"]),
+            "measured.npz": self._made(
+                "older/measured.npz", [*measured, "-o", here / "measured.npz"]
+            ),
+        }
+
+    def expected(self, key: str) -> Path:
+        """Return what a command makes undisturbed."""
+        command = COMMANDS[key]
+        name = f"expected/{key}/{command.output}"
+        out = self.folder / name
+        if not out.exists():
+            arguments = command.arguments(self, out)  # makes what the command reads
+            began = time.monotonic()
+            self._called(arguments)
+            self.durations_s[key] = time.monotonic() - began
+        return out
+
+    def duration_s(self, key: str) -> float:
+        """Return how long a command takes, everything that it needs being there."""
+        self.expected(key)
+        return self.durations_s[key]
+
+    def environment(self, place: Path | None = None) -> dict[str, str]:
+        """Return the surroundings of a process whose temporary folder and cache are its own."""
+        here = place or self.folder
+        for name in ("tmp", "cache"):
+            (here / name).mkdir(parents=True, exist_ok=True)
+        return os.environ | {
+            "PYTHONPATH": str(ROOT / "src"),
+            "TMPDIR": str(here / "tmp"),
+            "XDG_CACHE_HOME": str(here / "cache"),
+            # matplotlib's list of fonts, which is not ours, takes seconds
+            "MPLCONFIGDIR": str(self.folder / "matplotlib"),
+        }
+
+    def _made(self, name: str, arguments: list[object]) -> Path:
+        out = self.folder / name
+        if not out.exists():
+            self._called(arguments)
+        return out
+
+    def _called(self, arguments: list[object]) -> None:
+        done = subprocess.run(
+            command_line(arguments),
+            env=self.environment(),
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+
+
+def command_line(arguments: list[object]) -> list[str]:
+    """Return how the program is started."""
+    return [sys.executable, "-m", "urbantwin", *map(str, arguments), "--quiet"]
+
+
+def bytes_of(path: Path) -> dict[str, str]:
+    """Return the SHA-256 of every file at a path, and the names of empty folders, by name."""
+    if path.is_file():
+        return {"": hashlib.sha256(path.read_bytes()).hexdigest()}
+    found = {}
+    for one in sorted(path.rglob("*")):
+        if one.is_file():
+            found[str(one.relative_to(path))] = hashlib.sha256(one.read_bytes()).hexdigest()
+        elif not any(one.iterdir()):
+            found[str(one.relative_to(path))] = "empty folder"
+    return found

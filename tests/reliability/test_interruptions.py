@@ -1,0 +1,121 @@
+"""Signals while Python starts, twice, and to all processes at once; and two runs on one output."""
+
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+from .kill_harness import PATIENCE_S, SCRATCH, check_whole, killed, processes_of
+from .small_site import COMMANDS, Stand, command_line
+
+#: Python itself starts in about 10 ms on an idle machine and hears nothing before; here is slack.
+DEAF_S = 0.3
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+@pytest.mark.parametrize("after_ms", [0, 5, 10, 20, 50, 100, 200, 400, 800])
+def test_an_interruption_while_python_starts(
+    stand: Stand, tmp_path: Path, number: signal.Signals, after_ms: int
+) -> None:
+    out = tmp_path / "out" / "twin"
+    arguments = ["build", stand.site, "-o", out, "--no-pictures"]
+    ended = killed(arguments, stand.environment(tmp_path), after_ms / 1000, number)
+    assert ended.in_time
+    if ended.code == 130:
+        assert ended.err == "error: interrupted\n"
+    else:  # before the first line of our own code: Python's own ways to end
+        assert after_ms / 1000 < DEAF_S
+        assert ended.code in ((-number, 1) if number == signal.SIGINT else (-number,))
+    assert not (tmp_path / "out").exists()
+    assert not list((tmp_path / "tmp").iterdir())
+
+
+def waited(stand: Stand, tmp_path: Path, key: str) -> tuple[subprocess.Popen[bytes], Path]:
+    """Start a command and wait until it has its scratch."""
+    out = tmp_path / "out" / COMMANDS[key].output
+    process = subprocess.Popen(
+        command_line(COMMANDS[key].arguments(stand, out)),
+        env=stand.environment(tmp_path),
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+    )
+    began = time.monotonic()
+    while not (out.parent.exists() and any(map(held, out.parent.iterdir()))):
+        assert time.monotonic() - began < PATIENCE_S
+        assert process.poll() is None
+        time.sleep(0.005)
+    return process, out
+
+
+def held(path: Path) -> bool:
+    """Whether a path is the scratch of a run that has written to it."""
+    return bool(SCRATCH.fullmatch(path.name)) and any(path.iterdir())
+
+
+@pytest.mark.parametrize("to_all", [False, True], ids=["twice", "all processes"])
+@pytest.mark.parametrize("key", ["traffic", "record"])
+def test_an_interruption_of_all_at_once_and_twice(
+    stand: Stand, tmp_path: Path, key: str, to_all: bool
+) -> None:
+    process, out = waited(stand, tmp_path, key)
+    assert process.stderr is not None
+    time.sleep(0.3)
+    if to_all:  # what a terminal that closes does, or `timeout`
+        os.killpg(process.pid, signal.SIGTERM)
+    else:
+        os.kill(process.pid, signal.SIGTERM)
+        time.sleep(0.05)
+        os.kill(process.pid, signal.SIGINT)
+    assert process.wait(PATIENCE_S) == 130
+    while processes_of(process.pid):
+        time.sleep(0.02)
+    assert process.stderr.read() == b"error: interrupted\n"
+    process.stderr.close()
+    left = list(out.parent.iterdir()) if out.parent.exists() else []
+    assert all(one.name.endswith(".urbantwin-partial") for one in left)
+    assert COMMANDS[key].resumes or not left
+    assert not list((tmp_path / "tmp").iterdir())
+
+
+def test_a_second_run_is_refused_and_the_first_ends_whole(stand: Stand, tmp_path: Path) -> None:
+    stand.expected("traffic")
+    process, out = waited(stand, tmp_path, "traffic")
+    assert process.stderr is not None
+    second = subprocess.run(
+        command_line(COMMANDS["traffic"].arguments(stand, out)),
+        env=stand.environment(tmp_path),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert process.poll() is None, "the first was over too soon for this test"
+    assert second.returncode == 2
+    assert second.stderr == (
+        f"error: {out}: another run is writing it (process {process.pid}); "
+        "expected another output, or to wait for that run\n"
+    )
+    assert process.wait(PATIENCE_S) == 0
+    assert process.stderr.read() == b""
+    process.stderr.close()
+    check_whole(stand, "traffic", COMMANDS["traffic"], out, tmp_path)
+
+
+def test_a_killed_run_leaves_no_lock(stand: Stand, tmp_path: Path) -> None:
+    stand.expected("traffic")
+    process, out = waited(stand, tmp_path, "traffic")
+    process.kill()
+    process.wait()
+    assert process.stderr is not None
+    process.stderr.close()
+    done = subprocess.run(  # at once: SUMO may still be ending
+        command_line(COMMANDS["traffic"].arguments(stand, out)),
+        env=stand.environment(tmp_path),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+    check_whole(stand, "traffic", COMMANDS["traffic"], out, tmp_path)
