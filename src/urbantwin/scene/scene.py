@@ -30,7 +30,7 @@ __all__ = ["FIRST_OBJECT", "Scene", "build_scene"]
 #: ``part`` numbers below this are the ground's (``surface.PARTS``), from here on objects'.
 FIRST_OBJECT = 16
 #: Shares of the time that are over when zones, ground and buildings are there, of a district.
-ZONES, SURFACE, BUILDINGS = 0.3, 0.55, 0.85
+ZONES, SURFACE, BUILDINGS = 0.28, 0.63, 0.72
 #: Largest triangles; roads are as fine as their height asks for, terrain on hills is finer.
 ON_A_HILL = Spacing(road=25.0, terrain=5.0)
 ON_A_PLAIN = Spacing(road=25.0, terrain=10.0)

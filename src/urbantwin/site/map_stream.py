@@ -159,6 +159,11 @@ class MapStream:
         if code == DAMAGED and kind is None:
             raise RuntimeError("its end is missing or damaged")
 
+    @property
+    def bytes(self) -> IO[bytes] | None:
+        """What comes out of the process that unpacks; ``None`` where the file itself is read."""
+        return self._pipe
+
     def reader(self) -> osmium.io.Reader:
         """Return osmium's reader of the map."""
         path = str(self._path) if self._pipe is None else f"/dev/fd/{self._pipe.fileno()}"
