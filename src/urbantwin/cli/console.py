@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import json
 import sys
+import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from typing import Any
 
-__all__ = ["Console", "ProgressCallback", "error_line"]
+from urbantwin.progress import Progress, untold
 
-#: What every long function calls: the fraction that is done (0..1) and what is being done.
-ProgressCallback = Callable[[float, str], None]
+__all__ = ["Console", "error_line"]
+
+#: Nobody waits longer than this for a line, seconds.
+_LONGEST_S = 10.0
 
 
 class Console:
@@ -35,20 +38,25 @@ class Console:
             print("\n".join(_lines_of(value)))
 
     @contextmanager
-    def stage(self, title: str) -> Iterator[ProgressCallback]:
-        """Show one stage while the block runs: a bar on a terminal, plain lines elsewhere."""
+    def stage(self, title: str, *, brief: bool = False) -> Iterator[Progress]:
+        """Show one stage while the block runs: a bar on a terminal, plain lines elsewhere.
+
+        Args:
+            title: what the stage is called.
+            brief: it is over at once as a rule, and then nothing is shown.
+        """
         if self.quiet:
-            yield lambda fraction, doing: None
+            yield untold
         elif sys.stderr.isatty():
-            with _bar(title) as callback:
+            with _bar(title, brief=brief) as callback:
                 yield callback
         else:
-            with _lines(title) as callback:
+            with _lines(title, brief=brief) as callback:
                 yield callback
 
 
 @contextmanager
-def _bar(title: str) -> Iterator[ProgressCallback]:
+def _bar(title: str, *, brief: bool) -> Iterator[Progress]:
     from rich.console import Console as RichConsole
     from rich.progress import (
         BarColumn,
@@ -65,34 +73,71 @@ def _bar(title: str) -> Iterator[ProgressCallback]:
         TimeElapsedColumn(),
         TextColumn("{task.fields[doing]}"),
     ]
-    with Progress(*columns, console=RichConsole(stderr=True)) as progress:
+    with Progress(*columns, console=RichConsole(stderr=True), transient=brief) as progress:
         task = progress.add_task(title, total=1.0, doing="")
+        most = 0.0
 
-        def callback(fraction: float, doing: str) -> None:
-            progress.update(task, completed=fraction, doing=doing)
+        def callback(share: float, doing: str) -> None:
+            nonlocal most
+            most = max(most, share)
+            progress.update(task, completed=most, doing=doing)
 
         yield callback
         progress.update(task, completed=1.0, doing="done")
 
 
-@contextmanager
-def _lines(title: str) -> Iterator[ProgressCallback]:
-    """Print a line after a second, one at every tenth (at most one a second), one at the end.
+class _Lines:
+    """What is said of a stage, line by line, and when.
 
-    What fails within the first second has then printed nothing but its error.
+    A line after a second, one at every tenth (at most one a second), and one when the last is
+    long ago, whether or not the stage tells anything meanwhile. What fails within the first
+    second has printed nothing but its error. The share never falls.
     """
-    began = last = time.monotonic()
-    tenth = -1
 
-    def callback(fraction: float, doing: str) -> None:
-        nonlocal last, tenth
-        now = time.monotonic()
-        if int(fraction * 10) > tenth and now - last >= 1.0:
-            last, tenth = now, int(fraction * 10)
-            print(f"{title}: {fraction:.0%}, {doing}", file=sys.stderr, flush=True)
+    def __init__(self, title: str, longest_s: float) -> None:
+        self.title, self.longest_s = title, longest_s
+        self.began = self.last = time.monotonic()
+        self.share, self.doing, self.tenth = 0.0, "", -1
+        self.said = False
+        self.lock = threading.Lock()
+        self.over = threading.Event()
 
-    yield callback
-    print(f"{title}: done in {time.monotonic() - began:.1f} s", file=sys.stderr, flush=True)
+    def told(self, share: float, doing: str) -> None:
+        """Note how far the stage is, and say it if it is time."""
+        with self.lock:
+            self.share, self.doing = max(self.share, share), doing
+            waited = time.monotonic() - self.last
+            if waited >= self.longest_s or (int(self.share * 10) > self.tenth and waited >= 1.0):
+                self.say(f"{self.share:.0%}, {self.doing}")
+
+    def watch(self) -> None:
+        """Say how long the stage has been at it when it tells nothing for long."""
+        while not self.over.wait(min(1.0, self.longest_s / 4)):
+            with self.lock:
+                now = time.monotonic()
+                if now - self.last >= self.longest_s and not self.over.is_set():
+                    doing = f", {self.doing}" if self.doing else ""
+                    self.say(f"{self.share:.0%}{doing}, {now - self.began:.0f} s so far")
+
+    def say(self, words: str) -> None:
+        """Print a line."""
+        self.last, self.tenth, self.said = time.monotonic(), int(self.share * 10), True
+        with suppress(OSError, ValueError):  # nobody listens any more
+            print(f"{self.title}: {words}", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def _lines(title: str, *, brief: bool = False, longest_s: float = _LONGEST_S) -> Iterator[Progress]:
+    lines = _Lines(title, longest_s)
+    watch = threading.Thread(target=lines.watch, daemon=True)
+    watch.start()
+    try:
+        yield lines.told
+    finally:
+        lines.over.set()
+        watch.join()
+    if lines.said or not brief:
+        lines.say(f"done in {time.monotonic() - lines.began:.1f} s")
 
 
 def error_line(problem: object) -> None:

@@ -68,19 +68,22 @@ def export(
     as_json: AsJson = False,
 ) -> None:
     """Write a twin for other programs: OpenDRIVE, CARLA, SUMO, GeoJSON, a plan, 3D scenes."""
+    console = Console(quiet=quiet, as_json=as_json)
     if to == "challenge":
         from urbantwin.export.challenge import write_challenge
 
         folder = out or Path("submission")
-        notes = write_challenge(twin, folder, frames=frames, detections=detections)
-        Console(quiet=quiet, as_json=as_json).result(
-            {"format": to, "written": str(folder), "note": notes}
-        )
+        with console.stage("export", brief=True) as progress:
+            progress(0.0, "frames")
+            notes = write_challenge(twin, folder, frames=frames, detections=detections)
+        console.result({"format": to, "written": str(folder), "note": notes})
         return
     from urbantwin.export import export_twin
     from urbantwin.twin import load_twin
 
-    written = export_twin(load_twin(twin), to, out, version=version)
-    Console(quiet=quiet, as_json=as_json).result(
-        {"format": to, "written": str(written.path), "note": list(written.notes)}
-    )
+    with console.stage("export", brief=True) as progress:
+        progress(0.0, "reading the twin")
+        loaded = load_twin(twin)
+        progress(0.2, f"writing {to}")
+        written = export_twin(loaded, to, out, version=version)
+    console.result({"format": to, "written": str(written.path), "note": list(written.notes)})

@@ -88,7 +88,7 @@ def init(
             "is given with coordinates", place="--at-junction", expected="one of the two"
         )
     console = Console(quiet=quiet, as_json=as_json)
-    with new_folder(folder), console.stage("init"):
+    with new_folder(folder), console.stage("init") as progress:
         if roads is not None:
             path = init_site_of_map(
                 folder,
@@ -99,6 +99,7 @@ def init(
                 region=region,
                 radius_m=radius,
                 force=force,
+                progress=progress,
             )
         elif osm is not None:
             path = init_site(
@@ -109,6 +110,7 @@ def init(
                 region=region,
                 radius_m=radius,
                 force=force,
+                progress=progress,
             )
     console.result(summary(path))
 

@@ -35,4 +35,7 @@ def inspect(
     """Say what any artefact or input holds."""
     from urbantwin.cli.summary import summary
 
-    Console(quiet=quiet, as_json=as_json).result(summary(path))
+    console = Console(quiet=quiet, as_json=as_json)
+    with console.stage("inspect", brief=True) as progress:
+        found = summary(path, progress)
+    console.result(found)

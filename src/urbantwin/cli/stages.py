@@ -6,13 +6,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from urbantwin.cli.console import Console, ProgressCallback
+from urbantwin.cli.console import Console
 from urbantwin.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from urbantwin.lidar import Rig
+    from urbantwin.progress import Progress
     from urbantwin.reconstruct import Reconstruction
     from urbantwin.site import Site
     from urbantwin.site.rig_changes import RigChanges
@@ -72,7 +73,7 @@ def build_stage(site: Site, out: Path, console: Console, *, pictures: bool = Tru
 
     found: list[Reconstruction] = []
 
-    def also(twin: Twin, progress: ProgressCallback) -> None:
+    def also(twin: Twin, progress: Progress) -> None:
         with fields_below(_rig_field(site), site.rig_file):
             place_rig(site.rig, twin.mesh, file=site.rig_file, anchor_height_m=twin.anchor_height_m)
         if pictures:

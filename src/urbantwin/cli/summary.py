@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from urbantwin.artefact import read_json
 from urbantwin.errors import InputError
+from urbantwin.progress import Progress, untold
 
 __all__ = ["summary"]
 
@@ -25,28 +27,32 @@ GEOMETRY = (
 )
 
 
-def summary(path: Path) -> dict[str, Any]:
+def summary(path: Path, progress: Progress = untold) -> dict[str, Any]:
     """Return what ``path`` holds: its kind first, then values that JSON can hold.
+
+    Args:
+        path: a file or a folder.
+        progress: told the share done (0..1) of reading a large map.
 
     Raises:
         InputError: it is missing, damaged, or nothing that UrbanTwin knows.
     """
     if not path.exists():
         raise InputError("not found", file=path, expected=EXPECTED)
-    describe = _folder if path.is_dir() else _by_ending(path.name.lower())
+    describe = _folder if path.is_dir() else _by_ending(path.name.lower(), progress)
     if describe is None:
         raise InputError("is nothing that UrbanTwin knows", file=path, expected=EXPECTED)
     return {"path": str(path), **describe(path)}
 
 
-def _by_ending(name: str) -> Callable[[Path], dict[str, Any]] | None:
+def _by_ending(name: str, progress: Progress) -> Callable[[Path], dict[str, Any]] | None:
     if name.removesuffix(".json") in MANIFESTS:
         return lambda path: _folder(path.parent)
     for endings, describe in (
         ((".yaml", ".yml"), _yaml),
         ((".xodr",), _roads),
-        ((".osm",), _extract_or_roads),
-        ((".osm.bz2", ".osm.gz", ".pbf", ".xml"), _extract),
+        ((".osm",), partial(_extract_or_roads, progress=progress)),
+        ((".osm.bz2", ".osm.gz", ".pbf", ".xml"), partial(_extract, progress=progress)),
         ((".tif", ".tiff"), _dem),
         ((".ply",), _mesh_or_cloud),
         (CLOUDS, _cloud),
@@ -213,10 +219,10 @@ def _yaml(path: Path) -> dict[str, Any]:
     )
 
 
-def _extract_or_roads(path: Path) -> dict[str, Any]:
+def _extract_or_roads(path: Path, progress: Progress) -> dict[str, Any]:
     from urbantwin.roads.imported import is_map_of_roads
 
-    return _roads(path) if is_map_of_roads(path) else _extract(path)
+    return _roads(path) if is_map_of_roads(path) else _extract(path, progress)
 
 
 def _geometry_or_roads(path: Path) -> dict[str, Any]:
@@ -231,10 +237,10 @@ def _roads(path: Path) -> dict[str, Any]:
     return {"kind": "roads", **describe_map(path)}
 
 
-def _extract(path: Path) -> dict[str, Any]:
+def _extract(path: Path, progress: Progress) -> dict[str, Any]:
     from urbantwin.site import read_extract
 
-    extract = read_extract(path)
+    extract = read_extract(path, progress=progress)
     longitudes, latitudes = zip(*extract.nodes.values(), strict=True)
     tagged = [way.tags for way in extract.ways.values()]
     tagged += [relation.tags for relation in extract.relations.values()]

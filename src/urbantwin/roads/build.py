@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
+from urbantwin.progress import Progress, untold
 from urbantwin.roads.component import LeftOut, Part, main_component
 from urbantwin.roads.cross_section import prepare_ways, write_sumo_edges
 from urbantwin.roads.driving_side import country_of
@@ -78,7 +79,7 @@ class BuiltRoads:
     notes: dict[str, object]
 
 
-def build_roads(
+def build_roads(  # noqa: PLR0913 - all that roads are made of
     extract: Extract,
     frame: SiteFrame,
     region: shapely.Polygon,
@@ -88,6 +89,7 @@ def build_roads(
     out: Path,
     plans: Sequence[SignalPlan] = (),
     closed_loop: bool = False,
+    tell: Progress = untold,
 ) -> BuiltRoads:
     """Build the lane network of a region and write SUMO's network beside it.
 
@@ -100,11 +102,13 @@ def build_roads(
         out: the ``.net.xml`` to write.
         plans: programs of signals to use instead of netconvert's.
         closed_loop: whether outer roads beyond the region lead every way out back to a way in.
+        tell: told the share done (0..1) and what is being done.
 
     Raises:
         InputError: the region holds no roads, or a plan for signals cannot be used.
         StageError: netconvert failed.
     """
+    tell(0.0, "ways")
     ways, tunnels = _network_ways(extract, frame, region)
     if not ways:
         raise InputError(
@@ -154,6 +158,7 @@ def build_roads(
         edges = Path(scratch) / "network.edg.xml"
         write_sumo_edges(edges, frame, prepared.edges)
         apart = [piece.id for piece in pieces if piece.way == 0 or piece.way in level_of_way]
+        tell(0.15, "junctions")
         warnings = sumo_network(
             osm,
             frame,
@@ -163,6 +168,7 @@ def build_roads(
             edges=edges,
             out=out,
         )
+    tell(0.25, "signals")
     if signals.mid_block:
         hold_for_walkers(out)
     planned = set_programs(out, plans, frame)
@@ -176,9 +182,12 @@ def build_roads(
         raise InputError(
             "has no streets that traffic could use within the region", file=extract.path
         )
+    tell(0.3, "streets")
     lift = _lift(raw, crossings)
+    planar = planar_model(raw)
+    tell(0.5, "side lanes")
     model = add_side_lanes(
-        planar_model(raw),
+        planar,
         prepared.stretches,
         country=country,
         obstacles=_buildings(extract, frame),
@@ -186,10 +195,13 @@ def build_roads(
         islands=_crossings(extract, frame, pieces, only=is_island),
     )
     model = with_curbs(model)
+    tell(0.6, "heights")
     model, surface = with_heights(model, elevation, lift)
     model = with_tilted_widths(model)
+    tell(0.75, "lanes")
     model = with_island_areas(furnished(model, raw, surface.height))
     network = network_of_model(model, raw, surface.height)
+    tell(0.87, "signs")
     ground = FreeGround(network)
     model = stand_signals(model, network, ground, practice_of(country), surface.height)
     model, signs = add_signs(model, ground, extract, frame, country)

@@ -161,14 +161,25 @@ class RoadNetwork:
             np.interp(shapely.line_locate_point(line, points), along, lane.centre[:, 2])
         )
 
+    @cached_property
+    def _areas(self) -> dict[tuple[object, int], shapely.Geometry]:
+        """What `area_of`, `footway` and `carriageway` have found: of a district it takes long."""
+        return {}
+
     def area_of(self, kinds: Iterable[str], level: int) -> shapely.Geometry:
         """Return the union in plan of all lanes of some kinds on a level."""
-        wanted = set(kinds)
-        return area_union([x.polygon for x in self.lanes if x.kind in wanted and x.level == level])
+        wanted = frozenset(kinds)
+        if (wanted, level) not in self._areas:
+            lanes = [x.polygon for x in self.lanes if x.kind in wanted and x.level == level]
+            self._areas[wanted, level] = area_union(lanes)
+        return self._areas[wanted, level]
 
     def footway(self, level: int) -> shapely.Geometry:
         """Return sidewalks and walking areas in plan, less the carriageway."""
-        return area_difference(self.area_of(FOOTWAY_KINDS, level), self.carriageway(level))
+        if ("footway", level) not in self._areas:
+            walked = area_difference(self.area_of(FOOTWAY_KINDS, level), self.carriageway(level))
+            self._areas["footway", level] = walked
+        return self._areas["footway", level]
 
     def carriageway(self, level: int) -> shapely.Geometry:
         """Return where vehicles drive, in plan: lanes, crossings and junctions.
@@ -176,10 +187,13 @@ class RoadNetwork:
         A junction's outline includes the walking areas at its corners; they are not driven on
         unless a lane or a turn runs there.
         """
+        if ("carriageway", level) in self._areas:
+            return self._areas["carriageway", level]
         junctions = area_union([j.polygon for j in self.junctions if j.level == level])
         core = area_difference(junctions, self.area_of(FOOTWAY_KINDS, level))
         driven = self.area_of((*CARRIAGEWAY_KINDS, "connection", "crossing"), level)
-        return area_union([core, driven])
+        self._areas["carriageway", level] = found = area_union([core, driven])
+        return found
 
     @property
     def levels(self) -> tuple[int, ...]:

@@ -12,6 +12,7 @@ from shapely import Geometry, Polygon
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.geometry.manifold import is_closed
+from urbantwin.progress import Progress, between, each, untold
 from urbantwin.scene.body import Body, clean_polygons
 from urbantwin.scene.building_outline import building_footprints, mapped_buildings
 from urbantwin.scene.building_volume import Volume, building_volumes
@@ -58,6 +59,7 @@ def building_mesh(
     ground_height: GroundHeight,
     carriageway: Geometry,
     without: Geometry | None = None,
+    tell: Progress = untold,
 ) -> tuple[LabelledMesh, dict[str, int]]:
     """Build every building that touches the region, whole.
 
@@ -74,6 +76,7 @@ def building_mesh(
         carriageway: the carriageways at ground level, site frame.
         without: where imported geometry shows the buildings: those that lie with more than half
             of their area in it are left out.
+        tell: told the share done (0..1) and what is being done.
 
     Returns:
         The mesh, ``part`` 1, 2, ... per building, and counts of what was built and assumed.
@@ -87,7 +90,8 @@ def building_mesh(
     ground = _lowest_ground(plans, ground_height, notes)
     placed: list[_Placed] = []
     fronts: list[Front] = []
-    for building, plan, datum in zip(buildings, plans, ground, strict=True):
+    standing = list(zip(buildings, plans, ground, strict=True))
+    for building, plan, datum in each(standing, between(tell, 0.0, 0.5), "roofs"):
         volumes = building_volumes(building, notes)
         near = [passages[k] for k in sorted(passage_tree.query(plan).tolist())]
         openings = _openings(plan, near, carriageway, ground_height, datum, notes)
@@ -106,6 +110,7 @@ def building_mesh(
                 )
         placed.append(found)
         fronts.append(Front(building, found.volumes, found.plan.walls, plan, datum))
+    tell(0.5, "windows")
     windows = facade_openings(
         fronts,
         mapped_doors(features),
@@ -115,7 +120,8 @@ def building_mesh(
         notes=notes,
     )
     assembly = Assembly()
-    for found, holes in zip(placed, windows, strict=True):
+    opened = list(zip(placed, windows, strict=True))
+    for found, holes in each(opened, between(tell, 0.7, 1.0), "walls"):
         surface = found.plan.build(holes)
         if not is_closed(surface.solid.faces):
             notes["roofs drawn level: their surface does not close"] += 1

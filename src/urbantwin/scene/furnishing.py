@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from shapely import Geometry, Point, Polygon
 
 from urbantwin.geometry import LabelledMesh
+from urbantwin.progress import Progress, untold
 from urbantwin.roads.signals import Head
 from urbantwin.scene.barrier import barrier_mesh
 from urbantwin.scene.bridge import Decks, bridge_decks, bridge_mesh
@@ -32,7 +33,7 @@ MeshOf = Callable[..., Built]
 BESIDE_TRACK_M = 1.5
 
 
-def furnishings(
+def furnishings(  # noqa: PLR0913 - all that they are placed by
     features: Sequence[OsmFeature],
     heads: Sequence[Head],
     *,
@@ -42,6 +43,7 @@ def furnishings(
     covers: Mapping[str, Geometry] | None = None,
     lane_decks: Geometry | None = None,
     deck_height: GroundHeight | None = None,
+    tell: Progress = untold,
 ) -> dict[str, Built]:
     """Return signals, poles, trees, barriers, furniture, bridges, tracks, wires and piers.
 
@@ -54,6 +56,7 @@ def furnishings(
         covers: where imported geometry has the ``trees`` and the ``other`` things.
         lane_decks: decks of the lane model in plan.
         deck_height: heights of the uppermost of them, else of the ground.
+        tell: told the share done (0..1) and what is being done.
 
     Returns:
         Per subject its mesh, ``part`` 1, 2, ... per object, and counts of what was built and
@@ -81,18 +84,28 @@ def furnishings(
             **more,
         )
 
-    bridges, bridge_notes = built(partial(bridge_mesh, decks=decks), other)
-    return {
-        "signals": signal_mesh(inside, ground_height=ground_height, carriageway=carriageway),
-        "poles": built(pole_mesh, other, decks=over, deck_height=deck_height),
-        "trees": built(tree_mesh, trees, decks=over),
-        "barriers": built(barrier_mesh, other),
-        "furniture": built(furniture_mesh, other),
-        "bridges": (bridges, {**deck_notes, **bridge_notes}),
-        "tracks": built(rail_mesh, other, ride_height=rides),
-        "wires": built(wire_mesh, other, ride_height=rides),
-        "piers": built(pier_mesh, other),
+    def bridges() -> Built:
+        mesh, notes = built(partial(bridge_mesh, decks=decks), other)
+        return mesh, {**deck_notes, **notes}
+
+    subjects: dict[str, Callable[[], Built]] = {
+        "signals": lambda: signal_mesh(
+            inside, ground_height=ground_height, carriageway=carriageway
+        ),
+        "poles": lambda: built(pole_mesh, other, decks=over, deck_height=deck_height),
+        "trees": lambda: built(tree_mesh, trees, decks=over),
+        "barriers": lambda: built(barrier_mesh, other),
+        "furniture": lambda: built(furniture_mesh, other),
+        "bridges": bridges,
+        "tracks": lambda: built(rail_mesh, other, ride_height=rides),
+        "wires": lambda: built(wire_mesh, other, ride_height=rides),
+        "piers": lambda: built(pier_mesh, other),
     }
+    found: dict[str, Built] = {}
+    for number, (name, build) in enumerate(subjects.items()):
+        tell(number / len(subjects), name)
+        found[name] = build()
+    return found
 
 
 def _ride_height(

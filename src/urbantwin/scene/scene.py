@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import DownwardProbe, LabelledMesh
 from urbantwin.ground import Elevation
+from urbantwin.progress import Progress, between, untold
 from urbantwin.reconstruct import Reconstruction
 from urbantwin.roads import RoadNetwork, RoadSurface
 from urbantwin.roads.signals import Head
@@ -28,6 +29,8 @@ __all__ = ["FIRST_OBJECT", "Scene", "build_scene"]
 
 #: ``part`` numbers below this are the ground's (``surface.PARTS``), from here on objects'.
 FIRST_OBJECT = 16
+#: Shares of the time that are over when zones, ground and buildings are there, of a district.
+ZONES, SURFACE, BUILDINGS = 0.28, 0.63, 0.72
 #: Largest triangles; roads are as fine as their height asks for, terrain on hills is finer.
 ON_A_HILL = Spacing(road=25.0, terrain=5.0)
 ON_A_PLAIN = Spacing(road=25.0, terrain=10.0)
@@ -41,7 +44,7 @@ class Scene:
     notes: dict[str, object]
 
 
-def build_scene(
+def build_scene(  # noqa: PLR0913 - all that a scene is made of
     network: RoadNetwork,
     surface: RoadSurface,
     elevation: Elevation,
@@ -50,6 +53,8 @@ def build_scene(
     heads: Sequence[Head] = (),
     imported: Reconstruction | None = None,
     drivable: shapely.Geometry | None = None,
+    *,
+    tell: Progress = untold,
 ) -> Scene:
     """Build ground, decks, buildings and street furniture.
 
@@ -62,11 +67,14 @@ def build_scene(
         heads: signals and signs of the lane model, where they are.
         imported: what sources of geometry give; it stands in place of what is mapped there.
         drivable: where a map says that vehicles can drive, beyond its lanes.
+        tell: told the share done (0..1) and what is being done.
     """
     covers = imported.covers if imported else {}
     spacing = ON_A_PLAIN if elevation.is_flat and len(network.levels) == 1 else ON_A_HILL
     waters = water_bodies(features, region)
-    zones = ground_zones(network, region, features, waters, drivable)
+    zones = ground_zones(
+        network, region, features, waters, drivable, between(tell, 0.0, ZONES, "zones")
+    )
     ground = surface_mesh(
         zones,
         road_height=surface.height,
@@ -74,6 +82,7 @@ def build_scene(
         spacing=spacing,
         lines=surface.ridges(0),
         drops=DroppedCurbs.of_network(network, 0),
+        tell=between(tell, ZONES, SURFACE, "ground"),
     )
     decks = deck_mesh(network, surface, spacing)
     probe = DownwardProbe(ground)
@@ -91,6 +100,7 @@ def build_scene(
             ground_height=ground_height,
             carriageway=carriageway,
             without=covers.get("buildings"),
+            tell=between(tell, SURFACE, BUILDINGS, "buildings"),
         ),
         **furnishings(
             features,
@@ -101,8 +111,10 @@ def build_scene(
             covers=covers,
             lane_decks=deck_area(network),
             deck_height=deck_height(network, surface, ground_height),
+            tell=between(tell, BUILDINGS, 0.95, "furniture"),
         ),
     }
+    tell(0.95, "one mesh of all")
     if len(network.levels) > 1:
         objects["deck piers"] = deck_pier_mesh(
             network, surface, region=region, ground_height=ground_height

@@ -13,6 +13,7 @@ from scipy.sparse import coo_matrix, diags
 from scipy.sparse.linalg import spsolve
 
 from urbantwin.geometry import LabelledMesh
+from urbantwin.progress import Progress, between, each, untold
 from urbantwin.scene.dropped_curb import DroppedCurbs
 from urbantwin.scene.zones import Zone
 from urbantwin.taxonomy import material_id, semantic_id
@@ -65,6 +66,7 @@ def surface_mesh(
     spacing: Spacing,
     lines: Sequence[shapely.LineString] = (),
     drops: DroppedCurbs | None = None,
+    tell: Progress = untold,
 ) -> LabelledMesh:
     """Triangulate zones that tile an area into one surface.
 
@@ -81,16 +83,20 @@ def surface_mesh(
         spacing: how fine the triangles are.
         lines: ridges of roads, which triangles do not cross.
         drops: where curbs are low.
+        tell: told the share done (0..1) and what is being done.
     """
+    tell(0.0, "borders")
     drops = drops or DroppedCurbs()
     plan = _plan(zones, spacing, [*lines, *drops.lines()])
-    xy, triangles, road = _fitted(plan, zones, road_height)
+    xy, triangles, road = _fitted(plan, zones, road_height, between(tell, 0.2, 0.6))
+    tell(0.6, "heights")
     zone = _zone_of(zones, xy[triangles].mean(axis=1))
     triangles, zone = triangles[zone >= 0], zone[zone >= 0]
     step = np.array([np.nan if z.step is None else z.step for z in zones])[zone]
     step = step[:, None] * drops.share(xy)[triangles]
     still = np.array([z.kind == "water" for z in zones])[zone]
     corner_z = _heights(xy, triangles, step, road, terrain_height(xy), still)
+    tell(0.9, "curbs")
     vertices, faces = _weld(xy, triangles, corner_z)
     part = np.array([PARTS[z.kind] for z in zones])[zone]
     semantic = np.array([z.semantic for z in zones])[zone]
@@ -126,7 +132,7 @@ def _plan(
     )
     shapely.prepare(borders)
     extra = extra[
-        ~shapely.dwithin(shapely.points(extra), borders, min(spacing.road, spacing.terrain) / 4)
+        ~shapely.dwithin(borders, shapely.points(extra), min(spacing.road, spacing.terrain) / 4)
     ]
     return np.concatenate([keys * 1e-4, extra]), edges
 
@@ -139,6 +145,7 @@ def _fitted(
     plan: tuple[NDArray[np.float64], NDArray[np.int64]],
     zones: Sequence[Zone],
     road_height: Heights,
+    tell: Progress,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
     """Split edges of roads' triangles until all lie on the road.
 
@@ -150,7 +157,7 @@ def _fitted(
     paved = shapely.union_all([zone.area for zone in zones if zone.step is not None])
     shapely.prepare(paved)
     good = np.zeros(0, np.int64)
-    for _ in range(ROUNDS):
+    for _ in each(range(ROUNDS), tell, "triangles"):
         xy, triangles = _triangulated(xy, kept)
         if len(xy) > len(z):  # where edges that must stay cross, a point was added
             z = np.concatenate([z, road_height(xy[len(z) :])])

@@ -14,6 +14,7 @@ from urbantwin.geometry import (
     areas_of,
     grown,
 )
+from urbantwin.progress import Progress, between, each, untold
 from urbantwin.roads import RoadNetwork
 from urbantwin.roads.model import CURB_HEIGHT_M
 from urbantwin.roads.network import CARRIAGEWAY_KINDS
@@ -82,6 +83,7 @@ def ground_zones(
     features: Sequence[OsmFeature],
     waters: Sequence[WaterBody] = (),
     drivable: shapely.Geometry | None = None,
+    tell: Progress = untold,
 ) -> list[Zone]:
     """Return the zones of the ground level; together they tile the region and its margin.
 
@@ -93,10 +95,14 @@ def ground_zones(
         drivable: where a map says that vehicles can drive. Of gaps between carriageways, what
             lies there is carriageway and no median; beside them it is asphalt flush with the
             terrain.
+        tell: told the share done (0..1) and what is being done.
     """
+    tell(0.0, "carriageways")
     drivable = shapely.MultiPolygon() if drivable is None else drivable
     carriageway = _closed(network.carriageway(0), SEAM_M)
+    tell(0.15, "footways")
     footway = area_difference(_closed(network.footway(0), SEAM_M), carriageway)
+    tell(0.3, "islands")
     paved = area_union([carriageway, footway])
     gaps = area_difference(_closed(paved, MEDIAN_M), paved)
     islands = _opened(area_difference(gaps, drivable), SEAM_M)
@@ -104,15 +110,18 @@ def ground_zones(
     raised = _raised(network, 0)
     islands = area_union([islands, area_difference(raised, footway)])
     carriageway = area_difference(carriageway, raised)
+    tell(0.5, "gaps between lanes")
     # What is too narrow for an island is asphalt between lanes.
     slits = area_difference(area_intersection(_closed(paved, 2 * SEAM_M), gaps), islands)
     driven = area_difference(area_intersection(gaps, drivable), raised)
     carriageway = area_union([carriageway, slits, driven])
+    tell(0.6, "verges")
     taken = area_union([carriageway, footway, islands])
     everything = area_union(
         [shapely.buffer(region, MARGIN_M, join_style="mitre"), shapely.buffer(taken, VERGE_M)]
     )
     parking = area_intersection(carriageway, network.area_of(("parking",), 0))
+    tell(0.7, "ground beside roads")
     zones = [
         _zone("carriageway", area_difference(carriageway, parking), "road", "asphalt"),
         _zone("carriageway", parking, "parking", "asphalt"),
@@ -121,7 +130,7 @@ def ground_zones(
     ]
     beside = _opened(area_difference(drivable, taken), SEAM_M)
     flush = [(beside, "road", "asphalt"), *_flush_areas(features, waters)]
-    for area, semantic, material in flush:
+    for area, semantic, material in each(flush, between(tell, 0.7, 0.95), "ground beside roads"):
         free = area_difference(area_intersection(area, everything), taken)
         if not free.is_empty:
             kind = "terrain" if semantic == "terrain" else "paved"
@@ -133,6 +142,7 @@ def ground_zones(
                 taken = area_union([taken, wall])
             zones.append(_zone(kind, free, semantic, material))
             taken = area_union([taken, free])
+    tell(0.95, "terrain")
     rest = area_difference(everything, taken)
     zones.append(_zone("terrain", rest, "terrain", "soil"))
     return [zone for zone in zones if not zone.area.is_empty]

@@ -1,7 +1,8 @@
 """What a person says about a place: the site, its rig, its OpenStreetMap extract, its DEM."""
 
 from urbantwin.site.dem import DemGrid, check_dem, grid_step_m, read_heights
-from urbantwin.site.extract import Extract, OsmFeature, Relation, Way, WayPiece, read_extract
+from urbantwin.site.extract import Extract, OsmFeature, Relation, Way, WayPiece
+from urbantwin.site.extract_file import box_around, read_extract
 from urbantwin.site.geometry import GeometrySource, GeometrySpec
 from urbantwin.site.imagery import ImagerySource, ImagerySpec
 from urbantwin.site.init import init_site
@@ -30,6 +31,7 @@ __all__ = [
     "TrafficSpec",
     "Way",
     "WayPiece",
+    "box_around",
     "check_dem",
     "check_extract",
     "grid_step_m",

@@ -1,4 +1,4 @@
-"""OpenStreetMap extracts: reading, features in the site frame, and cutting to the region."""
+"""OpenStreetMap extracts: features in the site frame, and cutting to the region."""
 
 from __future__ import annotations
 
@@ -8,17 +8,12 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
-import osmium
-import osmium.osm
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 
-__all__ = ["Extract", "OsmFeature", "Relation", "Way", "WayPiece", "read_extract"]
-
-SUFFIXES = (".osm", ".osm.bz2", ".osm.gz", ".osm.pbf", ".pbf", ".xml")
+__all__ = ["Extract", "OsmFeature", "Relation", "Way", "WayPiece"]
 
 #: Keys that make a closed way an area (OSM wiki, "Area"); ``area=yes|no`` overrides them.
 AREA_KEYS = {
@@ -77,7 +72,7 @@ class WayPiece:
 
 @dataclass(frozen=True)
 class Extract:
-    """A whole extract in memory.
+    """An extract in memory: the whole of it, or what is near the region of a large one.
 
     Attributes:
         path: the file.
@@ -86,6 +81,8 @@ class Extract:
         ways: id -> way.
         relations: id -> relation.
         bounds: declared west, south, east, north in degrees, if the file declares them.
+        highest: the highest ids of nodes, ways and relations in the file that are not kept here.
+        is_whole: whether all of the file is here.
     """
 
     path: Path
@@ -94,6 +91,8 @@ class Extract:
     ways: dict[int, Way]
     relations: dict[int, Relation]
     bounds: tuple[float, float, float, float] | None
+    highest: tuple[int, int, int] = (0, 0, 0)
+    is_whole: bool = True
 
     def highways(self) -> list[Way]:
         """Return the ways that are roads or paths of any kind, in the order of their ids."""
@@ -164,8 +163,8 @@ class Extract:
             area: where to cut, site frame.
             ways: which ways to cut.
         """
-        new_node = max(self.nodes, default=0) + 1
-        new_way = max(self.ways, default=0) + 1
+        new_node = max(self.highest[0], max(self.nodes, default=0)) + 1
+        new_way = max(self.highest[1], max(self.ways, default=0)) + 1
         pieces: list[WayPiece] = []
         for way in ways:
             known = [n for n in way.nodes if n in self.nodes]
@@ -227,7 +226,7 @@ class Extract:
             _add_tags(element, piece.tags)
         for identity, members, tags in self._restrictions(pieces):
             _add_restriction(root, identity, members, tags)
-        first = max(self.relations, default=0) + 1
+        first = max(self.highest[2], max(self.relations, default=0)) + 1
         for number, (start, via, end) in enumerate(no_turns):
             turn = [("way", start, "from"), ("node", via, "via"), ("way", end, "to")]
             tags = {"type": "restriction", "restriction": "no_u_turn"}
@@ -259,56 +258,6 @@ class Extract:
             roles = [role for _, _, role in members]
             if all(role in roles for role in ("from", "via", "to")):
                 yield identity, members, relation.tags
-
-
-def read_extract(path: Path) -> Extract:
-    """Read an OpenStreetMap extract: ``.osm``, ``.osm.bz2``, ``.osm.gz`` or ``.osm.pbf``.
-
-    Raises:
-        InputError: the file is missing, truncated, not OpenStreetMap data, or has no nodes.
-    """
-    expected = "an OpenStreetMap extract (.osm, .osm.bz2, .osm.gz or .osm.pbf)"
-    if not path.is_file():
-        raise InputError(
-            "not found" if not path.exists() else "is a folder", file=path, expected=expected
-        )
-    if not path.name.lower().endswith(SUFFIXES):
-        raise InputError("has an unknown ending", file=path, expected=expected)
-    if path.stat().st_size == 0:
-        raise InputError("is empty", file=path, expected=expected)
-    nodes: dict[int, tuple[float, float]] = {}
-    node_tags: dict[int, dict[str, str]] = {}
-    ways: dict[int, Way] = {}
-    relations: dict[int, Relation] = {}
-    try:
-        source = osmium.io.File(str(path.absolute()), "osm" if path.suffix == ".xml" else "")
-        with osmium.io.Reader(source) as reader:
-            box = reader.header().box()
-        for item in osmium.FileProcessor(source):
-            tags = dict(item.tags)
-            if isinstance(item, osmium.osm.Node):
-                if item.location.valid():
-                    nodes[item.id] = (item.lon, item.lat)
-                    if tags:
-                        node_tags[item.id] = tags
-            elif isinstance(item, osmium.osm.Way):
-                ways[item.id] = Way(item.id, tuple(n.ref for n in item.nodes), tags)
-            elif isinstance(item, osmium.osm.Relation):
-                members = tuple((m.type, m.ref, m.role) for m in item.members)
-                relations[item.id] = Relation(item.id, members, tags)
-    except (RuntimeError, ValueError, OSError, UnicodeDecodeError) as error:
-        raise InputError(
-            f"cannot be read as OpenStreetMap data: truncated or damaged ({error})",
-            file=path,
-            expected=expected,
-        ) from None
-    if not nodes:
-        raise InputError("holds no nodes", file=path, expected=expected)
-    bounds = None
-    if box.valid():
-        low, high = box.bottom_left, box.top_right
-        bounds = (low.lon, low.lat, high.lon, high.lat)
-    return Extract(path, nodes, node_tags, ways, relations, bounds)
 
 
 def _is_area(way: Way) -> bool:

@@ -11,9 +11,11 @@ from pyproj import Geod
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
+from urbantwin.progress import Progress, between, untold
 from urbantwin.site.coverage import mapped_area
 from urbantwin.site.draft import SiteDraft, checked_target, usual_volumes, write_draft
-from urbantwin.site.extract import Extract, read_extract
+from urbantwin.site.extract import Extract
+from urbantwin.site.extract_file import LonLatBox, box_around, read_extract
 from urbantwin.site.junction import STREETS, propose_junction, way_lanes
 from urbantwin.site.pole import propose_pole
 from urbantwin.site.region import (
@@ -50,6 +52,7 @@ def init_site(
     region: Path | None = None,
     radius_m: float | None = None,
     force: bool = False,
+    progress: Progress | None = None,
 ) -> Path:
     """Write a commented ``site.yaml`` for an OpenStreetMap extract and return its path.
 
@@ -63,16 +66,20 @@ def init_site(
         region: a GeoJSON polygon; without it a circle.
         radius_m: radius of the circle; without it 150 m, or less where the extract ends before.
         force: replace a ``site.yaml`` that is there.
+        progress: told the share done (0..1) and what is being done.
 
     Raises:
         InputError: the extract or the region is wrong, the place is not in the extract, or there
             is a ``site.yaml`` already.
     """
     checked_target(folder, region, radius_m, force=force)
-    extract = read_extract(osm)
     polygon = None
     if region is not None:
         polygon = polygon_from_geojson(read_geojson(region), file=region)
+    tell = progress or untold
+    near = _near(latitude, longitude, polygon, radius_m or RADIUS_M, region or folder)
+    extract = read_extract(osm, near, progress=between(tell, 0.0, 0.8))
+    tell(0.8, "looking for the place")
     place = _place(extract, latitude, longitude, polygon)
     frame = SiteFrame(place.latitude, place.longitude)
     if polygon is None:
@@ -93,6 +100,25 @@ def init_site(
         pole=propose_pole(extract, frame),
     )
     return write_draft(folder, draft, force=force)
+
+
+def _near(
+    latitude: float | None,
+    longitude: float | None,
+    polygon: shapely.Polygon | None,
+    radius_m: float,
+    file: Path,
+) -> LonLatBox | None:
+    """Return the box in degrees that is looked at, if it is known before the map is read."""
+    if latitude is not None and longitude is not None:
+        if abs(latitude) > 89.0 or abs(longitude) > 180.0:
+            return None
+        return box_around(SiteFrame(latitude, longitude), circle(radius_m))
+    if polygon is None:
+        return None
+    middle = polygon.centroid
+    frame = SiteFrame(middle.y, middle.x)
+    return box_around(frame, polygon_in_site(polygon, frame, file=file))
 
 
 def _place(
@@ -116,6 +142,12 @@ def _place(
         if not -most <= value <= most:
             raise InputError(f"{name} {value:g} is out of range", expected=f"-{most:g} to {most:g}")
     nodes = np.array(list(extract.nodes.values()))
+    if not len(nodes):
+        raise InputError(
+            f"has nothing near {latitude:g}, {longitude:g}",
+            file=extract.path,
+            expected="an extract around there",
+        )
     here = np.broadcast_to([longitude, latitude], nodes.shape)
     away = float(np.min(Geod(ellps="WGS84").inv(*here.T, *nodes.T)[2]))
     if away > RADIUS_M:

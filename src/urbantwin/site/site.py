@@ -377,6 +377,12 @@ def check_extract(site: Site, extract: Extract) -> None:
         InputError: it has no roads at all, or none in the region; it says how far away they are.
     """
     highways = extract.highways()
+    if not highways and not extract.is_whole:
+        raise InputError(
+            f"has no road near the region of {site.file.name}",
+            file=extract.path,
+            expected=f"an extract around {site.latitude:.6f}, {site.longitude:.6f}",
+        )
     if not highways:
         raise InputError("holds no roads", file=extract.path, expected="ways with a highway tag")
     lonlat = [np.array([extract.nodes[n] for n in way.nodes if n in extract.nodes])

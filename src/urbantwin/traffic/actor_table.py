@@ -9,6 +9,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from urbantwin.progress import Progress, between, each, untold
 from urbantwin.traffic.assets import COATED_CLASSES, Asset, coated_name
 from urbantwin.traffic.demand import Demand
 from urbantwin.traffic.motion import ACTOR_SCHEMA, step_times
@@ -30,6 +31,7 @@ def actor_table(
     steps: int,
     step_s: float,
     asset: Callable[[str], Asset],
+    tell: Progress = untold,
 ) -> tuple[pa.Table, int]:
     """Return the table of actors and how many poses were left out for want of ground.
 
@@ -42,14 +44,17 @@ def actor_table(
         steps: how many steps the motion has; steps before and after them only shape the paths.
         step_s: time between steps.
         asset: an asset's dimensions and contacts by name.
+        tell: told the share done (0..1) and what is being done.
     """
-    columns = _poses(simulated, demand, steps=steps, step_s=step_s, asset=asset)
+    smoothing, standing = between(tell, 0.0, 0.4), between(tell, 0.5, 0.9)
+    columns = _poses(simulated, demand, steps=steps, step_s=step_s, asset=asset, tell=smoothing)
     names = np.array([trip.asset for trip in demand.trips], object)
     trip = columns["trip"]
+    tell(0.4, "heights of their lanes")
     ceiling = ground.ceiling(columns["xy"], columns["lane"], simulated.lanes)
     z, pitch, roll = np.full((3, len(trip)), np.nan)
     phase = np.zeros(len(trip), np.int16)
-    for name in sorted(set(names[trip])):
+    for name in each(sorted(set(names[trip])), standing, "on the ground"):
         rows = np.flatnonzero(names[trip] == name)
         mesh = asset(name)
         xy, yaw = columns["xy"][rows], columns["yaw"][rows]
@@ -59,6 +64,7 @@ def actor_table(
             cycles = columns["distance"][rows] / mesh.stride_m + trip[rows] * _GOLDEN
             moving = np.floor(cycles % 1.0 * mesh.phases).clip(0, mesh.phases - 1)
         phase[rows] = np.where(columns["speed"][rows] < _STANDING_MS, mesh.standing, moving)
+    tell(0.9, "in the order of time")
     order = np.lexsort([trip, columns["step"]])
     order = order[~np.isnan(z[order])]
     trip = trip[order]
@@ -98,6 +104,7 @@ def _poses(
     steps: int,
     step_s: float,
     asset: Callable[[str], Asset],
+    tell: Progress,
 ) -> dict[str, NDArray[Any]]:
     """Return smoothed poses of the motion's steps, trip by trip, as columns."""
     order = np.lexsort([simulated.step, simulated.trip])
@@ -105,7 +112,8 @@ def _poses(
     breaks = np.flatnonzero((np.diff(trip) != 0) | (np.diff(step) != 1)) + 1
     xy, yaw = np.empty((len(order), 2)), np.empty(len(order))
     distance = np.empty(len(order))
-    for rows in np.split(np.arange(len(order)), breaks) if len(order) else []:
+    tracks = np.split(np.arange(len(order)), breaks) if len(order) else []
+    for rows in each(tracks, tell, "smoothing their paths"):
         whose, source = demand.trips[trip[rows[0]]], order[rows]
         path = smoothed(
             simulated.front[source],

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from urbantwin.artefact import read_json, replaced_folder, write_json
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
+from urbantwin.progress import Progress, each, untold
 from urbantwin.traffic.assets import asset_mesh
 from urbantwin.traffic.signals import SIGNAL_SCHEMA
 
@@ -135,11 +136,16 @@ class Motion:
         own = self.meshes.get((asset, phase))
         return asset_mesh(asset, phase) if own is None else own
 
-    def with_meshes(self) -> Motion:
-        """Return the motion with the mesh of every asset and phase that its actors show."""
+    def with_meshes(self, tell: Progress = untold) -> Motion:
+        """Return the motion with the mesh of every asset and phase that its actors show.
+
+        Args:
+            tell: told the share done (0..1) and what is being done.
+        """
         shown = self.actors.select(["asset", "phase"]).group_by(["asset", "phase"]).aggregate([])
-        keys = zip(shown["asset"].to_pylist(), shown["phase"].to_pylist(), strict=True)
-        return replace(self, meshes={key: self.mesh(*key) for key in sorted(keys)})
+        keys = sorted(zip(shown["asset"].to_pylist(), shown["phase"].to_pylist(), strict=True))
+        meshes = {key: self.mesh(*key) for key in each(keys, tell, "meshes of the actors")}
+        return replace(self, meshes=meshes)
 
     def save(self, folder: Path) -> None:
         """Write the folder, whole or not at all; the same motion gives the same bytes.

@@ -13,6 +13,7 @@ import pyarrow as pa
 
 from urbantwin.artefact import replaced_folder
 from urbantwin.errors import InputError
+from urbantwin.progress import between, untold
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.actor_table import actor_table
 from urbantwin.traffic.assets import asset, asset_names
@@ -59,7 +60,7 @@ def run_traffic(
         InputError: the duration, the step or ``out`` cannot be used.
         StageError: SUMO failed, or the disk is full.
     """
-    told = progress or _silent
+    told = progress or untold
     asked = {**twin.site["traffic"], **(changes or {})}
     duration_s = asked["duration_s"] if seconds is None else seconds
     steps = _steps(duration_s, float(asked["step_s"]))
@@ -101,9 +102,9 @@ def _driven(
         step_s=step_s,
         seed=seed,
         scratch=scratch,
-        progress=lambda fraction, what: told(0.1 + 0.7 * fraction, what),
+        progress=lambda fraction, what: told(0.1 + 0.5 * fraction, what),
     )
-    told(0.8, "standing actors on the ground")
+    told(0.6, "actors")
     actors, outside = actor_table(
         simulated,
         demand,
@@ -111,6 +112,7 @@ def _driven(
         steps=steps,
         step_s=step_s,
         asset=asset,
+        tell=between(told, 0.6, 0.85, "actors"),
     )
     signals = signal_table(simulated.signals, twin.roads.signals, steps=steps, step_s=step_s)
     manifest = {
@@ -134,8 +136,8 @@ def _driven(
     }
     if demand.circulates:
         manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)
-    told(0.9, "meshes of the actors")
-    return resized(Motion(manifest, actors, signals).with_meshes(), asked.get("size", {}))
+    shown = Motion(manifest, actors, signals).with_meshes(between(told, 0.85, 0.95))
+    return resized(shown, asked.get("size", {}))
 
 
 def demand_of(
@@ -202,10 +204,6 @@ def _room(twin: Twin) -> float:
     """Return how many cars fit onto the lanes bumper to bumper."""
     lanes = (lane for lane in twin.roads.lanes if lane.road and "car" in lane.allowed)
     return sum(lane.length for lane in lanes) / CAR_SPACE_M
-
-
-def _silent(_fraction: float, _what: str) -> None:
-    """Tell nobody."""
 
 
 def _steps(duration_s: float, step_s: float) -> int:

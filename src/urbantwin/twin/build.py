@@ -12,6 +12,7 @@ import yaml
 from urbantwin import __version__
 from urbantwin.artefact import check_folder, replaced_folder, sha256_of, write_json
 from urbantwin.errors import InputError
+from urbantwin.progress import Progress, between, untold
 from urbantwin.reconstruct import Reconstruction, outcome
 from urbantwin.roads import build_roads, driving_side
 from urbantwin.roads.imported import ImportedMap, build_imported_roads, prepared_map, read_map
@@ -22,6 +23,7 @@ from urbantwin.site import (
     Extract,
     OsmFeature,
     Site,
+    box_around,
     check_extract,
     read_extract,
     read_orthophoto,
@@ -35,7 +37,12 @@ __all__ = ["build_twin"]
 #: Pictures of the ground are read this far beyond the region, metres.
 PICTURE_MARGIN_M = 25.0
 
-Progress = Callable[[float, str], None]
+#: Maps above this size take a while to read, bytes; the share of the time that reading takes.
+LARGE_MAP, LARGE_READ, SMALL_READ = 32 << 20, 0.4, 0.02
+#: Shares of the time after that which are over when a part is done, of a district.
+ROADS, ROADS_WRITTEN, SCENE, SCENE_WRITTEN = 0.06, 0.08, 0.87, 0.93
+#: Share of the whole after which the twin is there and pictures of it are drawn.
+BUILT = 0.9
 
 
 def build_twin(
@@ -61,22 +68,23 @@ def build_twin(
         InputError: the map, the DEM or the region cannot be used.
         StageError: netconvert failed.
     """
-    tell = progress or (lambda share, text: None)
     check_folder(out, kind="twin", inputs=site.files())
-    tell(0.0, "reading the map")
-    extract = read_extract(site.osm.path) if site.osm else None
+    whole = progress or untold
+    extract, tell = _read(site, between(whole, 0.0, 1.0 if also is None else BUILT))
     imported = read_map(site.roads.path, site.frame, site.anchor_m) if site.roads else None
     features = _features(site, extract)
     side = _driving_side(site, imported)
     around = site.region.buffer(PICTURE_MARGIN_M)
     photo = read_orthophoto(site.imagery, site.frame, around) if site.imagery else None
+    # Geometry that somebody surveyed takes as long as all the rest.
+    surveying = 0.4 if site.geometry else 0.02
     with replaced_folder(out, kind="twin", inputs=site.files()) as folder:
-        tell(0.1, "ground")
+        tell(0.0, "ground")
         ground = surveyed(
             site,
             features,
             imported.model if imported else None,
-            lambda share, text: tell(0.1 + 0.2 * share, text),
+            between(tell, 0.0, surveying),
         )
         elevation, ground_notes, found = ground.elevation, ground.notes, ground.reconstruction
         net = folder / "network.net.xml"
@@ -90,11 +98,12 @@ def build_twin(
             elevation = prepared.elevation
             if not ground.is_known and not elevation.is_flat:
                 ground_notes = {"source": "no DEM: the heights of the map's roads, joined up"}
-            tell(0.3, "roads")
+            tell = between(tell, surveying, 1.0)
+            tell(0.0, "roads")
             roads = build_imported_roads(prepared, site.frame, out=net, plans=site.signals)
         else:
             assert extract is not None
-            tell(0.3, "roads")
+            tell = between(tell, surveying, 1.0)
             roads = build_roads(
                 extract,
                 site.frame,
@@ -104,11 +113,13 @@ def build_twin(
                 out=net,
                 plans=site.signals,
                 closed_loop=site.closed_loop,
+                tell=between(tell, 0.0, ROADS, "roads"),
             )
+        tell(ROADS, "writing the roads")
         elevation.save(folder / "elevation.npz")
         roads.model.save(folder / "lane_model.json")
         roads.network.save(folder / "roads.json")
-        tell(0.4, "scene")
+        tell(ROADS_WRITTEN, "scene")
         heads = heads_of(roads.model)
         scene = build_scene(
             roads.network,
@@ -119,9 +130,11 @@ def build_twin(
             heads,
             found,
             imported.drivable if imported else None,
+            tell=between(tell, ROADS_WRITTEN, SCENE, "scene"),
         )
+        tell(SCENE, "writing the scene")
         scene.mesh.save(folder / "scene.npz")
-        tell(0.85, "materials")
+        tell(SCENE_WRITTEN, "materials")
         material = ground_materials(
             roads.model,
             roads.network,
@@ -135,7 +148,7 @@ def build_twin(
             write_json(folder / "geometry.json", found.report)
             if watch is not None:
                 watch(found)
-        tell(0.9, "writing")
+        tell(0.97, "writing")
         resolved = site.resolved()
         _write_yaml(folder / "site.yaml", {**resolved, "rig": "rig.yaml"})
         _write_yaml(folder / "rig.yaml", kept_rig(site.rig, site.rig_file, folder))
@@ -168,9 +181,20 @@ def build_twin(
             },
         )
         if also is not None:
-            also(load_twin(folder), lambda share, text: tell(0.92 + 0.08 * share, text))
-    tell(1.0, "done")
+            also(load_twin(folder), between(whole, BUILT, 1.0))
+    whole(1.0, "done")
     return load_twin(out)
+
+
+def _read(site: Site, tell: Progress) -> tuple[Extract | None, Progress]:
+    """Read the map around the region, and return what is told from then on."""
+    tell(0.0, "reading the map")
+    if site.osm is None:
+        return None, tell
+    read = LARGE_READ if site.osm.path.stat().st_size > LARGE_MAP else SMALL_READ
+    near = box_around(site.frame, site.region)
+    extract = read_extract(site.osm.path, near, progress=between(tell, 0.0, read))
+    return extract, between(tell, read, 1.0)
 
 
 def _features(site: Site, extract: Extract | None) -> list[OsmFeature]:

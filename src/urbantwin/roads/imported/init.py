@@ -12,6 +12,7 @@ from pyproj import Transformer
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
+from urbantwin.progress import Progress, untold
 from urbantwin.roads.imported.build import check_meets
 from urbantwin.roads.imported.crop import cropped, has_traffic
 from urbantwin.roads.imported.propose import MapJunction, busiest_junction, paved_area, volumes
@@ -27,7 +28,8 @@ from urbantwin.roads.model import LaneModel
 from urbantwin.roads.opendrive.placed import crs_of
 from urbantwin.roads.opendrive.read import ReadMap, read_opendrive
 from urbantwin.site.draft import SiteDraft, checked_target, write_draft
-from urbantwin.site.extract import read_extract
+from urbantwin.site.extract import OsmFeature
+from urbantwin.site.extract_file import box_around, read_extract
 from urbantwin.site.pole import features_around, place_pole
 from urbantwin.site.region import circle, polygon_from_geojson, polygon_in_site, read_geojson
 
@@ -46,7 +48,7 @@ AROUND_M = 110.0
 DEGREES, METRES = 7, 2
 
 
-def init_site_of_map(
+def init_site_of_map(  # noqa: PLR0913 - every one is a person's choice
     folder: Path,
     roads: Path,
     *,
@@ -56,6 +58,7 @@ def init_site_of_map(
     region: Path | None = None,
     radius_m: float | None = None,
     force: bool = False,
+    progress: Progress | None = None,
 ) -> Path:
     """Write a commented ``site.yaml`` for a map of the roads and return its path.
 
@@ -72,6 +75,7 @@ def init_site_of_map(
         region: a GeoJSON polygon; without it a circle.
         radius_m: radius of the circle; without it 150 m.
         force: replace a ``site.yaml`` that is there.
+        progress: told the share done (0..1) and what is being done.
 
     Raises:
         InputError: a file or the region is wrong, the place is not on the map, or there is a
@@ -91,7 +95,7 @@ def init_site_of_map(
     if polygon is not None and region is not None:
         shape = polygon_in_site(polygon, frame, file=region)
     check_meets(imported, shape)
-    features = features_around(read_extract(osm), frame) if osm else []
+    features = _features(osm, frame, shape, progress or untold) if osm else []
     around = cropped(imported.model, circle(AROUND_M))
     paved = paved_area(around).buffer(CORNER_M).buffer(-CORNER_M)
     draft = SiteDraft(
@@ -107,6 +111,13 @@ def init_site_of_map(
         pole=place_pole(paved, features),
     )
     return write_draft(folder, draft, force=force)
+
+
+def _features(
+    osm: Path, frame: SiteFrame, region: shapely.Polygon, tell: Progress
+) -> list[OsmFeature]:
+    extract = read_extract(osm, box_around(frame, region), progress=tell)
+    return features_around(extract, frame)
 
 
 def _given(latitude: float | None, longitude: float | None) -> tuple[float, float] | None:

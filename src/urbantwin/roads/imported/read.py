@@ -6,6 +6,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 
 import shapely
@@ -77,8 +78,9 @@ def is_map_of_roads(path: Path) -> bool:
     if path.suffix.lower() != ".osm":
         return path.suffix.lower() in FORMATS
     try:
-        return bool(_LANELET.search(path.read_bytes()))
-    except OSError:
+        with path.open("rb") as file, mmap(file.fileno(), 0, access=ACCESS_READ) as text:
+            return bool(_LANELET.search(text))
+    except (OSError, ValueError):  # an empty file cannot be mapped
         return False
 
 

@@ -1,0 +1,149 @@
+"""Reading OpenStreetMap extracts: small ones whole, of large ones what is near the region."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import osmium
+import osmium.osm
+import shapely
+
+from urbantwin.errors import InputError
+from urbantwin.geometry import SiteFrame
+from urbantwin.progress import Progress
+from urbantwin.site.extract import Extract, Relation, Way
+from urbantwin.site.map_stream import MapStream, ReadingLimits, map_size
+from urbantwin.site.near_extract import NearExtract
+
+__all__ = ["LonLatBox", "box_around", "read_extract"]
+
+SUFFIXES = (".osm", ".osm.bz2", ".osm.gz", ".osm.pbf", ".pbf", ".xml")
+EXPECTED = "an OpenStreetMap extract (.osm, .osm.bz2, .osm.gz or .osm.pbf)"
+
+#: Bytes of memory for a byte of XML, of a map that is kept whole and of one of which only what
+#: is near is kept: places of all nodes, nodes of all ways (measured on 200 MB of XML).
+_WHOLE, _NEAR = 2.6, 0.25
+
+#: What lies this far beyond a region may bear on it: where streets lead, crossings, signals.
+_AROUND_M = 1000.0
+
+#: West, south, east, north, degrees.
+LonLatBox = tuple[float, float, float, float]
+
+
+def box_around(frame: SiteFrame, region: shapely.Polygon) -> LonLatBox:
+    """Return what of a map bears on a region (site frame), in degrees."""
+    area = shapely.box(*region.buffer(_AROUND_M, quad_segs=2).bounds)
+    lonlat = frame.lonlat_from_site(shapely.get_coordinates(shapely.segmentize(area, _AROUND_M)))
+    (west, south), (east, north) = lonlat.min(axis=0).tolist(), lonlat.max(axis=0).tolist()
+    return west, south, east, north
+
+
+def read_extract(
+    path: Path,
+    near: LonLatBox | None = None,
+    *,
+    progress: Progress | None = None,
+    limits: ReadingLimits | None = None,
+) -> Extract:
+    """Read an OpenStreetMap extract: ``.osm``, ``.osm.bz2``, ``.osm.gz`` or ``.osm.pbf``.
+
+    Args:
+        path: the file.
+        near: west, south, east, north in degrees: of a large file only what reaches in there is
+            kept, whole. Without it all is, if it fits.
+        progress: told the share done (0..1) and what is being done; not called for small files.
+        limits: what reading may take.
+
+    Raises:
+        InputError: the file is missing, truncated, not OpenStreetMap data, has no nodes, or is
+            too much to read.
+    """
+    _check_name(path)
+    limits = limits or ReadingLimits()
+    size = map_size(path)
+    whole = near is None or size * _WHOLE <= limits.small
+    advice = _advice(path, near)
+    needs, most = size * (_WHOLE if whole else _NEAR), limits.most_memory(whole=whole)
+    if needs > most:
+        raise InputError(
+            f"is too much to read: {path.stat().st_size / 1e6:.0f} MB would take about "
+            f"{needs / 1e9:.1f} GB of memory, of at most {most / 1e9:.1f} GB",
+            file=path,
+            expected=advice,
+        )
+    try:
+        with MapStream(path, size, limits, advice, progress) as stream:
+            if whole:
+                with _no_collecting():
+                    extract = _read_whole(path, stream)
+            else:
+                assert near is not None
+                extract = NearExtract(path, near).read(stream)
+    except (RuntimeError, ValueError, OSError, UnicodeDecodeError) as error:
+        raise InputError(
+            f"cannot be read as OpenStreetMap data: truncated or damaged ({error})",
+            file=path,
+            expected=EXPECTED,
+        ) from None
+    if not extract.nodes and extract.is_whole:
+        raise InputError("holds no nodes", file=path, expected=EXPECTED)
+    return extract
+
+
+def _read_whole(path: Path, stream: MapStream) -> Extract:
+    nodes: dict[int, tuple[float, float]] = {}
+    node_tags: dict[int, dict[str, str]] = {}
+    ways: dict[int, Way] = {}
+    relations: dict[int, Relation] = {}
+    with stream.reader() as reader:
+        box = reader.header().box()
+        for item in stream.of(osmium.OsmFileIterator(reader)):
+            if isinstance(item, osmium.osm.Node):
+                place = item.location
+                if place.valid():
+                    nodes[item.id] = (place.lon, place.lat)
+                    if item.tags:
+                        node_tags[item.id] = dict(item.tags)
+            elif isinstance(item, osmium.osm.Way):
+                ways[item.id] = Way(item.id, tuple(n.ref for n in item.nodes), dict(item.tags))
+            elif isinstance(item, osmium.osm.Relation):
+                members = tuple((m.type, m.ref, m.role) for m in item.members)
+                relations[item.id] = Relation(item.id, members, dict(item.tags))
+    bounds = None
+    if box.valid():
+        low, high = box.bottom_left, box.top_right
+        bounds = (low.lon, low.lat, high.lon, high.lat)
+    return Extract(path, nodes, node_tags, ways, relations, bounds)
+
+
+@contextmanager
+def _no_collecting() -> Iterator[None]:
+    """Look for no garbage meanwhile: millions of tuples are made, and none is thrown away."""
+    was = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was:
+            gc.enable()
+
+
+def _check_name(path: Path) -> None:
+    if not path.is_file():
+        raise InputError(
+            "not found" if not path.exists() else "is a folder", file=path, expected=EXPECTED
+        )
+    if not path.name.lower().endswith(SUFFIXES):
+        raise InputError("has an unknown ending", file=path, expected=EXPECTED)
+    if path.stat().st_size == 0:
+        raise InputError("is empty", file=path, expected=EXPECTED)
+
+
+def _advice(path: Path, near: LonLatBox | None) -> str:
+    """Return what to do with a map that is too much."""
+    box = ",".join(f"{value:.4f}" for value in near) if near else "WEST,SOUTH,EAST,NORTH"
+    return f"a smaller extract: osmium extract -b {box} {path.name} -o map.osm.pbf"
