@@ -23,6 +23,7 @@ from urbantwin.cli import (
     init,
     inspect,
     record,
+    reproduce,
     run,
     sensors,
     traffic,
@@ -90,6 +91,7 @@ for command, examples in (
     (carla.carla, carla.EXAMPLES),
     (inspect.inspect, inspect.EXAMPLES),
     (verify.verify, verify.EXAMPLES),
+    (reproduce.reproduce, reproduce.EXAMPLES),
     (sensors.sensors, sensors.EXAMPLES),
 ):
     app.command(epilog=_examples(examples))(command)

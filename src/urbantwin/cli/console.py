@@ -37,6 +37,11 @@ class Console:
         elif not self.quiet:
             print("\n".join(_lines_of(value)))
 
+    def note(self, text: str) -> None:
+        """Print a line for a person beside the result."""
+        if not self.quiet:
+            print(text, file=sys.stderr, flush=True)
+
     @contextmanager
     def stage(self, title: str, *, brief: bool = False) -> Iterator[Progress]:
         """Show one stage while the block runs: a bar on a terminal, plain lines elsewhere.

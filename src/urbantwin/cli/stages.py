@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from urbantwin.lidar import Rig
     from urbantwin.progress import Progress
     from urbantwin.reconstruct import Reconstruction
-    from urbantwin.site import Site
+    from urbantwin.site import RigSpec, Site
     from urbantwin.site.rig_changes import RigChanges
     from urbantwin.traffic import Motion
     from urbantwin.twin import Twin
@@ -34,13 +34,17 @@ __all__ = [
 def rig_on(twin: Twin, rig_file: Path | None = None, changes: RigChanges | None = None) -> Rig:
     """Place the rig of a file, or the twin's own, on a twin."""
     from urbantwin.lidar.rig import place_rig
+
+    spec, file = _spec_on(twin, rig_file, changes)
+    return place_rig(spec, twin.mesh, file=file, anchor_height_m=twin.anchor_height_m)
+
+
+def _spec_on(twin: Twin, rig_file: Path | None, changes: RigChanges | None) -> tuple[RigSpec, Path]:
     from urbantwin.site import load_rig_spec
 
     file = twin.folder / "rig.yaml" if rig_file is None else rig_file
     spec = load_rig_spec(file, twin.frame)
-    if changes is not None:
-        spec = changes.applied_to(spec)
-    return place_rig(spec, twin.mesh, file=file, anchor_height_m=twin.anchor_height_m)
+    return (spec if changes is None else changes.applied_to(spec)), file
 
 
 @contextmanager
@@ -119,10 +123,10 @@ def record_stage(
     pictures: bool = True,
 ) -> None:
     """Record a dataset with the rig of a file, or with the twin's own, and changes to it."""
-    from urbantwin.dataset import record
+    from urbantwin.dataset import asked_of, record
     from urbantwin.lidar.measured_file import rig_with_backgrounds
 
-    file = twin.folder / "rig.yaml" if rig_file is None else rig_file
+    spec, file = _spec_on(twin, rig_file, changes)
     rig = rig_with_backgrounds(rig_on(twin, rig_file, changes), background, fused=fuse)
     with console.stage("record") as progress:
 
@@ -147,6 +151,7 @@ def record_stage(
             stop_s=stop_s,
             rig_file=file,
             backend=backend,
+            asked=asked_of(spec, file, twin, background=background, fuse=fuse),
             inputs=inputs,
             also=also if pictures else None,
             progress=progress,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import platform
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
@@ -16,31 +17,37 @@ from pydantic import BaseModel
 from urbantwin import __version__
 from urbantwin.dataset.layout import frame_name
 from urbantwin.dataset.pose_matrix import pose_matrix
-from urbantwin.geometry import LabelledMesh, Pose
+from urbantwin.geometry import Pose
 from urbantwin.lidar import MountedSensor, Rig, Sensor
 from urbantwin.taxonomy import ACTOR_CLASSES, semantic_classes
+from urbantwin.traffic.fingerprint import mesh_sha256, meshes_sha256, table_sha256
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-
     from urbantwin.traffic import Motion
     from urbantwin.twin import Twin
 
 __all__ = [
     "FORMAT",
     "LAYOUT",
+    "frame_sha256",
     "manifest_of",
     "manifest_of_parts",
     "recipe_key",
     "recipe_of",
     "recipe_of_rig",
+    "versions_here",
 ]
 
 #: Changes when the meaning of a dataset's files does.
 FORMAT = 2
 
 #: What decides the bytes besides our own code.
-_DEPENDENCIES = ("embreex", "numba", "numpy", "pyarrow", "scipy")
+_DEPENDENCIES = (
+    *("eclipse-sumo", "embreex", "fast-simplification", "laspy", "libsumo", "numba", "numpy"),
+    *("osmium", "pillow", "pyarrow", "pyproj", "pythoncdt", "rasterio", "scipy", "shapely"),
+)
+#: Of the twin and the motion, beside what they were made from.
+_HASHES = ("scene_sha256", "surface_sha256", "motion_sha256", "meshes_sha256")
 
 LAYOUT = {
     "points": "points/NNNNNN.npy: (N, 4) float32, x, y, z in metres and intensity 0..1",
@@ -62,6 +69,7 @@ def recipe_of(
     seed: int,
     times_s: Mapping[int, float],
     backend: str = "embree",
+    asked: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
     """Return all that the frames follow from: what a run that goes on must have in common.
 
@@ -72,25 +80,41 @@ def recipe_of(
         seed: of all random numbers.
         times_s: number of each frame -> its time.
         backend: what casts the rays, see `lidar.Scanner`.
+        asked: what the rig was placed from, see `asked.asked_of`.
     """
-    dependencies = _DEPENDENCIES if backend == "embree" else (*_DEPENDENCIES, "warp-lang")
+    times = list(times_s.values())
     return {
         "kind": "dataset",
         "format": FORMAT,
         "urbantwin": __version__,
-        "dependencies": {name: version(name) for name in dependencies},
+        **versions_here(backend),
         "backend": backend,
         "seeds": {"record": seed, "traffic": motion.manifest["seed"]},
         **recipe_of_rig(rig),
         "anchor": twin.manifest["anchor"],
         "region_m": twin.manifest["region_m"],
-        "scene_sha256": _mesh_sha256(twin.mesh),
+        "scene_sha256": mesh_sha256(twin.mesh),
         "surface_sha256": twin.manifest.get("files", {}).get("surface_material.npz"),
-        "motion_sha256": _table_sha256(motion.actors),
-        "meshes_sha256": _meshes_sha256(motion.meshes),
+        "motion_sha256": table_sha256(motion.actors),
+        "meshes_sha256": meshes_sha256(motion.meshes),
         "inputs": twin.manifest["inputs"],
-        "start_s": next(iter(times_s.values())),
+        "made_from": {
+            "twin": _part(twin.manifest, "version", "made_from"),
+            "motion": _part(motion.manifest, "urbantwin", "asked", "made"),
+            "record": None if asked is None else {**asked, "span_s": [times[0], times[-1]]},
+        },
+        "start_s": times[0],
         "frames": [frame_name(index) for index in times_s],
+    }
+
+
+def versions_here(backend: str) -> dict[str, Any]:
+    """Return what of this machine decides the bytes: versions of programs, and its kind."""
+    names = _DEPENDENCIES if backend == "embree" else (*_DEPENDENCIES, "warp-lang")
+    return {
+        "python": platform.python_version(),
+        "platform": f"{platform.system()} {platform.machine()}",
+        "dependencies": {name: version(name) for name in names},
     }
 
 
@@ -123,6 +147,7 @@ def manifest_of(
     times_s: Mapping[int, float],
     entries: Sequence[Mapping[str, Any]],
     split: tuple[Sequence[str], Sequence[str]],
+    tables: Mapping[str, str],
 ) -> dict[str, Any]:
     """Return what ``dataset.json`` holds.
 
@@ -131,6 +156,7 @@ def manifest_of(
         times_s: number of each frame -> its time.
         entries: what ``layout.write_frame`` returned for each frame, in the same order.
         split: names of the frames that train and that validate.
+        tables: SHA-256 of every file that is of no single frame, by name.
     """
     boxes = Counter(box["class"] for entry in entries for box in entry["boxes"])
     seen = Counter(
@@ -146,6 +172,7 @@ def manifest_of(
             "time_s": time_s,
             "points": entry["points"],
             "boxes": len(entry["boxes"]),
+            "sha256": frame_sha256(entry["sha256"]),
             **{key: entry[key] for key in ("dataset_SE3_site",) if key in entry},
         }
         for (index, time_s), entry in zip(times_s.items(), entries, strict=True)
@@ -172,12 +199,21 @@ def manifest_of(
             {"id": one.id, "name": one.name, "colour": list(one.colour), "thing": one.thing}
             for one in semantic_classes().values()
         ],
+        "tables_sha256": dict(sorted(tables.items())),
         "frames": frames,
     }
 
 
+def frame_sha256(sums: Mapping[str, str]) -> str:
+    """Return one SHA-256 for the files of a frame: of what ``sha256sum`` says of them, by name."""
+    lines = "".join(f"{digest}  {name}\n" for name, digest in sorted(sums.items()))
+    return hashlib.sha256(lines.encode()).hexdigest()
+
+
 def manifest_of_parts(
-    recipe: Mapping[str, Any], parts: Mapping[str, Sequence[Mapping[str, Any]]]
+    recipe: Mapping[str, Any],
+    parts: Mapping[str, Sequence[Mapping[str, Any]]],
+    manifests: Mapping[str, str],
 ) -> dict[str, Any]:
     """Return what ``dataset.json`` holds of a folder with a dataset for each sensor.
 
@@ -185,11 +221,14 @@ def manifest_of_parts(
         recipe: see `recipe_of`, of the whole rig.
         parts: name of each sensor, which is that of its folder -> what ``layout.write_frame``
             returned for each of its frames.
+        manifests: name of each sensor -> SHA-256 of its dataset's manifest.
     """
+    kept = ("format", "urbantwin", "python", "platform", "dependencies", "backend", "seeds")
     return {
         "kind": "datasets",
-        **{key: recipe[key] for key in ("format", "urbantwin", "seeds")},
+        **{key: recipe[key] for key in (*kept, *_HASHES, "inputs", "made_from")},
         "datasets": list(parts),
+        "datasets_sha256": dict(manifests),
         "frames_each": len(recipe["frames"]),
         "points": {
             name: sum(entry["points"] for entry in entries) for name, entries in parts.items()
@@ -197,34 +236,9 @@ def manifest_of_parts(
     }
 
 
-def _mesh_sha256(mesh: LabelledMesh) -> str:
-    """Return the SHA-256 of a mesh's arrays, which does not depend on how a file packs them."""
-    digest = hashlib.sha256()
-    for field in dataclasses.fields(mesh):
-        array = np.ascontiguousarray(getattr(mesh, field.name))
-        digest.update(f"{field.name} {array.dtype.str} {array.shape}".encode())
-        digest.update(array.data)
-    return digest.hexdigest()
-
-
-def _meshes_sha256(meshes: Mapping[tuple[str, int], LabelledMesh]) -> str:
-    """Return the SHA-256 of the actors' meshes by asset and phase."""
-    parts = [(*key, _mesh_sha256(mesh)) for key, mesh in sorted(meshes.items())]
-    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
-
-
-def _table_sha256(table: pa.Table) -> str:
-    """Return the SHA-256 of a table's values, which does not depend on how a file packs them."""
-    digest = hashlib.sha256()
-    for name in table.column_names:
-        column = table[name].combine_chunks()
-        digest.update(f"{name} {column.type} {len(column)}".encode())
-        if str(column.type) == "string":
-            column = column.dictionary_encode()
-            digest.update(json.dumps(column.dictionary.to_pylist()).encode())
-            column = column.indices
-        digest.update(np.ascontiguousarray(column.to_numpy(zero_copy_only=False)).data)
-    return digest.hexdigest()
+def _part(manifest: Mapping[str, Any], *names: str) -> dict[str, Any] | None:
+    """Return fields of a manifest, or ``None`` where it has not all of them."""
+    return {key: manifest[key] for key in names} if all(map(manifest.__contains__, names)) else None
 
 
 def _mounted(one: MountedSensor) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from urbantwin.artefact import write_json
+from urbantwin.artefact import sha256_of, write_json
 from urbantwin.dataset.boxes import write_boxes
 from urbantwin.dataset.course import Courses
 from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, write_ignore_regions
@@ -28,6 +28,7 @@ __all__ = ["MARKS", "checksums", "finish_dataset", "record_dataset"]
 
 #: Folder of the marks of finished frames; no part of the dataset.
 MARKS = "done"
+TABLES = ("boxes.parquet", "sweeps.parquet")
 
 Entries = list[dict[str, Any]]
 
@@ -103,10 +104,16 @@ def finish_dataset(
     for name, frames in (("train", train), ("val", validate)):
         text = "".join(f"{frame}\n" for frame in frames)
         (folder / "ImageSets" / f"{name}.txt").write_text(text)
-    write_boxes(folder / "boxes.parquet", times_s, entries)
+    boxes, sweeps = (folder / name for name in TABLES)
+    write_boxes(boxes, times_s, entries)
     write_ignore_regions(folder / IGNORE_REGIONS, ignored)
-    write_sweeps(folder / "sweeps.parquet", list(times_s), entries)
-    write_json(folder / "dataset.json", manifest_of(recipe, times_s, entries, (train, validate)))
+    write_sweeps(sweeps, list(times_s), entries)
+    tables = {
+        name: sha256_of(folder / name)
+        for name in (*TABLES, IGNORE_REGIONS, "ImageSets/train.txt", "ImageSets/val.txt")
+    }
+    manifest = manifest_of(recipe, times_s, entries, (train, validate), tables)
+    write_json(folder / "dataset.json", manifest)
 
 
 def checksums(entries: Mapping[str, Entries]) -> dict[str, str]:

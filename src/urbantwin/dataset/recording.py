@@ -12,6 +12,7 @@ from urbantwin.artefact import (
     check_folder,
     check_room,
     replaced_folder,
+    sha256_of,
     write_inventory,
     write_json,
 )
@@ -50,6 +51,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     stop_s: float | None = None,
     rig_file: str | Path | None = None,
     backend: str = "embree",
+    asked: Mapping[str, Any] | None = None,
     inputs: Sequence[Path] = (),
     also: Callable[[Path], None] | None = None,
     progress: Callable[[float, str], None] | None = None,
@@ -75,6 +77,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
         stop_s: no frame after it; the motion's last step when not given.
         rig_file: the rig's file, for errors.
         backend: what casts the rays: ``embree``, ``warp`` or ``warp:DEVICE``.
+        asked: what the rig was placed from, for who makes the dataset again: see `asked_of`.
         inputs: files and folders besides the twin that ``out`` must not touch: the motion's, the
             rig's.
         also: called with the folder of the whole dataset before it appears, for what else belongs
@@ -101,7 +104,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     check_folder(out, kind="dataset", inputs=inputs)
     say = progress or (lambda fraction, doing: None)
     say(0.0, "static world")
-    recipe = recipe_of(twin, motion, rig, seed, times_s, backend)
+    recipe = recipe_of(twin, motion, rig, seed, times_s, backend, asked)
     parts = {"": rig} if rig.fused else {one.sensors[0].name: one for one in rig.separate()}
     total = len(times_s) * len(parts)
 
@@ -133,7 +136,8 @@ def record(  # noqa: PLR0913 - every one is a person's choice
                 ignored = ignore_areas(part, twin.mesh, twin.region)
                 finish_dataset(folder / name, own, times_s, entries[name], ignored)
             if not rig.fused:
-                write_json(folder / "dataset.json", manifest_of_parts(recipe, entries))
+                manifests = {name: sha256_of(folder / name / "dataset.json") for name in parts}
+                write_json(folder / "dataset.json", manifest_of_parts(recipe, entries, manifests))
             if also is not None:
                 also(folder)
             write_inventory(folder, known=checksums(entries), without=[MARKS])

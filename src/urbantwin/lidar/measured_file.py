@@ -15,7 +15,13 @@ from urbantwin.errors import InputError
 from urbantwin.lidar.measured import IMAGES, MeasuredBackground
 from urbantwin.lidar.mounted import MountedSensor, Rig
 
-__all__ = ["load_backgrounds", "rig_with_backgrounds", "save_backgrounds", "with_background"]
+__all__ = [
+    "load_backgrounds",
+    "named_background",
+    "rig_with_backgrounds",
+    "save_backgrounds",
+    "with_background",
+]
 
 _EXPECTED = "a background that urbantwin measured"
 _FORMAT = 1
@@ -119,11 +125,9 @@ def rig_with_backgrounds(rig: Rig, given: Sequence[str], *, fused: bool = False)
     chosen: dict[str, tuple[MeasuredBackground, Path]] = {}
     names = [one.name for one in rig.sensors]
     for text in given:
-        name, equals, rest = text.partition("=")
-        named = bool(equals) and "/" not in name
-        path = Path(rest if named else text)
+        name, path = named_background(text)
         found = load_backgrounds(path)
-        if named:
+        if name is not None:
             found = _of_sensor(found, name, path)
         elif len(found) == len(names) == 1:
             found = [replace(found[0], name=names[0])]
@@ -143,6 +147,13 @@ def rig_with_backgrounds(rig: Rig, given: Sequence[str], *, fused: bool = False)
     for name, (one, path) in chosen.items():
         rig = with_background(rig, one, sensor=name, file=path)
     return rig
+
+
+def named_background(text: str) -> tuple[str | None, Path]:
+    """Return the sensor's name, if one is given, and the file of ``[NAME=]FILE``."""
+    name, equals, rest = text.partition("=")
+    named = bool(equals) and "/" not in name
+    return (name, Path(rest)) if named else (None, Path(text))
 
 
 def _of_sensor(found: list[MeasuredBackground], name: str, path: Path) -> list[MeasuredBackground]:

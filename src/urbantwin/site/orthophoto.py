@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 import warnings
 from collections.abc import Mapping, Sequence
@@ -124,6 +125,8 @@ def read_orthophoto(
             "pixel_m": round(raster.cell_m, 3),
             "covers": round(float(new.mean()), 4),
         }
+        if source.path is None:  # many files, or an address: known by what they show
+            note["pixels_sha256"] = hashlib.sha256(raster.pixels.tobytes()).hexdigest()
         if raster.problems:
             note["problems"] = list(raster.problems)
         notes.append(note)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import shapely
@@ -171,6 +171,7 @@ class Site:
         anchor_m: that map's own x, y of the anchor, where it has no georeference.
         geometry: meshes, 3D Tiles and point clouds that the scene is made from.
         imagery: pictures of the ground from above, which tell its materials.
+        outline: the region's ring as it was given, longitude and latitude; empty for a circle.
     """
 
     file: Path
@@ -191,9 +192,7 @@ class Site:
     anchor_m: tuple[float, float] | None = None
     geometry: tuple[GeometrySource, ...] = ()
     imagery: tuple[ImagerySource, ...] = ()
-
-    #: How coordinates of a region are rounded in what we write: 1e-9 degrees are 0.1 mm.
-    _DECIMALS: ClassVar[int] = 9
+    outline: tuple[tuple[float, float], ...] = ()
 
     @cached_property
     def frame(self) -> SiteFrame:
@@ -207,8 +206,8 @@ class Site:
         """
         region: dict[str, Any] = {"radius_m": self.radius_m}
         if self.radius_m is None:
-            lonlat = self.frame.lonlat_from_site(shapely.get_coordinates(self.region))
-            ring = [[round(float(x), self._DECIMALS) for x in point] for point in lonlat]
+            # As given: transformed there and back, it would not be the same to the last bit.
+            ring = [list(point) for point in self.outline]
             region = {"polygon": {"type": "Polygon", "coordinates": [ring]}}
         value = {
             "name": self.name,
@@ -236,8 +235,8 @@ class Site:
         sources = []
         for source in self.geometry:
             spec = source.spec.model_dump(exclude_none=True, exclude_defaults=True, by_alias=True)
-            for name in ("file", "footprints"):
-                if name in spec:
+            for name in ("file", "footprints", "control_points"):
+                if isinstance(spec.get(name), str):
                     spec[name] = Path(spec[name]).name
             sources.append(spec)
         return {"geometry": sources} if sources else {}
@@ -305,7 +304,7 @@ def load_site(path: Path) -> Site:
     document = read_document(path, kind="a site")
     raw = document.validated(_SiteFile)
     frame = SiteFrame(raw.anchor.latitude, raw.anchor.longitude)
-    region = _region(document, raw.region, frame)
+    region, outline = _region(document, raw.region, frame)
     if raw.osm is None and raw.roads.file is None:
         expected = "an OpenStreetMap extract, or else a map of the roads (roads.file)"
         raise document.error("is missing", ("osm",), expected)
@@ -345,6 +344,7 @@ def load_site(path: Path) -> Site:
         anchor_m=(raw.roads.anchor_m[0], raw.roads.anchor_m[1]) if raw.roads.anchor_m else None,
         geometry=_geometry_sources(document, raw.geometry),
         imagery=_imagery_sources(document, raw.imagery),
+        outline=outline,
     )
 
 
@@ -410,9 +410,12 @@ def check_extract(site: Site, extract: Extract) -> None:
     )
 
 
-def _region(document: Document, raw: _Region, frame: SiteFrame) -> shapely.Polygon:
+def _region(
+    document: Document, raw: _Region, frame: SiteFrame
+) -> tuple[shapely.Polygon, tuple[tuple[float, float], ...]]:
+    """Return the region in the site frame, and the ring that a polygon was given as."""
     if raw.radius_m is not None:
-        return circle(raw.radius_m)
+        return circle(raw.radius_m), ()
     file, place = document.file, None
     if isinstance(raw.polygon, str):
         file = document.file.parent / raw.polygon
@@ -422,7 +425,8 @@ def _region(document: Document, raw: _Region, frame: SiteFrame) -> shapely.Polyg
         place = document.place(("region", "polygon"))
         geojson = raw.polygon or {}
     lonlat = polygon_from_geojson(geojson, file=file, place=place)
-    return polygon_in_site(lonlat, frame, file=file, place=place)
+    ring = tuple((float(x), float(y)) for x, y in shapely.get_coordinates(lonlat))
+    return polygon_in_site(lonlat, frame, file=file, place=place), ring
 
 
 def _input_file(document: Document, field: str, raw: _File, kind: str) -> InputFile:

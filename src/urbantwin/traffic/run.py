@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from urbantwin import __version__
 from urbantwin.artefact import replaced_folder
 from urbantwin.errors import InputError
 from urbantwin.progress import between, untold
@@ -21,6 +22,7 @@ from urbantwin.traffic.calibration import calibrate
 from urbantwin.traffic.circulation import Circulation
 from urbantwin.traffic.circulation_report import circulation_report
 from urbantwin.traffic.demand import Demand, plan_demand
+from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
 from urbantwin.traffic.motion import MOTION_VERSION, Motion
 from urbantwin.traffic.network import StreetNetwork
 from urbantwin.traffic.placement import Ground
@@ -67,7 +69,8 @@ def run_traffic(
     chosen_seed = _seed(asked["seed"] if seed is None else seed)
 
     with replaced_folder(out, kind="motion", inputs=[twin.folder]) as folder:
-        motion = _driven(twin, asked, steps, chosen_seed, folder, told)
+        asked = {**asked, "duration_s": duration_s, "seed": chosen_seed}
+        motion = _driven(twin, asked, steps, folder, told)
         told(0.95, "writing the motion")
         motion.write(folder)
     told(1.0, "done")
@@ -78,12 +81,11 @@ def _driven(
     twin: Twin,
     asked: Mapping[str, Any],
     steps: int,
-    seed: int,
     scratch: Path,
     told: Callable[[float, str], None],
 ) -> Motion:
     """Return the motion of ``steps`` steps that a twin's traffic makes."""
-    step_s, warmup_s = float(asked["step_s"]), float(asked["warmup_s"])
+    step_s, warmup_s, seed = float(asked["step_s"]), float(asked["warmup_s"]), asked["seed"]
     told(0.0, "planning trips")
     demand = demand_of(
         twin,
@@ -118,7 +120,9 @@ def _driven(
     manifest = {
         "kind": "motion",
         "version": MOTION_VERSION,
+        "urbantwin": __version__,
         "twin_sha256": twin.sha256,
+        "asked": dict(asked),
         "sumo": simulated.sumo,
         "seed": seed,
         "step_s": step_s,
@@ -137,7 +141,9 @@ def _driven(
     if demand.circulates:
         manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)
     shown = Motion(manifest, actors, signals).with_meshes(between(told, 0.85, 0.95))
-    return resized(shown, asked.get("size", {}))
+    motion = resized(shown, asked.get("size", {}))
+    made = {"actors": table_sha256(motion.actors), "meshes": meshes_sha256(motion.meshes)}
+    return replace(motion, manifest={**motion.manifest, "made": made})
 
 
 def demand_of(

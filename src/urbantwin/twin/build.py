@@ -30,6 +30,7 @@ from urbantwin.site import (
 )
 from urbantwin.twin.ground import surveyed
 from urbantwin.twin.sensor_files import kept_rig
+from urbantwin.twin.sources import made_from
 from urbantwin.twin.twin import Twin, load_twin
 
 __all__ = ["build_twin"]
@@ -166,6 +167,9 @@ def build_twin(
                 "driving_side": side,
                 "region_m": np.round(shapely.get_coordinates(site.region), 4).tolist(),
                 "inputs": site.inputs(),
+                "made_from": made_from(
+                    site, found.report if found else None, photo.notes if photo else ()
+                ),
                 "notes": {
                     "ground": ground_notes,
                     "roads": roads.notes,

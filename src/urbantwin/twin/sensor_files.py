@@ -10,7 +10,7 @@ import yaml
 
 from urbantwin.site.rig import RigSpec
 
-__all__ = ["kept_rig"]
+__all__ = ["kept_rig", "pattern_beside", "sensor_file"]
 
 _FILES = (".yaml", ".yml", ".json", ".csv")
 
@@ -29,13 +29,7 @@ def kept_rig(spec: RigSpec, rig_file: Path, folder: Path) -> dict[str, Any]:
     rig = spec.written()
     kept: dict[Path, str] = {}
     for one in rig["sensors"]:
-        # A Hesai file may have its model before it, ``MODEL:PATH``; one letter is a drive.
-        model, colon, path = one["model"].partition(":")
-        if len(model) == 1 or not colon or "/" in model:
-            model, colon, path = "", "", one["model"]
-        if not path.lower().endswith(_FILES):
-            continue
-        found = next((p for p in (rig_file.parent / path, Path(path)) if p.is_file()), None)
+        model, found = sensor_file(one["model"], rig_file.parent)
         if found is None:
             continue
         found = found.resolve()
@@ -45,22 +39,55 @@ def kept_rig(spec: RigSpec, rig_file: Path, folder: Path) -> dict[str, Any]:
                 name, number = f"{found.stem}.{number}.sensor{found.suffix}", number + 1
             kept[found] = name
             _keep(found, folder / name)
-        one["model"] = f"{model}{colon}{kept[found]}"
+        one["model"] = f"{model}{kept[found]}"
     return rig
+
+
+def sensor_file(model: str, folder: Path) -> tuple[str, Path | None]:
+    """Return the file that a rig names as a sensor's model, and what stands before it.
+
+    Args:
+        model: a name of the catalogue, ``PATH``, or ``MODEL:PATH``.
+        folder: that of the rig's file; a file may also stand in the current folder.
+
+    Returns:
+        ``MODEL:`` or nothing, and the path; ``None`` where it is no file that is there.
+    """
+    # One letter before a colon is a drive.
+    before, colon, path = model.partition(":")
+    if len(before) == 1 or not colon or "/" in before:
+        before, colon, path = "", "", model
+    if not path.lower().endswith(_FILES):
+        return "", None
+    found = next((one for one in (folder / path, Path(path)) if one.is_file()), None)
+    return before + colon, found
+
+
+def pattern_beside(path: Path) -> Path | None:
+    """Return the scan pattern that a sensor's YAML file names, if there is one."""
+    named = _read(path).get("pattern")
+    if not isinstance(named, str) or not (path.parent / named).is_file():
+        return None
+    return path.parent / named
 
 
 def _keep(source: Path, target: Path) -> None:
     """Copy a sensor's file; the scan pattern that a YAML file names comes with it."""
     shutil.copyfile(source, target)
-    if source.suffix.lower() not in (".yaml", ".yml"):
+    named = pattern_beside(source)
+    if named is None:
         return
+    pattern = target.with_name(f"{target.stem}.pattern{named.suffix}")
+    shutil.copyfile(named, pattern)
+    target.write_text(yaml.safe_dump({**_read(source), "pattern": pattern.name}, sort_keys=False))
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """Return what a sensor's YAML file holds; nothing of another file or a damaged one."""
+    if path.suffix.lower() not in (".yaml", ".yml"):
+        return {}
     try:
-        value = yaml.safe_load(source.read_text(encoding="utf-8-sig"))
+        value = yaml.safe_load(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError, yaml.YAMLError):
-        return  # Whoever reads the sensor says what is wrong with it.
-    named = value.get("pattern") if isinstance(value, dict) else None
-    if not isinstance(named, str) or not (source.parent / named).is_file():
-        return
-    pattern = target.with_name(f"{target.stem}.pattern{Path(named).suffix}")
-    shutil.copyfile(source.parent / named, pattern)
-    target.write_text(yaml.safe_dump({**value, "pattern": pattern.name}, sort_keys=False))
+        return {}  # Whoever reads the sensor says what is wrong with it.
+    return value if isinstance(value, dict) else {}

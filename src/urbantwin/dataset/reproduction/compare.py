@@ -1,0 +1,220 @@
+"""Whether a dataset that was made again has the same bytes, and if not, where and why."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from urbantwin import __version__
+from urbantwin.artefact import INVENTORY, damages, sha256_of
+from urbantwin.artefact.inventory import read_inventory
+from urbantwin.dataset.layout import FOLDERS
+from urbantwin.dataset.manifest import versions_here
+from urbantwin.dataset.reproduction.told import Told
+
+__all__ = ["Given", "compared", "given_files", "other_versions"]
+
+PICTURES = "pictures"
+#: Stages in their order, and what of a manifest tells of them.
+_STAGES = (
+    ("inputs", ("inputs",)),
+    ("scene", ("scene_sha256",)),
+    ("surface", ("surface_sha256",)),
+    ("motion", ("motion_sha256",)),
+    ("meshes", ("meshes_sha256",)),
+    ("rig", ("rig", "frame", "dataset_SE3_site")),
+)
+#: So many names of files are told.
+MOST_NAMES = 20
+
+
+@dataclass(frozen=True)
+class Given:
+    """What is known of the bytes of a dataset.
+
+    Attributes:
+        sums: SHA-256 by name of file; of a manifest alone, by name of frame.
+        damaged: what is wrong with a file against its inventory, by name.
+        alone: there is only the manifest.
+        pictures: the dataset has pictures.
+    """
+
+    sums: dict[str, str]
+    damaged: dict[str, str]
+    alone: bool
+    pictures: bool
+
+
+def given_files(told: Told) -> Given:
+    """Return what is known of a dataset's bytes: by its files, its inventory or its manifest.
+
+    Raises:
+        InputError: its inventory is damaged.
+    """
+    folder = told.file.parent
+    whole = folder.parent if _is_part(told) else folder
+    inside = f"{folder.name}/" if whole != folder else ""
+    names = tuple(told.dataset.datasets_sha256) or FOLDERS
+    recorded = any((folder / name).is_dir() for name in names)
+    if (whole / INVENTORY).is_file():
+        named = read_inventory(whole)
+        sums = {k.removeprefix(inside): v for k, v in named.items() if k.startswith(inside)}
+        wrong = {}
+        if recorded:
+            below = inside.removesuffix("/")
+            wrong = {
+                one.name.removeprefix(inside): one.problem for one in damages(whole, below=below)[1]
+            }
+        elif sums.get("dataset.json") != sha256_of(told.file):
+            wrong = {"dataset.json": "damaged"}
+        wrong = {name: problem for name, problem in wrong.items() if problem != "foreign"}
+        return Given(sums | wrong, wrong, alone=False, pictures=_has_pictures(sums))
+    if recorded:
+        files = [path for path in folder.rglob("*") if path.is_file()]
+        sums = {path.relative_to(folder).as_posix(): sha256_of(path) for path in sorted(files)}
+        return Given(sums, {}, alone=False, pictures=_has_pictures(sums))
+    return Given(_told_sums(told.document, told.file), {}, alone=True, pictures=False)
+
+
+def other_versions(told: Told) -> list[dict[str, str]]:
+    """Return what of the programs and the machine is other than when a dataset was made."""
+    now = versions_here(told.dataset.backend)
+    then = told.dataset
+    pairs = [
+        ("urbantwin", then.urbantwin, __version__),
+        *(
+            (f"urbantwin of the {name}", version, __version__)
+            for name, version in (("twin", told.twin.version), ("motion", told.motion.urbantwin))
+            if version != then.urbantwin
+        ),
+        ("python", then.python, now["python"]),
+        ("platform", then.platform, now["platform"]),
+        *(
+            (name, then.dependencies.get(name, "none"), now["dependencies"].get(name, "none"))
+            for name in sorted({*then.dependencies, *now["dependencies"]})
+        ),
+    ]
+    return [{"of": name, "then": old[:60], "now": new} for name, old, new in pairs if old != new]
+
+
+def compared(told: Told, given: Given, again: Path, reasons: list[str]) -> dict[str, Any]:
+    """Compare a dataset with the same made again.
+
+    Args:
+        told: its manifest.
+        given: what is known of its bytes.
+        again: the folder of the one that was made.
+        reasons: what is known to be other than it was.
+
+    Returns:
+        ``same``, ``files``, and where they differ ``differing``, ``first`` of them, ``by_folder``,
+        ``earliest`` (the first stage that differs) and ``why``; ``pictures``, apart.
+    """
+    inside = f"{told.part}/" if told.part else ""
+    now = {
+        name.removeprefix(inside): digest
+        for name, digest in read_inventory(again).items()
+        if name.startswith(inside) and name != INVENTORY
+    }
+    mine = again / told.part if told.part else again
+    files = sum(not _is_picture(name) for name in now)
+    manifest = json.loads((mine / "dataset.json").read_text())
+    if given.alone:
+        now = _told_sums(manifest, mine / "dataset.json")
+    then = {name: digest for name, digest in given.sums.items() if name != INVENTORY}
+    names = sorted(then.keys() | now.keys())
+    other = [name for name in names if then.get(name) != now.get(name)]
+    data = [name for name in other if not _is_picture(name)]
+    report: dict[str, Any] = {"same": not data, "files": files}
+    drawn = sum(map(_is_picture, names))
+    if drawn:
+        report["pictures"] = {"files": drawn, "differing": len(other) - len(data)}
+    if not data:
+        return report
+    first = next(
+        (stage for stage, keys in _STAGES if _differs(told.document, manifest, keys)), None
+    )
+    if first is None:
+        first = "manifest" if data == ["dataset.json"] else "frames"
+    folders = Counter(name.rpartition("/")[0] or name for name in data)
+    return {
+        **report,
+        "differing": len(data),
+        "first": data[:MOST_NAMES],
+        "by_folder": dict(sorted(folders.items())),
+        "earliest": first,
+        "why": _why(told, given, manifest, reasons, data),
+    }
+
+
+def _why(
+    told: Told, given: Given, manifest: Mapping[str, Any], reasons: list[str], data: list[str]
+) -> list[str]:
+    hurt = [name for name in data if name in given.damaged]
+    if hurt == data == ["dataset.json"] and reasons:
+        return [*reasons, "every frame and table is the same"]
+    why = []
+    if hurt:
+        more = f", and {len(hurt) - 1} more" if len(hurt) > 1 else ""
+        name = hurt[0]
+        why.append(f"{name} is {given.damaged[name]}{more}: not what was written ({INVENTORY})")
+        if hurt == data:
+            return [*why, "what was made again is what was written"]
+    why += reasons
+    then, now = told.document.get("made_from"), manifest["made_from"]
+    why += _other_sources(then, now)
+    return why or [
+        "the same versions and inputs: the processor, a library that is not listed, or a defect"
+    ]
+
+
+def _other_sources(then: Any, now: Any) -> list[str]:  # noqa: ANN401
+    """Return which inputs were read otherwise: addresses, tiles, files beside."""
+    told = []
+    files = [part["twin"]["made_from"]["files"] for part in (then, now)]
+    new = {tuple(one["at"]): one for one in files[1]}
+    for old in files[0]:
+        one = new.get(tuple(old["at"]))
+        if one is not None and one != old:
+            beside = (old.get("beside", {}), one.get("beside", {}))
+            names = sorted(
+                k for k in {*beside[0], *beside[1]} if beside[0].get(k) != beside[1].get(k)
+            )
+            what = f"{names[0]} of {old['name']}" if names else old["name"]
+            more = f", and {len(names) - 1} more of its files" if len(names) > 1 else ""
+            told.append(f"{what} was read with other content, or not at all{more}")
+    return told
+
+
+def _told_sums(document: Mapping[str, Any], file: Path) -> dict[str, str]:
+    """Return what a manifest says of its files, and its own SHA-256."""
+    parts = {
+        f"{name}/dataset.json": one for name, one in document.get("datasets_sha256", {}).items()
+    }
+    frames = {f"frames/{one['name']}": one["sha256"] for one in document.get("frames", [])}
+    tables = document.get("tables_sha256", {})
+    return {**parts, **frames, **tables, "dataset.json": sha256_of(file)}
+
+
+def _differs(then: Mapping[str, Any], now: Mapping[str, Any], keys: tuple[str, ...]) -> bool:
+    return any(then.get(key) != now.get(key) for key in keys)
+
+
+def _is_part(told: Told) -> bool:
+    """Return whether a dataset lies in the folder with one for each sensor that it is part of."""
+    folder = told.file.parent
+    if not told.part or folder.name != told.part or (folder / INVENTORY).is_file():
+        return False
+    return (folder.parent / INVENTORY).is_file() and (folder.parent / "dataset.json").is_file()
+
+
+def _has_pictures(sums: Mapping[str, str]) -> bool:
+    return any(map(_is_picture, sums))
+
+
+def _is_picture(name: str) -> bool:
+    return PICTURES in name.split("/")[:-1]

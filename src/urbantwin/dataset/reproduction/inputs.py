@@ -1,0 +1,194 @@
+"""The inputs of a dataset: what is needed, where it lies here, and what is missing."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from urbantwin.dataset.reproduction.named_files import NamedFile, value_at
+from urbantwin.dataset.reproduction.search import Search
+from urbantwin.dataset.reproduction.told import Told
+from urbantwin.site import ImagerySpec
+
+__all__ = ["Found", "found_inputs", "places_to_look"]
+
+#: How many folders deep is looked below those that were named, and below the usual ones.
+DEEP, SHALLOW = 6, 1
+_PACKED = (".3tz",)
+_Kind = Literal["site", "rig", "background"]
+
+
+@dataclass(frozen=True)
+class Found:
+    """An input, and where it lies.
+
+    Attributes:
+        document: what names it: the site, the rig or the list of backgrounds.
+        at: where in that.
+        kind: ``osm``, ``dem``, ``geometry``, ``sensor``, ...
+        name: its own.
+        sha256: that it must have.
+        licence: on what terms it may be used; empty where that is not known.
+        attribution: who made it.
+        path: where it lies; an address or a pattern of tiles; ``None`` where it does not.
+        problem: why it cannot be used, or ``None``.
+        remark: what is uncertain though it can be.
+    """
+
+    document: _Kind
+    at: tuple[str | int, ...]
+    kind: str
+    name: str
+    sha256: str
+    licence: str = ""
+    attribution: str = ""
+    path: str | None = None
+    problem: str | None = None
+    remark: str | None = None
+
+    def told(self) -> dict[str, Any]:
+        """Return it as JSON holds it."""
+        values = {
+            "kind": self.kind,
+            "name": self.name,
+            "sha256": self.sha256,
+            "licence": self.licence,
+            "attribution": self.attribution,
+            "path": self.path,
+            "is": self.problem or self.remark or "found",
+        }
+        return {key: value for key, value in values.items() if value}
+
+
+def places_to_look(told: Told, given: Sequence[Path]) -> Search:
+    """Return where inputs are looked for: what a person named, around the dataset, and here."""
+    folder = told.file.parent.resolve()
+    around = [folder, *folder.parents[:2]]
+    beside = [one / "site" for one in around]
+    return Search(
+        [(one, DEEP) for one in given] + [(one, SHALLOW) for one in (*around, *beside, Path.cwd())]
+    )
+
+
+def found_inputs(told: Told, search: Search, *, twin_given: bool) -> list[Found]:
+    """Look for everything that a dataset is made from.
+
+    Args:
+        told: the dataset's manifest.
+        search: where to look.
+        twin_given: the twin is there, so that what it was made from is not needed.
+    """
+    found = []
+    if not twin_given:
+        sources = told.twin.made_from
+        found += [_found(search, one, "site", sources.site) for one in sources.files]
+    record = told.record
+    found += [_found(search, one, "rig", record.rig) for one in record.files if one.of is None]
+    for number, one in enumerate(record.background):
+        path, other = search.file(one.name, one.sha256)
+        problem = None if path else _why(other, search)
+        where = None if path is None else _absolute(path)
+        at = ("background", number)
+        found.append(
+            Found("background", at, "background", one.name, one.sha256, path=where, problem=problem)
+        )
+    return found
+
+
+def _found(search: Search, one: NamedFile, document: _Kind, value: Mapping[str, Any]) -> Found:
+    at = tuple(one.at)
+    kind = "sensor" if at[-1] == "model" else str(at[-1] if at[-1] in _PARTS else at[0])
+    entry = value_at(value, at[:-1])
+    terms = {
+        name: str(entry[name])[:200]
+        for name in ("licence", "attribution")
+        if isinstance(entry, dict) and entry.get(name)
+    }
+    path, problem, remark = _located(search, one, entry)
+    return Found(
+        document, at, kind, one.name, one.sha256, path=path, problem=problem, remark=remark, **terms
+    )
+
+
+_PARTS = ("footprints", "control_points")
+
+
+def _located(
+    search: Search, one: NamedFile, entry: Mapping[str, Any]
+) -> tuple[str | None, str | None, str | None]:
+    """Return where an input lies, what is wrong with it, and what is uncertain."""
+    if one.is_address:
+        key = entry.get("key_env")
+        if isinstance(key, str) and not os.environ.get(key, "").strip():
+            return None, f"is an address whose key ({key}) is not in the environment", None
+        return one.name, None, "an address, fetched again: what it gives may have changed"
+    if one.are_tiles:
+        return _tiles(search, one, entry)
+    if not one.sha256:
+        return _folder(search, one)
+    return _file(search, one)
+
+
+def _file(search: Search, one: NamedFile) -> tuple[str | None, str | None, str | None]:
+    path, other = search.file(one.name, one.sha256)
+    if path is None:
+        return None, _why(other, search), None
+    beside = {name: digest for name, digest in one.beside.items() if name != one.name}
+    if beside and path.suffix.lower() not in _PACKED:
+        same = (place for place in search.named(one.name) if search.sha256(place) == one.sha256)
+        path, wrong = _best(search, same, beside)
+        if wrong:
+            return None, _of_several(path, wrong), None
+    return _absolute(path), None, None
+
+
+def _tiles(
+    search: Search, one: NamedFile, entry: Mapping[str, Any]
+) -> tuple[str | None, str | None, str | None]:
+    """Return the pattern of local tiles whose first folder is there."""
+    first = one.name.partition("/")[0]
+    if first == "{z}":
+        first = str(entry.get("zoom", ImagerySpec.model_fields["zoom"].default))
+    for folder in search.named(first):
+        if folder.is_dir():
+            remark = "tiles: told by what they show, once they are read"
+            return _absolute(folder.parent / one.name), None, remark
+    return None, "is not found", None
+
+
+def _folder(search: Search, one: NamedFile) -> tuple[str | None, str | None, str | None]:
+    folders = [path for path in search.named(one.name) if path.is_dir()]
+    if not folders:
+        return None, "is not found", None
+    path, wrong = _best(search, folders, one.beside)
+    if wrong:
+        return None, _of_several(path, wrong), None
+    return _absolute(path), None, None
+
+
+def _best(
+    search: Search, places: Iterable[Path], beside: Mapping[str, str]
+) -> tuple[Path, dict[str, str]]:
+    """Return the place where most of what belongs to it is right, and what is wrong there."""
+    wrongs = [(path, search.wrong_beside(path, beside)) for path in places]
+    return min(wrongs, key=lambda item: len(item[1]))
+
+
+def _of_several(path: Path, wrong: Mapping[str, str]) -> str:
+    name, problem = next(iter(wrong.items()))
+    more = f", and {len(wrong) - 1} more of its files" if len(wrong) > 1 else ""
+    return f"is at {path}, but {name} that belongs to it {problem}{more}"
+
+
+def _absolute(path: Path) -> str:
+    # Not through links: a file's own name goes into manifests.
+    return os.path.abspath(path)  # noqa: PTH100
+
+
+def _why(other: Path | None, search: Search) -> str:
+    if other is None:
+        return "is not found"
+    return f"was found with other content ({other}, SHA-256 {search.sha256(other)[:12]}...)"

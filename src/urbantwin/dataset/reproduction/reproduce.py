@@ -1,0 +1,279 @@
+"""Making a dataset again from its manifest and its inputs."""
+
+from __future__ import annotations
+
+import copy
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from urbantwin.artefact import check_folder, claimed, new_folder, passing_folder
+from urbantwin.dataset.asked import asked_of
+from urbantwin.dataset.recording import record
+from urbantwin.dataset.reproduction.compare import Given, compared, given_files, other_versions
+from urbantwin.dataset.reproduction.inputs import Found, found_inputs, places_to_look
+from urbantwin.dataset.reproduction.named_files import NamedFile, set_at, value_at
+from urbantwin.dataset.reproduction.told import Told, read_told
+from urbantwin.errors import InputError
+from urbantwin.lidar import place_rig
+from urbantwin.lidar.casting.backend import layers_on
+from urbantwin.lidar.measured_file import rig_with_backgrounds
+from urbantwin.site import load_rig_spec, load_site
+from urbantwin.traffic import Motion, run_traffic
+from urbantwin.traffic.fingerprint import mesh_sha256, meshes_sha256, table_sha256
+from urbantwin.twin import Twin, build_twin, load_twin
+
+__all__ = ["Plan", "make_again", "plan_of"]
+
+Progress = Callable[[float, str], None]
+#: Shows a stage of a name while a block runs.
+Stage = Callable[[str], AbstractContextManager[Progress]]
+#: Draws the pictures of a dataset's folder.
+Draw = Callable[[Path, Twin, Motion, Progress], None]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What is known before a dataset is made again.
+
+    Attributes:
+        told: its manifest.
+        given: its bytes.
+        versions: what of the programs and the machine is other now: ``of``, ``then``, ``now``.
+        inputs: every input, and where it lies.
+        twin: a twin to take instead of building it.
+        motion: a motion to take instead of simulating it.
+    """
+
+    told: Told
+    given: Given
+    versions: list[dict[str, str]]
+    inputs: list[Found]
+    twin: Path | None = None
+    motion: Path | None = None
+
+    @property
+    def missing(self) -> list[Found]:
+        """The inputs that cannot be used."""
+        return [one for one in self.inputs if one.problem]
+
+    def refuse_missing(self) -> None:
+        """Refuse to go on without all inputs.
+
+        Raises:
+            InputError: one is missing, or has other content; the first is named.
+        """
+        if not self.missing:
+            return
+        one = self.missing[0]
+        terms = ", ".join(
+            part
+            for part in (one.kind, f"SHA-256 {one.sha256}" * bool(one.sha256), one.licence,
+                         one.attribution)
+            if part
+        )  # fmt: skip
+        more = f"; {len(self.missing) - 1} more cannot be used" if len(self.missing) > 1 else ""
+        raise InputError(
+            f"the input {one.name} ({terms}) {one.problem}{more}",
+            file=self.told.file,
+            expected="it in a folder given by --inputs, around the dataset, or in the current one",
+        )
+
+    def reasons(self) -> list[str]:
+        """Return what may make other bytes."""
+        return [
+            *(f"{one['of']} was {one['then']}, is {one['now']}" for one in self.versions),
+            *(f"{one.name} is {one.remark}" for one in self.inputs if one.remark),
+        ]
+
+
+def plan_of(
+    path: Path,
+    *,
+    inputs: Sequence[Path] = (),
+    twin: Path | None = None,
+    motion: Path | None = None,
+) -> Plan:
+    """Read a dataset's manifest, and find out what making it again would need.
+
+    Args:
+        path: a dataset's folder or its ``dataset.json``.
+        inputs: folders to look for inputs in, first.
+        twin: its twin, if that is not to be built again.
+        motion: its motion, if that is not to be simulated again.
+
+    Raises:
+        InputError: it is no dataset, or one that does not tell what it was made from; a folder is
+            none; the twin or the motion is another.
+    """
+    for folder in inputs:
+        if not folder.is_dir():
+            raise InputError("is not a folder", file=folder, expected="a folder with inputs")
+    told = read_told(path / "dataset.json" if path.is_dir() else path)
+    layers_on(told.dataset.backend)  # Is it there?
+    if twin is not None and mesh_sha256(load_twin(twin).mesh) != told.dataset.scene_sha256:
+        raise InputError("has another scene", file=twin, expected="the twin of the dataset")
+    if motion is not None:
+        taken = Motion.load(motion)
+        made = (table_sha256(taken.actors), meshes_sha256(taken.meshes))
+        if made != (told.dataset.motion_sha256, told.dataset.meshes_sha256):
+            raise InputError(
+                "has other actors", file=motion, expected="the motion of the dataset, as it was"
+            )
+    found = found_inputs(told, places_to_look(told, inputs), twin_given=twin is not None)
+    return Plan(told, given_files(told), other_versions(told), found, twin, motion)
+
+
+def make_again(
+    plan: Plan,
+    *,
+    stage: Stage,
+    out: Path | None = None,
+    workers: int | None = None,
+    draw: Draw | None = None,
+) -> dict[str, Any]:
+    """Make a dataset again, and compare it.
+
+    Args:
+        plan: see `plan_of`.
+        stage: shows the progress of a stage.
+        out: where the twin, the motion and the dataset go, a folder each; when not given they are
+            scratch beside the dataset, which goes when they have been compared.
+        workers: number of processes; as many as there are processors when not given.
+        draw: draws pictures into the dataset, if it had some.
+
+    Returns:
+        See `compare.compared`.
+
+    Raises:
+        InputError: an input is missing or changed, or ``out`` cannot be written.
+        StageError: a tool failed, or the disk is full.
+    """
+    plan.refuse_missing()
+    told = plan.told
+    taken = [told.file if plan.given.alone else _whole(told), plan.twin, plan.motion]
+    taken += [Path(one.path) for one in plan.inputs if one.path and Path(one.path).exists()]
+    if out is not None:
+        for kind in ("twin", "motion", "dataset"):
+            check_folder(out / kind, kind=kind, inputs=taken)
+    with _place(out, _whole(told)) as (place, scratch):
+        if plan.twin is not None:
+            twin = load_twin(plan.twin)
+        else:
+            written = _written(scratch / "site.yaml", _with_files(plan, "site"))
+            with stage("twin") as progress:
+                twin = build_twin(load_site(written), place / "twin", progress)
+        if plan.motion is not None:
+            motion = Motion.load(plan.motion)
+        else:
+            with stage("traffic") as progress:
+                motion = run_traffic(
+                    twin, place / "motion", changes=told.motion.asked, progress=progress
+                )
+        again = place / "dataset"
+        with stage("record") as progress:
+            _recorded(plan, twin, motion, again, scratch, workers, progress, draw)
+        return compared(told, plan.given, again, plan.reasons())
+
+
+def _recorded(
+    plan: Plan,
+    twin: Twin,
+    motion: Motion,
+    again: Path,
+    scratch: Path,
+    workers: int | None,
+    progress: Progress,
+    draw: Draw | None,
+) -> None:
+    told = plan.told
+    file = _written(scratch / "rig.yaml", _with_files(plan, "rig", twin.folder))
+    spec = load_rig_spec(file, twin.frame)
+    rig = place_rig(spec, twin.mesh, file=file, anchor_height_m=twin.anchor_height_m)
+    files = [one.path for one in plan.inputs if one.document == "background"]
+    background = [
+        str(path) if one.sensor is None else f"{one.sensor}={path}"
+        for one, path in zip(told.record.background, files, strict=True)
+    ]
+    fuse = told.record.fuse
+    pictures = plan.given.pictures and draw is not None
+
+    def also(folder: Path) -> None:
+        assert draw is not None
+        draw(folder, twin, motion, lambda share, text: progress(0.98 + 0.02 * share, text))
+
+    record(
+        twin,
+        motion,
+        rig_with_backgrounds(rig, background, fused=fuse),
+        again,
+        workers=workers,
+        seed=told.dataset.seeds["record"],
+        start_s=told.record.span_s[0],
+        stop_s=told.record.span_s[1],
+        rig_file=file,
+        backend=told.dataset.backend,
+        asked=asked_of(spec, file, twin, background=background, fuse=fuse),
+        inputs=[] if plan.motion is None else [plan.motion],
+        also=also if pictures else None,
+        progress=progress,
+    )
+
+
+def _with_files(plan: Plan, document: str, twin: Path | None = None) -> Mapping[str, Any]:
+    """Return the site or the rig, naming files where they lie here."""
+    told = plan.told
+    value = copy.deepcopy(told.twin.made_from.site if document == "site" else told.record.rig)
+    for one in plan.inputs:
+        if one.document == document and one.path is not None:
+            _name(value, one.at, one.path)
+    if twin is not None:
+        for own in told.record.files:
+            if own.of == "twin":
+                _name(value, tuple(own.at), str(_of_twin(twin, own)))
+    return value
+
+
+def _of_twin(twin: Path, own: NamedFile) -> Path:
+    path = (twin / own.name).absolute()
+    if not path.is_file():
+        raise InputError("not found", file=path, expected="the sensor's file that the twin keeps")
+    return path
+
+
+def _name(document: Any, at: tuple[str | int, ...], path: str) -> None:  # noqa: ANN401
+    if at[-1] == "model":  # ``MODEL:FILE`` of a Hesai sensor
+        before, colon, _ = str(value_at(document, at)).rpartition(":")
+        path = before + colon + path
+    set_at(document, at, path)
+
+
+def _written(file: Path, value: Mapping[str, Any]) -> Path:
+    file.write_text(yaml.safe_dump(value, sort_keys=False, allow_unicode=True))
+    return file
+
+
+def _whole(told: Told) -> Path:
+    """Return the folder of the whole dataset, of which a sensor's is a part."""
+    folder = told.file.parent.resolve()
+    is_inside = told.part == folder.name and (folder.parent / "dataset.json").is_file()
+    return folder.parent if told.part and is_inside else folder
+
+
+@contextmanager
+def _place(out: Path | None, dataset: Path) -> Iterator[tuple[Path, Path]]:
+    """Yield the folder to make everything in, and one for what nobody needs afterwards."""
+    if out is not None:
+        with new_folder(out), passing_folder("urbantwin-reproduce") as scratch:
+            yield out, scratch
+    elif os.access(dataset.parent, os.W_OK):
+        with claimed(dataset.with_name(f"{dataset.name}-again")) as own:
+            yield own.folder, own.folder
+    else:
+        with passing_folder("urbantwin-reproduce") as scratch:
+            yield scratch, scratch
