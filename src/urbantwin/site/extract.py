@@ -296,7 +296,7 @@ def read_extract(path: Path) -> Extract:
             elif isinstance(item, osmium.osm.Relation):
                 members = tuple((m.type, m.ref, m.role) for m in item.members)
                 relations[item.id] = Relation(item.id, members, tags)
-    except (RuntimeError, ValueError, OSError, UnicodeDecodeError) as error:
+    except (RuntimeError, ValueError, OSError, osmium.InvalidLocationError) as error:
         raise InputError(
             f"cannot be read as OpenStreetMap data: truncated or damaged ({error})",
             file=path,
