@@ -43,7 +43,7 @@ def changed_value(rng: random.Random, value: object) -> object:
         holder[rng.choice(WORDS)] = holder.pop(key)
     elif kind < 0.25:
         inner: object = 1
-        for _ in range(min(depth(rng), 900)):  # as deep as Python writes them
+        for _ in range(min(depth(rng), 100)):  # texts are nested deeper than Python writes them
             inner = [inner] if rng.random() < 0.5 else {"a": inner}
         holder[key] = inner
     elif kind < 0.35 and isinstance(holder[key], list):

@@ -15,6 +15,7 @@ import signal
 import sys
 import tempfile
 import time
+import traceback
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -78,6 +79,9 @@ def _run_child(  # noqa: PLR0912
                     os.dup2(output.fileno(), stream)
                 read_all(reader, seeds, beside, first, last, say)
                 code = 0
+            except BaseException:
+                traceback.print_exc()
+                sys.stderr.flush()
             finally:
                 os._exit(code)
         os.close(say)

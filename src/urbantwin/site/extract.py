@@ -13,7 +13,7 @@ import osmium.osm
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.errors import InputError
+from urbantwin.errors import InputError, readable
 from urbantwin.geometry import SiteFrame
 
 __all__ = ["Extract", "OsmFeature", "Relation", "Way", "WayPiece", "read_extract"]
@@ -297,8 +297,9 @@ def read_extract(path: Path) -> Extract:
                 members = tuple((m.type, m.ref, m.role) for m in item.members)
                 relations[item.id] = Relation(item.id, members, tags)
     except (RuntimeError, ValueError, OSError, osmium.InvalidLocationError) as error:
+        why = readable(str(error), 120)
         raise InputError(
-            f"cannot be read as OpenStreetMap data: truncated or damaged ({error})",
+            f"cannot be read as OpenStreetMap data: truncated or damaged ({why})",
             file=path,
             expected=expected,
         ) from None
