@@ -59,6 +59,9 @@ def read_all(
     """
     faulthandler.enable()
     warnings.simplefilter("ignore")
+    # What compiles or is looked up but once is no one file's fault.
+    with contextlib.suppress(Exception):
+        _problem_of(reader, seeds[0], beside)
     _limit_memory()
     for number in range(first, last):
         bad = mutation(reader.name, number, seeds)

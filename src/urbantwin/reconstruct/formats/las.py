@@ -15,7 +15,7 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.reconstruct.formats.coordinate_system import compound
 from urbantwin.reconstruct.formats.las_sizes import checked_sizes
 from urbantwin.reconstruct.formats.region_bounds import bounds_in
-from urbantwin.reconstruct.formats.sound import MOST_POINTS, content_of, count_within
+from urbantwin.reconstruct.formats.sound import FARTHEST, MOST_POINTS, content_of, count_within
 from urbantwin.reconstruct.model import ImportedModel, PointCloud
 
 __all__ = ["read_las"]
@@ -126,7 +126,7 @@ def _piece(
     piece: laspy.ScaleAwarePointRecord, bounds: tuple[float, float, float, float] | None
 ) -> PointCloud:
     points = np.column_stack([piece.x, piece.y, piece.z]).astype(np.float64)
-    keep = np.isfinite(points).all(axis=1)
+    keep = (np.abs(points) <= FARTHEST).all(axis=1)
     names = set(piece.point_format.dimension_names)
     if _WITHHELD in names:
         keep &= np.asarray(piece[_WITHHELD]) == 0
