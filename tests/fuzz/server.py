@@ -22,8 +22,10 @@ from typing import Any
 
 ROOT = Path(__file__).parents[2]
 #: What readers import when they are called: once here, and not in every child.
-LATE = ("urbantwin.roads.imported", "urbantwin.reconstruct.describe", "urbantwin.fidelity.clouds",
-        "urbantwin.lidar.scanner", "rasterio.warp", "rasterio.windows", "scipy.ndimage")  # fmt: skip
+LATE = [
+    *("urbantwin.roads.imported", "urbantwin.reconstruct.describe", "urbantwin.fidelity.clouds"),
+    *("urbantwin.lidar.scanner", "rasterio.warp", "rasterio.windows", "scipy.ndimage"),
+]
 #: Seconds of the clock for one mutation; the limit is one of the processor, which others use too.
 PATIENCE = 60.0
 
