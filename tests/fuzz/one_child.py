@@ -54,12 +54,14 @@ def read_all(
         beside: files beside it.
         first: number of a mutation.
         last: one more than the number of the last one.
-        say: file descriptor that lines are written to: ``{"begin": 3}``, ``{"end": 3}`` with a
-            problem if there is one, at last ``{"done": true}``.
+        say: file descriptor that lines are written to: ``{"begin": 3}`` (with ``warm`` when
+            it is a sound file that is read), ``{"end": 3}`` with a problem if there is one, at
+            last ``{"done": true}``.
     """
     faulthandler.enable()
     warnings.simplefilter("ignore")
     # What compiles or is looked up but once is no one file's fault.
+    os.write(say, json.dumps({"begin": first, "warm": True}).encode() + b"\n")
     with contextlib.suppress(Exception):
         _problem_of(reader, seeds[0], beside)
     _limit_memory()

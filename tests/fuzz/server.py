@@ -65,7 +65,7 @@ def run_reader(reader: Any, first: int, last: int) -> dict[str, Any]:
     return {"problems": problems, "wall_s": round(time.monotonic() - began, 2), **state}
 
 
-def _run_child(  # noqa: PLR0912
+def _run_child(  # noqa: PLR0912, PLR0915
     reader: Any,
     seeds: list[bytes],
     beside: Any,
@@ -95,7 +95,7 @@ def _run_child(  # noqa: PLR0912
                 os._exit(code)
         os.close(say)
         now, pending, killed, done = None, b"", "", False
-        spent = started = 0.0
+        spent = started = limit = 0.0
         while True:
             ready, _, _ = select.select([hear], [], [], 0.5)
             if ready:
@@ -106,6 +106,7 @@ def _run_child(  # noqa: PLR0912
                 for line in map(json.loads, lines):
                     done = done or "done" in line
                     if "begin" in line:
+                        limit = reader.seconds * (6 if "warm" in line else 1)
                         now, spent, started = line["begin"], _processor_time(pid), time.monotonic()
                     if "end" in line:
                         took = _processor_time(pid) - spent
@@ -115,10 +116,9 @@ def _run_child(  # noqa: PLR0912
                             problems[line["end"]] = line["problem"]
                         now, first = None, line["end"] + 1
             elif now is not None and (
-                _processor_time(pid) - spent > reader.seconds
-                or time.monotonic() - started > PATIENCE
+                _processor_time(pid) - spent > limit or time.monotonic() - started > PATIENCE
             ):
-                killed = f"took more than {reader.seconds:g} s"
+                killed = f"took more than {limit:g} s"
                 os.kill(pid, signal.SIGKILL)
         os.close(hear)
         _, status = os.waitpid(pid, 0)
