@@ -10,12 +10,15 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import Any
 
+from urbantwin.errors import readable
 from urbantwin.progress import Progress, untold
 
 __all__ = ["Console", "error_line"]
 
 #: Nobody waits longer than this for a line, seconds.
 _LONGEST_S = 10.0
+#: Most characters of an error, or of a text that a result holds, on a terminal.
+LONGEST_LINE = 1500
 
 
 class Console:
@@ -33,7 +36,9 @@ class Console:
     def result(self, value: Mapping[str, Any]) -> None:
         """Print what a command made or found: for a script as JSON, for a person as lines."""
         if self.as_json:
-            print(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False))
+            text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False)
+            # Halves of letters, which names in files may hold, are written as JSON escapes them.
+            print(text.encode(errors="backslashreplace").decode())
         elif not self.quiet:
             print("\n".join(_lines_of(value)))
 
@@ -147,23 +152,23 @@ def _lines(title: str, *, brief: bool = False, longest_s: float = _LONGEST_S) ->
 
 def error_line(problem: object) -> None:
     """Print ``error: ...`` on stderr, as one line."""
-    print("error:", " ".join(str(problem).split()), file=sys.stderr)
+    print("error:", readable(str(problem), LONGEST_LINE), file=sys.stderr)
 
 
 def _lines_of(value: Mapping[str, Any], indent: str = "") -> Iterator[str]:
     """Yield ``key: value`` lines, what is inside a mapping or a list of mappings set in."""
     for key, item in value.items():
         if isinstance(item, Mapping) and not _fits_a_line(item):
-            yield f"{indent}{key}:"
+            yield f"{indent}{_inline(key)}:"
             yield from _lines_of(item, indent + "  ")
         elif isinstance(item, list) and any(isinstance(one, Mapping) for one in item):
-            yield f"{indent}{key}:"
+            yield f"{indent}{_inline(key)}:"
             yield from (f"{indent}  - {_inline(one)}" for one in item)
         elif isinstance(item, list) and len(item) > 1 and all(isinstance(x, str) for x in item):
-            yield f"{indent}{key}:"
-            yield from (f"{indent}  {one}" for one in item)
+            yield f"{indent}{_inline(key)}:"
+            yield from (f"{indent}  {_inline(one)}" for one in item)
         elif item not in (None, []):
-            yield f"{indent}{key}: {_inline(item)}"
+            yield f"{indent}{_inline(key)}: {_inline(item)}"
 
 
 def _fits_a_line(value: Mapping[str, Any]) -> bool:
@@ -172,7 +177,7 @@ def _fits_a_line(value: Mapping[str, Any]) -> bool:
 
 def _inline(value: object) -> str:
     if isinstance(value, Mapping):
-        return ", ".join(f"{key} {_inline(one)}" for key, one in value.items())
+        return ", ".join(f"{_inline(key)} {_inline(one)}" for key, one in value.items())
     if isinstance(value, list | tuple):
         return ", ".join(map(_inline, value))
-    return str(value)
+    return readable(value, LONGEST_LINE) if isinstance(value, str) else str(value)

@@ -12,7 +12,7 @@ from urbantwin.cli.options import AsJson, Quiet, Workers
 from urbantwin.errors import StageError
 
 if TYPE_CHECKING:
-    from urbantwin.cli.console import ProgressCallback
+    from urbantwin.progress import Progress
     from urbantwin.traffic import Motion
     from urbantwin.twin import Twin
 
@@ -72,7 +72,7 @@ def reproduce(
         console.result({**before, "missing": [one.told() for one in plan.missing]})
         plan.refuse_missing()
 
-    def draw(dataset: Path, twin: Twin, motion: Motion, progress: ProgressCallback) -> None:
+    def draw(dataset: Path, twin: Twin, motion: Motion, progress: Progress) -> None:
         from urbantwin.view.pictures import pictures_of_dataset
 
         pictures_of_dataset(dataset, twin=twin, motion=motion, progress=progress)

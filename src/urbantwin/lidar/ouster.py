@@ -7,7 +7,6 @@ which nests them in ``beam_intrinsics``, ``config_params``, ``lidar_data_format`
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Callable
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.lidar.sensor import Sensor
 from urbantwin.lidar.sensor_file import MOST_CHANNELS
+from urbantwin.strict_json import NotJsonError, parse_json
 
 __all__ = ["ouster_sensor"]
 
@@ -92,11 +92,10 @@ def ouster_sensor(text: str, file: Path, known: Callable[[str], Sensor | None]) 
 
 def _json(text: str, file: Path) -> dict[str, Any]:
     try:
-        value = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        line = getattr(error, "lineno", None)
-        place = None if line is None else f"line {line}"
-        raise InputError("is not JSON", file=file, place=place, expected=_EXPECTED) from None
+        value = parse_json(text)
+    except NotJsonError as error:
+        problem = f"is not JSON ({error.problem})"
+        raise InputError(problem, file=file, place=error.place, expected=_EXPECTED) from None
     if not isinstance(value, dict):
         raise InputError("is not a table of keys", file=file, expected=_EXPECTED)
     return value

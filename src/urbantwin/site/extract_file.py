@@ -11,7 +11,7 @@ import osmium
 import osmium.osm
 import shapely
 
-from urbantwin.errors import InputError
+from urbantwin.errors import InputError, readable
 from urbantwin.geometry import SiteFrame
 from urbantwin.progress import Progress
 from urbantwin.site.extract import Extract, Relation, Way
@@ -83,9 +83,10 @@ def read_extract(
             else:
                 assert near is not None
                 extract = NearExtract(path, near).read(stream)
-    except (RuntimeError, ValueError, OSError, UnicodeDecodeError) as error:
+    except (RuntimeError, ValueError, OSError, osmium.InvalidLocationError) as error:
+        why = readable(str(error), 120)
         raise InputError(
-            f"cannot be read as OpenStreetMap data: truncated or damaged ({error})",
+            f"cannot be read as OpenStreetMap data: truncated or damaged ({why})",
             file=path,
             expected=EXPECTED,
         ) from None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -150,44 +150,42 @@ def build_twin(
             if watch is not None:
                 watch(found)
         tell(0.97, "writing")
-        resolved = site.resolved()
-        _write_yaml(folder / "site.yaml", {**resolved, "rig": "rig.yaml"})
-        _write_yaml(folder / "rig.yaml", kept_rig(site.rig, site.rig_file, folder))
-        write_json(
-            folder / "twin.json",
-            {
-                "kind": "twin",
-                "version": __version__,
-                "name": site.name,
-                "anchor": {
-                    "latitude": site.latitude,
-                    "longitude": site.longitude,
-                    "proj": site.frame.proj,
-                },
-                "driving_side": side,
-                "region_m": np.round(shapely.get_coordinates(site.region), 4).tolist(),
-                "inputs": site.inputs(),
-                "made_from": made_from(
-                    site, found.report if found else None, photo.notes if photo else ()
-                ),
-                "notes": {
-                    "ground": ground_notes,
-                    "roads": roads.notes,
-                    **({"geometry": outcome(found.report)} if found else {}),
-                    **scene.notes,
-                    "materials": material.notes,
-                },
-                "files": {
-                    path.name: sha256_of(path)
-                    for path in sorted(folder.iterdir())
-                    if path.name != "twin.json"
-                },
-            },
-        )
+        notes = {
+            "ground": ground_notes,
+            "roads": roads.notes,
+            **({"geometry": outcome(found.report)} if found else {}),
+            **scene.notes,
+            "materials": material.notes,
+        }
+        made = made_from(site, found.report if found else None, photo.notes if photo else ())
+        _write_documents(folder, site, {"driving_side": side, "made_from": made, "notes": notes})
         if also is not None:
             also(load_twin(folder), between(whole, BUILT, 1.0))
     whole(1.0, "done")
     return load_twin(out)
+
+
+def _write_documents(folder: Path, site: Site, told: Mapping[str, object]) -> None:
+    """Write the site and its rig as they were resolved, and ``twin.json``."""
+    _write_yaml(folder / "site.yaml", {**site.resolved(), "rig": "rig.yaml"})
+    _write_yaml(folder / "rig.yaml", kept_rig(site.rig, site.rig_file, folder))
+    write_json(
+        folder / "twin.json",
+        {
+            "kind": "twin",
+            "version": __version__,
+            "name": site.name,
+            "anchor": {
+                "latitude": site.latitude,
+                "longitude": site.longitude,
+                "proj": site.frame.proj,
+            },
+            "region_m": np.round(shapely.get_coordinates(site.region), 4).tolist(),
+            "inputs": site.inputs(),
+            **told,
+            "files": {path.name: sha256_of(path) for path in sorted(folder.iterdir())},
+        },
+    )
 
 
 def _read(site: Site, tell: Progress) -> tuple[Extract | None, Progress]:

@@ -19,7 +19,7 @@ from urbantwin.roads.opendrive.lane_sections import reach_of, read_sections
 from urbantwin.roads.opendrive.lateral import read_heights
 from urbantwin.roads.opendrive.links import Link, joined, read_links
 from urbantwin.roads.opendrive.outlines import Outline, read_outlines
-from urbantwin.roads.opendrive.parsing import Log, Spot, whole_number
+from urbantwin.roads.opendrive.parsing import Log, Spot, id_number
 from urbantwin.roads.opendrive.placed import placed, shifted
 from urbantwin.roads.opendrive.plan_view import read_curve
 from urbantwin.roads.opendrive.references import Reference, read_references, referred
@@ -134,12 +134,12 @@ def _road(item: etree._Element, identity: str, content: _Content, spot: Spot) ->
     notes = {e.get("code"): e.get("value") or "" for e in item.findall("userData")}
     kinds = [e.get("type", "") for e in item.findall("type")]
     ways = notes.get("ways", "").split()
-    level = notes.get("level", "")
+    level = id_number(notes.get("level", ""))
     road = ModelRoad(
         id=len(content.roads) + 1,
         name=item.get("name") or "",
         kind=notes.get("class") or CLASS_OF_TYPE.get(kinds[0] if kinds else "", ""),
-        ways=tuple(int(way) for way in ways if way.isdecimal()),
+        ways=tuple(way for way in map(id_number, ways) if way is not None),
         junction=-1,
         curve=curve,
         offset=offset,
@@ -147,7 +147,7 @@ def _road(item: etree._Element, identity: str, content: _Content, spot: Spot) ->
         bank=bank,
         crown=crown,
         sections=sections,
-        level=int(level) if level.isdecimal() else int(item.find("objects/bridge") is not None),
+        level=int(item.find("objects/bridge") is not None) if level is None else level,
     )
     if item.find("railroad/switch") is not None:
         spot.remark("railway switches that are not read")
@@ -177,7 +177,7 @@ def _assembled(content: _Content, log: Log) -> ReadMap:
         )
     if not content.has_heights:
         content.roads = {key: _curbed(road, log) for key, road in content.roads.items()}
-    whole = [whole_number(key) for key in content.roads]
+    whole = [id_number(key) for key in content.roads]
     if None not in whole and len(set(whole)) == len(whole):
         ids = dict(zip(content.roads, whole, strict=True))
         content.roads = {key: replace(e, id=ids[key] or 0) for key, e in content.roads.items()}
