@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from urbantwin.artefact.arrays import may_unpack, one_line
 from urbantwin.errors import InputError
@@ -14,7 +15,7 @@ from urbantwin.errors import InputError
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["check_finite", "read_feather", "read_parquet"]
+__all__ = ["check_finite", "columns_of", "read_feather", "read_parquet"]
 
 
 def read_parquet(
@@ -84,8 +85,48 @@ def read_feather(path: Path, expected: str) -> pa.Table:
         raise _damaged(error, path, expected) from None
 
 
+def columns_of(
+    table: pa.Table, kinds: Mapping[str, str], path: Path, expected: str
+) -> dict[str, NDArray[Any]]:
+    """Return columns of a table as arrays.
+
+    Args:
+        table: as it was read.
+        kinds: column -> ``number`` (float64, finite), ``whole`` (int64), ``text`` (objects) or
+            ``text or none``.
+        path: for errors.
+        expected: what the file should be, for errors.
+
+    Raises:
+        InputError: a column is missing, is of another kind, or lacks a value; it is named.
+    """
+    import pyarrow as pa
+
+    found: dict[str, NDArray[Any]] = {}
+    for name, kind in kinds.items():
+        if name not in table.column_names:
+            raise InputError("is missing", file=path, place=name, expected=expected)
+        column = table[name]
+        types = {
+            "number": pa.types.is_floating(column.type) or pa.types.is_integer(column.type),
+            "whole": pa.types.is_integer(column.type),
+        }
+        fits = types.get(kind, pa.types.is_string(column.type))
+            kind, pa.types.is_string(column.type)
+        )
+        if not fits:
+            raise InputError(f"holds {column.type}", file=path, place=name, expected=kind)
+        if kind != "text or none":
+            check_finite(table, [name], path)
+        array = column.to_numpy(zero_copy_only=False)
+        if kind in ("number", "whole"):
+            array = array.astype(np.float64 if kind == "number" else np.int64)
+        found[name] = array
+    return found
+
+
 def check_finite(table: pa.Table, columns: Iterable[str], path: Path) -> None:
-    """Refuse columns of numbers in which a value is missing or not finite.
+    """Refuse columns in which a value is missing, or a number is not finite.
 
     Raises:
         InputError: one is; the column is named.
@@ -94,7 +135,8 @@ def check_finite(table: pa.Table, columns: Iterable[str], path: Path) -> None:
         column = table[name]
         if column.null_count:
             raise InputError("lacks values", file=path, place=name, expected="one in every row")
-        if str(column.type) in ("double", "float") and not np.isfinite(column.to_numpy()).all():
+        number = str(column.type) in ("double", "float", "halffloat")
+        if number and not np.isfinite(column.to_numpy()).all():
             raise InputError("has a value that is not finite", file=path, place=name)
 
 

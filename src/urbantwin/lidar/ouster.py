@@ -7,7 +7,6 @@ which nests them in ``beam_intrinsics``, ``config_params``, ``lidar_data_format`
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Callable
@@ -18,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.artefact.document import json_value
 from urbantwin.errors import InputError
 from urbantwin.lidar.sensor import Sensor
 from urbantwin.lidar.sensor_file import MOST_CHANNELS
@@ -91,12 +91,7 @@ def ouster_sensor(text: str, file: Path, known: Callable[[str], Sensor | None]) 
 
 
 def _json(text: str, file: Path) -> dict[str, Any]:
-    try:
-        value = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        line = getattr(error, "lineno", None)
-        place = None if line is None else f"line {line}"
-        raise InputError("is not JSON", file=file, place=place, expected=_EXPECTED) from None
+    value = json_value(text, file=file, expected=_EXPECTED)
     if not isinstance(value, dict):
         raise InputError("is not a table of keys", file=file, expected=_EXPECTED)
     return value

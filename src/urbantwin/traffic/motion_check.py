@@ -79,8 +79,8 @@ def check_motion(actors: pa.Table, signals: pa.Table, until_s: float, folder: Pa
         if len(values) and np.abs(values).max() > most:
             raise InputError("is out of range", file=file, place=name, expected=f"up to {most:g}")
     for name in ("length", "width", "height"):
-        if len(actors) and actors[name].to_numpy().min() <= 0:
-            raise InputError("is out of range", file=file, place=name, expected="more than 0")
+        if len(actors) and actors[name].to_numpy().min() < 0:
+            raise InputError("is out of range", file=file, place=name, expected="0 or more")
     if len(actors) and actors["track"].to_numpy().min() < 0:
         raise InputError("is out of range", file=file, place="track", expected="0 or more")
     strange = set(pc.unique(actors["class"]).to_pylist()) - set(ACTOR_CLASSES)
