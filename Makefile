@@ -16,11 +16,12 @@ DEVELOPMENT := $(VENV)/.development-installed
 # What the wheels of SUMO link to and do not carry (README, "Debian packages").
 DEBIAN_PACKAGES := libatomic1 libexpat1 libgl1 libxext6 libxrender1
 
-.PHONY: demo test lint bench judges lock clean help
+.PHONY: demo test fuzz lint bench judges lock clean help
 
 help:
 	@echo "make demo    create .venv, install, run the demo (writes urbantwin-demo/)"
 	@echo "make test    create .venv, install, check style and types, run the tests"
+	@echo "make fuzz    2,000 bad files for every reader (an hour)"
 	@echo "make lint    style and types only"
 	@echo "make bench   the benchmarks"
 	@echo "make judges  create .venv-judges with what judges exported OpenDRIVE (300 MB)"
@@ -32,6 +33,9 @@ demo: $(RUNTIME)
 
 test: lint judges
 	$(BIN)/pytest -n auto --dist loadfile
+
+fuzz: $(DEVELOPMENT)
+	$(BIN)/pytest -n auto --dist loadgroup -m fuzz tests/fuzz
 
 lint: $(DEVELOPMENT)
 	$(BIN)/ruff check

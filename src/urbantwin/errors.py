@@ -11,17 +11,45 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["InputError", "StageError", "UrbanTwinError"]
+__all__ = ["InputError", "StageError", "UrbanTwinError", "readable"]
+
+#: Most characters of each part of an error: what is longer is a file's content, not a message.
+_LONGEST = 320
+
+
+def readable(text: str, most: int = _LONGEST) -> str:
+    r"""Return a text as one line that a terminal shows as it is, shortened in its middle.
+
+    Bytes that move the cursor, change colours or turn the direction of writing come as escapes
+    (``\x1b``): they may stand in the names and values of any file.
+    """
+    if len(text) > 2 * most:  # the middle goes before each of a million letters is looked at
+        text = f"{text[:most]} ... {text[-most:]}"
+    line = " ".join(text.split())
+    if not line.isprintable():
+        line = "".join(
+            letter if letter.isprintable() else letter.encode("unicode_escape").decode()
+            for letter in line
+        )
+    if len(line) <= most:
+        return line
+    begin = (most - 5) * 2 // 3
+    return f"{line[:begin]} ... {line[begin + 5 - most :]}"
 
 
 class UrbanTwinError(Exception):
     """The common root: catch it to catch every error that UrbanTwin raises on purpose."""
 
+    def __str__(self) -> str:
+        """Return the one line that a person reads."""
+        return readable(super().__str__(), 3 * _LONGEST)
+
 
 class InputError(UrbanTwinError):
     """A file or a value that a person gave is wrong.
 
-    ``str(error)`` is one line: ``FILE: PLACE: what is wrong; expected what was expected``.
+    ``str(error)`` is one line: ``FILE: PLACE: what is wrong; expected what was expected``, in which
+    each part is shortened where it is longer than a line or two.
 
     Args:
         problem: what is wrong, in the reader's words.
@@ -50,10 +78,11 @@ class InputError(UrbanTwinError):
 
     def __str__(self) -> str:
         """Return the one line that a person reads."""
-        text = ": ".join(part for part in (self.file, self.place, self.problem) if part)
+        parts = (self.file, self.place, self.problem)
+        text = ": ".join(readable(part) for part in parts if part)
         if self.expected:
-            text += f"; expected {self.expected}"
-        return " ".join(text.split())
+            text += f"; expected {readable(self.expected)}"
+        return text
 
 
 def _input_error(

@@ -112,8 +112,6 @@ def columns_of(
             "whole": pa.types.is_integer(column.type),
         }
         fits = types.get(kind, pa.types.is_string(column.type))
-            kind, pa.types.is_string(column.type)
-        )
         if not fits:
             raise InputError(f"holds {column.type}", file=path, place=name, expected=kind)
         if kind != "text or none":

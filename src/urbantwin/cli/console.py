@@ -9,10 +9,14 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
+from urbantwin.errors import readable
+
 __all__ = ["Console", "ProgressCallback", "error_line"]
 
 #: What every long function calls: the fraction that is done (0..1) and what is being done.
 ProgressCallback = Callable[[float, str], None]
+#: Most characters of an error, or of a text that a result holds, on a terminal.
+LONGEST_LINE = 1500
 
 
 class Console:
@@ -30,7 +34,9 @@ class Console:
     def result(self, value: Mapping[str, Any]) -> None:
         """Print what a command made or found: for a script as JSON, for a person as lines."""
         if self.as_json:
-            print(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False))
+            text = json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False)
+            # Halves of letters, which names in files may hold, are written as JSON escapes them.
+            print(text.encode(errors="backslashreplace").decode())
         elif not self.quiet:
             print("\n".join(_lines_of(value)))
 
@@ -97,23 +103,23 @@ def _lines(title: str) -> Iterator[ProgressCallback]:
 
 def error_line(problem: object) -> None:
     """Print ``error: ...`` on stderr, as one line."""
-    print("error:", " ".join(str(problem).split()), file=sys.stderr)
+    print("error:", readable(str(problem), LONGEST_LINE), file=sys.stderr)
 
 
 def _lines_of(value: Mapping[str, Any], indent: str = "") -> Iterator[str]:
     """Yield ``key: value`` lines, what is inside a mapping or a list of mappings set in."""
     for key, item in value.items():
         if isinstance(item, Mapping) and not _fits_a_line(item):
-            yield f"{indent}{key}:"
+            yield f"{indent}{_inline(key)}:"
             yield from _lines_of(item, indent + "  ")
         elif isinstance(item, list) and any(isinstance(one, Mapping) for one in item):
-            yield f"{indent}{key}:"
+            yield f"{indent}{_inline(key)}:"
             yield from (f"{indent}  - {_inline(one)}" for one in item)
         elif isinstance(item, list) and len(item) > 1 and all(isinstance(x, str) for x in item):
-            yield f"{indent}{key}:"
-            yield from (f"{indent}  {one}" for one in item)
+            yield f"{indent}{_inline(key)}:"
+            yield from (f"{indent}  {_inline(one)}" for one in item)
         elif item not in (None, []):
-            yield f"{indent}{key}: {_inline(item)}"
+            yield f"{indent}{_inline(key)}: {_inline(item)}"
 
 
 def _fits_a_line(value: Mapping[str, Any]) -> bool:
@@ -122,7 +128,7 @@ def _fits_a_line(value: Mapping[str, Any]) -> bool:
 
 def _inline(value: object) -> str:
     if isinstance(value, Mapping):
-        return ", ".join(f"{key} {_inline(one)}" for key, one in value.items())
+        return ", ".join(f"{_inline(key)} {_inline(one)}" for key, one in value.items())
     if isinstance(value, list | tuple):
         return ", ".join(map(_inline, value))
-    return str(value)
+    return readable(value, LONGEST_LINE) if isinstance(value, str) else str(value)

@@ -18,6 +18,7 @@ import numpy as np
 from urbantwin.errors import InputError
 from urbantwin.lidar.sensor import Sensor
 from urbantwin.lidar.sensor_file import MOST_CHANNELS
+from urbantwin.number_text import plain_number
 
 __all__ = ["hesai_sensor", "is_hesai_heading"]
 
@@ -96,7 +97,7 @@ def hesai_sensor(text: str, file: Path, model: Sensor) -> Sensor:
 def _channel(cells: list[str], file: Path, line: int) -> tuple[int, tuple[float, float]]:
     place = f"line {line}"
     try:
-        channel, up, clockwise = int(cells[0]), float(cells[1]), float(cells[2])
+        channel, up, clockwise = int(cells[0]), plain_number(cells[1]), plain_number(cells[2])
     except (ValueError, IndexError):
         raise InputError(
             f"{','.join(cells)!r:.40} is not a channel and its angles",

@@ -23,8 +23,6 @@ __all__ = ["load_backgrounds", "rig_with_backgrounds", "save_backgrounds", "with
 _EXPECTED = "a background that urbantwin measured"
 _FORMAT = 1
 _MOST = {"range_m": 2000.0, "sigma_m": 100.0, "share": 1.0, "intensity": 1.0}
-#: The images and their types.
-_KINDS = {**dict.fromkeys(IMAGES, np.float32), "looks": np.int32}
 #: Rates that differ by less are one.
 _SAME_RATE_HZ = 0.01
 
@@ -83,19 +81,25 @@ def load_backgrounds(path: Path) -> list[MeasuredBackground]:
     for number, one in enumerate(told.sensors):
         # A background by hand may have any type of numbers.
         images = {
-            name: np.asarray(arrays[f"{number}.{name}"], kind)
-            for name, kind in _KINDS.items()
+            name: arrays[f"{number}.{name}"]
+            for name in (*IMAGES, "looks")
             if f"{number}.{name}" in arrays and arrays[f"{number}.{name}"].dtype.kind in "fiu"
         }
-        if len(images) < len(_KINDS):
-            lacking = ", ".join(name for name in _KINDS if name not in images)
-            raise InputError(
-                f"lacks {lacking}", file=path, place=one.name or None, expected=_EXPECTED
+        lacking = [name for name in (*IMAGES, "looks") if name not in images]
+        if lacking:
+            problem = f"lacks {', '.join(lacking)}"
+            raise InputError(problem, file=path, place=one.name or None, expected=_EXPECTED)
+        with np.errstate(over="ignore", invalid="ignore"):  # told as out of bounds
+            background = MeasuredBackground(
+                np.asarray(images["range_m"], np.float32),
+                np.asarray(images["sigma_m"], np.float32),
+                np.asarray(images["share"], np.float32),
+                np.asarray(images["intensity"], np.float32),
+                np.asarray(images["looks"], np.int32),
+                one.model,
+                float("nan") if one.turns_per_second is None else one.turns_per_second,
+                one.name,
             )
-        turning = float("nan") if one.turns_per_second is None else one.turns_per_second
-        background = MeasuredBackground(
-            **images, model=one.model, turns_per_second=turning, name=one.name
-        )
         _check(background, path)
         found.append(background)
     return found
@@ -109,7 +113,9 @@ def _check(one: MeasuredBackground, path: Path) -> None:
     if one.looks.size and one.looks.shape != size[1:]:
         raise InputError("holds images of different sizes", file=path, expected=_EXPECTED)
     if one.looks.min(initial=0) < 0:
-        raise InputError("has a value out of bounds", file=path, place="looks", expected="0 or more")
+        raise InputError(
+            "has a value out of bounds", file=path, place="looks", expected="0 or more"
+        )
     for name, most in _MOST.items():
         values = getattr(one, name)
         good = (values >= 0) & (values <= most)

@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.artefact.document import json_value
 from urbantwin.errors import InputError
 from urbantwin.lidar.sensor import Sensor
 from urbantwin.lidar.sensor_file import MOST_CHANNELS
+from urbantwin.strict_json import NotJsonError, parse_json
 
 __all__ = ["ouster_sensor"]
 
@@ -91,7 +91,11 @@ def ouster_sensor(text: str, file: Path, known: Callable[[str], Sensor | None]) 
 
 
 def _json(text: str, file: Path) -> dict[str, Any]:
-    value = json_value(text, file=file, expected=_EXPECTED)
+    try:
+        value = parse_json(text)
+    except NotJsonError as error:
+        problem = f"is not JSON ({error.problem})"
+        raise InputError(problem, file=file, place=error.place, expected=_EXPECTED) from None
     if not isinstance(value, dict):
         raise InputError("is not a table of keys", file=file, expected=_EXPECTED)
     return value

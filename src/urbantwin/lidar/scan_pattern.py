@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact.arrays import read_arrays
 from urbantwin.errors import InputError
+from urbantwin.number_text import plain_number
 
 __all__ = ["ScanPattern", "load_scan_pattern"]
 
@@ -206,7 +207,7 @@ def _csv(path: Path) -> tuple[dict[str, NDArray[np.generic]], float | None]:
 
 def _number(text: str, path: Path, line: int) -> float:
     try:
-        return float(text)
+        return plain_number(text)
     except ValueError:
         raise InputError(
             f"{text.strip()!r:.40} is not a number", file=path, place=f"line {line}"

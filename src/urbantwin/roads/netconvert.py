@@ -154,7 +154,7 @@ def _run_with(edges: Path | None, command: list[str], raw: Path) -> list[str]:
         try:
             return run_netconvert(command, raw)
         except StageError as error:
-            unknown = set(EDGE.findall(str(error)))
+            unknown = set(EDGE.findall(str(error.args[0])))
             if edges is None or not unknown:
                 raise
             root = etree.parse(edges).getroot()

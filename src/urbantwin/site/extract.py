@@ -13,7 +13,7 @@ import osmium.osm
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.errors import InputError
+from urbantwin.errors import InputError, readable
 from urbantwin.geometry import SiteFrame
 
 __all__ = ["Extract", "OsmFeature", "Relation", "Way", "WayPiece", "read_extract"]
@@ -296,9 +296,10 @@ def read_extract(path: Path) -> Extract:
             elif isinstance(item, osmium.osm.Relation):
                 members = tuple((m.type, m.ref, m.role) for m in item.members)
                 relations[item.id] = Relation(item.id, members, tags)
-    except (RuntimeError, ValueError, OSError, UnicodeDecodeError) as error:
+    except (RuntimeError, ValueError, OSError, osmium.InvalidLocationError) as error:
+        why = readable(str(error), 120)
         raise InputError(
-            f"cannot be read as OpenStreetMap data: truncated or damaged ({error})",
+            f"cannot be read as OpenStreetMap data: truncated or damaged ({why})",
             file=path,
             expected=expected,
         ) from None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
+from urbantwin.strict_json import NotJsonError, parse_json
 
 __all__ = ["FARTHEST_M", "circle", "polygon_from_geojson", "polygon_in_site", "read_geojson"]
 
@@ -40,22 +40,16 @@ def read_geojson(path: Path) -> Mapping[str, Any]:
         InputError: the file is missing, is not JSON, or holds something other than an object.
     """
     try:
-        value = json.loads(path.read_bytes())
+        value = parse_json(path.read_bytes())
     except FileNotFoundError:
         raise InputError("not found", file=path, expected=_EXPECTED) from None
     except IsADirectoryError:
         raise InputError("is a folder", file=path, expected=_EXPECTED) from None
     except OSError as error:
         raise InputError(f"cannot be read ({error.strerror})", file=path) from None
-    except json.JSONDecodeError as error:
-        raise InputError(
-            f"is not JSON ({error.msg})",
-            file=path,
-            place=f"line {error.lineno}",
-            expected=_EXPECTED,
-        ) from None
-    except (UnicodeDecodeError, RecursionError):
-        raise InputError("is not JSON", file=path, expected=_EXPECTED) from None
+    except NotJsonError as error:
+        problem = f"is not JSON ({error.problem})"
+        raise InputError(problem, file=path, place=error.place, expected=_EXPECTED) from None
     if not isinstance(value, dict):
         raise InputError("is not a JSON object", file=path, expected=_EXPECTED)
     return value

@@ -54,13 +54,14 @@ def _boxes(path: Path, frame: str, rows: Any) -> list[Box]:  # noqa: ANN401
             raise InputError("has no finite score", file=path, place=place, expected=_EXPECTED)
         if not isinstance(name, str) or name not in CLASSES:
             raise InputError(
-                f"class {name!r:.60} is unknown", file=path, place=place, expected=", ".join(CLASSES)
+                f"class {name!r:.60} is unknown",
+                file=path,
+                place=place,
+                expected=", ".join(CLASSES),
             )
         found.append(Box(np.array(box, np.float64), name, float(score)))
     return found
 
 
 def _is_number(value: object) -> bool:
-    return (
-        isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= _LARGEST
-    )
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= _LARGEST

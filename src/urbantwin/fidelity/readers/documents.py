@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +12,7 @@ import yaml
 from urbantwin.artefact.arrays import one_line
 from urbantwin.artefact.document import read_bytes, read_json_value
 from urbantwin.errors import InputError
+from urbantwin.number_text import finite_number
 
 __all__ = [
     "finite_numbers",
@@ -27,8 +26,6 @@ __all__ = [
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 #: Deeper than any description, and less than what the parsers' stacks hold.
 _DEEPEST = 64
-#: A number as files have it: Python would take ``1_0`` and the digits of any script besides.
-_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?", re.ASCII)
 
 
 def read_json_document(path: Path, expected: str) -> Any:  # noqa: ANN401
@@ -37,7 +34,7 @@ def read_json_document(path: Path, expected: str) -> Any:  # noqa: ANN401
     Raises:
         InputError: missing or not JSON.
     """
-    return read_json_value(path, expected, strict=False)
+    return read_json_value(path, expected, once=False)
 
 
 def read_yaml_document(path: Path, expected: str) -> Any:  # noqa: ANN401
@@ -79,8 +76,8 @@ def finite_numbers(words: Iterable[str]) -> list[float]:
     """
     found = []
     for word in words:
-        value = float(word) if _NUMBER.fullmatch(word) else math.nan
-        if not math.isfinite(value):
+        value = finite_number(word)
+        if value is None:
             raise ValueError(f"{word[:40]!r} is no number")
         found.append(value)
     return found

@@ -13,7 +13,15 @@ from numpy.typing import ArrayLike, NDArray
 from urbantwin.fidelity.frame import Boxes
 from urbantwin.geometry import Pose
 
-__all__ = ["LabelledBox", "actor_class", "boxes_of", "checked_pose", "heading", "pose_of_quaternion", "track_of"]
+__all__ = [
+    "LabelledBox",
+    "actor_class",
+    "boxes_of",
+    "checked_pose",
+    "heading",
+    "pose_of_quaternion",
+    "track_of",
+]
 
 #: What datasets call our classes, in lower case without anything but letters. Vans are cars, as
 #: in nuScenes and Argoverse 2, which have no class for them.

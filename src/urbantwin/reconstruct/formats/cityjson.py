@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +18,7 @@ from urbantwin.reconstruct.formats.coordinate_system import crs_of
 from urbantwin.reconstruct.formats.polygons import cut_polygons
 from urbantwin.reconstruct.formats.sound import content_of, sound_faces, sound_points
 from urbantwin.reconstruct.model import ImportedModel, TriangleMesh
+from urbantwin.strict_json import parse_json
 
 __all__ = ["read_cityjson"]
 
@@ -91,14 +91,14 @@ def _documents(path: Path) -> Iterator[dict[str, Any]]:
     try:
         text = path.read_bytes().decode("utf-8-sig")
         try:
-            documents = [json.loads(text)]
-        except json.JSONDecodeError:
+            documents = [parse_json(text)]
+        except ValueError:
             lines = [line for line in text.splitlines() if line.strip()]
             if len(lines) < 2 or not lines[0].rstrip().endswith("}"):
                 raise
-            documents = [json.loads(line) for line in lines]
-    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
-        why = str(error) if isinstance(error, json.JSONDecodeError) else "not text"
+            documents = [parse_json(line) for line in lines]
+    except ValueError as error:
+        why = "not text" if isinstance(error, UnicodeDecodeError) else str(error)
         raise InputError(f"is not JSON ({why})", file=path, expected="CityJSON") from None
     kinds = [one.get("type") if isinstance(one, dict) else None for one in documents]
     if kinds[0] != "CityJSON" or any(kind != "CityJSONFeature" for kind in kinds[1:]):

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
+from urbantwin.number_text import plain_number
 from urbantwin.reconstruct.formats.sound import MOST_POINTS, content_of, count_within, sound_points
 from urbantwin.reconstruct.model import ImportedModel, PointCloud
 
@@ -103,12 +104,12 @@ def _starts(data, starts):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN2
 
 def _text_points(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     found = []
-    with path.open() as stream:
+    with path.open(encoding="utf-8", errors="replace") as stream:
         for number, line in enumerate(stream, 1):
             if line.startswith("#") or not line.strip():
                 continue
             try:
-                found.append([float(word) for word in line.split(None, 7)[1:7]])
+                found.append([plain_number(word) for word in line.split(None, 7)[1:7]])
             except ValueError:
                 found.append([])
             if len(found[-1]) != 6:
@@ -147,7 +148,7 @@ def _text_images(path: Path) -> list[tuple[str, NDArray[np.float64]]]:
     for line in lines[::2]:
         words = line.split(None, 9)
         if words:
-            found.append((words[9].strip(), np.array([float(word) for word in words[1:8]])))
+            found.append((words[9].strip(), np.array([plain_number(word) for word in words[1:8]])))
     return found
 
 

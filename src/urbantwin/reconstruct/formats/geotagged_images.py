@@ -58,12 +58,19 @@ def image_places(folder: Path, names: list[str]) -> ImagePlaces | None:
     for name in sorted(names)[:_MOST]:
         for below in ("", "images", "../images", ".."):
             file = folder / below / name
-            if ".." not in Path(name).parts and file.is_file():
+            if ".." not in Path(name).parts and _is_there(file):
                 tag = _tag(file)
                 if tag is not None:
                     places[name], heights[name] = (tag[0], tag[1]), tag[2]
                 break
     return ImagePlaces(places, heights, "GPS tags of the images") if len(places) >= 3 else None
+
+
+def _is_there(file: Path) -> bool:
+    try:
+        return file.is_file()
+    except (OSError, ValueError):  # a name too long, or with a NUL
+        return False
 
 
 def _listed(file: Path, wanted: dict[str, str]) -> ImagePlaces | None:

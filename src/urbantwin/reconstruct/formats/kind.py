@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import re
 from pathlib import Path
 
 from urbantwin.errors import InputError
 from urbantwin.reconstruct.formats.photogrammetry import CLOSED, MODELS
+from urbantwin.strict_json import parse_json
 
 __all__ = ["kind_of"]
 
@@ -92,9 +92,11 @@ def _json_kind(path: Path, start: bytes) -> str:
     if re.search(r'"type"\s*:\s*"CityJSON"', text) or ".city" in path.name.lower():
         return "cityjson"
     try:
-        value = json.loads(path.read_bytes()) if path.stat().st_size < 1 << 28 else {}
-    except (ValueError, UnicodeDecodeError, RecursionError):
-        raise InputError("is not JSON", file=path, expected="a tileset, CityJSON or glTF") from None
+        value = parse_json(path.read_bytes()) if path.stat().st_size < 1 << 28 else {}
+    except ValueError as error:
+        raise InputError(
+            f"is not JSON ({error})", file=path, expected="a tileset, CityJSON or glTF"
+        ) from None
     if isinstance(value, dict):
         if value.get("type") == "CityJSON":
             return "cityjson"

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.number_text import plain_number
+
 __all__ = ["MtlMaterial", "read_materials"]
 
 #: A library longer than this is none, bytes.
@@ -46,7 +48,7 @@ def read_materials(path: Path) -> dict[str, MtlMaterial]:
             current = found.setdefault(rest, MtlMaterial())
         elif word == "Kd":
             try:
-                values = np.array([float(text) for text in rest.split()[:3]])
+                values = np.array([plain_number(text) for text in rest.split()[:3]])
             except ValueError:
                 continue
             if values.shape == (3,) and np.isfinite(values).all():
@@ -72,7 +74,7 @@ def _without_options(rest: str) -> str:
 
 def _is_number(word: str) -> bool:
     try:
-        float(word)
+        plain_number(word)
     except ValueError:
         return False
     return True

@@ -23,6 +23,7 @@ from pyproj.exceptions import ProjError
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
+from urbantwin.number_text import plain_number
 from urbantwin.reconstruct.formats.coordinate_system import crs_of
 
 __all__ = ["RealityCaptureInfo", "info_beside", "reading_at"]
@@ -86,7 +87,7 @@ def _read(path: Path) -> RealityCaptureInfo:
     transform = None
     if words:
         try:
-            transform = np.array([float(word) for word in words]).reshape(4, 4)
+            transform = np.array([plain_number(word) for word in words]).reshape(4, 4)
         except ValueError:
             raise InputError(
                 "is not a matrix", file=path, place="transformToModel", expected="16 numbers"

@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ from numpy.typing import NDArray
 from pyproj import CRS
 
 from urbantwin.errors import InputError
+from urbantwin.number_text import plain_number
 from urbantwin.reconstruct.formats.coordinate_system import crs_of
 from urbantwin.reconstruct.model import Geotag
 
@@ -119,7 +121,7 @@ def _metadata(path: Path) -> Placement | None:
     system = (root.findtext("SRS") or "").strip()
     words = re.split(r"[\s,]+", (root.findtext("SRSOrigin") or "0,0,0").strip())
     try:
-        origin = np.array([float(word) for word in words])
+        origin = np.array([plain_number(word) for word in words])
     except ValueError:
         origin = np.zeros(0)
     if origin.shape != (3,) or not np.isfinite(origin).all():
@@ -146,10 +148,10 @@ def _open_drone_map(path: Path) -> Placement | None:
             lines = _text(file).splitlines()
             crs = crs_of(lines[0]) if lines else None
             try:
-                east, north = (float(word) for word in lines[1].split()[:2])
+                east, north = (plain_number(word) for word in lines[1].split()[:2])
             except (IndexError, ValueError):
                 crs = None
-            if crs is None:
+            if crs is None or not math.isfinite(east + north):
                 raise InputError(
                     "is not an origin", file=file, expected="WGS84 UTM 32N, then east and north"
                 )

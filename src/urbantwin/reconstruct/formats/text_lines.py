@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
+from urbantwin.number_text import plain_number
 
 __all__ = ["TextLines", "numbers_of", "text_chunks"]
 
@@ -111,7 +112,7 @@ class TextLines:
             ValueError: something is not a number; its argument is the index among the lines.
         """
         body, starts = self.body(lines, skip)
-        if not len(starts):
+        if not len(body):
             return np.zeros(0), np.zeros(0, np.int64)
         counts = np.add.reduceat(_token_starts(body).astype(np.int64), starts)
         values = numbers_of(body.tobytes())
@@ -141,7 +142,7 @@ def numbers_of(text: bytes, dtype: type = np.float64) -> NDArray[np.float64]:
     good: list[float] = []
     for word in text.split():
         try:
-            good.append(float(word))
+            good.append(plain_number(word.decode("ascii", "replace")))
         except ValueError:
             break
     return np.asarray(good, dtype)

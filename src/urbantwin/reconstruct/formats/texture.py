@@ -15,6 +15,8 @@ __all__ = ["beside", "picture_of", "texture_colours"]
 FINEST = 2048
 #: A picture with more pixels is refused: nobody lays that over a model.
 MOST_PIXELS = 20_000 * 20_000
+#: No format packs more pixels into a byte: a file that is too small for what it claims is refused.
+_DENSEST = 1100
 #: Places in a triangle that are averaged: the middles of 16 equal triangles in it.
 _STEPS = 4
 
@@ -30,9 +32,12 @@ def beside(folder: Path, name: str) -> Path | None:
     for candidate in (plain, PureWindowsPath(plain).name):
         if not candidate:
             continue
-        path = (folder / candidate).resolve()
-        if path.is_relative_to(root) and path.is_file():
-            return path
+        try:
+            path = (folder / candidate).resolve()
+            if path.is_relative_to(root) and path.is_file():
+                return path
+        except (OSError, ValueError, RuntimeError):  # too long, a NUL, links in a circle: no name
+            continue
     return None
 
 
@@ -43,7 +48,8 @@ def picture_of(source: Path | bytes) -> NDArray[np.uint8] | None:
         Image.MAX_IMAGE_PIXELS = None  # the limit here is our own, on the size that is declared
         with Image.open(io.BytesIO(source) if isinstance(source, bytes) else source) as image:
             width, height = image.size
-            if width * height > MOST_PIXELS or not width * height:
+            size = len(source) if isinstance(source, bytes) else source.stat().st_size
+            if not 0 < width * height <= min(MOST_PIXELS, max(FINEST**2, _DENSEST * size)):
                 return None
             image.draft("RGB", (FINEST, FINEST))
             factor = max(1, max(image.size) // FINEST)

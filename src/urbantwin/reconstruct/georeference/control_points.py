@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
+from urbantwin.number_text import finite_number
 from urbantwin.reconstruct.georeference.similarity import Similarity, fitted, level_fitted
 from urbantwin.site.geometry import ControlPoint, GeometrySource
 
@@ -219,11 +219,8 @@ def _read_csv(file: Path) -> tuple[list[str], list[ControlPoint]]:
 def _point(row: Mapping[str, object], on_site: bool, file: Path, name: str) -> ControlPoint:
     def number(key: str) -> float:
         value = row.get(key)
-        try:
-            out = float(str(value).strip())
-        except ValueError:
-            out = math.nan
-        if not math.isfinite(out):
+        out = finite_number(str(value).strip())
+        if out is None:
             raise InputError(f"{key} is {value!r}", file=file, place=name, expected="a number")
         return out
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from urbantwin import strict_json
 
 __all__ = [
     "MalformedError",
@@ -30,10 +31,6 @@ class MalformedError(ValueError):
     """A file breaks its standard, or a limit; the text is the one line to report."""
 
 
-def _refuse_constant(name: str) -> float:
-    raise MalformedError(f"its JSON holds {name}")
-
-
 def parse_json(data: bytes, what: str) -> dict[str, Any]:
     """Return the JSON object that ``data`` holds.
 
@@ -41,11 +38,9 @@ def parse_json(data: bytes, what: str) -> dict[str, Any]:
         MalformedError: it is not JSON, not an object, nested beyond reason, or holds NaN.
     """
     try:
-        value = json.loads(data.decode("utf-8-sig"), parse_constant=_refuse_constant)
-    except MalformedError:
-        raise
-    except (ValueError, RecursionError):
-        raise MalformedError(f"{what} is not JSON") from None
+        value = strict_json.parse_json(data)
+    except ValueError as error:
+        raise MalformedError(f"{what} is not JSON ({error})") from None
     if not isinstance(value, dict):
         raise MalformedError(f"{what} is not a JSON object")
     return value

@@ -7,7 +7,6 @@ Source: argoverse/av2-api, ``src/av2/map/README.md`` ("Vector Map: Lane Graph an
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
+from urbantwin.strict_json import parse_json
 
 __all__ = ["EXPECTED", "Crossing", "MapFile", "Segment", "is_argoverse", "places_in", "read_file"]
 
@@ -86,11 +86,11 @@ def read_file(path: Path) -> MapFile:
     try:
         if path.stat().st_size > MOST_BYTES:
             raise InputError("is too large for the map of a log", file=path, expected=EXPECTED)
-        data = json.loads(path.read_bytes())
+        data = parse_json(path.read_bytes())
     except OSError:
         problem = "is a folder" if path.is_dir() else "not found"
         raise InputError(problem, file=path, expected=EXPECTED) from None
-    except (ValueError, RecursionError) as error:
+    except ValueError as error:
         raise InputError(f"is not JSON ({error})", file=path, expected=EXPECTED) from None
     rows = data.get("lane_segments") if isinstance(data, dict) else None
     if not isinstance(rows, dict) or not rows:

@@ -15,6 +15,7 @@ from pathlib import Path
 from lxml import etree
 
 from urbantwin.errors import InputError
+from urbantwin.number_text import finite_number, whole_number
 
 __all__ = ["EXPECTED", "Document", "Node", "Relation", "Way", "is_lanelet2", "read_document"]
 
@@ -146,16 +147,16 @@ def _root(path: Path) -> etree._Element:
 
 def _id(path: Path, item: etree._Element, key: str) -> int:
     text = item.get(key, "")
-    try:
-        return int(text)
-    except ValueError:
+    value = whole_number(text)
+    if value is None:
         owner = item if key == "id" else item.getparent()
         raise InputError(
-            f"<{item.tag}> has {key}={text!r}",
+            f"<{item.tag}> has {key}={text[:40]!r}",
             file=path,
             place=f"{owner.tag} {owner.get('id')}, line {item.sourceline}",
             expected="a whole number",
-        ) from None
+        )
+    return value
 
 
 def _tags(item: etree._Element) -> dict[str, str]:
@@ -163,8 +164,5 @@ def _tags(item: etree._Element) -> dict[str, str]:
 
 
 def _degrees(text: str | None, most: float) -> float:
-    try:
-        value = float(text or "nan")
-    except ValueError:
-        return math.nan
-    return value if abs(value) <= most else math.nan
+    value = finite_number(text)
+    return math.nan if value is None or abs(value) > most else value

@@ -11,6 +11,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from urbantwin.number_text import finite_number
 from urbantwin.roads.lanelet2.document import Document, Relation
 from urbantwin.roads.lanelet2.lanelet import Lanelet
 from urbantwin.roads.lanelet2.paint import Host
@@ -212,7 +213,4 @@ def _catalogue(text: str) -> tuple[str, str, str, float, str]:
 
 
 def _number(text: str | None) -> float:
-    try:
-        return max(float(text or 0.0), 0.0)
-    except ValueError:
-        return 0.0
+    return max(finite_number(text) or 0.0, 0.0)

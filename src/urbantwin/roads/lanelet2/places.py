@@ -10,12 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.geometry import SiteFrame
+from urbantwin.number_text import finite_number
 from urbantwin.roads.lanelet2.document import Document, read_document
 
 __all__ = ["Places", "anchor_of", "places_of"]
 
 #: A map that is farther from the anchor than this was not meant for the site, metres.
 FAR_M = 50_000.0
+#: No map has coordinates or heights beyond this, metres.
+LARGEST_M = 1e7
 
 #: Node -> x, y, z in the site frame.
 Places = dict[int, NDArray[np.float64]]
@@ -89,11 +92,8 @@ def _unplaced(degrees: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 def _numbers(rows: Iterable[tuple[str | None, str | None]], missing: float) -> NDArray[np.float64]:
     def number(text: str | None) -> float:
-        try:
-            value = float(text or "nan")
-        except ValueError:
-            value = math.nan
-        return value if math.isfinite(value) else missing
+        value = finite_number(text)
+        return missing if value is None or abs(value) > LARGEST_M else value
 
     return np.array([[number(a), number(b)] for a, b in rows]).reshape(-1, 2)
 

@@ -12,7 +12,7 @@ from urbantwin.roads.model import LaneSection, ModelJunction, ModelRoad, RoadLin
 from urbantwin.roads.opendrive.junctions import Node, read_connections
 from urbantwin.roads.opendrive.meeting import Poses, end_section, middles
 from urbantwin.roads.opendrive.missing import with_found_ends, with_found_lanes
-from urbantwin.roads.opendrive.parsing import Log, Spot, whole_number
+from urbantwin.roads.opendrive.parsing import Log, Spot, id_number
 
 __all__ = ["Joined", "Link", "joined", "read_links"]
 
@@ -140,7 +140,7 @@ def joined(
 
 def _numbers(nodes: Mapping[str, Node]) -> dict[str, int]:
     """Return ids in the model: the file's if all are whole numbers."""
-    whole = {key: whole_number(key) for key in nodes}
+    whole = {key: id_number(key) for key in nodes}
     known = {key: value for key, value in whole.items() if value is not None}
     if len(set(known.values())) == len(nodes):
         return known

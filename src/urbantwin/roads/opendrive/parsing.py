@@ -11,9 +11,10 @@ import numpy as np
 from lxml import etree
 
 from urbantwin.errors import InputError
+from urbantwin.number_text import finite_number, plain_number, whole_number
 from urbantwin.roads.model import Profile
 
-__all__ = ["Log", "Spot", "whole_number"]
+__all__ = ["Log", "Spot", "id_number"]
 
 #: Larger numbers mean nothing on a map.
 LARGEST = 1e12
@@ -77,11 +78,8 @@ class Spot:
         text = item.get(key)
         if text is None and default is not None:
             return default
-        try:
-            value = float(text) if text is not None else math.nan
-        except ValueError:
-            value = math.nan
-        if not abs(value) <= LARGEST:
+        value = finite_number(text)
+        if value is None or abs(value) > LARGEST:
             name = f"<{item.tag}> {key}"
             problem = f"{name} is missing" if text is None else f"{name} is {text[:40]!r}"
             raise self.error(problem, expected="a number")
@@ -94,11 +92,11 @@ class Spot:
             InputError: it is missing or is none.
         """
         text = item.get(key)
-        try:
-            return int(text or "")
-        except ValueError:
+        value = whole_number(text)
+        if value is None:
             problem = f"<{item.tag}> {key} is {'missing' if text is None else repr(text[:40])}"
-            raise self.error(problem, expected="a whole number") from None
+            raise self.error(problem, expected="a whole number")
+        return value
 
     def profile(self, items: Sequence[etree._Element], key: str = "s") -> Profile:
         """Return records of cubics as a profile, zero if there are none.
@@ -112,7 +110,7 @@ class Spot:
         rows: dict[float, list[float]] = {}
         for item in items:
             try:
-                row = [float(item.get(k)) for k in (key, *"abcd")]
+                row = [plain_number(item.get(k)) for k in (key, *"abcd")]
             except (TypeError, ValueError):
                 row = [math.nan]
             if not all(-LARGEST <= value <= LARGEST for value in row):
@@ -127,6 +125,6 @@ class Spot:
         return Profile(starts, table)
 
 
-def whole_number(text: str) -> int | None:
+def id_number(text: str) -> int | None:
     """Return an id as a whole number, or ``None`` if it is none (or too large to be one)."""
     return int(text) if text.isascii() and text.isdecimal() and len(text) < 16 else None

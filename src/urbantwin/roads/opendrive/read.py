@@ -19,7 +19,7 @@ from urbantwin.roads.opendrive.lane_sections import reach_of, read_sections
 from urbantwin.roads.opendrive.lateral import read_heights
 from urbantwin.roads.opendrive.links import Link, joined, read_links
 from urbantwin.roads.opendrive.outlines import Outline, read_outlines
-from urbantwin.roads.opendrive.parsing import Log, Spot, whole_number
+from urbantwin.roads.opendrive.parsing import Log, Spot, id_number
 from urbantwin.roads.opendrive.placed import placed, shifted
 from urbantwin.roads.opendrive.plan_view import read_curve
 from urbantwin.roads.opendrive.references import Reference, read_references, referred
@@ -177,7 +177,7 @@ def _assembled(content: _Content, log: Log) -> ReadMap:
         )
     if not content.has_heights:
         content.roads = {key: _curbed(road, log) for key, road in content.roads.items()}
-    whole = [whole_number(key) for key in content.roads]
+    whole = [id_number(key) for key in content.roads]
     if None not in whole and len(set(whole)) == len(whole):
         ids = dict(zip(content.roads, whole, strict=True))
         content.roads = {key: replace(e, id=ids[key] or 0) for key, e in content.roads.items()}

@@ -7,7 +7,7 @@ from dataclasses import asdict
 
 from urbantwin.roads.model import ModelRoad, RoadArea, RoadSignal, SignalController
 from urbantwin.roads.opendrive.outlines import Outline
-from urbantwin.roads.opendrive.parsing import Log, whole_number
+from urbantwin.roads.opendrive.parsing import Log, id_number
 from urbantwin.roads.opendrive.signs import Program, Sign
 
 __all__ = ["standing"]
@@ -17,12 +17,12 @@ class _Ids:
     """Gives ids: the file's where they are free whole numbers, else new ones."""
 
     def __init__(self, texts: Sequence[str]) -> None:
-        known = [whole_number(text) for text in texts]
+        known = [id_number(text) for text in texts]
         self.free = 1 + max((k for k in known if k is not None), default=0)
         self.used: set[int] = set()
 
     def give(self, text: str) -> int:
-        wanted = whole_number(text)
+        wanted = id_number(text)
         if wanted is None or wanted in self.used:
             wanted = self.free
             self.free += 1
