@@ -49,7 +49,11 @@ class ArrayOf:
 
 
 def read_arrays(
-    path: Path, expected: str, form: Mapping[str, ArrayOf] | None = None, *, optional: str = ""
+    path: Path,
+    expected: str,
+    form: Mapping[str, ArrayOf] | None = None,
+    *,
+    most: int | None = None,
 ) -> Arrays:
     """Read the arrays of a ``.npz``.
 
@@ -58,7 +62,7 @@ def read_arrays(
         expected: what it should be, for errors.
         form: the arrays that it must have, and what they must be (see `checked_arrays`); others
             are not read. Without it, all arrays, whatever they are.
-        optional: the name of one in ``form`` that may be missing.
+        most: bytes that they may take, of files that are never as large as others.
 
     Raises:
         InputError: missing, damaged, larger than its size allows, or not of the form.
@@ -66,7 +70,10 @@ def read_arrays(
     arrays: Arrays = {}
     with _one_line(path, expected), zipfile.ZipFile(path) as packed:
         members = packed.infolist()
-        if not may_unpack(sum(one.file_size for one in members), path.stat().st_size):
+        size = sum(one.file_size for one in members)
+        if most is not None and size > most:
+            raise InputError(f"unpacks to more than {most / 1e6:g} MB", file=path)
+        if not may_unpack(size, path.stat().st_size):
             raise InputError("unpacks to far more than its size", file=path, expected=expected)
         for member in members:
             name = member.filename.removesuffix(".npy")
@@ -81,8 +88,7 @@ def read_arrays(
             with packed.open(member) as stream:
                 arrays[name] = np.lib.format.read_array(stream, allow_pickle=False)
     if form is not None:
-        wanted = {name: one for name, one in form.items() if name != optional or name in arrays}
-        checked_arrays(arrays, wanted, file=path, expected=expected)
+        checked_arrays(arrays, form, file=path, expected=expected)
     return arrays
 
 
@@ -210,4 +216,6 @@ def _one_line(path: Path, expected: str) -> Iterator[None]:
     except MemoryError:
         raise InputError("needs more memory than there is", file=path, expected=expected) from None
     except Exception as error:  # a header is Python's syntax: its parser raises what it likes
-        raise InputError(f"is damaged ({one_line(error)})", file=path, expected=expected) from None
+        raise InputError(
+            f"is not readable ({one_line(error)})", file=path, expected=expected
+        ) from None

@@ -152,4 +152,4 @@ def _whole(table: pa.Table, path: Path, expected: str, schema: pa.Schema) -> pa.
 def _damaged(error: Exception, path: Path, expected: str) -> InputError:
     if isinstance(error, MemoryError):
         return InputError("needs more memory than there is", file=path, expected=expected)
-    return InputError(f"is damaged ({one_line(error)})", file=path, expected=expected)
+    return InputError(f"is not readable ({one_line(error)})", file=path, expected=expected)

@@ -215,7 +215,7 @@ def _number(text: str, path: Path, line: int) -> float:
 
 
 def _npz(path: Path) -> tuple[dict[str, NDArray[np.generic]], float | None]:
-    table = read_arrays(path, _EXPECTED)
+    table = read_arrays(path, _EXPECTED, most=_MOST_BYTES)
     period = table.pop("period_s", None)
     if period is None:
         return table, None
