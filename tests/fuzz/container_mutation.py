@@ -195,7 +195,8 @@ def _container_of(  # noqa: PLR0911
     data: bytes, mutators_of: MutatorsOf
 ) -> dict[str, Mutator]:
     if data[:2] == b"PK":
-        zipfile.ZipFile(io.BytesIO(data)).testzip()
+        if zipfile.ZipFile(io.BytesIO(data)).testzip() is not None:
+            return {}
 
         def inside_zip(rng: random.Random, data: bytes, other: bytes) -> bytes:
             return _zip(rng, data, other, mutators_of)

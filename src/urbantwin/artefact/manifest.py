@@ -2,18 +2,28 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from urbantwin.errors import InputError
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["Part", "refused", "validated"]
+__all__ = ["Part", "PlainName", "refused", "validated"]
 
 Model = TypeVar("Model", bound=BaseModel)
+
+
+def _plain_name(name: str) -> str:
+    if name in ("", ".", "..") or any(one in name for one in "/\\\0") or len(name) > 200:
+        raise ValueError("the name of a file or a folder in this one")
+    return name
+
+
+#: A name of a file or a folder that leads nowhere else.
+PlainName = Annotated[str, AfterValidator(_plain_name)]
 
 
 class Part(BaseModel):

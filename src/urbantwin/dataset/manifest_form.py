@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import AfterValidator, Field
 
 from urbantwin.artefact import read_json
-from urbantwin.artefact.manifest import Part, validated
+from urbantwin.artefact.manifest import Part, PlainName, validated
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose
 
@@ -33,23 +33,16 @@ def _rigid(rows: list[list[float]]) -> list[list[float]]:
     return rows
 
 
-def _plain_name(name: str) -> str:
-    if name in ("", ".", "..") or any(one in name for one in "/\\\0") or len(name) > 200:
-        raise ValueError("the name of a folder or a file in this one")
-    return name
-
-
 _Row = Annotated[list[float], Field(min_length=4, max_length=4)]
 #: A pose as the rows of a 4x4 matrix.
 Matrix = Annotated[list[_Row], Field(min_length=4, max_length=4), AfterValidator(_rigid)]
-_Name = Annotated[str, AfterValidator(_plain_name)]
 _Count = Annotated[int, Field(ge=0, lt=2**53)]
 _Seconds = Annotated[float, Field(ge=-1e10, le=1e10)]
 _Rate = Annotated[float, Field(gt=0, le=10_000)]
 
 
 class _FramePose(Part):
-    name: _Name
+    name: PlainName
     dataset_SE3_site: Matrix | None = None  # noqa: N815
 
 
@@ -72,7 +65,7 @@ class _Unit(Part):
 
 
 class _Sensor(Part):
-    name: _Name
+    name: PlainName
     model: str
     columns: Annotated[int, Field(ge=1, le=10_000_000)]
     site_SE3_sensor: Matrix  # noqa: N815
@@ -109,7 +102,7 @@ class _Dataset(Part):
 
 class _Datasets(Part):
     kind: Literal["datasets"]
-    datasets: list[_Name]
+    datasets: list[PlainName]
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
