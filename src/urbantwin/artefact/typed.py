@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from functools import partial
 from pathlib import Path
 from typing import Annotated, TypeAlias, TypeVar
@@ -21,6 +22,9 @@ Kind = TypeVar("Kind")
 
 #: No length, height or place of a site is larger, metres.
 _LARGEST = 1e7
+#: How JSON writes what neither XML nor a person's text may have.
+_CONTROL = re.compile(rb"\\(u00[01][0-9a-fA-F]|[bf]|u[fF]{3}[eEfF])|\xef\xbf[\xbe\xbf]")
+_CONTROLS = frozenset(chr(k) for k in (*range(9), 11, 12, *range(14, 32), 0xFFFE, 0xFFFF))
 #: What some editors begin a file of UTF-8 with.
 _MARK = b"\xef\xbb\xbf"
 
@@ -33,7 +37,7 @@ def _table(value: object, columns: int | None = None) -> NDArray[np.float64]:
         found = np.array(value)
     except (ValueError, OverflowError):
         raise ValueError("rows of numbers, as many in each") from None
-    if found.size and found.dtype.kind not in "if":
+    if not found.ndim or (found.size and found.dtype.kind not in "if"):
         raise ValueError("numbers")
     shape = (len(found),) if columns is None else (len(found), columns)
     if found.shape != shape and found.size:
@@ -61,6 +65,15 @@ Quads: TypeAlias = Annotated[_Array, PlainValidator(partial(_table, columns=4))]
 Said: TypeAlias = Annotated[float, PlainValidator(_said)]
 
 
+def _has_control(value: object) -> bool:
+    """Return whether a text within a document has a character of control."""
+    if isinstance(value, str):
+        return not _CONTROLS.isdisjoint(value)
+    if isinstance(value, dict):
+        return any(_has_control(one) for pair in value.items() for one in pair)
+    return isinstance(value, list) and any(_has_control(one) for one in value)
+
+
 def read_typed(path: Path, kind: type[Kind], expected: str) -> Kind:
     """Read a JSON file as a dataclass, with all that is in it; fields that it lacks are refused.
 
@@ -76,6 +89,8 @@ def read_typed(path: Path, kind: type[Kind], expected: str) -> Kind:
     value = json_value(data, file=path, expected=expected)
     if not isinstance(value, dict):
         raise InputError("is not a mapping", file=path, expected=expected)
+    if _CONTROL.search(data) and _has_control(value):
+        raise InputError("has text with characters that no text has", file=path, expected=expected)
     try:
         found: Kind = TypeAdapter(kind).validate_json(data.removeprefix(_MARK), strict=True)
     except ValidationError as error:

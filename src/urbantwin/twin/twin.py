@@ -16,6 +16,7 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, SiteFrame, SurfaceMaterials
 from urbantwin.ground import Elevation
 from urbantwin.roads import LaneModel, RoadNetwork
+from urbantwin.roads.sumo_check import check_sumo_network
 from urbantwin.site import RigSpec, load_rig_spec
 from urbantwin.site.document import read_document
 from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
@@ -89,10 +90,12 @@ class Twin:
         document.validated(KeptSite)
         return dict(document.value)
 
-    @property
+    @cached_property
     def net_path(self) -> Path:
-        """The SUMO network."""
-        return self._file("network.net.xml")
+        """The SUMO network, which was checked."""
+        path = self._file("network.net.xml")
+        check_sumo_network(path)
+        return path
 
     @property
     def rig_path(self) -> Path:

@@ -11,6 +11,8 @@ import numpy as np
 from urbantwin.errors import InputError
 from urbantwin.roads.model.profile import Profile
 from urbantwin.roads.model.road import ModelRoad
+from urbantwin.roads.model.section import LANE_KINDS
+from urbantwin.taxonomy import ACTOR_CLASSES
 
 if TYPE_CHECKING:
     from urbantwin.roads.model.model import LaneModel
@@ -71,6 +73,13 @@ def _check_road(road: ModelRoad, file: Path, place: str) -> None:
         if len(section.by_id) < len(section.lanes) or 0 in section.by_id:
             raise InputError("has lanes without ids of their own", file=file, place=here)
         for index, lane in enumerate(section.lanes):
+            if lane.kind not in LANE_KINDS or not set(lane.allowed) <= set(ACTOR_CLASSES):
+                raise InputError(
+                    f"is of kind {lane.kind[:40]!r} for {', '.join(lane.allowed)[:80]}",
+                    file=file,
+                    place=f"{here}.lanes[{index}]",
+                    expected=f"one of {', '.join(LANE_KINDS)} for classes of actors",
+                )
             _check_profile(lane.width, file, f"{here}.lanes[{index}].width")
             if any(k not in section.by_id for k in range(_step(lane.id), lane.id, _step(lane.id))):
                 raise InputError("has lanes that do not touch", file=file, place=here)
