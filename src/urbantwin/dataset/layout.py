@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import json
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -14,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.artefact.document import read_json_value
+from urbantwin.errors import InputError
 from urbantwin.lidar import BoxLabel, LabelledFrame
 
 __all__ = ["FOLDERS", "RAY_TYPE", "frame_name", "label_lines", "write_frame"]
@@ -127,10 +128,10 @@ def _named(path: Path) -> Iterator[None]:
 
 
 def read_json_or_none(path: Path) -> Any:  # noqa: ANN401
-    """Return what a JSON file holds, or ``None`` if it is missing or cut short."""
+    """Return what a JSON file holds, or ``None`` if it is missing, cut short or damaged."""
     try:
-        return json.loads(path.read_text())
-    except (FileNotFoundError, json.JSONDecodeError):
+        return read_json_value(path, "what a frame holds")
+    except InputError:
         return None
 
 
