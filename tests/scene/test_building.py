@@ -10,7 +10,8 @@ from urbantwin.geometry import DownwardProbe, LabelledMesh, SiteFrame
 from urbantwin.scene.building import building_mesh
 from urbantwin.scene.building_height import building_rise
 from urbantwin.scene.passage import ROAD_CLEARANCE_M
-from urbantwin.site.extract import OsmFeature, read_extract
+from urbantwin.site.extract import OsmFeature
+from urbantwin.site.extract_file import read_extract
 from urbantwin.taxonomy import material_id, semantic_id
 
 REGION = box(-200, -200, 200, 200)

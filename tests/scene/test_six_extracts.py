@@ -8,7 +8,7 @@ import shapely
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.scene.furnishing import furnishings
-from urbantwin.site.extract import read_extract
+from urbantwin.site.extract_file import read_extract
 from urbantwin.taxonomy import semantic_id
 
 PLACES = {

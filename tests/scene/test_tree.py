@@ -6,7 +6,8 @@ from shapely import LineString, Point, Polygon, box
 from urbantwin.geometry import SiteFrame
 from urbantwin.scene.tree import tree_mesh
 from urbantwin.scene.tree.planting import MOST_WOOD_TREES
-from urbantwin.site.extract import OsmFeature, read_extract
+from urbantwin.site.extract import OsmFeature
+from urbantwin.site.extract_file import read_extract
 from urbantwin.taxonomy import semantic_id
 
 REGION = box(-100, -100, 100, 100)
