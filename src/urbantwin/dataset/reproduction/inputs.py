@@ -122,6 +122,8 @@ def _located(
     """Return where an input lies, what is wrong with it, and what is uncertain."""
     if one.is_address:
         key = entry.get("key_env")
+        if one.shortened:
+            return None, "is an address whose query or user was not kept: give --twin", None
         if isinstance(key, str) and not os.environ.get(key, "").strip():
             return None, f"is an address whose key ({key}) is not in the environment", None
         return one.name, None, "an address, fetched again: what it gives may have changed"
