@@ -47,8 +47,7 @@ def made_from(
         if source.path is not None:
             files.append(_entry(["geometry", number, "file"], source.path) | {"beside": read})
         else:
-            written["url"] = without_secrets(written["url"])
-            address = {"at": ["geometry", number, "url"], "name": written["url"], "sha256": ""}
+            address = _address(["geometry", number, "url"], written)
             files.append({**address, "beside": read})
         if source.footprints is not None:
             files.append(_entry(["geometry", number, "footprints"], source.footprints))
@@ -61,9 +60,7 @@ def made_from(
             beside = files_beside(picture.path)
             files.append(_entry(["imagery", number, "file"], picture.path, beside))
         else:
-            written = document["imagery"][number]
-            written["xyz"] = without_secrets(written["xyz"])
-            tiles = {"at": ["imagery", number, "xyz"], "name": written["xyz"], "sha256": ""}
+            tiles = _address(["imagery", number, "xyz"], document["imagery"][number])
             note = pictures[number] if pictures else {}
             files.append({**tiles, "pixels_sha256": note.get("pixels_sha256", "")})
     document["rig"], of_rig = rig_and_files(document["rig"], site.rig_file.parent)
@@ -108,6 +105,17 @@ def _entry(at: Sequence[str | int], path: Path, beside: Iterable[Path] = ()) -> 
     }
     further = {one.name: sha256_of(one) for one in beside}
     return {**entry, "beside": further} if further else entry
+
+
+def _address(at: Sequence[str | int], written: dict[str, Any]) -> dict[str, Any]:
+    """Return the entry of an address, and take what is secret out of what the site says of it."""
+    field = str(at[-1])
+    plain = without_secrets(written[field])
+    entry: dict[str, Any] = {"at": list(at), "name": plain, "sha256": ""}
+    if plain != written[field]:
+        entry["shortened"] = True
+    written[field] = plain
+    return entry
 
 
 def _below(field: str, entry: Mapping[str, Any]) -> dict[str, Any]:

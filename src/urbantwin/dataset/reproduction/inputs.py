@@ -122,6 +122,8 @@ def _located(
     """Return where an input lies, what is wrong with it, and what is uncertain."""
     if one.is_address:
         key = entry.get("key_env")
+        if one.shortened:
+            return None, "is an address whose query or user was not kept: give --twin", None
         if isinstance(key, str) and not os.environ.get(key, "").strip():
             return None, f"is an address whose key ({key}) is not in the environment", None
         return one.name, None, "an address, fetched again: what it gives may have changed"
@@ -154,7 +156,7 @@ def _tiles(
         first = str(entry.get("zoom", ImagerySpec.model_fields["zoom"].default))
     for folder in search.named(first):
         if folder.is_dir():
-            remark = "tiles: told by what they show, once they are read"
+            remark = "a pattern of tiles, which are told by what they show once they are read"
             return _absolute(folder.parent / one.name), None, remark
     return None, "is not found", None
 

@@ -61,6 +61,7 @@ class NamedFile(Part):
         sha256: of the file; empty for a folder, an address and tiles.
         beside: name and SHA-256 of further files that belong to it.
         pixels_sha256: what tiles showed.
+        shortened: of an address, whether a query or a user was left out.
         of: ``twin`` for a file that the twin holds.
     """
 
@@ -69,6 +70,7 @@ class NamedFile(Part):
     sha256: Sha256 | Literal[""]
     beside: dict[str, Sha256] = Field(default_factory=dict)
     pixels_sha256: str = ""
+    shortened: bool = False
     of: Literal["twin"] | None = None
 
     @property
