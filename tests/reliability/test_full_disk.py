@@ -15,7 +15,7 @@ from .small_site import COMMANDS, Stand, bytes_of, command_line
 
 #: Kilobytes that each command is given: too few to end, and for `record` too few for all frames.
 TOO_SMALL_KB = {
-    "record": 2600,
+    "record": 3900,
     "build": 700,
     "traffic": 700,
     "compare": 400,
