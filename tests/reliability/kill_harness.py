@@ -106,7 +106,7 @@ def place_for(stand: Stand, command: Command, place: Path, *, older: bool) -> Pa
     out = place / "out" / command.output
     out.parent.mkdir(parents=True)
     if older:
-        former = stand.older[command.output]
+        former = stand.older(command.output)
         (shutil.copytree if former.is_dir() else shutil.copyfile)(former, out)
     return out
 
@@ -129,7 +129,7 @@ def check_left(
     assert set(visible) <= {command.output}
     assert all(SCRATCH.fullmatch(name) for name in hidden)
     assert scratch or not hidden, hidden
-    pairs = [(out, stand.expected(key), stand.older[command.output] if older else None)]
+    pairs = [(out, stand.expected(key), stand.older(command.output) if older else None)]
     if key == "run":  # each of the three by itself
         pairs = [
             (new / part, want / part, was and was / part)

@@ -86,7 +86,7 @@ def check_full(stand: Stand, place: Path, disk: Disk, key: str, *, older: bool) 
     expected = stand.expected(key)
     used_kb = 0
     if older:
-        former = stand.older[command.output]
+        former = stand.older(command.output)
         (shutil.copytree if former.is_dir() else shutil.copyfile)(former, out)
         status = os.statvfs(disk.folder)
         used_kb = (status.f_blocks - status.f_bfree) * status.f_frsize // 1024
