@@ -16,7 +16,7 @@ DEVELOPMENT := $(VENV)/.development-installed
 # What the wheels of SUMO link to and do not carry (README, "Debian packages").
 DEBIAN_PACKAGES := libatomic1 libexpat1 libgl1 libxext6 libxrender1
 
-.PHONY: demo test fuzz lint bench judges lock clean help
+.PHONY: demo test fuzz kills lint bench judges lock clean help
 
 help:
 	@echo "make demo    create .venv, install, run the demo (writes urbantwin-demo/)"
@@ -24,6 +24,7 @@ help:
 	@echo "make fuzz    2,000 bad files for every reader (an hour)"
 	@echo "make lint    style and types only"
 	@echo "make bench   the benchmarks"
+	@echo "make kills   every command killed at random moments, disks filled: hours"
 	@echo "make judges  create .venv-judges with what judges exported OpenDRIVE (300 MB)"
 	@echo "make lock    resolve the dependencies anew into the lock files"
 	@echo "make clean   remove .venv, caches and the demo's output"
@@ -46,6 +47,9 @@ lint: $(DEVELOPMENT)
 
 bench: $(DEVELOPMENT)
 	@for file in benchmarks/*.py; do echo "== $$file"; $(BIN)/python "$$file" || exit 1; done
+
+kills: $(DEVELOPMENT)
+	$(BIN)/pytest -m kills -s tests/reliability
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \

@@ -7,6 +7,7 @@ a result takes its place, the signal waits (`deferred`).
 
 from __future__ import annotations
 
+import atexit
 import os
 import signal
 from collections.abc import Callable, Iterator
@@ -20,6 +21,14 @@ EXIT_CODE = 130
 _SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 Handler = Callable[[int, FrameType | None], object]
+
+
+class _Interrupted(KeyboardInterrupt):
+    """An interruption that was asked for.
+
+    Python notes a plain ``KeyboardInterrupt`` that leaves a text which is executed (dataclasses are
+    made so), and then ends by SIGINT in the end, although it was caught (``Py_RunMain``).
+    """
 
 
 class Interruptions:
@@ -43,6 +52,9 @@ def ends_at_once(*, said: bool = False) -> None:
     """
     for number in _heard():
         signal.signal(number, _end_silently if said else _end)
+    # While Python takes itself apart nobody hears signals: one would end it without a word, and
+    # with another exit code. What is registered first is called last.
+    atexit.register(_ignore)
 
 
 @contextmanager
@@ -53,7 +65,7 @@ def unwinds() -> Iterator[Interruptions]:
     def interrupt(_number: int, _frame: FrameType | None) -> None:
         interruptions.count += 1
         if interruptions.heard:
-            raise KeyboardInterrupt
+            raise _Interrupted
 
     with _handled(interrupt):
         yield interruptions
@@ -79,6 +91,11 @@ def _end(_number: int, _frame: FrameType | None) -> None:
 
 def _end_silently(_number: int, _frame: FrameType | None) -> None:
     os._exit(EXIT_CODE)
+
+
+def _ignore() -> None:
+    for number in _heard():
+        signal.signal(number, signal.SIG_IGN)
 
 
 def _heard() -> list[signal.Signals]:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack, contextmanager
 from functools import partial
-from multiprocessing import get_context, parent_process
+from multiprocessing import active_children, get_context, parent_process
 from types import ModuleType
 
 __all__ = ["threads", "usable_processors", "worker_pool"]
@@ -53,7 +53,13 @@ def worker_pool(
                 pool.submit(os.getpid)
         yield pool
     finally:
-        pool.shutdown(wait=True, cancel_futures=True)
+        try:
+            pool.shutdown(wait=True, cancel_futures=True)
+        except BaseException:  # interrupted once more: what they write to will be taken away
+            for worker in active_children():
+                worker.kill()
+                worker.join()
+            raise
 
 
 def _start(start: Callable[..., None], *arguments: object) -> None:

@@ -28,12 +28,14 @@ class Ended:
         err: what it said on standard error.
         in_time: whether the signal met it alive.
         survivors_s: how long its children outlived it.
+        heard: whether it had said before what is to become of the signal.
     """
 
     code: int
     err: str
     in_time: bool
     survivors_s: float
+    heard: bool = True
 
 
 def killed(
@@ -41,8 +43,6 @@ def killed(
     environment: dict[str, str],
     after_s: float,
     number: signal.Signals = signal.SIGKILL,
-    *,
-    times: int = 1,
 ) -> Ended:
     """Start a command in a session of its own and send its first process a signal.
 
@@ -51,7 +51,6 @@ def killed(
         environment: of the process.
         after_s: when, from its start.
         number: the signal.
-        times: how often it is sent, at once.
     """
     process = subprocess.Popen(
         command_line(arguments),
@@ -65,11 +64,11 @@ def killed(
     try:
         process.wait(after_s)
     except subprocess.TimeoutExpired:
-        for _ in range(times):
-            os.kill(process.pid, number)
+        heard = is_caught(process.pid, number)
+        os.kill(process.pid, number)
         in_time = True
     else:
-        in_time = False
+        heard = in_time = False
     code = process.wait(PATIENCE_S)
     began = time.monotonic()
     while left := processes_of(process.pid):
@@ -78,7 +77,13 @@ def killed(
     survivors_s = time.monotonic() - began
     err = process.stderr.read().decode()
     process.stderr.close()
-    return Ended(code, err, in_time, survivors_s)
+    return Ended(code, err, in_time, survivors_s, heard)
+
+
+def is_caught(process: int, number: signal.Signals) -> bool:
+    """Return whether a process has a handler of its own, from ``/proc``."""
+    status = Path(f"/proc/{process}/status").read_text()
+    return bool(int(status.split("SigCgt:")[1].split()[0], 16) >> (number - 1) & 1)
 
 
 def processes_of(session: int) -> dict[int, str]:
@@ -101,7 +106,7 @@ def place_for(stand: Stand, command: Command, place: Path, *, older: bool) -> Pa
     out = place / "out" / command.output
     out.parent.mkdir(parents=True)
     if older:
-        former = stand.older[command.output]
+        former = stand.older(command.output)
         (shutil.copytree if former.is_dir() else shutil.copyfile)(former, out)
     return out
 
@@ -124,7 +129,7 @@ def check_left(
     assert set(visible) <= {command.output}
     assert all(SCRATCH.fullmatch(name) for name in hidden)
     assert scratch or not hidden, hidden
-    pairs = [(out, stand.expected(key), stand.older[command.output] if older else None)]
+    pairs = [(out, stand.expected(key), stand.older(command.output) if older else None)]
     if key == "run":  # each of the three by itself
         pairs = [
             (new / part, want / part, was and was / part)

@@ -8,7 +8,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -135,42 +135,34 @@ class Stand:
         """What stands for real frames: those of another seed."""
         return self._made("real", [*_record(self, self.folder / "real"), "--seed", "11"])
 
-    @cached_property
-    def older(self) -> Mapping[str, Path]:
-        """An older artefact of every kind, which differs from what the commands make."""
-        twin = self.folder / "older" / "twin"
-        if not twin.exists():  # the same place in other words
-            changed = self.site.with_name("older.yaml")
-            changed.write_text(self.site.read_text().replace("radius_m: 40", "radius_m: 35"))
-            self._made("older/twin", ["build", changed, "-o", twin, "--no-pictures"])
-        motion = self._made(
-            "older/motion",
-            ["traffic", self.twin, "-o", self.folder / "older/motion", "--seconds", "0.3"],
-        )
-        dataset = self._made(
-            "older/dataset",
-            [*_record(self, self.folder / "older/dataset"), "--stop", "0.3", "--seed", "3"],
-        )
-        whole = self.folder / "older" / "out"
-        for one in (twin, motion, dataset):
-            shutil.copytree(one, whole / one.name, dirs_exist_ok=True)
-        here = self.folder / "older"
-        swapped = ["compare", self.dataset, self.real, "--arbitrary", "none", "--workers", "1"]
-        tuned = ["tune", self.real, self.twin, "--fit", "noise", "--trials", "2", "--no-report"]
-        layers = ["export", twin, "--to", "carla"]
-        measured = ["background", dataset, *SENSOR]
-        return {
-            "dataset": dataset,
-            "twin": twin,
-            "motion": motion,
-            "out": whole,
-            "report": self._made("older/report", [*swapped, "-o", here / "report"]),
-            "tuned": self._made("older/tuned", [*tuned, "-o", here / "tuned"]),
-            "carla": self._made("older/carla", [*layers, "-o", here / "carla"]),
-            "measured.npz": self._made(
-                "older/measured.npz", [*measured, "-o", here / "measured.npz"]
-            ),
-        }
+    def older(self, output: str) -> Path:
+        """Return an older artefact, which differs from what the command makes."""
+        out = self.folder / "older" / output
+        if output == "out":
+            for part in ("twin", "motion", "dataset"):
+                shutil.copytree(self.older(part), out / part, dirs_exist_ok=True)
+            return out
+        if out.exists():
+            return out
+        if output == "twin":  # the same place, a little smaller
+            site = self.site.with_name("older.yaml")
+            site.write_text(self.site.read_text().replace("radius_m: 40", "radius_m: 35"))
+            arguments: list[object] = ["build", site, "--no-pictures"]
+        elif output == "motion":
+            arguments = ["traffic", self.twin, "--seconds", "0.3"]
+        elif output == "dataset":
+            arguments = [*_record(self, out), "--stop", "0.3", "--seed", "3"]
+        elif output == "report":
+            control = ["--arbitrary", "none", "--workers", "1"]
+            arguments = ["compare", self.dataset, self.real, *control]
+        elif output == "tuned":
+            options = ["--fit", "noise", "--trials", "2", "--no-report"]
+            arguments = ["tune", self.real, self.twin, *options]
+        elif output == "carla":
+            arguments = ["export", self.older("twin"), "--to", "carla"]
+        else:
+            arguments = ["background", self.older("dataset"), *SENSOR]
+        return self._made(f"older/{output}", [*arguments, "-o", out])
 
     def expected(self, key: str) -> Path:
         """Return what a command makes undisturbed."""

@@ -15,7 +15,7 @@ from .small_site import COMMANDS, Stand, bytes_of, command_line
 
 #: Kilobytes that each command is given: too few to end, and for `record` too few for all frames.
 TOO_SMALL_KB = {
-    "record": 2600,
+    "record": 3900,
     "build": 700,
     "traffic": 700,
     "compare": 400,
@@ -86,7 +86,7 @@ def check_full(stand: Stand, place: Path, disk: Disk, key: str, *, older: bool) 
     expected = stand.expected(key)
     used_kb = 0
     if older:
-        former = stand.older[command.output]
+        former = stand.older(command.output)
         (shutil.copytree if former.is_dir() else shutil.copyfile)(former, out)
         status = os.statvfs(disk.folder)
         used_kb = (status.f_blocks - status.f_bfree) * status.f_frsize // 1024

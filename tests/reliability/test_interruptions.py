@@ -11,9 +11,6 @@ import pytest
 from .kill_harness import PATIENCE_S, SCRATCH, check_whole, killed, processes_of
 from .small_site import COMMANDS, Stand, command_line
 
-#: Python itself starts in about 10 ms on an idle machine and hears nothing before; here is slack.
-DEAF_S = 0.3
-
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 @pytest.mark.parametrize("after_ms", [0, 5, 10, 20, 50, 100, 200, 400, 800])
@@ -24,10 +21,9 @@ def test_an_interruption_while_python_starts(
     arguments = ["build", stand.site, "-o", out, "--no-pictures"]
     ended = killed(arguments, stand.environment(tmp_path), after_ms / 1000, number)
     assert ended.in_time
-    if ended.code == 130:
-        assert ended.err == "error: interrupted\n"
+    if (ended.heard and number != signal.SIGINT) or ended.code == 130:
+        assert (ended.code, ended.err) == (130, "error: interrupted\n")
     else:  # before the first line of our own code: Python's own ways to end
-        assert after_ms / 1000 < DEAF_S
         assert ended.code in ((-number, 1) if number == signal.SIGINT else (-number,))
     assert not (tmp_path / "out").exists()
     assert not list((tmp_path / "tmp").iterdir())

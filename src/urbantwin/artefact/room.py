@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import errno
+import re
+import resource
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,6 +19,8 @@ _FULL = {
     errno.EDQUOT: "the quota of its disk is used up",
     errno.EFBIG: "files may not be so large here (ulimit -f)",
 }
+#: What numpy says of an array that was written in part.
+_CUT = re.compile(r"\d+ requested and \d+ written")
 #: With less than this free, what failed without a reason failed for want of room, bytes.
 _NOTHING = 1 << 16
 
@@ -82,6 +86,9 @@ def _reason(error: BaseException, scratch: Path) -> tuple[str | None, str | None
     for number, why in _FULL.items():
         if f"Errno {number}]" in said or (number == errno.EFBIG and "SIGXFSZ" in said):
             return why, None
+    if _CUT.search(said):
+        limited = resource.getrlimit(resource.RLIMIT_FSIZE)[0] != resource.RLIM_INFINITY
+        return _FULL[errno.EFBIG if limited else errno.ENOSPC], None
     if scratch.exists() and shutil.disk_usage(scratch).free < _NOTHING:
         return _FULL[errno.ENOSPC], None
     return None, None
