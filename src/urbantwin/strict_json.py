@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from typing import Any
 
 __all__ = ["NotJsonError", "parse_json"]
@@ -26,11 +27,12 @@ class NotJsonError(ValueError):
         self.place = None if line is None else f"line {line}"
 
 
-def parse_json(data: bytes | str) -> Any:  # noqa: ANN401
+def parse_json(data: bytes | str, *, once: bool = False) -> Any:  # noqa: ANN401
     """Return what a JSON text holds.
 
     Args:
         data: the text, or its bytes in UTF-8, UTF-16 or UTF-32, with or without a mark.
+        once: refuse a key that is given twice in a mapping.
 
     Raises:
         NotJsonError: it is not JSON, is nested deeper than Python goes, or holds NaN, Infinity or
@@ -44,9 +46,12 @@ def parse_json(data: bytes | str) -> Any:  # noqa: ANN401
             parse_constant=_refused,
             parse_float=_finite,
             parse_int=_whole,
+            object_pairs_hook=_once if once else None,
         )
     except json.JSONDecodeError as error:
         raise NotJsonError(error.msg, error.lineno) from None
+    except _TwiceError as error:
+        raise NotJsonError(f"it gives {str(error)[:40]!r} twice") from None
     except UnicodeDecodeError:
         raise NotJsonError("its bytes are no text") from None
     except _NoNumberError as error:
@@ -59,6 +64,18 @@ def parse_json(data: bytes | str) -> Any:  # noqa: ANN401
 
 class _NoNumberError(ValueError):
     """What stands where a number should."""
+
+
+class _TwiceError(ValueError):
+    """A key that a mapping has already."""
+
+
+def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        counts = Counter(key for key, _ in pairs)
+        raise _TwiceError(counts.most_common(1)[0][0])
+    return found
 
 
 def _refused(name: str) -> float:

@@ -42,9 +42,15 @@ def twin(tmp_path_factory):
     LabelledMesh.concatenate([road, wall]).save(folder / "scene.npz")
     manifest = {
         "kind": "twin",
+        "version": "test",
+        "name": "test",
+        "driving_side": "right",
+        "notes": {},
         "anchor": {"latitude": 60.17, "longitude": 24.94},
         "region_m": corners[:, :2].tolist(),
-        "inputs": [{"name": "map.osm", "sha256": "ab" * 32, "licence": "ODbL-1.0"}],
+        "inputs": [
+            {"name": "map.osm", "sha256": "ab" * 32, "licence": "ODbL-1.0", "attribution": ""}
+        ],
         "files": {"scene.npz": sha256_of(folder / "scene.npz")},
     }
     write_json(folder / "twin.json", manifest)

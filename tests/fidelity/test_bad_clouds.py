@@ -8,6 +8,8 @@ import pytest
 from urbantwin.errors import InputError
 from urbantwin.fidelity.readers import open_recording
 
+from ..real_files import argoverse_log
+
 POINTS = np.random.default_rng(0).uniform(1, 20, (40, 4)).astype(np.float32)
 
 
@@ -75,7 +77,7 @@ def test_a_link_to_nowhere_is_a_frame_that_cannot_be_read(tmp_path):
 
 
 def test_rows_of_bin_files_are_as_wide_as_their_values_say(shared_data, tmp_path):
-    log = next((shared_data / "lidar/argoverse2-pittsburgh").glob("*/sensors")).parent
+    log = argoverse_log(shared_data)
     sweep = open_recording(log).read(0)
     rng = np.random.default_rng(1)
     more = rng.uniform(0, 0.1, len(sweep.points))
@@ -94,17 +96,21 @@ def test_rows_of_bin_files_are_as_wide_as_their_values_say(shared_data, tmp_path
         open_recording(tmp_path / "a.bin").read(0)
 
 
-def test_boxes_without_place_or_size_are_no_objects(tmp_path):
+def test_boxes_without_size_are_no_objects(tmp_path):
     import pyarrow as pa
     from pyarrow import parquet
 
     (tmp_path / "points").mkdir()
     np.save(tmp_path / "points" / "000000.npy", POINTS)
-    sizes = [4.0, np.nan, -4.0, 0.0]
-    table = {name: np.ones(4) for name in ("x", "y", "z", "width", "height", "yaw")}
-    table |= {"length": np.array(sizes), "track": np.arange(4), "frame": ["000000"] * 4}
-    parquet.write_table(pa.table(table | {"class": ["car"] * 4}), tmp_path / "boxes.parquet")
+    sizes = [4.0, -4.0, 0.0]
+    table = {name: np.ones(3) for name in ("x", "y", "z", "width", "height", "yaw")}
+    table |= {"length": np.array(sizes), "track": np.arange(3), "frame": ["000000"] * 3}
+    parquet.write_table(pa.table(table | {"class": ["car"] * 3}), tmp_path / "boxes.parquet")
     boxes = open_recording(tmp_path).read(0).boxes
     assert boxes is not None
     assert boxes.box[:, 3].tolist() == [4.0]
     assert boxes.track.tolist() == [0]
+    table |= {"x": np.array([1.0, np.nan, 1.0]), "class": ["car"] * 3}
+    parquet.write_table(pa.table(table), tmp_path / "boxes.parquet")
+    with pytest.raises(InputError, match="not finite"):
+        open_recording(tmp_path).read(0)

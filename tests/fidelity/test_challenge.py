@@ -228,13 +228,13 @@ def test_the_protocol_in_a_report(tmp_path):
     ("text", "said"),
     [
         ("[1]", "no map"),
-        ("{", "no JSON"),
+        ("{", "not JSON"),
         ('{"1": {}}', "no list"),
         ('{"1": [{"box": [1], "score": 1, "class": "Car"}]}', "7 numbers"),
         ('{"1": [{"box": [0,0,0,1,1,0,0], "score": 1, "class": "Car"}]}', "extent"),
-        ('{"1": [{"box": [0,0,0,1,1,NaN,0], "score": 1, "class": "Car"}]}', "7 numbers"),
+        ('{"1": [{"box": [0,0,0,1,1,NaN,0], "score": 1, "class": "Car"}]}', "not a finite"),
         ('{"1": [{"box": [0,0,0,1,1,1,0], "score": null, "class": "Car"}]}', "finite score"),
-        ('{"1": [{"box": [0,0,0,1,1,1,0], "score": NaN, "class": "Car"}]}', "finite score"),
+        ('{"1": [{"box": [0,0,0,1,1,1,0], "score": NaN, "class": "Car"}]}', "not a finite"),
         ('{"1": [{"box": [0,0,0,1,1,1,0], "score": 1, "class": "Tank"}]}', "Tank"),
     ],
 )

@@ -251,7 +251,7 @@ def test_what_is_no_background_is_said(tmp_path):
     with pytest.raises(InputError):
         load_backgrounds(file)
     np.savez(file, range_m=image(1))
-    with pytest.raises(InputError, match="not readable"):
+    with pytest.raises(InputError, match="about: is missing"):
         load_backgrounds(file)
     save_backgrounds(file, [MeasuredBackground(image(1), image(1), image(2), image(1))])
     with pytest.raises(InputError, match="out of bounds"):

@@ -75,6 +75,10 @@ def twin_of(mesh, folder):
     region = [[-60, -60], [60, -60], [60, 60], [-60, 60]]
     manifest = {
         "kind": "twin",
+        "version": "test",
+        "name": "test",
+        "driving_side": "right",
+        "notes": {},
         "anchor": {"latitude": 60.17, "longitude": 24.94},
         "region_m": region,
         "inputs": [],

@@ -127,14 +127,14 @@ def test_a_wrong_npz_is_one_clear_line(tmp_path):
         ({"azimuth_deg": np.zeros((3, 2))}, "azimuth_deg: is not a list"),
         ({"azimuth_deg": np.array(["a", "b", "c"])}, "azimuth_deg: is not a list"),
         ({"azimuth_deg": np.zeros(2)}, "unequal length"),
-        ({"azimuth_deg": np.array([{}], object)}, "is not an NPZ"),
+        ({"azimuth_deg": np.array([{}], object)}, "is not readable"),
         ({"period_s": np.array("x")}, "period_s: is not a number"),
     ]:
         np.savez(path, **{**good, **wrong})
         with pytest.raises(InputError, match=told):
             load_scan_pattern(path)
     path.write_bytes(b"PK\x03\x04 no")
-    with pytest.raises(InputError, match="is not an NPZ"):
+    with pytest.raises(InputError, match="is not readable"):
         load_scan_pattern(path)
     bomb = io.BytesIO()
     with (

@@ -77,6 +77,10 @@ def make_twin(folder: Path, net: Path, per_hour: dict[str, float], **traffic: fl
     manifest = {
         "kind": "twin",
         "version": "test",
+        "name": "test",
+        "driving_side": "right",
+        "notes": {},
+        "inputs": [],
         "anchor": {"latitude": 50.0, "longitude": 8.0},
         "region_m": region,
         "files": {path.name: sha256_of(path) for path in sorted(folder.iterdir())},

@@ -33,6 +33,7 @@ def motion() -> Motion:
     head = SignalHead("p", (0, 1), "lane", 3.0, 4.0, 0.0)
     manifest = {
         "kind": "motion", "version": MOTION_VERSION, "seed": 4, "step_s": 0.1, "steps": 4,
+        "twin_sha256": "ab" * 32,
         "duration_s": 0.4, "left_out": [], "teleports": 0, "collisions": 0,
     }  # fmt: skip
     return Motion(
@@ -70,7 +71,7 @@ def test_a_motion_keeps_the_meshes_of_its_actors(motion: Motion, tmp_path: Path)
     # What the motion does not have comes from the catalogue.
     assert again.mesh("car-sedan", 0) is asset_mesh("car-sedan", 0)
     (tmp_path / "m" / "meshes.npz").write_bytes(b"PK")
-    with pytest.raises(InputError, match=r"meshes\.npz: does not hold meshes"):
+    with pytest.raises(InputError, match=r"meshes\.npz: is not readable"):
         Motion.load(tmp_path / "m")
 
 

@@ -407,11 +407,18 @@ def write_dataset(folder, frames):
     }
     manifest = {
         "kind": "dataset",
+        "urbantwin": "test",
+        "seeds": {"record": 0, "traffic": 0},
+        "frame": "sensor",
         "dataset_SE3_site": np.eye(4).tolist(),
-        "rig": {"sensors": [sensor]},
+        "rig": {"rate_hz": 10.0, "sensors": [sensor]},
+        "point_cloud_range": [0.0] * 6,
         "inputs": [{"name": "a.osm", "attribution": "© somebody"}],
         "counts": {
             "frames": len(frames),
+            "train": len(frames),
+            "val": 0,
+            "points": 11,
             "points_by_class": {"terrain": 10, "car": 1},
             "boxes": {"car": 2},
             "boxes_with_points": {"car": 1},

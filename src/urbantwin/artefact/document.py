@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
 from urbantwin.errors import InputError
+from urbantwin.strict_json import NotJsonError, parse_json
 
-__all__ = ["read_json", "write_json"]
+__all__ = ["json_value", "read_bytes", "read_json", "read_json_value", "write_json"]
+
+#: Larger than any document that a person's machine could hold as Python's objects.
+_MOST_BYTES = 4_000_000_000
+#: Half of a character of UTF-16 as JSON may escape it: no text that can be written again.
+_HALF = re.compile(r"\\u[dD][89a-fA-F]")
+_HALF_BYTES = re.compile(_HALF.pattern.encode())
 
 
 def write_json(path: Path, value: object) -> None:
@@ -19,17 +27,74 @@ def write_json(path: Path, value: object) -> None:
 
 
 def read_json(path: Path, *, kind: str) -> dict[str, Any]:
-    """Read an artefact's manifest.
+    """Read an artefact's manifest, or another document of ours that is a mapping.
 
     Raises:
-        InputError: the file is missing, is not JSON, or is not a mapping.
+        InputError: the file is missing, is not JSON (see `json_value`), or is not a mapping.
     """
-    try:
-        value = json.loads(path.read_text())
-    except FileNotFoundError:
-        raise InputError("not found", file=path, expected=f"a {kind}'s manifest") from None
-    except (json.JSONDecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"is not JSON ({error})", file=path, expected=f"a {kind}") from None
+    value = read_json_value(path, f"a {kind}'s manifest")
     if not isinstance(value, dict):
         raise InputError("is not a mapping", file=path, expected=f"a {kind}'s manifest")
+    return value
+
+
+def read_json_value(path: Path, expected: str, *, once: bool = True) -> Any:  # noqa: ANN401
+    """Read any JSON document.
+
+    Args:
+        path: the file.
+        expected: what it should be, for errors.
+        once: see `json_value`.
+
+    Raises:
+        InputError: the file is missing, too large, or is not JSON.
+    """
+    data = read_bytes(path, expected)
+    return json_value(data, file=path, expected=expected, once=once)
+
+
+def read_bytes(path: Path, expected: str) -> bytes:
+    """Return the bytes of a document.
+
+    Raises:
+        InputError: the file is missing, is none, is too large or cannot be read.
+    """
+    try:
+        if path.exists() and not path.is_file():
+            raise InputError("is not a file", file=path, expected=expected)
+        if path.stat().st_size > _MOST_BYTES:
+            most = f"at most {_MOST_BYTES / 1e9:g} GB"
+            raise InputError("is too large", file=path, expected=most)
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise InputError("not found", file=path, expected=expected) from None
+    except OSError as error:
+        why = error.strerror or "unknown"
+        raise InputError(f"cannot be read ({why})", file=path, expected=expected) from None
+
+
+def json_value(text: bytes | str, *, file: str | Path, expected: str, once: bool = True) -> Any:  # noqa: ANN401
+    """Return what a JSON text holds (RFC 8259).
+
+    Args:
+        text: the document; of bytes, in UTF-8, UTF-16 or UTF-32.
+        file: where it is from, for errors.
+        expected: what it should be, for errors.
+        once: refuse a key that is given twice, as none of our files has it.
+
+    Raises:
+        InputError: it is not JSON, is nested too deep, or has a number that is not finite or
+            letters that are none; the line is named where it is known.
+    """
+    try:
+        value = parse_json(text, once=once)
+        if (_HALF_BYTES if isinstance(text, bytes) else _HALF).search(text):  # type: ignore[arg-type]
+            json.dumps(value, ensure_ascii=False).encode()
+    except NotJsonError as error:
+        problem = f"is not JSON ({error.problem})"
+        raise InputError(problem, file=file, place=error.place, expected=expected) from None
+    except UnicodeError:
+        raise InputError("has text of half letters", file=file, expected=expected) from None
+    except MemoryError:
+        raise InputError("is too large for the memory", file=file, expected=expected) from None
     return value

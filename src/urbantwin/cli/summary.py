@@ -103,7 +103,7 @@ def _twin(folder: Path) -> dict[str, Any]:
         "driving_side": twin.manifest["driving_side"],
         "triangles": len(twin.mesh.faces),
         "triangles_by_class": dict(triangles.most_common()),
-        "signals": described_signals(folder / "network.net.xml"),
+        "signals": described_signals(twin.net_path),
         "notes": twin.manifest["notes"],
         "inputs": [
             {key: item[key] for key in ("name", "licence", "attribution")}

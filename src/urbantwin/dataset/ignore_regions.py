@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import shapely
+from pydantic import Field
 
 from urbantwin.artefact import read_json, write_json
+from urbantwin.artefact.arrays import one_line
+from urbantwin.artefact.manifest import Part, validated
 from urbantwin.errors import InputError
 from urbantwin.lidar.coverage import IgnoreArea
 
@@ -18,6 +21,32 @@ __all__ = ["IGNORE_REGIONS", "read_ignore_regions", "write_ignore_regions"]
 IGNORE_REGIONS = "ignore_regions.geojson"
 #: Coordinates are written so fine, metres.
 _GRID_M = 0.01
+_Metres = Annotated[float, Field(ge=-1e6, le=1e6)]
+_Point = Annotated[list[_Metres], Field(min_length=2, max_length=3)]
+_Rings = Annotated[list[Annotated[list[_Point], Field(min_length=4)]], Field(min_length=1)]
+
+
+class _Reason(Part):
+    reason: str
+
+
+class _Polygon(Part):
+    type: Literal["Polygon"]
+    coordinates: _Rings
+
+
+class _MultiPolygon(Part):
+    type: Literal["MultiPolygon"]
+    coordinates: list[_Rings]
+
+
+class _Feature(Part):
+    properties: _Reason
+    geometry: Annotated[_Polygon | _MultiPolygon, Field(discriminator="type")]
+
+
+class _Collection(Part):
+    features: list[_Feature]
 
 
 def write_ignore_regions(path: Path, areas: Sequence[IgnoreArea]) -> None:
@@ -44,20 +73,18 @@ def read_ignore_regions(path: Path) -> list[IgnoreArea]:
         InputError: the file is missing or holds something else.
     """
     value = read_json(path, kind="file of ignore regions")
-    try:
-        return [
-            IgnoreArea(
-                str(one["properties"]["reason"]),
-                shapely.MultiPolygon(
-                    shapely.get_parts(shapely.geometry.shape(one["geometry"])).tolist()
-                ),
-            )
-            for one in value["features"]
-        ]
-    except (KeyError, TypeError, ValueError, AttributeError, shapely.errors.ShapelyError) as error:
-        raise InputError(
-            f"is not readable ({error})", file=path, expected="polygons with a reason"
-        ) from None
+    told = validated(value, _Collection, file=path, expected="polygons with a reason")
+    areas = []
+    for number, one in enumerate(told.features):
+        try:
+            shape = shapely.geometry.shape(one.geometry.model_dump())
+            area = shapely.MultiPolygon(shapely.get_parts(shape).tolist())
+        except (ValueError, shapely.errors.ShapelyError) as error:
+            raise InputError(
+                f"is no polygon ({one_line(error)})", file=path, place=f"features[{number}]"
+            ) from None
+        areas.append(IgnoreArea(one.properties.reason, area))
+    return areas
 
 
 def _plain(value: Any) -> Any:  # noqa: ANN401

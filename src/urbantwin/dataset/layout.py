@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.artefact.document import read_json_value
+from urbantwin.errors import InputError
 from urbantwin.lidar import BoxLabel, LabelledFrame
 
 __all__ = ["FOLDERS", "RAY_TYPE", "frame_name", "label_lines", "write_frame"]
@@ -103,10 +104,10 @@ def _write(path: Path, header: bytes, array: NDArray[Any]) -> None:
 
 
 def read_json_or_none(path: Path) -> Any:  # noqa: ANN401
-    """Return what a JSON file holds, or ``None`` if it is missing or cut short."""
+    """Return what a JSON file holds, or ``None`` if it is missing, cut short or damaged."""
     try:
-        return json.loads(path.read_text())
-    except (FileNotFoundError, json.JSONDecodeError):
+        return read_json_value(path, "what a frame holds")
+    except InputError:
         return None
 
 

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
-from urbantwin.geometry import Pose
+from urbantwin.artefact.manifest import Part
+from urbantwin.dataset.manifest_form import pose_of_matrix
 from urbantwin.lidar import MountedSensor, Rig, Sensor
+from urbantwin.lidar.mounted import Returns
 from urbantwin.site.rig import Calibration, Conditions, Effects, OutageSpec, RideSpec, SwaySpec
 
 __all__ = ["rig_of_manifest"]
@@ -22,6 +24,8 @@ _MODELS: dict[str, type[BaseModel]] = {
 }
 #: Of a dataset's own place: not carried elsewhere.
 _LEFT = ("measured", "model", "sensor")
+_LARGEST = 1e9
+_Rate = Annotated[float, Field(gt=0, le=1000)]
 
 
 def rig_of_manifest(manifest: Mapping[str, Any]) -> Rig | None:
@@ -39,18 +43,56 @@ def rig_of_manifest(manifest: Mapping[str, Any]) -> Rig | None:
     """
     try:
         rig = manifest["rig"]
+        _check_numbers(rig)
+        _Told.model_validate(rig)
         return Rig(
             sensors=tuple(_mounted(one) for one in rig["sensors"]),
             frame=rig["frame"],
             rate_hz=float(rig["rate_hz"]),
-            dataset_SE3_site=_pose(manifest["dataset_SE3_site"] or np.eye(4)),
+            dataset_SE3_site=pose_of_matrix(manifest["dataset_SE3_site"] or np.eye(4)),
             conditions=Conditions.model_validate(rig["conditions"]),
             ride=None if rig["ride"] is None else RideSpec.model_validate(rig["ride"]),
             carrier=rig["carrier"],
             fused=bool(rig["fused"]),
         )
-    except (KeyError, TypeError, ValueError, AttributeError, ValidationError):
+    except (KeyError, TypeError, ValueError, AttributeError, OverflowError, ValidationError):
         return None
+
+
+class _ToldSensor(Part):
+    name: str
+    columns: Annotated[int, Field(ge=1, le=65536)]
+    number: Annotated[int, Field(ge=0, lt=256)] = 0
+    rate_hz: _Rate = 10.0
+    turns_per_second: _Rate = 10.0
+    frame_window_s: Annotated[float, Field(gt=0, le=100)] = 0.1
+    time_jitter_s: Annotated[float, Field(ge=0, le=1)] = 0.0
+    latency_s: Annotated[float, Field(ge=0, le=10)] = 0.0
+    dropped_frames: Annotated[float, Field(ge=0, le=1)] = 0.0
+    returns: Returns = "strongest"
+
+
+class _Told(Part):
+    """Numbers of a rig that decide how much there is to do."""
+
+    rate_hz: _Rate
+    frame: Literal["sensor", "level", "site"]
+    carrier: int | None
+    fused: bool
+    sensors: Annotated[list[_ToldSensor], Field(min_length=1, max_length=64)]
+
+
+def _check_numbers(value: object) -> None:
+    """Refuse numbers that no sensor has, wherever they stand.
+
+    Raises:
+        ValueError: one is not finite or huge.
+    """
+    if isinstance(value, dict | list):
+        for one in value.values() if isinstance(value, dict) else value:
+            _check_numbers(one)
+    elif isinstance(value, int | float) and not abs(value) <= _LARGEST:
+        raise ValueError(f"{value!r:.40} is no figure of a sensor")
 
 
 def _mounted(entry: Mapping[str, Any]) -> MountedSensor:
@@ -62,7 +104,7 @@ def _mounted(entry: Mapping[str, Any]) -> MountedSensor:
     values["outages"] = tuple(OutageSpec.model_validate(one) for one in values.get("outages", ()))
     for name in ("site_SE3_sensor", "carrier_SE3_sensor"):
         if values.get(name) is not None:
-            values[name] = _pose(values[name])
+            values[name] = pose_of_matrix(values[name])
     return MountedSensor(sensor=_sensor(entry["sensor"]), **values)
 
 
@@ -80,8 +122,3 @@ def _sensor(entry: Mapping[str, Any]) -> Sensor:
             value = tuple(tuple(one) if isinstance(one, list) else one for one in value)
         values[field.name] = value
     return Sensor(**values)
-
-
-def _pose(rows: Any) -> Pose:  # noqa: ANN401
-    matrix = np.array(rows, np.float64).reshape(4, 4)
-    return Pose(matrix[:3, :3], matrix[:3, 3])

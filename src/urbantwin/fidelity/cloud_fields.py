@@ -5,16 +5,16 @@ from __future__ import annotations
 import struct
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.artefact.arrays import one_line, read_array
 from urbantwin.errors import InputError
 from urbantwin.fidelity.pcd import read_pcd
 from urbantwin.fidelity.ply import read_ply
 
-__all__ = ["FORMATS", "Fields", "is_cloud", "load_array", "position_and_intensity", "read_fields"]
+__all__ = ["FORMATS", "Fields", "is_cloud", "position_and_intensity", "read_fields"]
 
 Fields = dict[str, NDArray[np.generic]]
 
@@ -90,6 +90,8 @@ def position_and_intensity(
     for values in (*(fields[name] for name in "xyz"), *found[:1]):
         if values.dtype.kind not in "fiu":
             raise InputError(f"has values of {values.dtype}", file=path, expected="numbers")
+        if values.shape != (len(fields["x"]),):
+            raise InputError("has several values of x, y or z in one point", file=path)
     table = np.column_stack([fields[name].astype(np.float64) for name in "xyz"])
     intensity = found[0].astype(np.float64) if found else None
     if intensity is not None and not np.isfinite(intensity).any():
@@ -97,24 +99,8 @@ def position_and_intensity(
     return table, intensity
 
 
-def load_array(path: Path, expected: str) -> NDArray[Any]:
-    """Load one array of a ``.npy`` file.
-
-    Raises:
-        InputError: it is none.
-    """
-    try:
-        array = np.load(path, allow_pickle=False)
-    except Exception as error:  # the header is Python's syntax: its parser raises what it likes
-        why = str(error).partition(". ")[0].partition(" (object)")[0]
-        raise InputError(f"is not readable ({why})", file=path, expected=expected) from None
-    if not isinstance(array, np.ndarray):
-        raise InputError("holds several arrays", file=path, expected=expected)
-    return array
-
-
 def _from_npy(path: Path) -> Fields:
-    array = load_array(path, "a .npy array")
+    array = read_array(path, "a .npy array")
     if array.dtype.names:
         return {name.lower(): array[name].ravel() for name in array.dtype.names}
     if array.ndim != 2 or not 3 <= array.shape[1] <= _WIDEST or array.dtype.kind not in "fiu":
@@ -211,5 +197,6 @@ def _from_las(path: Path) -> Fields:
             if name.lower() not in fields and values.ndim == 1 and name not in ("X", "Y", "Z"):
                 fields[name.lower()] = values
     except Exception as error:  # laspy and its decoders raise what they like
-        raise InputError(f"is not readable ({error})", file=path, expected="a LAS file") from None
+        problem = f"is not readable ({one_line(error)})"
+        raise InputError(problem, file=path, expected="a LAS file") from None
     return fields

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import io
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.artefact.arrays import one_line, read_array
+from urbantwin.artefact.document import read_bytes
 from urbantwin.errors import InputError
 from urbantwin.fidelity.measured_background import described
 from urbantwin.fidelity.on_beams import BeamsOf
@@ -97,18 +101,26 @@ def _on_beams(ranges: NDArray[np.float64], beams: BeamsOf) -> MeasuredBackground
 def _read(path: Path) -> NDArray[np.float64]:
     """Return the numbers of a file; of several arrays in a ``.mat``, the largest."""
     expected = ".mat (up to version 7), .npy, or numbers in lines"
-    try:
-        if path.suffix.lower() == ".mat":
-            from scipy.io import loadmat
+    kind = path.suffix.lower()
+    if kind == ".npy":
+        return _numbers(read_array(path, expected), path, expected)
+    if kind == ".mat":
+        from urbantwin.fidelity.matlab import read_matlab
 
-            tables = [one for name, one in loadmat(path).items() if not name.startswith("__")]
-            return np.asarray(max(tables, key=np.size), np.float64)
-        if path.suffix.lower() == ".npy":
-            return np.asarray(np.load(path, allow_pickle=False), np.float64)
-        comma = "," if "," in path.read_text()[:10_000] else None
-        return np.loadtxt(path, np.float64, delimiter=comma)
-    except FileNotFoundError:
-        raise InputError("not found", file=path, expected=expected) from None
-    except (OSError, ValueError, TypeError, NotImplementedError) as error:
-        problem = str(error).splitlines()[0] if str(error) else "unknown format"
-        raise InputError(f"is not readable ({problem})", file=path, expected=expected) from None
+        tables = read_matlab(path, expected)
+        return _numbers(max(tables.values(), key=np.size), path, expected)
+    text = read_bytes(path, expected)
+    comma = "," if b"," in text[:10_000] else None
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of a file without a number, which is told below
+            return np.loadtxt(io.BytesIO(text), np.float64, delimiter=comma)
+    except (ValueError, OverflowError, MemoryError) as error:
+        problem = f"is not readable ({one_line(error)})"
+        raise InputError(problem, file=path, expected=expected) from None
+
+
+def _numbers(array: NDArray[Any], path: Path, expected: str) -> NDArray[np.float64]:
+    if array.dtype.kind not in "fiu":
+        raise InputError(f"holds {array.dtype}", file=path, expected=expected)
+    return array.astype(np.float64)

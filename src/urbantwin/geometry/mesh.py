@@ -5,13 +5,28 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from urbantwin.artefact.arrays import ArrayOf, read_arrays
+from urbantwin.errors import InputError
 from urbantwin.geometry.pose import Pose
+from urbantwin.taxonomy import materials, semantic_classes
 
-__all__ = ["LabelledMesh"]
+__all__ = ["MESH_FORM", "LabelledMesh", "checked_mesh"]
+
+#: No site reaches further, metres.
+_FURTHEST_M = 1e6
+#: The arrays of a mesh in its file.
+MESH_FORM = {
+    "vertices": ArrayOf("f8", ("V", 3), least=-_FURTHEST_M, most=_FURTHEST_M),
+    "faces": ArrayOf("i4", ("F", 3), rows_of="V"),
+    "semantic": ArrayOf("u2", ("F",)),
+    "material": ArrayOf("u1", ("F",)),
+    "part": ArrayOf("i4", ("F",)),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,8 +146,29 @@ class LabelledMesh:
 
     @classmethod
     def load(cls, path: Path) -> LabelledMesh:
-        """Read what ``save`` wrote."""
-        with np.load(path) as data:
-            return cls(
-                data["vertices"], data["faces"], data["semantic"], data["material"], data["part"]
+        """Read what ``save`` wrote.
+
+        Raises:
+            InputError: missing, damaged, or no triangles with labels that are known.
+        """
+        expected = "a mesh with labels"
+        return cls(**checked_mesh(read_arrays(path, expected, MESH_FORM), path, expected))
+
+
+def checked_mesh(arrays: dict[str, NDArray[Any]], file: Path, expected: str) -> dict[str, Any]:
+    """Return the arrays of a mesh whose labels are all in the tables.
+
+    Raises:
+        InputError: a label is not.
+    """
+    for name, known in (("semantic", semantic_classes()), ("material", materials())):
+        numbers = {entry.id for entry in known.values()}
+        strange = set(np.flatnonzero(np.bincount(arrays[name])).tolist()) - numbers
+        if strange:
+            raise InputError(
+                f"has the number {min(strange)}, which is none",
+                file=file,
+                place=name,
+                expected=expected,
             )
+    return arrays

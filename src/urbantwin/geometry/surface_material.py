@@ -16,8 +16,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from urbantwin.artefact.arrays import ArrayOf, read_arrays
+from urbantwin.errors import InputError
 from urbantwin.geometry.mesh import LabelledMesh
-from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
+from urbantwin.taxonomy import GROUND_CLASSES, materials, semantic_id
 
 __all__ = ["TILE", "MaterialLayer", "SurfaceMaterials"]
 
@@ -26,6 +28,19 @@ TILE = 64
 #: How far above or below a tile's surface a point may lie and still be on it, metres: less than
 #: the clearance under a bridge, more than a tile's surface leaves the bilinear one of its corners.
 REACH_M = 1.5
+_EXPECTED = "a twin's materials of the ground"
+#: Cells are no larger, metres, and no tile is further from the origin.
+_LARGEST, _FURTHEST = 1000.0, 1 << 24
+#: The arrays in their file: L layers, and the tiles of one after those of the other.
+_FORM = {
+    "material": ArrayOf("u1", ("L",)),
+    "level": ArrayOf("i4", ("L",)),
+    "cell_m": ArrayOf("f8", ("L",), least=1e-4, most=_LARGEST),
+    "count": ArrayOf("i8", ("L",), least=0, most=1 << 40),
+    "tiles": ArrayOf("i4", ("T", 2), least=-_FURTHEST, most=_FURTHEST),
+    "bits": ArrayOf("u1", ("T", TILE, TILE // 8)),
+    "heights": ArrayOf("f4", ("T", 2, 2)),
+}
 #: Triangles steeper than this (cosine to the vertical) are walls, curbs and banks.
 UP = 0.5
 
@@ -154,20 +169,31 @@ class SurfaceMaterials:
 
     @classmethod
     def load(cls, path: Path) -> SurfaceMaterials:
-        """Read what ``save`` wrote."""
-        with np.load(path) as data:
-            ends = np.cumsum(data["count"])
-            parts = [
-                np.split(data[name], ends[:-1]) if len(ends) else []
-                for name in ("tiles", "bits", "heights")
-            ]
-            heads = zip(data["material"], data["level"], data["cell_m"], *parts, strict=True)
-            return cls(
-                tuple(
-                    MaterialLayer(int(material), int(level), float(cell), tiles, bits, heights)
-                    for material, level, cell, tiles, bits, heights in heads
-                )
-            )
+        """Read what ``save`` wrote.
+
+        Raises:
+            InputError: missing, damaged, or no layers of known materials in sorted tiles.
+        """
+        data = read_arrays(path, _EXPECTED, _FORM)
+        counts = data["count"]
+        if sum(counts.tolist()) != len(data["tiles"]):
+            raise InputError("is not of its tiles", file=path, place="count", expected=_EXPECTED)
+        known = {entry.id for entry in materials().values()}
+        if not set(data["material"].tolist()) <= known:
+            raise InputError("is none", file=path, place="material", expected="known materials")
+        ends = np.cumsum(counts)
+        parts = [
+            np.split(data[name], ends[:-1]) if len(ends) else []
+            for name in ("tiles", "bits", "heights")
+        ]
+        heads = zip(data["material"], data["level"], data["cell_m"], *parts, strict=True)
+        layers = tuple(
+            MaterialLayer(int(material), int(level), float(cell), tiles, bits, heights)
+            for material, level, cell, tiles, bits, heights in heads
+        )
+        if any((np.diff(layer._keys) <= 0).any() for layer in layers):
+            raise InputError("are not sorted", file=path, place="tiles", expected=_EXPECTED)
+        return cls(layers)
 
 
 def _joined(

@@ -9,7 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import map_coordinates
 
+from urbantwin.artefact.arrays import ArrayOf, read_arrays
+from urbantwin.errors import InputError
+
 __all__ = ["Elevation"]
+
+_EXPECTED = "a twin's grid of heights"
+#: The arrays in the file, in metres: places and heights within what the Earth has.
+_FORM = {
+    "raw": ArrayOf("f8", ("rows", "columns"), least=-20_000, most=20_000),
+    "place": ArrayOf("f8", ("P",), least=-1e7, most=1e7),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +72,17 @@ class Elevation:
 
     @classmethod
     def load(cls, path: Path) -> Elevation:
-        """Read what ``save`` wrote."""
-        with np.load(path) as data:
-            west, south, step, *source = (float(v) for v in data["place"])
-            return cls(west, south, step, data["raw"], *source)
+        """Read what ``save`` wrote.
+
+        Raises:
+            InputError: missing, damaged, or no grid of heights.
+        """
+        data = read_arrays(path, _EXPECTED, _FORM)
+        place = data["place"].tolist()
+        # Older grids do not say what they were resampled from.
+        if len(place) not in (3, 4) or place[2] <= 0 or min(place[3:], default=0) < 0:
+            raise InputError("is none", file=path, place="place", expected=_EXPECTED)
+        if not data["raw"].size:
+            raise InputError("has no heights", file=path, place="raw", expected=_EXPECTED)
+        west, south, step, *source = place
+        return cls(west, south, step, data["raw"], *source[:1])

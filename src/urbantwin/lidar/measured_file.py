@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
-import zipfile
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
+from urbantwin.artefact.arrays import read_arrays
+from urbantwin.artefact.document import json_value
+from urbantwin.artefact.manifest import Part, validated
 from urbantwin.errors import InputError
 from urbantwin.lidar.measured import IMAGES, MeasuredBackground
 from urbantwin.lidar.mounted import MountedSensor, Rig
@@ -21,6 +25,18 @@ _FORMAT = 1
 _MOST = {"range_m": 2000.0, "sigma_m": 100.0, "share": 1.0, "intensity": 1.0}
 #: Rates that differ by less are one.
 _SAME_RATE_HZ = 0.01
+
+
+class _Sensor(Part):
+    name: str
+    model: str
+    turns_per_second: Annotated[float, Field(gt=0, le=10_000)] | None
+
+
+class _About(Part):
+    kind: Literal["background"]
+    format: Literal[1]
+    sensors: list[_Sensor]
 
 
 def save_backgrounds(path: Path, measured: Iterable[MeasuredBackground]) -> None:
@@ -55,44 +71,51 @@ def load_backgrounds(path: Path) -> list[MeasuredBackground]:
     Raises:
         InputError: missing, damaged, or images of other sizes, or with values out of bounds.
     """
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            about = json.loads(str(file["about"]))
-            if about["kind"] != "background" or about["format"] != _FORMAT:
-                raise ValueError("another kind, or a later format")
-            sensors = [
-                (one, {name: file[f"{number}.{name}"] for name in (*IMAGES, "looks")})
-                for number, one in enumerate(about["sensors"])
-            ]
-            found = [
-                MeasuredBackground(
-                    np.asarray(arrays["range_m"], np.float32),
-                    np.asarray(arrays["sigma_m"], np.float32),
-                    np.asarray(arrays["share"], np.float32),
-                    np.asarray(arrays["intensity"], np.float32),
-                    np.asarray(arrays["looks"], np.int32),
-                    str(one["model"]),
-                    float(one["turns_per_second"] or "nan"),
-                    str(one["name"]),
-                )
-                for one, arrays in sensors
-            ]
-    except FileNotFoundError:
-        raise InputError("not found", file=path, expected=_EXPECTED) from None
-    except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
-        raise InputError(f"is not readable ({error})", file=path, expected=_EXPECTED) from None
-    for one in found:
-        _check(one, path)
+    arrays = read_arrays(path, _EXPECTED)
+    about = arrays.get("about")
+    if about is None or about.dtype.kind != "U" or about.ndim:
+        raise InputError("is missing", file=path, place="about", expected=_EXPECTED)
+    value = json_value(str(about), file=path, expected=_EXPECTED)
+    told = validated(value, _About, file=path, expected=_EXPECTED, within="about")
+    found = []
+    for number, one in enumerate(told.sensors):
+        # A background by hand may have any type of numbers.
+        images = {
+            name: arrays[f"{number}.{name}"]
+            for name in (*IMAGES, "looks")
+            if f"{number}.{name}" in arrays and arrays[f"{number}.{name}"].dtype.kind in "fiu"
+        }
+        lacking = [name for name in (*IMAGES, "looks") if name not in images]
+        if lacking:
+            problem = f"lacks {', '.join(lacking)}"
+            raise InputError(problem, file=path, place=one.name or None, expected=_EXPECTED)
+        with np.errstate(over="ignore", invalid="ignore"):  # told as out of bounds
+            background = MeasuredBackground(
+                np.asarray(images["range_m"], np.float32),
+                np.asarray(images["sigma_m"], np.float32),
+                np.asarray(images["share"], np.float32),
+                np.asarray(images["intensity"], np.float32),
+                np.asarray(images["looks"], np.int32),
+                one.model,
+                float("nan") if one.turns_per_second is None else one.turns_per_second,
+                one.name,
+            )
+        _check(background, path)
+        found.append(background)
     return found
 
 
 def _check(one: MeasuredBackground, path: Path) -> None:
     size = one.range_m.shape
     sizes = [getattr(one, name).shape for name in IMAGES]
-    if len(size) != 3 or not size[0] or any(each != size for each in sizes):
+    if len(size) != 3 or not one.range_m.size or any(each != size for each in sizes):
         raise InputError("holds images of different sizes", file=path, expected=_EXPECTED)
     if one.looks.size and one.looks.shape != size[1:]:
         raise InputError("holds images of different sizes", file=path, expected=_EXPECTED)
+    if one.looks.min(initial=0) < 0:
+        raise InputError(
+            "has a value out of bounds", file=path, place="looks", expected="0 or more"
+        )
     for name, most in _MOST.items():
         values = getattr(one, name)
         good = (values >= 0) & (values <= most)

@@ -14,13 +14,13 @@ from __future__ import annotations
 
 import csv
 import hashlib
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.artefact.arrays import read_arrays
 from urbantwin.errors import InputError
 from urbantwin.number_text import plain_number
 
@@ -215,16 +215,7 @@ def _number(text: str, path: Path, line: int) -> float:
 
 
 def _npz(path: Path) -> tuple[dict[str, NDArray[np.generic]], float | None]:
-    try:
-        with zipfile.ZipFile(path) as packed:
-            if sum(member.file_size for member in packed.infolist()) > _MOST_BYTES:
-                raise InputError(f"unpacks to more than {_MOST_BYTES / 1e6:g} MB", file=path)
-        with np.load(path, allow_pickle=False) as arrays:
-            table = {name: np.asarray(arrays[name]) for name in arrays.files}
-    except FileNotFoundError:
-        raise InputError("not found", file=path, expected=_EXPECTED) from None
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
-        raise InputError(f"is not an NPZ ({error})", file=path, expected=_EXPECTED) from None
+    table = read_arrays(path, _EXPECTED, most=_MOST_BYTES)
     period = table.pop("period_s", None)
     if period is None:
         return table, None

@@ -11,7 +11,8 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
-from urbantwin.artefact import read_json, write_json
+from urbantwin.artefact import write_json
+from urbantwin.artefact.typed import Numbers, Pairs, Triples, read_typed
 from urbantwin.errors import InputError
 from urbantwin.geometry import area_difference, area_union, stations_of_points
 
@@ -21,6 +22,8 @@ __all__ = ["Junction", "Lane", "Road", "RoadNetwork", "SignalHead", "SignalProgr
 CARRIAGEWAY_KINDS = ("driving", "bus", "bicycle", "parking", "shoulder")
 #: Kinds of lanes for people on foot, raised behind a curb.
 FOOTWAY_KINDS = ("sidewalk", "walkingarea", "curb")
+#: No lane is wider, metres, and no road crosses over more others.
+_WIDEST_M, _HIGHEST = 1000.0, 100
 
 
 @dataclass(frozen=True)
@@ -48,13 +51,13 @@ class Lane:
     kind: str
     width: float
     speed_limit: float
-    centre: NDArray[np.float64]
-    outline: NDArray[np.float64]
+    centre: Triples
+    outline: Pairs
     level: int
     allowed: tuple[str, ...]
     successors: tuple[str, ...]
     junction: str
-    widths: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    widths: Numbers = field(default_factory=lambda: np.zeros(0))
 
     @cached_property
     def polygon(self) -> shapely.Polygon:
@@ -91,7 +94,7 @@ class Junction:
 
     id: str
     kind: str
-    outline: NDArray[np.float64]
+    outline: Pairs
     level: int
 
     @cached_property
@@ -202,31 +205,37 @@ class RoadNetwork:
         """Read what ``save`` wrote.
 
         Raises:
-            InputError: the file is missing or is not a lane network.
+            InputError: the file is missing or is not a lane network; the field is named.
         """
-        value = read_json(path, kind="lane network")
-        try:
-            return cls(
-                value["driving_side"],
-                tuple(
-                    Road(**{**r, "ways": tuple(r["ways"]), "lanes": tuple(r["lanes"])})
-                    for r in value["roads"]
-                ),
-                tuple(_lane(row) for row in value["lanes"]),
-                tuple(
-                    Junction(**{**j, "outline": np.array(j["outline"]).reshape(-1, 2)})
-                    for j in value["junctions"]
-                ),
-                tuple(SignalHead(**{**s, "links": tuple(s["links"])}) for s in value["signals"]),
-                tuple(
-                    SignalProgram(p["id"], p["offset"], tuple((d, s) for d, s in p["phases"]))
-                    for p in value["programs"]
-                ),
-            )
-        except (KeyError, TypeError, ValueError) as error:
+        network = read_typed(path, cls, "a twin's roads.json")
+        network._check(path)
+        return network
+
+    def _check(self, file: Path) -> None:
+        """Refuse what nothing that is made from the network could be made from.
+
+        Raises:
+            InputError: a name is given twice or is of nothing, or a lane is no strip.
+        """
+        if self.driving_side not in ("right", "left"):
             raise InputError(
-                f"is not a lane network ({error})", file=path, expected="a twin's roads.json"
-            ) from None
+                "is no side", file=file, place="driving_side", expected="right or left"
+            )
+        known = self.lane_by_id
+        if len(known) < len(self.lanes):
+            raise InputError("has a lane twice", file=file, place="lanes")
+        for number, lane in enumerate(self.lanes):
+            place = f"lanes[{number}]"
+            if len(lane.centre) < 2 or len(lane.widths) not in (0, len(lane.centre)):
+                raise InputError(
+                    "is no strip", file=file, place=place, expected="a line with its widths"
+                )
+            if not 0 <= lane.width <= _WIDEST_M or not 0 <= lane.level <= _HIGHEST:
+                raise InputError("is no strip", file=file, place=place, expected="a width, a level")
+        named = [(f"roads[{k}].lanes", one.lanes) for k, one in enumerate(self.roads)]
+        for place, names in named:
+            if not set(names) <= known.keys():
+                raise InputError("names a lane that is not there", file=file, place=place)
 
 
 def _tapered(centre: NDArray[np.float64], widths: NDArray[np.float64]) -> shapely.Geometry:
@@ -239,13 +248,3 @@ def _tapered(centre: NDArray[np.float64], widths: NDArray[np.float64]) -> shapel
     corner[[0, -1]] = normal[[0, -1]]
     side = corner * widths[:, None] / 2
     return shapely.make_valid(shapely.Polygon(np.vstack([centre + side, (centre - side)[::-1]])))
-
-
-def _lane(row: dict[str, object]) -> Lane:
-    fields = dict(row)
-    fields["centre"] = np.array(row["centre"], np.float64).reshape(-1, 3)
-    fields["outline"] = np.array(row["outline"], np.float64).reshape(-1, 2)
-    fields["widths"] = np.array(row["widths"], np.float64)
-    fields["allowed"] = tuple(row["allowed"])  # type: ignore[arg-type]
-    fields["successors"] = tuple(row["successors"])  # type: ignore[arg-type]
-    return Lane(**fields)  # type: ignore[arg-type]

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-import zipfile
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,18 +16,26 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from urbantwin.artefact import read_json, replaced_folder, write_json
+from urbantwin.artefact.manifest import validated
+from urbantwin.artefact.tables import read_parquet
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
+from urbantwin.geometry.mesh import MESH_FORM
 from urbantwin.traffic.assets import asset_mesh
+from urbantwin.traffic.motion_check import (
+    MeshKey,
+    MotionManifest,
+    MotionReport,
+    check_motion,
+    read_meshes,
+)
 from urbantwin.traffic.signals import SIGNAL_SCHEMA
 
 __all__ = ["ACTOR_SCHEMA", "MOTION_VERSION", "Motion", "describe"]
 
 MOTION_VERSION = 1
 
-#: Name of an asset and its phase.
-MeshKey = tuple[str, int]
-_MESH_FIELDS = tuple(item.name for item in fields(LabelledMesh))
+_TABLE = "a table of the motion"
 
 ACTOR_SCHEMA = pa.schema(
     [
@@ -122,7 +129,7 @@ class Motion:
             digest.update(_parquet(table))
         for key, mesh in sorted(self.meshes.items()):
             digest.update(repr(key).encode())
-            for name in _MESH_FIELDS:
+            for name in MESH_FORM:
                 digest.update(np.ascontiguousarray(getattr(mesh, name)).tobytes())
         return digest.hexdigest()
 
@@ -158,7 +165,8 @@ class Motion:
         """Read what ``save`` wrote.
 
         Raises:
-            InputError: the folder is missing, holds something else, or is of another version.
+            InputError: the folder is missing, holds something else, is damaged, or is of another
+                version.
         """
         path = folder / "motion.json"
         manifest = read_json(path, kind="motion")
@@ -166,17 +174,20 @@ class Motion:
             raise InputError("is not a motion's manifest", file=path, expected='"kind": "motion"')
         if manifest.get("version") != MOTION_VERSION:
             raise InputError(
-                f"motion of version {manifest.get('version')}",
+                f"is of version {str(manifest.get('version'))[:40]}",
                 file=path,
                 place="version",
                 expected=str(MOTION_VERSION),
             )
-        return cls(
+        told = validated(manifest, MotionManifest, file=path, expected="a motion's manifest")
+        motion = cls(
             manifest,
-            _read_table(folder / "actors.parquet", ACTOR_SCHEMA),
-            _read_table(folder / "signals.parquet", SIGNAL_SCHEMA),
-            _read_meshes(folder / "meshes.npz"),
+            read_parquet(folder / "actors.parquet", _TABLE, schema=ACTOR_SCHEMA),
+            read_parquet(folder / "signals.parquet", _TABLE, schema=SIGNAL_SCHEMA),
+            read_meshes(folder / "meshes.npz"),
         )
+        check_motion(motion.actors, motion.signals, told.steps * told.step_s, folder)
+        return motion
 
 
 def step_times(steps: int, step_s: float) -> NDArray[np.float64]:
@@ -191,6 +202,8 @@ def describe(folder: Path) -> dict[str, Any]:
         InputError: it is not a motion.
     """
     motion = Motion.load(folder)
+    file = folder / "motion.json"
+    validated(motion.manifest, MotionReport, file=file, expected="a motion's manifest")
     tracks = motion.actors.select(["track", "class"]).group_by(["track", "class"]).aggregate([])
     counts = Counter(tracks["class"].to_pylist())
     return {
@@ -218,23 +231,9 @@ def _write_meshes(path: Path, meshes: Mapping[MeshKey, LabelledMesh]) -> None:
         **{
             f"{asset}/{phase}/{name}": getattr(mesh, name)
             for (asset, phase), mesh in sorted(meshes.items())
-            for name in _MESH_FIELDS
+            for name in MESH_FORM
         },
     )
-
-
-def _read_meshes(path: Path) -> dict[MeshKey, LabelledMesh]:
-    try:
-        with np.load(path) as data:
-            parts: dict[MeshKey, dict[str, NDArray[Any]]] = {}
-            for name in data.files:
-                asset, phase, field_name = name.rsplit("/", 2)
-                parts.setdefault((asset, int(phase)), {})[field_name] = data[name]
-        return {key: LabelledMesh(**arrays) for key, arrays in parts.items()}
-    except FileNotFoundError:
-        raise InputError("not found", file=path, expected="the meshes of the motion") from None
-    except (ValueError, TypeError, OSError, zipfile.BadZipFile) as error:
-        raise InputError(f"does not hold meshes ({error})", file=path) from None
 
 
 def _parquet(table: pa.Table) -> bytes:
@@ -242,20 +241,3 @@ def _parquet(table: pa.Table) -> bytes:
     stream = pa.BufferOutputStream()
     pq.write_table(table.combine_chunks(), stream, compression="zstd")
     return bytes(stream.getvalue().to_pybytes())
-
-
-def _read_table(path: Path, schema: pa.Schema) -> pa.Table:
-    """Read a table and check that it has the columns of a schema."""
-    try:
-        table = pq.read_table(path)
-    except FileNotFoundError:
-        raise InputError("not found", file=path, expected="a table of the motion") from None
-    except (pa.ArrowException, OSError) as error:
-        raise InputError(f"is not a Parquet table ({error})", file=path) from None
-    if not table.schema.equals(schema, check_metadata=False):
-        raise InputError(
-            "has other columns",
-            file=path,
-            expected=", ".join(f"{kind.name} ({kind.type})" for kind in schema),
-        )
-    return table.combine_chunks()

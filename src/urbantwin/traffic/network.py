@@ -22,6 +22,7 @@ from lxml import etree
 from numpy.typing import NDArray
 
 from urbantwin.errors import StageError
+from urbantwin.roads.sumo_check import reading_sumo_network
 
 __all__ = ["Edge", "Gates", "StreetNetwork", "Streets", "has_walkway"]
 
@@ -109,9 +110,10 @@ class StreetNetwork:
             etree.parse(path)  # first, because sumolib leaves a file that it cannot read open
         except etree.XMLSyntaxError as error:
             raise StageError(f"{path.name} is not a SUMO network ({error})") from error
-        self._net: Any = sumolib.net.readNet(
-            str(path), withInternal=True, withPedestrianConnections=True, withFoes=False
-        )
+        with reading_sumo_network(path):
+            self._net: Any = sumolib.net.readNet(
+                str(path), withInternal=True, withPedestrianConnections=True, withFoes=False
+            )
         self._border = None if region is None else shapely.boundary(region)
         streets = self._net.getEdges(withInternal=False)
         self._streets = sorted(streets, key=lambda edge: str(edge.getID()))

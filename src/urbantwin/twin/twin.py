@@ -9,15 +9,18 @@ from typing import Any
 
 import numpy as np
 import shapely
-import yaml
 
 from urbantwin.artefact import read_json, sha256_of
+from urbantwin.artefact.manifest import validated
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, SiteFrame, SurfaceMaterials
 from urbantwin.ground import Elevation
 from urbantwin.roads import LaneModel, RoadNetwork
+from urbantwin.roads.sumo_check import check_sumo_network
 from urbantwin.site import RigSpec, load_rig_spec
+from urbantwin.site.document import read_document
 from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
+from urbantwin.twin.manifest import KeptSite, TwinManifest, check_region, file_inside
 
 __all__ = ["GROUND_CLASSES", "Twin", "load_twin"]
 
@@ -83,13 +86,16 @@ class Twin:
     @cached_property
     def site(self) -> dict[str, Any]:
         """The resolved site, as in ``site.yaml``."""
-        value: dict[str, Any] = yaml.safe_load(self._file("site.yaml").read_text())
-        return value
+        document = read_document(self._file("site.yaml"), kind="a twin's site")
+        document.validated(KeptSite)
+        return dict(document.value)
 
-    @property
+    @cached_property
     def net_path(self) -> Path:
-        """The SUMO network."""
-        return self._file("network.net.xml")
+        """The SUMO network, which was checked."""
+        path = self._file("network.net.xml")
+        check_sumo_network(path)
+        return path
 
     @property
     def rig_path(self) -> Path:
@@ -127,11 +133,14 @@ def load_twin(folder: Path) -> Twin:
     """
     if not folder.is_dir():
         raise InputError("is not a folder", file=folder, expected="a twin, made by urbantwin build")
-    manifest = read_json(folder / "twin.json", kind="twin")
+    file = folder / "twin.json"
+    manifest = read_json(file, kind="twin")
     if manifest.get("kind") != "twin":
-        raise InputError("is not a twin's", file=folder / "twin.json", expected='"kind": "twin"')
-    for name, digest in manifest["files"].items():
-        path = folder / name
+        raise InputError("is not a twin's", file=file, expected='"kind": "twin"')
+    told = validated(manifest, TwinManifest, file=file, expected="a twin's manifest")
+    check_region(told, file)
+    for name, digest in told.files.items():
+        path = file_inside(folder, name, manifest=file)
         if not path.is_file() or sha256_of(path) != digest:
             raise InputError(
                 "is missing" if not path.is_file() else "was changed since the twin was built",

@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow.parquet as pq
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.artefact import read_json
+from urbantwin.artefact.arrays import ArrayOf, read_array
+from urbantwin.artefact.tables import columns_of, read_parquet
+from urbantwin.dataset.frame_files import read_labels, read_rays
 from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, read_ignore_regions
+from urbantwin.dataset.manifest_form import pose_of_matrix, read_manifest
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose
 
 __all__ = ["LabelledPoints", "SensorPlace", "busiest_frame", "read_labelled_points"]
 
+_POINTS = "the points of a frame"
 _BOX = ("x", "y", "z", "length", "width", "height", "yaw")
 
 
@@ -86,22 +90,29 @@ def read_labelled_points(dataset: Path, name: str | None = None) -> LabelledPoin
     Raises:
         InputError: there is no dataset, no such frame, or a file of it is missing.
     """
-    manifest = read_json(dataset / "dataset.json", kind="dataset")
+    manifest = _manifest(dataset)
     table = _boxes(dataset)
-    names = [frame["name"] for frame in manifest.get("frames", [])]
+    names = [frame["name"] for frame in manifest["frames"]]
     if name is None:
-        name = busiest_frame(dataset)
+        name = _busiest(names, table)
     if name not in names:
         raise InputError(f"has no frame {name}", file=dataset, expected="a frame of the dataset")
-    try:
-        points = np.load(dataset / "points" / f"{name}.npy")
-        label = np.fromfile(dataset / "semantic" / f"{name}.label", "<u4")
-        rays = np.load(dataset / "rays" / f"{name}.npy")
-    except (OSError, ValueError) as error:
-        raise InputError(f"frame {name} is not readable ({error})", file=dataset) from None
+    points = read_array(dataset / "points" / f"{name}.npy", _POINTS, ArrayOf("f4", ("N", 4)))
+    label = read_labels(dataset / "semantic" / f"{name}.label", len(points))
+    rays = read_rays(dataset / "rays" / f"{name}.npy", len(points))
+    sensors = manifest["rig"]["sensors"]
+    if len(rays) and int(rays["sensor"].max()) >= len(sensors):
+        raise InputError(
+            "names a sensor that is not there",
+            file=dataset / "rays" / f"{name}.npy",
+            expected=f"numbers below {len(sensors)}",
+        )
     mine = np.flatnonzero(table["frame"] == name)
     told = manifest["frames"][names.index(name)]
-    dataset_SE3_site = _pose(told.get("dataset_SE3_site", manifest["dataset_SE3_site"]))
+    matrix = told.get("dataset_SE3_site") or manifest["dataset_SE3_site"]
+    if matrix is None:
+        raise InputError("is missing", file=dataset / "dataset.json", place="dataset_SE3_site")
+    dataset_SE3_site = pose_of_matrix(matrix)
     moved = _poses_of_turns(dataset, name) if manifest["dataset_SE3_site"] is None else {}
     return LabelledPoints(
         name=name,
@@ -109,19 +120,19 @@ def read_labelled_points(dataset: Path, name: str | None = None) -> LabelledPoin
         points=points,
         semantic=label & 0xFFFF,
         instance=label >> 16,
-        boxes=np.column_stack([table[key][mine] for key in _BOX]).astype(np.float64).reshape(-1, 7),
-        classes=tuple(str(one) for one in table["class"][mine]),
-        box_points=table["num_points"][mine].astype(np.int64),
+        boxes=np.column_stack([table[key][mine] for key in _BOX]).reshape(-1, 7),
+        classes=tuple(table["class"][mine]),
+        box_points=table["num_points"][mine],
         sensors=tuple(
             SensorPlace(
                 one["name"],
                 one["model"],
                 int(one["columns"]),
                 np.array(one["sensor"]["elevation_deg"], np.float64),
-                dataset_SE3_site @ moved.get(one["name"], _pose(one["site_SE3_sensor"])),
+                dataset_SE3_site @ moved.get(one["name"], pose_of_matrix(one["site_SE3_sensor"])),
                 one["sensor"].get("pattern") is not None,
             )
-            for one in manifest["rig"]["sensors"]
+            for one in sensors
         ),
         sensor=rays["sensor"],
         ring=rays["ring"],
@@ -136,31 +147,37 @@ def read_labelled_points(dataset: Path, name: str | None = None) -> LabelledPoin
 
 
 def busiest_frame(dataset: Path) -> str:
-    """Return the frame in which the most actors have points; the first of equals."""
-    manifest = read_json(dataset / "dataset.json", kind="dataset")
-    names = [frame["name"] for frame in manifest.get("frames", [])]
-    if not names:
-        raise InputError("has no frames", file=dataset, expected="a recorded dataset")
-    table = _boxes(dataset)
-    seen, counts = np.unique(table["frame"][table["num_points"] > 0], return_counts=True)
-    found = dict(zip(seen.tolist(), counts.tolist(), strict=True))
-    return str(max(names, key=lambda name: found.get(name, 0)))
+    """Return the frame in which the most actors have points; the first of equals.
+
+    Raises:
+        InputError: there is no dataset, or its table of boxes is not right.
+    """
+    return _busiest([frame["name"] for frame in _manifest(dataset)["frames"]], _boxes(dataset))
+
+
+def _busiest(names: Sequence[str], table: Mapping[str, NDArray[Any]]) -> str:
+    seen = Counter(table["frame"][table["num_points"] > 0].tolist())
+    return max(names, key=lambda name: seen[name])
+
+
+def _manifest(dataset: Path) -> dict[str, Any]:
+    manifest = read_manifest(dataset)
+    if manifest["kind"] != "dataset":
+        raise InputError("holds a dataset for each sensor", file=dataset, expected="one of them")
+    return manifest
 
 
 def _poses_of_turns(dataset: Path, frame: str) -> dict[str, Pose]:
     """Return where each sensor of a rig that rides was when its first turn of a frame began."""
     path = dataset / "sweeps.parquet"
     names = [f"reported_{name}" for name in ("x", "y", "z", "yaw", "pitch", "roll")]
-    try:
-        table = pq.read_table(path, columns=["frame", "sensor", *names]).to_pylist()
-    except (OSError, ValueError, KeyError) as error:
-        raise InputError(f"is not readable ({error})", file=path) from None
+    kinds = {"frame": "text", "sensor": "text", **dict.fromkeys(names, "number")}
+    table = columns_of(read_parquet(path, "sweeps", columns=list(kinds)), kinds, path, "sweeps")
     return {
-        row["sensor"]: Pose.from_ypr(
-            [row[name] for name in names[:3]], *(row[n] for n in names[3:])
+        table["sensor"][row]: Pose.from_ypr(
+            [table[name][row] for name in names[:3]], *(table[name][row] for name in names[3:])
         )
-        for row in reversed(table)
-        if row["frame"] == frame
+        for row in np.flatnonzero(table["frame"] == frame)[::-1]
     }
 
 
@@ -178,16 +195,10 @@ def _ignored(dataset: Path, dataset_SE3_site: Pose) -> dict[str, shapely.Geometr
 
 def _boxes(dataset: Path) -> dict[str, NDArray[Any]]:
     path = dataset / "boxes.parquet"
-    columns = ["frame", "class", "num_points", *_BOX]
-    try:
-        # Datasets of older versions have no levels of difficulty.
-        columns += [name for name in ("difficulty",) if name in pq.read_schema(path).names]
-        table = pq.read_table(path, columns=columns)
-    except (OSError, ValueError) as error:
-        raise InputError(f"is not readable ({error})", file=path, expected="boxes") from None
-    return {name: table[name].to_numpy(zero_copy_only=False) for name in columns}
-
-
-def _pose(matrix: list[list[float]]) -> Pose:
-    rows = np.array(matrix, np.float64)
-    return Pose(rows[:3, :3], rows[:3, 3])
+    kinds = {"frame": "text", "class": "text", "num_points": "whole"}
+    kinds |= dict.fromkeys(_BOX, "number")
+    table = read_parquet(path, "boxes", columns=[*kinds, "difficulty"])
+    # Datasets of older versions have no levels of difficulty.
+    if "difficulty" in table.column_names:
+        kinds["difficulty"] = "text or none"
+    return columns_of(table, kinds, path, "boxes")

@@ -6,10 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from urbantwin.artefact import read_json
 from urbantwin.dataset import parts_of
+from urbantwin.dataset.manifest_form import read_manifest
 from urbantwin.dataset.moment import Rows, rows_at
-from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar import Rig
 from urbantwin.lidar.coverage import Coverage
@@ -120,13 +119,10 @@ def pictures_of_dataset(
             own = None if out is None else out / part.name
             drawn += pictures_of_dataset(part, own, twin=twin, motion=motion, progress=progress)
         return drawn
-    manifest = read_json(dataset / "dataset.json", kind="dataset")
-    try:
-        counts = manifest["counts"]
-        points, boxes = counts["points_by_class"], counts["boxes"]
-        with_points, frames = counts["boxes_with_points"], counts["frames"]
-    except (KeyError, TypeError) as error:
-        raise InputError(f"lacks {error}", file=dataset / "dataset.json") from None
+    manifest = read_manifest(dataset)
+    counts = manifest["counts"]
+    points, boxes = counts["points_by_class"], counts["boxes"]
+    with_points, frames = counts["boxes_with_points"], counts["frames"]
     sources = attributions(manifest)
     frame = read_labelled_points(dataset)
     out = dataset / "pictures" if out is None else out

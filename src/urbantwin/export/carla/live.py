@@ -19,9 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.artefact import read_json, replaced_folder, write_json
+from urbantwin.artefact import replaced_folder, write_json
+from urbantwin.artefact.document import read_bytes
 from urbantwin.errors import InputError, StageError
 from urbantwin.export.carla.frame import carla_points, pose_of_carla
+from urbantwin.export.carla.plan import read_plan
 from urbantwin.export.carla.rig import SEMANTIC
 
 __all__ = ["chosen_blueprints", "drive", "site_points"]
@@ -65,7 +67,7 @@ def drive(
         StageError: no server answers, or it failed.
     """
     tell = progress or (lambda fraction, what: None)
-    plan = {name: read_json(package / f"{name}.json", kind=f"CARLA {name}") for name in _FILES}
+    plan = read_plan(package)
     carla = _carla()
     client = carla.Client(host, port)
     client.set_timeout(10.0)
@@ -107,9 +109,6 @@ def drive(
         raise StageError(f"the CARLA server failed ({str(error).splitlines()[0]})") from error
 
 
-_FILES = ("traffic", "spawn_points", "rig", "carla")
-
-
 def _carla() -> Any:  # noqa: ANN401 - carla has no types
     try:
         return importlib.import_module("carla")
@@ -125,7 +124,8 @@ def _load_map(client: Any, package: Path, plan: Mapping[str, Any]) -> bool:  # n
     if any(one.rsplit("/", 1)[-1] == name for one in client.get_available_maps()):
         client.load_world(name)
         return True
-    client.generate_opendrive_world((package / folder / name / f"{name}.xodr").read_text())
+    roads = read_bytes(package / folder / name / f"{name}.xodr", "the package's map of the roads")
+    client.generate_opendrive_world(roads.decode(errors="replace"))
     return False
 
 

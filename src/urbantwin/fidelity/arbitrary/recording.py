@@ -7,7 +7,6 @@ twin is: the same map reader, lane model, traffic, sensors and returns, at the w
 
 from __future__ import annotations
 
-import json
 import tempfile
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -17,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from urbantwin.artefact import read_json
 from urbantwin.dataset import record
 from urbantwin.dataset.rig_of_manifest import rig_of_manifest
 from urbantwin.errors import InputError
@@ -69,7 +69,7 @@ def arbitrary_recording(
     """
     manifest = _manifest(twin)
     rig = rig_of_manifest(manifest)
-    seed = int(manifest.get("seeds", {}).get("record", 0)) if rig is not None else 0
+    seed = _seed(manifest) if rig is not None else 0
     notes = [f"The arbitrary site is the example {SITE}, built, driven and recorded alike."]
     first = _first(twin)
     spec: dict[str, Any] = {}
@@ -128,11 +128,16 @@ def _at(frame: Frame) -> Pose:
 
 
 def _manifest(twin: Recording) -> Mapping[str, Any]:
-    with suppress(OSError, ValueError):
-        found = json.loads((twin.path / "dataset.json").read_text())
-        if isinstance(found, dict):
-            return found
+    with suppress(InputError):
+        return read_json(twin.path / "dataset.json", kind="dataset")
     return {}
+
+
+def _seed(manifest: Mapping[str, Any]) -> int:
+    """Return what a dataset was recorded with; 0 where its manifest does not say it."""
+    seeds = manifest.get("seeds")
+    seed = seeds.get("record") if isinstance(seeds, dict) else None
+    return seed if isinstance(seed, int) and seed >= 0 else 0
 
 
 def _first(twin: Recording) -> Frame:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from urbantwin.artefact.document import read_json_value
 from urbantwin.errors import InputError
 from urbantwin.fidelity.challenge.precision import Box
 from urbantwin.fidelity.challenge.protocol import CLASSES
@@ -18,7 +17,8 @@ __all__ = ["read_detections"]
 _EXPECTED = (
     '{"FRAME": [{"box": [x, y, z, length, width, height, yaw], "score": 0.9, "class": "Car"}]}'
 )
-_LARGEST_BYTES = 500_000_000
+#: Neither a place nor a size is larger, metres.
+_LARGEST = 1e6
 
 
 def read_detections(path: Path) -> dict[str, list[Box]]:
@@ -29,14 +29,7 @@ def read_detections(path: Path) -> dict[str, list[Box]]:
     Raises:
         InputError: it is not such a map; the place is named.
     """
-    if not path.is_file():
-        raise InputError("not found", file=path, expected="detections as JSON")
-    if path.stat().st_size > _LARGEST_BYTES:
-        raise InputError(f"is larger than {_LARGEST_BYTES} bytes", file=path, expected=_EXPECTED)
-    try:
-        read = json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"is no JSON ({error})", file=path, expected=_EXPECTED) from None
+    read = read_json_value(path, _EXPECTED)
     if not isinstance(read, dict):
         raise InputError("is no map of frames", file=path, expected=_EXPECTED)
     return {str(frame): _boxes(path, str(frame), rows) for frame, rows in read.items()}
@@ -59,13 +52,16 @@ def _boxes(path: Path, frame: str, rows: Any) -> list[Box]:  # noqa: ANN401
             raise InputError("has a box without extent", file=path, place=place, expected=_EXPECTED)
         if not _is_number(score):
             raise InputError("has no finite score", file=path, place=place, expected=_EXPECTED)
-        if name not in CLASSES:
+        if not isinstance(name, str) or name not in CLASSES:
             raise InputError(
-                f"class {name!r} is unknown", file=path, place=place, expected=", ".join(CLASSES)
+                f"class {name!r:.60} is unknown",
+                file=path,
+                place=place,
+                expected=", ".join(CLASSES),
             )
         found.append(Box(np.array(box, np.float64), name, float(score)))
     return found
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= _LARGEST

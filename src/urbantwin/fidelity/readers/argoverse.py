@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.artefact.tables import read_feather
 from urbantwin.errors import InputError
 from urbantwin.fidelity.clouds import counting_order
 from urbantwin.fidelity.frame import Boxes, Frame
@@ -64,10 +65,11 @@ def open_argoverse(path: Path) -> Recording:
         fields = _table(file)
         assert fields is not None
         given: Columns = {}
-        if "laser_number" in fields:
-            given["sensor"] = fields["laser_number"] // _LASERS
-        if "offset_ns" in fields:
-            given["time_s"] = fields["offset_ns"] * 1e-9
+        with laid_out(file, _EXPECTED):
+            if "laser_number" in fields:
+                given["sensor"] = fields["laser_number"] // _LASERS
+            if "offset_ns" in fields:
+                given["time_s"] = fields["offset_ns"] * 1e-9
         world = None if poses is None else _pose_at(path, poses, time_ns)
         return frame_of(
             file,
@@ -85,13 +87,9 @@ def open_argoverse(path: Path) -> Recording:
 def _table(path: Path) -> Columns | None:
     if not path.is_file():
         return None
-    from pyarrow import ArrowException, feather
-
-    try:
-        table = feather.read_table(path)
-    except (ArrowException, OSError) as error:
-        raise InputError(f"is not readable ({error})", file=path, expected=_EXPECTED) from None
-    return {name: table[name].to_numpy() for name in table.column_names}
+    table = read_feather(path, _EXPECTED)
+    with laid_out(path, _EXPECTED):
+        return {name: table[name].to_numpy() for name in table.column_names}
 
 
 def _row_pose(table: Columns, row: int) -> Pose:

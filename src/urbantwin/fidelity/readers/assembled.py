@@ -64,7 +64,9 @@ def frame_of(
                 break
     found |= dict(given or {})
     for attribute, values in found.items():
-        if len(values) != len(table):
+        if values.dtype.kind not in "fiub":
+            raise InputError(f"has {attribute} of {values.dtype}", file=file, expected="numbers")
+        if values.shape != (len(table),):
             raise InputError(
                 f"{len(values)} values of {attribute} for {len(table)} points", file=file
             )
@@ -103,6 +105,8 @@ def seconds_of(values: NDArray[np.generic]) -> NDArray[np.float64] | None:
     nanoseconds (Ouster, Argoverse), from the frame's start or from 1970. A frame lasts
     between 1 ms and 2 s in only one of these units.
     """
+    if values.dtype.kind not in "fiu":
+        return None
     times = values.astype(np.float64)
     finite = times[np.isfinite(times)]
     if not len(finite):

@@ -11,13 +11,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from urbantwin.fidelity.cloud_fields import read_fields
 from urbantwin.fidelity.frame import Boxes, Frame
 from urbantwin.fidelity.readers.assembled import frame_of
 from urbantwin.fidelity.readers.documents import laid_out, read_json_document
-from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of
+from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of, checked_pose
 from urbantwin.fidelity.readers.plain import clouds_in
 from urbantwin.fidelity.readers.recording import Recording
 from urbantwin.geometry import Pose
@@ -83,5 +81,4 @@ def _read_pose(path: Path) -> Pose | None:
     with laid_out(path, expected):
         values = read_json_document(path, expected)
         values = values.get("transform", values)
-        rotation = np.array(values["rotation"], np.float64).reshape(3, 3)
-        return Pose(rotation, np.array(values["translation"], np.float64).reshape(3))
+        return checked_pose(values["rotation"], values["translation"])

@@ -1,21 +1,31 @@
-"""JSON and YAML of datasets: read, or one clear line."""
+"""JSON, YAML and lines of numbers of datasets: read, or one clear line."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from urbantwin.artefact.arrays import one_line
+from urbantwin.artefact.document import read_bytes, read_json_value
 from urbantwin.errors import InputError
+from urbantwin.number_text import finite_number
 
-__all__ = ["laid_out", "read_json_document", "read_yaml_document"]
+__all__ = [
+    "finite_numbers",
+    "laid_out",
+    "read_json_document",
+    "read_lines",
+    "read_yaml_document",
+]
 
 #: libyaml's parser where it is there: ten times as fast on the labels of a street.
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+#: Deeper than any description, and less than what the parsers' stacks hold.
+_DEEPEST = 64
 
 
 def read_json_document(path: Path, expected: str) -> Any:  # noqa: ANN401
@@ -24,26 +34,53 @@ def read_json_document(path: Path, expected: str) -> Any:  # noqa: ANN401
     Raises:
         InputError: missing or not JSON.
     """
-    try:
-        return json.loads(path.read_text(encoding="utf-8-sig"))
-    except FileNotFoundError:
-        raise InputError("not found", file=path, expected=expected) from None
-    except (ValueError, RecursionError, OSError) as error:
-        raise InputError(f"is not JSON ({error})", file=path, expected=expected) from None
+    return read_json_value(path, expected, once=False)
 
 
 def read_yaml_document(path: Path, expected: str) -> Any:  # noqa: ANN401
     """Return what a YAML file of plain values holds.
 
     Raises:
-        InputError: missing or not YAML.
+        InputError: missing or not YAML, nested too deep, or with mappings merged into others.
     """
     try:
-        return yaml.load(path.read_text(encoding="utf-8-sig"), _LOADER)
-    except FileNotFoundError:
-        raise InputError("not found", file=path, expected=expected) from None
-    except (yaml.YAMLError, ValueError, RecursionError, OSError) as error:
-        raise InputError(f"is not YAML ({error})", file=path, expected=expected) from None
+        text = read_bytes(path, expected).decode("utf-8-sig")
+        depth = 0
+        for event in yaml.parse(text, _LOADER):
+            depth += isinstance(event, yaml.CollectionStartEvent)
+            depth -= isinstance(event, yaml.CollectionEndEvent)
+            # A few merged mappings of merged mappings would fill any memory.
+            merged = isinstance(event, yaml.ScalarEvent) and event.value == "<<"
+            if depth > _DEEPEST or merged:
+                raise ValueError("merged mappings" if merged else "nested too deep")
+        return yaml.load(text, _LOADER)
+    except (yaml.YAMLError, ValueError, RecursionError, MemoryError) as error:
+        problem = f"is not YAML ({one_line(error)})"
+        raise InputError(problem, file=path, expected=expected) from None
+
+
+def read_lines(path: Path, expected: str) -> list[str]:
+    """Return the lines of a file of text; what is no UTF-8 in it is replaced.
+
+    Raises:
+        InputError: missing or not readable.
+    """
+    return read_bytes(path, expected).decode(errors="replace").splitlines()
+
+
+def finite_numbers(words: Iterable[str]) -> list[float]:
+    """Return numbers as they stand in a line.
+
+    Raises:
+        ValueError: a word is none, or is not finite.
+    """
+    found = []
+    for word in words:
+        value = finite_number(word)
+        if value is None:
+            raise ValueError(f"{word[:40]!r} is no number")
+        found.append(value)
+    return found
 
 
 @contextmanager
@@ -56,6 +93,15 @@ def laid_out(path: Path, expected: str) -> Iterator[None]:
     try:
         yield
     except KeyError as error:
-        raise InputError(f"lacks {error}", file=path, expected=expected) from None
-    except (ValueError, TypeError, IndexError, AttributeError, StopIteration) as error:
-        raise InputError(f"is not laid out right ({error})", file=path, expected=expected) from None
+        raise InputError(f"lacks {one_line(error)}", file=path, expected=expected) from None
+    except (
+        ValueError,
+        TypeError,
+        IndexError,
+        AttributeError,
+        StopIteration,
+        ArithmeticError,
+        RecursionError,
+    ) as error:
+        problem = f"is not laid out right ({one_line(error)})"
+        raise InputError(problem, file=path, expected=expected) from None

@@ -16,8 +16,8 @@ from urbantwin.errors import InputError
 from urbantwin.fidelity.cloud_fields import read_fields
 from urbantwin.fidelity.frame import Boxes, Frame
 from urbantwin.fidelity.readers.assembled import frame_of
-from urbantwin.fidelity.readers.documents import laid_out
-from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of
+from urbantwin.fidelity.readers.documents import finite_numbers, laid_out, read_lines
+from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of, checked_pose
 from urbantwin.fidelity.readers.plain import clouds_in
 from urbantwin.fidelity.readers.recording import Recording
 from urbantwin.geometry import Pose
@@ -58,25 +58,25 @@ def _camera_SE3_lidar(path: Path) -> Pose:  # noqa: N802
     """Return the pose of the sensor in the rectified camera: R0_rect times Tr_velo_to_cam."""
     with laid_out(path, "a calibration of KITTI"):
         rows = {}
-        for line in path.read_text(errors="replace").splitlines():
+        for line in read_lines(path, "a calibration of KITTI"):
             name, colon, values = line.partition(":")
             if colon:
-                rows[name.strip()] = np.array(values.split(), np.float64)
+                rows[name.strip()] = np.array(finite_numbers(values.split()))
         rectify = rows["R0_rect" if "R0_rect" in rows else "R_rect"].reshape(3, 3)
         found = rows["Tr_velo_to_cam" if "Tr_velo_to_cam" in rows else "Tr_velo_cam"]
         matrix = rectify @ found.reshape(3, 4)
-    return Pose(matrix[:, :3], matrix[:, 3])
+        return checked_pose(matrix[:, :3], matrix[:, 3])
 
 
 def _read_boxes(path: Path, camera_SE3_lidar: Pose) -> Boxes:
     lidar_SE3_camera = camera_SE3_lidar.inverse()
     labelled = []
-    for number, line in enumerate(path.read_text(errors="replace").splitlines(), 1):
+    for number, line in enumerate(read_lines(path, "labels of KITTI"), 1):
         words = line.split()
         if not words or words[0] == "DontCare":
             continue
         try:
-            values = np.array(words[1:], np.float64)
+            values = np.array(finite_numbers(words[1:]))
             if len(values) + 1 < _VALUES:
                 raise ValueError
         except ValueError:

@@ -13,7 +13,15 @@ from numpy.typing import ArrayLike, NDArray
 from urbantwin.fidelity.frame import Boxes
 from urbantwin.geometry import Pose
 
-__all__ = ["LabelledBox", "actor_class", "boxes_of", "heading", "pose_of_quaternion", "track_of"]
+__all__ = [
+    "LabelledBox",
+    "actor_class",
+    "boxes_of",
+    "checked_pose",
+    "heading",
+    "pose_of_quaternion",
+    "track_of",
+]
 
 #: What datasets call our classes, in lower case without anything but letters. Vans are cars, as
 #: in nuScenes and Argoverse 2, which have no class for them.
@@ -30,6 +38,8 @@ _CALLED = {
         humanpedestrianadult humanpedestrianchild humanpedestrianconstructionworker
         humanpedestrianpoliceofficer""",
 }
+#: How far a matrix that is written with few digits may be from a rotation; places on Earth, metres.
+_ROUND, _FURTHEST_M = 0.01, 1e8
 _CLASS_OF = {name: ours for ours, names in _CALLED.items() for name in names.split()}
 
 
@@ -50,6 +60,11 @@ class LabelledBox:
     box: tuple[float, float, float, float, float, float, float]
     source_name: str
     track: int = -1
+
+    def __post_init__(self) -> None:
+        """Refuse a track that is no number of 64 bits: a reader turns ValueError into a line."""
+        if not -(2**63) <= self.track < 2**63:
+            raise ValueError(f"{str(self.track)[:40]} is no track")
 
 
 def boxes_of(labelled: Sequence[LabelledBox]) -> Boxes:
@@ -81,7 +96,26 @@ def pose_of_quaternion(w: float, x: float, y: float, z: float, place: ArrayLike)
             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
         ]
     )
-    return Pose(rotation, np.asarray(place, np.float64).reshape(3))
+    return checked_pose(rotation, place)
+
+
+def checked_pose(rotation: ArrayLike, place: ArrayLike) -> Pose:
+    """Return the pose of a rotation (3, 3) and a place (3,) in metres.
+
+    Raises:
+        ValueError: the first is no rotation, or a number is not finite.
+    """
+    turn, at = np.asarray(rotation, np.float64), np.asarray(place, np.float64)
+    if turn.size != 9 or at.size != 3:
+        raise ValueError(f"{turn.size} and {at.size} numbers are no pose")
+    turn, at = turn.reshape(3, 3), at.reshape(3)
+    if not np.isfinite(at).all() or np.abs(at).max() > _FURTHEST_M:
+        raise ValueError("a place that is not finite, or too far away")
+    with np.errstate(over="ignore", invalid="ignore"):
+        off = np.abs(turn @ turn.T - np.eye(3)).max()
+    if not off < _ROUND or np.linalg.det(turn) < 0:
+        raise ValueError("a matrix that is no rotation")
+    return Pose(turn, at)
 
 
 def heading(rotation: NDArray[np.float64]) -> float:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import csv
 import math
 from collections import defaultdict
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from urbantwin.errors import InputError
 from urbantwin.fidelity.cloud_fields import read_fields
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers.assembled import frame_of
+from urbantwin.fidelity.readers.documents import finite_numbers, laid_out, read_lines
 from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of
 from urbantwin.fidelity.readers.plain import clouds_in
 from urbantwin.fidelity.readers.recording import Recording
@@ -34,6 +36,8 @@ _PER_SECOND = 10
 _CLASSES = ("person", "car", "bicycle", "motorcycle", "bus", "truck", "unknown")
 _WITH_VANS = (*_CLASSES[:6], "van", "unknown")
 _COLUMNS = 16
+#: Times are of one measurement, numbers of objects small, places near.
+_LARGEST = 2.0**53
 _NOTE = "Where the sensors are is not in the clouds: ranges are from the frame's origin."
 
 
@@ -105,20 +109,21 @@ def open_lumpi(path: Path) -> Recording:
 def _read_labels(path: Path) -> dict[int, list[LabelledBox]]:
     """Return the objects by number of the frame that their time falls into."""
     rows = []
-    with path.open(newline="", encoding="utf-8-sig", errors="replace") as stream:
-        for number, row in enumerate(csv.reader(stream), 1):
+    expected = f"{_COLUMNS} numbers of LUMPI"
+    with laid_out(path, expected):
+        for number, row in enumerate(_rows(path, expected), 1):
             if not row or (number == 1 and not _is_number(row[0])):
                 continue  # a line of names
             try:
-                values = [float(value) for value in row[:_COLUMNS]]
-                if len(values) < _COLUMNS or not all(map(math.isfinite, values)):
+                values = finite_numbers(value.strip() for value in row[:_COLUMNS])
+                if len(values) < _COLUMNS or max(map(abs, values)) > _LARGEST:
                     raise ValueError
             except ValueError:
                 raise InputError(
                     "is no label",
                     file=path,
                     place=f"line {number}",
-                    expected=f"{_COLUMNS} numbers of LUMPI",
+                    expected=expected,
                 ) from None
             rows.append(values)
     classes = _WITH_VANS if any(values[7] == len(_CLASSES) for values in rows) else _CLASSES
@@ -132,6 +137,13 @@ def _read_labels(path: Path) -> dict[int, list[LabelledBox]]:
         box = (x, y, z, length, width, height, yaw)
         found[frame].append(LabelledBox(box, name, int(values[1])))
     return dict(found)
+
+
+def _rows(path: Path, expected: str) -> Iterator[list[str]]:
+    try:
+        yield from csv.reader(read_lines(path, expected))
+    except csv.Error as error:
+        raise InputError(f"is no table ({error})", file=path, expected=expected) from None
 
 
 def _is_number(text: str) -> bool:

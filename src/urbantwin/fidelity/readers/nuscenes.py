@@ -57,7 +57,9 @@ def open_nuscenes(path: Path) -> Recording:
         raise InputError("holds no tables", file=path, expected="v1.0-mini or the like")
     with laid_out(version / "sample_data.json", _EXPECTED):
         listed = [row for row in _rows(version, "sample_data") if _CHANNEL in f"/{row['filename']}"]
-        listed.sort(key=lambda row: row["timestamp"])
+        listed.sort(key=lambda row: int(row["timestamp"]))
+        if any("\0" in row["filename"] for row in listed):
+            raise ValueError("a name of a file with a NUL")
         sweeps = [row for row in listed if (path / row["filename"]).is_file()]
         names = tuple(Path(row["filename"]).name.split(".")[0] for row in sweeps)
     if not sweeps:

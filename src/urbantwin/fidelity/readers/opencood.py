@@ -9,7 +9,7 @@ V2X-Real is real, and is not; objects in it have a class.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -96,15 +96,24 @@ def _is_simulated(values: Mapping[str, Any]) -> bool:
 def _pose(values: list[float]) -> Pose:
     """Return a pose; CARLA's pitch and roll turn the other way than ours, its yaw as ours."""
     x, y, z, roll, yaw, pitch = (float(value) for value in values)
+    if not np.isfinite([x, y, z, roll, yaw, pitch]).all():
+        raise ValueError("a pose that is not finite")
     return Pose.from_ypr([x, y, z], np.radians(yaw), -np.radians(pitch), -np.radians(roll))
+
+
+def _three(values: Sequence[Any]) -> list[float]:
+    x, y, z = (float(value) for value in values)
+    return [x, y, z]
 
 
 def _boxes(objects: Mapping[Any, Any], world_SE3_lidar: Pose) -> Boxes:
     lidar_SE3_world = world_SE3_lidar.inverse()
     labelled = []
     for number, one in objects.items():
-        place = np.add(one["location"], one["center"])
-        pose = lidar_SE3_world @ _pose([*place, *one["angle"]])
+        # Number by number: a list of lists that YAML's aliases make is larger than any memory.
+        begin, middle = (_three(one[name]) for name in ("location", "center"))
+        place = [a + b for a, b in zip(begin, middle, strict=True)]
+        pose = lidar_SE3_world @ _pose([*place, *_three(one["angle"])])
         size = (2 * abs(float(value)) for value in one["extent"])
         labelled.append(
             LabelledBox(

@@ -8,11 +8,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.artefact import read_json
+from urbantwin.artefact.document import read_bytes
+from urbantwin.artefact.manifest import validated
+from urbantwin.artefact.tables import read_parquet
+from urbantwin.dataset import parts_of
+from urbantwin.dataset.frame_files import read_rays
+from urbantwin.dataset.manifest_form import FramePoses, pose_of_matrix
 from urbantwin.errors import InputError
-from urbantwin.fidelity.cloud_fields import load_array, read_fields
+from urbantwin.fidelity.cloud_fields import read_fields
 from urbantwin.fidelity.frame import Boxes, Frame
 from urbantwin.fidelity.readers.assembled import frame_of
-from urbantwin.fidelity.readers.documents import laid_out, read_json_document
+from urbantwin.fidelity.readers.documents import finite_numbers, laid_out, read_lines
 from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of
 from urbantwin.fidelity.readers.plain import clouds_in
 from urbantwin.fidelity.readers.recording import Recording
@@ -24,6 +31,7 @@ __all__ = ["is_own", "open_own"]
 _BOX = ("x", "y", "z", "length", "width", "height", "yaw")
 _RAYS = {"sensor": "sensor", "ring": "ring", "column": "column", "time": "time_s"}
 _EXPECTED = "a dataset of urbantwin record"
+_LABELS = "a label of 4 bytes for every point"
 
 
 def is_own(path: Path) -> bool:
@@ -31,7 +39,7 @@ def is_own(path: Path) -> bool:
     if clouds_in(path / "points", ".npy"):
         return True
     manifest = path / "dataset.json"  # others write files of this name too
-    return manifest.is_file() and '"kind": "dataset' in manifest.read_text(errors="replace")
+    return manifest.is_file() and b'"kind": "dataset' in read_bytes(manifest, _EXPECTED)
 
 
 def open_own(path: Path, columns: int | None) -> Recording:
@@ -44,15 +52,15 @@ def open_own(path: Path, columns: int | None) -> Recording:
     """
     manifest = {}
     if (path / "dataset.json").is_file():
-        manifest = read_json_document(path / "dataset.json", _EXPECTED)
-        if isinstance(manifest, dict) and manifest.get("kind") == "datasets":
-            names = ", ".join(str(name) for name in manifest.get("datasets", []))
+        manifest = read_json(path / "dataset.json", kind="dataset")
+        if manifest.get("kind") == "datasets":
+            names = ", ".join(one.name for one in parts_of(path))
             raise InputError("holds a dataset for each sensor", file=path, expected=f"one: {names}")
     files = clouds_in(path / "points")
     if not files:
         raise InputError("holds no points", file=path / "points", expected=_EXPECTED)
-    with laid_out(path / "dataset.json", _EXPECTED):
-        poses = _poses(manifest)
+    file = path / "dataset.json"
+    poses = _poses(validated(manifest, FramePoses, file=file, expected=_EXPECTED))
     places = _SensorPlaces(path / "sweeps.parquet")
     boxes = _BoxTable(path / "boxes.parquet")
 
@@ -63,13 +71,14 @@ def open_own(path: Path, columns: int | None) -> Recording:
         given: dict[str, NDArray[Any]] = {}
         rays = path / "rays" / file.name
         if rays.is_file():
-            table = read_ray_table(rays)
+            table = read_rays(rays)
             given |= {
                 _RAYS[field]: table[field] for field in table.dtype.names or () if field in _RAYS
             }
         labels = path / "semantic" / f"{name}.label"
         if labels.is_file():
-            code = np.fromfile(labels, "<u4")
+            with laid_out(labels, _LABELS):
+                code = np.frombuffer(read_bytes(labels, _LABELS), "<u4")
             given |= {"semantic": code & 0xFFFF, "instance": code >> 16}
         dataset_SE3_site = poses.get(name, poses.get(""))
         seen_from = None
@@ -88,18 +97,6 @@ def open_own(path: Path, columns: int | None) -> Recording:
     return Recording(path, "own", tuple(file.stem for file in files), read)
 
 
-def read_ray_table(path: Path) -> NDArray[np.void]:
-    """Return what ``rays/`` says of each point.
-
-    Raises:
-        InputError: it is not such a table.
-    """
-    table: NDArray[np.void] = load_array(path, _EXPECTED)
-    if not table.dtype.names:
-        raise InputError("is no table of rays", file=path, expected=_EXPECTED)
-    return table
-
-
 def read_label_lines(path: Path) -> Boxes | None:
     """Return the boxes of an OpenPCDet label, ``x y z dx dy dz heading class`` a line, or None.
 
@@ -109,12 +106,12 @@ def read_label_lines(path: Path) -> Boxes | None:
     if not path.is_file():
         return None
     labelled = []
-    for number, line in enumerate(path.read_text(errors="replace").splitlines(), 1):
+    for number, line in enumerate(read_lines(path, "labels"), 1):
         words = line.split()
         if not words:
             continue
         try:
-            x, y, z, length, width, height, yaw = (float(word) for word in words[:7])
+            x, y, z, length, width, height, yaw = finite_numbers(words[:7])
             name = words[7]
         except (ValueError, IndexError):
             raise InputError(
@@ -127,20 +124,10 @@ def read_label_lines(path: Path) -> Boxes | None:
     return boxes_of(labelled)
 
 
-def _poses(manifest: dict[str, Any]) -> dict[str, Pose]:
+def _poses(told: FramePoses) -> dict[str, Pose]:
     """Return dataset_SE3_site by name of frame; of a rig that stands, by an empty name."""
-    found = {}
-    if manifest.get("dataset_SE3_site") is not None:
-        found[""] = _pose(manifest["dataset_SE3_site"])
-    for frame in manifest.get("frames", []):
-        if "dataset_SE3_site" in frame:
-            found[frame["name"]] = _pose(frame["dataset_SE3_site"])
-    return found
-
-
-def _pose(rows: Any) -> Pose:  # noqa: ANN401
-    matrix = np.array(rows, np.float64).reshape(4, 4)
-    return Pose(matrix[:3, :3], matrix[:3, 3])
+    rows = {one.name: one.dataset_SE3_site for one in told.frames} | {"": told.dataset_SE3_site}
+    return {name: pose_of_matrix(one) for name, one in rows.items() if one is not None}
 
 
 class _Table:
@@ -160,14 +147,7 @@ class _Table:
         if self._columns is None:
             if not self.exists:
                 return None
-            from pyarrow import ArrowException, parquet
-
-            try:
-                table = parquet.read_table(self._path)
-            except (ArrowException, OSError) as error:
-                raise InputError(
-                    f"is not readable ({error})", file=self._path, expected=_EXPECTED
-                ) from None
+            table = read_parquet(self._path, _EXPECTED)
             self._columns = {
                 column: table[column].to_numpy(zero_copy_only=False)
                 for column in table.column_names
@@ -186,7 +166,9 @@ class _BoxTable(_Table):
             return None
         with laid_out(self._path, _EXPECTED):
             box = np.column_stack([rows[column].astype(np.float64) for column in _BOX])
-            kept = np.isfinite(box).all(axis=1) & (box[:, 3:6] > 0).all(axis=1)
+            if not np.isfinite(box).all():
+                raise ValueError("a box that is not finite")
+            kept = (box[:, 3:6] > 0).all(axis=1)
             classes = [str(one) for one in rows["class"][kept]]
             return Boxes(
                 box=box[kept],
@@ -204,5 +186,7 @@ class _SensorPlaces(_Table):
             return None
         with laid_out(self._path, _EXPECTED):
             site = np.column_stack([rows[f"true_{axis}"].astype(np.float64) for axis in "xyz"])
+            if not np.isfinite(site).all():
+                raise ValueError("a place that is not finite")
             _, first = np.unique(rows["sensor"], return_index=True)
             return dataset_SE3_site.apply(site[np.sort(first)])

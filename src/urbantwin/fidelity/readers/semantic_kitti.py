@@ -13,10 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.artefact.document import read_bytes
 from urbantwin.fidelity.cloud_fields import read_fields
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers.assembled import frame_of
-from urbantwin.fidelity.readers.documents import laid_out
+from urbantwin.fidelity.readers.documents import finite_numbers, laid_out, read_lines
+from urbantwin.fidelity.readers.labels import checked_pose
 from urbantwin.fidelity.readers.plain import clouds_in
 from urbantwin.fidelity.readers.recording import Recording
 from urbantwin.geometry import Pose
@@ -56,8 +58,9 @@ def open_semantic_kitti(path: Path, columns: int | None) -> Recording:
         given: dict[str, NDArray[Any]] = {}
         labels = path / "labels" / f"{file.stem}.label"
         if labels.is_file():
-            with laid_out(labels, "a label of 4 bytes for every point"):
-                code = np.frombuffer(labels.read_bytes(), "<u4")
+            expected = "a label of 4 bytes for every point"
+            with laid_out(labels, expected):
+                code = np.frombuffer(read_bytes(labels, expected), "<u4")
             given = {"semantic": known[code & 0xFFFF], "instance": code >> 16}
         number = int(file.stem) if file.stem.isdigit() else index
         return frame_of(
@@ -89,20 +92,16 @@ def _poses(path: Path) -> list[Pose]:
     with laid_out(calibration, "a line Tr: of 12 values"):
         lines = dict(
             line.split(":", 1)
-            for line in calibration.read_text(errors="replace").splitlines()
+            for line in read_lines(calibration, "a line Tr: of 12 values")
             if line
         )
-        camera_SE3_lidar = _pose(np.array(lines["Tr"].split(), np.float64))
+        camera_SE3_lidar = _pose(lines["Tr"])
     with laid_out(file, "12 values a line"):
-        rows = [
-            np.array(line.split(), np.float64)
-            for line in file.read_text(errors="replace").splitlines()
-        ]
-        cameras = [_pose(row) for row in rows if len(row)]
+        cameras = [_pose(line) for line in read_lines(file, "12 values a line") if line.split()]
     lidar_SE3_camera = camera_SE3_lidar.inverse()
     return [lidar_SE3_camera @ camera @ camera_SE3_lidar for camera in cameras]
 
 
-def _pose(values: NDArray[np.float64]) -> Pose:
-    matrix = values.reshape(3, 4)
-    return Pose(matrix[:, :3], matrix[:, 3])
+def _pose(line: str) -> Pose:
+    matrix = np.array(finite_numbers(line.split())).reshape(3, 4)
+    return checked_pose(matrix[:, :3], matrix[:, 3])

@@ -117,6 +117,8 @@ def _box(values: list[float]) -> tuple[float, float, float, float, float, float,
         pose = pose_of_quaternion(w, x, y, z, place)
     elif len(numbers) == 9:
         roll, pitch, yaw = numbers[3:6]
+        if not np.isfinite(numbers).all():
+            raise ValueError("a cuboid that is not finite")
         pose = Pose.from_ypr(place, yaw, pitch, roll)
     else:
         raise ValueError(f"a cuboid of {len(numbers)} values")

@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.dataset.frame_files import read_rays
 from urbantwin.errors import InputError
 from urbantwin.fidelity.cloud_fields import read_fields
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.histograms import full_scale
 from urbantwin.fidelity.readers import Recording, open_recording
 from urbantwin.fidelity.readers.assembled import frame_of
-from urbantwin.fidelity.readers.own import read_ray_table
 from urbantwin.fidelity.sampling import evenly
 
 __all__ = ["MOST_FRAMES", "Looks", "looks_of", "open_unlabelled"]
@@ -72,7 +72,7 @@ def open_unlabelled(
         rays = folder / "rays" / f"{name}.npy"
         given: dict[str, Any] = {}
         if rays.is_file():
-            table = read_ray_table(rays)
+            table = read_rays(rays)
             known = table.dtype.names or ()
             given = {x: table[x] for x in ("sensor", "ring") if x in known}
         return frame_of(file, read_fields(file, columns), name=name, given=given)

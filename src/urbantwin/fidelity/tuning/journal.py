@@ -6,6 +6,9 @@ import json
 from pathlib import Path
 from types import TracebackType
 
+from urbantwin.artefact.document import json_value
+from urbantwin.errors import InputError
+
 __all__ = ["Journal"]
 
 
@@ -23,14 +26,14 @@ class Journal:
     def __init__(self, path: Path, recipe: str) -> None:
         self._path = path
         self._kept: dict[tuple[str, int], tuple[list[float], float]] = {}
-        lines = path.read_text().splitlines() if path.is_file() else []
+        lines = path.read_text(errors="replace").splitlines() if path.is_file() else []
         ours = bool(lines) and lines[0] == json.dumps({"recipe": recipe})
         for line in lines[1:] if ours else ():
             try:
-                one = json.loads(line)
+                one = json_value(line, file=path, expected="a trial")
                 key = (str(one["study"]), int(one["trial"]))
                 self._kept[key] = ([float(x) for x in one["shares"]], float(one["loss"]))
-            except (ValueError, KeyError, TypeError):
+            except (InputError, ValueError, KeyError, TypeError):
                 break  # The line that was being written when it stopped.
         self._stream = path.open("w", encoding="utf-8")
         self._write({"recipe": recipe})

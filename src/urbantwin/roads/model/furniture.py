@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
+from urbantwin.artefact.typed import Said, Triples
 
 __all__ = ["Phase", "RoadArea", "RoadSignal", "SignalController"]
 
@@ -33,7 +32,7 @@ class RoadArea:
     kind: str
     name: str
     s: float
-    corners: NDArray[np.float64]
+    corners: Triples
     height: float = 0.0
     strip: str = ""
 
@@ -69,7 +68,7 @@ class RoadSignal:
     country: str
     type: str
     subtype: str
-    value: float
+    value: Said
     unit: str
     s: float
     t: float

@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
+
+from urbantwin.artefact.typed import Pairs
 
 __all__ = ["Connection", "ModelJunction"]
 
@@ -43,6 +44,6 @@ class ModelJunction:
     id: int
     name: str
     connections: tuple[Connection, ...]
-    outline: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
+    outline: Pairs = field(default_factory=lambda: np.zeros((0, 2)))
     level: int = 0
     members: tuple[str, ...] = ()

@@ -8,6 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from urbantwin.artefact.typed import Numbers, Quads
+
 __all__ = ["Profile", "fitted"]
 
 #: Lengths of cubics that are tried, from coarse to fine, metres.
@@ -18,8 +20,8 @@ STEPS_M = (1e9, 32.0, 16.0, 8.0, 4.0, 2.0, 1.0)
 class Profile:
     """Cubics a + b ds + c ds^2 + d ds^3; ``start`` (K,) ascending, ``abcd`` (K, 4)."""
 
-    start: NDArray[np.float64]
-    abcd: NDArray[np.float64]
+    start: Numbers
+    abcd: Quads
 
     def at(self, s: ArrayLike) -> NDArray[np.float64]:
         """Return values (N,) at stations."""

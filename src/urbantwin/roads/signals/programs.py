@@ -16,6 +16,7 @@ from urbantwin.roads.network import SignalProgram
 from urbantwin.roads.signals.layout import COMPASS, Signalised, signalised_junctions
 from urbantwin.roads.signals.plan import planned
 from urbantwin.roads.signals.words import approaches
+from urbantwin.roads.sumo_check import reading_sumo_network
 from urbantwin.site.signals import SignalPlan
 
 __all__ = ["described_signals", "hold_for_walkers", "set_programs", "with_programs"]
@@ -118,9 +119,13 @@ def described_signals(net: Path) -> dict[str, dict[str, Any]]:
 
     Args:
         net: the ``.net.xml``.
+
+    Raises:
+        InputError: it is no sound network.
     """
-    junctions = signalised_junctions(etree.parse(net).getroot())
-    return {item.program: _described(item) for item in junctions}
+    with reading_sumo_network(net):
+        junctions = signalised_junctions(etree.parse(net).getroot())
+        return {item.program: _described(item) for item in junctions}
 
 
 def _described(junction: Signalised) -> dict[str, Any]:

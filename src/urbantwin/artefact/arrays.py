@@ -1,0 +1,221 @@
+"""NumPy's files, read so that a damaged or a hostile one is one clear line.
+
+What a file says of itself (members, shapes) is checked against its size before anything is
+allocated, pickles are never read, and whatever zipfile, zlib and NumPy raise becomes InputError.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+import zipfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+
+__all__ = ["ArrayOf", "checked_arrays", "may_unpack", "one_line", "read_array", "read_arrays"]
+
+Arrays = dict[str, NDArray[Any]]
+
+#: What any file may unpack to, bytes, and how many times its own size a larger one may.
+_ALWAYS, _TIMES = 512_000_000, 100
+#: Characters of a library's own message that are passed on.
+_SAID = 160
+
+
+@dataclass(frozen=True)
+class ArrayOf:
+    """What an array must be.
+
+    Attributes:
+        kind: a dtype that it is, or can be made without loss: ``f8``.
+        shape: its lengths; a name stands for one length in all arrays that are checked together.
+        rows_of: its values are numbers of rows along the length of this name.
+        least, most: bounds of its values.
+    """
+
+    kind: str
+    shape: tuple[int | str, ...]
+    rows_of: str | None = None
+    least: float = -math.inf
+    most: float = math.inf
+
+
+def read_arrays(
+    path: Path,
+    expected: str,
+    form: Mapping[str, ArrayOf] | None = None,
+    *,
+    most: int | None = None,
+) -> Arrays:
+    """Read the arrays of a ``.npz``.
+
+    Args:
+        path: the file.
+        expected: what it should be, for errors.
+        form: the arrays that it must have, and what they must be (see `checked_arrays`); others
+            are not read. Without it, all arrays, whatever they are.
+        most: bytes that they may take, of files that are never as large as others.
+
+    Raises:
+        InputError: missing, damaged, larger than its size allows, or not of the form.
+    """
+    arrays: Arrays = {}
+    with _one_line(path, expected), zipfile.ZipFile(path) as packed:
+        members = packed.infolist()
+        size = sum(one.file_size for one in members)
+        if most is not None and size > most:
+            raise InputError(f"unpacks to more than {most / 1e6:g} MB", file=path)
+        if not may_unpack(size, path.stat().st_size):
+            raise InputError("unpacks to far more than its size", file=path, expected=expected)
+        for member in members:
+            name = member.filename.removesuffix(".npy")
+            if form is not None and name not in form:
+                continue
+            if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                raise InputError("is packed as none of ours is", file=path, expected=expected)
+            with packed.open(member) as stream:
+                size = _header(stream)
+            if size != member.file_size:
+                raise InputError("has another size than it says", file=path, place=name)
+            with packed.open(member) as stream:
+                arrays[name] = np.lib.format.read_array(stream, allow_pickle=False)
+    if form is not None:
+        checked_arrays(arrays, form, file=path, expected=expected)
+    return arrays
+
+
+def read_array(path: Path, expected: str, form: ArrayOf | None = None) -> NDArray[Any]:
+    """Read the array of a ``.npy``.
+
+    Raises:
+        InputError: missing, damaged, shorter than it says, or not of the form.
+    """
+    with _one_line(path, expected), path.open("rb") as stream:
+        if stream.read(2) == b"PK":
+            raise InputError("holds several arrays", file=path, expected=expected)
+        stream.seek(0)
+        size = _header(stream)
+        have = path.stat().st_size
+        if size > have:
+            raise InputError(f"is cut: {have} bytes of {size}", file=path, expected=expected)
+        stream.seek(0)
+        array: NDArray[Any] = np.lib.format.read_array(stream, allow_pickle=False)
+    if form is not None:
+        checked_arrays({"": array}, {"": form}, file=path, expected=expected)
+    return array
+
+
+def checked_arrays(
+    arrays: Mapping[str, NDArray[Any]],
+    form: Mapping[str, ArrayOf],
+    *,
+    file: Path,
+    expected: str,
+    within: str = "",
+) -> None:
+    """Check arrays that belong together.
+
+    Args:
+        arrays: by name.
+        form: what each must be; floats must be finite besides.
+        file: for errors.
+        expected: what the file should be, for errors.
+        within: what stands before the arrays' names in the file.
+
+    Raises:
+        InputError: one is missing, or is of another type, shape or range; it is named.
+    """
+    lengths: dict[str, int] = {}
+    for name, wanted in form.items():
+        place = f"{within}{name}" or None
+        array = arrays.get(name)
+        if array is None:
+            raise InputError("is missing", file=file, place=place, expected=expected)
+        if not np.can_cast(array.dtype, wanted.kind, "safe") or array.dtype.names:
+            raise InputError(
+                f"holds {array.dtype}", file=file, place=place, expected=str(np.dtype(wanted.kind))
+            )
+        shape = tuple(
+            lengths.setdefault(one, found) if isinstance(one, str) else one
+            for one, found in zip(wanted.shape, array.shape, strict=False)
+        )
+        if len(array.shape) != len(wanted.shape) or array.shape != shape:
+            sides = " x ".join(str(lengths.get(str(one), one)) for one in wanted.shape)
+            raise InputError(
+                f"is of shape {array.shape}", file=file, place=place, expected=sides or "a number"
+            )
+    for name, wanted in form.items():
+        low, high = wanted.least, wanted.most
+        if wanted.rows_of is not None:
+            low, high = 0, lengths[wanted.rows_of] - 1
+        _check_values(arrays[name], low, high, file, f"{within}{name}" or None)
+
+
+def _check_values(
+    array: NDArray[Any], low: float, high: float, file: Path, place: str | None
+) -> None:
+    if not array.size:
+        return
+    if array.dtype.kind == "f" and not np.isfinite(array).all():
+        raise InputError("has a value that is not finite", file=file, place=place)
+    if low == -math.inf and high == math.inf:
+        return
+    for found in (array.min(), array.max()):
+        if not low <= found <= high:
+            raise InputError(
+                f"has the value {found:g}", file=file, place=place, expected=f"{low:g} to {high:g}"
+            )
+
+
+def may_unpack(size: int, packed: int) -> bool:
+    """Return whether a file of ``packed`` bytes may hold ``size`` bytes: no real one holds more."""
+    return size <= max(_ALWAYS, _TIMES * packed)
+
+
+def one_line(error: BaseException) -> str:
+    """Return the first line of what a library says, or the kind of its error."""
+    said = " ".join(str(error).split("\n", 1)[0].split())
+    return (said if len(said) <= _SAID else said[:_SAID] + "...") or type(error).__name__
+
+
+def _header(stream: IO[bytes]) -> int:
+    """Return how many bytes a ``.npy`` has, by its header."""
+    version = np.lib.format.read_magic(stream)
+    read = (
+        np.lib.format.read_array_header_1_0
+        if version == (1, 0)
+        else np.lib.format.read_array_header_2_0
+    )
+    shape, _, kind = read(stream)
+    count = math.prod(shape)
+    if min(shape, default=0) < 0 or (count and not kind.itemsize):
+        raise ValueError(f"its shape is {shape}")
+    if kind.hasobject:
+        raise ValueError("it holds Python's objects")
+    return stream.tell() + count * kind.itemsize
+
+
+@contextmanager
+def _one_line(path: Path, expected: str) -> Iterator[None]:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of headers that Python 2 wrote, of long integers
+            yield
+    except InputError:
+        raise
+    except FileNotFoundError:
+        raise InputError("not found", file=path, expected=expected) from None
+    except MemoryError:
+        raise InputError("needs more memory than there is", file=path, expected=expected) from None
+    except Exception as error:  # a header is Python's syntax: its parser raises what it likes
+        raise InputError(
+            f"is not readable ({one_line(error)})", file=path, expected=expected
+        ) from None

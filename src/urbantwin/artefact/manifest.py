@@ -1,0 +1,82 @@
+"""Manifests checked against models: every mistake is one line that names its field."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
+
+from urbantwin.errors import InputError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+__all__ = ["Part", "PlainName", "refused", "validated"]
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def _plain_name(name: str) -> str:
+    if name in ("", ".", "..") or any(one in name for one in "/\\\0") or len(name) > 200:
+        raise ValueError("the name of a file or a folder in this one")
+    return name
+
+
+#: A name of a file or a folder that leads nowhere else.
+PlainName = Annotated[str, AfterValidator(_plain_name)]
+
+
+class Part(BaseModel):
+    """A mapping in a manifest.
+
+    Types are as written (a number is no text), numbers are finite, and fields that are not known
+    here are left alone: a later version may have more.
+    """
+
+    model_config = ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
+
+
+def validated(
+    value: object, model: type[Model], *, file: str | Path, expected: str, within: str = ""
+) -> Model:
+    """Return a document's value as a model.
+
+    Args:
+        value: as JSON holds it.
+        model: what it must be.
+        file: for errors.
+        expected: what the document should be, for errors.
+        within: where in the file the value stands.
+
+    Raises:
+        InputError: a field is missing or wrong; the first one is named.
+    """
+    try:
+        return model.model_validate(value)
+    except ValidationError as error:
+        raise refused(error, file=file, expected=expected, within=within) from None
+
+
+def refused(
+    error: ValidationError, *, file: str | Path, expected: str, within: str = ""
+) -> InputError:
+    """Return the first of pydantic's errors as one line; the arguments are those of `validated`."""
+    first = error.errors(include_url=False, include_context=False)[0]
+    place = within
+    for step in first["loc"]:
+        place += f"[{step}]" if isinstance(step, int) else f".{step}" if place else str(step)
+    if first["type"] == "missing":
+        return InputError("is missing", file=file, place=place, expected=expected)
+    wanted = first["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
+    problem = f"is {_shown(first['input'])}"
+    return InputError(problem, file=file, place=place or None, expected=wanted)
+
+
+def _shown(value: Any) -> str:  # noqa: ANN401
+    """Return a value as the file has it, or near enough, and never long."""
+    if isinstance(value, dict | list):
+        return "a mapping" if isinstance(value, dict) else f"a list of {len(value)}"
+    if value is None or isinstance(value, bool):
+        return {None: "null", True: "true", False: "false"}[value]
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."

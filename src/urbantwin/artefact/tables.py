@@ -1,0 +1,155 @@
+"""Tables of columns, Parquet and Feather, read so that a damaged one is one clear line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.artefact.arrays import may_unpack, one_line
+from urbantwin.errors import InputError
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+__all__ = ["check_finite", "columns_of", "read_feather", "read_parquet"]
+
+
+def read_parquet(
+    path: Path, expected: str, *, columns: Sequence[str] | None = None, schema: pa.Schema = None
+) -> pa.Table:
+    """Read a Parquet file.
+
+    Args:
+        path: the file.
+        expected: what it should be, for errors.
+        columns: the columns to read; all without it. Those that the file lacks are left out.
+        schema: what it must have, column for column; then no value may be missing, and no number
+            may be other than finite.
+
+    Raises:
+        InputError: missing, damaged, larger than its size allows, or with other columns.
+    """
+    import pyarrow.parquet as pq
+
+    try:
+        size = path.stat().st_size
+        # Not mapped: a page that a damaged disk cannot read would end the process.
+        with pq.ParquetFile(path, memory_map=False) as file:
+            told = file.metadata
+            groups = [told.row_group(k) for k in range(told.num_row_groups)]
+            rows = sum(group.num_rows for group in groups)
+            unpacked = sum(group.total_byte_size for group in groups)
+            if (
+                rows != told.num_rows
+                or min((group.num_rows for group in groups), default=0) < 0
+                or not may_unpack(max(unpacked, rows * max(told.num_columns, 1)), size)
+            ):
+                raise InputError("has other rows than it says", file=path, expected=expected)
+            found = file.schema_arrow
+            if schema is not None and not found.equals(schema, check_metadata=False):
+                raise InputError(
+                    "has other columns",
+                    file=path,
+                    expected=", ".join(f"{one.name} ({one.type})" for one in schema),
+                )
+            wanted = None if columns is None else [one for one in columns if one in found.names]
+            table = file.read(columns=wanted)
+        return _whole(table, path, expected, schema)
+    except InputError:
+        raise
+    except FileNotFoundError:
+        raise InputError("not found", file=path, expected=expected) from None
+    except Exception as error:  # Arrow's, and UnicodeError, OverflowError, MemoryError of its names
+        raise _damaged(error, path, expected) from None
+
+
+def read_feather(path: Path, expected: str) -> pa.Table:
+    """Read a Feather file.
+
+    Raises:
+        InputError: missing or damaged.
+    """
+    from pyarrow import feather
+
+    try:
+        return _whole(feather.read_table(path, memory_map=False), path, expected, None)
+    except InputError:
+        raise
+    except FileNotFoundError:
+        raise InputError("not found", file=path, expected=expected) from None
+    except Exception as error:  # see above
+        raise _damaged(error, path, expected) from None
+
+
+def columns_of(
+    table: pa.Table, kinds: Mapping[str, str], path: Path, expected: str
+) -> dict[str, NDArray[Any]]:
+    """Return columns of a table as arrays.
+
+    Args:
+        table: as it was read.
+        kinds: column -> ``number`` (float64, finite), ``whole`` (int64), ``text`` (objects) or
+            ``text or none``.
+        path: for errors.
+        expected: what the file should be, for errors.
+
+    Raises:
+        InputError: a column is missing, is of another kind, or lacks a value; it is named.
+    """
+    import pyarrow as pa
+
+    found: dict[str, NDArray[Any]] = {}
+    for name, kind in kinds.items():
+        if name not in table.column_names:
+            raise InputError("is missing", file=path, place=name, expected=expected)
+        column = table[name]
+        types = {
+            "number": pa.types.is_floating(column.type) or pa.types.is_integer(column.type),
+            "whole": pa.types.is_integer(column.type),
+        }
+        fits = types.get(kind, pa.types.is_string(column.type))
+        if not fits:
+            raise InputError(f"holds {column.type}", file=path, place=name, expected=kind)
+        if kind != "text or none":
+            check_finite(table, [name], path)
+        array = column.to_numpy(zero_copy_only=False)
+        if kind in ("number", "whole"):
+            array = array.astype(np.float64 if kind == "number" else np.int64)
+        found[name] = array
+    return found
+
+
+def check_finite(table: pa.Table, columns: Iterable[str], path: Path) -> None:
+    """Refuse columns in which a value is missing, or a number is not finite.
+
+    Raises:
+        InputError: one is; the column is named.
+    """
+    for name in columns:
+        column = table[name]
+        if column.null_count:
+            raise InputError("lacks values", file=path, place=name, expected="one in every row")
+        number = str(column.type) in ("double", "float", "halffloat")
+        if number and not np.isfinite(column.to_numpy()).all():
+            raise InputError("has a value that is not finite", file=path, place=name)
+
+
+def _whole(table: pa.Table, path: Path, expected: str, schema: pa.Schema) -> pa.Table:
+    """Return a table in one piece; offsets, lengths and text are checked before they are used."""
+    table.validate(full=True)
+    names = table.column_names
+    if len(set(names)) < len(names):
+        raise InputError("has a column twice", file=path, expected=expected)
+    if schema is not None:
+        check_finite(table, names, path)
+    return table.combine_chunks()
+
+
+def _damaged(error: Exception, path: Path, expected: str) -> InputError:
+    if isinstance(error, MemoryError):
+        return InputError("needs more memory than there is", file=path, expected=expected)
+    return InputError(f"is not readable ({one_line(error)})", file=path, expected=expected)

@@ -1,0 +1,96 @@
+"""``twin.json`` and the site kept in a twin: what everything that opens a twin relies on."""
+
+from __future__ import annotations
+
+from pathlib import Path, PurePosixPath
+from typing import Annotated, Literal
+
+import shapely
+from pydantic import BaseModel, ConfigDict, Field
+
+from urbantwin.artefact.manifest import Part
+from urbantwin.errors import InputError
+from urbantwin.site.traffic import TrafficSpec
+
+__all__ = ["KeptSite", "TwinManifest", "check_region", "file_inside"]
+
+#: No region reaches further from its anchor, metres.
+_FURTHEST_M = 1e5
+_Metres = Annotated[float, Field(ge=-_FURTHEST_M, le=_FURTHEST_M)]
+_Place = Annotated[list[_Metres], Field(min_length=2, max_length=2)]
+_Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+
+
+class _Anchor(Part):
+    latitude: Annotated[float, Field(ge=-90, le=90)]
+    longitude: Annotated[float, Field(ge=-180, le=180)]
+
+
+class _Input(Part):
+    name: str
+    licence: str
+    attribution: str
+
+
+class _Ground(Part):
+    anchor_height_m: Annotated[float, Field(ge=-20_000, le=20_000)] | None = None
+
+
+class _Notes(Part):
+    ground: _Ground | None = None
+
+
+class TwinManifest(Part):
+    """``twin.json``."""
+
+    kind: Literal["twin"]
+    version: str
+    name: str
+    anchor: _Anchor
+    driving_side: Literal["right", "left"]
+    region_m: Annotated[list[_Place], Field(min_length=3)]
+    inputs: list[_Input]
+    notes: _Notes
+    files: dict[str, _Sha256]
+
+
+class KeptSite(BaseModel):
+    """What of a twin's ``site.yaml`` is used again: the traffic that it asks for."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+    traffic: TrafficSpec
+    closed_loop: bool = False
+
+
+def check_region(told: TwinManifest, file: Path) -> None:
+    """Refuse a region that encloses nothing.
+
+    Raises:
+        InputError: it does not.
+    """
+    region = shapely.Polygon(told.region_m)
+    if not region.is_valid or region.area <= 0:
+        raise InputError(
+            "encloses no area", file=file, place="region_m", expected="the corners of a polygon"
+        )
+
+
+def file_inside(folder: Path, name: str, *, manifest: Path) -> Path:
+    """Return the file of a name that a manifest gives: one in its folder, and none elsewhere.
+
+    Raises:
+        InputError: the name leads out of the folder, by itself or by a link.
+    """
+    parts = PurePosixPath(name).parts
+    plain = bool(parts) and ".." not in parts and not name.startswith("/") and "\0" not in name
+    if plain and "\\" not in name:
+        path = folder / name
+        try:
+            if path.resolve().is_relative_to(folder.resolve()):
+                return path
+        except (OSError, RuntimeError):  # links that lead to each other
+            pass
+    raise InputError(
+        f"names {name[:60]!r}", file=manifest, place="files", expected="files in its folder"
+    )

@@ -1,0 +1,59 @@
+"""A small artefact of every kind, made once by the commands themselves, in a process of its own."""
+
+import atexit
+import shutil
+import subprocess
+import sys
+import tempfile
+from functools import cache
+from pathlib import Path
+
+import yaml
+
+__all__ = ["EXAMPLE", "artefacts", "content"]
+
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / "examples" / "two-avenues"
+_RIG = {
+    "rate_hz": 5,
+    "sensors": [
+        {
+            "name": "pole", "model": "VLP-16", "columns": 900,
+            "east_m": 12, "north_m": -12, "height_m": 5, "yaw_deg": 135,
+        }
+    ],
+}  # fmt: skip
+_TRAFFIC = {
+    "per_hour": {"car": 3000, "pedestrian": 2000},
+    **{"duration_s": 1, "warmup_s": 10, "step_s": 0.1, "seed": 1},
+}
+_QUICK = ("--no-pictures", "--quiet")
+
+
+@cache
+def artefacts() -> Path:
+    """Return a folder with ``twin``, ``motion``, ``dataset`` and ``coverage`` in it."""
+    folder = Path(tempfile.mkdtemp(prefix="fuzz-artefacts-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    site = yaml.safe_load((EXAMPLE / "site.yaml").read_text())
+    for name in ("osm", "dem"):
+        site[name]["file"] = str(EXAMPLE / site[name]["file"])
+    site |= {"region": {"radius_m": 40}, "closed_loop": False, "traffic": _TRAFFIC, "rig": _RIG}
+    (folder / "site.yaml").write_text(yaml.safe_dump(site))
+    twin, motion = folder / "twin", folder / "motion"
+    for command in (
+        ("build", folder / "site.yaml", "--out", twin, *_QUICK),
+        ("traffic", twin, "--out", motion, "--quiet"),
+        ("record", twin, motion, "--out", folder / "dataset", "--stop", "0.2", "--workers", "1",
+         *_QUICK),
+        ("coverage", twin, "--out", folder / "coverage", "--quiet"),
+    ):  # fmt: skip
+        # Not in this process: its children are forked, and these commands start threads.
+        words = [sys.executable, "-m", "urbantwin", *map(str, command)]
+        subprocess.run(words, check=True, cwd=ROOT / "src", capture_output=True)
+    return folder
+
+
+def content(name: str) -> bytes:
+    """Return what a file of the artefacts holds."""
+    return (artefacts() / name).read_bytes()

@@ -1,0 +1,218 @@
+"""Bad files in the folders that UrbanTwin itself writes, with their checksums right and wrong."""
+
+import hashlib
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from urbantwin.artefact import read_json
+from urbantwin.cli.app import main
+from urbantwin.cli.stages import rig_on
+from urbantwin.dataset.rig_of_manifest import rig_of_manifest
+from urbantwin.export.carla.spawn_points import spawn_points
+from urbantwin.export.geojson import write_geojson
+from urbantwin.fidelity.challenge import read_detections
+from urbantwin.fidelity.readers import open_recording
+from urbantwin.fidelity.tuning.journal import Journal
+from urbantwin.geometry import LabelledMesh
+from urbantwin.lidar.measured import MeasuredBackground
+from urbantwin.lidar.measured_file import load_backgrounds, save_backgrounds
+from urbantwin.roads.opendrive import write_opendrive
+from urbantwin.roads.signals.programs import described_signals
+from urbantwin.traffic import Motion
+from urbantwin.traffic.demand import plan_demand
+from urbantwin.traffic.motion import describe as describe_motion
+from urbantwin.traffic.network import StreetNetwork
+from urbantwin.twin import Twin, load_twin
+from urbantwin.view.labelled_frame import read_labelled_points
+
+from .artefact_set import artefacts, content
+from .harness import NUMBERS
+from .reader import Reader
+from .test_site_readers import made
+
+#: Files of an artefact that are not read by anything that the others are read by.
+_BESIDE = {
+    "twin": ("scene.npz", "site.yaml", "rig.yaml", "network.net.xml", "elevation.npz",
+             "lane_model.json", "roads.json", "surface_material.npz"),
+    "motion": ("motion.json", "actors.parquet", "signals.parquet", "meshes.npz"),
+    "dataset": ("dataset.json", "boxes.parquet", "sweeps.parquet", "ignore_regions.geojson",
+                "points/000000.npy", "rays/000000.npy", "semantic/000000.label",
+                "labels/000000.txt"),
+}  # fmt: skip
+
+
+def beside(kind: str) -> Callable[[], Mapping[str, bytes]]:
+    """What gives the sound files of an artefact, with their manifest."""
+    names = (f"{kind}.json", *(name for name in _BESIDE[kind]))
+    return lambda: {f"{kind}/{name}": content(f"{kind}/{name}") for name in names}
+
+
+def inspected(path: Path) -> None:
+    """What `inspect` does with the folder of a file."""
+    code = main(["inspect", str(path.parent)])
+    assert code in (0, 1, 2), code
+
+
+def of_twin(use: Callable[[Twin], object]) -> Callable[[Path], None]:
+    """What reads a twin in which the checksum of the bad file is right, and uses it."""
+
+    def read(path: Path) -> None:
+        file = path.parent / "twin.json"
+        manifest = json.loads(file.read_text())
+        manifest["files"][path.name] = hashlib.sha256(path.read_bytes()).hexdigest()
+        file.write_text(json.dumps(manifest))
+        use(load_twin(path.parent))
+
+    return read
+
+
+def use_mesh(twin: Twin) -> None:
+    rig_on(twin)
+    twin.ground_mesh.areas()
+    twin.surface_materials.materials_of(
+        twin.mesh, np.arange(len(twin.mesh.faces)), twin.mesh.triangles().mean(axis=1)
+    )
+
+
+def use_model(twin: Twin) -> None:
+    for version in ("1.8", "1.4"):
+        write_opendrive(
+            twin.lane_model, twin.frame, twin.folder / "a.xodr", version=version, name="a"
+        )
+    write_geojson(twin, twin.folder / "a.geojson")
+
+
+def use_roads(twin: Twin) -> None:
+    twin.roads.carriageway(0)
+    twin.roads.footway(0)
+    spawn_points(twin.roads)
+    write_geojson(twin, twin.folder / "a.geojson")
+
+
+def use_network(twin: Twin) -> None:
+    described_signals(twin.net_path)
+    network = StreetNetwork(twin.net_path, twin.region)
+    asked = twin.site["traffic"]
+    plan_demand(
+        network, asked["per_hour"], warmup_s=10, duration_s=1, seed=1,
+        asset_names=lambda name: (f"{name}-x",),
+    )  # fmt: skip
+
+
+def read_motion(path: Path) -> None:
+    describe_motion(path.parent)
+    motion = Motion.load(path.parent)
+    for time_s in motion.times()[:3]:
+        for row in motion.at(float(time_s))[:5]:
+            motion.mesh(str(row["asset"]), int(row["phase"]))
+
+
+def read_dataset(path: Path) -> None:
+    """What pictures, `compare` and the arbitrary site do with a dataset."""
+    folder = next(one for one in path.parents if one.name == "dataset")
+    problems = []
+    for use in (read_labelled_points, _compared, lambda one: inspected(one / "dataset.json")):
+        try:
+            use(folder)
+        except Exception as error:
+            problems.append(error)
+    for error in problems:
+        raise error
+
+
+def _compared(folder: Path) -> None:
+    recording = open_recording(folder)
+    recording.read(0)
+    rig_of_manifest(read_json(folder / "dataset.json", kind="dataset"))
+
+
+def _background() -> bytes:
+    image = np.full((2, 4, 6), 12.0, np.float32)
+    small = np.full_like(image, 0.4)
+    one = MeasuredBackground(image, small, small, small, np.full((4, 6), 9, np.int32), "A", 10.0)
+    return made("a.npz", lambda path: save_backgrounds(path, [one]))
+
+
+def _kept_journal(path: Path) -> None:
+    with Journal(path, "abc") as journal:
+        journal.recall("one", 0, [0.5])
+
+
+def _report() -> bytes:
+    """What `compare` writes, as far as `inspect` tells it."""
+    figures = {"chamfer": {"mean": 0.4}}
+    report = {
+        "kind": "report", "version": 1, "in_short": ["a"], "doubts": ["b"],
+        "folders": {"real": "a", "synthetic": "b"}, "frames": [{"real": "1"}],
+        "aggregate": figures, "definitions": {"chamfer": "c"},
+        "anchors": {"real_against_real": figures, "arbitrary": None,
+                    "reduction_percent": {"chamfer": 12.0}, "ratio_to_real": {"chamfer": None}},
+        "headline": {"ground": {"chamfer": {"twin": 0.1}}},
+        "protocol": {"scores": {"twin": {"combined": 0.1, "detection": None, "realism": 0.2}}},
+        "problems": [], "notes": ["c"],
+    }  # fmt: skip
+    return json.dumps(report).encode()
+
+
+def _seeds(name: str) -> Callable[[], list[bytes]]:
+    return lambda: [content(name)]
+
+
+def _of_twin(name: str, use: Callable[[Twin], object]) -> Reader:
+    return Reader(f"twin {name}", of_twin(use), f"twin/{name}", _seeds(f"twin/{name}"),
+                  beside("twin"))  # fmt: skip
+
+
+DETECTIONS = b'{"0001": [{"box": [1, 2, 0.5, 4, 2, 1.5, 0.1], "score": 0.9, "class": "Car"}]}'
+JOURNAL = (
+    b'{"recipe": "abc"}\n{"study": "one", "trial": 0, "shares": [0.5], "loss": 1.5}\n'
+    b'{"study": "one", "trial": 1, "shares": [0.25], "loss": 1.25}\n'
+)
+
+READERS = [
+    Reader("twin.json", inspected, "twin/twin.json", _seeds("twin/twin.json"), beside("twin")),
+    Reader("twin changed", inspected, "twin/scene.npz", _seeds("twin/scene.npz"), beside("twin")),
+    _of_twin("scene.npz", use_mesh),
+    _of_twin("surface_material.npz", use_mesh),
+    _of_twin("elevation.npz", lambda twin: twin.elevation.raw_at(np.zeros((3, 2)))),
+    _of_twin("lane_model.json", use_model),
+    _of_twin("roads.json", use_roads),
+    _of_twin("network.net.xml", use_network),
+    _of_twin("site.yaml", lambda twin: twin.site),
+    _of_twin("rig.yaml", rig_on),
+    *(
+        Reader(f"motion {name}", read_motion, f"motion/{name}", _seeds(f"motion/{name}"),
+               beside("motion"))
+        for name in _BESIDE["motion"]
+    ),
+    *(
+        Reader(f"dataset {name}", read_dataset, f"dataset/{name}", _seeds(f"dataset/{name}"),
+               beside("dataset"))
+        for name in _BESIDE["dataset"]
+    ),
+    Reader("mesh", LabelledMesh.load, "a.npz", _seeds("twin/scene.npz")),
+    Reader("coverage", inspected, "coverage.json", _seeds("coverage/coverage.json")),
+    Reader("report", inspected, "report.json", lambda: [_report()]),
+    Reader("background", load_backgrounds, "a.npz", lambda: [_background()]),
+    Reader("detections", read_detections, "a.json", lambda: [DETECTIONS]),
+    Reader("journal", _kept_journal, "journal", lambda: [JOURNAL]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("mutations", NUMBERS)
+@pytest.mark.parametrize("reader", READERS, ids=str)
+def test_bad_files(reader: Reader, mutations: int, fuzz: Callable[[Reader, int], None]) -> None:
+    fuzz(reader, mutations)
+
+
+def test_the_sound_files_are_read() -> None:
+    """Otherwise all of the above could pass by refusing everything."""
+    folder = artefacts()
+    for use in (use_mesh, use_model, use_roads, use_network, rig_on, lambda twin: twin.site):
+        use(load_twin(folder / "twin"))
+    read_motion(folder / "motion" / "motion.json")
+    read_dataset(folder / "dataset" / "dataset.json")
