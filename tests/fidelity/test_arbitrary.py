@@ -19,6 +19,8 @@ from urbantwin.lidar.enclosure import enclosing
 from urbantwin.site.rig import RigSpec
 from urbantwin.taxonomy import material_id, semantic_id
 
+from ..real_files import argoverse_log
+
 SLOPE = 0.05
 CUBE = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], float)
 SIDES = [

@@ -1,6 +1,7 @@
 """Readers of clouds, against files that other programs or their format's definition made."""
 
 import struct
+from pathlib import Path
 
 import numpy as np
 import open3d as o3d
@@ -8,6 +9,8 @@ import pytest
 
 from urbantwin.errors import InputError
 from urbantwin.fidelity import cloud_files, read_cloud
+
+from ..real_files import FOREGROUND
 
 POINTS = np.random.default_rng(1).uniform(-50, 50, (400, 4)).astype(np.float32)
 

@@ -13,6 +13,8 @@ from urbantwin.errors import InputError
 from urbantwin.fidelity.readers import LAYOUTS, open_recording
 from urbantwin.geometry import points_in_box
 
+from ..real_files import AHN3, FOREGROUND, argoverse_log
+
 POINTS = np.random.default_rng(3).uniform(-50, 50, (60, 4)).astype(np.float32)
 
 
