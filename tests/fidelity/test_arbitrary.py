@@ -20,6 +20,8 @@ from urbantwin.lidar.enclosure import enclosing
 from urbantwin.site.rig import RigSpec
 from urbantwin.taxonomy import material_id, semantic_id
 
+from ..real_files import argoverse_log
+
 SLOPE = 0.05
 CUBE = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], float)
 SIDES = [
@@ -99,12 +101,12 @@ def test_the_rig_stands_elsewhere_as_it_stood():
 
 
 def test_the_sensor_of_other_peoples_frames(shared_data):
-    sweep = open_recording(shared_data / "lidar/argoverse2-pittsburgh").read(0)
+    sweep = open_recording(argoverse_log(shared_data)).read(0)
     spec, told = likely_rig(sweep)
     assert spec["sensors"][0]["model"] == "VLP-32C"
     assert 1.4 < spec["sensors"][0]["height_m"] < 2.4  # on the roof of a car
     assert "nearest to its rings" in told
-    cropped = open_recording(shared_data / "lidar/kitti").read(0)
+    cropped = open_recording(shared_data / "lidar/kitti/000008.bin").read(0)
     spec, told = likely_rig(cropped)
     assert spec["sensors"][0]["model"] == "OS1-128"
     assert "nothing tells the sensor" in told

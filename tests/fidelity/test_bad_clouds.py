@@ -8,6 +8,8 @@ import pytest
 from urbantwin.errors import InputError
 from urbantwin.fidelity.readers import open_recording
 
+from ..real_files import argoverse_log
+
 POINTS = np.random.default_rng(0).uniform(1, 20, (40, 4)).astype(np.float32)
 
 
@@ -75,7 +77,7 @@ def test_a_link_to_nowhere_is_a_frame_that_cannot_be_read(tmp_path):
 
 
 def test_rows_of_bin_files_are_as_wide_as_their_values_say(shared_data, tmp_path):
-    log = next((shared_data / "lidar/argoverse2-pittsburgh").glob("*/sensors")).parent
+    log = argoverse_log(shared_data)
     sweep = open_recording(log).read(0)
     rng = np.random.default_rng(1)
     more = rng.uniform(0, 0.1, len(sweep.points))

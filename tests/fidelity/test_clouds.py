@@ -1,6 +1,7 @@
 """Readers of clouds, against files that other programs or their format's definition made."""
 
 import struct
+from pathlib import Path
 
 import numpy as np
 import open3d as o3d
@@ -8,6 +9,8 @@ import pytest
 
 from urbantwin.errors import InputError
 from urbantwin.fidelity import cloud_files, read_cloud
+
+from ..real_files import FOREGROUND
 
 POINTS = np.random.default_rng(1).uniform(-50, 50, (400, 4)).astype(np.float32)
 
@@ -90,13 +93,15 @@ def test_nan_and_no_return_are_dropped_and_counted(tmp_path):
     assert (len(cloud.points), cloud.not_finite, cloud.no_return) == (397, 2, 1)
 
 
-def test_real_files(shared_data):
+def test_real_files(shared_data, tmp_path):
     # Counts of points as the data's own README and the files' sizes state them.
     kitti = read_cloud(shared_data / "lidar/kitti/000008.bin")
     assert len(kitti.points) == 17238
     assert kitti.intensity is not None
     assert 0 <= kitti.intensity.min() <= kitti.intensity.max() <= 1
-    files = cloud_files(shared_data / "lidar/newbrunswick-roadside/foreground")
+    for name in FOREGROUND:
+        (tmp_path / Path(name).name).symlink_to(shared_data / "lidar/newbrunswick-roadside" / name)
+    files = cloud_files(tmp_path)
     assert [int(f.stem.split("_")[-1]) for f in files] == [200, 400, 600, 800, 1000]
     for file in files:
         expected = np.asarray(o3d.io.read_point_cloud(str(file)).points)

@@ -9,6 +9,8 @@ from pyarrow import feather
 from urbantwin.errors import InputError
 from urbantwin.fidelity import compare
 
+from ..real_files import SWEEPS, argoverse_log
+
 SENSOR = (1.35, 0.0, 1.64)  # the upper of the two lidars in the vehicle's frame, about
 
 
@@ -20,7 +22,7 @@ def thin(array, share, seed):
 def sweeps(shared_data, tmp_path_factory):
     """Return folders: two real sweeps, the same in the other order, and another site."""
     root = tmp_path_factory.mktemp("sweeps")
-    files = sorted((shared_data / "lidar/argoverse2-pittsburgh").rglob("sensors/lidar/*.feather"))
+    files = [argoverse_log(shared_data) / name for name in SWEEPS]
     tables = [feather.read_table(file) for file in files]
     clouds = [
         np.column_stack([t[c].to_numpy().astype(np.float32) for c in ("x", "y", "z", "intensity")])

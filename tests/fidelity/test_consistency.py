@@ -10,11 +10,13 @@ from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.geometry import Pose
 
+from ..real_files import argoverse_log
+
 
 @pytest.fixture(scope="module")
 def sweeps(shared_data):
     """Return two consecutive real sweeps; the second has lost a sector of what stands."""
-    log = next((shared_data / "lidar/argoverse2-pittsburgh").glob("*/sensors")).parent
+    log = argoverse_log(shared_data)
     real, later = open_recording(log)
     heading = np.degrees(np.arctan2(later.points[:, 1], later.points[:, 0]))
     lost = (heading > 40) & (heading < 110) & (later.points[:, 2] > 1.0)

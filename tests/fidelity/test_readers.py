@@ -13,11 +13,13 @@ from urbantwin.errors import InputError
 from urbantwin.fidelity.readers import LAYOUTS, open_recording
 from urbantwin.geometry import points_in_box
 
+from ..real_files import AHN3, FOREGROUND, argoverse_log
+
 POINTS = np.random.default_rng(3).uniform(-50, 50, (60, 4)).astype(np.float32)
 
 
 def test_argoverse_sweeps(shared_data):
-    recording = open_recording(shared_data / "lidar/argoverse2-pittsburgh")
+    recording = open_recording(argoverse_log(shared_data))
     assert (recording.layout, len(recording)) == ("argoverse2", 2)
     first, second = recording
     assert (len(first.points), len(second.points)) == (99_229, 99_466)
@@ -79,14 +81,23 @@ def test_kitti_frame_with_its_labels(shared_data, tmp_path):
     np.testing.assert_allclose(found, counts, rtol=0.09)
 
 
-def test_folders_of_real_clouds(shared_data):
-    plain = open_recording(shared_data / "lidar/newbrunswick-roadside")
+def test_folders_of_real_clouds(shared_data, tmp_path):
+    for place, names in (
+        ("lidar/newbrunswick-roadside", FOREGROUND),
+        ("airborne/delft-ahn3", AHN3),
+        ("lidar/kitti", ("000008.bin",)),
+    ):
+        for name in names:
+            file = tmp_path / place / name
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.symlink_to(shared_data / place / name)
+    plain = open_recording(tmp_path / "lidar/newbrunswick-roadside")
     assert (plain.layout, len(plain)) == ("plain", 5)
     assert plain.names[0].endswith("frame_200.ply")
     assert len(plain.read(0).points) == 24_519
-    with pytest.raises(InputError, match=r"holds 4 recordings.*kitti, newbrunswick-roadside"):
-        open_recording(shared_data / "lidar")
-    airborne = open_recording(shared_data / "airborne/delft-ahn3")
+    with pytest.raises(InputError, match=r"holds 2 recordings.*kitti, newbrunswick-roadside"):
+        open_recording(tmp_path / "lidar")
+    airborne = open_recording(tmp_path / "airborne/delft-ahn3")
     assert [name.endswith(".laz") for name in airborne.names] == [True, True]
 
 

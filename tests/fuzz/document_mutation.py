@@ -24,10 +24,11 @@ _BOMB = b'<!DOCTYPE a [<!ENTITY b "xxxxxxxxxx">%s]>' % b"".join(
 def changed_value(rng: random.Random, value: object) -> object:
     """Return a document with one of its values lost, doubled, renamed or of another kind."""
     holders: list[dict | list] = []
-    stack = [value]
+    stack, seen = [value], set()  # aliases of YAML are one list at many places
     while stack:
         here = stack.pop()
-        if isinstance(here, dict | list) and here:
+        if isinstance(here, dict | list) and here and id(here) not in seen:
+            seen.add(id(here))
             holders.append(here)
             stack.extend(here.values() if isinstance(here, dict) else here[:50])
     if not holders:

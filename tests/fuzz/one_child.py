@@ -77,7 +77,9 @@ def read_all(
 
 
 def _problem_of(reader: Reader, data: bytes, beside: Mapping[str, bytes]) -> str | None:
-    folder = Path(tempfile.mkdtemp(prefix="fuzz-"))
+    # In memory where there is such a place: disks are slow where others use them too.
+    memory = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
+    folder = Path(tempfile.mkdtemp(prefix="fuzz-", dir=memory))
     try:
         place(folder, reader, data, beside)
         return _problem_with(reader, folder)

@@ -11,6 +11,8 @@ from scipy.spatial.transform import Rotation
 from urbantwin.lidar.returns import scatter_of_materials
 from urbantwin.taxonomy import material_id
 
+from ..real_files import SWEEPS, argoverse_log, argoverse_map
+
 
 def lines_of(points):
     return np.array([[point["x"], point["y"]] for point in points])
@@ -22,8 +24,8 @@ def asphalt(shared_data):
 
     Points on lanes, away from painted lines, within 12 cm of the ground raster, in no real box.
     """
-    folder = next((shared_data / "lidar" / "argoverse2-pittsburgh").glob("7fab*"))
-    lanes = json.loads(next((folder / "map").glob("log_map*.json")).read_text())["lane_segments"]
+    folder = argoverse_log(shared_data)
+    lanes = json.loads(argoverse_map(shared_data, "lanes").read_text())["lane_segments"]
     areas, painted = [], []
     for lane in lanes.values():
         left, right = (lines_of(lane[f"{side}_lane_boundary"]) for side in ("left", "right"))
@@ -34,8 +36,8 @@ def asphalt(shared_data):
             if lane[f"{side}_lane_mark_type"] != "NONE"
         ]
     road, paint = shapely.buffer(shapely.union_all(areas), -0.3), shapely.union_all(painted)
-    raster = np.load(next((folder / "map").glob("*ground_height*.npy")))
-    to_cells = json.loads(next((folder / "map").glob("*Sim2*.json")).read_text())
+    raster = np.load(argoverse_map(shared_data, "heights"))
+    to_cells = json.loads(argoverse_map(shared_data, "to_cells").read_text())
     slope_y, slope_x = np.gradient(raster.astype(float), 1 / to_cells["s"])
     table = pyarrow.feather.read_table
     poses = table(folder / "city_SE3_egovehicle.feather").to_pandas()
@@ -43,7 +45,7 @@ def asphalt(shared_data):
     mounts = mounts.set_index("sensor_name")[["tx_m", "ty_m", "tz_m"]]
     boxes = table(folder / "annotations.feather").to_pandas()
     rows = []
-    for path in sorted((folder / "sensors" / "lidar").glob("*.feather")):
+    for path in [folder / name for name in SWEEPS]:
         sweep = table(path).to_pandas()
         pose = poses.iloc[(poses.timestamp_ns - int(path.stem)).abs().argmin()]
         turn = Rotation.from_quat([pose.qx, pose.qy, pose.qz, pose.qw])

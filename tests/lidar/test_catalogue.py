@@ -13,6 +13,8 @@ from pyarrow import feather
 from urbantwin.errors import InputError
 from urbantwin.lidar import load_sensor, sensor, sensor_names
 
+from ..real_files import SWEEPS, argoverse_log
+
 VELODYNE = {
     "VLP-16": "VLP16db.yaml",
     "VLP-16-Hi-Res": "VLP16_hires_db.yaml",
@@ -158,12 +160,12 @@ def test_azimuth_offsets_have_the_sign_that_a_real_vlp_32c_shows(shared_data):
     Take the encoder's turn (known from the firing times) off their azimuths: what is left is each
     channel's own offset, counter-clockwise in the sensor's frame.
     """
-    folder = next((shared_data / "lidar/argoverse2-pittsburgh").glob("7fab*"))
+    folder = argoverse_log(shared_data)
     pose = feather.read_table(folder / "calibration/egovehicle_SE3_sensor.feather").to_pydict()
     row = pose["sensor_name"].index("up_lidar")
     assert pose["qw"][row] > 0.9999  # upright: a translation is all that is needed
     origin = [pose[axis][row] for axis in ("tx_m", "ty_m", "tz_m")]
-    sweep = feather.read_table(min((folder / "sensors/lidar").glob("*.feather")))
+    sweep = feather.read_table(folder / SWEEPS[0])
     laser = sweep["laser_number"].to_numpy()
     points = np.column_stack([sweep[axis].to_numpy().astype(float) for axis in "xyz"]) - origin
     range_m = np.linalg.norm(points, axis=1)

@@ -11,6 +11,8 @@ from urbantwin.geometry import LabelledMesh
 from urbantwin.lidar.static import cast_static
 from urbantwin.taxonomy import material_id, semantic_id
 
+from ..real_files import SWEEPS, argoverse_log, argoverse_map
+
 
 def coordinates(points, keys="xy"):
     return np.array([[point[key] for key in keys] for point in points])
@@ -19,8 +21,8 @@ def coordinates(points, keys="xy"):
 @pytest.fixture(scope="module")
 def real(shared_data):
     """Range and calibrated reflectivity (percent) of road points: away from lines, and on them."""
-    folder = next((shared_data / "lidar" / "argoverse2-pittsburgh").glob("7fab*"))
-    lanes = json.loads(next((folder / "map").glob("log_map*.json")).read_text())["lane_segments"]
+    folder = argoverse_log(shared_data)
+    lanes = json.loads(argoverse_map(shared_data, "lanes").read_text())["lane_segments"]
     areas, painted, white = [], [], []
     for lane in lanes.values():
         left, right = (coordinates(lane[f"{side}_lane_boundary"]) for side in ("left", "right"))
@@ -37,7 +39,7 @@ def real(shared_data):
     mount = mounts.to_pandas().set_index("sensor_name").loc["up_lidar"]
     origin = mount[["tx_m", "ty_m", "tz_m"]].to_numpy(np.float64)
     rows = []
-    for path in sorted((folder / "sensors" / "lidar").glob("*.feather")):
+    for path in [folder / name for name in SWEEPS]:
         table = pyarrow.feather.read_table(path).to_pandas()
         pose = poses.iloc[(poses.timestamp_ns - int(path.stem)).abs().argmin()]
         w, x, y, z = pose.qw, pose.qx, pose.qy, pose.qz

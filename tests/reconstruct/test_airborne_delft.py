@@ -13,6 +13,8 @@ from urbantwin.reconstruct.airborne import from_airborne, read_footprints
 from urbantwin.reconstruct.airborne.ground_filter import ground_by_filter
 from urbantwin.reconstruct.airborne.noise import is_noise
 
+from ..real_files import AHN3
+
 TO_WGS84 = Transformer.from_crs(28992, 4326, always_xy=True)
 #: A quarter of the tile: three streets of houses.
 REGION = shapely.box(-60.0, -20.0, 40.0, 80.0)
@@ -29,7 +31,7 @@ def delft(shared_data):
     folder = shared_data / "airborne/delft-ahn3"
     longitude, latitude = TO_WGS84.transform(84940.0, 447527.0)
     frame = SiteFrame(latitude, longitude)
-    tiles = [laspy.read(path) for path in sorted((folder / "ahn3").glob("*.laz"))]
+    tiles = [laspy.read(path) for path in (folder / name for name in AHN3)]
     cloud = PointCloud(
         placed(frame, np.concatenate([tile.xyz for tile in tiles])),
         None,

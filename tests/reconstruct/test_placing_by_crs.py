@@ -19,6 +19,7 @@ from urbantwin.reconstruct.georeference.heights import (
 )
 from urbantwin.reconstruct.model import Geotag
 
+from ..real_files import AHN3
 from .placing_site import FRAME, elevation, ground_mesh, mesh_of, place, slope, surroundings
 
 TO_RD = Transformer.from_crs("EPSG:4326", "EPSG:28992", always_xy=True)
@@ -208,7 +209,7 @@ def test_geotag_whose_height_is_of_no_known_datum_is_laid_on_the_ground(tmp_path
 
 
 def test_survey_of_delft_lies_where_its_reference_lies(shared_data: Path, tmp_path: Path) -> None:
-    file = next((shared_data / "airborne/delft-ahn3/ahn3").glob("*1.laz"))
+    file = shared_data / "airborne/delft-ahn3" / AHN3[0]
     survey = laspy.read(file)
     cloud = PointCloud(
         np.asarray(survey.xyz, float), classification=np.array(survey.classification)

@@ -8,6 +8,7 @@ from PIL import Image
 
 from urbantwin.errors import InputError
 
+from ..real_files import FOREGROUND
 from .model_files import BOX, BOX_QUADS, area, read, volume
 
 
@@ -69,8 +70,7 @@ def test_faces_of_different_length_with_more_lists(tmp_path, order):
 
 
 def test_real_roadside_clouds(shared_data):
-    folder = shared_data / "lidar" / "newbrunswick-roadside" / "foreground"
-    path = sorted(folder.glob("*.ply"))[0]
+    path = shared_data / "lidar" / "newbrunswick-roadside" / FOREGROUND[0]
     expected = np.asarray(o3d.io.read_point_cloud(str(path)).points)
     assert np.array_equal(read(path).cloud.points, expected)
 

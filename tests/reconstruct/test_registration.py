@@ -15,6 +15,7 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.reconstruct import ImportedModel, PointCloud, Surroundings, TriangleMesh
 from urbantwin.view.registration import registration_picture
 
+from ..real_files import AHN3
 from .placing_site import (
     FRAME,
     elevation,
@@ -165,7 +166,7 @@ def test_survey_of_delft_finds_its_footprints(shared_data: Path, tmp_path: Path)
         tuple(house for house in houses if house.geom_type == "Polygon"),
         np.zeros((0, 3)),
     )
-    points = np.vstack([np.asarray(laspy.read(f).xyz) for f in sorted(folder.glob("ahn3/*.laz"))])
+    points = np.vstack([np.asarray(laspy.read(f).xyz) for f in (folder / name for name in AHN3)])
     points = points[::3]
     truth = on_site(points[:, :2])
     turn = Rotation.from_euler("z", -64, degrees=True)

@@ -20,6 +20,8 @@ from urbantwin.roads.argoverse.read import translate
 from urbantwin.roads.imported import is_map_of_roads, read_map
 from urbantwin.roads.marking.zebra import zebra_of_area
 
+from ..real_files import argoverse_map
+
 RULER = SimpleNamespace(**runpy.run_path(str(Path(__file__).parent / "lanelet_ruler.py")))
 ANCHOR = (40.462723, -79.951023)
 #: City coordinates plus this are EPSG:32617: published with the log, to the millimetre.
@@ -60,7 +62,7 @@ class Drawn:
 
 @pytest.fixture(scope="module")
 def path(shared_data):
-    return next((shared_data / "lidar" / "argoverse2-pittsburgh").glob("*/map/log_map*.json"))
+    return argoverse_map(shared_data, "lanes")
 
 
 @pytest.fixture(scope="module")

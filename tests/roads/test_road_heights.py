@@ -29,6 +29,8 @@ from urbantwin.roads.model import (
 )
 from urbantwin.site import read_extract
 
+from ..real_files import argoverse_map, osm_extract
+
 ZERO = Profile.constant(0.0)
 LEVEL = Lift(np.zeros((0, 2)), np.zeros(0, np.int64), np.zeros(0))
 HALF = 160.0
@@ -163,7 +165,7 @@ def test_no_street_is_steeper_than_the_ground_along_it(seed):
 @pytest.fixture(scope="module", params=PLACES)
 def on_hills(request, shared_data, tmp_path_factory):
     frame = SiteFrame(*PLACES[request.param])
-    extract = read_extract(next((shared_data / "osm").glob(f"{request.param}.osm*")))
+    extract = read_extract(osm_extract(shared_data, request.param))
     return build_roads(
         extract, frame, shared_region(), ground(HILLS),
         driving_side=driving_side(*PLACES[request.param]),
@@ -307,10 +309,9 @@ def test_streets_lie_as_airborne_lidar_sees_them(shared_data):
 
 def test_lanes_lie_across_as_surveyors_mapped_them(shared_data):
     """Argoverse, Pittsburgh: fitted to the ground raster, judged by the lanes' mapped borders."""
-    folder = next((shared_data / "lidar" / "argoverse2-pittsburgh").glob("7fab*")) / "map"
-    raster = np.load(next(folder.glob("*ground_height*.npy"))).astype(np.float64)
-    move = json.loads(next(folder.glob("*Sim2*.json")).read_text())
-    lanes = json.loads(next(folder.glob("log_map*.json")).read_text())["lane_segments"]
+    raster = np.load(argoverse_map(shared_data, "heights")).astype(np.float64)
+    move = json.loads(argoverse_map(shared_data, "to_cells").read_text())
+    lanes = json.loads(argoverse_map(shared_data, "lanes").read_text())["lane_segments"]
     origin = np.array([5224.0, 2385.0])
     near = distance_transform_edt(np.isnan(raster), return_distances=False, return_indices=True)
     corner = -np.array(move["t"]) - origin + 0.5 / move["s"]

@@ -19,6 +19,8 @@ from urbantwin.scene.zones import ground_zones
 from urbantwin.site import read_extract
 from urbantwin.traffic.placement import Ground
 
+from ..real_files import osm_extract
+
 RULER = runpy.run_path(str(Path(__file__).parent.parent / "roads" / "conftest.py"))["Road"]
 REGION = shapely.Point(0, 0).buffer(110)
 PLACES = {
@@ -66,7 +68,7 @@ def build(extract, place, region, elevation, out):
 def built(request, shared_data, tmp_path_factory):
     name, kind = request.param
     folder = tmp_path_factory.mktemp(name)
-    extract = read_extract(next((shared_data / "osm").glob(f"{name}.osm*")))
+    extract = read_extract(osm_extract(shared_data, name))
     net = folder / "n.net.xml"
     roads, mesh = build(extract, PLACES[name], REGION, GROUNDS[kind], net)
     write_opendrive(roads.model, SiteFrame(*PLACES[name]), folder / "map.xodr", name=name)

@@ -11,6 +11,8 @@ from urbantwin.scene.furnishing import furnishings
 from urbantwin.site.extract_file import read_extract
 from urbantwin.taxonomy import semantic_id
 
+from ..real_files import osm_extract
+
 PLACES = {
     "taipei": (25.052396, 121.522635),
     "neukolln": (52.47328, 13.439643),
@@ -31,7 +33,7 @@ def sloping(xy):
 @pytest.fixture(scope="module", params=PLACES)
 def built(request, shared_data):
     name = request.param
-    extract = read_extract(next((shared_data / "osm").glob(f"{name}.osm*")))
+    extract = read_extract(osm_extract(shared_data, name))
     place = PLACES[name]
     if name in ("munich", "West-Oakland"):  # somewhere in the middle of what it holds
         longitude, latitude = np.median(np.array(list(extract.nodes.values())), axis=0)

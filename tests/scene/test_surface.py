@@ -15,6 +15,8 @@ from urbantwin.scene.surface import Spacing, surface_mesh
 from urbantwin.scene.zones import Zone, ground_zones
 from urbantwin.site import read_extract
 
+from ..real_files import osm_extract
+
 REGION = shapely.Point(0, 0).buffer(100)
 PLACES = {
     "taipei": (25.052396, 121.522635),
@@ -134,7 +136,7 @@ def test_real_places_have_no_hole_and_no_overlap(name, hilly, shared_data, tmp_p
     x, y = np.meshgrid(axis, axis)
     wavy = Elevation(-140.0, -140.0, 1.0, 0.04 * x + 1.5 * np.sin(y / 20) * np.cos(x / 25))
     elevation = wavy if hilly else Elevation.flat()
-    extract = read_extract(next((shared_data / "osm").glob(f"{name}.osm*")))
+    extract = read_extract(osm_extract(shared_data, name))
     built = build_roads(
         extract, frame, REGION, elevation,
         driving_side=driving_side(*PLACES[name]), out=tmp_path / "n.net.xml",

@@ -18,16 +18,18 @@ from rasterio.transform import Affine
 ANCHOR = (40.462723, -79.951023)
 #: City coordinates plus this are EPSG:32617.
 CITY = np.array([583710.007, 4477260.000])
+LOG = "7fab2350-7eaf-3b7e-a39d-6937a4c1bede"
 
 
 class Log:
     def __init__(self, folder):
-        found = next((folder / "lidar" / "argoverse2-pittsburgh").glob("*/map"))
-        sim2 = json.loads(next(found.glob("*Sim2*.json")).read_text())
-        self.heights = np.load(next(found.glob("*ground_height*.npy"))).astype(float)
+        found = folder / "lidar" / "argoverse2-pittsburgh" / LOG / "map"
+        sim2 = json.loads((found / f"{LOG}___img_Sim2_city.json").read_text())
+        heights = found / f"{LOG}_ground_height_surface____PIT.npy"
+        self.heights = np.load(heights).astype(float)
         self.cell = 1 / sim2["s"]
         self.south_west = CITY - np.array(sim2["t"])
-        drawn = json.loads(next(found.glob("log_map*.json")).read_text())
+        drawn = json.loads((found / f"log_map_archive_{LOG}____PIT_city_47896.json").read_text())
         self.segments = {int(k): v for k, v in drawn["lane_segments"].items()}
         self.areas = drawn["drivable_areas"].values()
 

@@ -14,6 +14,8 @@ from urbantwin.scene.surface import PARTS
 from urbantwin.site import load_site
 from urbantwin.twin import build_twin
 
+from ..real_files import argoverse_map
+
 STREETS = runpy.run_path(str(Path(__file__).parent / "argoverse_streets.py"))
 
 
@@ -25,8 +27,7 @@ def test_roads_lie_within_5_cm_rms_of_the_measured_ground(shared_data, tmp_path,
         log.write_osm(tmp_path / "streets.osm")
         roads_of = {"osm": "streets.osm"}
     else:
-        found = (shared_data / "lidar" / "argoverse2-pittsburgh").glob("*/map/log_map*.json")
-        roads_of = {"roads": str(next(found))}
+        roads_of = {"roads": str(argoverse_map(shared_data, "lanes"))}
     site = {
         "anchor": dict(zip(("latitude", "longitude"), STREETS["ANCHOR"], strict=True)),
         "region": {"radius_m": 80},

@@ -25,7 +25,7 @@ __all__ = ["ArrayOf", "checked_arrays", "may_unpack", "one_line", "read_array", 
 Arrays = dict[str, NDArray[Any]]
 
 #: What any file may unpack to, bytes, and how many times its own size a larger one may.
-_ALWAYS, _TIMES = 512_000_000, 100
+_ALWAYS, _TIMES = 256_000_000, 100
 #: Characters of a library's own message that are passed on.
 _SAID = 160
 
