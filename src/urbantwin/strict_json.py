@@ -9,8 +9,8 @@ from typing import Any
 
 __all__ = ["NotJsonError", "parse_json"]
 
-#: Whole numbers with more digits than every ``int64`` has become floats: nobody counts so far.
-_DIGITS = 18
+#: Whole numbers that no ``int64`` holds become floats: nobody counts so far.
+_LARGEST = 2**63
 
 
 class NotJsonError(ValueError):
@@ -90,4 +90,5 @@ def _finite(text: str) -> float:
 
 
 def _whole(text: str) -> int | float:
-    return int(text) if len(text) <= _DIGITS else _finite(text)
+    value = int(text) if len(text) <= 20 else _LARGEST  # times in nanoseconds have 19 digits
+    return value if -_LARGEST <= value < _LARGEST else _finite(text)

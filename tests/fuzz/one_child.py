@@ -54,11 +54,16 @@ def read_all(
         beside: files beside it.
         first: number of a mutation.
         last: one more than the number of the last one.
-        say: file descriptor that lines are written to: ``{"begin": 3}``, ``{"end": 3}`` with a
-            problem if there is one, at last ``{"done": true}``.
+        say: file descriptor that lines are written to: ``{"begin": 3}`` (with ``warm`` when
+            it is a sound file that is read), ``{"end": 3}`` with a problem if there is one, at
+            last ``{"done": true}``.
     """
     faulthandler.enable()
     warnings.simplefilter("ignore")
+    # What compiles or is looked up but once is no one file's fault.
+    os.write(say, json.dumps({"begin": first, "warm": True}).encode() + b"\n")
+    with contextlib.suppress(Exception):
+        _problem_of(reader, seeds[0], beside)
     _limit_memory()
     for number in range(first, last):
         bad = mutation(reader.name, number, seeds)
@@ -72,7 +77,9 @@ def read_all(
 
 
 def _problem_of(reader: Reader, data: bytes, beside: Mapping[str, bytes]) -> str | None:
-    folder = Path(tempfile.mkdtemp(prefix="fuzz-"))
+    # In memory where there is such a place: disks are slow where others use them too.
+    memory = "/dev/shm" if os.access("/dev/shm", os.W_OK) else None
+    folder = Path(tempfile.mkdtemp(prefix="fuzz-", dir=memory))
     try:
         place(folder, reader, data, beside)
         return _problem_with(reader, folder)

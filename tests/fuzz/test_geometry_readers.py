@@ -14,18 +14,19 @@ import numpy as np
 import pytest
 import shapely
 
-from urbantwin.cli.summary import summary
 from urbantwin.geometry import SiteFrame
+from urbantwin.reconstruct import Surroundings
+from urbantwin.reconstruct.build import reconstruct
 from urbantwin.reconstruct.formats import read_model
 from urbantwin.reconstruct.georeference.control_points import fit, read_control_points
 from urbantwin.site.document import Document
-from urbantwin.site.geometry import GeometrySource, GeometrySpec
+from urbantwin.site.geometry import GeometrySource, GeometrySpec, SimilaritySpec
 
 from ..reconstruct.model_files import BOX, BOX_QUADS
 from ..reconstruct.tile_bytes import Gltf, b3dm, cmpt, i3dm, pnts
 from .harness import NUMBERS
 from .reader import SHARED_DATA, Reader
-from .test_site_readers import files, made
+from .test_site_readers import files, inspected, made
 
 TILES = SHARED_DATA / "tiles3d"
 PLACES = np.array([[0, 0, 0], [10, 0, 5], [0, -20, 1]], "<f4")
@@ -35,7 +36,7 @@ REGION = shapely.box(-60, -60, 60, 60)
 
 def read_around(path: Path) -> None:
     """What `inspect` and `build` do with a source."""
-    summary(path)
+    inspected(path)
     source = GeometrySource(
         GeometrySpec(file=path.name), Document(path.parent / "site.yaml", {}), 0
     )
@@ -46,14 +47,14 @@ def of_folder(path: Path) -> None:
     folder = path.parent
     while not folder.name.startswith("fuzz-"):
         folder = folder.parent
-    summary(folder)
+    inspected(folder)
 
 
 def of_tileset(path: Path) -> None:
     folder = path.parent
     while not (folder / "tileset.json").is_file():
         folder = folder.parent
-    summary(folder / "tileset.json")
+    inspected(folder / "tileset.json")
 
 
 def _obj() -> list[bytes]:
@@ -386,7 +387,34 @@ def obj_beside(path: Path) -> None:
     read_model(source, FRAME, REGION)
 
 
+def built(path: Path) -> None:
+    """What `build` does with a source that is placed by hand."""
+    spec = GeometrySpec(file=path.name, similarity=SimilaritySpec(), up="z", unit="m")
+    source = GeometrySource(spec, Document(path.parent / "site.yaml", {"geometry": [{}]}), 0)
+    region = shapely.box(-20, -20, 20, 20)
+    road = shapely.box(-20, -3, 20, 3)
+    reconstruct([source], FRAME, Surroundings(region, road, (), np.zeros((0, 3))))
+
+
+def _street() -> list[bytes]:
+    """A square of ground, drawn as quads, with a house on it."""
+    rows = [b"o street"]
+    line = range(-25, 26, 5)
+    rows += [b"v %d %d %.2f" % (x, y, 0.01 * x) for x in line for y in line]
+    n = len(line)
+    for i in range(n - 1):
+        rows += [
+            b"f %d %d %d %d" % (k + 1, k + n + 1, k + n + 2, k + 2)
+            for k in range(i * n, i * n + n - 1)
+        ]
+    rows += [b"o house"]
+    rows += [b"v %g %g %g" % tuple(corner * [4, 3, 2] + [2, 5, -1]) for corner in BOX]
+    rows += [b"f " + b" ".join(b"%d" % (v - 8) for v in quad) for quad in BOX_QUADS]
+    return [b"\n".join(rows) + b"\n"]
+
+
 READERS = [
+    Reader("obj built", built, "a.obj", _street),
     Reader("obj", read_around, "a.obj", _obj, {"a.mtl": _mtl()[0], "picture.png": b""}),
     Reader("mtl", obj_beside, "a.mtl", _mtl, lambda: {"a.obj": _obj()[0], "picture.png": _png()}),
     Reader("texture", obj_beside, "picture.png", lambda: [_png()],

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from urbantwin.cli.summary import summary
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.imported import read_map
 from urbantwin.roads.opendrive import write_opendrive
@@ -15,7 +14,7 @@ from ..roads.lanelet_town import ANCHOR, crossing_town, street_with_pocket
 from ..roads.tee import tee
 from .harness import NUMBERS
 from .reader import SHARED_DATA, Reader
-from .test_site_readers import files, made
+from .test_site_readers import files, inspected, made
 
 ARGOVERSE = SHARED_DATA / "lidar" / "argoverse2-pittsburgh"
 PITTSBURGH = (40.462723, -79.951023)
@@ -23,7 +22,7 @@ PITTSBURGH = (40.462723, -79.951023)
 
 def read_roads(path: Path) -> None:
     """What `inspect` and `build` do with a map."""
-    summary(path)
+    inspected(path)
     read_map(path, SiteFrame(*(PITTSBURGH if path.suffix == ".json" else ANCHOR)))
 
 

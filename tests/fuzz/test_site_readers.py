@@ -70,9 +70,14 @@ def _pbf(name: str) -> bytes:
     return made(name, write)
 
 
+def inspected(path: Path) -> None:
+    """What `inspect --json` does."""
+    json.dumps(summary(path), allow_nan=False)
+
+
 def read_map(path: Path) -> None:
     """What `inspect` and the scene do with an extract."""
-    summary(path)
+    inspected(path)
     extract = read_extract(path)
     extract.features(FRAME, AREA)
     extract.clipped(FRAME, AREA, extract.highways())
@@ -95,13 +100,15 @@ def _regions() -> list[bytes]:
 
 
 def read_site(path: Path) -> None:
-    summary(path)
     site = load_site(path)
+    site.resolved()
+    site.inputs()
     check_models(site.rig, file=path)
 
 
 def _sites() -> list[bytes]:
     plain = yaml.safe_load((AVENUES / "site.yaml").read_text())
+    del plain["dem"]  # which takes its time, and has a reader of its own
     full = {
         **plain,
         "region": {"polygon": "area.geojson"},
@@ -127,7 +134,7 @@ def _beside_site() -> dict[str, bytes]:
 
 
 def read_rig(path: Path) -> None:
-    summary(path)
+    inspected(path)
     check_models(load_rig_spec(path), file=path)
 
 
@@ -180,7 +187,7 @@ def _dems() -> list[bytes]:
 
 
 def read_dem(path: Path) -> None:
-    summary(path)
+    inspected(path)
     check_dem(path, FRAME, AREA)
 
 

@@ -1,3 +1,5 @@
+import tracemalloc
+
 import laspy
 import numpy as np
 import pytest
@@ -108,3 +110,31 @@ def test_a_survey_of_another_place_is_told(tmp_path):
     survey(tmp_path / "a.las", "EPSG:7415")
     with pytest.raises(InputError, match="no point in the region"):
         read(tmp_path / "a.las", SiteFrame(48.1, 11.6), REGION)
+
+
+def test_a_table_of_chunks_that_lies_is_refused_before_it_is_believed(tmp_path):
+    """What once asked for 16 GB and ended the process: the counts and sizes of a LAZ."""
+    path = tmp_path / "a.laz"
+    survey(path, count=300)
+    sound = path.read_bytes()
+    first = int.from_bytes(sound[96:100], "little")
+    table = int.from_bytes(sound[first : first + 8], "little")
+    packed = sound.index(b"laszip encoded") - 2 + 54  # the record's content
+    lies = {
+        table + 4: b"\xff\xff\xff\xff",  # chunks
+        table + 8: b"\xff\xff\xff\xff\xff\xff",  # their sizes
+        packed + 12: b"\0\0\0\0",  # points of a chunk
+        packed + 32: b"\xff\xff",  # fields of a point
+        packed + 36: b"\xff\xff",  # bytes of one
+        105: b"\xff\xff",  # bytes of a point
+        247: b"\xff" * 8,  # points
+        243: b"\xff" * 4,  # records behind the points
+        100: b"\xff\xff\xff\xff",  # records before them
+    }
+    for place, lie in lies.items():
+        path.write_bytes(sound[:place] + lie + sound[place + len(lie) :])
+        tracemalloc.start()
+        with pytest.raises(InputError, match=r"a\.laz: (cannot be read as LAS|is cut short)"):
+            read(path)
+        assert tracemalloc.get_traced_memory()[1] < 1 << 28
+        tracemalloc.stop()

@@ -256,28 +256,38 @@ def _extract(path: Path) -> dict[str, Any]:
     }
 
 
+#: Cells of a raster that are held at once.
+_CELLS = 16_000_000
+
+
 def _dem(path: Path) -> dict[str, Any]:
     import numpy as np
-    import rasterio
-    from rasterio.errors import RasterioError
+    from rasterio.windows import Window
 
-    try:
-        with rasterio.open(path) as raster:
-            heights = raster.read(1, masked=True)
-            return {
-                "kind": "dem",
-                "columns": raster.width,
-                "rows": raster.height,
-                "bands": raster.count,
-                "crs": raster.crs.to_string() if raster.crs else None,
-                "pixel": [abs(raster.transform.a), abs(raster.transform.e)],
-                "bounds": [float(value) for value in raster.bounds],
-                "lowest": float(heights.min()) if heights.count() else None,
-                "highest": float(heights.max()) if heights.count() else None,
-                "missing": round(1.0 - heights.count() / max(np.size(heights), 1), 4),
-            }
-    except RasterioError as error:
-        raise InputError(f"cannot be read ({error})", file=path, expected="a GeoTIFF") from None
+    from urbantwin.site.geotiff import opened_geotiff
+
+    with opened_geotiff(path, "a GeoTIFF") as raster:
+        rows = max(1, _CELLS // raster.width)  # read at once
+        low, high, count = np.inf, -np.inf, 0
+        for first in range(0, raster.height, rows):
+            window = Window(0, first, raster.width, min(rows, raster.height - first))
+            read = raster.read(1, window=window, masked=True)
+            heights = read.compressed()[np.isfinite(read.compressed())]
+            count += len(heights)
+            if len(heights):
+                low, high = min(low, heights.min()), max(high, heights.max())
+        return {
+            "kind": "dem",
+            "columns": raster.width,
+            "rows": raster.height,
+            "bands": raster.count,
+            "crs": raster.crs.to_string() if raster.crs else None,
+            "pixel": [abs(raster.transform.a), abs(raster.transform.e)],
+            "bounds": [float(value) for value in raster.bounds],
+            "lowest": float(low) if count else None,
+            "highest": float(high) if count else None,
+            "missing": round(1.0 - count / max(raster.width * raster.height, 1), 4),
+        }
 
 
 def _mesh_or_cloud(path: Path) -> dict[str, Any]:

@@ -108,12 +108,7 @@ def reconstruct(
             waiting.setdefault(survey, []).append(placement.model.cloud)
         if not report.get("mesh", {}).get("after", {}).get("triangles") and survey not in waiting:
             inside = "mesh" in report and report["mesh"]["before"]["triangles"] == 0
-            raise InputError(
-                "has no triangle with an area" if inside else "has nothing within the region",
-                file=source.document.file,
-                place=source.place(),
-                expected=f"geometry around {frame.latitude:.6f}, {frame.longitude:.6f}",
-            )
+            raise _nothing_here(source, frame, "no triangle with an area" if inside else None)
         if survey in waiting and survey not in surveys[number + 1 :]:
             cloud = PointCloud.concatenate(waiting.pop(survey))
             picture = _take_cloud(source, cloud, frame, surroundings, gathered, report)
@@ -126,6 +121,17 @@ def reconstruct(
         {"sources": reports},
         tuple(figures),
         surroundings,
+    )
+
+
+def _nothing_here(
+    source: GeometrySource, frame: SiteFrame, problem: str | None = None
+) -> InputError:
+    return InputError(
+        f"has {problem or 'nothing within the region'}",
+        file=source.document.file,
+        place=source.place(),
+        expected=f"geometry around {frame.latitude:.6f}, {frame.longitude:.6f}",
     )
 
 
@@ -210,6 +216,8 @@ def _take_cloud(
         frame=frame,
     )
     report["cloud"] = clean.report
+    if not len(clean.cloud.points):
+        raise _nothing_here(source, frame)
     footprints: Sequence[shapely.Polygon] = surroundings.footprints
     if source.footprints is not None:
         footprints = read_footprints(source.footprints, frame, region)

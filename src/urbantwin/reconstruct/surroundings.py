@@ -10,6 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.geometry import area_union
+from urbantwin.number_text import whole_number
 from urbantwin.site import OsmFeature, RigSpec
 
 __all__ = ["Surroundings", "surroundings_of"]
@@ -87,7 +88,7 @@ def surroundings_of(
 
 
 def _width_m(tags: dict[str, str]) -> float:
-    lanes = tags.get("lanes", "")
-    if lanes.isdecimal() and 1 <= int(lanes) <= MOST_LANES:
-        return max(int(lanes) * LANE_M, WIDTHS_M[tags["highway"]] / 2)
+    lanes = whole_number(tags.get("lanes"))
+    if lanes is not None and 1 <= lanes <= MOST_LANES:
+        return max(lanes * LANE_M, WIDTHS_M[tags["highway"]] / 2)
     return WIDTHS_M[tags["highway"]]

@@ -18,6 +18,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
+from urbantwin.number_text import finite_number
+
 __all__ = ["Crossing", "Lift", "find_crossings", "lift_of_network", "way_layer"]
 
 #: Height of a road above the one that it crosses: 4.7 m clearance (AASHTO Green Book, minimum
@@ -94,12 +96,15 @@ class Lift:
         return {}
 
 
+#: Layers run from -5 to 5, but for mistakes and the odd interchange.
+HIGHEST_LAYER = 20
+
+
 def way_layer(tags: Mapping[str, str]) -> int:
     """Return a way's layer (OSM wiki, "Key:layer"): bridges count as 1, tunnels as -1."""
-    try:
-        return int(float(tags["layer"]))
-    except (KeyError, ValueError):
-        pass
+    layer = finite_number(tags.get("layer"))
+    if layer is not None and abs(layer) <= HIGHEST_LAYER:
+        return int(layer)
     if tags.get("bridge") not in (None, "no"):
         return 1
     return -1 if tags.get("tunnel") not in (None, "no", "building_passage") else 0

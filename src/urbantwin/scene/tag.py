@@ -14,6 +14,8 @@ _FEET = re.compile(
     re.IGNORECASE,
 )
 _COUNT = re.compile(rf"^{_NUMBER}$")
+#: Longer, higher and more than this nothing is that is mapped: a slip of the mapper's.
+LONGEST_M, MOST = 1000.0, 1000.0
 _METRES = {"cm": 0.01, "mm": 0.001}
 _COMPASS = ["N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE"]
 _COMPASS += ["S", "SSW", "SW", "WSW", "W", "WNW", "NW", "NNW"]
@@ -39,7 +41,7 @@ def length_m_of(text: str | None) -> float | None:
         length = _number(match[1]) * 0.3048 + (_number(match[2]) * 0.0254 if match[2] else 0.0)
     else:
         return None
-    return length if length > 0 else None
+    return length if 0 < length <= LONGEST_M else None
 
 
 def count_of(text: str | None) -> float | None:
@@ -48,7 +50,8 @@ def count_of(text: str | None) -> float | None:
         return None
     matches = [_COUNT.match(piece.strip()) for piece in text.split(";")]
     counts = [_number(match[1]) for match in matches if match]
-    return max(counts) if counts and len(counts) == len(matches) else None
+    sound = counts and len(counts) == len(matches) and max(counts) <= MOST
+    return max(counts) if sound else None
 
 
 def yaw_of_direction(text: str | None) -> float | None:
@@ -65,7 +68,7 @@ def yaw_of_direction(text: str | None) -> float | None:
         degrees = _number(match[1])
     else:
         return None
-    return math.radians(90.0 - degrees)
+    return math.radians(90.0 - degrees) if degrees <= MOST else None
 
 
 def angle_deg_of(text: str | None) -> float | None:
@@ -74,4 +77,5 @@ def angle_deg_of(text: str | None) -> float | None:
         return None
     plain = text.strip().lower().removesuffix("degrees").removesuffix("deg").rstrip(" °")
     match = _COUNT.match(plain)
-    return _number(match[1]) if match else None
+    degrees = _number(match[1]) if match else math.inf
+    return degrees if degrees <= MOST else None

@@ -8,10 +8,10 @@ the datum is kept, so that other sources of heights can be compared.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from pyproj import CRS, Transformer
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
+from urbantwin.site.geotiff import opened_geotiff
 
 __all__ = ["DemGrid", "check_dem", "grid_step_m", "read_heights"]
 
@@ -178,29 +179,14 @@ def _own_step(raster: Any, frame: SiteFrame, area: shapely.Polygon) -> float:  #
 @contextmanager
 def _opened(path: Path) -> Iterator[Any]:
     """Open a GeoTIFF of heights; every failure to read it, now or later, is an InputError."""
-    import rasterio
-    from rasterio.errors import NotGeoreferencedWarning, RasterioError
-
-    if not path.is_file():
-        problem = "is a folder" if path.is_dir() else "not found"
-        raise InputError(problem, file=path, expected=_EXPECTED)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NotGeoreferencedWarning)
-            # Without it GDAL keeps the vertical datum of a GeoTIFF 1.0 to itself.
-            with rasterio.Env(GTIFF_REPORT_COMPD_CS=True):
-                raster = rasterio.open(path, driver="GTiff")
-        with raster:
-            if raster.count != 1:
-                raise InputError(f"holds {raster.count} bands", file=path, expected=_EXPECTED)
-            if raster.dtypes[0].startswith("complex"):
-                raise InputError("holds complex numbers", file=path, expected=_EXPECTED)
-            if raster.crs is None or raster.transform.is_identity:
-                raise InputError("is not georeferenced", file=path, expected=_EXPECTED)
-            yield raster
-    except RasterioError as error:
-        text = f"cannot be read as a GeoTIFF ({str(error)[:120]})"
-        raise InputError(text, file=path, expected=_EXPECTED) from None
+    with opened_geotiff(path, _EXPECTED) as raster:
+        if raster.count != 1:
+            raise InputError(f"holds {raster.count} bands", file=path, expected=_EXPECTED)
+        if raster.dtypes[0].startswith("complex"):
+            raise InputError("holds complex numbers", file=path, expected=_EXPECTED)
+        if raster.crs is None or raster.transform.is_identity:
+            raise InputError("is not georeferenced", file=path, expected=_EXPECTED)
+        yield raster
 
 
 def _check_cover(raster: Any, path: Path, frame: SiteFrame, area: shapely.Polygon) -> None:  # noqa: ANN401
@@ -224,13 +210,17 @@ def _check_cover(raster: Any, path: Path, frame: SiteFrame, area: shapely.Polygo
 
 def _pixels(raster: Any, frame: SiteFrame, xy: NDArray[np.float64]) -> NDArray[np.float64]:  # noqa: ANN401
     """Return (N, 2) columns and rows (pixel edges are whole numbers) of (N, 2) site metres."""
-    crs = _plan(CRS(raster.crs.to_wkt()))
-    transformer = Transformer.from_crs(frame.proj_with_datum, crs, always_xy=True)
+    transformer = _to_raster(frame.proj_with_datum, raster.crs.to_wkt())
     easting, northing = transformer.transform(xy[:, 0], xy[:, 1])
     # Written out: Affine's own product is spelt differently from one of its versions to the next.
     t = ~raster.transform
     x, y = np.asarray(easting), np.asarray(northing)
     return np.column_stack([t.a * x + t.b * y + t.c, t.d * x + t.e * y + t.f])
+
+
+@lru_cache(maxsize=4)
+def _to_raster(frame: str, crs: str) -> Transformer:
+    return Transformer.from_crs(frame, _plan(CRS(crs)), always_xy=True)
 
 
 def _window(

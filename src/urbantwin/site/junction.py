@@ -14,6 +14,7 @@ from scipy.spatial import cKDTree
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
+from urbantwin.number_text import finite_number
 from urbantwin.site.coverage import clusters, local_frame, mapped_area, small_things
 from urbantwin.site.extract import Extract, Way
 
@@ -76,10 +77,9 @@ def way_lanes(way: Way) -> float:
     """Return a street's number of lanes, both directions together, as mapped or as usual."""
     one_way = way.tags.get("oneway") in ("yes", "1", "-1", "true")
     usual = STREETS.get(way.tags.get("highway", ""), (0.0, 1))[1] * (1 if one_way else 2)
-    try:
-        return float(np.clip(float(way.tags.get("lanes", usual)), 1.0, 12.0))
-    except ValueError:
-        return float(usual)
+    said = finite_number(way.tags.get("lanes"))
+    # Without a tag the usual number is kept within the same bounds.
+    return min(max(float(usual) if said is None else said, 1.0), 12.0)
 
 
 def meeting_nodes(extract: Extract, streets: Iterable[Way]) -> list[int]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
+from urbantwin.site.geotiff import opened_geotiff
 from urbantwin.site.imagery import ImagerySource
 from urbantwin.site.map_tiles import read_tiles
 
@@ -156,24 +156,10 @@ def _from_tiles(
 def _from_file(
     source: ImagerySource, frame: SiteFrame, bounds: tuple[float, float, float, float]
 ) -> _Raster:
-    import rasterio
-    from rasterio.errors import NotGeoreferencedWarning, RasterioError
-
     path = source.path
     assert path is not None
-    if not path.is_file():
-        problem = "is a folder" if path.is_dir() else "not found"
-        raise InputError(problem, file=path, expected=_EXPECTED)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NotGeoreferencedWarning)
-            raster = rasterio.open(path, driver="GTiff")
-        with raster:
-            return _window(raster, source, path, frame, bounds)
-    except RasterioError as error:
-        why = " ".join(str(error.__cause__ or error).split())[:120]
-        text = f"cannot be read as a GeoTIFF ({why})"
-        raise InputError(text, file=path, expected=_EXPECTED) from None
+    with opened_geotiff(path, _EXPECTED) as raster:
+        return _window(raster, source, path, frame, bounds)
 
 
 def _window(

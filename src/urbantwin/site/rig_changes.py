@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from urbantwin.errors import InputError
+from urbantwin.number_text import whole_number
 from urbantwin.site.conditions import Conditions, Effects
 from urbantwin.site.document import Document, nearest
 from urbantwin.site.rig import RideSpec, RigSpec
@@ -59,7 +60,8 @@ class RigChanges:
                     "the rig stands on the site", place="--ride", expected="a rig with ride:"
                 )
             text = self.ride.strip()
-            ride = {"track": int(text)} if text.isdecimal() else {"class": text}
+            track = whole_number(text)
+            ride = {"class": text} if track is None else {"track": track}
             changed["ride"] = Document(_ASKED, ride).validated(RideSpec)
         if self.fused is not None:
             changed["fused"] = self.fused

@@ -109,6 +109,11 @@ def from_airborne(
     near = cloud.select(inside)
     noise = is_noise(near)
     near = near.select(~noise)
+    if not len(near.points):
+        raise InputError(
+            f"{name}: all of its {len(noise)} points around the region are noise",
+            expected="a survey of the site",
+        )
     near = thinned(near)
     survey = _Survey(near, footprints, region, name, detail_m)
     outlines = survey.outlines()

@@ -35,6 +35,8 @@ def is_noise(cloud: PointCloud) -> NDArray[np.bool_]:
     alone = good[_few_around(points[good])]
     noise[alone] = True
     good = np.flatnonzero(~noise)
+    if not len(good):
+        return noise
     noise[good[_deep(points[good])]] = True
     return noise
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import struct
 from pathlib import Path
-from typing import BinaryIO
 
 import laspy
 import numpy as np
@@ -15,14 +13,15 @@ from pyproj.exceptions import CRSError
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.reconstruct.formats.coordinate_system import compound
+from urbantwin.reconstruct.formats.las_sizes import checked_sizes
 from urbantwin.reconstruct.formats.region_bounds import bounds_in
-from urbantwin.reconstruct.formats.sound import MOST_POINTS, content_of, count_within
+from urbantwin.reconstruct.formats.sound import FARTHEST, MOST_POINTS, content_of, count_within
 from urbantwin.reconstruct.model import ImportedModel, PointCloud
 
 __all__ = ["read_las"]
 
-#: Points that are read together.
-PIECE = 1_000_000
+#: Points that are read together, and bytes that they may take.
+PIECE, _PIECE_BYTES = 1_000_000, 1 << 28
 _GEO_KEYS, _VERTICAL = 34735, 4096
 _WITHHELD = "withheld"
 
@@ -50,9 +49,13 @@ def read_las(
     Raises:
         InputError: it is no LAS, is cut short, has nothing there or too much.
     """
-    _check_records(path)
+    sizes = checked_sizes(path)
+    record = sizes.record if sizes else 0
+    piece = max(1, min(PIECE, _PIECE_BYTES // max(record, 1)))
+    # Side by side, whole chunks are unpacked at once; one that is huge goes piece by piece.
+    slow = sizes is not None and sizes.chunk * record > _PIECE_BYTES
     try:
-        reader = laspy.open(path)
+        reader = laspy.open(path, laz_backend=laspy.LazBackend.Lazrs if slow else None)
     except Exception as error:  # laspy, its decompressor and struct each raise their own
         why = " ".join(str(error).split())[:80] or type(error).__name__
         raise InputError(
@@ -67,7 +70,7 @@ def read_las(
             raise InputError("holds no point", file=path, expected="a survey")
         if not all(np.isfinite([*header.scales, *header.offsets])) or not all(header.scales):
             raise InputError("has a scale or an offset that is no number", file=path)
-        found = _points(reader, path, bounds)
+        found = _points(reader, path, bounds, piece)
     cloud, read = found
     notes: dict[str, object] = {"points_in_file": int(header.point_count), "points": read}
     if not read:
@@ -91,63 +94,24 @@ def read_las(
     )
 
 
-def _check_records(path: Path) -> None:
-    """Refuse a header that claims more records than its file has room for.
-
-    They are read one by one, so a damaged count would fill the memory (LAS 1.4, tables 3 and 5).
-    """
-    size = path.stat().st_size
-    with path.open("rb") as stream:
-        head = stream.read(375)
-        chunks = _chunk_count(stream, head, size)
-    if len(head) < 227 or not head.startswith(b"LASF"):
-        return  # laspy says what is wrong
-    header_size, first_point, records = struct.unpack_from("<HII", head, 94)
-    extended, extended_count = 0, 0
-    if head[25] >= 4 and len(head) >= 247:
-        extended, extended_count = struct.unpack_from("<QI", head, 235)
-    room = min(first_point, size) - header_size
-    too_many = records * 54 > room or chunks > size
-    if too_many or (extended_count and extended_count * 60 > size - extended):
-        raise InputError(
-            "cannot be read as LAS (its header names more records than it has)",
-            file=path,
-            expected="LAS or LAZ",
-        )
-
-
-def _chunk_count(stream: BinaryIO, head: bytes, size: int) -> int:
-    """Return the number of chunks that a LAZ says it has, 0 where it says none (LASzip 2.2)."""
-    if len(head) < 227 or not head[104] & 0x80:
-        return 0
-    (first_point,) = struct.unpack_from("<I", head, 96)
-    stream.seek(min(first_point, size))
-    place = stream.read(8)
-    at = struct.unpack("<q", place)[0] if len(place) == 8 else -1
-    if at == -1 and size > 8:  # written by a program that could not go back: it is at the end
-        stream.seek(size - 8)
-        at = struct.unpack("<q", stream.read(8))[0]
-    if not 0 <= at <= size - 8:
-        return 0
-    stream.seek(at + 4)
-    return int(struct.unpack("<I", stream.read(4))[0])
-
-
 def _points(
-    reader: laspy.LasReader, path: Path, bounds: tuple[float, float, float, float] | None
+    reader: laspy.LasReader,
+    path: Path,
+    bounds: tuple[float, float, float, float] | None,
+    together: int,
 ) -> tuple[PointCloud, int]:
     pieces: list[PointCloud] = []
     total = kept = 0
     try:
-        for piece in reader.chunk_iterator(PIECE):
+        for piece in reader.chunk_iterator(together):
             total += len(piece)
             cloud = _piece(piece, bounds)
             kept += len(cloud.points)
             count_within(kept, MOST_POINTS, "points in the region", path)
             pieces.append(cloud)
-    except InputError:
+    except (InputError, KeyboardInterrupt, SystemExit):
         raise
-    except Exception:  # laspy, its decompressor and struct each raise their own
+    except BaseException:  # laspy, its decompressor (whose panics are no Exception) and struct
         total = -1
     if total != reader.header.point_count:
         raise InputError(
@@ -162,7 +126,7 @@ def _piece(
     piece: laspy.ScaleAwarePointRecord, bounds: tuple[float, float, float, float] | None
 ) -> PointCloud:
     points = np.column_stack([piece.x, piece.y, piece.z]).astype(np.float64)
-    keep = np.isfinite(points).all(axis=1)
+    keep = (np.abs(points) <= FARTHEST).all(axis=1)
     names = set(piece.point_format.dimension_names)
     if _WITHHELD in names:
         keep &= np.asarray(piece[_WITHHELD]) == 0

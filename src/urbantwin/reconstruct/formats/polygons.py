@@ -65,7 +65,7 @@ def _cut(
     ring_owner = number[np.concatenate([[True], local_ring[1:] != local_ring[:-1]])]
     shapes = shapely.polygons(closed, indices=ring_owner)
     sound = shapely.is_valid(shapes)
-    cut = shapely.constrained_delaunay_triangles(shapes[sound])
+    cut, sound[sound] = _triangles(shapes[sound])
     parts, owner = shapely.get_parts(cut, return_index=True)
     owner = np.flatnonzero(sound)[owner]
     xy = shapely.get_coordinates(parts).reshape(-1, 4, 2)[:, :3]
@@ -75,6 +75,22 @@ def _cut(
     # A hole that cannot be cut out is left out: the fan is of the outside alone.
     fans, fan_owner = _fans(rest[~sound], ring, start, size)
     return np.concatenate([triangles, fans]), np.concatenate([rest[owner], fan_owner])
+
+
+def _triangles(
+    shapes: NDArray[np.object_],
+) -> tuple[NDArray[np.object_], NDArray[np.bool_]]:
+    """Return the triangles of every shape that GEOS can cut, and which they are.
+
+    Valid shapes whose corners all but coincide, or reach from 1e-300 to 1e300, it cannot.
+    """
+    try:
+        return shapely.constrained_delaunay_triangles(shapes), np.ones(len(shapes), np.bool_)
+    except shapely.GEOSException:
+        if len(shapes) == 1:
+            return shapes[:0], np.zeros(1, np.bool_)
+    halves = [_triangles(part) for part in np.array_split(shapes, 2)]
+    return np.concatenate([cut for cut, _ in halves]), np.concatenate([ok for _, ok in halves])
 
 
 def _area(xy: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 
 __all__ = [
+    "FARTHEST",
     "MOST_POINTS",
     "MOST_TRIANGLES",
     "content_of",
@@ -22,6 +23,8 @@ __all__ = [
 #: More of them do not fit into memory beside the rest (2 GB).
 MOST_TRIANGLES = 12_000_000
 MOST_POINTS = 40_000_000
+#: Larger coordinates are none, in any unit that anybody draws in.
+FARTHEST = 1e12
 
 
 def content_of(path: Path) -> dict[str, str]:
@@ -45,16 +48,16 @@ def count_within(count: int, most: int, what: str, path: Path) -> None:
 
 
 def sound_points(points: NDArray[np.float64], path: Path, what: str = "vertex") -> None:
-    """Refuse coordinates that are not numbers.
+    """Refuse coordinates that are not numbers, or larger than any place has in any unit.
 
     Raises:
-        InputError: one is nan or infinite.
+        InputError: one is nan, infinite or beyond ``FARTHEST``.
     """
-    bad = ~np.isfinite(points).all(axis=1)
+    bad = ~(np.abs(points) <= FARTHEST).all(axis=1)
     if bad.any():
         raise InputError(
             f"has {what} {int(np.argmax(bad)) + 1} of {len(points)} that is not a place "
-            f"(nan or infinite; {int(bad.sum())} in all)",
+            f"(nan, infinite or beyond {FARTHEST:g}; {int(bad.sum())} in all)",
             file=path,
             expected="finite coordinates",
         )

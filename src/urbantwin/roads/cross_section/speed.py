@@ -73,7 +73,8 @@ def speed_of(value: str, country: str = "") -> float | None:
     code = {"UK": "GB"}.get(code.upper()[:2], code.upper()[:2])
     zone = ZONE.search(context)
     if zone:
-        return float(zone[1] or zone[2]) * (MPH if code in LAW_MPH else KM_H) or None
+        speed = float(zone[1] or zone[2]) * (MPH if code in LAW_MPH else KM_H)
+        return speed if 0.0 < speed < 100.0 else None
     known = CONTEXTS.get(context.removeprefix("zone:"))
     return None if known is None else _law(code)[known]
 

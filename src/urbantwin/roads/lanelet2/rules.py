@@ -56,6 +56,8 @@ PAINT = {
     "dashed_solid": "broken solid",
     "dashed_dashed": "broken broken",
 }
+#: Faster than this no limit is, m/s.
+FASTEST_MPS = 100.0
 _AMOUNT = re.compile(r"([0-9]+(?:\.[0-9]+)?)\s*(km/h|kmh|kph|mph|m/s|mps)?", re.IGNORECASE)
 _TO_MPS = {"": 1 / 3.6, "km/h": 1 / 3.6, "kmh": 1 / 3.6, "kph": 1 / 3.6, "mph": 0.44704}
 
@@ -95,7 +97,7 @@ def speed_of(texts: Iterable[str]) -> float | None:
         if found:
             unit = (found[2] or "").lower()
             value = float(found[1]) * _TO_MPS.get(unit, 1.0)
-            if value > 0:
+            if 0 < value < FASTEST_MPS:
                 return value
     return None
 

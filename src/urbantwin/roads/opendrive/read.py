@@ -134,12 +134,12 @@ def _road(item: etree._Element, identity: str, content: _Content, spot: Spot) ->
     notes = {e.get("code"): e.get("value") or "" for e in item.findall("userData")}
     kinds = [e.get("type", "") for e in item.findall("type")]
     ways = notes.get("ways", "").split()
-    level = notes.get("level", "")
+    level = id_number(notes.get("level", ""))
     road = ModelRoad(
         id=len(content.roads) + 1,
         name=item.get("name") or "",
         kind=notes.get("class") or CLASS_OF_TYPE.get(kinds[0] if kinds else "", ""),
-        ways=tuple(int(way) for way in ways if way.isdecimal()),
+        ways=tuple(way for way in map(id_number, ways) if way is not None),
         junction=-1,
         curve=curve,
         offset=offset,
@@ -147,7 +147,7 @@ def _road(item: etree._Element, identity: str, content: _Content, spot: Spot) ->
         bank=bank,
         crown=crown,
         sections=sections,
-        level=int(level) if level.isdecimal() else int(item.find("objects/bridge") is not None),
+        level=int(item.find("objects/bridge") is not None) if level is None else level,
     )
     if item.find("railroad/switch") is not None:
         spot.remark("railway switches that are not read")

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from lxml import etree
 
+from urbantwin.number_text import whole_number
 from urbantwin.roads.model import ModelRoad
 from urbantwin.roads.opendrive.parsing import Spot
 
@@ -169,5 +170,6 @@ def _note(item: etree._Element, code: str) -> str:
 
 def _numbers(text: str) -> Iterator[int]:
     for word in text.split():
-        if word.isdigit():
-            yield int(word)
+        number = whole_number(word)
+        if number is not None and number >= 0:
+            yield number

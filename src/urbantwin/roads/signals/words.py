@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from urbantwin.roads.signals.layout import COMPASS, Link, Signalised, turn_between
 
 __all__ = ["UnknownWords", "approaches", "crossings", "vehicle_links"]
@@ -104,7 +106,7 @@ def _numbers(text: str) -> set[int]:
     found: set[int] = set()
     for part in text.replace(",", " ").split():
         first, _, last = part.partition("-")
-        if not first.isdigit() or not (last or first).isdigit():
+        if not all(re.fullmatch("[0-9]{1,4}", one) for one in (first, last or first)):
             raise UnknownWords(f"{text!r} are no links", "numbers such as 0-3, 7")
         found |= set(range(int(first), int(last or first) + 1))
     return found

@@ -12,6 +12,8 @@ import shapely.ops
 from numpy.typing import NDArray
 from shapely import Geometry, LineString, Polygon
 
+from urbantwin.number_text import whole_number
+from urbantwin.roads.levels import HIGHEST_LAYER
 from urbantwin.scene.bridge.decks import Deck, Decks
 from urbantwin.scene.placement import grounded
 from urbantwin.scene.solids import GroundHeight
@@ -144,8 +146,9 @@ def _sorted_ways(
 
 def _way(feature: OsmFeature) -> _Way | None:
     tags = feature.tags
-    text = tags.get("layer", "").split(";")[0]
-    layer = int(text) if text.lstrip("-").isdigit() else int(tags.get("bridge", "no") != "no")
+    said = whole_number(tags.get("layer", "").split(";")[0])
+    known = said is not None and abs(said) <= HIGHEST_LAYER
+    layer = said if known and said is not None else int(tags.get("bridge", "no") != "no")
     assert isinstance(feature.geometry, LineString)
     line = LineString(shapely.get_coordinates(feature.geometry))
     if line.length < 0.5:

@@ -10,6 +10,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Geometry, LineString, Polygon
 
+from urbantwin.number_text import whole_number
 from urbantwin.scene.placement import grounded
 from urbantwin.scene.solids import GroundHeight
 from urbantwin.site.extract import OsmFeature
@@ -111,6 +112,6 @@ def _is_embedded(tags: Mapping[str, str]) -> bool:
 
 def _gauges(tags: Mapping[str, str]) -> list[float]:
     """Return the gauges in metres; dual-gauge tracks have two."""
-    said = [g.strip() for g in tags.get("gauge", "").split(";")]
-    found = [int(g) / 1000 for g in said if g.isdigit() and 300 <= int(g) <= 3000]
+    said = map(whole_number, tags.get("gauge", "").split(";"))
+    found = [g / 1000 for g in said if g is not None and 300 <= g <= 3000]
     return found[:2] or [GAUGE_M]

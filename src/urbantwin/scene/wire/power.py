@@ -10,6 +10,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import LineString, Point, Polygon
 
+from urbantwin.number_text import whole_number
 from urbantwin.scene.placement import grounded
 from urbantwin.scene.solids import Assembly, GroundHeight, Solid, box, columns, rods
 from urbantwin.scene.tag import count_of, length_m_of
@@ -78,8 +79,8 @@ def add_power_lines(
 def _height(own: Mapping[str, str], line: Mapping[str, str], *, on_towers: bool) -> float:
     if not on_towers or own.get("power") == "pole":
         return min(max(length_m_of(own.get("height")) or POLE_M, 3.0), 30.0)
-    volts = [v for v in line.get("voltage", "").split(";") if v.strip().isdigit()]
-    kilovolts = max((int(v) / 1000 for v in volts), default=60)
+    volts = map(whole_number, line.get("voltage", "").split(";"))
+    kilovolts = max((v / 1000 for v in volts if v is not None and v >= 0), default=60)
     usual = next(high for least, high in TOWERS_M if kilovolts >= least)
     return min(max(length_m_of(own.get("height")) or usual, 8.0), 120.0)
 

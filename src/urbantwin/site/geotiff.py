@@ -1,0 +1,72 @@
+"""GeoTIFFs that people give, opened with care."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from pyproj.exceptions import ProjError
+
+from urbantwin.errors import InputError, readable
+
+__all__ = ["opened_geotiff"]
+
+#: Bytes of pixels that any file may claim, and how many more than it has one may that is packed:
+#: the best that Deflate does is 1032.
+_ANY, _DENSEST = 1 << 26, 2000
+
+
+@contextmanager
+def opened_geotiff(path: Path, expected: str) -> Iterator[Any]:
+    """Open a GeoTIFF; every failure to read it, now or later, is an InputError.
+
+    Args:
+        path: the file.
+        expected: what it should be, for error messages.
+
+    Raises:
+        InputError: missing, no GeoTIFF, damaged, in a system that nothing is known of, or of a
+            size that its bytes cannot hold.
+    """
+    import rasterio
+    from rasterio._err import CPLE_BaseError
+    from rasterio.errors import NotGeoreferencedWarning, RasterioError
+
+    if not path.is_file():
+        problem = "is a folder" if path.is_dir() else "not found"
+        raise InputError(problem, file=path, expected=expected)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", NotGeoreferencedWarning)
+            # Without it GDAL keeps the vertical datum of a GeoTIFF 1.0 to itself.
+            with rasterio.Env(GTIFF_REPORT_COMPD_CS=True):
+                raster = rasterio.open(path, driver="GTiff")
+        with raster:
+            _check_size(raster, path, expected)
+            if not math.isfinite(raster.transform.determinant) or raster.transform.is_degenerate:
+                raise InputError("has pixels without a size", file=path, expected=expected)
+            yield raster
+    except (RasterioError, CPLE_BaseError, ProjError) as error:
+        why = readable(str(error.__cause__ or error), 120)
+        problem = f"cannot be read as a GeoTIFF ({why})"
+        raise InputError(problem, file=path, expected=expected) from None
+
+
+def _check_size(raster: Any, path: Path, expected: str) -> None:  # noqa: ANN401
+    """Refuse pixels that the file cannot hold, however it is packed."""
+    import numpy as np
+
+    size = path.stat().st_size
+    rows, columns = raster.block_shapes[0]
+    wide = max(np.dtype(kind).itemsize for kind in raster.dtypes)
+    whole = raster.width * raster.height * raster.count * wide
+    if max(whole, rows * columns * wide) > max(_ANY, _DENSEST * size):
+        raise InputError(
+            f"claims {raster.width:,} x {raster.height:,} pixels in {size:,} bytes",
+            file=path,
+            expected=expected,
+        )
