@@ -231,6 +231,7 @@ def _container_of(  # noqa: PLR0911
     if data.startswith(b"LASF"):
         return {"las": _las, "las again": _las}
     if data.startswith(b"\x93NUMPY"):
+        np.lib.format.read_array(io.BytesIO(data))
         return {"npy": _npy, "npy again": _npy}
     if data.startswith(b"\x89PNG"):
         return {"png": _png}
