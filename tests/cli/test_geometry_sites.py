@@ -129,7 +129,7 @@ ONE_LINE = "v 0 0 1\nv 5 0 1\nv 10 0 1\nf 1 2 3\n"
 @pytest.mark.parametrize(
     ("write", "source", "said"),
     [
-        (nan_stl, {"file": "a.stl"} | HERE, "nan, infinite or beyond 1e\\+?12"),
+        (nan_stl, {"file": "a.stl"} | HERE, "nan, infinite or beyond"),
         (bomb, {"file": "t/tileset.json"}, "unpacks to more than"),
         (lambda f: tileset(f / "t", "../b.b3dm"), {"file": "t"}, "leads out of the tileset's"),
         (lambda f: tileset(f / "t", "tileset.json"), {"file": "t"}, "contains itself"),
