@@ -255,7 +255,7 @@ def test_a_damaged_laz_does_not_keep_us_busy(tmp_path):
         damaged = bytearray(whole)
         damaged[at : at + 4] = b"\xff\xff\xff\x7f"
         path.write_bytes(damaged)
-        with pytest.raises(InputError, match=r"a\.laz.*header"):
+        with pytest.raises(InputError, match=r"a\.laz: "):
             open_recording(path).read(0)
             pytest.fail(what)
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.artefact.arrays import one_line, read_array
+from urbantwin.artefact.arrays import may_unpack, one_line, read_array
 from urbantwin.errors import InputError
 from urbantwin.fidelity.pcd import read_pcd
 from urbantwin.fidelity.ply import read_ply
@@ -28,8 +27,8 @@ _WIDEST = 64
 _WIDTHS = (3, 4, 5, 6)
 #: The least number of values that tell the width, and the share of variance that does.
 _TELLING, _EXPLAINED = 300, 0.05
-#: LAZ is a tenth of LAS; nothing real is this much smaller.
-_LAZ_RATIO = 1000
+#: Bytes of a chunk of a LAZ that is not unpacked side by side with others.
+_LARGE_CHUNK = 64_000_000
 
 
 def is_cloud(path: Path) -> bool:
@@ -163,40 +162,28 @@ def _columns(table: NDArray[np.float64]) -> Fields:
     }
 
 
-def _check_las_header(path: Path) -> None:
-    """Refuse counts that the file cannot hold: laspy would look for all of them.
-
-    Source: ASPRS LAS 1.4 R15, public header block; LASzip marks the point format's upper bits.
-
-    Raises:
-        InputError: no LAS file, or one that is cut or damaged.
-    """
-    with path.open("rb") as stream:
-        header = stream.read(375)
-    size = path.stat().st_size
-    if header[:4] != b"LASF" or len(header) < 227:
-        raise InputError("is not readable", file=path, expected="a LAS file")
-    begin, points_at, records, kind, length, points = struct.unpack_from("<HIIBHI", header, 94)
-    if header[25] >= 4 and len(header) >= 255:
-        points = max(points, *struct.unpack_from("<Q", header, 247))
-    packed = bool(kind & 0xC0)
-    most = size * (_LAZ_RATIO if packed else 1)
-    if points_at > size or begin + 54 * records > points_at or points * length > most:
-        raise InputError("is cut, or its header is damaged", file=path, expected="a LAS file")
-
-
 def _from_las(path: Path) -> Fields:
     import laspy
 
-    _check_las_header(path)
+    from urbantwin.reconstruct.formats.las_sizes import checked_sizes
+
+    sizes = checked_sizes(path)
+    if sizes is None:
+        raise InputError("is not readable", file=path, expected="a LAS file")
+    if not may_unpack(sizes.points * sizes.record, path.stat().st_size):
+        raise InputError("is cut, or its header is damaged", file=path, expected="a LAS file")
+    # Side by side, whole chunks are unpacked at once; one that is huge goes piece by piece.
+    slow = sizes.chunk * sizes.record > _LARGE_CHUNK
     try:
-        cloud = laspy.read(path)
+        cloud = laspy.read(path, laz_backend=laspy.LazBackend.Lazrs if slow else None)
         fields: Fields = {axis: np.asarray(getattr(cloud, axis), np.float64) for axis in "xyz"}
         for name in cloud.point_format.dimension_names:
             values = np.asarray(cloud[name])
             if name.lower() not in fields and values.ndim == 1 and name not in ("X", "Y", "Z"):
                 fields[name.lower()] = values
-    except Exception as error:  # laspy and its decoders raise what they like
+    except (KeyboardInterrupt, SystemExit):
+        raise
+    except BaseException as error:  # laspy, and its decoder, whose panics are no Exception
         problem = f"is not readable ({one_line(error)})"
         raise InputError(problem, file=path, expected="a LAS file") from None
     return fields
