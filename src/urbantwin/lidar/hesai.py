@@ -66,7 +66,7 @@ def hesai_sensor(text: str, file: Path, model: Sensor) -> Sensor:
         channel, angles = _channel(cells, file, number)
         if channel > MOST_CHANNELS:  # before all that lie below it are counted
             raise InputError(
-                f"channel {channel}",
+                f"has channel {channel}, more than {MOST_CHANNELS}",
                 file=file,
                 place=f"line {number}",
                 expected=f"1 to {MOST_CHANNELS}",
