@@ -18,7 +18,7 @@ import numpy as np
 from urbantwin.errors import InputError
 from urbantwin.lidar.sensor import Sensor
 from urbantwin.lidar.sensor_file import MOST_CHANNELS
-from urbantwin.number_text import plain_number
+from urbantwin.number_text import plain_number, whole_number
 
 __all__ = ["hesai_sensor", "is_hesai_heading"]
 
@@ -64,6 +64,13 @@ def hesai_sensor(text: str, file: Path, model: Sensor) -> Sensor:
         if not any(cells[1:]):  # an empty line, or the checksum that ends some files
             continue
         channel, angles = _channel(cells, file, number)
+        if channel > MOST_CHANNELS:  # before all that lie below it are counted
+            raise InputError(
+                f"has channel {channel}, more than {MOST_CHANNELS}",
+                file=file,
+                place=f"line {number}",
+                expected=f"1 to {MOST_CHANNELS}",
+            )
         if channel in table:
             raise InputError(f"channel {channel} comes twice", file=file, place=f"line {number}")
         table[channel] = angles
@@ -97,7 +104,10 @@ def hesai_sensor(text: str, file: Path, model: Sensor) -> Sensor:
 def _channel(cells: list[str], file: Path, line: int) -> tuple[int, tuple[float, float]]:
     place = f"line {line}"
     try:
-        channel, up, clockwise = int(cells[0]), plain_number(cells[1]), plain_number(cells[2])
+        up, clockwise = plain_number(cells[1]), plain_number(cells[2])
+        channel = whole_number(cells[0])
+        if channel is None:
+            raise ValueError(cells[0])
     except (ValueError, IndexError):
         raise InputError(
             f"{','.join(cells)!r:.40} is not a channel and its angles",
