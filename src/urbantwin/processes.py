@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 import signal
 import sys
 import threading
@@ -12,6 +13,8 @@ from contextlib import ExitStack, contextmanager
 from functools import partial
 from multiprocessing import active_children, get_context, parent_process
 from types import ModuleType
+
+from urbantwin.interruption import deferred
 
 __all__ = ["threads", "usable_processors", "worker_pool"]
 
@@ -43,16 +46,23 @@ def worker_pool(
         arguments: of ``start``.
     """
     # Spawned, not forked: a fork copies the threads' locks but not the threads that hold them.
-    begin = partial(_start, start, *arguments)
+    # What they are to do is in memory of this process, which goes with it: much would not fit into
+    # the pipe by which they are started, and who writes there waits for ever if one is killed.
+    handed = os.memfd_create("urbantwin-workers")
+    with os.fdopen(handed, "wb", closefd=False) as stream:
+        pickle.dump((start, arguments), stream, pickle.HIGHEST_PROTOCOL)
+    begin = partial(_start, f"/proc/{os.getpid()}/fd/{handed}")
     pool = ProcessPoolExecutor(workers, get_context("spawn"), begin)
     try:
         with ExitStack() as here:
-            for surroundings in (_one_thread_each, _uninterrupted, _without_script):
+            # Deferred: a worker that is told half of it ends with a traceback.
+            for surroundings in (deferred, _one_thread_each, _uninterrupted, _without_script):
                 here.enter_context(surroundings())
             for _ in range(workers):  # a worker starts when there is work for it
                 pool.submit(os.getpid)
         yield pool
     finally:
+        os.close(handed)  # who is still beginning sees it
         try:
             pool.shutdown(wait=True, cancel_futures=True)
         except BaseException:  # interrupted once more: what they write to will be taken away
@@ -62,9 +72,24 @@ def worker_pool(
             raise
 
 
-def _start(start: Callable[..., None], *arguments: object) -> None:
+def _start(handed: str) -> None:
+    begun = threading.Event()
     threading.Thread(target=_end_with_the_run, daemon=True).start()
+    threading.Thread(target=_end_with_the_pool, args=(handed, begun), daemon=True).start()
+    try:
+        with open(handed, "rb") as stream:  # noqa: PTH123 - a link that is no file's name
+            start, arguments = pickle.load(stream)
+    except FileNotFoundError:
+        os._exit(1)
     start(*arguments)
+    begun.set()
+
+
+def _end_with_the_pool(handed: str, begun: threading.Event) -> None:
+    """End this worker if the pool ends while it begins, which may take long."""
+    while not begun.wait(0.1):
+        if not os.path.lexists(handed):
+            os._exit(1)
 
 
 def _end_with_the_run() -> None:
@@ -101,11 +126,12 @@ def _uninterrupted() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Held back, not ignored: they inherit that, and here it comes when the block has ended.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextmanager

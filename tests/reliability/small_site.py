@@ -132,8 +132,10 @@ class Stand:
 
     @cached_property
     def real(self) -> Path:
-        """What stands for real frames: those of another seed."""
-        return self._made("real", [*_record(self, self.folder / "real"), "--seed", "11"])
+        """What stands for real frames: eight of another seed."""
+        out = self.folder / "real"
+        options = ["--seed", "11", "--stop", "0.7", "--workers", "1", "--no-pictures"]
+        return self._made("real", ["record", self.twin, self.motion, "-o", out, *options])
 
     def older(self, output: str) -> Path:
         """Return an older artefact, which differs from what the command makes."""
