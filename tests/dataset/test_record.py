@@ -406,7 +406,7 @@ def test_description_of_something_else(tmp_path):
     with pytest.raises(InputError, match="not found"):
         describe(tmp_path)
     (tmp_path / "dataset.json").write_text("{}")
-    with pytest.raises(InputError, match="manifest"):
+    with pytest.raises(InputError, match="is not a dataset's"):
         describe(tmp_path)
 
 

@@ -79,11 +79,10 @@ def use_mesh(twin: Twin) -> None:
 
 
 def use_model(twin: Twin) -> None:
+    place = twin.folder.with_name("written")
     for version in ("1.8", "1.4"):
-        write_opendrive(
-            twin.lane_model, twin.frame, twin.folder / "a.xodr", version=version, name="a"
-        )
-    write_geojson(twin, twin.folder / "a.geojson")
+        write_opendrive(twin.lane_model, twin.frame, place / "a.xodr", version=version, name="a")
+    write_geojson(twin, place / "a.geojson")
 
 
 def use_roads(twin: Twin) -> None:

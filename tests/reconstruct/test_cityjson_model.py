@@ -165,7 +165,7 @@ def test_the_reference_of_delft(shared_data):
         ({"type": "FeatureCollection"}, "JSON of another kind"),
         ({"CityObjects": {}}, "no surface"),
         ({"vertices": [[0, 0]]}, "triples"),
-        ({"vertices": [[0, 0, float("nan")]] * 8}, "not a place"),
+        ({"vertices": [[0, 0, float("nan")]] * 8}, "NaN, which is not"),
         ({"transform": {"scale": [1]}}, "transform"),
         ({"metadata": {"referenceSystem": "urn:ogc:def:crs:EPSG::999999"}}, "referenceSystem"),
     ],

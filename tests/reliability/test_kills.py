@@ -14,8 +14,7 @@ from .small_site import COMMANDS, Stand
 MOMENTS = {"record": 50, "compare": 7, "compare-control": 3}
 MOST = [(key, n) for key in COMMANDS for n in range(MOMENTS.get(key, 10))]
 #: One of each in the normal suite, late enough that something is there.
-FEW = [("record", 0.7), ("build", 0.8), ("traffic", 0.6), ("compare", 0.8)]
-FEW += [("tune", 0.85), ("background", 0.9), ("export", 0.8)]
+FEW = [("record", 0.7), ("build", 0.8), ("traffic", 0.6), ("tune", 0.85)]
 
 
 def check_killed(

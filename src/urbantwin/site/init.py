@@ -111,7 +111,7 @@ def _near(
 ) -> LonLatBox | None:
     """Return the box in degrees that is looked at, if it is known before the map is read."""
     if latitude is not None and longitude is not None:
-        if abs(latitude) > 89.0 or abs(longitude) > 180.0:
+        if not (abs(latitude) <= 89.0 and abs(longitude) <= 180.0):  # nor NaN
             return None
         return box_around(SiteFrame(latitude, longitude), circle(radius_m))
     if polygon is None:

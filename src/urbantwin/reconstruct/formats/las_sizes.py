@@ -121,8 +121,8 @@ def _packed(
     stream.seek(first_point)
     try:
         table = lazrs.read_chunk_table(stream, lazrs.LazVlr(record))
-    except (lazrs.LazrsError, OSError, ValueError, TypeError, OverflowError) as error:
-        raise _wrong(path, f"its table of chunks: {error}") from None
+    except (lazrs.LazrsError, OSError, ValueError, TypeError, OverflowError):
+        raise _wrong(path, "is cut short or damaged: its table of chunks is not whole") from None
     if sum(bytes_ for _, bytes_ in table) > size:
         raise _wrong(path, "its table of chunks names more bytes than it has")
     if chunk == _VARIABLE:
