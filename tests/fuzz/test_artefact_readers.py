@@ -89,7 +89,7 @@ def use_roads(twin: Twin) -> None:
     twin.roads.carriageway(0)
     twin.roads.footway(0)
     spawn_points(twin.roads)
-    write_geojson(twin, twin.folder / "a.geojson")
+    write_geojson(twin, twin.folder.with_name("written") / "a.geojson")
 
 
 def use_network(twin: Twin) -> None:
