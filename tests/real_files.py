@@ -3,6 +3,10 @@
 All are below the folder that the fixture ``shared_data`` gives.
 """
 
+import atexit
+import shutil
+import tempfile
+from functools import cache
 from pathlib import Path
 
 __all__ = [
@@ -13,6 +17,8 @@ __all__ = [
     "argoverse_log",
     "argoverse_map",
     "osm_extract",
+    "ouster_scans",
+    "roadside",
 ]
 
 _LOG = "7fab2350-7eaf-3b7e-a39d-6937a4c1bede"
@@ -43,9 +49,45 @@ MODELS = (
 )
 
 
+#: The scans of the OS1-128 and its metadata, in ``lidar/ouster-os1-128``.
+_OUSTER = ("OS-1-128_v2.3.0_1024x10.json", "OS-1-128_v2.3.0_1024x10_lb_n3.pcap")
+_BEAMS = ("beams_elevation.mat", "range_thrld_matrix.mat")
+_REST_OF_LOG = (
+    "annotations.feather",
+    "calibration/egovehicle_SE3_sensor.feather",
+    "calibration/intrinsics.feather",
+    "city_SE3_egovehicle.feather",
+)
+
+
+@cache
+def _alone(folder: Path, names: tuple[str, ...]) -> Path:
+    """Return a folder of the same name in which only these of its files stand, as links."""
+    place = Path(tempfile.mkdtemp(prefix="urbantwin-test-"))
+    atexit.register(shutil.rmtree, place, ignore_errors=True)
+    for name in names:
+        link = place / folder.name / name
+        link.parent.mkdir(parents=True, exist_ok=True)
+        link.symlink_to(folder / name)
+    return place / folder.name
+
+
 def argoverse_log(shared_data: Path) -> Path:
     """Return the folder of Argoverse's log of Pittsburgh."""
-    return shared_data / "lidar" / "argoverse2-pittsburgh" / _LOG
+    log = shared_data / "lidar" / "argoverse2-pittsburgh" / _LOG
+    maps = (f"map/{name}" for name in _MAP.values())
+    return _alone(log.resolve(), (*SWEEPS, *_REST_OF_LOG, *maps))
+
+
+def ouster_scans(shared_data: Path) -> Path:
+    """Return the folder of the OS1-128's scans."""
+    return _alone((shared_data / "lidar" / "ouster-os1-128").resolve(), _OUSTER)
+
+
+def roadside(shared_data: Path) -> Path:
+    """Return the folder of New Brunswick's roadside sensor."""
+    folder = shared_data / "lidar" / "newbrunswick-roadside"
+    return _alone(folder.resolve(), (*_BEAMS, *FOREGROUND))
 
 
 def argoverse_map(shared_data: Path, part: str) -> Path:

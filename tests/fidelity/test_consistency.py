@@ -10,7 +10,7 @@ from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.geometry import Pose
 
-from ..real_files import argoverse_log
+from ..real_files import argoverse_log, ouster_scans
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def sweeps(shared_data):
 
 @pytest.fixture(scope="module")
 def scans(shared_data):
-    first, second, *_ = open_recording(shared_data / "lidar/ouster-os1-128")
+    first, second, *_ = open_recording(ouster_scans(shared_data))
     return first, second
 
 

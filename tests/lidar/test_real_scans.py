@@ -11,6 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ..real_files import ouster_scans
+from ..real_files import roadside as of_roadside
+
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 
 
@@ -25,13 +28,13 @@ def _module(name):
 @pytest.fixture(scope="module")
 def ouster(shared_data):
     """Return what the benchmark measures of the real OS1-128's scans."""
-    return _module("ouster").measure(shared_data / "lidar/ouster-os1-128")
+    return _module("ouster").measure(ouster_scans(shared_data))
 
 
 @pytest.fixture(scope="module")
 def roadside(shared_data):
     """Return what the benchmark measures of the real roadside VLS-128."""
-    return _module("newbrunswick").measure(shared_data / "lidar/newbrunswick-roadside")
+    return _module("newbrunswick").measure(of_roadside(shared_data))
 
 
 def _range_of_half(rows, side):
