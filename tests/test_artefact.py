@@ -274,6 +274,23 @@ def test_a_file_takes_its_place_with_its_companions(tmp_path):
     assert names(tmp_path) == ["scene.mtl", "scene.obj"]
 
 
+def test_a_companion_replaces_nothing_of_somebody(tmp_path):
+    (tmp_path / "scene.mtl").write_text("mine")
+
+    def write(companion: str) -> None:
+        with replaced_file(tmp_path / "scene.obj") as path:
+            path.write_text("mesh")
+            path.with_suffix(".mtl").write_text(companion)
+
+    with pytest.raises(InputError, match="comes with scene.mtl, and another file has that name"):
+        write("materials")
+    assert names(tmp_path) == ["scene.mtl"]
+    assert (tmp_path / "scene.mtl").read_text() == "mine"
+    write("mine")  # as a run leaves it that was killed between the two
+    write("materials")  # an older scene has its own
+    assert (tmp_path / "scene.mtl").read_text() == "materials"
+
+
 def test_passing_folders_pass(tmp_path, monkeypatch):
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     (tmp_path / f".urbantwin-fbx-7-0.{dead_process()}.urbantwin-new").mkdir()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from filecmp import cmp
 from pathlib import Path
 
 from urbantwin.artefact.document import read_json
@@ -126,8 +127,9 @@ def replaced_file(
 ) -> Iterator[Path]:
     """Yield a path of the same name in a folder of its own; its files then take their places.
 
-    Files that the block writes beside it (an OBJ's materials) come along, before it. When the
-    block fails, ``target`` stays as it was and nothing half-written is left.
+    Files that the block writes beside it (an OBJ's materials) come along, before it; they replace
+    others only where ``target`` is replaced, too. When the block fails, ``target`` stays as it was
+    and nothing half-written is left.
 
     Args:
         target: the file to write; an older one is replaced.
@@ -135,12 +137,22 @@ def replaced_file(
         replaces: an input that it may replace.
 
     Raises:
-        InputError: see `check_file`.
+        InputError: see `check_file`; or what comes along would replace somebody's file.
         StageError: the disk is full.
     """
     check_file(target, inputs=inputs, replaces=replaces)
     with claimed(target) as scratch, says_no_room(target, scratch.folder):
         yield scratch.folder / target.name
+        if not scratch.target.exists():
+            for file in scratch.folder.iterdir():
+                beside = scratch.target.with_name(file.name)
+                # The same bytes: a killed run came as far as that.
+                if beside.exists() and not cmp(beside, file, shallow=False):
+                    raise InputError(
+                        f"comes with {file.name}, and another file has that name",
+                        file=target,
+                        expected="another name",
+                    )
         with deferred():
             for file in sorted(scratch.folder.iterdir(), key=lambda one: one.name == target.name):
                 last = file.name == target.name
