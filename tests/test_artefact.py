@@ -282,7 +282,7 @@ def test_a_companion_replaces_nothing_of_somebody(tmp_path):
             path.write_text("mesh")
             path.with_suffix(".mtl").write_text(companion)
 
-    with pytest.raises(InputError, match="comes with scene.mtl, and another file has that name"):
+    with pytest.raises(InputError, match=r"comes with scene\.mtl, and another file has that name"):
         write("materials")
     assert names(tmp_path) == ["scene.mtl"]
     assert (tmp_path / "scene.mtl").read_text() == "mine"
