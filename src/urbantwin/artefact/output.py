@@ -58,7 +58,7 @@ def check_folder(target: Path, *, kind: str, inputs: Sequence[Path | None] = ())
         InputError: it is a file, a folder that holds something else, inside another artefact or an
             input, has an input inside, is being written by another run, or nobody may write there.
     """
-    real = Path(os.path.realpath(target))
+    real = _real(target)
     _check_place(target, real, inputs)
     _check_replaceable(target, real, kind)
     refuse_if_written(real)
@@ -78,7 +78,7 @@ def check_file(
         InputError: it is a folder, an input, inside an artefact or an input, is being written by
             another run, or nobody may write there.
     """
-    real = Path(os.path.realpath(target))
+    real = _real(target)
     if real.is_dir():
         raise InputError("is a folder", file=target, expected="the name of a file")
     if replaces is None or real != Path(os.path.realpath(replaces)):
@@ -157,6 +157,21 @@ def replaced_file(
             for file in sorted(scratch.folder.iterdir(), key=lambda one: one.name == target.name):
                 last = file.name == target.name
                 file.replace(scratch.target if last else scratch.target.with_name(file.name))
+
+
+def _real(target: Path) -> Path:
+    """Return an output's path without links.
+
+    Raises:
+        InputError: nothing can have it.
+    """
+    try:
+        real = Path(os.path.realpath(target))
+        real.exists()
+    except (OSError, ValueError) as error:  # too long, a loop of links, no right to look
+        why = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"cannot be written ({why.lower()})", file=target) from None
+    return real
 
 
 def _check_place(target: Path, real: Path, inputs: Sequence[Path | None]) -> None:

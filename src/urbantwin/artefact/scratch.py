@@ -244,7 +244,7 @@ def _hidden(folder: Path) -> list[Path]:
     try:
         with os.scandir(folder) as entries:
             return sorted(folder / one.name for one in entries if one.name.startswith("."))
-    except (FileNotFoundError, NotADirectoryError):
+    except OSError:  # There is no such folder, or none that can be looked into.
         return []
 
 

@@ -200,7 +200,8 @@ def _check_cover(raster: Any, path: Path, frame: SiteFrame, area: shapely.Polygo
     share = 0.0
     if np.isfinite(pixels).all():
         shape, box = shapely.Polygon(pixels), shapely.box(0, 0, *size)
-        share = shapely.intersection(shape.buffer(0), box).area / shape.area
+        # Seen from a raster whose cells are as large as countries the region is a point.
+        share = shapely.intersection(shape.buffer(0), box).area / max(shape.area, 1e-300)
     raise InputError(
         f"covers {math.floor(share * 100)} % of the region",
         file=path,

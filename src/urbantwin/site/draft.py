@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from urbantwin.artefact import replaced_file, sha256_of
+from urbantwin.artefact import check_file, replaced_file, sha256_of
 from urbantwin.errors import InputError
 from urbantwin.site.pole import PolePosition
 from urbantwin.site.region import FARTHEST_M
@@ -59,13 +59,15 @@ def checked_target(
     """Check where a site is to be written, and that its region is given once.
 
     Raises:
-        InputError: there is a ``site.yaml`` already, the folder is none, or the region is wrong.
+        InputError: there is a ``site.yaml`` already, the folder is none or an artefact, or the
+            region is wrong.
     """
     target = folder / "site.yaml"
     if target.exists() and not force:
         raise InputError("is there already", file=target, expected="a new folder, or --force")
     if folder.exists() and not folder.is_dir():
         raise InputError("is a file", file=folder, expected="a folder")
+    check_file(target)
     if region is not None and radius_m is not None:
         raise InputError("is given with a radius", file=region, expected="one of the two")
     if radius_m is not None and not 20.0 <= radius_m <= FARTHEST_M:

@@ -55,7 +55,9 @@ class _Region(_Strict):
 
     @field_validator("radius_m")
     @classmethod
-    def _radius_is_sensible(cls, value: float) -> float:
+    def _radius_is_sensible(cls, value: float | None) -> float | None:
+        if value is None:
+            return None
         if value <= 0:
             raise wrong(f"is {value:g} m", f"a radius of 20 to {FARTHEST_M:g} m")
         if value < 20:
@@ -352,9 +354,9 @@ def _geometry_sources(document: Document, specs: list[GeometrySpec]) -> tuple[Ge
     sources = tuple(GeometrySource(spec, document, k) for k, spec in enumerate(specs))
     for source in sources:
         where = ("geometry", source.number)
-        if source.path is not None and not source.path.exists():
-            expected = "a mesh, a tileset.json, a point cloud or a folder of photogrammetry"
-            raise document.error(f"{str(source.path)!r} is not found", (*where, "file"), expected)
+        if source.path is not None:
+            kind = "a mesh, a tileset.json, a point cloud or a folder of photogrammetry"
+            _must_exist(document, (*where, "file"), source.path, kind, folders=True)
         if source.footprints is not None:
             kind = "outlines of buildings (GeoPackage, GeoJSON, SpatiaLite)"
             _must_exist(document, (*where, "footprints"), source.footprints, kind)
@@ -435,12 +437,19 @@ def _input_file(document: Document, field: str, raw: _File, kind: str) -> InputF
     return InputFile(path, raw.licence, raw.attribution)
 
 
-def _must_exist(document: Document, location: tuple[int | str, ...], path: Path, kind: str) -> None:
+def _must_exist(
+    document: Document,
+    location: tuple[int | str, ...],
+    path: Path,
+    kind: str,
+    *,
+    folders: bool = False,
+) -> None:
     try:
         found, folder = path.exists(), path.is_dir()
     except (OSError, ValueError):  # a name too long, or with a null byte
         found, folder = False, False
     if not found:
         raise document.error(f"{str(path)!r} is not found", location, kind)
-    if folder:
+    if folder and not folders:
         raise document.error(f"{str(path)!r} is a folder", location, kind)

@@ -16,6 +16,9 @@ from urbantwin.roads.lanelet2.rules import allowed_of, kind_of
 
 __all__ = ["Lanelet", "bounds_of", "lanelets_of"]
 
+#: No lane between two places where lanes meet is longer: a point of it is somewhere else.
+LONGEST_M = 10_000.0
+
 
 @dataclass(frozen=True)
 class Lanelet:
@@ -141,6 +144,9 @@ def lanelets_of(
         lines = [np.array([places[n] for n in ids]) for ids in nodes]
         if any(len(line) < 2 for line in lines):
             raise document.error("has a bound without length", identity)
+        longest = max(float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum()) for line in lines)
+        if longest > LONGEST_M:
+            raise document.error(f"has a bound of {longest / 1000:.0f} km", identity)
         turned = [False, False]
         for k, sign in ((0, -1.0), (1, 1.0)):
             if sign * _side(lines[k][:, :2], _middle(lines[1 - k][:, :2])) <= 0:
