@@ -141,7 +141,11 @@ def _parquet(rng: random.Random, data: bytes, other: bytes) -> bytes:
 
 def _feather(rng: random.Random, data: bytes, other: bytes) -> bytes:
     packed = io.BytesIO()
-    feather.write_feather(_table(rng, feather.read_table(io.BytesIO(data))), packed, "uncompressed")
+    try:
+        table = _table(rng, feather.read_table(io.BytesIO(data)))
+    except UnicodeDecodeError:  # an earlier mutation changed a column's name
+        return data
+    feather.write_feather(table, packed, "uncompressed")
     return packed.getvalue()
 
 

@@ -22,6 +22,9 @@ Kind = TypeVar("Kind")
 
 #: No length, height or place of a site is larger, metres.
 _LARGEST = 1e7
+#: No other number of a site is larger either; how JSON may write one that is.
+_BEYOND = 1e12
+_LONG = re.compile(rb"[eE]\+?0*[1-9]\d|(?<![\d.])\d{13}")
 #: How JSON writes what neither XML nor a person's text may have.
 _CONTROL = re.compile(rb"\\(u00[01][0-9a-fA-F]|[bf]|u[fF]{3}[eEfF])|\xef\xbf[\xbe\xbf]")
 _CONTROLS = frozenset(chr(k) for k in (*range(9), 11, 12, *range(14, 32), 0xFFFE, 0xFFFF))
@@ -74,6 +77,15 @@ def _has_control(value: object) -> bool:
     return isinstance(value, list) and any(_has_control(one) for one in value)
 
 
+def _has_beyond(value: object) -> bool:
+    """Return whether a number with a point within a document is larger than any of a site."""
+    if isinstance(value, float):
+        return abs(value) > _BEYOND
+    if isinstance(value, dict):
+        return any(map(_has_beyond, value.values()))
+    return isinstance(value, list) and any(map(_has_beyond, value))
+
+
 def read_typed(path: Path, kind: type[Kind], expected: str) -> Kind:
     """Read a JSON file as a dataclass, with all that is in it; fields that it lacks are refused.
 
@@ -91,6 +103,8 @@ def read_typed(path: Path, kind: type[Kind], expected: str) -> Kind:
         raise InputError("is not a mapping", file=path, expected=expected)
     if _CONTROL.search(data) and _has_control(value):
         raise InputError("has text with characters that no text has", file=path, expected=expected)
+    if _LONG.search(data) and _has_beyond(value):
+        raise InputError(f"has a number beyond {_BEYOND:g}", file=path, expected=expected)
     try:
         found: Kind = TypeAdapter(kind).validate_json(data.removeprefix(_MARK), strict=True)
     except ValidationError as error:

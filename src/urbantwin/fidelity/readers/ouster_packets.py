@@ -218,8 +218,8 @@ def read_ouster_format(path: Path) -> OusterFormat:
         out = float(values.get("lidar_origin_to_beam_origin_mm", 0.0))
         begin = values.get("beam_to_lidar_transform")
         matrix = values.get("lidar_to_sensor_transform", np.diag([-1.0, -1.0, 1.0, 1.0]))
-        if len(altitude) != len(azimuth) or not len(altitude):
-            raise ValueError(f"{len(altitude)} altitudes and {len(azimuth)} azimuths")
+        if altitude.shape != azimuth.shape or altitude.ndim != 1 or not len(altitude):
+            raise ValueError(f"{altitude.size} altitudes and {azimuth.size} azimuths")
         beam = np.array([out, 0.0] if begin is None else np.reshape(begin, (4, 4))[[0, 2], 3])
         found = OusterFormat(
             profile=profile,

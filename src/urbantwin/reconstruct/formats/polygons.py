@@ -61,6 +61,8 @@ def _cut(
     number = np.searchsorted(rest, of_corner[corner])
     _, local_ring = np.unique(ring[corner], return_inverse=True)
     coordinates, of_ring = _closed(plan, local_ring)
+    # Of corners too far off for their plane to be known there is no ring that closes.
+    coordinates = np.where(np.isfinite(coordinates), coordinates, 0.0)
     closed = shapely.linearrings(coordinates, indices=of_ring)
     ring_owner = number[np.concatenate([[True], local_ring[1:] != local_ring[:-1]])]
     shapes = shapely.polygons(closed, indices=ring_owner)

@@ -196,6 +196,9 @@ def _triangles(
     corner = np.concatenate(found.corners)
     texture = np.concatenate(found.corner_texture)
     sizes = np.concatenate(found.sizes)
+    if not len(vertices):  # faces of nothing
+        none = np.zeros((0, 3), np.int32)
+        return none, np.zeros(0, np.int64), none
     if (sizes == 3).all():
         return corner.reshape(-1, 3), np.arange(len(sizes)), texture.reshape(-1, 3)
     face = np.repeat(np.arange(len(sizes)), sizes)

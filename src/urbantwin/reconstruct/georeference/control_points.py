@@ -196,7 +196,10 @@ def _read_csv(file: Path) -> tuple[list[str], list[ControlPoint]]:
     first = lines[0] if lines else ""
     separator = ";" if first.count(";") > first.count(",") else ","
     rows = csv.DictReader(io.StringIO("\n".join(lines)), delimiter=separator, skipinitialspace=True)
-    columns = {(name or "").strip().lower() for name in rows.fieldnames or ()}
+    try:
+        columns = {(name or "").strip().lower() for name in rows.fieldnames or ()}
+    except csv.Error as error:
+        raise InputError(f"is not CSV ({error})", file=file, expected=_COLUMNS) from None
     on_site = {"x", "y", "z"} <= columns
     if not {"model_x", "model_y", "model_z"} <= columns or not (
         on_site or {"latitude", "longitude"} <= columns

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from urbantwin.errors import InputError
 from urbantwin.reconstruct.model import ImportedModel
 
 __all__ = ["Similarity", "fitted", "level_fitted", "moved"]
@@ -83,11 +84,19 @@ def fitted(a: ArrayLike, b: ArrayLike) -> Similarity:
     Args:
         a: (N, 3), N >= 3 and not on one line.
         b: (N, 3).
+
+    Raises:
+        InputError: they are too far apart for numbers.
     """
     source, target = np.asarray(a, np.float64), np.asarray(b, np.float64)
     from_middle, to_middle = source.mean(axis=0), target.mean(axis=0)
     p, q = source - from_middle, target - to_middle
-    u, d, vt = np.linalg.svd(q.T @ p / len(p))
+    try:
+        u, d, vt = np.linalg.svd(q.T @ p / len(p))
+    except np.linalg.LinAlgError:
+        raise InputError(
+            "the points lie too far apart to be fitted", expected="places in metres"
+        ) from None
     sign = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])
     rotation = (u * sign) @ vt
     scale = float((d * sign).sum() / (p**2).sum(axis=1).mean())

@@ -42,6 +42,8 @@ def read_content(data: bytes, context: Context, depth: int = 0) -> Content:
         raise MalformedError(f"is {magic.decode()} of version {version}, and not 1")
     if length > len(data):
         raise MalformedError(f"ends after {len(data)} of {length} bytes")
+    if length < 16:
+        raise MalformedError(f"says that it has {length} bytes, less than its header")
     if magic != b"cmpt":
         return _READERS[magic](data[:length], context)
     if depth >= _DEEPEST:

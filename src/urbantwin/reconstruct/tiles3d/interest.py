@@ -66,10 +66,11 @@ class Interest:
             return True
         x0, y0, x1, y1 = self._bounds
         corners = self.in_site(volume.corners())
+        if not np.isfinite(corners).all():  # larger than numbers are
+            return True
         low, high = corners.min(axis=0), corners.max(axis=0)
-        if low[0] > x1 or low[1] > y1 or high[0] < x0 or high[1] < y0:
-            return False
-        if low[2] > _TALLEST_M or high[2] < -_TALLEST_M:
+        beside = low[0] > x1 or low[1] > y1 or high[0] < x0 or high[1] < y0
+        if beside or low[2] > _TALLEST_M or high[2] < -_TALLEST_M:
             return False
         hull = shapely.convex_hull(shapely.multipoints(corners[:, :2]))
         return bool(self._area.intersects(hull))

@@ -136,7 +136,10 @@ class Archive:
                 data = member.read(LARGEST_TILE + 1)
         except KeyError:
             raise MalformedError("not found") from None
-        except (zipfile.BadZipFile, zlib.error, OSError, NotImplementedError, RuntimeError):
+        except (
+            *(zipfile.BadZipFile, zlib.error, OSError, EOFError),
+            *(NotImplementedError, RuntimeError),
+        ):
             raise MalformedError("cannot be unpacked") from None
         if len(data) > LARGEST_TILE:
             raise MalformedError(f"is larger than {LARGEST_TILE >> 20} MiB")
