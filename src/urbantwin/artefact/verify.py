@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from urbantwin.artefact.inventory import INVENTORY, Damage, damages
 from urbantwin.artefact.output import KINDS, kind_of
 from urbantwin.errors import InputError
+from urbantwin.progress import Progress, untold
 
 __all__ = ["Verified", "verify"]
 
@@ -30,9 +31,7 @@ class Verified:
     damages: tuple[Damage, ...]
 
 
-def verify(
-    path: Path, *, workers: int = 1, progress: Callable[[float, str], None] | None = None
-) -> list[Verified]:
+def verify(path: Path, *, workers: int = 1, progress: Progress | None = None) -> list[Verified]:
     """Compare every artefact at a path with its inventory.
 
     Args:
@@ -53,7 +52,7 @@ def verify(
             file=path,
             expected=f"a folder that urbantwin wrote: {', '.join(KINDS)}",
         )
-    tell = progress or (lambda share, doing: None)
+    tell = progress or untold
     verified = []
     for number, (folder, below) in enumerate(found):
 

@@ -131,13 +131,14 @@ def record_stage(
     with console.stage("record") as progress:
 
         def also(dataset: Path) -> None:
+            from urbantwin.progress import between
             from urbantwin.view.pictures import pictures_of_dataset
 
             pictures_of_dataset(
                 dataset,
                 twin=twin,
                 motion=motion,
-                progress=lambda share, doing: progress(0.98 + 0.02 * share, doing),
+                progress=between(progress, 0.98, 1.0),
             )
 
         record(

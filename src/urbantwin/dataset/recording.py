@@ -26,6 +26,7 @@ from urbantwin.lidar import Rig
 from urbantwin.lidar.casting.backend import layers_on
 from urbantwin.lidar.coverage import ignore_areas
 from urbantwin.lidar.riding import boarded
+from urbantwin.progress import Progress, untold
 
 if TYPE_CHECKING:
     from urbantwin.traffic import Motion
@@ -54,7 +55,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     asked: Mapping[str, Any] | None = None,
     inputs: Sequence[Path] = (),
     also: Callable[[Path], None] | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress | None = None,
 ) -> None:
     """Record every frame of a motion; the layout is in ``docs/architecture.md``.
 
@@ -102,7 +103,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     layers_on(backend)  # Before any work: is it there?
     inputs = [twin.folder, *inputs]
     check_folder(out, kind="dataset", inputs=inputs)
-    say = progress or (lambda fraction, doing: None)
+    say = progress or untold
     say(0.0, "static world")
     recipe = recipe_of(twin, motion, rig, seed, times_s, backend, asked)
     parts = {"": rig} if rig.fused else {one.sensors[0].name: one for one in rig.separate()}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
 
@@ -16,10 +15,10 @@ from urbantwin.fidelity.findings import Findings, report_of
 from urbantwin.fidelity.pairs import MOST_ANCHORS, Pairs, measured_pairs
 from urbantwin.fidelity.report import Report
 from urbantwin.fidelity.sides import LABELS, MODEL, Side, model_background, open_side, survey
+from urbantwin.progress import Progress, untold
 
 __all__ = ["compare"]
 
-Progress = Callable[[float, str], None]
 
 #: Shares of the work after which every frame was read once, and the arbitrary site is there.
 _SURVEY, _CONTROL = 0.1, 0.15
@@ -72,7 +71,7 @@ def compare(  # noqa: PLR0913 - every one is a person's choice
             other files.
         StageError: a worker was killed.
     """
-    tell = progress or (lambda fraction, what: None)
+    tell = progress or untold
     if protocol is not None:
         from urbantwin.fidelity.challenge import check_protocol
 

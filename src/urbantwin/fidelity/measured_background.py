@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from urbantwin.fidelity.readers import open_recording
 from urbantwin.fidelity.sampling import evenly
 from urbantwin.lidar.measured import MeasuredBackground
 from urbantwin.lidar.measured_file import save_backgrounds
+from urbantwin.progress import Progress, untold
 
 __all__ = ["measure_recording", "measured_backgrounds"]
 
@@ -78,7 +79,7 @@ def measure_recording(
     out: Path,
     *,
     intensity_scale: float | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress | None = None,
 ) -> dict[str, Any]:
     """Measure the static world from a recording and write it.
 
@@ -99,7 +100,7 @@ def measure_recording(
     if intensity_scale is not None and not intensity_scale > 0:
         raise InputError(f"the intensity scale is {intensity_scale:g}", expected="more than 0")
     recording = open_recording(real)
-    say = progress or (lambda fraction, doing: None)
+    say = progress or untold
     most = max(1, _MOST_LOOKS // sum(one.count for one in sensors))
     used = evenly(len(recording), most)
     problems = []

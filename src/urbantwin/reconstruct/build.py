@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -12,6 +12,7 @@ import shapely
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, SiteFrame, area_union
 from urbantwin.ground import Elevation, ElevationPatch, merged_elevation
+from urbantwin.progress import Progress, untold
 from urbantwin.reconstruct.airborne import AirborneModel, from_airborne, read_footprints
 from urbantwin.reconstruct.classify import classified
 from urbantwin.reconstruct.cleaning import CleaningPicture, cleaned, cleaned_cloud
@@ -27,8 +28,6 @@ __all__ = ["reconstruct"]
 
 #: Points of a survey this far beyond the region are kept: buildings on its border are whole.
 AROUND_M = 25.0
-
-Progress = Callable[[float, str], None]
 
 
 @dataclass
@@ -79,7 +78,7 @@ def reconstruct(
     Raises:
         InputError: a source cannot be read or placed, or nothing of it lies in the region.
     """
-    tell = progress or (lambda share, text: None)
+    tell = progress or untold
     gathered = _Gathered([dem] if dem else [])
     reports: list[dict[str, Any]] = []
     figures: list[SourceFigures] = []

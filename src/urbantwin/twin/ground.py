@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from urbantwin.ground import Elevation, ElevationPatch, merged_elevation
+from urbantwin.progress import Progress
 from urbantwin.reconstruct import Reconstruction, surroundings_of
 from urbantwin.reconstruct.georeference.heights import SiteHeights
 from urbantwin.roads.model import LaneModel, carriageway_in_plan
 from urbantwin.site import OsmFeature, Site, read_heights
 
 __all__ = ["SurveyedSite", "surveyed"]
-
-Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)

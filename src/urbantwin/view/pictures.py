@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ from urbantwin.dataset.moment import Rows, rows_at
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar import Rig
 from urbantwin.lidar.coverage import Coverage
+from urbantwin.progress import Progress, untold
 from urbantwin.traffic import Motion
 from urbantwin.traffic.assets import asset_mesh
 from urbantwin.twin import Twin
@@ -34,8 +34,6 @@ __all__ = [
     "title_of",
 ]
 
-Progress = Callable[[float, str], None]
-
 
 def pictures_of_twin(twin: Twin, out: Path, *, progress: Progress | None = None) -> list[Path]:
     """Draw a twin into ``out``: ``plan.png``, ``scene.png`` and, of imagery, ``ground.png``.
@@ -45,7 +43,7 @@ def pictures_of_twin(twin: Twin, out: Path, *, progress: Progress | None = None)
         out: the folder, made if it is not there; pictures of these names are replaced.
         progress: called with the fraction done and what is being done.
     """
-    tell = progress or (lambda fraction, what: None)
+    tell = progress or untold
     out.mkdir(parents=True, exist_ok=True)
     name = title_of(twin)
     sources = attributions(twin.manifest)
@@ -111,7 +109,7 @@ def pictures_of_dataset(
     Raises:
         InputError: there is no dataset, or a file of it is missing.
     """
-    tell = progress or (lambda fraction, what: None)
+    tell = progress or untold
     parts = parts_of(dataset)
     if parts != [dataset]:
         drawn = []

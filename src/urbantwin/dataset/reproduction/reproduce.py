@@ -23,6 +23,7 @@ from urbantwin.errors import InputError
 from urbantwin.lidar import place_rig
 from urbantwin.lidar.casting.backend import layers_on
 from urbantwin.lidar.measured_file import rig_with_backgrounds
+from urbantwin.progress import Progress, between
 from urbantwin.site import load_rig_spec, load_site
 from urbantwin.traffic import Motion, run_traffic
 from urbantwin.traffic.fingerprint import mesh_sha256, meshes_sha256, table_sha256
@@ -30,7 +31,6 @@ from urbantwin.twin import Twin, build_twin, load_twin
 
 __all__ = ["Plan", "make_again", "plan_of"]
 
-Progress = Callable[[float, str], None]
 #: Shows a stage of a name while a block runs.
 Stage = Callable[[str], AbstractContextManager[Progress]]
 #: Draws the pictures of a dataset's folder.
@@ -205,7 +205,7 @@ def _recorded(
 
     def also(folder: Path) -> None:
         assert draw is not None
-        draw(folder, twin, motion, lambda share, text: progress(0.98 + 0.02 * share, text))
+        draw(folder, twin, motion, between(progress, 0.98, 1.0))
 
     record(
         twin,

@@ -11,7 +11,7 @@ import fnmatch
 import importlib
 import queue
 import random
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,7 @@ from urbantwin.errors import InputError, StageError
 from urbantwin.export.carla.frame import carla_points, pose_of_carla
 from urbantwin.export.carla.plan import read_plan
 from urbantwin.export.carla.rig import SEMANTIC
+from urbantwin.progress import Progress, untold
 
 __all__ = ["chosen_blueprints", "drive", "site_points"]
 
@@ -44,7 +45,7 @@ def drive(
     host: str = "localhost",
     port: int = 2000,
     seconds: float = 10.0,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress | None = None,
 ) -> dict[str, Any]:
     """Set down traffic and sensors on a server, run it step by step, and write frames.
 
@@ -66,7 +67,7 @@ def drive(
         InputError: the package is not one, or CARLA's Python package is not installed.
         StageError: no server answers, or it failed.
     """
-    tell = progress or (lambda fraction, what: None)
+    tell = progress or untold
     plan = read_plan(package)
     carla = _carla()
     client = carla.Client(host, port)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,10 +17,10 @@ from urbantwin.fidelity.alignment.search import Found, PoseSearch, SearchSpan
 from urbantwin.fidelity.alignment.sight import Sight
 from urbantwin.fidelity.frame import Frame
 from urbantwin.geometry import LabelledMesh, Pose, SurfaceMaterials, ypr_from_rotation
+from urbantwin.progress import Progress, untold
 
 __all__ = ["Alignment", "Guess", "align"]
 
-Progress = Callable[[float, str], None]
 
 #: Points farther from the sensor than this are left out, metres.
 _REACH_M = 50.0
@@ -151,7 +150,7 @@ def align(
         InputError: no ground in the frame, or at the guess in the twin; nothing that holds the
             place (a bare plane looks alike everywhere); or two places that are nearly as good.
     """
-    tell = progress or (lambda share, text: None)
+    tell = progress or untold
     moving = frame.foreground(margin=0.1)
     sensor = frame.sensor_places.mean(axis=0)
     away = frame.points - sensor

@@ -7,7 +7,7 @@ twin is: the same map reader, lane model, traffic, sensors and returns, at the w
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,6 +25,7 @@ from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers import Recording, open_recording
 from urbantwin.geometry import Pose
 from urbantwin.lidar import Rig, place_rig
+from urbantwin.progress import Progress
 from urbantwin.site import load_site
 from urbantwin.site.rig import RigSpec
 from urbantwin.traffic import run_traffic
@@ -32,7 +33,6 @@ from urbantwin.twin import Twin, build_twin
 
 __all__ = ["MOST_FRAMES", "SITE", "arbitrary_recording"]
 
-Progress = Callable[[float, str], None]
 
 #: The name of the example, and of its folder.
 SITE = "two-avenues"

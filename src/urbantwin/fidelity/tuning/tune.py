@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -24,12 +23,11 @@ from urbantwin.fidelity.tuning.result import fit_as_json, split_as_json
 from urbantwin.fidelity.tuning.split import Split, split_in_time
 from urbantwin.fidelity.tuning.tuned_rig import PointsIn, write_tuned_rig
 from urbantwin.lidar import Rig
+from urbantwin.progress import Progress, untold
 from urbantwin.traffic import Motion
 from urbantwin.twin import Twin
 
 __all__ = ["Tuning", "tune"]
-
-Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)
@@ -95,7 +93,7 @@ def tune(
             ``out`` holds other files.
     """
     asked = tuning or Tuning()
-    say = progress or (lambda share, doing: None)
+    say = progress or untold
     if rig.ride is not None:
         raise InputError("its rig rides", file=rig_file, place="ride", expected="one that stands")
     if asked.trials < 1:

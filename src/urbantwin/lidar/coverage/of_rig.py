@@ -18,7 +18,7 @@ comes through one pane; actors are not there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -35,6 +35,7 @@ from urbantwin.lidar.coverage.traverse import BAND_M, STEP_M, traverse
 from urbantwin.lidar.mounted import MountedSensor, Rig
 from urbantwin.lidar.pattern import beam_directions, pattern_directions
 from urbantwin.lidar.returns import ReturnModel
+from urbantwin.progress import Progress, untold
 from urbantwin.site.rig import Conditions
 from urbantwin.taxonomy import semantic_id
 
@@ -132,7 +133,7 @@ def rig_coverage(
     *,
     cell_m: float = 0.5,
     surface: SurfaceMaterials | None = None,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress | None = None,
 ) -> Coverage:
     """Return how densely a rig covers a part of the site.
 
@@ -151,7 +152,7 @@ def rig_coverage(
         raise InputError(
             "the rig rides on an actor and covers no fixed place", expected="a rig that stands"
         )
-    tell = progress or (lambda fraction, doing: None)
+    tell = progress or untold
     tell(0.0, "the ground")
     cells = cells_over(mesh, bounds, cell_m)
     area, count = cell_m * cell_m, len(rig.sensors)

@@ -14,6 +14,7 @@ from pyproj import CRS
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
+from urbantwin.progress import Progress, untold
 from urbantwin.reconstruct.formats.cityjson import read_cityjson
 from urbantwin.reconstruct.formats.colmap import camera_centres, read_sparse_points, sparse_folder
 from urbantwin.reconstruct.formats.coordinate_system import crs_of
@@ -37,8 +38,6 @@ from urbantwin.site import GeometrySource
 
 __all__ = ["read_model"]
 
-Progress = Callable[[float, str], None]
-
 
 def read_model(
     source: GeometrySource,
@@ -61,7 +60,7 @@ def read_model(
     Raises:
         InputError: nothing of it can be read.
     """
-    tell = progress or (lambda share, text: None)
+    tell = progress or untold
     path, kind = source.path, source.spec.kind
     if path is None or kind == "tiles":
         return _tiles(source, frame, region, tell)

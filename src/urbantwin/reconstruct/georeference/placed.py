@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
+from urbantwin.progress import Progress, untold
 from urbantwin.reconstruct.georeference.complaint import complaint
 from urbantwin.reconstruct.georeference.first_place import FirstPlace
 from urbantwin.reconstruct.georeference.heights import (
@@ -36,7 +36,6 @@ from urbantwin.site.geometry import GeometrySource
 
 __all__ = ["Placed", "placed"]
 
-Progress = Callable[[float, str], None]
 
 #: Nobody models about an origin that far away: such coordinates are of a map grid.
 _GRID = 20_000.0
@@ -90,7 +89,7 @@ def placed(
     Raises:
         InputError: it cannot be placed, or not without a guess; the line says what is missing.
     """
-    tell = progress or (lambda share, text: None)
+    tell = progress or untold
     check_finite(model, source)
     if elevation is not None and elevation.is_flat:
         elevation = None

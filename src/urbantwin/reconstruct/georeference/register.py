@@ -7,13 +7,13 @@ be clearly better than the second best, or the model is refused.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.ground import Elevation
+from urbantwin.progress import Progress, untold
 from urbantwin.reconstruct.georeference.complaint import complaint
 from urbantwin.reconstruct.georeference.correlation import Candidate, MapRaster
 from urbantwin.reconstruct.georeference.ground_level import Samples, height_at_anchor, samples_of
@@ -27,7 +27,6 @@ from urbantwin.site.geometry import GeometrySource
 
 __all__ = ["Registration", "register"]
 
-Progress = Callable[[float, str], None]
 
 #: A second way that is nearly as good makes the first one a guess.
 AMBIGUOUS = 0.85
@@ -79,7 +78,7 @@ def register(
         InputError: there is nothing to recognise, two ways are nearly as good, or the residual is
             above ``worst_residual_m``.
     """
-    tell = progress or (lambda share, text: None)
+    tell = progress or untold
     raster = MapRaster(surroundings, coarse_cell(surroundings.region))
     if not raster.tells:
         raise complaint(

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from urbantwin.progress import Progress
 from urbantwin.reconstruct.georeference.complaint import complaint
 from urbantwin.reconstruct.georeference.correlation import (
     APART_M,
@@ -30,7 +30,6 @@ from urbantwin.site.geometry import GeometrySource
 
 __all__ = ["Freedom", "Search", "coarse_cell"]
 
-Progress = Callable[[float, str], None]
 
 _FINE_M = 2.0
 #: A known heading is searched no farther than this, degrees, unless site.yaml says so.

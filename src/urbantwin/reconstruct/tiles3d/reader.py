@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 from urllib.parse import quote, unquote, urlsplit
 
@@ -14,6 +13,7 @@ from pyproj.exceptions import CRSError
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
+from urbantwin.progress import Progress, untold
 from urbantwin.reconstruct.gltf.malformed import MalformedError
 from urbantwin.reconstruct.gltf.reader import Y_UP_TO_Z_UP, joined_clouds
 from urbantwin.reconstruct.model import ImportedModel, PointCloud, TriangleMesh
@@ -39,7 +39,7 @@ def read_tiles3d(
     source: GeometrySource,
     frame: SiteFrame,
     region: shapely.Polygon,
-    progress: Callable[[float, str], None] | None = None,
+    progress: Progress | None = None,
 ) -> ImportedModel:
     """Read the tiles of a tileset that meet a region.
 
@@ -62,7 +62,7 @@ def read_tiles3d(
         InputError: nothing can be read, no tile meets the region, or the source is beyond the
             limits of size.
     """
-    tell = progress or (lambda share, what: None)
+    tell = progress or untold
     store = _opened(source)
     files = TileFiles(store)
     root = _root(source, store, files)
