@@ -45,14 +45,13 @@ def write_inventory(
     """
     scratch = folder / f".{INVENTORY}.part"
     scratch.unlink(missing_ok=True)  # of a run that was killed here
-    sums = dict(known or {})
+    sums = known or {}
     lines = []
     for name in sorted(_files(folder)):
         if name != INVENTORY and not set(without).intersection(name.split("/")[:-1]):
-            digest = sums.get(name) or sha256_of(folder / name)
-            lines.append(f"{digest}  {name}" if name == _escaped(name) else "")
-            if not lines[-1]:  # sha256sum(1): a backslash before the line says so
-                lines[-1] = f"\\{digest}  {_escaped(name)}"
+            escaped = _escaped(name)
+            said = "" if escaped == name else "\\"  # sha256sum(1): so the line says it
+            lines.append(f"{said}{sums.get(name) or sha256_of(folder / name)}  {escaped}")
     with scratch.open("w", errors="surrogateescape", newline="\n") as stream:
         stream.writelines(f"{line}\n" for line in lines)
         stream.flush()

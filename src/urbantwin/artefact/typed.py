@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 from typing import Annotated, TypeAlias, TypeVar
@@ -68,22 +69,26 @@ Quads: TypeAlias = Annotated[_Array, PlainValidator(partial(_table, columns=4))]
 Said: TypeAlias = Annotated[float, PlainValidator(_said)]
 
 
+def _leaves(value: object) -> Iterator[object]:
+    """Yield every key and every value within a document that is neither mapping nor list."""
+    if isinstance(value, dict):
+        yield from value
+        yield from (leaf for one in value.values() for leaf in _leaves(one))
+    elif isinstance(value, list):
+        yield from (leaf for one in value for leaf in _leaves(one))
+    else:
+        yield value
+
+
 def _has_control(value: object) -> bool:
     """Return whether a text within a document has a character of control."""
-    if isinstance(value, str):
-        return not _CONTROLS.isdisjoint(value)
-    if isinstance(value, dict):
-        return any(_has_control(one) for pair in value.items() for one in pair)
-    return isinstance(value, list) and any(_has_control(one) for one in value)
+    texts = (one for one in _leaves(value) if isinstance(one, str))
+    return any(not _CONTROLS.isdisjoint(text) for text in texts)
 
 
 def _has_beyond(value: object) -> bool:
     """Return whether a number with a point within a document is larger than any of a site."""
-    if isinstance(value, float):
-        return abs(value) > _BEYOND
-    if isinstance(value, dict):
-        return any(map(_has_beyond, value.values()))
-    return isinstance(value, list) and any(map(_has_beyond, value))
+    return any(abs(one) > _BEYOND for one in _leaves(value) if isinstance(one, float))
 
 
 def read_typed(path: Path, kind: type[Kind], expected: str) -> Kind:

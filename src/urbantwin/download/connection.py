@@ -63,10 +63,10 @@ class _Plain(socket.socket):
 
     pace: Pace
 
-    def recv_into(self, buffer: Any, nbytes: int = 0, flags: int = 0) -> int:  # noqa: ANN401
+    def recv_into(self, buffer: Any, *how: Any, **more: Any) -> int:  # noqa: ANN401
         self.settimeout(self.pace.wait_s())
         try:
-            received = super().recv_into(buffer, nbytes, flags)
+            received = super().recv_into(buffer, *how, **more)
         except TimeoutError:
             self.pace.wait_s()  # of which end was it: the byte's, or the whole answer's?
             raise
@@ -74,25 +74,8 @@ class _Plain(socket.socket):
         return received
 
 
-class _Encrypted(ssl.SSLSocket):
-    """A socket of TLS that keeps to a pace."""
-
-    pace: Pace
-
-    def recv_into(
-        self,
-        buffer: Any,  # noqa: ANN401
-        nbytes: int | None = None,
-        flags: int = 0,
-    ) -> int:
-        self.settimeout(self.pace.wait_s())
-        try:
-            received = super().recv_into(buffer, nbytes, flags)
-        except TimeoutError:
-            self.pace.wait_s()  # of which end was it: the byte's, or the whole answer's?
-            raise
-        self.pace.count(received)
-        return received
+class _Encrypted(_Plain, ssl.SSLSocket):
+    """The same, of TLS."""
 
 
 def secure_context() -> ssl.SSLContext:

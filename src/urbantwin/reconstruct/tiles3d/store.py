@@ -136,10 +136,7 @@ class Archive:
                 data = member.read(LARGEST_TILE + 1)
         except KeyError:
             raise MalformedError("not found") from None
-        except (
-            *(zipfile.BadZipFile, zlib.error, OSError, EOFError),
-            *(NotImplementedError, RuntimeError),
-        ):
+        except (zipfile.BadZipFile, zlib.error, OSError, EOFError, RuntimeError):
             raise MalformedError("cannot be unpacked") from None
         if len(data) > LARGEST_TILE:
             raise MalformedError(f"is larger than {LARGEST_TILE >> 20} MiB")
