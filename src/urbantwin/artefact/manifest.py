@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
 
 from urbantwin.errors import InputError
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-__all__ = ["Part", "PlainName", "refused", "validated"]
+__all__ = ["Part", "PlainName", "Sha256", "refused", "validated"]
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -24,6 +24,10 @@ def _plain_name(name: str) -> str:
 
 #: A name of a file or a folder that leads nowhere else.
 PlainName = Annotated[str, AfterValidator(_plain_name)]
+
+
+#: A checksum as it is written.
+Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
 class Part(BaseModel):

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import shapely
 from pydantic import BaseModel, ConfigDict, Field
 
-from urbantwin.artefact.manifest import Part
+from urbantwin.artefact.manifest import Part, Sha256
 from urbantwin.errors import InputError
 from urbantwin.site.traffic import TrafficSpec
 
@@ -18,7 +18,6 @@ __all__ = ["KeptSite", "TwinManifest", "check_region", "file_inside"]
 _FURTHEST_M = 1e5
 _Metres = Annotated[float, Field(ge=-_FURTHEST_M, le=_FURTHEST_M)]
 _Place = Annotated[list[_Metres], Field(min_length=2, max_length=2)]
-_Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 
 
 class _Anchor(Part):
@@ -51,7 +50,7 @@ class TwinManifest(Part):
     region_m: Annotated[list[_Place], Field(min_length=3)]
     inputs: list[_Input]
     notes: _Notes
-    files: dict[str, _Sha256]
+    files: dict[str, Sha256]
 
 
 class KeptSite(BaseModel):

@@ -7,17 +7,16 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, Field
 
+from urbantwin.artefact.manifest import Part, Sha256
 from urbantwin.errors import InputError
 
 __all__ = [
     "At",
     "Below",
     "NamedFile",
-    "Part",
     "Plain",
-    "Sha256",
     "check_files",
     "set_at",
     "value_at",
@@ -40,16 +39,9 @@ def _below(name: str) -> str:
     return name
 
 
-Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
 #: The name of a file without a folder, and one of a file below a folder.
 Plain = Annotated[str, AfterValidator(_plain)]
 Below = Annotated[str, AfterValidator(_below)]
-
-
-class Part(BaseModel):
-    """A mapping in a manifest; fields that are not known here are left alone."""
-
-    model_config = ConfigDict(extra="ignore", frozen=True, allow_inf_nan=False)
 
 
 class NamedFile(Part):

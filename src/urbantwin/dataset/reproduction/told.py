@@ -9,14 +9,8 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, ValidationError
 
 from urbantwin.artefact import read_json
-from urbantwin.dataset.reproduction.named_files import (
-    Below,
-    NamedFile,
-    Part,
-    Plain,
-    Sha256,
-    check_files,
-)
+from urbantwin.artefact.manifest import Part, Sha256
+from urbantwin.dataset.reproduction.named_files import Below, NamedFile, Plain, check_files
 from urbantwin.errors import InputError
 
 __all__ = ["Background", "Told", "read_told"]
