@@ -33,7 +33,7 @@ from urbantwin.fidelity.on_beams import beams_of_rig
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar import Rig, place_rig
-from urbantwin.lidar.measured_file import rig_with_backgrounds
+from urbantwin.lidar.background_file import rig_with_backgrounds
 from urbantwin.site import load_rig_spec
 from urbantwin.taxonomy import material_id, semantic_id
 from urbantwin.traffic import Motion, run_traffic

@@ -15,17 +15,17 @@ import time
 from collections.abc import Callable
 
 import numpy as np
+from urbantwin.lidar.layers import Paths, PresentActors, SensorPoses, cast_actors, cast_world
 
 from record import static_world
 from scan import COLUMNS, Job, moments, rig_of
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
+from urbantwin.geometry.embree import EmbreeScene
 from urbantwin.lidar import Scanner
 from urbantwin.lidar.beams import Beams
-from urbantwin.lidar.casting import EmbreeCaster
-from urbantwin.lidar.casting.backend import layers_on
+from urbantwin.lidar.casting.backend import tracer_on
 from urbantwin.lidar.casting.warp import WarpCaster
-from urbantwin.lidar.layers import Paths, PresentActors, SensorPoses, cast_actors, cast_world
 from urbantwin.lidar.shapes import ActorShape, ShapeArrays, ShapeTable
 from urbantwin.lidar.timing import sweeps_of
 from urbantwin.traffic.assets import asset_mesh
@@ -49,13 +49,13 @@ def lines(backend: str, mesh: LabelledMesh, actors: int, seconds: float) -> dict
     mounted, frames = rig.sensors[0], moments(actors)
     beams, pose = Beams.of(mounted), mounted.site_SE3_sensor
     (sweep,) = sweeps_of(mounted, 3, 0)
-    device = layers_on(backend)
+    device = tracer_on(backend)
 
     moved = mesh.vertices - pose.translation
     aims = (beams.directions @ pose.rotation.T).astype(np.float32)
     name = backend.partition(":")[2] or None
     caster = (
-        EmbreeCaster(moved, mesh.faces) if device is None else WarpCaster(moved, mesh.faces, name)
+        EmbreeScene(moved, mesh.faces) if device is None else WarpCaster(moved, mesh.faces, name)
     )
 
     shape = ActorShape(

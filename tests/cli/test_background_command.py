@@ -7,7 +7,7 @@ from scipy.io import savemat
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.lidar import Scanner, beam_directions, place_rig, sensor
-from urbantwin.lidar.measured_file import load_backgrounds
+from urbantwin.lidar.background_file import load_backgrounds
 from urbantwin.site.rig import RigSpec
 from urbantwin.taxonomy import material_id, semantic_id
 

@@ -11,7 +11,7 @@ from urbantwin.dataset import record
 from urbantwin.fidelity.measured_background import measure_recording
 from urbantwin.fidelity.on_beams import beams_of_rig
 from urbantwin.lidar import place_rig
-from urbantwin.lidar.measured_file import load_backgrounds, rig_with_backgrounds
+from urbantwin.lidar.background_file import load_backgrounds, rig_with_backgrounds
 from urbantwin.taxonomy import semantic_id
 from urbantwin.traffic import Motion
 from urbantwin.traffic.motion import MOTION_VERSION

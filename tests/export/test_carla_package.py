@@ -23,7 +23,7 @@ from urbantwin.export.carla.names import OBJECTS, folder_of, map_name
 from urbantwin.export.carla.rig import carla_rig, carla_sensor
 from urbantwin.export.mesh import blender_python
 from urbantwin.geometry import Pose
-from urbantwin.lidar.rig import place_rig
+from urbantwin.lidar.placement import place_rig
 from urbantwin.site.rig import RideSpec
 
 TWINS = ["two_avenues_twin", "perth_twin"]

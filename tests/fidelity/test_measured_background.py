@@ -12,8 +12,8 @@ from urbantwin.fidelity.on_beams import BeamsOf, beams_of_rig
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar import Scanner, place_rig, sensor
 from urbantwin.lidar.actor_path import PosedActor
-from urbantwin.lidar.measured import MeasuredBackground
-from urbantwin.lidar.measured_file import (
+from urbantwin.lidar.background import MeasuredBackground
+from urbantwin.lidar.background_file import (
     load_backgrounds,
     rig_with_backgrounds,
     save_backgrounds,

@@ -18,8 +18,8 @@ from urbantwin.fidelity.challenge import read_detections
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.fidelity.tuning.journal import Journal
 from urbantwin.geometry import LabelledMesh
-from urbantwin.lidar.measured import MeasuredBackground
-from urbantwin.lidar.measured_file import load_backgrounds, save_backgrounds
+from urbantwin.lidar.background import MeasuredBackground
+from urbantwin.lidar.background_file import load_backgrounds, save_backgrounds
 from urbantwin.roads.opendrive import write_opendrive
 from urbantwin.roads.signals.programs import described_signals
 from urbantwin.traffic import Motion

@@ -6,9 +6,10 @@ import shapely
 
 from urbantwin.geometry import LabelledMesh, MaterialLayer, SurfaceMaterials
 from urbantwin.lidar.returns import scatter_of_materials
-from urbantwin.lidar.static import cast_static
 from urbantwin.scene.ground_material.rasterise import cells_of_quads, layer_of_cells
 from urbantwin.taxonomy import material_id, materials, semantic_id
+
+from ..thin_rays import cast_static
 
 PAINT = material_id("road-paint")
 CELL = 0.05

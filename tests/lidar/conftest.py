@@ -7,7 +7,8 @@ import pytest
 
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar.actor_path import PosedActor
-from urbantwin.lidar.rig import Rig, place_rig
+from urbantwin.lidar.placement import place_rig
+from urbantwin.lidar.rig import Rig
 from urbantwin.site.rig import RigSpec
 from urbantwin.taxonomy import ACTOR_CLASSES, material_id, semantic_id
 from urbantwin.traffic.assets import asset_names

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from urbantwin.lidar.layers import Paths, PresentActors, SensorPoses, cast_actors
 
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar import Scanner, beam_directions
-from urbantwin.lidar.actor_path import ActorPath, PosedActor
+from urbantwin.lidar.actor_path import ActorPath, Paths, PosedActor
 from urbantwin.lidar.beams import Beams
 from urbantwin.lidar.compiled.bounds import bounds_of_box
-from urbantwin.lidar.layers import Paths, PresentActors, SensorPoses, cast_actors
-from urbantwin.lidar.shapes import ActorShape, ShapeArrays
+from urbantwin.lidar.shapes import ActorShape
 from urbantwin.lidar.sweep import Sweep
 from urbantwin.taxonomy import material_id, semantic_id
 from urbantwin.traffic.assets import asset_mesh
@@ -72,8 +72,9 @@ def test_every_beam_finds_a_moving_box_where_it_is_when_the_beam_fires(  # noqa:
     half = np.array(half)
     shape = ActorShape(box(half))
     poses = SensorPoses(sensor_pose.rotation[None], sensor_pose.translation[None])
-    actors = PresentActors(ShapeArrays.of([shape]), np.zeros(1, np.int64), Paths.of([way]))
-    met = cast_actors(beams, sweep, poses, actors, 1e6, glass=False)
+    actors = PresentActors(Shapes.of([shape]), np.zeros(1, np.int64), Paths.of([way]))
+    firing = Firing.of(beams, sweep, poses)
+    met = cast_actors(EmbreeTracer(), beams, firing, actors, 1e6, glass=False)
     ours = np.full(len(beams.directions), np.inf)
     ours[met.ray] = met.range_m
     assert len(np.unique(met.ray)) == len(met.ray)

@@ -8,7 +8,7 @@ import pytest
 
 from urbantwin.errors import InputError
 from urbantwin.lidar import Scanner
-from urbantwin.lidar.casting.backend import layers_on
+from urbantwin.lidar.casting.backend import tracer_on
 
 warp = pytest.importorskip("warp", reason="the extra 'warp' is not installed")
 
@@ -121,32 +121,30 @@ def test_frames_are_the_same_whatever_came_before(street, rig_of, crowd):
 )
 def test_backends_that_are_not_here(backend, words):
     with pytest.raises(InputError) as caught:
-        layers_on(backend)
+        tracer_on(backend)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
 def test_without_the_extra(monkeypatch):
-    from urbantwin.lidar.casting.warp import warp_device
+    from urbantwin.lidar.casting.warp_device import warp_device
 
     warp_device.cache_clear()
     monkeypatch.setitem(sys.modules, "warp", None)
     with pytest.raises(InputError, match=r"warp-lang; expected pip install 'urbantwin\[warp\]'"):
-        layers_on("warp")
+        tracer_on("warp")
     warp_device.cache_clear()
 
 
 def test_kernels_compile_for_cuda(tmp_path):
     """NVIDIA's compiler comes with Warp and needs no GPU."""
-    from urbantwin.lidar.casting.device import layers, triangles
-    from urbantwin.lidar.casting.warp import warp_device
+    from urbantwin.lidar.casting.device import cast
+    from urbantwin.lidar.casting.warp_device import warp_device
 
     warp_device("cpu")
-    for module, kernel in ((triangles, "cast_rays"), (layers, "find_layers")):
-        try:
-            (made,) = warp.compile_aot_module(
-                module, arch=90, module_dir=tmp_path / kernel, use_ptx=True
-            )
-        except RuntimeError as error:
-            pytest.skip(f"Warp cannot compile for CUDA here: {error}")
+    try:
+        (made,) = warp.compile_aot_module(cast, arch=90, module_dir=tmp_path, use_ptx=True)
+    except RuntimeError as error:
+        pytest.skip(f"Warp cannot compile for CUDA here: {error}")
+    for kernel in ("cast_axes", "find_layers", "put_in_order"):
         assert f".entry {kernel}" in made.read_text()

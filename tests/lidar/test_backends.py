@@ -28,7 +28,11 @@ from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from urbantwin.lidar.casting import EmbreeCaster, Hits
+from urbantwin.geometry import LabelledMesh
+from urbantwin.geometry.embree import EmbreeScene, Hits
+from urbantwin.lidar.actor_path import Paths
+from urbantwin.lidar.casting.tracer import Blocks, Casting, Firing, Spread
+from urbantwin.lidar.shapes import ActorShape, PresentActors, Shapes
 
 MILLIMETRE = 1e-3
 #: Of single precision, and of double precision.
@@ -38,14 +42,35 @@ Cast = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], Hits]
 
 
 def embree(vertices, faces, origins, directions):
-    return EmbreeCaster(vertices, faces).cast(origins, directions)
+    return EmbreeScene(vertices, faces).cast(origins, directions)
 
 
 def warp(vertices, faces, origins, directions):
     pytest.importorskip("warp", reason="the extra 'warp' is not installed")
-    from urbantwin.lidar.casting.warp import WarpCaster
+    from urbantwin.lidar.casting.warp import WarpTracer
 
-    return WarpCaster(vertices, faces, "cpu").cast(origins, directions)
+    return thin_rays(WarpTracer("cpu"), vertices, faces, origins, directions)
+
+
+def thin_rays(tracer, vertices, faces, origins, directions):
+    """Cast rays as the beams of a turn in which each column stands somewhere else."""
+    rays, face = len(directions), np.zeros(len(faces))
+    mesh = LabelledMesh(np.asarray(vertices, np.float64), faces, face, face.astype(int), face)
+    firing = Firing(
+        np.zeros(rays),
+        np.zeros(1),
+        np.tile(np.eye(3), (rays, 1, 1)),
+        np.array(np.broadcast_to(origins, (rays, 3)), np.float64),
+        directions.astype(np.float64),
+        np.zeros((1, 2)),
+    )
+    world = Shapes.of([ActorShape(mesh, with_hull=False)])
+    standing = PresentActors(world, np.zeros(1, np.int64), Paths.standing())
+    block = Blocks(*np.array([[0], [1], [rays], [0]]), np.arange(rays, dtype=np.int32))
+    met = tracer.layers(firing, standing, block, Casting(False, Spread.NOWHERE, False))
+    hits = Hits(np.full(rays, np.inf, np.float32), np.full(rays, -1, np.int32))
+    hits.range_m[met.ray], hits.face[met.ray] = met.range_m, met.face
+    return hits
 
 
 def open3d_(vertices, faces, origins, directions):

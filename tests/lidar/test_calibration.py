@@ -6,11 +6,11 @@ from scipy.stats import binom
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
+from urbantwin.lidar.background import MeasuredBackground
+from urbantwin.lidar.background_file import with_background
 from urbantwin.lidar.coverage import rig_coverage
-from urbantwin.lidar.measured import MeasuredBackground
-from urbantwin.lidar.measured_file import with_background
+from urbantwin.lidar.placement import place_rig
 from urbantwin.lidar.returns import ReturnModel
-from urbantwin.lidar.rig import place_rig
 from urbantwin.lidar.scanner import Scanner
 from urbantwin.site.conditions import Conditions
 from urbantwin.site.document import Document

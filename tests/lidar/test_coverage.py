@@ -12,7 +12,8 @@ from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar.catalogue import sensor
 from urbantwin.lidar.coverage import LAYERS, rig_coverage
 from urbantwin.lidar.coverage.cells import cells_over
-from urbantwin.lidar.rig import Rig, place_rig
+from urbantwin.lidar.placement import place_rig
+from urbantwin.lidar.rig import Rig
 from urbantwin.lidar.scanner import Scanner
 from urbantwin.site.rig import RigSpec
 

@@ -5,7 +5,7 @@ import pytest
 
 from urbantwin.geometry import Pose, bounding_box, points_in_box
 from urbantwin.lidar.compiled.boxes import tight_boxes
-from urbantwin.lidar.labels import spans_in_box
+from urbantwin.lidar.detections import spans_in_box
 from urbantwin.lidar.shapes import ActorShape
 from urbantwin.traffic.assets import asset_mesh, asset_names
 

@@ -10,8 +10,9 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import Pose
 from urbantwin.lidar import Scanner
 from urbantwin.lidar.actor_path import ActorPath, PosedActor
+from urbantwin.lidar.outage import dead_beams
 from urbantwin.lidar.pattern import beam_directions
-from urbantwin.lidar.rig import place_rig
+from urbantwin.lidar.placement import place_rig
 from urbantwin.site.rig import RigSpec
 from urbantwin.traffic.assets import asset_names
 
@@ -174,7 +175,7 @@ def test_dead_beams_report_nothing_and_change_no_other(street, rig_of, crowd):
     sound, broken = Scanner(street, rig_of(street, one), 1), Scanner(street, rig, 1)
     for index, fails in [(4, False), (5, True)]:
         all_of_it, some = sound.scan(index, actors), broken.scan(index, actors)
-        dead = rig.sensors[0].dead(index / 10.0)
+        dead = dead_beams(rig.sensors[0], index / 10.0)
         assert (dead is not None) == fails
         kept = np.ones(len(all_of_it.points), bool)
         if dead is not None:

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from urbantwin.errors import InputError
+from urbantwin.lidar.outage import dead_beams
 from urbantwin.lidar.pattern import beam_directions
 
 
 def dead(rig_of, ground_mesh, outage, time_s=1.0, model="VLP-16"):
     rig = rig_of(ground_mesh(), {"model": model, "outages": [outage]})
     one = rig.sensors[0]
-    return one, one.dead(time_s)
+    return one, dead_beams(one, time_s)
 
 
 @pytest.mark.parametrize("model", ["VLP-16", "OS1-32", "VLP-32C"])

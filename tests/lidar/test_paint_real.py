@@ -8,10 +8,10 @@ import pytest
 import shapely
 
 from urbantwin.geometry import LabelledMesh
-from urbantwin.lidar.static import cast_static
 from urbantwin.taxonomy import material_id, semantic_id
 
 from ..real_files import SWEEPS, argoverse_log, argoverse_map
+from ..thin_rays import cast_static
 
 
 def coordinates(points, keys="xy"):

@@ -10,7 +10,7 @@ import yaml
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
 from urbantwin.lidar import Scanner, sensor
-from urbantwin.lidar.rig import place_rig
+from urbantwin.lidar.placement import place_rig
 from urbantwin.site.rig import RigSpec
 from urbantwin.traffic.assets import asset_mesh
 from urbantwin.twin.sensor_files import kept_rig

@@ -7,9 +7,9 @@ import pytest
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar.actor_path import ActorPath
-from urbantwin.lidar.riding import boarded, carrier_among
-from urbantwin.lidar.riding_path import poses_along
-from urbantwin.lidar.rig import place_rig
+from urbantwin.lidar.placement import place_rig
+from urbantwin.lidar.riding import boarded
+from urbantwin.lidar.sensor_path import poses_along
 from urbantwin.site.rig import RigSpec
 from urbantwin.traffic import Motion
 from urbantwin.traffic.assets import asset_mesh, asset_names
@@ -170,23 +170,13 @@ def test_above_the_roof_is_above_the_carriers_mesh(motion):
 
 
 def test_a_sensor_inside_its_carrier_is_refused(motion):
-    with pytest.raises(InputError, match=r"sensors\[1\].height_m: is inside bus 11") as error:
+    with pytest.raises(
+        InputError, match=r"sensors\[1\].height_m: the sensor is inside bus 11"
+    ) as error:
         boarded(riding({"class": "bus"}, {}, {"height_m": 1.5}), motion, [5.0], file="rig.yaml")
     assert error.value.file == "rig.yaml"
 
 
-def test_the_carrier_is_not_among_what_is_seen(motion, crowd):
-    rig = boarded(riding({"track": 8}), motion, [0.0])
-    actors = crowd(10, seed=1)
-    carrier, others = carrier_among(rig, actors, 0.0)
-    assert carrier.track == 8
-    assert [one.track for one in others] == [1, 2, 3, 4, 5, 6, 7, 9, 10]
-    with pytest.raises(InputError, match=r"track 8.* is not there at 1.5 s"):
-        carrier_among(rig, others, 1.5)
-
-
-def test_a_rig_that_stands_boards_nothing(motion, rig_of, ground_mesh, crowd):
+def test_a_rig_that_stands_boards_nothing(motion, rig_of, ground_mesh):
     rig = rig_of(ground_mesh(), {})
     assert boarded(rig, motion, [0.0]) is rig
-    actors = crowd(3, seed=1)
-    assert carrier_among(rig, actors, 0.0) == (None, actors)

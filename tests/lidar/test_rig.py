@@ -5,7 +5,7 @@ import pytest
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, Pose
-from urbantwin.lidar.rig import place_rig
+from urbantwin.lidar.placement import place_rig
 from urbantwin.site.rig import RigSpec
 from urbantwin.taxonomy import material_id, semantic_id
 

@@ -10,7 +10,7 @@ import pytest
 
 from urbantwin.errors import InputError
 from urbantwin.lidar import beam_directions, sensor
-from urbantwin.lidar.rig import place_rig
+from urbantwin.lidar.placement import place_rig
 from urbantwin.site.rig import RigSpec
 from urbantwin.twin.sensor_files import kept_rig
 

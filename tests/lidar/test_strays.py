@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from urbantwin.lidar.pattern import beam_azimuths, beam_directions, beam_elevations
+from urbantwin.lidar.beams import Beams
 from urbantwin.lidar.returns import ReturnModel
 from urbantwin.lidar.returns.added import inserted, strongest_of
-from urbantwin.lidar.returns.strays import ISOLATION, SKIRT, Stray, blooms, crosstalks
+from urbantwin.lidar.returns.strays import ISOLATION, SKIRT, Source, Stray, blooms, crosstalks
 from urbantwin.taxonomy import materials
 
 COLUMNS = 1024
@@ -17,13 +17,10 @@ def os1(ground_mesh, rig_of):
     return rig_of(ground_mesh(), {}).sensors[0]
 
 
-def rings_of(sensor, columns):
-    step = 2 * np.pi / columns * (-1 if sensor.spin == "cw" else 1)
-    return beam_elevations(sensor), beam_azimuths(sensor, columns)[:, 0], step, columns
-
-
 def one(beam, range_m, amplitude):
-    return np.array([beam], np.int32), np.array([range_m], "f4"), np.array([amplitude], "f4")
+    return Source(
+        np.array([beam], np.int32), np.array([range_m], "f4"), np.array([amplitude], "f4")
+    )
 
 
 @pytest.mark.parametrize("model_name", ["OS1-128", "VLP-32C", "Pandar64"])
@@ -34,25 +31,25 @@ def test_a_sign_blooms_into_all_beams_around_it_that_the_skirt_reaches(
     """Every beam of the sensor looked at, in float64."""
     mounted = rig_of(ground_mesh(), {"model": model_name}).sensors[0]
     model, columns = ReturnModel(mounted), mounted.columns
-    beams = beam_directions(mounted.sensor, columns).reshape(-1, 3)
+    beams = Beams.of(mounted)
     sign = 40 % mounted.sensor.channels * columns + column
     amplitude, range_m = 2000.0, 15.0
     halo = blooms(
         model,
         mounted.sensor,
         beams,
-        rings_of(mounted.sensor, columns),
+        beams.rings,
         one(sign, range_m, amplitude),
     )
     width = np.radians(0.18)
-    angle = 2 * np.arcsin(np.linalg.norm(beams - beams[sign], axis=1) / 2)
+    angle = 2 * np.arcsin(np.linalg.norm(beams.directions - beams.directions[sign], axis=1) / 2)
     angle[sign] = np.inf
     expected = amplitude * SKIRT * np.minimum(1, (width / angle) ** 3)
     # What every echo of the skirt would be as strong as, in the dark.
-    dark = np.zeros(len(beams), "f4")
-    strength = model.strength(expected.astype("f4"), np.full(len(beams), range_m, "f4"), dark)
+    dark = np.zeros(len(beams.directions), "f4")
+    strength = model.strength(expected.astype("f4"), np.full(len(expected), range_m, "f4"), dark)
     wanted, clear = strength > 0.02, np.abs(strength - 0.02) > 1e-4
-    got = np.zeros(len(beams), bool)
+    got = np.zeros(len(expected), bool)
     got[halo.beam] = True
     assert len(np.unique(halo.beam)) == len(halo.beam)
     assert wanted.sum() > 10
@@ -62,11 +59,11 @@ def test_a_sign_blooms_into_all_beams_around_it_that_the_skirt_reaches(
 
 
 def test_light_of_several_bright_beams_adds_up_where_it_arrives_together(os1):
-    model, beams = ReturnModel(os1), beam_directions(os1.sensor, COLUMNS).reshape(-1, 3)
-    rings = rings_of(os1.sensor, COLUMNS)
+    model, beams = ReturnModel(os1), Beams.of(os1)
+    rings = beams.rings
     near, also, far = one(5000, 10.0, 900.0), one(5001, 10.4, 900.0), one(5002, 20.0, 900.0)
     alone = [blooms(model, os1.sensor, beams, rings, source) for source in (near, also, far)]
-    every = tuple(np.concatenate(parts) for parts in zip(near, also, far, strict=True))
+    every = Source(*(np.concatenate(parts) for parts in zip(near, also, far, strict=True)))
     halo = blooms(model, os1.sensor, beams, rings, every)
     for beam in (4999, 5003):
         light = [part.amplitude[part.beam == beam][0] for part in alone]
@@ -77,8 +74,8 @@ def test_light_of_several_bright_beams_adds_up_where_it_arrives_together(os1):
 
 
 def test_a_dim_or_far_sign_does_not_bloom(os1):
-    beams = beam_directions(os1.sensor, COLUMNS).reshape(-1, 3)
-    rings = rings_of(os1.sensor, COLUMNS)
+    beams = Beams.of(os1)
+    rings = beams.rings
     for amplitude, range_m in ((1.5, 20.0), (220.0, 119.9)):
         halo = blooms(
             ReturnModel(os1),

@@ -4,10 +4,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shapely import LineString, Point, Polygon, box
 
-from urbantwin.lidar.static import cast_static
 from urbantwin.scene.barrier import barrier_mesh
 from urbantwin.site.extract import OsmFeature
 from urbantwin.taxonomy import material_id, semantic_id
+
+from ..thin_rays import cast_static
 
 REGION = box(-100, -100, 100, 100)
 NO_ROAD = Polygon()

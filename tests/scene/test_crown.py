@@ -5,13 +5,14 @@ import pytest
 from numpy.random import Generator, Philox
 from shapely import LineString, Point, Polygon, box
 
-from urbantwin.lidar.static import cast_static
 from urbantwin.reconstruct import SurveyedTree
 from urbantwin.scene.tree import surveyed_tree_mesh, tree_mesh
 from urbantwin.scene.tree.crown import crown_clumps
 from urbantwin.scene.tree.genus import genus_of
 from urbantwin.site.extract import OsmFeature
 from urbantwin.taxonomy import material_id, semantic_id
+
+from ..thin_rays import cast_static
 
 REGION = box(-100, -100, 100, 100)
 LEAVES, TRUNK = semantic_id("vegetation"), semantic_id("trunk")

@@ -6,7 +6,6 @@ import shapely
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
-from urbantwin.lidar.static import cast_static
 from urbantwin.roads import build_roads
 from urbantwin.scene.deck import (
     PARAPET_M,
@@ -18,6 +17,8 @@ from urbantwin.scene.deck import (
 )
 from urbantwin.scene.scene import ON_A_PLAIN
 from urbantwin.site import read_extract
+
+from ..thin_rays import cast_static
 
 REGION = shapely.Point(0, 0).buffer(110)
 

@@ -33,7 +33,7 @@ __all__ = [
 
 def rig_on(twin: Twin, rig_file: Path | None = None, changes: RigChanges | None = None) -> Rig:
     """Place the rig of a file, or the twin's own, on a twin."""
-    from urbantwin.lidar.rig import place_rig
+    from urbantwin.lidar.placement import place_rig
 
     spec, file = _spec_on(twin, rig_file, changes)
     return place_rig(spec, twin.mesh, file=file, anchor_height_m=twin.anchor_height_m)
@@ -61,7 +61,7 @@ def fields_below(field: str, file: Path) -> Iterator[None]:
 
 def site_with_known_sensors(path: Path) -> Site:
     """Read a site and check its sensors against the catalogue, which needs no twin."""
-    from urbantwin.lidar.rig import check_models
+    from urbantwin.lidar.chosen_sensor import check_models
     from urbantwin.site import load_site
 
     site = load_site(path)
@@ -72,7 +72,7 @@ def site_with_known_sensors(path: Path) -> Site:
 
 def build_stage(site: Site, out: Path, console: Console, *, pictures: bool = True) -> Twin:
     """Build a twin that the site's own rig stands in, with pictures of it and of its geometry."""
-    from urbantwin.lidar.rig import place_rig
+    from urbantwin.lidar.placement import place_rig
     from urbantwin.twin import build_twin
 
     found: list[Reconstruction] = []
@@ -124,7 +124,7 @@ def record_stage(
 ) -> None:
     """Record a dataset with the rig of a file, or with the twin's own, and changes to it."""
     from urbantwin.dataset import asked_of, record
-    from urbantwin.lidar.measured_file import rig_with_backgrounds
+    from urbantwin.lidar.background_file import rig_with_backgrounds
 
     spec, file = _spec_on(twin, rig_file, changes)
     rig = rig_with_backgrounds(rig_on(twin, rig_file, changes), background, fused=fuse)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from urbantwin.artefact import sha256_of
-from urbantwin.lidar.measured_file import named_background
+from urbantwin.lidar.background_file import named_background
 from urbantwin.site import RigSpec
 from urbantwin.twin.sources import rig_and_files
 

@@ -23,7 +23,7 @@ from urbantwin.dataset.moment import FASTEST_M_S
 from urbantwin.dataset.one_dataset import MARKS, checksums, finish_dataset, record_dataset
 from urbantwin.errors import InputError
 from urbantwin.lidar import Rig
-from urbantwin.lidar.casting.backend import layers_on
+from urbantwin.lidar.casting.backend import tracer_on
 from urbantwin.lidar.coverage import ignore_areas
 from urbantwin.lidar.riding import boarded
 from urbantwin.progress import Progress, untold
@@ -100,7 +100,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     times_s = frame_times(rig.rate_hz, start_s, stop_s, motion.times())
     file = None if rig_file is None else str(rig_file)
     rig = boarded(rig, motion, list(times_s.values()), fastest_m_s=FASTEST_M_S, file=file)
-    layers_on(backend)  # Before any work: is it there?
+    tracer_on(backend)  # Before any work: is it there?
     inputs = [twin.folder, *inputs]
     check_folder(out, kind="dataset", inputs=inputs)
     say = progress or untold

@@ -12,7 +12,7 @@ from pydantic import BaseModel, Field, ValidationError
 from urbantwin.artefact.manifest import Part
 from urbantwin.dataset.manifest_form import pose_of_matrix
 from urbantwin.lidar import MountedSensor, Rig, Sensor
-from urbantwin.lidar.mounted import Returns
+from urbantwin.lidar.rig import ReturnMode
 from urbantwin.site.rig import Calibration, Conditions, Effects, OutageSpec, RideSpec, SwaySpec
 
 __all__ = ["rig_of_manifest"]
@@ -69,7 +69,7 @@ class _ToldSensor(Part):
     time_jitter_s: Annotated[float, Field(ge=0, le=1)] = 0.0
     latency_s: Annotated[float, Field(ge=0, le=10)] = 0.0
     dropped_frames: Annotated[float, Field(ge=0, le=1)] = 0.0
-    returns: Returns = "strongest"
+    returns: ReturnMode = "strongest"
 
 
 class _Told(Part):

@@ -11,7 +11,7 @@ import numpy as np
 from urbantwin.dataset.layout import frame_name
 from urbantwin.geometry import ypr_from_rotation
 from urbantwin.lidar.actor_path import ActorPath
-from urbantwin.lidar.mounted import Rig
+from urbantwin.lidar.rig import Rig
 from urbantwin.lidar.timing import turns_of
 
 __all__ = ["sweep_rows", "write_sweeps"]

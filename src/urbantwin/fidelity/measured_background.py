@@ -16,8 +16,8 @@ from urbantwin.fidelity.on_beams import BeamsOf
 from urbantwin.fidelity.range_modes import RangeModes, range_modes
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.fidelity.sampling import evenly
-from urbantwin.lidar.measured import MeasuredBackground
-from urbantwin.lidar.measured_file import save_backgrounds
+from urbantwin.lidar.background import MeasuredBackground
+from urbantwin.lidar.background_file import save_backgrounds
 from urbantwin.progress import Progress, untold
 
 __all__ = ["measure_recording", "measured_backgrounds"]

@@ -14,8 +14,8 @@ from urbantwin.fidelity.frame import Frame
 from urbantwin.geometry import Pose
 from urbantwin.lidar import Rig, beam_directions
 from urbantwin.lidar import sensor as model_of
-from urbantwin.lidar.mounted import dataset_frame
 from urbantwin.lidar.pattern import beam_azimuths
+from urbantwin.lidar.rig import dataset_frame
 from urbantwin.lidar.sensor import Sensor
 
 __all__ = ["BeamsOf", "beams_of_model", "beams_of_rig"]

@@ -15,8 +15,8 @@ from urbantwin.artefact.document import read_bytes
 from urbantwin.errors import InputError
 from urbantwin.fidelity.measured_background import described
 from urbantwin.fidelity.on_beams import BeamsOf
-from urbantwin.lidar.measured import MeasuredBackground
-from urbantwin.lidar.measured_file import save_backgrounds
+from urbantwin.lidar.background import MeasuredBackground
+from urbantwin.lidar.background_file import save_backgrounds
 
 __all__ = ["is_matrix", "measure_matrix"]
 

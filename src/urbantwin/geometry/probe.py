@@ -2,33 +2,27 @@
 
 from __future__ import annotations
 
-import embreex.mesh_construction
-import embreex.rtcore_scene
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from urbantwin.geometry.embree import EmbreeScene
 from urbantwin.geometry.mesh import LabelledMesh
 
 __all__ = ["DownwardProbe"]
 
 
 class DownwardProbe:
-    """Casts rays down onto a mesh (Embree, robust)."""
+    """Casts rays down onto a mesh."""
 
     def __init__(self, mesh: LabelledMesh) -> None:
-        self._scene = embreex.rtcore_scene.EmbreeScene(robust=True)
-        # Kept: the scene refers to its geometry without owning it.
-        self._mesh = embreex.mesh_construction.TriangleMesh(
-            self._scene, mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32)
-        )
+        self._scene = EmbreeScene(mesh.vertices, mesh.faces)
         self._triangles = mesh.triangles()
 
     def face_below(self, points: ArrayLike) -> NDArray[np.int64]:
         """Return the first face (N,) straight under each of (N, 3) points; -1 where none is."""
         origins = np.asarray(points, np.float32).reshape(-1, 3)
-        down = np.broadcast_to(np.array([0, 0, -1], np.float32), origins.shape).copy()
-        hits = self._scene.run(origins, down, output=True)
-        return np.where(hits["geomID"] >= 0, hits["primID"], -1).astype(np.int64)
+        down = np.broadcast_to(np.array([0, 0, -1], np.float32), origins.shape)
+        return self._scene.cast_single(origins, down).face.astype(np.int64)
 
     def height_below(self, points: ArrayLike) -> NDArray[np.float64]:
         """Return the height (N,) of the first face under each of (N, 3) points; nan where none is.

@@ -9,7 +9,8 @@ from urbantwin.lidar.pattern import (
     beam_elevations,
     pattern_directions,
 )
-from urbantwin.lidar.rig import MountedSensor, Rig, place_rig
+from urbantwin.lidar.placement import place_rig
+from urbantwin.lidar.rig import MountedSensor, Rig
 from urbantwin.lidar.scan_pattern import ScanPattern, load_scan_pattern
 from urbantwin.lidar.scanner import Scanner
 

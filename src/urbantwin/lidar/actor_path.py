@@ -1,8 +1,10 @@
-"""Where an actor is in the course of a frame."""
+"""Where actors are in the course of a frame."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from urbantwin.geometry import Pose
 
-__all__ = ["ActorPath", "PosedActor"]
+__all__ = ["ActorPath", "Paths", "PosedActor"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,3 +83,57 @@ class PosedActor:
             np.array([pose.rotation, pose.rotation]),
             np.array([pose.translation, pose.translation + self.velocity]),
         )
+
+
+class Paths(NamedTuple):
+    """The ways of A actors in one frame, padded to the same number T of knots.
+
+    Attributes:
+        time_s: (A, T) float64, seconds from the frame's time.
+        rotation: (A, T, 3, 3) float64, ``site_SE3_asset``.
+        translation: (A, T, 3) float64.
+        turn: (A, T - 1, 3) float64, rotation vector from each knot to the next, asset's frame.
+    """
+
+    time_s: NDArray[np.float64]
+    rotation: NDArray[np.float64]
+    translation: NDArray[np.float64]
+    turn: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, ways: Sequence[ActorPath]) -> Paths:
+        """Put paths together; shorter ones go straight on."""
+        longest = max((len(way.time_s) for way in ways), default=2)
+        count = len(ways)
+        if ways and all(len(way.time_s) == longest for way in ways):
+            rotation = np.array([way.rotation for way in ways])
+            place = np.array([way.translation for way in ways])
+            return cls(np.array([way.time_s for way in ways]), rotation, place, _turns(rotation))
+        time_s = np.empty((count, longest))
+        rotation, place = np.empty((count, longest, 3, 3)), np.empty((count, longest, 3))
+        for n, way in enumerate(ways):
+            known = len(way.time_s)
+            time_s[n, :known] = way.time_s
+            rotation[n, :known], place[n, :known] = way.rotation, way.translation
+            for k in range(known, longest):
+                later = float(way.time_s[-1]) + (k - known + 1)
+                pose = way.at(later)
+                time_s[n, k], rotation[n, k], place[n, k] = later, pose.rotation, pose.translation
+        return cls(time_s, rotation, place, _turns(rotation))
+
+    @classmethod
+    def standing(cls) -> Paths:
+        """Return the path of the static world: it stands in the site frame."""
+        rotation = np.broadcast_to(np.eye(3), (1, 2, 3, 3)).copy()
+        return cls(np.array([[0.0, 1.0]]), rotation, np.zeros((1, 2, 3)), np.zeros((1, 1, 3)))
+
+
+def _turns(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return rotation vectors (A, T - 1, 3) from each knot's rotation to the next's."""
+    count, knots = rotation.shape[:2]
+    step = np.swapaxes(rotation[:, :-1], 2, 3) @ rotation[:, 1:]
+    still = (np.abs(step - np.eye(3)) < 1e-15).all(axis=(2, 3))
+    turn = np.zeros((count, knots - 1, 3))
+    if not still.all():
+        turn[~still] = Rotation.from_matrix(step[~still]).as_rotvec()
+    return turn

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.lidar.footprint import Footprint
-from urbantwin.lidar.mounted import MountedSensor
 from urbantwin.lidar.pattern import (
     beam_azimuths,
     beam_directions,
@@ -16,12 +16,12 @@ from urbantwin.lidar.pattern import (
     pattern_directions,
 )
 from urbantwin.lidar.returns.encoder import as_reported, encoder_errors
+from urbantwin.lidar.rig import MountedSensor
 
 __all__ = ["Beams", "Rings"]
 
 
-@dataclass(frozen=True, eq=False)
-class Rings:
+class Rings(NamedTuple):
     """The channels of a spinning sensor by elevation.
 
     Attributes:

@@ -7,15 +7,15 @@ from pathlib import Path
 
 from urbantwin.errors import InputError
 from urbantwin.lidar.catalogue import Sensor, sensor
-from urbantwin.lidar.mounted import Returns
 from urbantwin.lidar.pattern_sensor import MOST_COLUMNS
+from urbantwin.lidar.rig import ReturnMode
 from urbantwin.lidar.spin import SLOWEST_HZ, columns_at, spin_of
 from urbantwin.site.rig import RigSpec, SensorSpec
 
 __all__ = ["check_models", "columns_of", "returns_of", "turns_per_second_of", "window_of"]
 
 #: Which echoes a sensor reports that is not told: the first of these that its maker offers.
-_MODES: tuple[Returns, ...] = ("strongest", "first", "last", "dual")
+_MODES: tuple[ReturnMode, ...] = ("strongest", "first", "last", "dual")
 
 #: Turns per second that a sensor may be asked for whatever its maker offers.
 _SPIN_HZ = (SLOWEST_HZ, 20.0)
@@ -83,7 +83,7 @@ def _checked_model(one: SensorSpec, rate_hz: float, file: str | Path | None, fie
     return model
 
 
-def returns_of(model: Sensor, one: SensorSpec) -> Returns:
+def returns_of(model: Sensor, one: SensorSpec) -> ReturnMode:
     """Return which echoes of a beam a sensor reports."""
     if one.returns is not None:
         return one.returns

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.lidar.compiled.echoes import BESIDE, MOST_LAYERS, combine
+from urbantwin.lidar.casting.tracer import Layers
+from urbantwin.lidar.compiled.echoes import (
+    BESIDE,
+    ActorLayers,
+    AloneEchoes,
+    BeamEchoes,
+    combine,
+)
 from urbantwin.lidar.compiled.order import chained
 from urbantwin.lidar.compiled.slots import choose
-from urbantwin.lidar.layers import Layers, PresentActors
 from urbantwin.lidar.returns import ReturnModel
-from urbantwin.lidar.static import StaticLayers
+from urbantwin.lidar.rig import ReturnMode
+from urbantwin.lidar.shapes import PresentActors
+from urbantwin.lidar.static_world import StaticLayers
 
-__all__ = ["PULSE_M", "Alone", "Echoes", "combined"]
+__all__ = ["PULSE_M", "Alone", "Answers", "Echoes", "combined", "static_echoes"]
 
 #: Surfaces nearer to each other than this along a beam come back as one echo, metres: half the
 #: way that light goes in a pulse of 5 ns, the usual length.
@@ -23,10 +31,29 @@ PULSE_M = 0.75
 _MODES = ("strongest", "last", "dual", "first")
 
 
-class Echoes(NamedTuple):
-    """E echoes along M beams, those of a beam next to each other, nearest first.
+class Answers(NamedTuple):
+    """What a sensor answers to one echo of each of N beams.
 
     Attributes:
+        level: (N,) int32, the level below which a draw means a return.
+        range_m: (N,) float32; 0 where there is no echo.
+        sigma: (N,) float32, standard deviation of the range, metres.
+        intensity: (N,) float32.
+        semantic: (N,) uint16, class of the surface.
+    """
+
+    level: NDArray[np.int32]
+    range_m: NDArray[np.float32]
+    sigma: NDArray[np.float32]
+    intensity: NDArray[np.float32]
+    semantic: NDArray[np.uint16]
+
+
+class Echoes(NamedTuple):
+    """E echoes along M of N beams, those of a beam next to each other, nearest first.
+
+    Attributes:
+        place: (N,) int32, the number of each beam among the M; -1 for one that is not.
         beam: (M,) int32.
         start: (M + 1,) int32, where the echoes of each beam begin.
         range_m: (E,) float32.
@@ -41,6 +68,7 @@ class Echoes(NamedTuple):
         second: (M,) int32, the one that is reported too, or in its place; -1 for none.
     """
 
+    place: NDArray[np.int32]
     beam: NDArray[np.int32]
     start: NDArray[np.int32]
     range_m: NDArray[np.float32]
@@ -71,80 +99,121 @@ class Alone(NamedTuple):
     level: NDArray[np.int32]
 
 
-def combined(
-    static: StaticLayers,
-    moving: tuple[PresentActors, Layers] | None,
-    share: NDArray[np.float64],
-    model: ReturnModel,
-    returns: Literal["strongest", "last", "dual", "first"],
-) -> tuple[Echoes, Alone]:
-    """Return the echoes of the beams that touch actors, or without actors of all beams.
+def static_echoes(
+    static: StaticLayers, share: NDArray[np.float64], model: ReturnModel, returns: ReturnMode
+) -> Echoes:
+    """Return the echoes of the static world along all N beams.
 
     Args:
-        static: the static world along all N beams.
-        moving: the actors and their layers; ``None``: the echoes of the static world along all
-            beams.
+        static: what the beams meet.
         share: (S,) of a beam's light that each of its rays carries.
         model: what the sensor makes of echoes.
         returns: which of them it reports.
     """
-    beams = len(static.start) - 1
-    head = np.full(beams, -1, np.int32)
-    if moving is None:
-        touched = np.arange(beams, dtype=np.int32)
-        whole, real = np.zeros(0, np.int32), np.zeros(0, np.float32)
-        chain = (head, whole, whole, real, real, real, np.zeros(0, np.uint8))
-        layers = 0
-    else:
-        actors, met = moving
-        layers = len(met.ray)
-        before = np.empty(layers, np.int32)
-        touched = chained(met.ray, head, before)
-        material = actors.shapes.material.take(actors.first_face.take(met.actor) + met.face)
-        back = model.scatter.backscatter(material, met.cosine)
-        through = model.scatter.transmission(material, met.cosine)
-        chain = (head, before, met.actor, met.range_m, back, through, met.mask)
-    still = (static.start, static.range_m, static.backscatter, static.through, static.mask)
-    room = (_scratch(), _scratch(), np.empty(len(share)))
+    beams = np.arange(len(static.start) - 1, dtype=np.int32)
+    whole, real = np.zeros(0, np.int32), np.zeros(0, np.float32)
+    nothing = ActorLayers(
+        np.full(len(beams), -1, np.int32), whole, whole, real, real, real, np.zeros(0, np.uint8)
+    )
+    return _echoes(beams, static, nothing, share, model, returns)[0]
+
+
+def combined(
+    static: StaticLayers,
+    actors: PresentActors,
+    met: Layers,
+    share: NDArray[np.float64],
+    model: ReturnModel,
+    returns: ReturnMode,
+) -> tuple[Echoes, Alone]:
+    """Return the echoes of the beams that touch actors: of these and of the static world.
+
+    Args:
+        static: what all N beams meet of the static world.
+        actors: everything that moves.
+        met: what beams meet of it.
+        share: (S,) of a beam's light that each of its rays carries.
+        model: what the sensor makes of echoes.
+        returns: which of them it reports.
+    """
+    last = np.full(len(static.start) - 1, -1, np.int32)
+    before = np.empty(len(met.ray), np.int32)
+    touched = chained(met.ray, last, before)
+    material = actors.material(met.actor, met.face)
+    moving = ActorLayers(
+        last,
+        before,
+        met.actor,
+        met.range_m,
+        model.scatter.backscatter(material, met.cosine),
+        model.scatter.transmission(material, met.cosine),
+        met.mask,
+    )
+    echoes, alone = _echoes(touched, static, moving, share, model, returns)
+    level = model.answers(alone.amplitude, alone.range_m)[0]
+    beam = touched.take(alone.beam)
+    # A thin ray meets what is in front or what is behind, and both only through a pane.
+    if len(share) == 1 and not model.scatter.through.any():
+        return echoes, Alone(beam, alone.actor, level)
+    own = ~_is_from_behind(echoes, alone.beam, alone.actor, alone.range_m)
+    return echoes, Alone(beam[own], alone.actor[own], level[own])
+
+
+def _echoes(
+    touched: NDArray[np.int32],
+    static: StaticLayers,
+    moving: ActorLayers,
+    share: NDArray[np.float64],
+    model: ReturnModel,
+    returns: ReturnMode,
+) -> tuple[Echoes, AloneEchoes]:
+    """Return the echoes of some beams, and what actors alone would give."""
+    layers = len(moving.before)
     most = 2 * len(touched) + layers + 16
     while True:
-        start = np.empty(len(touched) + 1, np.int32)
-        echoes: tuple[NDArray[Any], ...] = (
+        echoes = BeamEchoes(
+            np.empty(len(touched) + 1, np.int32),
             np.empty(most, np.float32),
             np.empty(most, np.float32),
             np.empty(most, np.int32),
         )
-        alone: tuple[NDArray[Any], ...] = (
+        alone = AloneEchoes(
             np.empty(layers, np.int32),
             np.empty(layers, np.int32),
             np.empty(layers, np.float32),
             np.empty(layers, np.float32),
         )
-        used, lone = combine(
-            touched, still, chain, share, np.float32(PULSE_M), room, (start, *echoes), alone
-        )
+        used, lone = combine(touched, static, moving, share, np.float32(PULSE_M), echoes, alone)
         if used <= most:
             break
         most = used
-    range_m, amplitude, owner = (values[:used] for values in echoes)
+    start = echoes.start
+    range_m, amplitude = echoes.range_m[:used], echoes.amplitude[:used]
+    owner = echoes.owner[:used]
     peak = np.ones(used, np.float32)
-    if static.cosine is not None and model.divergence_rad > 0:
+    if len(static.cosine) and model.divergence_rad > 0:
         row = np.flatnonzero(owner < 0)
         layer = -1 - owner[row]
         peak[row] = model.peak_left(static.range_m[layer], static.cosine[layer])
     level, sigma, intensity = model.answers(amplitude, range_m, peak=peak)
     strength = model.strength(amplitude, range_m) * peak
     first, second = choose(start, strength, level, _MODES.index(returns))
-    beam, actor, lone_range, lone_amplitude = (values[:lone] for values in alone)
-    lone_level = model.answers(lone_amplitude, lone_range)[0]
-    found = Echoes(
-        touched, start, range_m, amplitude, owner, level, sigma, intensity, peak, first, second
-    )
-    # A thin ray meets what is in front or what is behind, and both only through a pane.
-    if len(share) == 1 and not model.scatter.through.any():
-        return found, Alone(touched.take(beam), actor, lone_level)
-    own = ~_is_from_behind(found, beam, actor, lone_range)
-    return found, Alone(touched.take(beam[own]), actor[own], lone_level[own])
+    place = np.full(len(static.start) - 1, -1, np.int32)
+    place[touched] = np.arange(len(touched), dtype=np.int32)
+    return Echoes(
+        place,
+        touched,
+        start,
+        range_m,
+        amplitude,
+        owner,
+        level,
+        sigma,
+        intensity,
+        peak,
+        first,
+        second,
+    ), AloneEchoes._make(values[:lone] for values in alone)
 
 
 def _is_from_behind(
@@ -160,8 +229,3 @@ def _is_from_behind(
         mine |= (one >= 0) & (echoes.owner[one] % BESIDE == actor) & (echoes.owner[one] >= 0)
     behind = (first >= 0) & (echoes.range_m[first] > range_m)
     return np.asarray(behind & ~mine)
-
-
-def _scratch() -> tuple[NDArray[Any], ...]:
-    kinds = (np.float32, np.float32, np.float32, np.uint8, np.int32, np.int64)
-    return tuple(np.empty(MOST_LAYERS, kind) for kind in kinds)

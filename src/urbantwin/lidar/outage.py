@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.lidar.pattern import beam_azimuths, pattern_directions
-
-if TYPE_CHECKING:
-    from urbantwin.lidar.mounted import MountedSensor
+from urbantwin.lidar.rig import MountedSensor
 
 __all__ = ["dead_beams"]
 

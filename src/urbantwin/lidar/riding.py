@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose
-from urbantwin.lidar.actor_path import PosedActor
 from urbantwin.lidar.enclosure import enclosing
-from urbantwin.lidar.mounted import MountedSensor, Rig
+from urbantwin.lidar.rig import MountedSensor, Rig
 
 if TYPE_CHECKING:
     from urbantwin.traffic import Motion
 
-__all__ = ["boarded", "carrier_among"]
+__all__ = ["boarded"]
 
 #: A sensor this deep inside its carrier's mesh is not on it, metres: meshes are coarse.
 _SKIN_M = 0.1
@@ -73,7 +72,7 @@ def boarded(
         around = place + _SKIN_M * np.vstack([np.zeros(3), np.eye(3), -np.eye(3)])
         if all(enclosing(point, mesh) for point in around):
             raise InputError(
-                f"is inside {who}, which is {roof_m:.2f} m high",
+                f"the sensor is inside {who}, which is {roof_m:.2f} m high",
                 file=file,
                 place=f"sensors[{number}].height_m",
                 expected="a place on the outside of its carrier, or above_roof_m",
@@ -83,28 +82,6 @@ def boarded(
         sensors=sensors,
         carrier=best.track,
     )
-
-
-def carrier_among(
-    rig: Rig, actors: Sequence[PosedActor], time_s: float
-) -> tuple[PosedActor | None, list[PosedActor]]:
-    """Return the actor that carries a rig, and all others: those that it can see.
-
-    Raises:
-        InputError: the carrier is not there.
-    """
-    if rig.ride is None:
-        return None, list(actors)
-    if rig.carrier is None:
-        raise ValueError("the rig has not boarded: which actor carries it is not known")
-    carrier = next((one for one in actors if one.track == rig.carrier), None)
-    if carrier is None:
-        raise InputError(
-            f"track {rig.carrier}, which carries the rig, is not there at {time_s:g} s",
-            place="ride",
-            expected="a time at which it is",
-        )
-    return carrier, [one for one in actors if one is not carrier]
 
 
 @dataclass(frozen=True)

@@ -1,183 +1,180 @@
-"""A rig on its site: every sensor with its table of beams and its pose."""
+"""Sensors on their mounts: all that is fixed of them, and where they are in a frame."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from urbantwin.errors import InputError
-from urbantwin.geometry import DownwardProbe, LabelledMesh, Pose
-from urbantwin.lidar.chosen_sensor import (
-    check_models,
-    columns_of,
-    returns_of,
-    turns_per_second_of,
-    window_of,
-)
-from urbantwin.lidar.enclosure import enclosing
-from urbantwin.lidar.mounted import MountedSensor, Rig, dataset_frame
-from urbantwin.site.rig import RigSpec, SensorSpec
-from urbantwin.taxonomy import semantic_id
+from urbantwin.geometry import Pose
+from urbantwin.lidar.actor_path import ActorPath
+from urbantwin.lidar.background import MeasuredBackground
+from urbantwin.lidar.sensor import Sensor
+from urbantwin.lidar.sensor_path import FixedPath, RidingPath, SensorPath
+from urbantwin.lidar.sway import SwayingPath
+from urbantwin.site.rig import Calibration, Conditions, Effects, OutageSpec, RideSpec, SwaySpec
 
-__all__ = ["GROUND_CLASSES", "MountedSensor", "Rig", "check_models", "place_rig"]
+__all__ = ["MountedSensor", "ReturnMode", "Rig", "dataset_frame"]
 
-#: What a sensor's height is measured from.
-GROUND_CLASSES: tuple[str, ...] = ("road", "parking", "sidewalk", "terrain", "other-ground")
-#: Sensors nearer to each other in plan than this stand on one pole, metres.
-_SAME_POLE_M = 0.5
+#: Which echoes of a beam a sensor reports.
+ReturnMode = Literal["strongest", "last", "first", "dual"]
 
 
-def place_rig(
-    spec: RigSpec,
-    mesh: LabelledMesh,
-    *,
-    file: str | Path | None = None,
-    anchor_height_m: float | None = None,
-) -> Rig:
-    """Stand a rig on a site.
+@dataclass(frozen=True, eq=False)
+class MountedSensor:
+    """A sensor on the site or on a vehicle.
 
-    A sensor's height is measured from the highest ground surface (`GROUND_CLASSES`) at its
-    place, so a sensor named on a bridge stands on the bridge; one under it is placed by ``up_m``.
-
-    Args:
-        spec: the rig as written.
-        mesh: the static world, site frame.
-        file: the rig's file, for errors.
-        anchor_height_m: of the anchor's ground above the zero of altitudes, where it is known.
-
-    Raises:
-        InputError: unknown model, columns, returns or a rate that the model does not offer, a
-            place without ground, under it, or inside something. Names file and field.
+    Attributes:
+        name: unique in the rig.
+        sensor: its entry in the catalogue.
+        columns: firings per turn.
+        site_SE3_sensor: its pose while nothing moves it; of a sensor that rides, its pose if its
+            carrier's mesh stood at the origin.
+        effects: which imperfections it has.
+        rate_hz: frames per second.
+        number: of the sensor in its rig: what random numbers and labels know it by.
+        turns_per_second: how fast it turns.
+        frame_window_s: a frame holds the turns that arrive in so many seconds from its time on.
+        phase_deg: encoder angle at which its turns begin, the way it turns.
+        phase_lock: whether turns begin at whole multiples of their duration.
+        clock_offset_s: what its clock is ahead of true time at the motion's start.
+        clock_drift_ppm: how much too fast its clock runs, millionths.
+        time_jitter_s: standard deviation of a turn's start.
+        latency_s: from a turn's end to its arrival.
+        dropped_frames: share of its turns that never arrive.
+        returns: which echoes of a beam it reports.
+        outages: what of it does not work, and when.
+        sway: how its pole swings; ``None``: not at all.
+        swings_with: number of the sensor whose pole it shares.
+        sway_height_m: height of the sensor above the foot of its pole.
+        carrier_SE3_sensor: its pose in the frame of its carrier's mesh; ``None``: it stands.
+        above_roof_m: height above its carrier's top, where that is what was said: the carrier's
+            own height comes to it when the rig boards.
+        deskew: whether points of a sensor that rides are told from where it was when it measured
+            them, and not as if it had stood still since the frame's time.
+        calibration: how this unit differs from its datasheet.
+        reflectivity: times what the table of materials says that they send back, by name.
+        measured: what a real one found of the static world, to be seen in its place.
     """
-    models = check_models(spec, file=file)
-    window_s = window_of(spec, models)
-    site = _Site(mesh, file, anchor_height_m)
-    sensors: list[MountedSensor] = []
-    for index, (one, model) in enumerate(zip(spec.sensors, models, strict=True)):
-        angles = np.radians([one.yaw_deg, one.pitch_deg, one.roll_deg])
-        if one.rides:
-            position = np.array([one.forward_m, one.left_m, one.height_m or 0.0], np.float64)
-            height_m = float(position[2])
-        else:
-            position, height_m = site.position(one, f"sensors[{index}]")
-        pose = Pose.from_ypr(position, *angles)
-        sway = spec.sway if one.sway is None else one.sway
-        sensors.append(
-            MountedSensor(
-                name=one.name,
-                sensor=model,
-                columns=columns_of(model, one, spec.rate_hz),
-                site_SE3_sensor=pose,
-                effects=one.effects,
-                rate_hz=spec.rate_hz,
-                number=index,
-                turns_per_second=turns_per_second_of(model, one, spec.rate_hz),
-                frame_window_s=window_s,
-                phase_deg=one.phase_deg,
-                phase_lock=one.phase_lock,
-                clock_offset_s=one.clock_offset_s,
-                clock_drift_ppm=one.clock_drift_ppm,
-                time_jitter_s=one.time_jitter_s,
-                latency_s=one.latency_s,
-                dropped_frames=one.dropped_frames,
-                returns=returns_of(model, one),
-                outages=tuple(one.outages),
-                sway=sway if sway is not None and sway.rms_m > 0 else None,
-                swings_with=_pole_of(pose, sensors),
-                sway_height_m=height_m,
-                carrier_SE3_sensor=pose if one.rides else None,
-                above_roof_m=one.above_roof_m,
-                deskew=spec.deskew,
-                calibration=one.calibration,
-                reflectivity=spec.reflectivity,
+
+    name: str
+    sensor: Sensor
+    columns: int
+    site_SE3_sensor: Pose  # noqa: N815
+    effects: Effects
+    rate_hz: float = 10.0
+    number: int = 0
+    turns_per_second: float = 10.0
+    frame_window_s: float = 0.1
+    phase_deg: float = 0.0
+    phase_lock: bool = True
+    clock_offset_s: float = 0.0
+    clock_drift_ppm: float = 0.0
+    time_jitter_s: float = 0.0
+    latency_s: float = 0.0
+    dropped_frames: float = 0.0
+    returns: ReturnMode = "strongest"
+    outages: tuple[OutageSpec, ...] = ()
+    sway: SwaySpec | None = None
+    swings_with: int = 0
+    sway_height_m: float = 5.0
+    carrier_SE3_sensor: Pose | None = None  # noqa: N815
+    above_roof_m: float | None = None
+    deskew: bool = True
+    calibration: Calibration = field(default_factory=Calibration)
+    reflectivity: Mapping[str, float] = field(default_factory=dict)
+    measured: MeasuredBackground | None = None
+
+    @property
+    def missing(self) -> float:
+        """The share of beams that return nothing, whatever they meet."""
+        return self.calibration.missing if self.effects.dropout else 0.0
+
+    def path(self, frame_index: int, seed: int, carrier: ActorPath | None = None) -> SensorPath:
+        """Return where the sensor is in the course of a frame.
+
+        Args:
+            frame_index: the frame's number.
+            seed: of all random numbers.
+            carrier: the path of the actor that carries it, of a sensor that rides.
+        """
+        if self.carrier_SE3_sensor is not None:
+            if carrier is None:
+                raise ValueError(f"{self.name} rides, and nothing carries it")
+            return RidingPath(carrier, self.carrier_SE3_sensor, self.deskew)
+        if self.sway is not None:
+            return SwayingPath(
+                self.site_SE3_sensor,
+                self.sway,
+                self.sway_height_m,
+                frame_index / self.rate_hz,
+                seed,
+                self.swings_with,
             )
+        return FixedPath(self.site_SE3_sensor)
+
+
+@dataclass(frozen=True, eq=False)
+class Rig:
+    """The sensors that record together and the frame that their points are fused in.
+
+    Attributes:
+        sensors: in the order of the rig's file; their numbers in labels are 0, 1, 2, ...
+        frame: ``sensor``: that of the first sensor; ``level``: the first sensor's position and
+            heading, with z against gravity; ``site``: the site frame.
+        rate_hz: frames per second.
+        dataset_SE3_site: takes points of the site frame to that frame, of a rig that stands.
+        conditions: the weather and the sun.
+        ride: the actor that was asked to carry it; ``None``: it stands.
+        carrier: the track of the actor that carries it, once that is known.
+        fused: whether a frame holds the points of all sensors; else each has a dataset.
+    """
+
+    sensors: tuple[MountedSensor, ...]
+    frame: Literal["sensor", "level", "site"]
+    rate_hz: float
+    dataset_SE3_site: Pose  # noqa: N815
+    conditions: Conditions = field(default_factory=Conditions)
+    ride: RideSpec | None = None
+    carrier: int | None = None
+    fused: bool = True
+
+    def dataset_pose(self, carrier: ActorPath | None = None) -> Pose:
+        """Return ``dataset_SE3_site`` of a frame: of a rig that rides, it moves with its carrier.
+
+        Args:
+            carrier: the path of the actor that carries the rig, seconds from the frame's time.
+        """
+        mounted = self.sensors[0].carrier_SE3_sensor
+        if carrier is None or mounted is None:
+            return self.dataset_SE3_site
+        return dataset_frame(self.frame, carrier.at(0.0) @ mounted).inverse()
+
+    def separate(self) -> tuple[Rig, ...]:
+        """Return a rig for each sensor, with its own frame; each records what it would together.
+
+        The sensors keep their numbers, and with them their random numbers and poles.
+        """
+        return tuple(
+            replace(
+                self,
+                sensors=(one,),
+                dataset_SE3_site=dataset_frame(self.frame, one.site_SE3_sensor).inverse(),
+                fused=True,
+            )
+            for one in self.sensors
         )
-    return Rig(
-        tuple(sensors),
-        spec.frame,
-        spec.rate_hz,
-        dataset_frame(spec.frame, sensors[0].site_SE3_sensor).inverse(),
-        conditions=spec.conditions,
-        ride=spec.ride,
-        carrier=None if spec.ride is None else spec.ride.track,
-        fused=spec.fused,
-    )
 
 
-class _Site:
-    """Where sensors can stand."""
-
-    def __init__(
-        self, mesh: LabelledMesh, file: str | Path | None, anchor_height_m: float | None
-    ) -> None:
-        kinds = [semantic_id(name) for name in GROUND_CLASSES]
-        ground = mesh.select(np.isin(mesh.semantic, kinds))
-        self._probe = DownwardProbe(ground) if len(ground.faces) else None
-        self._above = float(mesh.vertices[:, 2].max()) + 1.0 if len(mesh.vertices) else 0.0
-        self._mesh = mesh
-        self._file = file
-        self._anchor_height_m = anchor_height_m
-
-    def position(self, one: SensorSpec, field: str) -> tuple[NDArray[np.float64], float]:
-        """Return where a sensor is, site frame, and how high above the ground there."""
-        assert one.east_m is not None
-        assert one.north_m is not None
-        place = f"{one.east_m:g} m east, {one.north_m:g} m north"
-        top = self._ground_below(one.east_m, one.north_m, self._above)
-        if np.isnan(top):
-            raise self._error(
-                f"no ground at {place} of the anchor",
-                f"{field}.east_m",
-                "a place on the site's ground",
-            )
-        name, up = self._up(one, field, top)
-        given = float(getattr(one, name))
-        under = self._ground_below(one.east_m, one.north_m, up)
-        if np.isnan(under) or up <= under:
-            problem = f"{given:g} m is under the ground"
-            if name != "height_m":
-                problem += f", which is at {given + top - up:.2f} m there"
-            raise self._error(problem, f"{field}.{name}", "a height above the ground there, in m")
-        position = np.array([one.east_m, one.north_m, up])
-        around = enclosing(position, self._mesh)
-        if around is not None:
-            raise self._error(
-                f"{up - top:g} m above {place} is inside {around}",
-                f"{field}.{name}",
-                "a place outside, or a height above it",
-            )
-        return position, up - under
-
-    def _up(self, one: SensorSpec, field: str, top: float) -> tuple[str, float]:
-        """Return the field that gives a sensor's height, and its z in the site frame."""
-        if one.height_m is not None:
-            return "height_m", top + one.height_m
-        if one.up_m is not None:
-            return "up_m", one.up_m
-        assert one.altitude_m is not None
-        if self._anchor_height_m is None:
-            raise self._error(
-                "the site has no DEM, so nobody knows how high the sea is",
-                f"{field}.altitude_m",
-                "height_m, or a site with a DEM",
-            )
-        return "altitude_m", one.altitude_m - self._anchor_height_m
-
-    def _ground_below(self, east_m: float, north_m: float, up_m: float) -> float:
-        if self._probe is None:
-            return float("nan")
-        return float(self._probe.height_below(np.array([[east_m, north_m, up_m]]))[0])
-
-    def _error(self, problem: str, place: str, expected: str) -> InputError:
-        return InputError(problem, file=self._file, place=place, expected=expected)
-
-
-def _pole_of(pose: Pose, before: list[MountedSensor]) -> int:
-    """Return the number of the first sensor that stands on the same pole."""
-    for other in before:
-        offset = (other.site_SE3_sensor.translation - pose.translation)[:2]
-        if np.hypot(*offset) <= _SAME_POLE_M:
-            return other.swings_with
-    return len(before)
+def dataset_frame(frame: Literal["sensor", "level", "site"], site_SE3_sensor: Pose) -> Pose:
+    """Return the frame that points are given in (to the site's), of the first sensor's pose."""
+    if frame == "sensor":
+        return site_SE3_sensor
+    if frame == "site":
+        return Pose.from_ypr(np.zeros(3))
+    ahead, up = site_SE3_sensor.rotation[:, 0], site_SE3_sensor.rotation[:, 2]
+    if np.hypot(ahead[0], ahead[1]) < 1e-9:  # It looks straight down, or up.
+        ahead = -np.sign(ahead[2]) * up
+    return Pose.from_ypr(site_SE3_sensor.translation, float(np.arctan2(ahead[1], ahead[0])))

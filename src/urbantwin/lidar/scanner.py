@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TypeVar
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import shapely
@@ -11,31 +11,31 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, Pose, SurfaceMaterials
-from urbantwin.lidar.actor_path import ActorPath, PosedActor
+from urbantwin.lidar.actor_path import ActorPath, Paths, PosedActor
 from urbantwin.lidar.beams import Beams
-from urbantwin.lidar.casting.backend import layers_on
-from urbantwin.lidar.compiled.boxes import tight_boxes
+from urbantwin.lidar.casting.backend import tracer_on
+from urbantwin.lidar.casting.cast import cast_actors
+from urbantwin.lidar.casting.tracer import Layers
 from urbantwin.lidar.compiled.pose import poses_at
-from urbantwin.lidar.labels import BoxLabel, LabelledFrame
+from urbantwin.lidar.labels import LabelledFrame
 from urbantwin.lidar.labels.borders import Borders
-from urbantwin.lidar.labels.frame import Whereabouts
+from urbantwin.lidar.labels.labelling import labelled
 from urbantwin.lidar.labels.truncation import StandingActors
-from urbantwin.lidar.layers import Paths, PresentActors
-from urbantwin.lidar.mounted import MountedSensor, Rig
-from urbantwin.lidar.observer import Observation, Sighting
+from urbantwin.lidar.outage import dead_beams
 from urbantwin.lidar.returns import ReturnModel
+from urbantwin.lidar.rig import MountedSensor, Rig
 from urbantwin.lidar.sensor_path import SensorPath
-from urbantwin.lidar.shapes import MeshSource, ShapeArrays, ShapeTable
-from urbantwin.lidar.static import World
+from urbantwin.lidar.shapes import MeshSource, PresentActors, ShapeTable
+from urbantwin.lidar.standing import seen_at, standing_at
 from urbantwin.lidar.static_view import StaticView
+from urbantwin.lidar.static_world import World
 from urbantwin.lidar.sweep import Sweep
 from urbantwin.lidar.timing import sweeps_of
-from urbantwin.taxonomy import ACTOR_SEMANTICS, semantic_id
+from urbantwin.lidar.turn import Turn, observe
 
 __all__ = ["Scanner"]
 
 _MOST_TRACKS = 0xFFFF
-_Value = TypeVar("_Value", bound=np.generic)
 
 
 class Scanner:
@@ -51,7 +51,7 @@ class Scanner:
         meshes: gives the mesh of an asset; ``traffic.assets.asset_mesh`` when not given.
         surface: materials of the ground that are finer than the static world's triangles.
         region: where labels count, site frame; everywhere when not given.
-        backend: what casts the rays, see `casting.backend.layers_on`.
+        backend: what casts the rays, see `casting.backend.tracer_on`.
 
     Raises:
         InputError: there is no such backend here.
@@ -72,30 +72,30 @@ class Scanner:
             from urbantwin.traffic.assets import asset_mesh
 
             meshes = asset_mesh
-        device = layers_on(backend)
-        self._shapes = ShapeTable(meshes, device)
+        self._tracer = tracer_on(backend)
+        self._shapes = ShapeTable(meshes)
         self._rig = rig
         self._seed = seed
         self._borders = Borders(rig.sensors, region)
-        self._models = [ReturnModel(one, rig.conditions) for one in rig.sensors]
-        self._worlds: list[World | None] = []
-        self._views: list[StaticView | None] = []
+        self._eyes: list[_Eye] = []
         shared: World | None = None
-        self._beams: list[Beams | None] = []
-        for one, model in zip(rig.sensors, self._models, strict=True):
+        for number, one in enumerate(rig.sensors):
+            model = ReturnModel(one, rig.conditions)
             # A pattern that does not repeat has other beams in every turn.
             beams = Beams.of(one) if one.sensor.pattern is None else None
-            self._beams.append(beams)
             path = None if rig.ride is not None else one.path(0, seed)
             if path is None or not path.is_fixed:
                 # Near nothing in particular: a vehicle goes about the whole site.
-                shared = shared or World(static, np.zeros(3), surface, device)
-                self._worlds.append(shared)
-                self._views.append(None)
+                shared = shared or World(static, np.zeros(3), surface, self._tracer)
+                self._eyes.append(_Eye(number, one, model, shared, beams))
                 continue
-            world = World(static, one.site_SE3_sensor.translation, surface, device)
-            self._worlds.append(None if beams else world)
-            self._views.append(self._look(one, beams, model, world, path) if beams else None)
+            world = World(static, one.site_SE3_sensor.translation, surface, self._tracer)
+            kept = None
+            if beams is not None:
+                sweep = Sweep.snapshot(one.columns, one.sensor.channels)
+                frame = rig.dataset_SE3_site
+                kept = StaticView.of(one, beams, model, world, path, sweep, frame)
+            self._eyes.append(_Eye(number, one, model, world, beams, kept))
 
     def scan(self, index: int, actors: Sequence[PosedActor]) -> LabelledFrame:
         """Return the frame of that number.
@@ -109,43 +109,45 @@ class Scanner:
             InputError: a track does not fit the 16 bits that label files have for it, or the
                 actor that carries the rig is not there.
         """
-        rig = self._rig
+        rig, seed, time_s = self._rig, self._seed, index / self._rig.rate_hz
         carrier = self._carrier(actors)
-        present = sorted(
+        others = sorted(
             (actor for actor in actors if actor.track != rig.carrier), key=lambda one: one.track
         )
-        shape = np.array([self._shape(actor) for actor in present], np.int64)
-        shapes = self._shapes.arrays if present else _NO_SHAPES
-        paths = Paths.of([actor.way for actor in present])
-        moving = PresentActors(shapes, shape, paths)
+        present = self._present(others)
         dataset_SE3_site = rig.dataset_pose(carrier)
+        paths = [one.path(index, seed, carrier) for one in rig.sensors]
 
-        sightings: list[tuple[int, Sighting]] = []
-        stands = []
-        for number, one in enumerate(rig.sensors):
-            path = one.path(index, self._seed, carrier)
-            (rotation,), (place,) = path.true_poses(np.zeros(1))
-            stands.append(Pose(rotation, place))
-            for sweep in sweeps_of(one, index, self._seed):
-                view = self._view(number, path, sweep, dataset_SE3_site)
-                dead = one.dead(index / rig.rate_hz)
-                sighting = Sighting(one, self._models[number], view, sweep, moving, dead)
-                sightings.append((number, sighting))
-
-        when_s = _observed([sighting for _, sighting in sightings], paths)
-        turned, placed = poses_at(when_s, tuple(paths))
-        casters = [self._shapes[number].caster for number in shape.tolist()]
-        standing = StandingActors(shapes.low[shape], shapes.high[shape], turned, placed, casters)
-        borders = self._borders.of(index / rig.rate_hz, stands, standing)
-        turned = dataset_SE3_site.rotation @ turned
-        placed = dataset_SE3_site.apply(placed)
-        hulls = (shapes.hull, shapes.first_hull[shape], shapes.hull_size[shape])
-        boxes = tight_boxes(turned, placed, *hulls)
-        seen = [
-            (number, sighting.report(boxes, (turned, placed), self._seed))
-            for number, sighting in sightings
+        # Place the beams of every turn of every sensor, and cast at each actor those that can
+        # touch it; what they meet of the static world comes with their place.
+        turns = [
+            turn
+            for eye, path in zip(self._eyes, paths, strict=True)
+            for turn in eye.turns(index, seed, path, dataset_SE3_site)
         ]
-        return self._labelled(present, boxes, when_s, borders, dataset_SE3_site, seen)
+        met = [
+            cast_actors(
+                self._tracer,
+                turn.view.beams,
+                turn.firing,
+                present,
+                turn.mounted.sensor.assumed_range_max_m,
+                glass=turn.mounted.effects.glass,
+            )
+            for turn in turns
+        ]
+        # Actors stand in their boxes where beams met them: of what each turn's beams meet, some
+        # is detected, and strays come in between.
+        when_s = _observed(turns, met, present)
+        standing = standing_at(when_s, present, dataset_SE3_site)
+        seen = [
+            observe(turn, layers, present, standing, seed)
+            for turn, layers in zip(turns, met, strict=True)
+        ]
+        # Label what was seen, and what was not.
+        poses = [_pose_of(path) for path in paths]
+        bordering = self._borders.of(time_s, poses, StandingActors.at(when_s, present))
+        return labelled(seen, others, standing.boxes, when_s, bordering, dataset_SE3_site)
 
     def _carrier(self, actors: Sequence[PosedActor]) -> ActorPath | None:
         """Return the path of the actor that carries the rig."""
@@ -159,127 +161,72 @@ class Scanner:
             expected="an actor that is there in every recorded frame",
         )
 
-    def _view(
-        self, number: int, path: SensorPath, sweep: Sweep, dataset_SE3_site: Pose
-    ) -> StaticView:
-        """Return the static world as a sensor sees it in a turn: kept where nothing changes."""
-        kept = self._views[number]
-        if kept is not None:
-            return kept
-        world = self._worlds[number]
-        assert world is not None
-        one = self._rig.sensors[number]
-        beams = self._beams[number] or Beams.of(one, sweep.turn)
-        model = self._models[number]
-        return StaticView.of(one, beams, model, world, path, sweep, dataset_SE3_site)
-
-    def _look(
-        self,
-        one: MountedSensor,
-        beams: Beams,
-        model: ReturnModel,
-        world: World,
-        path: SensorPath,
-    ) -> StaticView:
-        sweep = Sweep.snapshot(one.columns, one.sensor.channels)
-        return StaticView.of(one, beams, model, world, path, sweep, self._rig.dataset_SE3_site)
-
-    def _labelled(
-        self,
-        actors: Sequence[PosedActor],
-        boxes: NDArray[np.float64],
-        when_s: NDArray[np.float64],
-        borders: tuple[NDArray[np.float64], list[Whereabouts | None]],
-        dataset_SE3_site: Pose,
-        seen: Sequence[tuple[int, Observation]],
-    ) -> LabelledFrame:
-        """Fuse the sensors' returns and give every point and actor its labels."""
-        parts = [one for _, one in seen]
-        actor = _joined([one.actor for one in parts], np.int32)
-        semantic = _joined([one.semantic for one in parts], np.uint16)
-        instance = np.zeros(len(actor), np.uint16)
-        hit = np.flatnonzero(actor >= 0)
-        classes = [semantic_id(ACTOR_SEMANTICS[one.actor_class]) for one in actors]
-        semantic[hit] = np.array(classes, np.uint16)[actor[hit]]
-        instance[hit] = np.array([one.track for one in actors], np.uint16)[actor[hit]]
-        count = np.bincount(actor[hit], minlength=len(actors))
-        alone = np.zeros(len(actors), np.int64)
-        for one in parts:
-            alone += one.alone
-        velocity = np.array([one.velocity for one in actors]).reshape(-1, 3)
-        velocity = velocity @ dataset_SE3_site.rotation.T
-        points = [one.points for one in parts]
-        return LabelledFrame(
-            points[0] if len(points) == 1 else np.concatenate([np.zeros((0, 4), "f4"), *points]),
-            semantic,
-            instance,
-            np.repeat(
-                np.array([number for number, _ in seen], np.uint8),
-                [len(one.actor) for one in parts],
-            ),
-            _joined([one.ring for one in parts], np.uint16),
-            _joined([one.column for one in parts], np.uint16),
-            _joined([one.time_s for one in parts], np.float32),
-            _joined([one.echo for one in parts], np.uint8),
-            tuple(
-                BoxLabel(
-                    one.track,
-                    one.actor_class,
-                    boxes[number],
-                    int(count[number]),
-                    int(alone[number]),
-                    velocity[number],
-                    float(when_s[number]),
-                    float(borders[0][number]),
-                    borders[1][number],
+    def _present(self, actors: Sequence[PosedActor]) -> PresentActors:
+        """Return actors with their shapes, which are made when they are first met."""
+        for actor in actors:
+            if not 0 < actor.track <= _MOST_TRACKS:
+                raise InputError(
+                    f"track {actor.track} does not fit a label", expected=f"1 to {_MOST_TRACKS}"
                 )
-                for number, one in enumerate(actors)
-            ),
-        )
-
-    def _shape(self, actor: PosedActor) -> int:
-        if not 0 < actor.track <= _MOST_TRACKS:
-            raise InputError(
-                f"track {actor.track} does not fit a label", expected=f"1 to {_MOST_TRACKS}"
-            )
-        return self._shapes.number(actor.asset, actor.phase)
+        shape = [self._shapes.number(actor.asset, actor.phase) for actor in actors]
+        paths = Paths.of([actor.way for actor in actors])
+        return PresentActors(self._shapes.arrays, np.array(shape, np.int64), paths)
 
 
-def _observed(sightings: Sequence[Sighting], paths: Paths) -> NDArray[np.float64]:
+@dataclass(frozen=True, eq=False)
+class _Eye:
+    """One sensor in the world.
+
+    Attributes:
+        number: of the sensor.
+        mounted: the sensor.
+        model: what it makes of echoes.
+        world: the static world.
+        beams: of every turn; ``None``: they are others in each.
+        view: the static world as it sees it in every turn; ``None``: it moves, or its beams do.
+    """
+
+    number: int
+    mounted: MountedSensor
+    model: ReturnModel
+    world: World
+    beams: Beams | None
+    view: StaticView | None = None
+
+    def turns(
+        self, index: int, seed: int, path: SensorPath, dataset_SE3_site: Pose
+    ) -> Iterator[Turn]:
+        """Yield the turns that a frame holds, with their beams placed."""
+        one = self.mounted
+        dead = dead_beams(one, index / one.rate_hz)
+        dead = np.zeros(0, np.bool_) if dead is None else dead.reshape(-1)
+        for sweep in sweeps_of(one, index, seed):
+            view = self.view
+            if view is None:
+                beams = self.beams or Beams.of(one, sweep.turn)
+                view = StaticView.of(
+                    one, beams, self.model, self.world, path, sweep, dataset_SE3_site
+                )
+            yield Turn(self.number, one, self.model, view, sweep, dead)
+
+
+def _observed(
+    turns: Sequence[Turn], met: Sequence[Layers], actors: PresentActors
+) -> NDArray[np.float64]:
     """Return when each actor (A,) was seen: the mean over all beams that met it.
 
     One that none met stands in its box when the first sensor looks towards it.
     """
-    count = len(paths.time_s)
-    total, beams = np.zeros(count), np.zeros(count)
-    for one in sightings:
-        beams += one.seen
-        total += np.where(one.seen > 0, one.seen_s * one.seen, 0.0)
-    unseen = np.flatnonzero(beams == 0)
-    when_s = np.divide(total, beams, out=np.zeros(count), where=beams > 0)
-    if len(unseen) and sightings:
-        _, places = poses_at(np.zeros(count), tuple(paths))
-        when_s[unseen] = sightings[0].looks_at_s(places[unseen])
+    when_s = seen_at(met, len(actors.shape))
+    unseen = np.flatnonzero(np.isnan(when_s))
+    when_s[unseen] = 0.0
+    if len(unseen) and turns:
+        _, places = poses_at(np.zeros(len(when_s)), actors.paths)
+        when_s[unseen] = turns[0].looks_at_s(places[unseen])
     return when_s
 
 
-def _joined(parts: Sequence[NDArray[_Value]], kind: type[_Value]) -> NDArray[_Value]:
-    """Join the sensors' arrays; one sensor's is taken as it is."""
-    return parts[0] if len(parts) == 1 else np.concatenate([np.zeros(0, kind), *parts])
-
-
-_NO_SHAPES = ShapeArrays(
-    np.zeros(0, np.uint64),
-    np.zeros(0, np.int64),
-    np.zeros((0, 3)),
-    np.zeros(0),
-    np.zeros(0, np.bool_),
-    np.zeros((0, 3)),
-    np.zeros((0, 3), np.int32),
-    np.zeros(0, np.uint8),
-    np.zeros((3, 0)),
-    np.zeros(0, np.int64),
-    np.zeros(0, np.int64),
-    np.zeros((0, 3)),
-    np.zeros((0, 3)),
-)
+def _pose_of(path: SensorPath) -> Pose:
+    """Return where a sensor is at the frame's time."""
+    (rotation,), (place,) = path.true_poses(np.zeros(1))
+    return Pose(rotation, place)

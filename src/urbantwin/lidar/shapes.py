@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from threading import Lock
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import ConvexHull, QhullError
 
 from urbantwin.geometry import LabelledMesh
-from urbantwin.lidar.casting import EmbreeCaster
-from urbantwin.lidar.casting.warp_layers import WarpLayers
+from urbantwin.geometry.embree import EmbreeScene
+from urbantwin.lidar.actor_path import Paths
 from urbantwin.taxonomy import materials
 
-__all__ = ["ActorShape", "MeshSource", "ShapeArrays", "ShapeTable"]
+__all__ = ["ActorShape", "MeshSource", "PresentActors", "ShapeTable", "Shapes", "Triangles"]
 
 #: Gives the mesh of an asset in a gait phase, in the asset's frame.
 MeshSource = Callable[[str, int], LabelledMesh]
@@ -26,7 +27,7 @@ class ActorShape:
     """A mesh with its tree for rays. All in the mesh's own frame, metres.
 
     Attributes:
-        caster: its ray tracing structure.
+        scene: its triangles as Embree casts at them.
         low: (3,) lower corner of its bounds.
         high: (3,) upper corner of its bounds.
         hull: (3, H) vertices of its convex hull: the only ones that can touch a bound of the
@@ -39,7 +40,7 @@ class ActorShape:
 
     def __init__(self, mesh: LabelledMesh, *, with_hull: bool = True) -> None:
         used = mesh.vertices[np.unique(mesh.faces)] if len(mesh.faces) else np.zeros((1, 3))
-        self.caster = EmbreeCaster(mesh.vertices, mesh.faces)
+        self.scene = EmbreeScene(mesh.vertices, mesh.faces, many_rays=True)
         self.low, self.high = used.min(axis=0), used.max(axis=0)
         if with_hull:
             with suppress(QhullError):  # A flat mesh has no volume.
@@ -54,71 +55,127 @@ class ActorShape:
         self.panes = clear[mesh.material]
 
 
-class ShapeArrays(NamedTuple):
-    """Shapes end to end, as compiled code takes them.
+class Triangles(NamedTuple):
+    """The triangles of several shapes end to end, as compiled code takes them.
 
     Attributes:
-        scenes: (S,) uint64, Embree's scene of each shape.
-        first_face: (S,) int64, where the faces of each begin below.
-        normals: (F, 3) float64.
-        offsets: (F,) float64.
-        panes: (F,) bool.
+        normals: (F, 3) float64 unit normals.
+        offsets: (F,) float64, where the triangles' planes lie along their normals.
+        panes: (F,) bool, triangles that let light through.
         vertices: (V, 3) float64.
         corners: (F, 3) int32, of the triangles among the vertices.
+    """
+
+    normals: NDArray[np.float64]
+    offsets: NDArray[np.float64]
+    panes: NDArray[np.bool_]
+    vertices: NDArray[np.float64]
+    corners: NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class Shapes:
+    """S shapes end to end.
+
+    Attributes:
+        scenes: Embree's scene of each shape.
+        first_face: (S,) int64, where the faces of each begin among the triangles.
+        triangles: of all.
         material: (F,) uint8.
         hull: (3, H) float64, vertices of the convex hulls.
         first_hull: (S,) int64, where the vertices of each begin.
         hull_size: (S,) int64, how many it has.
         low: (S, 3) float64, lower corners of the bounds.
         high: (S, 3) float64, upper corners.
-        meshes: vertices (V, 3) and faces (F, 3) of each shape, alone.
-        device: where rays are cast at them; ``None``: on the processor, by Embree.
     """
 
-    scenes: NDArray[np.uint64]
+    scenes: tuple[EmbreeScene, ...]
     first_face: NDArray[np.int64]
-    normals: NDArray[np.float64]
-    offsets: NDArray[np.float64]
-    panes: NDArray[np.bool_]
-    vertices: NDArray[np.float64]
-    corners: NDArray[np.int32]
+    triangles: Triangles
     material: NDArray[np.uint8]
     hull: NDArray[np.float64]
     first_hull: NDArray[np.int64]
     hull_size: NDArray[np.int64]
     low: NDArray[np.float64]
     high: NDArray[np.float64]
-    meshes: tuple[tuple[NDArray[np.float64], NDArray[np.int32]], ...] = ()
-    device: WarpLayers | None = None
+
+    @property
+    def scene(self) -> NDArray[np.uint64]:
+        """Embree's scene (S,) of each shape, by its address."""
+        return np.array([one.scene for one in self.scenes], np.uint64)
 
     @classmethod
-    def of(cls, shapes: list[ActorShape], device: WarpLayers | None = None) -> ShapeArrays:
+    def of(cls, shapes: Sequence[ActorShape]) -> Shapes:
         """Put shapes end to end."""
         count = [len(shape.material) for shape in shapes]
         corners = [shape.hull.shape[1] for shape in shapes]
-        first = np.cumsum([0, *(len(shape.caster.vertices) for shape in shapes)])
+        first = np.cumsum([0, *(len(shape.scene.vertices) for shape in shapes)])[:-1]
         return cls(
-            np.array([shape.caster.scene for shape in shapes], np.uint64),
-            np.cumsum([0, *count[:-1]], dtype=np.int64)[: len(shapes)],
-            np.concatenate([shape.normals for shape in shapes]),
-            np.concatenate([shape.offsets for shape in shapes]),
-            np.concatenate([shape.panes for shape in shapes]),
-            np.concatenate([shape.caster.vertices for shape in shapes]),
-            np.concatenate(
-                [
-                    shape.caster.faces + np.int32(before)
-                    for shape, before in zip(shapes, first[:-1], strict=True)
-                ]
+            tuple(shape.scene for shape in shapes),
+            _starts(count),
+            Triangles(
+                _joined([shape.normals for shape in shapes], (0, 3)),
+                _joined([shape.offsets for shape in shapes], (0,)),
+                _joined([shape.panes for shape in shapes], (0,), np.bool_),
+                _joined([shape.scene.vertices for shape in shapes], (0, 3)),
+                _joined(
+                    [
+                        shape.scene.faces + np.int32(before)
+                        for shape, before in zip(shapes, first, strict=True)
+                    ],
+                    (0, 3),
+                    np.int32,
+                ),
             ),
-            np.concatenate([shape.material for shape in shapes]),
-            np.concatenate([shape.hull for shape in shapes], axis=1),
-            np.cumsum([0, *corners[:-1]], dtype=np.int64)[: len(shapes)],
+            _joined([shape.material for shape in shapes], (0,), np.uint8),
+            np.concatenate([np.zeros((3, 0)), *(shape.hull for shape in shapes)], axis=1),
+            _starts(corners),
             np.array(corners, np.int64),
-            np.array([shape.low for shape in shapes]),
-            np.array([shape.high for shape in shapes]),
-            tuple((shape.caster.vertices, shape.caster.faces) for shape in shapes),
-            device,
+            np.array([shape.low for shape in shapes]).reshape(-1, 3),
+            np.array([shape.high for shape in shapes]).reshape(-1, 3),
         )
+
+
+def _starts(count: Sequence[int]) -> NDArray[np.int64]:
+    """Return where each of several runs of values begins."""
+    return np.cumsum([0, *count], dtype=np.int64)[:-1]
+
+
+def _joined(
+    parts: Sequence[NDArray[Any]], none: tuple[int, ...], kind: type[np.generic] = np.float64
+) -> NDArray[Any]:
+    """Return arrays end to end; without any, one of a shape and a type."""
+    return np.concatenate(parts) if parts else np.zeros(none, kind)
+
+
+@dataclass(frozen=True, eq=False)
+class PresentActors:
+    """The actors of a frame.
+
+    Attributes:
+        shapes: every shape.
+        shape: (A,) int64, the shape of each actor.
+        paths: how they move.
+    """
+
+    shapes: Shapes
+    shape: NDArray[np.int64]
+    paths: Paths
+
+    @property
+    def low(self) -> NDArray[np.float64]:
+        """Lower corners (A, 3) of the actors' bounds, each in its own frame."""
+        return np.asarray(self.shapes.low[self.shape])
+
+    @property
+    def high(self) -> NDArray[np.float64]:
+        """Upper corners (A, 3)."""
+        return np.asarray(self.shapes.high[self.shape])
+
+    def material(self, actor: NDArray[np.int32], face: NDArray[np.int32]) -> NDArray[np.uint8]:
+        """Return the material (L,) of faces (L,) of actors (L,)."""
+        first = self.shapes.first_face[self.shape]
+        return self.shapes.material.take(first.take(actor) + face)
 
 
 class ShapeTable:
@@ -126,14 +183,13 @@ class ShapeTable:
 
     Args:
         meshes: gives the mesh of an asset.
-        device: where rays are cast at them, see `ShapeArrays`.
     """
 
-    def __init__(self, meshes: MeshSource, device: WarpLayers | None = None) -> None:
-        self._meshes, self._device = meshes, device
+    def __init__(self, meshes: MeshSource) -> None:
+        self._meshes = meshes
         self._number: dict[tuple[str, int], int] = {}
         self._shapes: list[ActorShape] = []
-        self._arrays: ShapeArrays | None = None
+        self._arrays: Shapes | None = None
         self._lock = Lock()
 
     def number(self, asset: str, phase: int) -> int:
@@ -151,9 +207,9 @@ class ShapeTable:
         return self._shapes[number]
 
     @property
-    def arrays(self) -> ShapeArrays:
+    def arrays(self) -> Shapes:
         """All shapes end to end."""
         with self._lock:
             if self._arrays is None:
-                self._arrays = ShapeArrays.of(self._shapes, self._device)
+                self._arrays = Shapes.of(self._shapes)
             return self._arrays

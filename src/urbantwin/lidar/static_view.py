@@ -3,24 +3,45 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.geometry import Pose
+from urbantwin.lidar.background_view import (
+    SeveralRanges,
+    measured_answers,
+    measured_layers,
+    several_ranges,
+)
 from urbantwin.lidar.beams import Beams
-from urbantwin.lidar.echoes import Echoes, combined
-from urbantwin.lidar.layers import SensorPoses
-from urbantwin.lidar.measured import SeveralRanges
-from urbantwin.lidar.mounted import MountedSensor
+from urbantwin.lidar.casting.tracer import SensorPoses
+from urbantwin.lidar.echoes import Answers, Echoes, static_echoes
 from urbantwin.lidar.returns import ReturnModel
 from urbantwin.lidar.returns.strays import is_bright
+from urbantwin.lidar.rig import MountedSensor
 from urbantwin.lidar.sensor_path import SensorPath
-from urbantwin.lidar.static import StaticLayers, World
+from urbantwin.lidar.static_world import StaticLayers, World
 from urbantwin.lidar.sweep import Sweep
 
-__all__ = ["StaticView"]
+__all__ = ["StaticAnswers", "StaticView"]
+
+_Value = TypeVar("_Value", bound=np.generic)
+
+
+class StaticAnswers(NamedTuple):
+    """What N beams report of the static world.
+
+    Attributes:
+        first: (N,) of the first echo of each beam.
+        other: (N,) int32, the number of its second echo among the others; -1 for none.
+        second: (O,) of the second echoes.
+    """
+
+    first: Answers
+    other: NDArray[np.int32]
+    second: Answers
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,10 +54,7 @@ class StaticView:
         layers: what its beams meet.
         directions: (3, N) float32, where its points are believed to lie, dataset frame.
         origin: (3, K) float32, where each column's beams are believed to leave, or (3, 1).
-        report: level (N,) int32, range, sigma and intensity (N,) float32, semantic (N,) uint16 of
-            the first echo; its range is 0 where there is none.
-        other: (N,) int32, number of the second echo of each beam, -1 for none.
-        second: the same five of the second echoes.
+        answers: what its beams report.
         amplitude: (N,) float32, of the first echo; 0 where there is none.
         bright: (B,) int32, beams whose echo is brighter than white.
         measured: (N,) which beams see what was measured, with its drop-out, noise and intensity;
@@ -49,9 +67,7 @@ class StaticView:
     layers: StaticLayers
     directions: NDArray[np.float32]
     origin: NDArray[np.float32]
-    report: tuple[NDArray[Any], ...]
-    other: NDArray[np.int32]
-    second: tuple[NDArray[Any], ...]
+    answers: StaticAnswers
     amplitude: NDArray[np.float32]
     bright: NDArray[np.int32]
     measured: NDArray[np.bool_] | None = None
@@ -65,8 +81,8 @@ class StaticView:
         """
         if self.several is None:
             return self
-        layers, report = self.several.drawn(draws, self.layers, self.report)
-        return replace(self, layers=layers, report=report)
+        layers, first = self.several.drawn(draws, self.layers, self.answers.first)
+        return replace(self, layers=layers, answers=self.answers._replace(first=first))
 
     def as_measured(self, echoes: Echoes) -> None:
         """Give echoes of measured surfaces beside or before actors what was measured of them."""
@@ -76,9 +92,9 @@ class StaticView:
         beam = np.repeat(echoes.beam, np.diff(echoes.start))[row]
         whole = np.abs(echoes.range_m[row] - self.layers.range_m[-1 - echoes.owner[row]]) < 1e-3
         row, beam = row[whole & self.measured[beam]], beam[whole & self.measured[beam]]
-        level, _, sigma, intensity, _ = self.report
-        echoes.level[row], echoes.sigma[row] = level[beam], sigma[beam]
-        echoes.intensity[row] = intensity[beam]
+        first = self.answers.first
+        echoes.level[row], echoes.sigma[row] = first.level[beam], first.sigma[beam]
+        echoes.intensity[row] = first.intensity[beam]
 
     @classmethod
     def of(
@@ -111,31 +127,22 @@ class StaticView:
         several = None
         share = beams.footprint.share
         if measured is not None:
-            several = measured.several(layers, model, mounted.effects)
+            several = several_ranges(measured, layers, model, mounted.effects)
             level = None
             if measured.fused:
-                level = _strongest_levels(combined(layers, None, share, model, mounted.returns)[0])
-            layers = measured.layers(layers, model, len(share), level)
-        echoes, _ = combined(layers, None, share, model, mounted.returns)
-        layer = -1 - echoes.owner
+                level = _strongest_levels(static_echoes(layers, share, model, mounted.returns))
+            layers = measured_layers(measured, layers, model, len(share), level)
+        echoes = static_echoes(layers, share, model, mounted.returns)
         first, has = np.maximum(echoes.first, 0), echoes.first >= 0
-        if not len(layer):
-            layer, has = np.zeros(1, np.int32), np.zeros(len(first), np.bool_)
-        report = tuple(
-            np.where(has, values[first] if len(values) else 0, np.zeros(1, values.dtype))
-            for values in (
-                *(echoes.level, echoes.range_m, echoes.sigma, echoes.intensity),
-                echoes.amplitude,
-            )
-        )
+        answers = _answers(echoes, layers, first, has)
+        amplitude = _where(has, echoes.amplitude, first)
         if measured is not None:
-            report = measured.reported(report, has, mounted.effects, mounted.missing)
-        amplitude = report[4]
-        semantic = _classes(layers.semantic, layer[first], has)
+            answers = measured_answers(measured, answers, has, mounted.effects, mounted.missing)
         also = np.flatnonzero(echoes.second >= 0)
         other = np.full(len(first), -1, np.int32)
         other[also] = np.arange(len(also), dtype=np.int32)
         second = echoes.second[also]
+        everywhere = np.ones(len(second), np.bool_)
         rotation, place = path.reported_poses(times)
         turned = np.asarray(dataset_SE3_site.rotation) @ rotation
         return cls(
@@ -144,13 +151,7 @@ class StaticView:
             layers,
             _directions(beams, beams.believed, turned),
             np.ascontiguousarray(dataset_SE3_site.apply(place).T, np.float32),
-            (*report[:4], semantic),
-            other,
-            (
-                *(values[second] for values in (echoes.level, echoes.range_m)),
-                *(values[second] for values in (echoes.sigma, echoes.intensity)),
-                _classes(layers.semantic, layer[second], np.ones(len(second), np.bool_)),
-            ),
+            StaticAnswers(answers, other, _answers(echoes, layers, second, everywhere)),
             amplitude,
             np.flatnonzero(is_bright(amplitude)).astype(np.int32),
             None if measured is None else measured.known & has,
@@ -177,10 +178,24 @@ def _strongest_levels(echoes: Echoes) -> NDArray[np.int32]:
     return level
 
 
-def _classes(
-    semantic: NDArray[np.uint16], layer: NDArray[np.int32], has: NDArray[np.bool_]
-) -> NDArray[np.uint16]:
-    """Return the class of each layer; 0, unlabelled, where there is none."""
-    if not len(semantic):
-        return np.zeros(len(layer), np.uint16)
-    return np.where(has, semantic[layer], np.uint16(0))
+def _answers(
+    echoes: Echoes, layers: StaticLayers, which: NDArray[np.int32], has: NDArray[np.bool_]
+) -> Answers:
+    """Return what the sensor answers to echoes (N,) by their numbers; nothing where none is."""
+    semantic = layers.semantic[-1 - echoes.owner]
+    return Answers(
+        _where(has, echoes.level, which),
+        _where(has, echoes.range_m, which),
+        _where(has, echoes.sigma, which),
+        _where(has, echoes.intensity, which),
+        _where(has, semantic, which),
+    )
+
+
+def _where(
+    has: NDArray[np.bool_], values: NDArray[_Value], which: NDArray[np.int32]
+) -> NDArray[_Value]:
+    """Return values (N,) by their numbers; 0 (of a class: unlabelled) where there is none."""
+    if not len(values):
+        return np.zeros(len(which), values.dtype)
+    return np.where(has, values[which], values.dtype.type(0))

@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,10 +28,7 @@ from urbantwin.geometry import Pose
 from urbantwin.lidar.sensor_path import FixedPath
 from urbantwin.site.rig import SwaySpec
 
-if TYPE_CHECKING:
-    from urbantwin.lidar.mounted import MountedSensor
-
-__all__ = ["SwayingPath", "displacement", "swaying"]
+__all__ = ["SwayingPath", "displacement"]
 
 #: How many tones make the motion in each direction.
 TONES = 32
@@ -87,18 +83,6 @@ class SwayingPath:
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return where it is at rest."""
         return FixedPath(self.site_SE3_sensor).true_poses(time_s)
-
-
-def swaying(mounted: MountedSensor, sway: SwaySpec, frame_index: int, seed: int) -> SwayingPath:
-    """Return the path of a sensor on a pole in a frame."""
-    return SwayingPath(
-        mounted.site_SE3_sensor,
-        sway,
-        mounted.sway_height_m,
-        frame_index / mounted.rate_hz,
-        seed,
-        mounted.swings_with,
-    )
 
 
 def displacement(

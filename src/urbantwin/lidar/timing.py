@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from urbantwin.lidar.mounted import MountedSensor
+from urbantwin.lidar.rig import MountedSensor
 from urbantwin.lidar.sweep import Sweep
 
 __all__ = ["Turn", "ring_times", "span_of", "sweeps_of", "turns_of"]

@@ -13,13 +13,12 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
-import embreex.mesh_construction
-import embreex.rtcore_scene
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import uniform_filter
 
 from urbantwin.geometry import DownwardProbe, LabelledMesh, SurfaceMaterials
+from urbantwin.geometry.embree import EmbreeScene
 from urbantwin.view import style
 from urbantwin.view.surface_colours import material_colours, surface_colours
 
@@ -317,25 +316,15 @@ class _Caster:
     """Casts rays; bands of a picture may be cast in threads."""
 
     def __init__(self, mesh: LabelledMesh) -> None:
-        self._scene = embreex.rtcore_scene.EmbreeScene(robust=True)
-        # Kept: the scene refers to its geometry without owning it.
-        self._geometry = embreex.mesh_construction.TriangleMesh(
-            self._scene, mesh.vertices.astype(np.float32), mesh.faces.astype(np.int32)
-        )
+        self._scene = EmbreeScene(mesh.vertices, mesh.faces)
         self.normals = mesh.normals().astype(np.float32)
-        # The first ray builds the tree, which must not happen in two threads at once.
-        self._scene.run(np.zeros((1, 3), np.float32), np.array([[0, 0, 1]], np.float32))
 
     def first(
         self, origins: NDArray[np.float32], directions: NDArray[np.float32]
     ) -> tuple[NDArray[np.int32], NDArray[np.float32]]:
         """Return the first face (N,) along each ray, -1 for none, and its distance (N,)."""
-        if not len(origins):
-            return np.zeros(0, np.int32), np.zeros(0, np.float32)
-        found = self._scene.run(origins, np.ascontiguousarray(directions), output=True)
-        missed = found["geomID"] < 0
-        face = np.where(missed, -1, found["primID"].astype(np.int64)).astype(np.int32)
-        return face, np.where(missed, np.float32(np.inf), found["tfar"]).astype(np.float32)
+        found = self._scene.cast_single(origins, directions)
+        return found.face, found.range_m
 
 
 def _scattered_about(normal: NDArray[np.float32], seed: int) -> NDArray[np.float32]:

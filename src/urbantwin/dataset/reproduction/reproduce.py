@@ -21,8 +21,8 @@ from urbantwin.dataset.reproduction.named_files import NamedFile, set_at, value_
 from urbantwin.dataset.reproduction.told import Told, read_told
 from urbantwin.errors import InputError
 from urbantwin.lidar import place_rig
-from urbantwin.lidar.casting.backend import layers_on
-from urbantwin.lidar.measured_file import rig_with_backgrounds
+from urbantwin.lidar.background_file import rig_with_backgrounds
+from urbantwin.lidar.casting.backend import tracer_on
 from urbantwin.progress import Progress, between
 from urbantwin.site import load_rig_spec, load_site
 from urbantwin.traffic import Motion, run_traffic
@@ -115,7 +115,7 @@ def plan_of(
         if not folder.is_dir():
             raise InputError("is not a folder", file=folder, expected="a folder with inputs")
     told = read_told(path / "dataset.json" if path.is_dir() else path)
-    layers_on(told.dataset.backend)  # Is it there?
+    tracer_on(told.dataset.backend)  # Is it there?
     if twin is not None and mesh_sha256(load_twin(twin).mesh) != told.dataset.scene_sha256:
         raise InputError("has another scene", file=twin, expected="the twin of the dataset")
     if motion is not None:

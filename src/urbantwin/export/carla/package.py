@@ -19,7 +19,7 @@ from urbantwin.export.mesh import (
     write_glb,
     write_obj,
 )
-from urbantwin.lidar.rig import place_rig
+from urbantwin.lidar.placement import place_rig
 from urbantwin.roads.opendrive import write_opendrive
 from urbantwin.twin import Twin
 from urbantwin.view.markings import markings

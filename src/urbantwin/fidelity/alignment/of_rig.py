@@ -18,7 +18,7 @@ from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.geometry import ypr_from_rotation
 from urbantwin.lidar import Rig
-from urbantwin.lidar.mounted import dataset_frame
+from urbantwin.lidar.rig import dataset_frame
 from urbantwin.twin import Twin
 
 __all__ = ["Wish", "align_rig", "frame_numbers"]

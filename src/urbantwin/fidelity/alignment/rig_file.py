@@ -12,7 +12,7 @@ from urbantwin.artefact import replaced_file
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose, ypr_from_rotation
 from urbantwin.lidar import Rig
-from urbantwin.lidar.mounted import dataset_frame
+from urbantwin.lidar.rig import dataset_frame
 
 __all__ = ["aligned_poses", "write_aligned_rig"]
 

@@ -15,8 +15,8 @@ from urbantwin.fidelity.frame import Frame
 from urbantwin.geometry import DownwardProbe, LabelledMesh, Pose
 from urbantwin.lidar import Rig, Sensor, sensor, sensor_names
 from urbantwin.lidar.enclosure import enclosing
-from urbantwin.lidar.mounted import dataset_frame
-from urbantwin.lidar.rig import GROUND_CLASSES
+from urbantwin.lidar.placement import GROUND_CLASSES
+from urbantwin.lidar.rig import dataset_frame
 from urbantwin.site.rig import RideSpec
 from urbantwin.taxonomy import semantic_id
 

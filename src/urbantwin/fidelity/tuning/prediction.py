@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh, SurfaceMaterials
+from urbantwin.geometry.embree import EmbreeScene
 from urbantwin.lidar import Rig
 from urbantwin.lidar.beams import Beams
-from urbantwin.lidar.casting import EmbreeCaster
-from urbantwin.lidar.mounted import MountedSensor
+from urbantwin.lidar.casting.embree import EmbreeTracer
 from urbantwin.lidar.returns import LEVELS, ReturnModel
-from urbantwin.lidar.static import World
+from urbantwin.lidar.rig import MountedSensor
 from urbantwin.lidar.static_view import StaticView
+from urbantwin.lidar.static_world import World
 from urbantwin.lidar.sweep import Sweep
 from urbantwin.site.rig import Conditions
 from urbantwin.taxonomy import materials
@@ -105,13 +106,13 @@ def beam_view(
         plain,
         beams,
         model,
-        World(mesh, place.translation, surface),
+        World(mesh, place.translation, surface, EmbreeTracer()),
         replace(plain, sway=None).path(0, seed),
         Sweep.snapshot(plain.columns, plain.sensor.channels),
         rig.dataset_SE3_site,
     )
     aim = beams.directions @ place.rotation.T
-    caster = EmbreeCaster(mesh.vertices - place.translation, mesh.faces)
+    caster = EmbreeScene(mesh.vertices - place.translation, mesh.faces)
     hits = caster.cast(np.zeros(3), aim.astype(np.float32))
     material = np.full(len(aim), -1, np.int64)
     hit = np.flatnonzero(hits.face >= 0)
@@ -128,7 +129,7 @@ def beam_view(
         rig.conditions,
         beams.columns,
         beams.believed,
-        view.report[1],
+        view.answers.first.range_m,
         view.amplitude,
         peak,
         material,

@@ -14,7 +14,7 @@ from urbantwin.fidelity.alignment import write_aligned_rig
 from urbantwin.fidelity.tuning.knobs import Values
 from urbantwin.geometry import Pose, ypr_from_rotation
 from urbantwin.lidar import Rig
-from urbantwin.lidar.mounted import MountedSensor, dataset_frame
+from urbantwin.lidar.rig import MountedSensor, dataset_frame
 from urbantwin.site.rig import Calibration
 
 __all__ = ["PointsIn", "frame_of_points", "tuned_rig", "write_tuned_rig"]

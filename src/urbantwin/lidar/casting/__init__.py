@@ -1,6 +1,3 @@
 """Ray tracers behind one interface."""
 
-from urbantwin.lidar.casting.embree import EmbreeCaster
-from urbantwin.lidar.casting.hits import Hits, RayCaster
-
-__all__ = ["EmbreeCaster", "Hits", "RayCaster"]
+__all__: list[str] = []

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from urbantwin.errors import InputError
-from urbantwin.lidar.casting.warp_layers import WarpLayers
+from urbantwin.lidar.casting.tracer import RayTracer
 
-__all__ = ["layers_on"]
+__all__ = ["tracer_on"]
 
 
-def layers_on(backend: str) -> WarpLayers | None:
-    """Return what finds the layers of turns on a device; ``None`` for Embree, on the processor.
+def tracer_on(backend: str) -> RayTracer:
+    """Return a ray tracer.
 
     Args:
         backend: ``embree``, ``warp`` (the first CUDA device, else the processor), or Warp with a
@@ -20,7 +20,11 @@ def layers_on(backend: str) -> WarpLayers | None:
     """
     name, _, device = backend.partition(":")
     if backend == "embree":
-        return None
+        from urbantwin.lidar.casting.embree import EmbreeTracer
+
+        return EmbreeTracer()
     if name == "warp" and (device or backend == "warp"):
-        return WarpLayers(device or None)
+        from urbantwin.lidar.casting.warp import WarpTracer
+
+        return WarpTracer(device or None)
     raise InputError(f"there is no backend {backend!r}", expected="embree, warp or warp:DEVICE")

@@ -2,156 +2,233 @@
 
 from __future__ import annotations
 
+from collections import OrderedDict
 from collections.abc import Sequence
-from functools import cache
+from threading import Lock
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.errors import InputError
-from urbantwin.lidar.casting.hits import Hits
+from urbantwin.lidar.casting.tracer import Blocks, Casting, Firing, Layers
+from urbantwin.lidar.casting.warp_device import device_meshes, device_tree, warp_device
+from urbantwin.lidar.shapes import PresentActors, Shapes
 
-__all__ = ["WarpCaster", "device_meshes", "warp_device"]
+__all__ = ["WarpTracer"]
 
-
-@cache
-def warp_device(name: str | None = None) -> Any:  # noqa: ANN401 - Warp is an extra
-    """Return a device of Warp's.
-
-    Args:
-        name: ``cpu``, ``cuda``, ``cuda:1``, ...; ``None``: the first CUDA device, else ``cpu``.
-
-    Raises:
-        InputError: Warp is not installed, or this machine has no such device.
-    """
-    try:
-        import warp as wp
-    except ImportError:
-        raise InputError(
-            "casting on a device needs the package warp-lang",
-            expected="pip install 'urbantwin[warp]'",
-        ) from None
-    # Warp greets at its first call; what goes wrong it says at any level.
-    wp.config.log_level = max(wp.config.log_level, wp.LOG_WARNING)
-    wp.init()
-    try:
-        return wp.get_preferred_device() if name is None else wp.get_device(name)
-    except (ValueError, RuntimeError):
-        known = ", ".join(str(device) for device in wp.get_devices())
-        raise InputError(f"this machine has no device {name!r}", expected=known) from None
+#: Sets of shapes, beams and footprints that are kept on the device.
+_MOST_KEPT = 32
+_ALIGNED = 64
 
 
-def device_tree(
-    vertices: NDArray[np.float64],
-    faces: NDArray[np.int32],
-    device: Any,  # noqa: ANN401
-) -> Any:  # noqa: ANN401
-    """Return the hierarchy of triangles' boxes on a device.
+class WarpTracer:
+    """Casts on a device, where shapes and beams stay; a turn sends its poses and rays.
+
+    See `tracer.RayTracer`.
 
     Args:
-        vertices: (V, 3) metres, within kilometres of zero.
-        faces: (F, 3) indices of vertices; without any, a box that no ray meets.
-        device: see `warp_device`.
-    """
-    import warp as wp
-
-    corners = np.asarray(vertices, np.float64)[faces] if len(faces) else np.full((1, 1, 3), 1e30)
-    # Rounded outward: a box in single precision holds its triangle in double precision.
-    low = np.nextafter(corners.min(axis=1).astype(np.float32), np.float32(-np.inf))
-    high = np.nextafter(corners.max(axis=1).astype(np.float32), np.float32(np.inf))
-    return wp.Bvh(
-        wp.array(low, dtype=wp.vec3, device=device),
-        wp.array(high, dtype=wp.vec3, device=device),
-        constructor="sah",
-    )
-
-
-def device_meshes(
-    trees: Sequence[Any],
-    meshes: Sequence[tuple[NDArray[np.float64], NDArray[np.int32]]],
-    device: Any,  # noqa: ANN401
-) -> Any:  # noqa: ANN401
-    """Return meshes on a device, as ``device.triangles`` takes them.
-
-    Args:
-        trees: of each mesh, from `device_tree`; they must outlive what is returned.
-        meshes: vertices (V, 3) and faces (F, 3) of each.
-        device: see `warp_device`.
-    """
-    import warp as wp
-
-    from urbantwin.lidar.casting.device.triangles import Meshes
-
-    vertex_count = np.array([len(vertices) for vertices, _ in meshes])
-    face_count = np.array([len(faces) for _, faces in meshes])
-    first_vertex = np.cumsum(vertex_count) - vertex_count
-    every = np.concatenate(
-        [faces + first for (_, faces), first in zip(meshes, first_vertex, strict=True)]
-    )
-    extent = [np.linalg.norm(vertices, axis=1).max(initial=0.0) for vertices, _ in meshes]
-    result = Meshes()
-    result.tree = wp.array([tree.id for tree in trees], dtype=wp.uint64, device=device)
-    result.first_face = wp.array(np.cumsum(face_count) - face_count, dtype=wp.int32, device=device)
-    result.extent = wp.array(extent, dtype=wp.float64, device=device)
-    result.vertices = wp.array(
-        np.concatenate([vertices for vertices, _ in meshes]), dtype=wp.vec3d, device=device
-    )
-    result.faces = wp.array(every.astype(np.int32), dtype=wp.vec3i, device=device)
-    return result
-
-
-class WarpCaster:
-    """First hits on a device, decided in double precision; see `hits.RayCaster`.
-
-    Both sides of a triangle are hit, and no ray slips through the edge of two. Triangles may be
-    anywhere: places are told from their middle. Of several triangles at the same range, the one
-    that is numbered first is hit, on every device.
-
-    Args:
-        vertices: (V, 3) metres.
-        faces: (F, 3) indices of vertices.
-        device: see `warp_device`.
+        device: see `warp_device.warp_device`.
 
     Raises:
         InputError: Warp is not installed, or this machine has no such device.
     """
 
-    def __init__(
-        self, vertices: NDArray[np.float64], faces: NDArray[np.int32], device: str | None = None
-    ) -> None:
+    def __init__(self, device: str | None = None) -> None:
         self._device = warp_device(device)
-        self._meshes = None
-        if len(faces):
-            used = np.asarray(vertices, np.float64)[np.unique(faces)]
-            self._centre = (used.min(axis=0) + used.max(axis=0)) / 2
-            moved = vertices - self._centre
-            self._tree = device_tree(moved, faces, self._device)
-            self._meshes = device_meshes([self._tree], [(moved, faces)], self._device)
+        self._staging = _Staging(self._device)
+        self._lock = Lock()  # Frames may be scanned by several threads.
+        self._kept: OrderedDict[tuple[str, int], tuple[Any, Any]] = OrderedDict()
+        self._trees: dict[int, tuple[Any, Any]] = {}
 
-    def cast(self, origins: NDArray[np.float64], directions: NDArray[np.float32]) -> Hits:
-        """Return the first hit of each ray; see `hits.RayCaster`."""
-        count = len(directions)
-        if self._meshes is None or count == 0:
-            return Hits(np.full(count, np.inf, np.float32), np.full(count, -1, np.int32))
+    def layers(
+        self, firing: Firing, actors: PresentActors, blocks: Blocks, casting: Casting
+    ) -> Layers:
+        """Return the layers that blocks of rays meet, in the order of their beams."""
         import warp as wp
 
-        from urbantwin.lidar.casting.device.triangles import cast_rays
+        from urbantwin.lidar.casting.device import cast, poses
 
-        place = self._device
-        starts = np.asarray(origins, np.float64).reshape(-1, 3)
-        range_m = wp.empty(count, dtype=wp.float32, device=place)
-        face = wp.empty(count, dtype=wp.int32, device=place)
-        wp.launch(
-            cast_rays,
-            dim=count,
-            inputs=[
-                self._meshes,
-                wp.vec3d(*self._centre),
-                wp.array(starts, dtype=wp.vec3d, device=place),
-                wp.array(np.asarray(directions, np.float32), dtype=wp.vec3, device=place),
-            ],
-            outputs=[range_m, face],
-            device=place,
+        with self._lock:
+            device, count, shape = self._device, len(blocks.ray), actors.shape
+            if not count:
+                return Layers.room(0, len(shape)).found(0)
+            meshes, surfaces = self._shapes(actors.shapes)
+            directions = self._keep("beams", firing.directions, wp.vec3d)
+            footprint = self._keep("footprint", firing.footprint, wp.vec2d)
+            f8, i4 = wp.float64, wp.int32
+            knots = zip(actors.paths, (f8, wp.mat33d, wp.vec3d, wp.vec3d), strict=True)
+            fired = zip(firing[:4], (f8, f8, wp.mat33d, wp.vec3d), strict=True)
+            stands = [(np.asarray(column, np.int32), i4) for column in (*blocks, shape)]
+            there = self._staging.sent([*knots, *fired, *stands])
+            motion, when, lie = poses.Motion(), poses.Turn(), cast.Blocks()
+            motion.time, motion.rotation, motion.place, motion.turn = there[:4]
+            when.column_time, when.ring_time, when.rotation, when.place = there[4:8]
+            lie.actor, lie.rows, lie.wide, lie.start, lie.ray, surfaces.shape = there[8:]
+
+            several = len(shape)
+            tally = wp.zeros(1 + 2 * several, dtype=wp.int64, device=device)
+            pose = wp.empty(count, dtype=poses.RayPose, device=device)
+            range_m = wp.empty(count, dtype=wp.float32, device=device)
+            face, first, many, place = (wp.empty(count, dtype=i4, device=device) for _ in range(4))
+            wp.launch(
+                cast.cast_axes,
+                dim=count,
+                inputs=[meshes, surfaces.shape, motion, when, lie, directions],
+                outputs=[pose, range_m, face, tally],
+                device=device,
+            )
+            room = count + count // 2 + 1024
+            while True:
+                found = wp.empty(room, dtype=cast.Layer, device=device)
+                wp.launch(
+                    cast.find_layers,
+                    dim=count,
+                    inputs=[
+                        meshes, surfaces, lie, directions, footprint, casting.glass,
+                        casting.spread, casting.around, pose, range_m, face,
+                    ],
+                    outputs=[tally, found, first, many],
+                    device=device,
+                )  # fmt: skip
+                counts = self._staging.received(tally)
+                if counts[0] <= room:
+                    break
+                room = int(counts[0])
+                tally[:1].zero_()
+            used = int(counts[0])
+            seen = counts[1 : 1 + several]
+            seen_s = counts[1 + several :].astype(np.float64) / cast.PICOSECONDS
+            if not used:
+                return Layers.room(0, several)._replace(seen_s=seen_s, seen=seen).found(0)
+            whole = wp.empty((4, used), dtype=i4, device=device)
+            real = wp.empty((2, used), dtype=wp.float32, device=device)
+            wp.utils.array_scan(many, place, inclusive=False)
+            wp.launch(
+                cast.put_in_order,
+                dim=count,
+                inputs=[found, first, many, place],
+                outputs=[whole, real],
+                device=device,
+            )
+            ray, actor, mask, own_face = self._staging.received(whole)
+            at, cosine = self._staging.received(real)
+            return Layers(
+                ray, actor, mask.astype(np.uint8), at, cosine, own_face, seen_s, seen
+            ).found(used)
+
+    def _shapes(self, shapes: Shapes) -> tuple[Any, Any]:
+        """Return the shapes on the device; those that came before are not sent again."""
+        import warp as wp
+
+        from urbantwin.lidar.casting.device.cast import Surfaces
+
+        key = ("shapes", id(shapes.triangles.normals))
+        if key in self._kept:
+            kept: tuple[Any, Any] = self._kept[key][1]
+            return kept
+        device = self._device
+        meshes = [(scene.vertices, scene.faces) for scene in shapes.scenes]
+        for vertices, faces in meshes:
+            if id(vertices) not in self._trees:
+                tree = device_tree(vertices, faces, device)
+                self._trees[id(vertices)] = (vertices, tree)
+        trees = [self._trees[id(vertices)][1] for vertices, _ in meshes]
+        triangles, surfaces = shapes.triangles, Surfaces()
+        for name, values in (
+            ("normal", triangles.normals),
+            ("low", shapes.low),
+            ("high", shapes.high),
+        ):
+            corners = np.ascontiguousarray(values, np.float64)
+            setattr(surfaces, name, wp.array(corners, dtype=wp.vec3d, device=device))
+        surfaces.offset = wp.array(triangles.offsets, dtype=wp.float64, device=device)
+        surfaces.pane = wp.array(triangles.panes.astype(np.uint8), dtype=wp.uint8, device=device)
+        made = (device_meshes(trees, meshes, device), surfaces)
+        self._remember(key, shapes.triangles.normals, made)
+        return made
+
+    def _keep(self, name: str, values: NDArray[np.float64], dtype: Any) -> Any:  # noqa: ANN401
+        """Return an array that does not change between turns, on the device."""
+        import warp as wp
+
+        key = (name, id(values))
+        if key not in self._kept:
+            sent = wp.array(np.ascontiguousarray(values), dtype=dtype, device=self._device)
+            self._remember(key, values, sent)
+        return self._kept[key][1]
+
+    def _remember(self, key: tuple[str, int], owner: object, value: object) -> None:
+        """Keep a value with what it was made from, whose id stays taken that way."""
+        self._kept[key] = (owner, value)
+        while len(self._kept) > _MOST_KEPT:
+            self._kept.popitem(last=False)
+
+
+class _Staging:
+    """Host memory that the device copies from and to at full speed; it grows and stays."""
+
+    def __init__(self, device: Any) -> None:  # noqa: ANN401
+        self._device = device
+        self._host: dict[str, Any] = {}
+        self._there: Any = None
+
+    def sent(self, arrays: Sequence[tuple[NDArray[Any], Any]]) -> list[Any]:
+        """Return arrays on the device, after one copy; they are overwritten by the next call.
+
+        Args:
+            arrays: values, and what Warp calls their type.
+        """
+        import warp as wp
+
+        parts = [(np.ascontiguousarray(values), dtype) for values, dtype in arrays]
+        sizes = [-(-max(values.nbytes, 1) // _ALIGNED) * _ALIGNED for values, _ in parts]
+        starts = np.cumsum([0, *sizes])
+        host = self._room("up", int(starts[-1]))
+        block = host.numpy()
+        for (values, _), start in zip(parts, starts[:-1], strict=True):
+            block[start : start + values.nbytes] = values.reshape(-1).view(np.uint8)
+        if self._device.is_cuda:
+            if self._there is None or self._there.size < host.size:
+                self._there = wp.empty(host.size, dtype=wp.uint8, device=self._device)
+            wp.copy(self._there, host, count=int(starts[-1]))
+        else:
+            self._there = host
+        return [
+            wp.array(
+                ptr=self._there.ptr + int(start),
+                dtype=dtype,
+                shape=values.shape[: values.ndim - len(getattr(dtype, "_shape_", ()))],
+                device=self._device,
+                copy=False,
+            )
+            for (values, dtype), start in zip(parts, starts[:-1], strict=True)
+        ]
+
+    def received(self, array: Any) -> NDArray[Any]:  # noqa: ANN401
+        """Return the values of an array on the device, once it has them."""
+        import warp as wp
+
+        if not self._device.is_cuda:
+            return np.array(array.numpy())
+        kind = np.dtype(wp.dtype_to_numpy(array.dtype))
+        size = array.size * kind.itemsize
+        host = self._room("down", max(size, 1))
+        block = wp.array(
+            ptr=host.ptr,
+            dtype=array.dtype,
+            shape=array.shape,
+            device="cpu",
+            copy=False,
+            pinned=True,
         )
-        return Hits(range_m.numpy(), face.numpy())
+        wp.copy(block, array)
+        wp.synchronize_stream(self._device)
+        return np.array(host.numpy()[:size].view(kind).reshape(array.shape))
+
+    def _room(self, way: str, size: int) -> Any:  # noqa: ANN401
+        import warp as wp
+
+        if way not in self._host or self._host[way].size < size:
+            pinned = bool(self._device.is_cuda)
+            self._host[way] = wp.empty(2 * size, dtype=wp.uint8, device="cpu", pinned=pinned)
+        return self._host[way]

@@ -10,40 +10,46 @@ by a block at each end.
 import numpy as np
 from numba import njit
 
+from urbantwin.lidar.casting.tracer import Blocks
 from urbantwin.lidar.compiled.bounds import bounds_of_box, widened
 from urbantwin.lidar.compiled.pose import actor_from_sensor, set_pose
 
-__all__ = ["find_blocks"]
+__all__ = ["find_blocks", "rays_within"]
 
 #: Elevations are widened by this, radians: far above float32's rounding, far below a ring.
 _ELEVATION_MARGIN = 1e-4
 #: An actor goes no farther than this between two looks at where it is, metres.
 _LOOK_M = 0.15
 _MOST_LOOKS = 24
+_TURN = 2 * np.pi
 
 
 @njit(cache=True, nogil=True)
-def _bounds_between(
-    first, last, actor, low, high, path, sensor_rotation, sensor_place, timing, room
-):
+def _set_relative_pose(time, column, actor, paths, firing, relative, place):
+    """Write the sensor's pose as an actor sees it: rotation (3, 3) and place (3,)."""
+    actor_rotation, actor_place = np.empty((3, 3)), np.empty(3)
+    set_pose(time, actor, paths, actor_rotation, actor_place)
+    n = column if len(firing.translation) > 1 else 0
+    actor_from_sensor(
+        actor_rotation, actor_place, n, firing.rotation, firing.translation, relative, place
+    )
+
+
+@njit(cache=True, nogil=True)
+def _bounds_between(first, last, actor, low, high, paths, firing, first_column, ring_span):
     """Return the bounds of an actor while columns first..last (in firing order) fire."""
-    knot_time, rotation, translation, turn = path
-    column_time, ring_span, first_column = timing
-    actor_rotation, actor_place, relative, place = room
+    column_time, sensor_place = firing.column_time_s, firing.translation
+    actor_rotation, actor_place = np.empty((3, 3)), np.empty(3)
+    relative, place = np.empty((3, 3)), np.empty(3)
+    turn = paths.turn
     count = len(column_time)
     moving = len(sensor_place) > 1
 
     begin = column_time[(first + first_column) % count]
     end = column_time[(last + first_column) % count] + ring_span
-    set_pose(
-        begin, actor, knot_time, rotation, translation, turn,
-        actor_rotation, actor_place,
-    )  # fmt: skip
+    set_pose(begin, actor, paths, actor_rotation, actor_place)
     x, y, z = actor_place[0], actor_place[1], actor_place[2]
-    set_pose(
-        end, actor, knot_time, rotation, translation, turn,
-        actor_rotation, actor_place,
-    )  # fmt: skip
+    set_pose(end, actor, paths, actor_rotation, actor_place)
     k, m = (first + first_column) % count if moving else 0, 0
     if moving:
         m = (last + first_column) % count
@@ -64,14 +70,7 @@ def _bounds_between(
         j = first + (last - first) * look // looks
         k = (j + first_column) % count
         time = begin + (end - begin) * look / looks
-        set_pose(
-            time, actor, knot_time, rotation, translation, turn,
-            actor_rotation, actor_place,
-        )  # fmt: skip
-        n = k if moving else 0
-        actor_from_sensor(
-            actor_rotation, actor_place, n, sensor_rotation, sensor_place, relative, place
-        )
+        _set_relative_pose(time, k, actor, paths, firing, relative, place)
         now = bounds_of_box(low, high, relative, place)
         bounds = now if look == 0 else widened(bounds, now)
         if far == 0.0 and angle == 0.0 and not moving:
@@ -87,49 +86,35 @@ def _columns(start, width, azimuth, step, turn, pad):
 
 
 @njit(cache=True, nogil=True)
-def find_blocks(
-    low, high, path, sensor_rotation, sensor_place, timing, rings, range_max_m, room, found
-):
+def find_blocks(low, high, paths, firing, rings, beside, range_max_m, found):
     """Write the rays that can touch each of A actors and return how many blocks and rays.
 
     Args:
         low: (A, 3) lower corners of the actors, each in its own frame.
         high: (A, 3) upper corners.
-        path: knots of all actors: times (A, T), rotations (A, T, 3, 3), translations (A, T, 3),
-            turns (A, T - 1, 3).
-        sensor_rotation: (K, 3, 3) of ``site_SE3_sensor`` when each column fires, or (1, 3, 3).
-        sensor_place: (K, 3) or (1, 3).
-        timing: column times (K,), the span of a column's firings, and the column that fires first.
-        rings: order (C,) of channels by elevation, their elevations (C,), azimuths (C,) of column
-            0, radians, the step between columns, +1 or -1 for the sense of the turn, and how far a
-            beam reaches beside its axis.
+        paths: `actor_path.Paths`.
+        firing: `tracer.Firing`.
+        rings: `beams.Rings`.
+        beside: how far a beam reaches beside its axis, radians.
         range_max_m: an actor wholly beyond it is left out.
-        room: scratch: (3, 3), (3,), (3, 3), (3,).
-        found: blocks (B, 4) int64 to write: actor, rows, columns, first ray's number in the second
-            array, (R,) int32, rays in rows by elevation, -1 where a ray belongs to another block.
+        found: `tracer.Blocks` to write: rays in rows by elevation.
 
     Returns:
         Blocks and rays that were found; where either is more than there is room for, nothing
         beyond the room was written.
     """
-    knot_time, rotation, translation, turns = path
-    column_time, _, first_column = timing
-    order, elevation, azimuth, step, turn, beside = rings
-    blocks, rays = found
-    actor_rotation, actor_place, relative, place = room
+    order, elevation, azimuth, step, turn = rings
+    column_time = firing.column_time_s
+    first_column, ring_span = np.argmin(column_time), firing.ring_time_s.max()
+    relative, place = np.empty((3, 3)), np.empty(3)
     count = len(column_time)
     # High up, a beam is as wide as everywhere, but azimuths lie closer.
     pad = 1 + int(np.ceil(1.7 * beside / step))
     margin = _ELEVATION_MARGIN + beside
     used, written = 0, 0
     for actor in range(len(low)):
-        set_pose(
-            column_time[first_column], actor, knot_time, rotation, translation, turns,
-            actor_rotation, actor_place,
-        )  # fmt: skip
-        n = first_column if len(sensor_place) > 1 else 0
-        actor_from_sensor(
-            actor_rotation, actor_place, n, sensor_rotation, sensor_place, relative, place
+        _set_relative_pose(
+            column_time[first_column], first_column, actor, paths, firing, relative, place
         )
         away = 0.0
         for i in range(3):
@@ -139,9 +124,8 @@ def find_blocks(
         if away > (range_max_m + 20.0) ** 2:
             continue
         whole = _bounds_between(
-            0, count - 1, actor, low[actor], high[actor], path, sensor_rotation, sensor_place,
-            timing, room,
-        )  # fmt: skip
+            0, count - 1, actor, low[actor], high[actor], paths, firing, first_column, ring_span
+        )
         earliest, latest = 1 << 60, -(1 << 60)
         for row in range(len(order)):
             if whole[2] - margin <= elevation[row] <= whole[3] + margin:
@@ -164,8 +148,8 @@ def find_blocks(
             near = whole
             if length < count:
                 near = _bounds_between(
-                    one, last, actor, low[actor], high[actor], path, sensor_rotation,
-                    sensor_place, timing, room,
+                    one, last, actor, low[actor], high[actor], paths, firing, first_column,
+                    ring_span,
                 )  # fmt: skip
             bottom, top = len(order), -1
             widest = 0
@@ -178,9 +162,9 @@ def find_blocks(
                 continue
             wide = min(widest, count)
             rows = top - bottom + 1
-            if used < len(blocks) and written + rows * wide <= len(rays):
-                blocks[used, 0], blocks[used, 1] = actor, rows
-                blocks[used, 2], blocks[used, 3] = wide, written
+            if used < len(found.actor) and written + rows * wide <= len(found.ray):
+                found.actor[used], found.rows[used] = actor, rows
+                found.wide[used], found.start[used] = wide, written
                 at = written
                 for row in range(bottom, top + 1):
                     start, _ = _columns(near[0], near[1], azimuth[row], step, turn, pad)
@@ -188,8 +172,64 @@ def find_blocks(
                         column = (start + n) % count
                         j = (column - first_column) % count
                         inside = one <= j <= last
-                        rays[at] = order[row] * count + column if inside else -1
+                        found.ray[at] = order[row] * count + column if inside else -1
                         at += 1
             used += 1
             written += rows * wide
     return used, written
+
+
+@njit(cache=True, nogil=True)
+def rays_within(low, high, paths, firing, beside, range_max_m):
+    """Return the blocks that can touch actors, of beams that stand in no columns.
+
+    As `find_blocks`, for directions in any order; a block is a row of beams.
+    """
+    column_time, beams = firing.column_time_s, firing.directions
+    first_column, ring_span = np.argmin(column_time), firing.ring_time_s.max()
+    relative, place = np.empty((3, 3)), np.empty(3)
+    count = len(column_time)
+    azimuth, elevation = np.empty(len(beams)), np.empty(len(beams))
+    for n in range(len(beams)):
+        azimuth[n] = np.arctan2(beams[n, 1], beams[n, 0])
+        elevation[n] = np.arcsin(min(max(beams[n, 2], -1.0), 1.0))
+    found_actor, found_rows = np.empty(len(low), np.int64), np.ones(len(low), np.int64)
+    found_wide, found_start = np.empty(len(low), np.int64), np.empty(len(low), np.int64)
+    rays = np.empty(1024, np.int32)
+    used, written = 0, 0
+    margin = _ELEVATION_MARGIN + beside
+    looks = 8
+    for actor in range(len(low)):
+        bounds = (0.0, 0.0, 0.0, 0.0)
+        near = np.inf
+        for look in range(looks + 1):
+            k = (first_column + (count - 1) * look // looks) % count
+            time = column_time[k] + (ring_span if look == looks else 0.0)
+            _set_relative_pose(time, k, actor, paths, firing, relative, place)
+            now = bounds_of_box(low[actor], high[actor], relative, place)
+            bounds = now if look == 0 else widened(bounds, now)
+            away = 0.0
+            for i in range(3):
+                away += max(low[actor, i] - place[i], place[i] - high[actor, i], 0.0) ** 2
+            near = min(near, np.sqrt(away))
+        if near > range_max_m:
+            continue
+        # What an actor may pass between two looks, in a turn of a fifth of a second at most.
+        extra = margin + 0.01
+        start = written
+        for n in range(len(beams)):
+            past = (azimuth[n] - bounds[0] + extra) % _TURN
+            level = bounds[2] - extra <= elevation[n] <= bounds[3] + extra
+            if level and past <= bounds[1] + 2 * extra:
+                if written == len(rays):
+                    more = np.empty(2 * len(rays), np.int32)
+                    more[:written] = rays
+                    rays = more
+                rays[written] = n
+                written += 1
+        if written > start:
+            found_actor[used], found_wide[used], found_start[used] = actor, written - start, start
+            used += 1
+    return Blocks(
+        found_actor[:used], found_rows[:used], found_wide[:used], found_start[:used], rays[:written]
+    )

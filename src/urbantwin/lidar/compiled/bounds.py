@@ -3,9 +3,7 @@
 import numpy as np
 from numba import njit
 
-from urbantwin.lidar.compiled.pose import actor_from_sensor, set_pose
-
-__all__ = ["bounds_of_box", "rays_within", "widened"]
+__all__ = ["bounds_of_box", "widened"]
 
 #: Closer to the sensor's axis than this, metres, a corner has no azimuth.
 _AXIS_MARGIN_M = 1e-3
@@ -84,72 +82,3 @@ def widened(one, other):
     first = min(start, start_2 + shift)
     last = max(start + width, start_2 + shift + width_2)
     return first, min(last - first, _TURN), lowest, highest
-
-
-@njit(cache=True, nogil=True)
-def rays_within(
-    low, high, path, sensor_rotation, sensor_place, timing, beams, range_max_m, beside, room
-):
-    """Return blocks (B, 4) and beams (R,) that can touch actors, of beams that stand in no columns.
-
-    As ``blocks.find_blocks``, for directions (N, 3) in any order; a block is a row of beams.
-    """
-    knot_time, rotation, translation, turns = path
-    column_time, ring_span, first_column = timing
-    actor_rotation, actor_place, relative, place = room
-    count = len(column_time)
-    azimuth, elevation = np.empty(len(beams)), np.empty(len(beams))
-    for n in range(len(beams)):
-        azimuth[n] = np.arctan2(beams[n, 1], beams[n, 0])
-        elevation[n] = np.arcsin(min(max(beams[n, 2], -1.0), 1.0))
-    blocks = np.empty((len(low), 4), np.int64)
-    rays = np.empty(1024, np.int32)
-    used, written = 0, 0
-    margin = 1e-4 + beside
-    looks = 8
-    for actor in range(len(low)):
-        bounds = (0.0, 0.0, 0.0, 0.0)
-        near = np.inf
-        for look in range(looks + 1):
-            k = (first_column + (count - 1) * look // looks) % count
-            time = column_time[k] + (ring_span if look == looks else 0.0)
-            set_pose(
-                time,
-                actor,
-                knot_time,
-                rotation,
-                translation,
-                turns,
-                actor_rotation,
-                actor_place,
-            )
-            n = k if len(sensor_place) > 1 else 0
-            actor_from_sensor(
-                actor_rotation, actor_place, n, sensor_rotation, sensor_place, relative, place
-            )
-            now = bounds_of_box(low[actor], high[actor], relative, place)
-            bounds = now if look == 0 else widened(bounds, now)
-            away = 0.0
-            for i in range(3):
-                away += max(low[actor, i] - place[i], place[i] - high[actor, i], 0.0) ** 2
-            near = min(near, np.sqrt(away))
-        if near > range_max_m:
-            continue
-        # What an actor may pass between two looks, in a turn of a fifth of a second at most.
-        extra = margin + 0.01
-        start = written
-        for n in range(len(beams)):
-            past = (azimuth[n] - bounds[0] + extra) % _TURN
-            level = bounds[2] - extra <= elevation[n] <= bounds[3] + extra
-            if level and past <= bounds[1] + 2 * extra:
-                if written == len(rays):
-                    more = np.empty(2 * len(rays), np.int32)
-                    more[:written] = rays
-                    rays = more
-                rays[written] = n
-                written += 1
-        if written > start:
-            blocks[used, 0], blocks[used, 1] = actor, 1
-            blocks[used, 2], blocks[used, 3] = written - start, start
-            used += 1
-    return blocks[:used], rays[:written]

@@ -9,31 +9,24 @@ __all__ = ["leaving"]
 
 
 @njit(cache=True, nogil=True)
-def leaving(
-    beam, actor, range_m, path, sensor_rotation, sensor_place, times, beams, to_rotation, to_place,
-    boxes, margin,
-):  # fmt: skip
+def leaving(beam, actor, range_m, paths, firing, standing, margin):
     """Return the rays whose ends lie outside their actors' boxes: which, origins, unit vectors.
 
     Args:
         beam: (M,) int32.
         actor: (M,) int32, what each beam met.
         range_m: (M,) float32, where it ends.
-        path: knots of all actors, see ``blocks.find_blocks``.
-        sensor_rotation: (K, 3, 3) of ``site_SE3_sensor`` by column, or (1, 3, 3).
-        sensor_place: (K, 3) or (1, 3).
-        times: of columns (K,) and of channels within them (C,), seconds from the frame's time.
-        beams: (N, 3) float64 unit vectors, sensor frame.
-        to_rotation: (A, 3, 3), where the actors stand then, frame of the result.
-        to_place: (A, 3).
-        boxes: (A, 7), in that frame.
+        paths: `actor_path.Paths`.
+        firing: `tracer.Firing`.
+        standing: `standing.Standing`: where the actors stand then, and their boxes.
         margin: how far outside does not count, metres.
 
     Returns:
         Numbers (L,) int64 among the M rays; origins (3, L) and unit vectors (3, L) float64.
     """
-    knot_time, rotation, translation, turns = path
-    column_time, ring_time = times
+    column_time, ring_time, beams = firing.column_time_s, firing.ring_time_s, firing.directions
+    sensor_rotation, sensor_place = firing.rotation, firing.translation
+    to_rotation, to_place, boxes = standing.rotation, standing.place, standing.boxes
     count = len(column_time)
     moving = len(sensor_place) > 1
     which = np.empty(len(beam), np.int64)
@@ -46,7 +39,7 @@ def leaving(
     for m in range(len(beam)):
         a, column = actor[m], beam[m] % count
         time = column_time[column] + ring_time[beam[m] // count]
-        set_pose(time, a, knot_time, rotation, translation, turns, actor_rotation, actor_place)
+        set_pose(time, a, paths, actor_rotation, actor_place)
         n = column if moving else 0
         actor_from_sensor(
             actor_rotation, actor_place, n, sensor_rotation, sensor_place, relative, place

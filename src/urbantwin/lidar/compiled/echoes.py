@@ -1,22 +1,102 @@
 """From the layers that a beam meets to the echoes that come back."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
-from urbantwin.lidar.compiled.layers import ON_AXIS
+from urbantwin.lidar.casting.layer_rule import ON_AXIS
 
-__all__ = ["BESIDE", "MOST_LAYERS", "combine"]
+__all__ = ["BESIDE", "ActorLayers", "AloneEchoes", "BeamEchoes", "combine"]
 
 #: Added to the actor that owns an echo along a beam whose axis passes beside the actor: the point
 #: that is reported lies on the axis, and so beside the actor.
 BESIDE = 1 << 20
 
 #: A beam with more layers than this loses the farthest.
-MOST_LAYERS = 128
+_MOST_LAYERS = 128
 #: Amplitude below which a surface is as good as none, unless nothing passes through it.
 _FAINT = 1e-7
 #: Black, or met edge on: it is there, however faint.
 _FAINTEST = 1e-9
+
+
+class ActorLayers(NamedTuple):
+    """L layers of actors, those of each of N beams chained to each other.
+
+    Attributes:
+        last: (N,) int32, the last layer of each beam; -1 for none.
+        before: (L,) int32, the one before along the same beam; -1 for none.
+        actor: (L,) int32.
+        range_m: (L,) float32.
+        backscatter: (L,) float32.
+        through: (L,) float32, share of the light that passes, to and fro.
+        mask: (L,) uint8, which of the beam's rays meet it.
+    """
+
+    last: NDArray[np.int32]
+    before: NDArray[np.int32]
+    actor: NDArray[np.int32]
+    range_m: NDArray[np.float32]
+    backscatter: NDArray[np.float32]
+    through: NDArray[np.float32]
+    mask: NDArray[np.uint8]
+
+
+class BeamEchoes(NamedTuple):
+    """Echoes of M beams.
+
+    Attributes:
+        start: (M + 1,) int32, where the echoes of each beam begin.
+        range_m: (E,) float32.
+        amplitude: (E,) float32.
+        owner: (E,) int32: an actor, `BESIDE` plus one, or ``-1 - layer`` of the static world.
+    """
+
+    start: NDArray[np.int32]
+    range_m: NDArray[np.float32]
+    amplitude: NDArray[np.float32]
+    owner: NDArray[np.int32]
+
+
+class AloneEchoes(NamedTuple):
+    """The strongest echo that each actor alone would give along beams through it.
+
+    Attributes:
+        beam: (L,) int32, its number among the M beams.
+        actor: (L,) int32.
+        range_m: (L,) float32.
+        amplitude: (L,) float32.
+    """
+
+    beam: NDArray[np.int32]
+    actor: NDArray[np.int32]
+    range_m: NDArray[np.float32]
+    amplitude: NDArray[np.float32]
+
+
+class _OneBeam(NamedTuple):
+    """The layers of one beam, and their order by range."""
+
+    range_m: NDArray[np.float32]
+    backscatter: NDArray[np.float32]
+    through: NDArray[np.float32]
+    mask: NDArray[np.uint8]
+    owner: NDArray[np.int32]
+    order: NDArray[np.int64]
+
+
+@njit(cache=True, nogil=True)
+def _one_beam():
+    return _OneBeam(
+        np.empty(_MOST_LAYERS, np.float32),
+        np.empty(_MOST_LAYERS, np.float32),
+        np.empty(_MOST_LAYERS, np.float32),
+        np.empty(_MOST_LAYERS, np.uint8),
+        np.empty(_MOST_LAYERS, np.int32),
+        np.empty(_MOST_LAYERS, np.int64),
+    )
 
 
 @njit(cache=True, nogil=True)
@@ -26,14 +106,15 @@ def _at_least(amplitude):
 
 
 @njit(cache=True, nogil=True)
-def _echoes(count, range_m, back, through, mask, owner, order, share, left, pulse_m, echoes, at):
-    """Write the echoes of one beam's layers and return how many there are.
+def _echoes(count, beam, share, left, pulse_m, echoes, at):
+    """Write the echoes of one beam's layers from ``at`` on and return how many there are.
 
     A beam's rays go on behind a layer as far as it lets them through. Layers within a pulse's
     length of the first of them come back as one echo, at their mean range weighed by what each
     returns.
     """
-    out_range, out_amplitude, out_owner = echoes
+    range_m, back, through, mask, owner, order = beam
+    out_range, out_amplitude, out_owner = echoes.range_m, echoes.amplitude, echoes.owner
     for i in range(count):
         order[i] = i
     for i in range(1, count):
@@ -80,131 +161,139 @@ def _echoes(count, range_m, back, through, mask, owner, order, share, left, puls
 
 
 @njit(cache=True, nogil=True)
-def combine(touched, static, moving, share, pulse_m, room, echoes, alone):
+def combine(touched, static, moving, share, pulse_m, echoes, alone):
     """Combine the static world's layers with the actors' along the beams that touch actors.
 
     Args:
         touched: (M,) int32 beams.
-        static: first layer of each beam (N + 1,) int64 and the layers: range float32, backscatter
-            float32, share let through float32, mask uint8. May have no layers and N of 0: nothing
-            stands in the way.
-        moving: for each beam its last layer (N,) int32, -1 for none, and the layers: the one
-            before along the same beam int32, actor int32, range, backscatter, let through, mask.
+        static: `static_world.StaticLayers` along all N beams.
+        moving: `ActorLayers`.
         share: (S,) float64, of a beam's light that each of its rays carries.
         pulse_m: length of a pulse, there and back.
-        room: scratch of ``MOST_LAYERS``: range, backscatter, let through, mask, owner, order; a
-            second one; and what is left of the rays (S,).
-        echoes: first echo (M + 1,) int32, range (E,) float32, amplitude (E,) float32, owner (E,)
-            int32: an actor, `BESIDE` plus one, or ``-1 - layer`` of the static world; to write.
-        alone: beam (L,) int32 (its number in ``touched``), actor (L,) int32, range (L,) float32,
-            amplitude (L,) float32 of the strongest echo that each actor alone would give
-            along beams whose axes pass through it.
+        echoes: `BeamEchoes` of the M beams, to write.
+        alone: `AloneEchoes`, to write.
 
     Returns:
         How many echoes and how many echoes of actors alone there are; written while there is room.
     """
-    start, static_range, static_back, static_through, static_mask = static
-    head, before, actor, range_m, back, through, mask = moving
-    own, single, left = room
-    first, echo_range, echo_amplitude, echo_owner = echoes
-    alone_beam, alone_actor, alone_range, alone_amplitude = alone
-    found = (echo_range, echo_amplitude, echo_owner)
-    one_range = np.empty(MOST_LAYERS, np.float32)
-    one_amplitude = np.empty(MOST_LAYERS, np.float32)
-    one_owner = np.empty(MOST_LAYERS, np.int32)
+    own, single, left = _one_beam(), _one_beam(), np.empty(len(share))
+    one = BeamEchoes(
+        np.empty(0, np.int32),
+        np.empty(_MOST_LAYERS, np.float32),
+        np.empty(_MOST_LAYERS, np.float32),
+        np.empty(_MOST_LAYERS, np.int32),
+    )
     used, lone = 0, 0
     whole = (1 << len(share)) - 1
     light = 0.0
     for s in range(len(share)):
         light += share[s]
     for m in range(len(touched)):
-        beam = touched[m]
-        count = 0
-        # Nearly all beams: one opaque surface of one actor before, or behind, one of the world's.
-        last = head[beam]
-        still, stands = -1, 0
-        if len(start) > 1:
-            still, stands = start[beam], start[beam + 1] - start[beam]
-        if (
-            last >= 0
-            and stands <= 1
-            and before[last] < 0
-            and through[last] == 0.0
-            and mask[last] & whole == whole
-            and (
-                stands == 0
-                or (static_through[still] == 0.0 and static_mask[still] & whole == whole)
-            )
-        ):
-            first[m] = used
-            amplitude = _at_least(light * back[last])
-            who = actor[last]
-            if mask[last] & ON_AXIS:
-                if lone < len(alone_beam):
-                    alone_beam[lone], alone_actor[lone] = m, who
-                    alone_range[lone], alone_amplitude[lone] = range_m[last], amplitude
+        echoes.start[m] = used
+        last, still = moving.last[touched[m]], static.start[touched[m]]
+        stands = static.start[touched[m] + 1] - still
+        if _is_plain(static, moving, last, still, stands, whole):
+            amplitude = _at_least(light * moving.backscatter[last])
+            who, at = moving.actor[last], moving.range_m[last]
+            if moving.mask[last] & ON_AXIS:
+                _write_alone(alone, lone, m, who, at, amplitude)
                 lone += 1
             else:
                 who += BESIDE
-            at = range_m[last]
-            if stands and static_range[still] <= at:
-                at, who = static_range[still], -1 - still
-                amplitude = _at_least(light * static_back[still])
-            if used < len(echo_range):
-                echo_range[used], echo_amplitude[used], echo_owner[used] = at, amplitude, who
+            if stands and static.range_m[still] <= at:
+                at, who = static.range_m[still], -1 - still
+                amplitude = _at_least(light * static.backscatter[still])
+            if used < len(echoes.range_m):
+                echoes.range_m[used], echoes.amplitude[used] = at, amplitude
+                echoes.owner[used] = who
             used += 1
             continue
-        if len(start) > 1:
-            for layer in range(start[beam], start[beam + 1]):
-                if count < MOST_LAYERS:
-                    own[0][count], own[1][count] = static_range[layer], static_back[layer]
-                    own[2][count], own[3][count] = static_through[layer], static_mask[layer]
-                    own[4][count] = -1 - layer
-                    count += 1
-        layer = head[beam]
-        while layer >= 0:
-            if count < MOST_LAYERS:
-                own[0][count], own[1][count] = range_m[layer], back[layer]
-                own[2][count], own[3][count] = through[layer], mask[layer]
-                own[4][count] = actor[layer]
-                if not mask[layer] & ON_AXIS:
-                    own[4][count] += BESIDE
-                count += 1
-            layer = before[layer]
-        first[m] = used
-        used += _echoes(
-            count, own[0], own[1], own[2], own[3], own[4], own[5], share, left, pulse_m, found, used
-        )
-        # Each actor alone, once: where its layers begin in the list.
+        count = _layers_of(touched[m], static, moving, own)
+        used += _echoes(count, own, share, left, pulse_m, echoes, used)
         for i in range(count):
-            who = own[4][i]
-            if who < 0 or who >= BESIDE:
+            who = own.owner[i]
+            if who < 0 or who >= BESIDE or _is_among(who, own.owner, i):
                 continue
-            known = False
-            for j in range(i):
-                known = known or own[4][j] == who
-            if known:
-                continue
-            few = 0
-            for j in range(i, count):
-                if own[4][j] == who:
-                    single[0][few], single[1][few] = own[0][j], own[1][j]
-                    single[2][few], single[3][few] = own[2][j], own[3][j]
-                    single[4][few] = who
-                    few += 1
-            several = _echoes(
-                few, single[0], single[1], single[2], single[3], single[4], single[5], share,
-                left, pulse_m, (one_range, one_amplitude, one_owner), 0,
-            )  # fmt: skip
+            few = _only(who, own, i, count, single)
+            several = _echoes(few, single, share, left, pulse_m, one, 0)
             best, strongest = -1, 0.0
-            for e in range(min(several, MOST_LAYERS)):
-                strength = one_amplitude[e] / one_range[e] ** 2
+            for e in range(min(several, _MOST_LAYERS)):
+                strength = one.amplitude[e] / one.range_m[e] ** 2
                 if strength > strongest:
                     best, strongest = e, strength
             if best >= 0:
-                if lone < len(alone_beam):
-                    alone_beam[lone], alone_actor[lone] = m, who
-                    alone_range[lone], alone_amplitude[lone] = one_range[best], one_amplitude[best]
+                _write_alone(alone, lone, m, who, one.range_m[best], one.amplitude[best])
                 lone += 1
-    first[len(touched)] = used
+    echoes.start[len(touched)] = used
     return used, lone
+
+
+@njit(cache=True, nogil=True)
+def _is_plain(static, moving, last, still, stands, whole):
+    """Return whether one opaque surface of an actor stands before or behind one of the world's.
+
+    So it is along nearly all beams that touch an actor.
+    """
+    return (
+        last >= 0
+        and stands <= 1
+        and moving.before[last] < 0
+        and moving.through[last] == 0.0
+        and moving.mask[last] & whole == whole
+        and (stands == 0 or (static.through[still] == 0.0 and static.mask[still] & whole == whole))
+    )
+
+
+@njit(cache=True, nogil=True)
+def _layers_of(beam, static, moving, own):
+    """Write the layers of a beam, the static world's and the actors', and return how many."""
+    count = 0
+    for layer in range(static.start[beam], static.start[beam + 1]):
+        if count < _MOST_LAYERS:
+            own.range_m[count] = static.range_m[layer]
+            own.backscatter[count] = static.backscatter[layer]
+            own.through[count], own.mask[count] = static.through[layer], static.mask[layer]
+            own.owner[count] = -1 - layer
+            count += 1
+    layer = moving.last[beam]
+    while layer >= 0:
+        if count < _MOST_LAYERS:
+            own.range_m[count] = moving.range_m[layer]
+            own.backscatter[count] = moving.backscatter[layer]
+            own.through[count], own.mask[count] = moving.through[layer], moving.mask[layer]
+            own.owner[count] = moving.actor[layer]
+            if not moving.mask[layer] & ON_AXIS:
+                own.owner[count] += BESIDE
+            count += 1
+        layer = moving.before[layer]
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _is_among(who, owner, count):
+    """Return whether one of the first owners is this one."""
+    known = False
+    for j in range(count):
+        known = known or owner[j] == who
+    return known
+
+
+@njit(cache=True, nogil=True)
+def _only(who, own, first, count, single):
+    """Write the layers of one actor, as if it were alone, and return how many there are."""
+    few = 0
+    for j in range(first, count):
+        if own.owner[j] == who:
+            single.range_m[few], single.backscatter[few] = own.range_m[j], own.backscatter[j]
+            single.through[few], single.mask[few] = own.through[j], own.mask[j]
+            single.owner[few] = who
+            few += 1
+    return few
+
+
+@njit(cache=True, nogil=True)
+def _write_alone(alone, at, beam, actor, range_m, amplitude):
+    """Write what an actor alone would give, if there is room for it."""
+    if at < len(alone.beam):
+        alone.beam[at], alone.actor[at] = beam, actor
+        alone.range_m[at], alone.amplitude[at] = range_m, amplitude

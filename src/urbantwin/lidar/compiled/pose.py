@@ -3,11 +3,16 @@
 import numpy as np
 from numba import njit
 
-__all__ = ["actor_from_sensor", "poses_at", "set_pose"]
+__all__ = ["APART_S", "LATER_S", "actor_from_sensor", "poses_at", "set_pose"]
+
+#: How much later an actor is looked at again, to tell how fast the sensor goes past it, seconds.
+LATER_S = 1e-3
+#: Columns that fire farther apart than this do not follow each other, seconds.
+APART_S = 0.05
 
 
 @njit(cache=True, nogil=True)
-def set_pose(time, actor, knot_time, rotation, translation, turn, out_rotation, out_translation):
+def set_pose(time, actor, paths, out_rotation, out_translation):
     """Write where an actor is at a time: rotation (3, 3) and translation (3,), site frame.
 
     Between two of its T knots it goes straight and turns about one axis at one speed; before the
@@ -17,13 +22,11 @@ def set_pose(time, actor, knot_time, rotation, translation, turn, out_rotation, 
         time: seconds from the frame's time.
         actor: which of the A actors; here and below arrays come whole, with a number: a part of
             an array that is handed on counts its owners, which costs as much as the work.
-        knot_time: (A, T) ascending.
-        rotation: (A, T, 3, 3).
-        translation: (A, T, 3).
-        turn: (A, T - 1, 3) rotation vectors from each knot to the next, in the actor's frame.
+        paths: `actor_path.Paths`.
         out_rotation: (3, 3) to write.
         out_translation: (3,) to write.
     """
+    knot_time, rotation, translation, turn = paths
     k = 0
     while k < knot_time.shape[1] - 2 and time >= knot_time[actor, k + 1]:
         k += 1
@@ -74,13 +77,12 @@ def actor_from_sensor(
 
 
 @njit(cache=True, nogil=True)
-def poses_at(time, path):
+def poses_at(time, paths):
     """Return rotations (A, 3, 3) and translations (A, 3) of actors, each at a time (A,) of its own.
 
-    ``path`` holds the knots of all actors, see ``blocks.find_blocks``.
+    ``paths`` are `actor_path.Paths`.
     """
-    knot_time, rotation, translation, turns = path
     turned, moved = np.empty((len(time), 3, 3)), np.empty((len(time), 3))
     for a in range(len(time)):
-        set_pose(time[a], a, knot_time, rotation, translation, turns, turned[a], moved[a])
+        set_pose(time[a], a, paths, turned[a], moved[a])
     return turned, moved

@@ -7,16 +7,15 @@ __all__ = ["crosstalk", "spill"]
 
 
 @njit(cache=True, nogil=True)
-def spill(bright, amplitude, strength, beams, rings, skirt, floor, out):
+def spill(bright, strength, beams, rings, columns, skirt, floor, out):
     """Write the stray echoes that bright ones cause in the beams around them.
 
     Args:
-        bright: (B,) int32, their beams: channel * columns + column.
-        amplitude: (B,) float32.
-        strength: (B,) float32.
+        bright: `returns.strays.Source`; beam = channel * columns + column.
+        strength: (B,) float32, of them.
         beams: (N, 3) float64 unit vectors.
-        rings: elevation (C,) and azimuth (C,) of column 0 by channel, radians; step from column to
-            column, the way that the sensor turns (radians, counter-clockwise positive); K.
+        rings: `beams.Rings`, elevation and azimuth by channel.
+        columns: K.
         skirt: share of the light that lands one width of the beam aside, and this width, radians;
             it falls with the cube of the angle.
         floor: strength below which nothing is noticed.
@@ -25,12 +24,12 @@ def spill(bright, amplitude, strength, beams, rings, skirt, floor, out):
     Returns:
         How many there are (written only while there is room).
     """
-    elevation, azimuth, step, columns = rings
+    elevation, azimuth, step = rings.elevation, rings.azimuth, rings.turn * rings.step
     share, width = skirt
     out_beam, out_source, out_amplitude = out
     used = 0
-    for b in range(len(bright)):
-        beam = bright[b]
+    for b in range(len(bright.beam)):
+        beam = bright.beam[b]
         channel, column = beam // columns, beam % columns
         reach = width * (share * strength[b] / floor) ** (1.0 / 3.0)
         if reach < width:
@@ -54,19 +53,18 @@ def spill(bright, amplitude, strength, beams, rings, skirt, floor, out):
                 lands = share * min(1.0, (width / max(angle, 1e-9)) ** 3)
                 if used < len(out_beam):
                     out_beam[used], out_source[used] = aside, b
-                    out_amplitude[used] = amplitude[b] * lands
+                    out_amplitude[used] = bright.amplitude[b] * lands
                 used += 1
     return used
 
 
 @njit(cache=True, nogil=True)
-def crosstalk(bright, amplitude, strength, ring_time, columns, share, floor, out):
+def crosstalk(bright, strength, ring_time, columns, share, floor, out):
     """Write the stray echoes that bright ones cause in channels that fire at the same time.
 
     Args:
-        bright: (B,) int32, their beams.
-        amplitude: (B,) float32.
-        strength: (B,) float32.
+        bright: `returns.strays.Source`.
+        strength: (B,) float32, of them.
         ring_time: (C,) float64, when each channel fires.
         columns: K.
         share: of the light that another channel notices.
@@ -78,15 +76,15 @@ def crosstalk(bright, amplitude, strength, ring_time, columns, share, floor, out
     """
     out_beam, out_source, out_amplitude = out
     used = 0
-    for b in range(len(bright)):
+    for b in range(len(bright.beam)):
         if share * strength[b] < floor:
             continue
-        channel, column = bright[b] // columns, bright[b] % columns
+        channel, column = bright.beam[b] // columns, bright.beam[b] % columns
         for other in range(len(ring_time)):
             if other == channel or ring_time[other] != ring_time[channel]:
                 continue
             if used < len(out_beam):
                 out_beam[used], out_source[used] = other * columns + column, b
-                out_amplitude[used] = amplitude[b] * share
+                out_amplitude[used] = bright.amplitude[b] * share
             used += 1
     return used

@@ -22,7 +22,7 @@ from scipy.ndimage import uniform_filter
 from urbantwin.geometry import LabelledMesh
 from urbantwin.lidar.coverage.cells import Cells
 from urbantwin.lidar.coverage.of_rig import rig_coverage
-from urbantwin.lidar.mounted import Rig
+from urbantwin.lidar.rig import Rig
 
 __all__ = ["LEAST_POINTS", "IgnoreArea", "ignore_areas"]
 

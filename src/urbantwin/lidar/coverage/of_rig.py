@@ -29,12 +29,13 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, SurfaceMaterials
-from urbantwin.lidar.casting import EmbreeCaster, Hits
+from urbantwin.geometry.embree import EmbreeScene, Hits
 from urbantwin.lidar.coverage.cells import Cells, cells_over, is_ground
 from urbantwin.lidar.coverage.traverse import BAND_M, STEP_M, traverse
-from urbantwin.lidar.mounted import MountedSensor, Rig
+from urbantwin.lidar.outage import dead_beams
 from urbantwin.lidar.pattern import beam_directions, pattern_directions
 from urbantwin.lidar.returns import ReturnModel
+from urbantwin.lidar.rig import MountedSensor, Rig
 from urbantwin.progress import Progress, untold
 from urbantwin.site.rig import Conditions
 from urbantwin.taxonomy import semantic_id
@@ -198,7 +199,7 @@ class _Looking:
         # Moved to the sensor before it becomes float32, so that the error does not grow with the
         # distance from the anchor.
         self._casters = [
-            EmbreeCaster(part.vertices - self._origin, part.faces)
+            EmbreeScene(part.vertices - self._origin, part.faces)
             for part in (self._solid, self._panes)
         ]
 
@@ -277,7 +278,7 @@ def _turns(mounted: MountedSensor) -> Iterator[NDArray[np.float64]]:
             beams = beam_directions(mounted.sensor, mounted.columns)
         else:
             beams = pattern_directions(pattern, mounted.columns, frame, mounted.rate_hz)
-        dead = mounted.dead(frame / mounted.rate_hz)
+        dead = dead_beams(mounted, frame / mounted.rate_hz)
         yield beams.reshape(-1, 3) if dead is None else beams[~dead]
 
 

@@ -1,8 +1,9 @@
-"""Actors at the borders of what a rig can see: how much of each is beyond, and why none is."""
+"""Actors at the borders of what a rig can see: how much of each is beyond, and why."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -12,9 +13,22 @@ from urbantwin.geometry import Pose
 from urbantwin.lidar.labels.field_of_view import FieldOfView
 from urbantwin.lidar.labels.frame import Whereabouts
 from urbantwin.lidar.labels.truncation import StandingActors, truncations
-from urbantwin.lidar.mounted import MountedSensor
+from urbantwin.lidar.outage import dead_beams
+from urbantwin.lidar.rig import MountedSensor
 
-__all__ = ["Borders"]
+__all__ = ["Bordering", "Borders"]
+
+
+class Bordering(NamedTuple):
+    """How A actors lie to the borders.
+
+    Attributes:
+        truncation: (A,) 0 where one sensor at least has all of an actor in its field of view.
+        whereabouts: where each is that does not count, ``None`` for those that do.
+    """
+
+    truncation: NDArray[np.float64]
+    whereabouts: list[Whereabouts | None]
 
 
 class Borders:
@@ -35,19 +49,13 @@ class Borders:
         self._fields: list[tuple[NDArray[np.bool_] | None, FieldOfView] | None]
         self._fields = [None] * len(self._sensors)
 
-    def of(
-        self, time_s: float, poses: Sequence[Pose], actors: StandingActors
-    ) -> tuple[NDArray[np.float64], list[Whereabouts | None]]:
+    def of(self, time_s: float, poses: Sequence[Pose], actors: StandingActors) -> Bordering:
         """Return the truncation of actors and where they are; of several sensors the best counts.
 
         Args:
             time_s: of the frame, which decides on outages.
             poses: ``site_SE3_sensor`` of each sensor.
             actors: where they stand.
-
-        Returns:
-            (A,) truncation: 0 where one sensor at least has all of an actor in its field of view;
-            and where each is that does not count, ``None`` for those that do.
         """
         count = len(actors.place)
         least, far = np.ones(count), np.ones(count, np.bool_)
@@ -59,15 +67,18 @@ class Borders:
         outside = np.zeros(count, np.bool_)
         if self._region is not None:
             outside = ~shapely.contains_xy(self._region, actors.place[:, 0], actors.place[:, 1])
-        return least, [
-            "outside" if out else "far" if away else None
-            for out, away in zip(outside.tolist(), far.tolist(), strict=True)
-        ]
+        return Bordering(
+            least,
+            [
+                "outside" if out else "far" if away else None
+                for out, away in zip(outside.tolist(), far.tolist(), strict=True)
+            ],
+        )
 
     def _field(self, number: int, time_s: float) -> FieldOfView | None:
         """Return what a sensor sees at a time; ``None`` where it does not work at all."""
         mounted = self._sensors[number]
-        dead = mounted.dead(time_s)
+        dead = dead_beams(mounted, time_s)
         if dead is not None and dead.all():
             return None
         if mounted.sensor.pattern is not None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.lidar.mounted import MountedSensor
 from urbantwin.lidar.pattern import beam_directions, pattern_directions
+from urbantwin.lidar.rig import MountedSensor
 
 __all__ = ["FieldOfView"]
 

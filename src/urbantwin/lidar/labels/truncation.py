@@ -16,9 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.geometry import Pose
-from urbantwin.lidar.casting import RayCaster
+from urbantwin.geometry.embree import EmbreeScene
 from urbantwin.lidar.compiled.bounds import bounds_of_box
+from urbantwin.lidar.compiled.pose import poses_at
 from urbantwin.lidar.labels.field_of_view import FieldOfView
+from urbantwin.lidar.shapes import PresentActors
 
 __all__ = ["StandingActors", "truncations"]
 
@@ -39,14 +41,21 @@ class StandingActors(NamedTuple):
         high: (A, 3) upper corner.
         rotation: (A, 3, 3) of ``site_SE3_asset``.
         place: (A, 3) of ``site_SE3_asset``.
-        casters: the ray tracing structure of each, in its own frame.
+        scenes: the triangles of each, in its own frame.
     """
 
     low: NDArray[np.float64]
     high: NDArray[np.float64]
     rotation: NDArray[np.float64]
     place: NDArray[np.float64]
-    casters: Sequence[RayCaster]
+    scenes: Sequence[EmbreeScene]
+
+    @classmethod
+    def at(cls, when_s: NDArray[np.float64], actors: PresentActors) -> StandingActors:
+        """Return actors where they stand at times (A,) of their own."""
+        rotation, place = poses_at(when_s, actors.paths)
+        scenes = [actors.shapes.scenes[number] for number in actors.shape.tolist()]
+        return cls(actors.low, actors.high, rotation, place, scenes)
 
 
 def truncations(
@@ -96,7 +105,7 @@ def truncations(
             continue
         aims = _aims(bounds)
         local = (aims @ asset_R_sensor.T).astype(np.float32)
-        hits = actors.casters[number].cast(origin, local)
+        hits = actors.scenes[number].cast(origin, local)
         hit = np.flatnonzero(hits.face >= 0)
         aims, range_m = aims[hit], hits.range_m[hit].astype(np.float64)
         if not len(hit):  # Thinner than the rays stand apart: its middle tells.

@@ -7,9 +7,9 @@ keyed with seed, sensor and frame, its counter beginning at the purpose.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from enum import IntEnum
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ __all__ = [
     "LEVELS",
     "Draws",
     "Purpose",
+    "TurnDraws",
     "draw",
     "standard_noise",
     "standard_quantiles",
@@ -42,8 +43,7 @@ class Purpose(IntEnum):
     MEASURED = 7
 
 
-@dataclass(frozen=True, eq=False)
-class Draws:
+class Draws(NamedTuple):
     """Two numbers for each of N rays.
 
     Attributes:
@@ -53,6 +53,22 @@ class Draws:
 
     detection: NDArray[np.uint16]
     noise: NDArray[np.uint16]
+
+
+class TurnDraws(NamedTuple):
+    """What chance decides of the N beams of a turn.
+
+    Attributes:
+        first: of the first echoes.
+        second: of the second echoes; where a sensor reports one of a beam, those of the first.
+        dead: (N,) bool, beams that report nothing; or none at all.
+        quantiles: see `standard_quantiles`.
+    """
+
+    first: Draws
+    second: Draws
+    dead: NDArray[np.bool_]
+    quantiles: NDArray[np.float32]
 
 
 def draw(

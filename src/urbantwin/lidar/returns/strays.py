@@ -22,13 +22,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.lidar.beams import Beams, Rings
 from urbantwin.lidar.compiled.response import strengths
 from urbantwin.lidar.compiled.strays import crosstalk, spill
 from urbantwin.lidar.returns.clutter import ASSUMED_DIVERGENCE_DEG, CELL_M
 from urbantwin.lidar.returns.model import ReturnModel
 from urbantwin.lidar.sensor import Sensor
 
-__all__ = ["ISOLATION", "SKIRT", "Stray", "blooms", "crosstalks", "is_bright"]
+__all__ = ["ISOLATION", "SKIRT", "Source", "Stray", "blooms", "crosstalks", "is_bright"]
 
 #: Share of the light that lands in a beam one width aside.
 SKIRT = 3e-4
@@ -40,6 +41,20 @@ _FLOOR = 0.02
 
 Floats = NDArray[np.float32]
 Whole = NDArray[np.int32]
+
+
+class Source(NamedTuple):
+    """B bright echoes.
+
+    Attributes:
+        beam: (B,) int32.
+        range_m: (B,) float32.
+        amplitude: (B,) float32.
+    """
+
+    beam: Whole
+    range_m: Floats
+    amplitude: Floats
 
 
 class Stray(NamedTuple):
@@ -68,27 +83,32 @@ def is_bright(amplitude: Floats) -> NDArray[np.bool_]:
 def blooms(
     model: ReturnModel,
     sensor: Sensor,
-    beams: NDArray[np.float64],
-    rings: tuple[NDArray[np.float64], NDArray[np.float64], float, int],
-    source: tuple[Whole, Floats, Floats],
+    beams: Beams,
+    rings: Rings,
+    source: Source,
 ) -> Stray:
     """Return the halo of bright echoes.
 
     Args:
         model: of the sensor.
-        sensor: a turning one: its beams stand in rings and columns.
-        beams: (N, 3) unit vectors.
-        rings: elevation (C,) of each channel, azimuth (C,) of its column 0, radians; step from
-            column to column, counter-clockwise positive; how many columns a turn has.
-        source: beam, range and amplitude (B,) of bright echoes.
+        sensor: a turning one.
+        beams: of it.
+        rings: in which they stand.
+        source: bright echoes.
     """
-    beam, range_m, amplitude = source
     divergence = sensor.beam_divergence_deg or (ASSUMED_DIVERGENCE_DEG,) * 2
     width = float(np.sqrt(np.prod(np.radians(divergence))))
-    strength = _strengths(model, amplitude, range_m)
+    strength = _strengths(model, source)
+    by_channel = np.argsort(rings.order)
+    ordered = rings._replace(
+        elevation=rings.elevation[by_channel], azimuth=rings.azimuth[by_channel]
+    )
     skirt = (SKIRT, width)
     return _stray(
-        lambda out: spill(beam, amplitude, strength, beams, rings, skirt, _FLOOR, out), range_m
+        lambda out: spill(
+            source, strength, beams.directions, ordered, beams.columns, skirt, _FLOOR, out
+        ),
+        source.range_m,
     )
 
 
@@ -96,7 +116,7 @@ def crosstalks(
     model: ReturnModel,
     ring_time_s: NDArray[np.float64],
     columns: int,
-    source: tuple[Whole, Floats, Floats],
+    source: Source,
 ) -> Stray:
     """Return what bright echoes cause in channels that fire at the same time.
 
@@ -104,23 +124,20 @@ def crosstalks(
         model: of the sensor.
         ring_time_s: (C,) when each channel fires within its column.
         columns: in a turn.
-        source: beam, range and amplitude (B,) of bright echoes.
+        source: bright echoes.
     """
-    beam, range_m, amplitude = source
-    strength = _strengths(model, amplitude, range_m)
+    strength = _strengths(model, source)
     return _stray(
-        lambda out: crosstalk(
-            beam, amplitude, strength, ring_time_s, columns, ISOLATION, _FLOOR, out
-        ),
-        range_m,
+        lambda out: crosstalk(source, strength, ring_time_s, columns, ISOLATION, _FLOOR, out),
+        source.range_m,
     )
 
 
-def _strengths(model: ReturnModel, amplitude: Floats, range_m: Floats) -> Floats:
+def _strengths(model: ReturnModel, source: Source) -> Floats:
     """Return strengths (B,), whatever light is on the targets: others look elsewhere."""
-    strength = np.empty(len(amplitude), np.float32)
+    strength = np.empty(len(source.beam), np.float32)
     dark = np.zeros(1, np.float32)
-    strengths(model.response, amplitude, range_m, dark, strength)
+    strengths(model.response, source.amplitude, source.range_m, dark, strength)
     return strength
 
 

@@ -1,14 +1,14 @@
-"""Rays into a mesh without labels (Embree, robust), on all processors."""
+"""Rays into a mesh without labels, on all processors."""
 
 from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
 
-import embreex.mesh_construction
-import embreex.rtcore_scene
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from urbantwin.geometry.embree import EmbreeScene
 
 __all__ = ["Rays"]
 
@@ -30,15 +30,7 @@ class Rays:
         self._middle = (
             (vertices.min(axis=0) + vertices.max(axis=0)) / 2 if len(vertices) else np.zeros(3)
         )
-        self._scene = embreex.rtcore_scene.EmbreeScene(robust=True)
-        # Kept: the scene refers to its geometry without owning it.
-        self._mesh = embreex.mesh_construction.TriangleMesh(
-            self._scene,
-            (vertices - self._middle).astype(np.float32),
-            np.ascontiguousarray(faces, np.int32),
-        )
-        # The first ray builds the tree, which must not happen in two threads at once.
-        self._scene.run(np.zeros((1, 3), np.float32), np.array([[0, 0, 1]], np.float32))
+        self._scene = EmbreeScene(vertices - self._middle, faces)
 
     def first(
         self, origins: NDArray[np.float64], directions: ArrayLike
@@ -55,14 +47,8 @@ class Rays:
 
         def cast(start: int) -> None:
             part = slice(start, start + _AT_ONCE)
-            found = self._scene.run(
-                (origins[part] - self._middle).astype(np.float32),
-                np.ascontiguousarray(ways[part]),
-                output=True,
-            )
-            hit = found["geomID"] >= 0
-            face[part] = np.where(hit, found["primID"].astype(np.int64), -1)
-            distance[part] = np.where(hit, found["tfar"], np.float32(np.inf))
+            found = self._scene.cast_single(origins[part] - self._middle, ways[part])
+            face[part], distance[part] = found.face, found.range_m
 
         with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
             list(pool.map(cast, range(0, count, _AT_ONCE)))

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import embreex.mesh_construction
-import embreex.rtcore_scene
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 from shapely import Geometry
+
+from urbantwin.geometry.embree import EmbreeScene
 
 __all__ = ["REACH_M", "seen_from"]
 
@@ -41,24 +41,17 @@ def seen_from(
         return np.full(len(points), np.inf)
     footprints = _screens(shapely.boundary(np.array(plans, dtype=object)))
     roads = _screens([carriageway.boundary])
-    corners = np.concatenate([footprints, roads]).astype(np.float32)
-    scene = embreex.rtcore_scene.EmbreeScene(robust=True)
-    # Kept: the scene refers to its geometry without owning it.
-    mesh = embreex.mesh_construction.TriangleMesh(
-        scene,
-        corners.reshape(-1, 3),
-        np.arange(len(corners) * 3, dtype=np.int32).reshape(-1, 3),
-    )
+    corners = np.concatenate([footprints, roads]).reshape(-1, 3)
+    scene = EmbreeScene(corners, np.arange(len(corners)).reshape(-1, 3))
     turn = np.radians(LOOKS_DEG)
     x = outward[:, :1] * np.cos(turn) - outward[:, 1:] * np.sin(turn)
     y = outward[:, :1] * np.sin(turn) + outward[:, 1:] * np.cos(turn)
     rays = np.stack([x, y, np.zeros_like(x)], axis=-1).astype(np.float32)
     start = np.zeros_like(rays)
     start[..., :2] = (points + outward * AHEAD_M)[:, None]
-    hits = scene.run(start.reshape(-1, 3), rays.reshape(-1, 3), output=True)
-    del mesh
-    is_road = (hits["geomID"] >= 0) & (hits["primID"] >= len(footprints))
-    distance = np.where(is_road & (hits["tfar"] <= REACH_M), hits["tfar"], np.inf)
+    hits = scene.cast_single(start.reshape(-1, 3), rays.reshape(-1, 3))
+    is_road = hits.face >= len(footprints)
+    distance = np.where(is_road & (hits.range_m <= REACH_M), hits.range_m, np.inf)
     return np.asarray(distance.reshape(len(points), -1).min(axis=1), np.float64)
 
 

@@ -5,12 +5,9 @@ The same as ``compiled.pose``, which says what they mean.
 
 import warp as wp
 
-__all__ = ["Motion", "RayPose", "Turn", "pose_for"]
+from urbantwin.lidar.compiled.pose import APART_S, LATER_S
 
-#: How much later an actor is looked at again, to tell how fast the sensor goes past it, seconds.
-_LATER_S = 1e-3
-#: Columns that fire farther apart than this do not follow each other, seconds.
-_APART_S = 0.05
+__all__ = ["Motion", "RayPose", "Turn", "pose_for"]
 
 wp.set_module_options({"enable_backward": False, "fast_math": False})
 
@@ -81,12 +78,12 @@ def pose_for(
     if moving:
         n = column
     here = actor_pose(motion, actor, time)
-    later = actor_pose(motion, actor, time + wp.float64(wp.static(_LATER_S)))
-    speed = -(later.origin - here.origin) / wp.float64(wp.static(_LATER_S))
+    later = actor_pose(motion, actor, time + wp.float64(wp.static(LATER_S)))
+    speed = -(later.origin - here.origin) / wp.float64(wp.static(LATER_S))
     if moving:
         m = (column + 1) % turn.column_time.shape[0]
         over = turn.column_time[m] - time
-        if over > wp.float64(0.0) and over < wp.float64(wp.static(_APART_S)):
+        if over > wp.float64(0.0) and over < wp.float64(wp.static(APART_S)):
             speed += (turn.place[m] - turn.place[n]) / over
     back = wp.transpose(here.rotation)
     pose = RayPose()

@@ -8,7 +8,7 @@ meet; whether and where it does is decided in double precision. A ray that passe
 
 import warp as wp
 
-__all__ = ["EDGE_M", "FirstHit", "Meshes", "cast_rays", "first_hit"]
+__all__ = ["EDGE_M", "FirstHit", "Meshes", "first_hit"]
 
 #: A triangle is wider by this on all sides than its vertices say, metres: far more than double
 #: precision loses within kilometres, far less than anybody sees. One that is less wide is a line,
@@ -133,23 +133,3 @@ def first_hit(
             # Single precision measures where the ray enters a box to 1e-6 of the distance.
             reach = wp.float32(at) * 1.00001 + radius
     return best
-
-
-@wp.kernel
-def cast_rays(
-    meshes: Meshes,
-    centre: wp.vec3d,
-    origins: wp.array(dtype=wp.vec3d),
-    directions: wp.array(dtype=wp.vec3),
-    range_m: wp.array(dtype=wp.float32),
-    face: wp.array(dtype=wp.int32),
-) -> None:
-    """Write the first hit of each ray (N,) with the only mesh, whose frame's origin is ``centre``.
-
-    There is one origin, or one per ray.
-    """
-    ray = wp.tid()
-    origin = origins[ray % origins.shape[0]] - centre
-    hit = first_hit(meshes, 0, origin, wp.vec3d(directions[ray]), wp.float64(0.0))
-    range_m[ray] = wp.float32(hit.range_m)
-    face[ray] = hit.face

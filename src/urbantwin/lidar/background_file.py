@@ -16,8 +16,8 @@ from urbantwin.artefact.arrays import read_arrays
 from urbantwin.artefact.document import json_value
 from urbantwin.artefact.manifest import Part, validated
 from urbantwin.errors import InputError
-from urbantwin.lidar.measured import IMAGES, MeasuredBackground
-from urbantwin.lidar.mounted import MountedSensor, Rig
+from urbantwin.lidar.background import IMAGES, MeasuredBackground
+from urbantwin.lidar.rig import MountedSensor, Rig
 
 __all__ = [
     "load_backgrounds",

@@ -5,7 +5,7 @@ from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic
 
-__all__ = ["intersect", "new_ray"]
+__all__ = ["cast_rays", "intersect", "new_ray"]
 
 
 @intrinsic
@@ -56,3 +56,22 @@ def intersect(address, scene, ray, near, ox, oy, oz, dx, dy, dz):
     if words[18] == 0xFFFFFFFF:
         return np.float32(np.inf), np.int32(-1)
     return floats[8], np.int32(words[17])
+
+
+@njit(cache=True, nogil=True)
+def cast_rays(address, scene, origins, directions, hits):
+    """Write the first `embree.Hits` of rays from origins (N, 3) float32."""
+    ray = new_ray()
+    for n in range(len(directions)):
+        hits.range_m[n], hits.face[n] = intersect(
+            address,
+            scene,
+            ray,
+            np.float32(0.0),
+            origins[n, 0],
+            origins[n, 1],
+            origins[n, 2],
+            directions[n, 0],
+            directions[n, 1],
+            directions[n, 2],
+        )

@@ -9,7 +9,7 @@ the triangle where it is not: such a hit is passed over.
 import numpy as np
 from numba import njit
 
-from urbantwin.lidar.compiled.intersect import intersect, new_ray
+from urbantwin.geometry.compiled.intersect import intersect, new_ray
 
 __all__ = ["cast_rays", "first_met", "range_on"]
 
@@ -107,11 +107,11 @@ def first_met(address, scene, ray, vertices, faces, near, ox, oy, oz, dx, dy, dz
 
 
 @njit(cache=True, nogil=True)
-def cast_rays(address, scene, vertices, faces, origins, directions, range_m, face):
-    """Write range (N,) and face (N,) of the first hits of rays from origins (N, 3) float64."""
+def cast_rays(address, scene, vertices, faces, origins, directions, hits):
+    """Write the first `embree.Hits` of rays from origins (N, 3) float64."""
     ray = new_ray()
     for n in range(len(directions)):
-        range_m[n], face[n] = first_met(
+        hits.range_m[n], hits.face[n] = first_met(
             address,
             scene,
             ray,

@@ -1,4 +1,4 @@
-"""What beams meet, on the device: the same as ``compiled.layers``, which says what it means.
+"""What beams meet, on the device: the same as `compiled.cast`, by the same rule of a layer.
 
 A ray is a thread. First all rays along the beams' axes are cast; then, where neighbours meet
 something else, the rays of a beam's footprint; then the layers found are put in order.
@@ -6,27 +6,32 @@ something else, the rays of a beam's footprint; then the layers found are put in
 
 import warp as wp
 
+from urbantwin.lidar.casting import layer_rule
 from urbantwin.lidar.casting.device.poses import Motion, RayPose, Turn, pose_for
+from urbantwin.lidar.casting.device.rule import on_device
 from urbantwin.lidar.casting.device.triangles import Meshes, first_hit
-from urbantwin.lidar.compiled.layers import ON_AXIS
+from urbantwin.lidar.casting.layer_rule import (
+    BEHIND_M,
+    MOST_PANES,
+    MOST_SURFACES,
+    ON_AXIS,
+    STEP_M,
+)
 
-__all__ = ["Blocks", "Layer", "Surfaces", "cast_axes", "find_layers", "put_in_order"]
+__all__ = ["PICOSECONDS", "Blocks", "Layer", "Surfaces", "cast_axes", "find_layers", "put_in_order"]
 
-# The same as in ``compiled.layers``.
-_SAME_SURFACE_M = 0.1
-_GRAZING = 1e-3
-_BEHIND_M = 2e-3
-_MOST_PANES = 8
-_MOST_GROUPS = 40
-#: Ranges of neighbours that differ by less are not looked at, metres.
-_STEP_M = 0.3
 #: Times are added up in these, so that the sum does not depend on the order.
-_PICOSECONDS = 1e12
+PICOSECONDS = 1e12
 
 wp.set_module_options({"enable_backward": False, "fast_math": False})
 
-Masks = wp.types.vector(length=_MOST_GROUPS, dtype=wp.int32)
-Sums = wp.types.vector(length=_MOST_GROUPS, dtype=wp.float64)
+plane_range = on_device(layer_rule.plane_range, wp.float64, wp.float64)
+is_predicted = on_device(layer_rule.is_predicted, wp.float64, wp.float64)
+is_same_surface = on_device(layer_rule.is_same_surface, wp.float64, wp.float64)
+layer_range = on_device(layer_rule.layer_range, wp.float64, wp.float64, wp.bool)
+
+Masks = wp.types.vector(length=MOST_SURFACES, dtype=wp.int32)
+Sums = wp.types.vector(length=MOST_SURFACES, dtype=wp.float64)
 
 
 @wp.struct
@@ -65,15 +70,12 @@ class Layer:
 
 
 @wp.func
-def plane_range(
+def on_plane(
     surfaces: Surfaces, face: wp.int32, origin: wp.vec3d, direction: wp.vec3d
 ) -> wp.float64:
     """Return where a ray meets a triangle's plane; ``nan`` where it grazes it."""
     normal = surfaces.normal[face]
-    slant = wp.dot(normal, direction)
-    if wp.abs(slant) < wp.float64(wp.static(_GRAZING)):
-        return wp.float64(wp.nan)
-    return (surfaces.offset[face] - wp.dot(normal, origin)) / slant
+    return plane_range(surfaces.offset[face] - wp.dot(normal, origin), wp.dot(normal, direction))
 
 
 @wp.func
@@ -142,7 +144,7 @@ def cast_axes(
         wp.atomic_add(
             tally,
             1 + shape.shape[0] + actor,
-            wp.int64(wp.round(time * wp.float64(wp.static(_PICOSECONDS)))),
+            wp.int64(wp.round(time * wp.float64(wp.static(PICOSECONDS)))),
         )
 
 
@@ -172,11 +174,10 @@ def is_edge(
                 continue
             if (face[other] < 0) != (face[at] < 0):
                 return True
-            if face[at] >= 0 and wp.abs(range_m[other] - range_m[at]) > wp.static(_STEP_M):
+            if face[at] >= 0 and wp.abs(range_m[other] - range_m[at]) > wp.static(STEP_M):
                 aim = own.rotation @ beams[blocks.ray[other]]
-                told = plane_range(surfaces, base + face[at], own.origin, aim)
-                apart = wp.abs(told - wp.float64(range_m[other]))
-                if not (apart < wp.float64(wp.static(3 * _SAME_SURFACE_M))):
+                told = on_plane(surfaces, base + face[at], own.origin, aim)
+                if not is_predicted(told, wp.float64(range_m[other])):
                     return True
     return False
 
@@ -191,7 +192,6 @@ def find_layers(
     glass: wp.bool,
     spread: wp.int32,
     around: wp.bool,
-    columns: wp.int32,
     pose: wp.array(dtype=RayPose),
     range_m: wp.array(dtype=wp.float32),
     face: wp.array(dtype=wp.int32),
@@ -244,7 +244,7 @@ def find_layers(
             bit = (wp.int32(1) << samples) - 1
         near = wp.float64(0.0)
         pane = wp.int32(0)
-        while pane < wp.static(_MOST_PANES):
+        while pane < wp.static(MOST_PANES):
             met, hit = wp.float32(range_m[at]), wp.int32(own_face)
             if sample > 0 or pane > 0:
                 further = first_hit(meshes, shape, own.origin, aim, near)
@@ -256,17 +256,16 @@ def find_layers(
             joined = wp.bool(False)
             for g in range(groups):
                 if edge and not joined and (masks[g] & bit) == 0:
-                    told = plane_range(surfaces, base + faces[g], own.origin, aim)
-                    apart = wp.abs(told - wp.float64(met))
+                    told = on_plane(surfaces, base + faces[g], own.origin, aim)
                     if (
-                        apart < wp.float64(wp.static(_SAME_SURFACE_M))
+                        is_same_surface(told, wp.float64(met))
                         and clear == surfaces.pane[base + faces[g]]
                     ):
                         masks[g] = masks[g] | bit
                         sums[g] = sums[g] + wp.float64(met)
                         counts[g] = counts[g] + 1
                         joined = True
-            if not joined and groups < wp.static(_MOST_GROUPS):
+            if not joined and groups < wp.static(MOST_SURFACES):
                 masks[groups] = bit
                 faces[groups] = hit
                 sums[groups] = wp.float64(met)
@@ -274,7 +273,7 @@ def find_layers(
                 groups += 1
             if not glass or clear == wp.uint8(0):
                 break
-            near = wp.float64(met) + wp.float64(wp.static(_BEHIND_M))
+            near = wp.float64(met) + wp.float64(wp.static(BEHIND_M))
 
     axis = own.rotation @ beam
     on_axis = wp.int32(0)
@@ -284,12 +283,8 @@ def find_layers(
     first[at] = place
     many[at] = groups
     for g in range(groups):
-        told = plane_range(surfaces, base + faces[g], own.origin, axis)
-        mean = sums[g] / wp.float64(counts[g])
-        if (masks[g] & 1) == 0 or not (
-            wp.abs(told - mean) < wp.float64(wp.static(10 * _SAME_SURFACE_M))
-        ):
-            told = mean
+        told = on_plane(surfaces, base + faces[g], own.origin, axis)
+        told = layer_range(told, sums[g] / wp.float64(counts[g]), (masks[g] & 1) == 1)
         if place + g < found.shape[0]:
             layer = Layer()
             layer.ray = ray

@@ -1,0 +1,3 @@
+"""What numba compiles: one ray at a time through Embree. Types are inferred; words tell them."""
+
+__all__: list[str] = []

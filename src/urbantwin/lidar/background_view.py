@@ -1,0 +1,218 @@
+"""What a sensor sees of a background that was measured, in place of the modelled static world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.lidar.background import MeasuredBackground
+from urbantwin.lidar.echoes import Answers
+from urbantwin.lidar.returns import LEVELS, ReturnModel
+from urbantwin.lidar.static_world import StaticLayers
+from urbantwin.site.rig import Effects
+
+__all__ = ["SeveralRanges", "measured_answers", "measured_layers", "several_ranges"]
+
+#: Of what nothing says how bright it is: a middling street.
+_BACKSCATTER = 0.1
+#: A modelled surface this near to the measured range is what was measured, metres.
+_SAME_M = 1.0
+#: A modelled surface is refuted where so many looks would all miss it with less than this chance.
+_MISSED_ALL = 0.01
+
+
+def measured_layers(
+    background: MeasuredBackground,
+    modelled: StaticLayers,
+    model: ReturnModel,
+    rays: int,
+    level: NDArray[np.int32] | None = None,
+) -> StaticLayers:
+    """Return what beams meet: one surface at their most frequent range, or as the model says.
+
+    Args:
+        background: what was measured.
+        modelled: what they meet in the modelled scene.
+        model: what the sensor makes of echoes.
+        rays: how many a beam is made of.
+        level: (N,) of 65,536 below which a draw means a return of the modelled scene. With
+            it, surfaces that measured looks refute are left out: they would have seen them.
+    """
+    known, count = background.known, len(modelled.start) - 1
+    beam = np.repeat(np.arange(count), np.diff(modelled.start))
+    kept = ~known[beam] if background.fused else np.zeros(len(beam), np.bool_)
+    if level is not None and background.looks.size:
+        missed = (1 - level / LEVELS) ** background.looks.ravel()
+        kept &= (missed >= _MISSED_ALL)[beam]
+    mine = np.flatnonzero(known)
+    range_m, back, semantic = _surfaces(background, 0, mine, modelled, model)
+    number = np.concatenate([beam[kept], mine])
+    order = np.argsort(number, kind="stable")
+    full = np.full(len(mine), (1 << rays) - 1, np.uint8)
+    start = np.zeros(count + 1, np.int64)
+    np.cumsum(np.bincount(number, minlength=count), out=start[1:])
+    return StaticLayers(
+        start,
+        np.concatenate([modelled.range_m[kept], range_m])[order],
+        np.concatenate([modelled.backscatter[kept], back])[order],
+        np.concatenate([modelled.through[kept], np.zeros(len(mine), np.float32)])[order],
+        np.concatenate([modelled.mask[kept], full])[order],
+        np.concatenate([modelled.semantic[kept], semantic])[order],
+    )
+
+
+def measured_answers(
+    background: MeasuredBackground,
+    modelled: Answers,
+    has: NDArray[np.bool_],
+    effects: Effects,
+    missing: float = 0.0,
+) -> Answers:
+    """Return what beams report with the measured drop-out, noise and intensity.
+
+    Args:
+        background: what was measured.
+        modelled: the modelled answers to `measured_layers`.
+        has: which beams (N,) have an echo.
+        effects: the sensor's: what is off is not measured either.
+        missing: share of beams that the sensor loses besides: the measured share has it too.
+    """
+    level, sigma, intensity = modelled.level, modelled.sigma, modelled.intensity
+    known = background.known & has
+    if effects.dropout:
+        share = np.minimum(background.returned / max(1.0 - missing, 1e-6), 1.0)
+        told = known & np.isfinite(share)
+        level = np.where(told, np.rint(np.nan_to_num(share) * LEVELS).astype(np.int32), level)
+    if effects.noise:
+        told = known & np.isfinite(background.sigma_m[0].ravel())
+        sigma = np.where(told, background.sigma_m[0].ravel(), sigma)
+    told = known & np.isfinite(background.intensity[0].ravel())
+    intensity = np.where(told, background.intensity[0].ravel(), intensity)
+    return modelled._replace(level=level, sigma=sigma, intensity=intensity)
+
+
+def several_ranges(
+    background: MeasuredBackground, modelled: StaticLayers, model: ReturnModel, effects: Effects
+) -> SeveralRanges | None:
+    """Return what beams with more than one range see now and then; ``None``: there are none.
+
+    Without drop-out nothing is left to chance: they see their most frequent range.
+    """
+    beam = np.flatnonzero((background.share > 0).sum(axis=0).ravel() > 1)
+    if not len(beam) or not effects.dropout:
+        return None
+    modes = range(len(background.range_m))
+    share = background.share.reshape(len(modes), -1)[:, beam].astype(np.float64)
+    below = np.rint(np.cumsum(share, axis=0) / share.sum(axis=0) * LEVELS).astype(np.int64)
+    found = [_surfaces(background, n, beam, modelled, model) for n in modes]
+    sigma, intensity = (
+        image.reshape(len(modes), -1)[:, beam]
+        for image in (background.sigma_m, background.intensity)
+    )
+    if not effects.noise:
+        sigma = np.zeros_like(sigma)
+    range_m, back, semantic = (np.stack(parts) for parts in zip(*found, strict=True))
+    return SeveralRanges(beam, below, range_m, sigma, intensity, back, semantic)
+
+
+def _surfaces(
+    background: MeasuredBackground,
+    mode: int,
+    mine: NDArray[np.int64],
+    modelled: StaticLayers,
+    model: ReturnModel,
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.uint16]]:
+    """Return range, backscatter and class of what beams meet at one of their ranges.
+
+    Its class is that of the modelled surface within a metre, else unlabelled; its backscatter
+    what gives the measured intensity, else the modelled surface's.
+    """
+    # What this unit adds to every range is in the measured ones already.
+    range_m = np.maximum(background.range_m[mode].ravel()[mine] - model.offset_m, 1e-3)
+    semantic, back = _beside(modelled, mine, range_m)
+    intensity = background.intensity[mode].ravel()[mine]
+    told = np.isfinite(intensity)
+    amplitude = np.geomspace(1e-4, 100.0, 2000).astype(np.float32)
+    codes = np.maximum.accumulate(model.intensity(amplitude))
+    back[told] = np.interp(intensity[told], codes, amplitude)
+    # It did come back, however weak the model takes it for.
+    one = model.strength(np.ones(len(mine), np.float32), range_m)
+    back = np.maximum(back, (1.0 / np.maximum(one, 1e-6)).astype(np.float32))
+    return range_m, back, semantic
+
+
+@dataclass(frozen=True, eq=False)
+class SeveralRanges:
+    """What B beams see that meet now one and now another surface: M of them.
+
+    Attributes:
+        beam: (B,) int64.
+        below: (M, B) int64, the level of 65,536 below which a draw means this surface or one
+            before it.
+        range_m: (M, B) float32, metres.
+        sigma_m: (M, B) float32, metres.
+        intensity: (M, B) float32; nan: as the first's.
+        backscatter: (M, B) float32.
+        semantic: (M, B) uint16.
+    """
+
+    beam: NDArray[np.int64]
+    below: NDArray[np.int64]
+    range_m: NDArray[np.float32]
+    sigma_m: NDArray[np.float32]
+    intensity: NDArray[np.float32]
+    backscatter: NDArray[np.float32]
+    semantic: NDArray[np.uint16]
+
+    def drawn(
+        self,
+        draws: NDArray[np.uint16],
+        layers: StaticLayers,
+        answers: Answers,
+    ) -> tuple[StaticLayers, Answers]:
+        """Return layers and answers of one turn.
+
+        Args:
+            draws: (N,) of the beams.
+            layers: what beams meet, at their most frequent range.
+            answers: what they report of it.
+        """
+        which = (draws[self.beam] >= self.below[:-1]).sum(axis=0)
+        (other,) = np.nonzero(which)
+        beam, chosen = self.beam[other], (which[other], other)
+        at = layers.start[beam]
+        bright = self.intensity[chosen]
+        told = np.isfinite(bright)
+        seen = Answers._make((answers.level, *(values.copy() for values in answers[1:])))
+        seen.range_m[beam], seen.sigma[beam] = self.range_m[chosen], self.sigma_m[chosen]
+        seen.intensity[beam[told]] = bright[told]
+        seen.semantic[beam] = self.semantic[chosen]
+        met = layers._replace(
+            range_m=layers.range_m.copy(),
+            backscatter=layers.backscatter.copy(),
+            semantic=layers.semantic.copy(),
+        )
+        met.range_m[at], met.backscatter[at] = self.range_m[chosen], self.backscatter[chosen]
+        met.semantic[at] = self.semantic[chosen]
+        return met, seen
+
+
+def _beside(
+    modelled: StaticLayers, mine: NDArray[np.int64], range_m: NDArray[np.float32]
+) -> tuple[NDArray[np.uint16], NDArray[np.float32]]:
+    """Return class and backscatter of the modelled surfaces nearest to measured ranges."""
+    count = len(modelled.start) - 1
+    beam = np.repeat(np.arange(count), np.diff(modelled.start))
+    at = np.zeros(count, np.float32)
+    at[mine] = range_m
+    away = np.abs(modelled.range_m - at[beam])
+    order = np.lexsort((away, beam))
+    first = order[np.unique(beam[order], return_index=True)[1]]
+    near = first[away[first] < _SAME_M]
+    semantic = np.zeros(count, np.uint16)
+    back = np.full(count, _BACKSCATTER, np.float32)
+    semantic[beam[near]] = modelled.semantic[near]
+    back[beam[near]] = modelled.backscatter[near]
+    return semantic[mine], back[mine]

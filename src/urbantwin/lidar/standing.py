@@ -1,0 +1,53 @@
+"""Where actors stand in their boxes: at the mean of the times at which beams met them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.geometry import Pose
+from urbantwin.lidar.casting.tracer import Layers
+from urbantwin.lidar.compiled.boxes import tight_boxes
+from urbantwin.lidar.compiled.pose import poses_at
+from urbantwin.lidar.shapes import PresentActors
+
+__all__ = ["Standing", "seen_at", "standing_at"]
+
+
+class Standing(NamedTuple):
+    """A actors where they stand in their boxes, in some frame.
+
+    Attributes:
+        rotation: (A, 3, 3) of each actor's asset.
+        place: (A, 3).
+        boxes: (A, 7) x, y, z, length, width, height, yaw.
+    """
+
+    rotation: NDArray[np.float64]
+    place: NDArray[np.float64]
+    boxes: NDArray[np.float64]
+
+
+def seen_at(met: Sequence[Layers], actors: int) -> NDArray[np.float64]:
+    """Return when beams met each actor (A,), the mean over all turns; ``nan``: none did."""
+    total, beams = np.zeros(actors), np.zeros(actors)
+    for one in met:
+        beams += one.seen
+        total += np.where(one.seen > 0, one.seen_s * one.seen, 0.0)
+    mean = np.full(actors, np.nan)
+    np.divide(total, beams, out=mean, where=beams > 0)
+    return mean
+
+
+def standing_at(
+    when_s: NDArray[np.float64], actors: PresentActors, frame_SE3_site: Pose
+) -> Standing:
+    """Return actors where they stand at times (A,) of their own, with tight boxes."""
+    turned, placed = poses_at(when_s, actors.paths)
+    turned, placed = frame_SE3_site.rotation @ turned, frame_SE3_site.apply(placed)
+    shapes, shape = actors.shapes, actors.shape
+    first, count = shapes.first_hull[shape], shapes.hull_size[shape]
+    return Standing(turned, placed, tight_boxes(turned, placed, shapes.hull, first, count))
