@@ -4,14 +4,16 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from urbantwin.lidar.layers import Paths, PresentActors, SensorPoses, cast_actors
 
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar import Scanner, beam_directions
 from urbantwin.lidar.actor_path import ActorPath, Paths, PosedActor
 from urbantwin.lidar.beams import Beams
+from urbantwin.lidar.casting.cast import cast_actors
+from urbantwin.lidar.casting.embree import EmbreeTracer
+from urbantwin.lidar.casting.tracer import Firing, SensorPoses
 from urbantwin.lidar.compiled.bounds import bounds_of_box
-from urbantwin.lidar.shapes import ActorShape
+from urbantwin.lidar.shapes import ActorShape, PresentActors, Shapes
 from urbantwin.lidar.sweep import Sweep
 from urbantwin.taxonomy import material_id, semantic_id
 from urbantwin.traffic.assets import asset_mesh

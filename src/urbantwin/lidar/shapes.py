@@ -17,7 +17,15 @@ from urbantwin.geometry.embree import EmbreeScene
 from urbantwin.lidar.actor_path import Paths
 from urbantwin.taxonomy import materials
 
-__all__ = ["ActorShape", "MeshSource", "PresentActors", "ShapeTable", "Shapes", "Triangles"]
+__all__ = [
+    "PLANE",
+    "ActorShape",
+    "MeshSource",
+    "PresentActors",
+    "ShapeTable",
+    "Shapes",
+    "Triangles",
+]
 
 #: Gives the mesh of an asset in a gait phase, in the asset's frame.
 MeshSource = Callable[[str, int], LabelledMesh]
@@ -54,21 +62,30 @@ class ActorShape:
         clear = np.array([one.transmission > 0 for one in materials().values()])
         self.panes = clear[mesh.material]
 
+    @property
+    def planes(self) -> NDArray[np.void]:
+        """Records `PLANE` (F,) of its triangles."""
+        planes = np.zeros(len(self.offsets), PLANE)
+        planes["x"], planes["y"], planes["z"] = self.normals.T
+        planes["offset"], planes["pane"] = self.offsets, self.panes
+        return planes
+
+
+#: The plane of a triangle: its unit normal, where it lies along that, metres, and whether the
+#: triangle lets light through.
+PLANE = np.dtype([(name, np.float64) for name in ("x", "y", "z", "offset")] + [("pane", np.bool_)])
+
 
 class Triangles(NamedTuple):
     """The triangles of several shapes end to end, as compiled code takes them.
 
     Attributes:
-        normals: (F, 3) float64 unit normals.
-        offsets: (F,) float64, where the triangles' planes lie along their normals.
-        panes: (F,) bool, triangles that let light through.
+        planes: (F,) records `PLANE`.
         vertices: (V, 3) float64.
         corners: (F, 3) int32, of the triangles among the vertices.
     """
 
-    normals: NDArray[np.float64]
-    offsets: NDArray[np.float64]
-    panes: NDArray[np.bool_]
+    planes: NDArray[np.void]
     vertices: NDArray[np.float64]
     corners: NDArray[np.int32]
 
@@ -114,9 +131,7 @@ class Shapes:
             tuple(shape.scene for shape in shapes),
             _starts(count),
             Triangles(
-                _joined([shape.normals for shape in shapes], (0, 3)),
-                _joined([shape.offsets for shape in shapes], (0,)),
-                _joined([shape.panes for shape in shapes], (0,), np.bool_),
+                np.concatenate([np.zeros(0, PLANE), *(shape.planes for shape in shapes)]),
                 _joined([shape.scene.vertices for shape in shapes], (0, 3)),
                 _joined(
                     [

@@ -2,8 +2,10 @@
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
+
+from urbantwin.geometry.compiled import per_block, per_ray
 
 __all__ = ["cast_rays", "intersect", "new_ray"]
 
@@ -25,7 +27,7 @@ def _call(typingctx, address, first, second, third):
     return types.void(types.uint64, types.uint64, types.uint64, types.uint64), codegen
 
 
-@njit(cache=True, nogil=True)
+@per_block
 def new_ray():
     """Return room for a ``RTCRayHit``, aligned as Embree wants it.
 
@@ -37,7 +39,7 @@ def new_ray():
     return room, room.view(np.uint32), np.uint64(room.ctypes.data)
 
 
-@njit(cache=True, nogil=True)
+@per_ray
 def intersect(address, scene, ray, near, ox, oy, oz, dx, dy, dz):
     """Return range and face of the first hit beyond ``near``; ``inf`` and -1 without one.
 
@@ -58,7 +60,7 @@ def intersect(address, scene, ray, near, ox, oy, oz, dx, dy, dz):
     return floats[8], np.int32(words[17])
 
 
-@njit(cache=True, nogil=True)
+@per_block
 def cast_rays(address, scene, origins, directions, hits):
     """Write the first `embree.Hits` of rays from origins (N, 3) float32."""
     ray = new_ray()

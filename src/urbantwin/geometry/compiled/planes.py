@@ -7,8 +7,8 @@ the triangle where it is not: such a hit is passed over.
 """
 
 import numpy as np
-from numba import njit
 
+from urbantwin.geometry.compiled import per_block, per_ray
 from urbantwin.geometry.compiled.intersect import intersect, new_ray
 
 __all__ = ["cast_rays", "first_met", "range_on"]
@@ -25,7 +25,7 @@ _CLOSE_M = 1e-4
 _MOST_ALONG = 1000
 
 
-@njit(cache=True, nogil=True)
+@per_ray
 def range_on(vertices, faces, face, ox, oy, oz, dx, dy, dz, found):
     """Return the range at which a ray meets a triangle; -1 where it passes it by.
 
@@ -81,7 +81,7 @@ def range_on(vertices, faces, face, ox, oy, oz, dx, dy, dz, found):
     return at
 
 
-@njit(cache=True, nogil=True)
+@per_ray
 def first_met(address, scene, ray, vertices, faces, near, ox, oy, oz, dx, dy, dz):
     """Return range and face of the first hit beyond ``near``; ``inf`` and -1 without one.
 
@@ -106,7 +106,7 @@ def first_met(address, scene, ray, vertices, faces, near, ox, oy, oz, dx, dy, dz
     return np.float32(best), owner
 
 
-@njit(cache=True, nogil=True)
+@per_block
 def cast_rays(address, scene, vertices, faces, origins, directions, hits):
     """Write the first `embree.Hits` of rays from origins (N, 3) float64."""
     ray = new_ray()

@@ -122,7 +122,7 @@ class WarpTracer:
 
         from urbantwin.lidar.casting.device.cast import Surfaces
 
-        key = ("shapes", id(shapes.triangles.normals))
+        key = ("shapes", id(shapes.triangles.planes))
         if key in self._kept:
             kept: tuple[Any, Any] = self._kept[key][1]
             return kept
@@ -133,18 +133,18 @@ class WarpTracer:
                 tree = device_tree(vertices, faces, device)
                 self._trees[id(vertices)] = (vertices, tree)
         trees = [self._trees[id(vertices)][1] for vertices, _ in meshes]
-        triangles, surfaces = shapes.triangles, Surfaces()
+        planes, surfaces = shapes.triangles.planes, Surfaces()
         for name, values in (
-            ("normal", triangles.normals),
+            ("normal", np.column_stack([planes["x"], planes["y"], planes["z"]])),
             ("low", shapes.low),
             ("high", shapes.high),
         ):
             corners = np.ascontiguousarray(values, np.float64)
             setattr(surfaces, name, wp.array(corners, dtype=wp.vec3d, device=device))
-        surfaces.offset = wp.array(triangles.offsets, dtype=wp.float64, device=device)
-        surfaces.pane = wp.array(triangles.panes.astype(np.uint8), dtype=wp.uint8, device=device)
+        surfaces.offset = wp.array(planes["offset"], dtype=wp.float64, device=device)
+        surfaces.pane = wp.array(planes["pane"].astype(np.uint8), dtype=wp.uint8, device=device)
         made = (device_meshes(trees, meshes, device), surfaces)
-        self._remember(key, shapes.triangles.normals, made)
+        self._remember(key, shapes.triangles.planes, made)
         return made
 
     def _keep(self, name: str, values: NDArray[np.float64], dtype: Any) -> Any:  # noqa: ANN401

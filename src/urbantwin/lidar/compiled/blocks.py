@@ -8,8 +8,8 @@ by a block at each end.
 """
 
 import numpy as np
-from numba import njit
 
+from urbantwin.geometry.compiled import per_block
 from urbantwin.lidar.casting.tracer import Blocks
 from urbantwin.lidar.compiled.bounds import bounds_of_box, widened
 from urbantwin.lidar.compiled.pose import actor_from_sensor, set_pose
@@ -24,7 +24,7 @@ _MOST_LOOKS = 24
 _TURN = 2 * np.pi
 
 
-@njit(cache=True, nogil=True)
+@per_block
 def _set_relative_pose(time, column, actor, paths, firing, relative, place):
     """Write the sensor's pose as an actor sees it: rotation (3, 3) and place (3,)."""
     actor_rotation, actor_place = np.empty((3, 3)), np.empty(3)
@@ -35,7 +35,7 @@ def _set_relative_pose(time, column, actor, paths, firing, relative, place):
     )
 
 
-@njit(cache=True, nogil=True)
+@per_block
 def _bounds_between(first, last, actor, low, high, paths, firing, first_column, ring_span):
     """Return the bounds of an actor while columns first..last (in firing order) fire."""
     column_time, sensor_place = firing.column_time_s, firing.translation
@@ -78,14 +78,14 @@ def _bounds_between(first, last, actor, low, high, paths, firing, first_column, 
     return bounds
 
 
-@njit(cache=True, nogil=True)
+@per_block
 def _columns(start, width, azimuth, step, turn, pad):
     """Return the first column of a ring that points into an azimuth, and how many."""
     first = (azimuth - start - width) / step if turn < 0 else (start - azimuth) / step
     return int(np.floor(first)) - pad, int(np.ceil(width / step)) + 2 * pad + 1
 
 
-@njit(cache=True, nogil=True)
+@per_block
 def find_blocks(low, high, paths, firing, rings, beside, range_max_m, found):
     """Write the rays that can touch each of A actors and return how many blocks and rays.
 
@@ -179,7 +179,7 @@ def find_blocks(low, high, paths, firing, rings, beside, range_max_m, found):
     return used, written
 
 
-@njit(cache=True, nogil=True)
+@per_block
 def rays_within(low, high, paths, firing, beside, range_max_m):
     """Return the blocks that can touch actors, of beams that stand in no columns.
 

@@ -1,7 +1,8 @@
 """The directions in which a box lies, as seen from a sensor."""
 
 import numpy as np
-from numba import njit
+
+from urbantwin.geometry.compiled import per_block, per_ray
 
 __all__ = ["bounds_of_box", "widened"]
 
@@ -10,7 +11,7 @@ _AXIS_MARGIN_M = 1e-3
 _TURN = 2 * np.pi
 
 
-@njit(cache=True, nogil=True)
+@per_block
 def bounds_of_box(low, high, rotation, place):
     """Return azimuth, width, lowest and highest elevation of a box, radians.
 
@@ -69,7 +70,7 @@ def bounds_of_box(low, high, rotation, place):
     return azimuth[(widest + 1) % 8], _TURN - gap, lowest, highest
 
 
-@njit(cache=True, nogil=True)
+@per_ray
 def widened(one, other):
     """Return bounds that hold two bounds, which are near each other."""
     start, width, lowest, highest = one

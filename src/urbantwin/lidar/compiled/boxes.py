@@ -1,12 +1,13 @@
 """The tight boxes of posed meshes."""
 
 import numpy as np
-from numba import njit
+
+from urbantwin.geometry.compiled import per_block
 
 __all__ = ["tight_boxes"]
 
 
-@njit(cache=True, nogil=True)
+@per_block
 def tight_boxes(rotation, place, hull, first, count):
     """Return the tight boxes (A, 7) of actors, their yaw that of their own x axis.
 

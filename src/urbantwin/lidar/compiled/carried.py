@@ -1,14 +1,14 @@
 """Rays that met actors, as they lie with the actor where it stands at another moment."""
 
 import numpy as np
-from numba import njit
 
+from urbantwin.geometry.compiled import per_block
 from urbantwin.lidar.compiled.pose import actor_from_sensor, set_pose
 
 __all__ = ["leaving"]
 
 
-@njit(cache=True, nogil=True)
+@per_block
 def leaving(beam, actor, range_m, paths, firing, standing, margin):
     """Return the rays whose ends lie outside their actors' boxes: which, origins, unit vectors.
 

@@ -8,9 +8,9 @@ says which of the rays (bits of a mask), and the range at which the beam's axis 
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from urbantwin.geometry.compiled import per_block, per_ray
 from urbantwin.geometry.compiled.intersect import intersect, new_ray
 from urbantwin.geometry.compiled.planes import first_met
 from urbantwin.geometry.embree import Hits
@@ -27,31 +27,20 @@ from urbantwin.lidar.compiled.pose import APART_S, LATER_S, actor_from_sensor, s
 
 __all__ = ["cast_blocks"]
 
-_plane_range = njit(cache=True, nogil=True)(layer_rule.plane_range)
-_is_predicted = njit(cache=True, nogil=True)(layer_rule.is_predicted)
-_is_same_surface = njit(cache=True, nogil=True)(layer_rule.is_same_surface)
-_layer_range = njit(cache=True, nogil=True)(layer_rule.layer_range)
+_plane_range = per_ray(layer_rule.plane_range)
+_is_predicted = per_ray(layer_rule.is_predicted)
+_is_same_surface = per_ray(layer_rule.is_same_surface)
+_layer_range = per_ray(layer_rule.layer_range)
 
-#: In place of a face: no ray is cast here; the ray hits nothing.
-_NO_RAY, _NO_HIT = -2, -1
+#: In place of a face: no ray is cast here.
+_NO_RAY = -2
 #: Ways to spread beams over their footprint, see `tracer.Casting`.
 _AT_EDGES, _EVERYWHERE = 1, 2
 
 
-class _ColumnPoses(NamedTuple):
-    """``asset_SE3_sensor`` when each of K columns fires, of the actor of one block.
-
-    Attributes:
-        rotation: (K, 3, 3).
-        place: (K, 3).
-        speed: (K, 3) m/s, how the sensor goes past the actor: for channels that fire later.
-        block: (K,) the block that a column was last computed for.
-    """
-
-    rotation: NDArray[np.float64]
-    place: NDArray[np.float64]
-    speed: NDArray[np.float64]
-    block: NDArray[np.int64]
+#: ``asset_SE3_sensor`` when a column fires: the rotation's rows, the place, and how fast the sensor
+#: goes past the actor, m/s, for the channels that fire later.
+_POSE = np.dtype([(name, np.float64) for name in "xx xy xz yx yy yz zx zy zz x y z u v w".split()])
 
 
 class _Surfaces(NamedTuple):
@@ -63,14 +52,25 @@ class _Surfaces(NamedTuple):
     rays: NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True)
+class _Scratch(NamedTuple):
+    """Room for the poses that `_set_poses` computes with."""
+
+    actor_rotation: NDArray[np.float64]
+    actor_place: NDArray[np.float64]
+    later_rotation: NDArray[np.float64]
+    later_place: NDArray[np.float64]
+    relative: NDArray[np.float64]
+    place: NDArray[np.float64]
+
+
+@per_block
 def cast_blocks(address, firing, targets, blocks, casting, layers):
     """Cast blocks of rays, each at its own actor, and write the layers that they meet.
 
     Args:
         address: of ``rtcIntersect1``.
         firing: `tracer.Firing`.
-        targets: `tracer.Targets`.
+        targets: `embree.Targets`.
         blocks: `tracer.Blocks`.
         casting: `tracer.Casting`.
         layers: `tracer.Layers` to write, with the actors' ``seen`` and ``seen_s`` 0: the latter
@@ -81,280 +81,278 @@ def cast_blocks(address, firing, targets, blocks, casting, layers):
     """
     rays, columns = len(blocks.ray), len(firing.column_time_s)
     hits = Hits(np.empty(rays, np.float32), np.empty(rays, np.int32))
-    poses = _ColumnPoses(
-        np.empty((columns, 3, 3)),
-        np.empty((columns, 3)),
-        np.empty((columns, 3)),
-        np.full(columns, -1, np.int64),
-    )
+    edge = np.empty(rays, np.bool_)
+    poses, done = np.empty(columns, _POSE), np.full(columns, -1, np.int64)
     surfaces = _Surfaces(
         np.empty(MOST_SURFACES, np.int64),
         np.empty(MOST_SURFACES, np.int64),
         np.empty(MOST_SURFACES),
         np.empty(MOST_SURFACES),
     )
+    scratch = _Scratch(
+        np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty(3)
+    )
     ray_hit = new_ray()
     used = 0
     for block in range(len(blocks.actor)):
+        _set_poses(firing, targets.paths, blocks, block, poses, done, scratch)
         _cast_axes(address, firing, targets, blocks, block, poses, ray_hit, hits)
+        _find_edges(firing, targets, blocks, block, casting, poses, hits, edge)
         used = _find_layers(
-            address, firing, targets, blocks, block, casting, poses, ray_hit, hits, surfaces,
+            address, firing, targets, blocks, block, casting, poses, ray_hit, hits, edge, surfaces,
             layers, used,
         )  # fmt: skip
     return used
 
 
-@njit(cache=True, nogil=True)
+@per_ray
+def _set_poses(firing, paths, blocks, block, poses, done, scratch):
+    """Write where the sensor is, as a block's actor sees it, when each of its columns fires."""
+    actor_rotation, actor_place, later_rotation, later_place, relative, place = scratch
+    actor, start = blocks.actor[block], blocks.start[block]
+    count, moving = len(firing.column_time_s), len(firing.translation) > 1
+    for at in range(start, start + blocks.rows[block] * blocks.wide[block]):
+        ray = blocks.ray[at]
+        column = ray % count
+        if ray < 0 or done[column] == block:
+            continue
+        done[column] = block
+        time = firing.column_time_s[column]
+        n = column if moving else 0
+        set_pose(time, actor, paths, actor_rotation, actor_place)
+        actor_from_sensor(
+            actor_rotation, actor_place, n, firing.rotation, firing.translation, relative, place
+        )
+        # How fast the sensor goes past the actor, for the channels that fire later.
+        set_pose(time + LATER_S, actor, paths, later_rotation, later_place)
+        m, over = n, 0.0
+        if moving:
+            m = (column + 1) % count
+            over = firing.column_time_s[m] - time
+            if not 0.0 < over < APART_S:
+                m, over = n, 0.0
+        u = v = w = 0.0
+        for j in range(3):
+            own = 0.0
+            if over > 0.0:
+                own = (firing.translation[m, j] - firing.translation[n, j]) / over
+            past = own - (later_place[j] - actor_place[j]) / LATER_S
+            u += actor_rotation[j, 0] * past
+            v += actor_rotation[j, 1] * past
+            w += actor_rotation[j, 2] * past
+        pose = poses[column]
+        pose.xx, pose.xy, pose.xz = relative[0, 0], relative[0, 1], relative[0, 2]
+        pose.yx, pose.yy, pose.yz = relative[1, 0], relative[1, 1], relative[1, 2]
+        pose.zx, pose.zy, pose.zz = relative[2, 0], relative[2, 1], relative[2, 2]
+        pose.x, pose.y, pose.z = place[0], place[1], place[2]
+        pose.u, pose.v, pose.w = u, v, w
+
+
+@per_ray
 def _cast_axes(address, firing, targets, blocks, block, poses, ray_hit, hits):
     """Cast the axes of a block's beams."""
     actor = blocks.actor[block]
+    scene, base = targets.scene[actor], targets.first_face[actor]
+    planes, vertices, corners = targets.triangles
     count = len(firing.column_time_s)
     ring_time, beams = firing.ring_time_s, firing.directions
     rays, range_m, face = blocks.ray, hits.range_m, hits.face
-    rotation, place, speed, done = poses.rotation, poses.place, poses.speed, poses.block
     start = blocks.start[block]
     for at in range(start, start + blocks.rows[block] * blocks.wide[block]):
         ray = rays[at]
         if ray < 0:
             face[at] = _NO_RAY
             continue
-        column = ray % count
-        if done[column] != block:
-            done[column] = block
-            _set_column_pose(firing, targets.paths, actor, column, poses)
-        ox, oy, oz = _origin(place, speed, column, ring_time[ray // count])
-        dx, dy, dz = _turned(rotation, column, beams[ray, 0], beams[ray, 1], beams[ray, 2])
-        range_m[at], face[at] = _first_hit(
-            address, targets, actor, ray_hit, np.float32(0.0), ox, oy, oz, dx, dy, dz
-        )
-
-
-@njit(cache=True, nogil=True)
-def _find_layers(
-    address, firing, targets, blocks, block, casting, poses, ray_hit, hits, surfaces, layers, used
-):
-    """Write the layers of a block's beams from number ``used`` on; return how many there are."""
-    actor = blocks.actor[block]
-    base = targets.first_face[actor]
-    start, rows, wide = blocks.start[block], blocks.rows[block], blocks.wide[block]
-    count = len(firing.column_time_s)
-    column_time, ring_time, beams = firing.column_time_s, firing.ring_time_s, firing.directions
-    normals, offsets = targets.triangles.normals, targets.triangles.offsets
-    panes = targets.triangles.panes
-    rotation, place, speed = poses.rotation, poses.place, poses.speed
-    range_m, face, rays = hits.range_m, hits.face, blocks.ray
-    seen, seen_s = layers.seen, layers.seen_s
-    whole = np.uint8((1 << len(firing.footprint)) - 1)
-    for at in range(start, start + rows * wide):
-        own = face[at]
-        if own == _NO_RAY:
-            continue
-        ray = rays[at]
-        column = ray % count
-        late = ring_time[ray // count]
-        ox, oy, oz = _origin(place, speed, column, late)
-        edge = casting.spread == _EVERYWHERE
-        if casting.spread == _AT_EDGES:
-            edge = _is_edge(
-                at, start, rows, wide, casting.around, base, beams, rays, rotation, column,
-                normals, offsets, range_m, face, ox, oy, oz,
-            )  # fmt: skip
-        if own >= 0:
-            seen[actor] += 1
-            seen_s[actor] += column_time[column] + late
-        elif not edge:
-            continue
-        dx, dy, dz = _turned(rotation, column, beams[ray, 0], beams[ray, 1], beams[ray, 2])
-        if not edge and not (casting.glass and panes[base + own]):
-            # Most beams: one opaque surface meets all of their light.
-            told, slant = _on_plane(base + own, normals, offsets, ox, oy, oz, dx, dy, dz)
-            told = _layer_range(told, np.float64(range_m[at]), True)
-            _write(layers, used, ray, actor, whole | np.uint8(ON_AXIS), told, abs(slant), own)
-            used += 1
-            continue
-        met = _find_surfaces(
-            address, firing, targets, actor, ray, column, edge, casting.glass, rotation, ray_hit,
-            range_m[at], own, ox, oy, oz, surfaces,
-        )  # fmt: skip
-        on_axis = 0
-        if own >= 0 or _crosses(actor, targets.low, targets.high, ox, oy, oz, dx, dy, dz):
-            on_axis = ON_AXIS
-        for g in range(met):
-            hit, mask = surfaces.face[g], surfaces.mask[g]
-            told, slant = _on_plane(base + hit, normals, offsets, ox, oy, oz, dx, dy, dz)
-            mean = surfaces.total_m[g] / surfaces.rays[g]
-            told = _layer_range(told, mean, mask & 1 == 1)
-            _write(layers, used, ray, actor, mask | on_axis, told, abs(slant), hit)
-            used += 1
-    return used
-
-
-@njit(cache=True, nogil=True)
-def _is_edge(
-    at, start, rows, wide, around, base, beams, rays, rotation, column, normals, offsets, range_m,
-    face, ox, oy, oz,
-):  # fmt: skip
-    """Return whether a neighbour of a beam in its block meets another surface."""
-    row, n, own = (at - start) // wide, (at - start) % wide, face[at]
-    for r in range(max(row - 1, 0), min(row + 2, rows)):
-        for c in range(n - 1, n + 2):
-            if not around and not 0 <= c < wide:
-                continue
-            other = start + r * wide + c % wide
-            if face[other] == _NO_RAY:
-                continue
-            if (face[other] < 0) != (own < 0):
-                return True
-            if own >= 0 and abs(range_m[other] - range_m[at]) > STEP_M:
-                x, y, z = beams[rays[other], 0], beams[rays[other], 1], beams[rays[other], 2]
-                dx, dy, dz = _turned(rotation, column, x, y, z)
-                told, _ = _on_plane(base + own, normals, offsets, ox, oy, oz, dx, dy, dz)
-                if not _is_predicted(told, np.float64(range_m[other])):
-                    return True
-    return False
-
-
-@njit(cache=True, nogil=True)
-def _find_surfaces(
-    address, firing, targets, actor, ray, column, edge, glass, rotation, ray_hit, axis_range,
-    axis_face, ox, oy, oz, surfaces,
-):  # fmt: skip
-    """Write the surfaces that a beam's rays meet and return how many.
-
-    At an edge all rays of its footprint are cast, elsewhere the axis stands for all of them.
-    """
-    beams, footprint = firing.directions, firing.footprint
-    normals, offsets = targets.triangles.normals, targets.triangles.offsets
-    panes, base = targets.triangles.panes, targets.first_face[actor]
-    bx, by, bz = beams[ray, 0], beams[ray, 1], beams[ray, 2]
-    flat = np.sqrt(bx * bx + by * by)
-    ex, ey = 0.0, 1.0
-    if flat > 1e-9:
-        ex, ey = -by / flat, bx / flat
-    used = 0
-    for sample in range(len(footprint) if edge else 1):
-        across, up = footprint[sample, 0], footprint[sample, 1]
-        # Across lies level; up is the beam's axis turned by a quarter.
-        x = bx + across * ex - up * bz * ey
-        y = by + across * ey + up * bz * ex
-        z = bz + up * flat
-        size = np.sqrt(x * x + y * y + z * z)
-        dx, dy, dz = _turned(rotation, column, x / size, y / size, z / size)
-        bit = 1 << sample if edge else (1 << len(footprint)) - 1
-        near = np.float32(0.0)
-        for pane in range(MOST_PANES):
-            if sample == 0 and pane == 0:
-                met, hit = axis_range, axis_face
-            else:
-                met, hit = _first_hit(
-                    address, targets, actor, ray_hit, near, ox, oy, oz, dx, dy, dz
-                )
-            if hit < 0:
-                break
-            joined = False
-            for g in range(used):
-                if surfaces.mask[g] & bit or not edge:
-                    continue
-                other = base + surfaces.face[g]
-                told, _ = _on_plane(other, normals, offsets, ox, oy, oz, dx, dy, dz)
-                if _is_same_surface(told, np.float64(met)) and panes[base + hit] == panes[other]:
-                    surfaces.mask[g] |= bit
-                    surfaces.total_m[g] += met
-                    surfaces.rays[g] += 1
-                    joined = True
-                    break
-            if not joined and used < MOST_SURFACES:
-                surfaces.mask[used], surfaces.face[used] = bit, hit
-                surfaces.total_m[used], surfaces.rays[used] = met, 1
-                used += 1
-            if not (glass and panes[base + hit]):
-                break
-            near = met + np.float32(BEHIND_M)
-    return used
-
-
-@njit(cache=True, nogil=True)
-def _set_column_pose(firing, paths, actor, column, poses):
-    """Write where the sensor is, as an actor sees it, when a column fires."""
-    actor_rotation, actor_place = np.empty((3, 3)), np.empty(3)
-    later_rotation, later_place = np.empty((3, 3)), np.empty(3)
-    relative, place = np.empty((3, 3)), np.empty(3)
-    moving = len(firing.translation) > 1
-    time = firing.column_time_s[column]
-    n = column if moving else 0
-    set_pose(time, actor, paths, actor_rotation, actor_place)
-    actor_from_sensor(
-        actor_rotation, actor_place, n, firing.rotation, firing.translation, relative, place
-    )
-    # How fast the sensor goes past the actor, for the channels that fire later.
-    set_pose(time + LATER_S, actor, paths, later_rotation, later_place)
-    m, over = n, 0.0
-    if moving:
-        m = (column + 1) % len(firing.column_time_s)
-        over = firing.column_time_s[m] - time
-        if not 0.0 < over < APART_S:
-            m, over = n, 0.0
-    for i in range(3):
-        for j in range(3):
-            poses.rotation[column, i, j] = relative[i, j]
-        poses.place[column, i] = place[i]
-        v = 0.0
-        for j in range(3):
-            own = 0.0
-            if over > 0.0:
-                own = (firing.translation[m, j] - firing.translation[n, j]) / over
-            gone = (later_place[j] - actor_place[j]) / LATER_S
-            v += actor_rotation[j, i] * (own - gone)
-        poses.speed[column, i] = v
-
-
-@njit(cache=True, nogil=True)
-def _origin(place, speed, column, late):
-    """Return where a ray leaves that fires ``late`` after its column, actor's frame."""
-    return (
-        place[column, 0] + speed[column, 0] * late,
-        place[column, 1] + speed[column, 1] * late,
-        place[column, 2] + speed[column, 2] * late,
-    )
-
-
-@njit(cache=True, nogil=True)
-def _turned(rotation, column, x, y, z):
-    """Return a direction of the sensor's frame in the actor's, when a column fires."""
-    return (
-        rotation[column, 0, 0] * x + rotation[column, 0, 1] * y + rotation[column, 0, 2] * z,
-        rotation[column, 1, 0] * x + rotation[column, 1, 1] * y + rotation[column, 1, 2] * z,
-        rotation[column, 2, 0] * x + rotation[column, 2, 1] * y + rotation[column, 2, 2] * z,
-    )
-
-
-@njit(cache=True, nogil=True)
-def _first_hit(address, targets, actor, ray_hit, near, ox, oy, oz, dx, dy, dz):
-    """Return range and face of the first hit of an actor beyond ``near``."""
-    normals, base = targets.triangles.normals, targets.first_face[actor]
-    scene = targets.scene[actor]
-    met, hit = intersect(address, scene, ray_hit, near, ox, oy, oz, dx, dy, dz)
-    if hit >= 0:
-        n = base + hit
-        slant = normals[n, 0] * dx + normals[n, 1] * dy + normals[n, 2] * dz
-        if abs(slant) < GRAZING:
+        pose = poses[ray % count]
+        ox, oy, oz = _origin(pose, ring_time[ray // count])
+        dx, dy, dz = _turned(pose, beams[ray, 0], beams[ray, 1], beams[ray, 2])
+        met, hit = intersect(address, scene, ray_hit, np.float32(0.0), ox, oy, oz, dx, dy, dz)
+        if hit >= 0 and abs(_slant(planes[base + hit], dx, dy, dz)) < GRAZING:
             # Along a triangle single precision knows but rounding: see ``planes``.
             met, hit = first_met(
-                address, scene, ray_hit, targets.triangles.vertices,
-                targets.triangles.corners[base:], near, ox, oy, oz, dx, dy, dz,
+                address, scene, ray_hit, vertices, corners[base:], np.float32(0.0),
+                ox, oy, oz, dx, dy, dz,
             )  # fmt: skip
-    return met, hit
+        range_m[at], face[at] = met, hit
 
 
-@njit(cache=True, nogil=True)
-def _on_plane(n, normals, offsets, ox, oy, oz, dx, dy, dz):
-    """Return where a ray meets a triangle's plane, and the cosine to its normal."""
-    x, y, z = normals[n, 0], normals[n, 1], normals[n, 2]
-    slant = x * dx + y * dy + z * dz
-    return _plane_range(offsets[n] - (x * ox + y * oy + z * oz), slant), slant
+@per_ray
+def _find_edges(firing, targets, blocks, block, casting, poses, hits, edge):
+    """Write which beams of a block have a neighbour that meets another surface."""
+    base = targets.first_face[blocks.actor[block]]
+    start, rows, wide = blocks.start[block], blocks.rows[block], blocks.wide[block]
+    planes = targets.triangles.planes
+    count, ring_time, beams = len(firing.column_time_s), firing.ring_time_s, firing.directions
+    rays, range_m, face = blocks.ray, hits.range_m, hits.face
+    edge[start : start + rows * wide] = casting.spread == _EVERYWHERE
+    if casting.spread != _AT_EDGES:
+        return
+    for at in range(start, start + rows * wide):
+        own, ray = face[at], rays[at]
+        if own == _NO_RAY:
+            continue
+        row, n, column = (at - start) // wide, (at - start) % wide, ray % count
+        pose = poses[column]
+        ox, oy, oz = _origin(pose, ring_time[ray // count])
+        found = False
+        for r in range(max(row - 1, 0), min(row + 2, rows)):
+            for c in range(n - 1, n + 2):
+                if found or (not casting.around and not 0 <= c < wide):
+                    continue
+                other = start + r * wide + c % wide
+                if face[other] == _NO_RAY:
+                    continue
+                if (face[other] < 0) != (own < 0):
+                    found = True
+                elif own >= 0 and abs(range_m[other] - range_m[at]) > STEP_M:
+                    x, y, z = beams[rays[other], 0], beams[rays[other], 1], beams[rays[other], 2]
+                    dx, dy, dz = _turned(pose, x, y, z)
+                    told = _on_plane(planes[base + own], ox, oy, oz, dx, dy, dz)
+                    found = not _is_predicted(told, np.float64(range_m[other]))
+        edge[at] = found
 
 
-@njit(cache=True, nogil=True)
+@per_ray
+def _find_layers(
+    address, firing, targets, blocks, block, casting, poses, ray_hit, hits, edges, surfaces,
+    layers, used,
+):  # fmt: skip
+    """Write the layers of a block's beams from number ``used`` on; return how many there are."""
+    actor = blocks.actor[block]
+    scene, base = targets.scene[actor], targets.first_face[actor]
+    low, high = targets.low, targets.high
+    planes, vertices, corners = targets.triangles
+    count, column_time, ring_time = (
+        len(firing.column_time_s),
+        firing.column_time_s,
+        firing.ring_time_s,
+    )
+    beams, footprint = firing.directions, firing.footprint
+    range_m, face, rays = hits.range_m, hits.face, blocks.ray
+    whole = (1 << len(footprint)) - 1
+    start = blocks.start[block]
+    for at in range(start, start + blocks.rows[block] * blocks.wide[block]):
+        own, ray, edge = face[at], rays[at], edges[at]
+        if own == _NO_RAY:
+            continue
+        column, late = ray % count, ring_time[ray // count]
+        if own >= 0:
+            layers.seen[actor] += 1
+            layers.seen_s[actor] += column_time[column] + late
+        elif not edge:
+            continue
+        pose = poses[column]
+        ox, oy, oz = _origin(pose, late)
+        bx, by, bz = beams[ray, 0], beams[ray, 1], beams[ray, 2]
+        ax, ay, az = _turned(pose, bx, by, bz)
+
+        # Which surfaces the beam meets, and which of its rays meet each.
+        met = 0
+        if not edge and not (casting.glass and planes[base + own].pane):
+            # Most beams: one opaque surface meets all of their light.
+            surfaces.mask[0], surfaces.face[0] = whole, own
+            surfaces.total_m[0], surfaces.rays[0] = range_m[at], 1
+            met = 1
+        for sample in range(0 if met else (len(footprint) if edge else 1)):
+            x, y, z = _spread(bx, by, bz, footprint[sample, 0], footprint[sample, 1])
+            dx, dy, dz = _turned(pose, x, y, z)
+            bit = 1 << sample if edge else whole
+            near = np.float32(0.0)
+            for pane in range(MOST_PANES):
+                if sample == 0 and pane == 0:
+                    far, hit = range_m[at], own
+                else:
+                    far, hit = intersect(address, scene, ray_hit, near, ox, oy, oz, dx, dy, dz)
+                    if hit >= 0 and abs(_slant(planes[base + hit], dx, dy, dz)) < GRAZING:
+                        far, hit = first_met(
+                            address, scene, ray_hit, vertices, corners[base:], near,
+                            ox, oy, oz, dx, dy, dz,
+                        )  # fmt: skip
+                if hit < 0:
+                    break
+                joined = False
+                for g in range(met):
+                    if joined or surfaces.mask[g] & bit or not edge:
+                        continue
+                    other = planes[base + surfaces.face[g]]
+                    told = _on_plane(other, ox, oy, oz, dx, dy, dz)
+                    alike = planes[base + hit].pane == other.pane
+                    if alike and _is_same_surface(told, np.float64(far)):
+                        surfaces.mask[g] |= bit
+                        surfaces.total_m[g] += far
+                        surfaces.rays[g] += 1
+                        joined = True
+                if not joined and met < MOST_SURFACES:
+                    surfaces.mask[met], surfaces.face[met] = bit, hit
+                    surfaces.total_m[met], surfaces.rays[met] = far, 1
+                    met += 1
+                if not (casting.glass and planes[base + hit].pane):
+                    break
+                near = far + np.float32(BEHIND_M)
+
+        # Each is a layer, at the range of its plane along the beam's axis.
+        on_axis = 0
+        if own >= 0 or _crosses(actor, low, high, ox, oy, oz, ax, ay, az):
+            on_axis = ON_AXIS
+        for g in range(met):
+            mask, plane = surfaces.mask[g], planes[base + surfaces.face[g]]
+            told = _on_plane(plane, ox, oy, oz, ax, ay, az)
+            mean = surfaces.total_m[g] / surfaces.rays[g]
+            if used < len(layers.ray):
+                layers.ray[used], layers.actor[used] = ray, actor
+                layers.mask[used] = mask | on_axis
+                layers.range_m[used] = _layer_range(told, mean, mask & 1 == 1)
+                layers.cosine[used] = abs(_slant(plane, ax, ay, az))
+                layers.face[used] = surfaces.face[g]
+            used += 1
+    return used
+
+
+@per_ray
+def _origin(pose, late):
+    """Return where a ray leaves that fires ``late`` after its column, actor's frame."""
+    return pose.x + pose.u * late, pose.y + pose.v * late, pose.z + pose.w * late
+
+
+@per_ray
+def _turned(pose, x, y, z):
+    """Return a direction of the sensor's frame in the actor's."""
+    return (
+        pose.xx * x + pose.xy * y + pose.xz * z,
+        pose.yx * x + pose.yy * y + pose.yz * z,
+        pose.zx * x + pose.zy * y + pose.zz * z,
+    )
+
+
+@per_ray
+def _spread(x, y, z, across, up):
+    """Return the direction of a ray beside a beam's axis, by angles across and up from it."""
+    flat = np.sqrt(x * x + y * y)
+    ex, ey = 0.0, 1.0
+    if flat > 1e-9:
+        ex, ey = -y / flat, x / flat
+    # Across lies level; up is the beam's axis turned by a quarter.
+    u = x + across * ex - up * z * ey
+    v = y + across * ey + up * z * ex
+    w = z + up * flat
+    size = np.sqrt(u * u + v * v + w * w)
+    return u / size, v / size, w / size
+
+
+@per_ray
+def _slant(plane, dx, dy, dz):
+    """Return the cosine between a direction and a plane's normal."""
+    return plane.x * dx + plane.y * dy + plane.z * dz
+
+
+@per_ray
+def _on_plane(plane, ox, oy, oz, dx, dy, dz):
+    """Return where a ray meets a plane; ``nan`` where it grazes it."""
+    height = plane.offset - (plane.x * ox + plane.y * oy + plane.z * oz)
+    return _plane_range(height, _slant(plane, dx, dy, dz))
+
+
+@per_ray
 def _crosses(n, low, high, ox, oy, oz, dx, dy, dz):
     """Return whether a ray passes through a box."""
     enter, leave = 0.0, np.inf
@@ -368,11 +366,3 @@ def _crosses(n, low, high, ox, oy, oz, dx, dy, dz):
         one, other = (low[n, axis] - o) / d, (high[n, axis] - o) / d
         enter, leave = max(enter, min(one, other)), min(leave, max(one, other))
     return enter <= leave
-
-
-@njit(cache=True, nogil=True)
-def _write(layers, used, ray, actor, mask, range_m, cosine, face):
-    """Write a layer, if there is room for it."""
-    if used < len(layers.ray):
-        layers.ray[used], layers.actor[used], layers.mask[used] = ray, actor, mask
-        layers.range_m[used], layers.cosine[used], layers.face[used] = range_m, cosine, face

@@ -3,9 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from urbantwin.geometry.compiled import per_block, per_ray
 from urbantwin.lidar.casting.layer_rule import ON_AXIS
 
 __all__ = ["BESIDE", "ActorLayers", "AloneEchoes", "BeamEchoes", "combine"]
@@ -87,7 +87,7 @@ class _OneBeam(NamedTuple):
     order: NDArray[np.int64]
 
 
-@njit(cache=True, nogil=True)
+@per_block
 def _one_beam():
     return _OneBeam(
         np.empty(_MOST_LAYERS, np.float32),
@@ -99,13 +99,13 @@ def _one_beam():
     )
 
 
-@njit(cache=True, nogil=True)
+@per_ray
 def _at_least(amplitude):
     """Return the amplitude of an opaque surface: never none."""
     return amplitude if amplitude > _FAINT else _FAINTEST
 
 
-@njit(cache=True, nogil=True)
+@per_ray
 def _echoes(count, beam, share, left, pulse_m, echoes, at):
     """Write the echoes of one beam's layers from ``at`` on and return how many there are.
 
@@ -160,7 +160,7 @@ def _echoes(count, beam, share, left, pulse_m, echoes, at):
     return used
 
 
-@njit(cache=True, nogil=True)
+@per_block
 def combine(touched, static, moving, share, pulse_m, echoes, alone):
     """Combine the static world's layers with the actors' along the beams that touch actors.
 
@@ -228,7 +228,7 @@ def combine(touched, static, moving, share, pulse_m, echoes, alone):
     return used, lone
 
 
-@njit(cache=True, nogil=True)
+@per_ray
 def _is_plain(static, moving, last, still, stands, whole):
     """Return whether one opaque surface of an actor stands before or behind one of the world's.
 
@@ -244,7 +244,7 @@ def _is_plain(static, moving, last, still, stands, whole):
     )
 
 
-@njit(cache=True, nogil=True)
+@per_ray
 def _layers_of(beam, static, moving, own):
     """Write the layers of a beam, the static world's and the actors', and return how many."""
     count = 0
@@ -269,7 +269,7 @@ def _layers_of(beam, static, moving, own):
     return count
 
 
-@njit(cache=True, nogil=True)
+@per_ray
 def _is_among(who, owner, count):
     """Return whether one of the first owners is this one."""
     known = False
@@ -278,7 +278,7 @@ def _is_among(who, owner, count):
     return known
 
 
-@njit(cache=True, nogil=True)
+@per_ray
 def _only(who, own, first, count, single):
     """Write the layers of one actor, as if it were alone, and return how many there are."""
     few = 0
@@ -291,7 +291,7 @@ def _only(who, own, first, count, single):
     return few
 
 
-@njit(cache=True, nogil=True)
+@per_ray
 def _write_alone(alone, at, beam, actor, range_m, amplitude):
     """Write what an actor alone would give, if there is room for it."""
     if at < len(alone.beam):

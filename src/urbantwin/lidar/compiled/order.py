@@ -1,12 +1,13 @@
 """Sorting what belongs to rays by their rays."""
 
 import numpy as np
-from numba import njit
+
+from urbantwin.geometry.compiled import per_block
 
 __all__ = ["by_ray", "chained"]
 
 
-@njit(cache=True, nogil=True)
+@per_block
 def by_ray(ray, rays):
     """Return where each ray's entries begin (N + 1,) and the order (L,) that puts them together.
 
@@ -29,7 +30,7 @@ def by_ray(ray, rays):
     return start, order
 
 
-@njit(cache=True, nogil=True)
+@per_block
 def chained(ray, head, before):
     """Chain the entries of each ray, and return the rays that have any (M,) int32, ascending.
 

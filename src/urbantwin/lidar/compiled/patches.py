@@ -1,12 +1,13 @@
 """How bright ground is from place to place: noise that only the place decides."""
 
 import numpy as np
-from numba import njit
+
+from urbantwin.geometry.compiled import per_block, per_ray
 
 __all__ = ["add_patches"]
 
 
-@njit(cache=True, nogil=True, inline="always")
+@per_block
 def _mixed(x, y, number):
     """Return 16 random bits of a corner: the mixing function of SplitMix64, as in ``Scatter``."""
     key = np.uint64(x) * np.uint64(0x9E3779B97F4A7C15) + np.uint64(y)
@@ -16,7 +17,7 @@ def _mixed(x, y, number):
     return key >> np.uint64(48)
 
 
-@njit(cache=True, nogil=True)
+@per_ray
 def add_patches(east, north, number, size_m, sigma, quantiles, out):
     """Add normal noise of standard deviation ``sigma`` that changes over ``size_m``.
 

@@ -1,7 +1,8 @@
 """Poses of actors and of sensors at the moments at which rays fire."""
 
 import numpy as np
-from numba import njit
+
+from urbantwin.geometry.compiled import per_block, per_ray
 
 __all__ = ["APART_S", "LATER_S", "actor_from_sensor", "poses_at", "set_pose"]
 
@@ -11,7 +12,7 @@ LATER_S = 1e-3
 APART_S = 0.05
 
 
-@njit(cache=True, nogil=True)
+@per_ray
 def set_pose(time, actor, paths, out_rotation, out_translation):
     """Write where an actor is at a time: rotation (3, 3) and translation (3,), site frame.
 
@@ -57,7 +58,7 @@ def set_pose(time, actor, paths, out_rotation, out_translation):
         out_rotation[i, 2] = a * r02 + b * r12 + d * r22
 
 
-@njit(cache=True, nogil=True)
+@per_ray
 def actor_from_sensor(
     actor_rotation, actor_place, n, sensor_rotation, sensor_place, out_rotation, out_place
 ):
@@ -76,7 +77,7 @@ def actor_from_sensor(
         )
 
 
-@njit(cache=True, nogil=True)
+@per_block
 def poses_at(time, paths):
     """Return rotations (A, 3, 3) and translations (A, 3) of actors, each at a time (A,) of its own.
 

@@ -5,8 +5,8 @@ frame mostly costs where few actors are near.
 """
 
 import numpy as np
-from numba import njit
 
+from urbantwin.geometry.compiled import per_ray
 from urbantwin.lidar.compiled.echoes import BESIDE
 from urbantwin.taxonomy import semantic_id
 
@@ -16,7 +16,7 @@ __all__ = ["OUTLIER", "detect", "write_points"]
 OUTLIER = np.uint16(semantic_id("outlier"))
 
 
-@njit(cache=True, nogil=True)
+@per_ray
 def detect(answers, echoes, layer_class, draws, step_m, both, out):
     """Return how many detections there are, in the order of beams, and write them.
 
@@ -86,7 +86,7 @@ def detect(answers, echoes, layer_class, draws, step_m, both, out):
     return count
 
 
-@njit(cache=True, nogil=True)
+@per_ray
 def write_points(detections, directions, origin, column_s, ring_s, out):
     """Write where beams end, which they are, and when they fired.
 

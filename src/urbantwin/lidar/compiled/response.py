@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from urbantwin.geometry.compiled import per_ray
 
 __all__ = [
     "Response",
@@ -64,7 +65,7 @@ class Response(NamedTuple):
     whole_codes: bool
 
 
-@njit(cache=True, nogil=True)
+@per_ray
 def strength_of(r, amplitude, range_m, light):
     """Return signal to noise relative to the datasheet's target."""
     if not (amplitude > 0.0 and 0.0 < range_m < np.inf):
@@ -79,7 +80,7 @@ def strength_of(r, amplitude, range_m, light):
     return signal * r.floor / np.sqrt(lit)
 
 
-@njit(cache=True, nogil=True)
+@per_ray
 def probability_of(r, strength):
     """Return how probable an echo of that strength is to be detected."""
     # Beyond a thousandfold the result is 0 or 1 to seven digits; most echoes are strong.
@@ -91,7 +92,7 @@ def probability_of(r, strength):
     return power / (1.0 + power)
 
 
-@njit(cache=True, nogil=True)
+@per_ray
 def level_of(r, strength, range_m):
     """Return the level of 65,536 below which a draw means that an echo is detected."""
     if not (range_m >= r.range_min_m and range_m <= r.range_max_m):
@@ -101,14 +102,14 @@ def level_of(r, strength, range_m):
     return int(np.rint(probability_of(r, strength) * 65536.0))
 
 
-@njit(cache=True, nogil=True)
+@per_ray
 def sigma_of(r, strength):
     """Return the standard deviation of an echo's range."""
     light = r.knee / max(strength, 0.1)
     return r.sigma_m * np.sqrt(1.0 + light * light)
 
 
-@njit(cache=True, nogil=True)
+@per_ray
 def intensity_of(r, amplitude, range_m):
     """Return the reported intensity, 0 to 1."""
     if not amplitude > 0.0:
@@ -125,7 +126,7 @@ def intensity_of(r, amplitude, range_m):
     return code / r.greatest
 
 
-@njit(cache=True, nogil=True)
+@per_ray
 def answers(r, amplitude, range_m, light, peak, level, sigma, intensity):
     """Fill level, sigma and intensity (N,) of echoes (N,).
 
@@ -139,7 +140,7 @@ def answers(r, amplitude, range_m, light, peak, level, sigma, intensity):
         intensity[i] = intensity_of(r, amplitude[i], range_m[i])
 
 
-@njit(cache=True, nogil=True)
+@per_ray
 def strengths(r, amplitude, range_m, light, strength):
     """Fill strength (N,) of echoes (N,)."""
     for i in range(len(amplitude)):
@@ -147,7 +148,7 @@ def strengths(r, amplitude, range_m, light, strength):
         strength[i] = strength_of(r, amplitude[i], range_m[i], one)
 
 
-@njit(cache=True, nogil=True)
+@per_ray
 def probabilities(r, strength, probability):
     """Fill how probable echoes (N,) of strengths (N,) are to be detected."""
     for i in range(len(strength)):

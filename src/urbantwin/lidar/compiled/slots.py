@@ -1,12 +1,13 @@
 """Which of a beam's echoes a sensor reports."""
 
 import numpy as np
-from numba import njit
+
+from urbantwin.geometry.compiled import per_block
 
 __all__ = ["choose"]
 
 
-@njit(cache=True, nogil=True)
+@per_block
 def choose(start, strength, level, mode):
     """Return for each of M beams the echo that is reported and a second one; -1 for none.
 

@@ -1,12 +1,13 @@
 """Light of bright echoes that ends up in neighbouring beams, or in channels that fire with them."""
 
 import numpy as np
-from numba import njit
+
+from urbantwin.geometry.compiled import per_block
 
 __all__ = ["crosstalk", "spill"]
 
 
-@njit(cache=True, nogil=True)
+@per_block
 def spill(bright, strength, beams, rings, columns, skirt, floor, out):
     """Write the stray echoes that bright ones cause in the beams around them.
 
@@ -58,7 +59,7 @@ def spill(bright, strength, beams, rings, columns, skirt, floor, out):
     return used
 
 
-@njit(cache=True, nogil=True)
+@per_block
 def crosstalk(bright, strength, ring_time, columns, share, floor, out):
     """Write the stray echoes that bright ones cause in channels that fire at the same time.
 
