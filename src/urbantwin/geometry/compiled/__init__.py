@@ -12,4 +12,4 @@ __all__ = ["per_block", "per_ray"]
 #: For a function that makes arrays, or is called once for many rays.
 per_block = njit(cache=True, nogil=True)
 #: For a function that neither makes nor keeps arrays.
-per_ray = njit(cache=True, nogil=True, _nrt=False)
+per_ray = njit(cache=True, nogil=True, _nrt=False)  # type: ignore[call-overload]
