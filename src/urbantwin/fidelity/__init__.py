@@ -10,7 +10,7 @@ from urbantwin.fidelity.divergence import jensen_shannon
 from urbantwin.fidelity.earth_mover import earth_mover, sliced_earth_mover
 from urbantwin.fidelity.frame import Boxes, Frame
 from urbantwin.fidelity.frechet import frechet, frechet_places, frechet_shapes
-from urbantwin.fidelity.hausdorff import P95Hausdorff, p95_hausdorff
+from urbantwin.fidelity.hausdorff import P95Hausdorff
 from urbantwin.fidelity.histograms import Histograms, divergences, histograms_of
 from urbantwin.fidelity.mean_discrepancy import mean_discrepancy
 from urbantwin.fidelity.nearest import NearestDistances, nearest_distances
@@ -50,7 +50,6 @@ __all__ = [
     "mean_discrepancy",
     "nearest_distances",
     "object_differences",
-    "p95_hausdorff",
     "read_cloud",
     "rebuild_surface",
     "sliced_earth_mover",

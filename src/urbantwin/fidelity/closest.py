@@ -1,4 +1,4 @@
-"""Exact distances from points to triangles, and to the nearest of many triangles."""
+"""Exact distances from points to the nearest of many triangles."""
 
 from __future__ import annotations
 
@@ -11,34 +11,12 @@ from urbantwin.fidelity.compiled import nearest_triangle
 from urbantwin.fidelity.compiled.box_tree import arranged, boxed
 from urbantwin.processes import threads
 
-__all__ = ["NearestTriangle", "triangle_distances"]
+__all__ = ["NearestTriangle"]
 
 #: Triangles of a leaf, and points of which one is asked for soon after the other.
 _TRIANGLES, _NEIGHBOURS = 4, 8
 #: Fewer points than this are not worth a thread.
 _LEAST_POINTS = 1_000
-
-
-def triangle_distances(
-    points: NDArray[np.float64],
-    corner: NDArray[np.float64],
-    side1: NDArray[np.float64],
-    side2: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Return the distance (N,) of each point to its triangle.
-
-    The nearest point of a triangle is the projection onto its plane where that falls inside
-    (barycentric coordinates, Ericson 2005, "Real-time collision detection", 3.4), else the
-    nearest of its three edges. A triangle without area is its edges, or one point.
-
-    Args:
-        points: (N, 3) metres.
-        corner: (N, 3) a corner of each triangle, metres.
-        side1: (N, 3) from that corner to the second, metres.
-        side2: (N, 3) from that corner to the third, metres.
-    """
-    squares = nearest_triangle.triangle_squares(points, corner, side1, side2)
-    return np.asarray(np.sqrt(squares))
 
 
 class NearestTriangle:

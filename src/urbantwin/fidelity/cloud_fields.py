@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from urbantwin.artefact.arrays import may_unpack, one_line, read_array
 from urbantwin.errors import InputError
 from urbantwin.fidelity.pcd import read_pcd
-from urbantwin.fidelity.ply import read_ply
 
 __all__ = ["FORMATS", "Fields", "is_cloud", "position_and_intensity", "read_fields"]
 
@@ -63,7 +62,7 @@ def read_fields(path: Path, columns: int | None = None) -> Fields:
     if kind == ".bin":
         return _from_bin(path, columns)
     if kind in (".pcd", ".ply"):
-        fields = read_pcd(path) if kind == ".pcd" else read_ply(path)
+        fields = read_pcd(path) if kind == ".pcd" else _from_ply(path)
         return {name.lower(): values for name, values in fields.items()}
     if kind in (".las", ".laz"):
         return _from_las(path)
@@ -160,6 +159,16 @@ def _columns(table: NDArray[np.float64]) -> Fields:
     return {
         name: table[:, k] for k, name in enumerate(("x", "y", "z", "intensity")[: len(table.T)])
     }
+
+
+def _from_ply(path: Path) -> dict[str, NDArray[np.float64]]:
+    from urbantwin.geometry.ply import read_header, read_tables
+
+    vertex = read_tables(path, read_header(path), last="vertex").get("vertex")
+    if vertex is None:
+        raise InputError("has no element vertex", file=path, expected="a PLY cloud")
+    with np.errstate(invalid="ignore"):  # of bits that are no number: they become NaN
+        return {name: values.astype(np.float64) for name, values in vertex.columns.items()}
 
 
 def _from_las(path: Path) -> Fields:

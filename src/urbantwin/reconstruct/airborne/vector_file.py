@@ -19,7 +19,6 @@ __all__ = ["check_vector_file"]
 _BINARY = (b"SQLite format 3\0", b"\0\0\x27\x0a", b"fgb\x03")
 #: What a link to a CRS cannot do without, unless its letters are written as numbers.
 _MAY_LINK = re.compile(rb"[\"'](link|url)[\"']|\\u00[4-7]", re.IGNORECASE)
-_ANOTHER = "cannot be read: its format is another"
 
 
 def check_vector_file(path: Path, expected: str) -> None:

@@ -20,7 +20,6 @@ __all__ = ["classes_by_shape"]
 _COLUMN_M = 2.5
 #: Share of the area that faces in the three commonest of 26 directions: walls and roofs have
 #: nearly all of it there, a sphere about 0.35, leaves less.
-_PLANAR = 0.55
 _ROUGH = 0.45
 #: Buildings are at least this high and this wide.
 _HOUSE_HEIGHT_M, _HOUSE_AREA_M2 = 2.2, 6.0

@@ -1,7 +1,8 @@
-"""Rows of a PLY's elements as columns; rows with lists may differ in length."""
+"""PLY, ASCII and binary, as tables of its elements (Turk, "The PLY Polygon File Format", 1994)."""
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -10,9 +11,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.reconstruct.formats.text_lines import numbers_of
+from urbantwin.number_text import leading_numbers
 
-__all__ = ["Element", "Table", "ascii_tables", "binary_tables"]
+__all__ = ["Element", "Header", "Table", "read_header", "read_tables"]
+
+#: A header is not longer than this, bytes.
+LONGEST_HEADER = 1 << 20
+_TYPES = {
+    **dict.fromkeys(("char", "int8"), "i1"),
+    **dict.fromkeys(("uchar", "uint8"), "u1"),
+    **dict.fromkeys(("short", "int16"), "i2"),
+    **dict.fromkeys(("ushort", "uint16"), "u2"),
+    **dict.fromkeys(("int", "int32"), "i4"),
+    **dict.fromkeys(("uint", "uint32"), "u4"),
+    **dict.fromkeys(("float", "float32"), "f4"),
+    **dict.fromkeys(("double", "float64"), "f8"),
+    **dict.fromkeys(("int64", "long"), "i8"),
+    **dict.fromkeys(("uint64", "ulong"), "u8"),
+}
+#: Encoding -> numpy's sign of its byte order; text has none.
+_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
 @dataclass
@@ -30,6 +48,23 @@ class Element:
     properties: list[tuple[str, str, str | None]]
 
 
+@dataclass(frozen=True)
+class Header:
+    """What a header declares.
+
+    Attributes:
+        order: numpy's sign of the byte order; empty for text.
+        elements: in their order in the file.
+        comments: texts of ``comment`` and ``obj_info``.
+        length: bytes before the first row.
+    """
+
+    order: str
+    elements: list[Element]
+    comments: list[str]
+    length: int
+
+
 @dataclass
 class Table:
     """An element's values: (rows,) columns; lists as all values and the length (rows,) of each."""
@@ -38,19 +73,86 @@ class Table:
     columns: dict[str, NDArray[np.generic]] = field(default_factory=dict)
     lists: dict[str, tuple[NDArray[np.generic], NDArray[np.int64]]] = field(default_factory=dict)
 
+    @classmethod
+    def empty(cls, element: Element) -> Table:
+        """Return the table of an element without rows or without properties."""
+        columns = {name: np.zeros(0, kind) for name, kind, size in element.properties if not size}
+        return cls(0, columns)
 
-def binary_tables(path: Path, start: int, elements: list[Element], order: str) -> dict[str, Table]:
-    """Read the elements of a binary PLY; ``order`` is numpy's sign of the byte order.
+
+def read_header(path: Path) -> Header:
+    """Read the header of a PLY.
 
     Raises:
-        InputError: the file ends before its last row.
+        InputError: it is none, has no end, or declares what PLY does not have.
     """
+    with path.open("rb") as stream:
+        start = stream.read(LONGEST_HEADER)
+    end = re.search(rb"\nend_header[ \t]*\r?\n", start)
+    if not re.match(rb"ply\s", start) or end is None:
+        what = "has a header without an end" if start.startswith(b"ply") else "is not a PLY"
+        raise InputError(what, file=path, expected="the whole header of a PLY: ply ... end_header")
+    encoding, elements, comments = "", list[Element](), list[str]()
+    for number, line in enumerate(start[: end.start()].decode("latin-1").splitlines(), 1):
+        words = line.split()
+        try:
+            match words:
+                case ["format", name, _]:
+                    encoding = name
+                case ["comment" | "obj_info", *_]:
+                    comments.append(line.partition(" ")[2].strip())
+                case ["element", name, count]:
+                    if int(count) < 0:
+                        raise ValueError
+                    elements.append(Element(name, int(count), []))
+                case ["property", "list", size, kind, name]:
+                    _declare(elements[-1], name, _TYPES[kind], _TYPES[size])
+                case ["property", kind, name]:
+                    _declare(elements[-1], name, _TYPES[kind], None)
+                case ["ply"] | []:
+                    pass
+                case _:
+                    raise ValueError
+        except (ValueError, KeyError, IndexError):
+            raise InputError(
+                f"has {line[:40]!r}", file=path, place=f"line {number}", expected="a PLY header"
+            ) from None
+    if encoding not in _ORDERS:
+        raise InputError(f"has format {encoding!r}", file=path, expected="ascii or binary_*_endian")
+    return Header(_ORDERS[encoding], elements, comments, end.end())
+
+
+def _declare(element: Element, name: str, kind: str, size: str | None) -> None:
+    if any(name == known for known, _, _ in element.properties):
+        raise ValueError
+    element.properties.append((name, kind, size))
+
+
+def read_tables(path: Path, header: Header, last: str | None = None) -> dict[str, Table]:
+    """Read the elements of a PLY by their names; of two of one name the first.
+
+    Args:
+        path: the file.
+        header: its header.
+        last: the last element to read; those after it are left alone. By default all are read.
+
+    Raises:
+        InputError: the file ends before its last row, or a number of a text is none.
+    """
+    names = [element.name for element in header.elements]
+    wanted = header.elements[: names.index(last) + 1] if last in names else header.elements
+    if not header.order:
+        return _ascii_tables(path, header.length, wanted)
+    return _binary_tables(path, header.length, wanted, header.order)
+
+
+def _binary_tables(path: Path, start: int, elements: list[Element], order: str) -> dict[str, Table]:
     data = np.memmap(path, np.uint8, "r") if path.stat().st_size else np.zeros(0, np.uint8)
     found: dict[str, Table] = {}
     at = start
     for element in elements:
         if not element.properties or not element.count:
-            found[element.name] = Table(element.count if element.properties else 0)
+            found.setdefault(element.name, Table.empty(element))
             continue
         table, at = _binary_table(data, at, element, order, path)
         found.setdefault(element.name, table)
@@ -64,12 +166,13 @@ def _binary_table(
     counts = np.array(
         [0 if size is None else np.dtype(size).itemsize for _, _, size in element.properties]
     )
-    lengths = np.ones((element.count, len(sizes)), np.int64)
     row = int(np.where(counts > 0, counts, sizes).sum())
     if element.count * row > len(data) - at:
         raise _cut_short(path, element, (len(data) - at) // row)
     end = at + int(sizes.sum()) * element.count
-    if (counts > 0).any():
+    has_lists = bool((counts > 0).any())
+    lengths = np.ones((element.count if has_lists else 1, len(sizes)), np.int64)
+    if has_lists:
         rows, end = _list_lengths(data, at, lengths, sizes, counts, order == ">")
         if rows < element.count:
             raise _cut_short(path, element, rows)
@@ -83,7 +186,7 @@ def _binary_table(
 
 def _cut_short(path: Path, element: Element, rows: int) -> InputError:
     return InputError(
-        f"ends after {max(rows, 0)} of {element.count} rows of {element.name}",
+        f"ends after {rows} of {element.count} rows of {element.name}",
         file=path,
         expected="the whole file",
     )
@@ -157,26 +260,21 @@ def _differing_rows(
             table.lists[name] = (values, lengths[:, number].copy())
 
 
-def ascii_tables(path: Path, start: int, elements: list[Element]) -> dict[str, Table]:
-    """Read the elements of an ASCII PLY.
-
-    Raises:
-        InputError: something is not a number, or the file ends before its last row.
-    """
+def _ascii_tables(path: Path, start: int, elements: list[Element]) -> dict[str, Table]:
     with path.open("rb") as stream:
         stream.seek(start)
-        values = numbers_of(stream.read())
+        values = leading_numbers(stream.read())
     found: dict[str, Table] = {}
     at = 0
     for element in elements:
-        table = Table(element.count if element.properties else 0)
-        found.setdefault(element.name, table)
-        if not element.count or not element.properties:
+        if not element.properties or not element.count:
+            found.setdefault(element.name, Table.empty(element))
             continue
+        table = found.setdefault(element.name, Table(element.count))
         is_list = np.array([size is not None for _, _, size in element.properties])
-        lengths = np.ones((element.count, len(is_list)), np.int64)
         if element.count * len(is_list) > len(values) - at:
             raise _cut_short(path, element, (len(values) - at) // len(is_list))
+        lengths = np.ones((element.count, len(is_list)), np.int64)
         rows, end = _ascii_lengths(values, at, lengths, is_list)
         if rows < element.count:
             raise _cut_short(path, element, rows)
