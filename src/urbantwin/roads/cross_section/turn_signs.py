@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.geometry import wrapped
 from urbantwin.roads.cross_section.section import CarriagewayLane, CrossSection
 from urbantwin.roads.cross_section.stretch import Stretch
 
@@ -93,7 +94,7 @@ def _ways_on(heading: float, arms: Sequence[_Arm]) -> dict[str, int] | None:
     """Return direction -> lanes there; ``None`` where two streets share a direction."""
     found: dict[str, int] = {}
     for arm in arms:
-        bend = math.remainder(arm.heading - heading, 2 * math.pi)
+        bend = wrapped(arm.heading - heading)
         name = "through" if abs(bend) < TURN else ("left" if bend > 0 else "right")
         if name in found:
             return None

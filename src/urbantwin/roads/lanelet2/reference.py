@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import spsolve
 
-from urbantwin.geometry import stations_of_points
+from urbantwin.geometry import stations_of_points, wrapped
 from urbantwin.roads.lanelet2.border import Border, Measured
 from urbantwin.roads.model import Curve, Piece, splined
 
@@ -79,7 +79,7 @@ def curve_through(points: NDArray[np.float64], first: float, last: float) -> Cur
     length = float(np.hypot(*chord))
     heading = math.atan2(chord[1], chord[0])
     off = (points - points[0]) @ np.array([-chord[1], chord[0]]) / max(length, 1e-9)
-    turn = max(abs(math.remainder(h - heading, 2 * math.pi)) for h in (first, last))
+    turn = max(abs(wrapped(h - heading)) for h in (first, last))
     if np.abs(off).max() < STRAIGHT_M and turn < STRAIGHT_RAD:
         return Curve((Piece(float(points[0, 0]), float(points[0, 1]), heading, length),))
     return splined(points, first, last)

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.geometry import wrapped
 from urbantwin.roads.network import Lane, RoadNetwork
 
 __all__ = ["turns"]
@@ -27,8 +28,7 @@ def turns(network: RoadNetwork, lane: Lane) -> tuple[str, ...]:
         if way is None or not way.junction:
             continue
         for last in _ends_of_way(network, way):
-            change = _heading(last.centre[-2:, :2]) - start
-            change = (change + np.pi) % (2 * np.pi) - np.pi
+            change = wrapped(_heading(last.centre[-2:, :2]) - start)
             if abs(change) <= STRAIGHT:
                 found.add("through")
             elif abs(change) >= U_TURN:

@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
+from urbantwin.geometry import wrapped
 from urbantwin.roads.model import LaneModel, ModelRoad, RoadSignal
 from urbantwin.roads.opendrive.crosswalks import CARRIER_M, carrier
 from urbantwin.roads.signals import pose_of
@@ -83,4 +84,4 @@ def heading_offset(road: ModelRoad, signal: RoadSignal) -> float:
     if not signal.pose:
         return 0.0
     facing = float(road.curve.at(signal.s)[0, 2]) + (0.0 if signal.orientation == "-" else math.pi)
-    return math.remainder(signal.pose[3] - facing, 2 * math.pi)
+    return wrapped(signal.pose[3] - facing)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from lxml import etree
 
+from urbantwin.geometry import wrapped
 from urbantwin.roads.model import Curve, Piece
 from urbantwin.roads.opendrive.clothoid import arc_length, polynomial_pieces, spiral_pieces
 from urbantwin.roads.opendrive.parsing import Spot
@@ -83,7 +82,7 @@ def _pieces(item: etree._Element, length: float, spot: Spot) -> list[Piece]:
     if shape is None:
         raise spot.error("has no shape", expected=f"one of {', '.join(_SHAPES)}")
     x, y, heading = (spot.number(item, key) for key in ("x", "y", "hdg"))
-    heading = (heading + math.pi) % (2 * math.pi) - math.pi if abs(heading) > 7 else heading
+    heading = wrapped(heading) if abs(heading) > 7 else heading
     if shape.tag == "line":
         return [Piece(x, y, heading, length)]
     if shape.tag == "arc":

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 from lxml import etree
 
+from urbantwin.geometry import wrapped
 from urbantwin.roads.model import ModelRoad
 from urbantwin.roads.opendrive.parsing import Log, Spot
 from urbantwin.roads.opendrive.signs import Sign, read_validity
@@ -95,7 +96,7 @@ def referred(
             lanes=reference.lanes,
         )
         there = _pose(roads[road], replace(moved, turned=0.0))
-        turn = math.remainder(pose[3] - there[3], 2 * math.pi)
+        turn = wrapped(pose[3] - there[3])
         same = math.dist(pose[:3], there[:3]) < SAME_M and abs(turn) < FACING
         result.append((road, replace(moved, pose=() if same else pose)))
     return result
@@ -105,4 +106,4 @@ def _pose(road: ModelRoad, sign: Sign) -> tuple[float, float, float, float]:
     x, y, z = (float(v) for v in road.place(sign.s, sign.t)[0])
     heading = float(road.curve.at(sign.s)[0, 2]) + sign.turned
     heading += 0.0 if sign.orientation == "-" else math.pi
-    return x, y, z + sign.z, math.remainder(heading, 2 * math.pi)
+    return x, y, z + sign.z, wrapped(heading)

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.geometry import wrapped
 from urbantwin.roads.model import LaneModel, RoadSignal, SignalController
 from urbantwin.roads.network import RoadNetwork
 from urbantwin.roads.signals.approach import (
@@ -232,7 +233,7 @@ def _head(
         s = float(np.clip(approach.s + sign * u, 0.0, approach.road.length))
         return replace(common, s=s, t=float(sign * v))
     xy = approach.frame.place(u, v)
-    facing = math.remainder(approach.frame.heading + math.pi, 2 * math.pi)
+    facing = wrapped(approach.frame.heading + math.pi)
     middle = float(np.mean([lane.v for lane in lanes]))
     pose = (float(xy[0, 0]), float(xy[0, 1]), up, facing)
     return replace(common, s=approach.s, t=sign * middle, pose=pose)

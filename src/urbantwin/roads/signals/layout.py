@@ -12,7 +12,7 @@ import numpy as np
 from lxml import etree
 from numpy.typing import NDArray
 
-from urbantwin.geometry import stations_of_points
+from urbantwin.geometry import stations_of_points, wrapped
 from urbantwin.roads.model.furniture import Phase
 
 __all__ = ["COMPASS", "Link", "Signalised", "signalised_junctions"]
@@ -132,7 +132,7 @@ class Signalised:
 
 def turn_between(a: float, b: float) -> float:
     """Return the angle between two bearings, degrees, 0 to 180."""
-    return abs((a - b + 180.0) % 360.0 - 180.0)
+    return abs(wrapped(a - b, 360.0))
 
 
 def signalised_junctions(root: etree._Element) -> list[Signalised]:

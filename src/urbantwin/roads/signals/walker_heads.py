@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.geometry import wrapped
 from urbantwin.roads.model import LaneModel, RoadSignal
 from urbantwin.roads.signals.approach import Frame
 from urbantwin.roads.signals.free_ground import FreeGround
@@ -42,7 +43,7 @@ def walker_heads(
             float(xy[0, 0]),
             float(xy[0, 1]),
             WALK_M,
-            math.remainder(outward + math.pi, 2 * math.pi),
+            wrapped(outward + math.pi),
         )
         s, t = (float(value[0]) for value in road.curve.locate(xy))
         found.append(
