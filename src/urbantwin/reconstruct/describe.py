@@ -20,8 +20,8 @@ from urbantwin.reconstruct.georeference.axes import axes_of
 from urbantwin.reconstruct.model import ImportedModel
 from urbantwin.reconstruct.tiles3d import middle_of_tileset
 from urbantwin.site import GeometrySource
-from urbantwin.site.document import Document
 from urbantwin.site.geometry import GeometrySpec, SimilaritySpec
+from urbantwin.site.yaml_document import Document
 
 __all__ = ["describe_geometry"]
 

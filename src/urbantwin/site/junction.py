@@ -15,8 +15,8 @@ from scipy.spatial import cKDTree
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame, wrapped
 from urbantwin.number_text import finite_number
-from urbantwin.site.coverage import clusters, local_frame, mapped_area, small_things
 from urbantwin.site.extract import Extract, Way
+from urbantwin.site.extract_coverage import clusters, local_frame, mapped_area, small_things
 
 __all__ = ["STREETS", "JunctionProposal", "meeting_nodes", "propose_junction", "way_lanes"]
 

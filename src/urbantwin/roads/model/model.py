@@ -8,7 +8,7 @@ from pathlib import Path
 
 from urbantwin.artefact import as_json, write_json
 from urbantwin.artefact.typed import read_typed
-from urbantwin.roads.model.agreement import check_model
+from urbantwin.roads.model.consistency import check_model
 from urbantwin.roads.model.furniture import RoadArea, RoadSignal, SignalController
 from urbantwin.roads.model.junction import ModelJunction
 from urbantwin.roads.model.road import ModelRoad

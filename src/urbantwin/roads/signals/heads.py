@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.geometry import wrapped
+from urbantwin.roads.lane_polylines import SurfaceHeight
 from urbantwin.roads.model import LaneModel, RoadSignal, SignalController
 from urbantwin.roads.network import RoadNetwork
 from urbantwin.roads.signals.approach import (
@@ -19,10 +20,9 @@ from urbantwin.roads.signals.approach import (
     approaches_of,
     stop_lines_within,
 )
-from urbantwin.roads.signals.free_ground import CLEARANCE_M, FreeGround
-from urbantwin.roads.signals.practice import Practice
-from urbantwin.roads.signals.walker_heads import walker_heads
-from urbantwin.roads.strips import SurfaceHeight
+from urbantwin.roads.signals.country_practice import Practice
+from urbantwin.roads.signals.pedestrian_heads import walker_heads
+from urbantwin.roads.signals.pole_sites import CLEARANCE_M, FreeGround
 
 __all__ = ["REACH_M", "stand_signals"]
 
