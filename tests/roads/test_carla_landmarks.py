@@ -12,7 +12,7 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads, driving_side
 from urbantwin.roads.opendrive import write_opendrive
-from urbantwin.roads.opendrive.handed import right_handed
+from urbantwin.roads.opendrive.writing.left_hand_traffic import right_handed
 from urbantwin.site import read_extract
 
 ROOT = Path(__file__).parents[2]

@@ -14,9 +14,9 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads, driving_side
 from urbantwin.roads.loop import close_loop
-from urbantwin.roads.loop.matching import matched
+from urbantwin.roads.loop.exit_matching import matched
 from urbantwin.site import read_extract
-from urbantwin.site.init import init_site
+from urbantwin.site.init_site import init_site
 from urbantwin.site.site import load_site
 
 HERE = SiteFrame(48.7, 9.18)

@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from urbantwin.geometry import SiteFrame
-from urbantwin.scene.furnishing import furnishings
+from urbantwin.scene.map_objects import furnishings
 from urbantwin.site.extract_file import read_extract
 from urbantwin.taxonomy import semantic_id
 

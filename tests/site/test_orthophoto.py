@@ -22,8 +22,8 @@ from urbantwin.download import Limits
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.site import Orthophoto, map_tiles, read_orthophoto
-from urbantwin.site.document import Document
 from urbantwin.site.imagery import ImagerySource, ImagerySpec
+from urbantwin.site.yaml_document import Document
 
 AREA = shapely.box(-30.0, -25.0, 30.0, 25.0)
 #: A white line on dark ground: where ``x cos + y sin`` is this, metres.

@@ -15,12 +15,9 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.progress import Progress, untold
-from urbantwin.roads.component import LeftOut, Part, main_component
 from urbantwin.roads.cross_section import prepare_ways, write_sumo_edges
 from urbantwin.roads.driving_side import country_of
-from urbantwin.roads.heights import RoadSurface, with_heights
-from urbantwin.roads.heights.tilt import with_tilted_widths
-from urbantwin.roads.levels import (
+from urbantwin.roads.grade_separation import (
     Crossing,
     Lift,
     find_crossings,
@@ -28,26 +25,29 @@ from urbantwin.roads.levels import (
     lift_of_network,
     way_layer,
 )
+from urbantwin.roads.heights import RoadSurface, with_heights
+from urbantwin.roads.heights.banked_widths import with_tilted_widths
+from urbantwin.roads.lane_polylines import network_of_model
 from urbantwin.roads.loop import OuterRoads, close_loop
+from urbantwin.roads.main_component import LeftOut, Part, main_component
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.netconvert import sumo_network
 from urbantwin.roads.network import RoadNetwork
-from urbantwin.roads.reading import read_sumo_network
-from urbantwin.roads.redraw import redraw_sumo_network
 from urbantwin.roads.side_lanes import (
     add_side_lanes,
     is_island,
     with_curbs,
     with_island_areas,
 )
-from urbantwin.roads.signals.free_ground import FreeGround
+from urbantwin.roads.signals.country_practice import practice_of
 from urbantwin.roads.signals.heads import stand_signals
-from urbantwin.roads.signals.mapped import mapped_signals
-from urbantwin.roads.signals.practice import practice_of
+from urbantwin.roads.signals.pole_sites import FreeGround
 from urbantwin.roads.signals.programs import hold_for_walkers, set_programs
-from urbantwin.roads.signals.sign import add_signs
+from urbantwin.roads.signals.signalised_junctions import mapped_signals
+from urbantwin.roads.signals.signs import add_signs
 from urbantwin.roads.streets import furnished, planar_model
-from urbantwin.roads.strips import network_of_model
+from urbantwin.roads.sumo_geometry import redraw_sumo_network
+from urbantwin.roads.sumo_network import read_sumo_network
 from urbantwin.site.extract import Extract, Way, WayPiece
 from urbantwin.site.junction import way_lanes
 from urbantwin.site.signals import SignalPlan

@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from urbantwin.scene.tag import count_of, length_m_of
+from urbantwin.scene.tag_values import count_of, length_m_of
 
 __all__ = ["LEVEL_M", "ROOF_TYPES", "Rise", "building_materials", "building_rise", "building_type"]
 

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import shapely
 from shapely import Geometry, MultiPolygon, Polygon
 
-from urbantwin.scene.body import clean_polygons
 from urbantwin.scene.building_height import ROOF_TYPES, building_type
+from urbantwin.scene.extrusion import clean_polygons
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["MappedBuilding", "building_footprints", "mapped_buildings"]

@@ -10,7 +10,6 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from urbantwin.scene.body import Body, clean_polygons
 from urbantwin.scene.building_height import (
     ROOF_TYPES,
     Rise,
@@ -19,8 +18,9 @@ from urbantwin.scene.building_height import (
     building_type,
 )
 from urbantwin.scene.building_outline import MappedBuilding
+from urbantwin.scene.extrusion import Body, clean_polygons
 from urbantwin.scene.roof import RoofTags, roof_facets, roof_span, roof_tags
-from urbantwin.scene.tag import count_of
+from urbantwin.scene.tag_values import count_of
 
 __all__ = ["Volume", "building_volumes"]
 

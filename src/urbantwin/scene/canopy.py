@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 from shapely import Geometry, LineString, Polygon
 
-from urbantwin.scene.body import Body
+from urbantwin.scene.extrusion import Body
 from urbantwin.scene.solids import Solid, box
 
 __all__ = ["arcade_columns", "canopy_posts"]

@@ -11,7 +11,7 @@ from shapely import Geometry, Polygon
 
 from urbantwin.scene.placement import grounded, toward_carriageway
 from urbantwin.scene.solids import Assembly, GroundHeight, box, columns, rods
-from urbantwin.scene.tag import count_of, length_m_of, yaw_of_direction
+from urbantwin.scene.tag_values import count_of, length_m_of, yaw_of_direction
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["add_lamps", "add_wall_lamps", "seeded_lamps"]

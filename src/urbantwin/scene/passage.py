@@ -9,8 +9,8 @@ import numpy as np
 import shapely
 from shapely import Geometry, LineString, Polygon
 
-from urbantwin.scene.body import Body, clean_polygons
-from urbantwin.scene.tag import length_m_of
+from urbantwin.scene.extrusion import Body, clean_polygons
+from urbantwin.scene.tag_values import length_m_of
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["ROAD_CLEARANCE_M", "Opening", "Passage", "open_bodies", "passages_of"]

@@ -21,7 +21,7 @@ from urbantwin.scene.placement import (
 )
 from urbantwin.scene.sign_plate import add_plates, stack_m
 from urbantwin.scene.solids import Assembly, GroundHeight, box, columns
-from urbantwin.scene.tag import length_m_of, yaw_of_direction
+from urbantwin.scene.tag_values import length_m_of, yaw_of_direction
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["bollards", "pole_mesh"]

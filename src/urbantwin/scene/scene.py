@@ -18,7 +18,7 @@ from urbantwin.roads.signals import Head
 from urbantwin.scene.building import building_mesh
 from urbantwin.scene.deck import deck_area, deck_height, deck_mesh, deck_pier_mesh
 from urbantwin.scene.dropped_curb import DroppedCurbs
-from urbantwin.scene.furnishing import furnishings
+from urbantwin.scene.map_objects import furnishings
 from urbantwin.scene.surface import PARTS, Spacing, surface_mesh
 from urbantwin.scene.tree import surveyed_tree_mesh
 from urbantwin.scene.water import water_bodies, with_water

@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import AfterValidator, Field
 
 from urbantwin.site.conditions import Strict
-from urbantwin.site.document import nearest, wrong
+from urbantwin.site.yaml_document import nearest, wrong
 from urbantwin.taxonomy import materials
 
 __all__ = ["Calibration", "Reflectivities"]

@@ -12,7 +12,7 @@ import numpy as np
 
 from urbantwin.artefact import check_file, replaced_file, sha256_of
 from urbantwin.errors import InputError
-from urbantwin.site.pole import PolePosition
+from urbantwin.site.pole_site import PolePosition
 from urbantwin.site.region import FARTHEST_M
 from urbantwin.site.site import load_site
 from urbantwin.site.traffic import DEFAULT_PER_HOUR

@@ -15,8 +15,8 @@ from urbantwin.errors import InputError, readable
 from urbantwin.geometry import SiteFrame
 from urbantwin.progress import Progress
 from urbantwin.site.extract import Extract, Relation, Way
+from urbantwin.site.large_extract import NearExtract
 from urbantwin.site.map_stream import MapStream, ReadingLimits, map_size
-from urbantwin.site.near_extract import NearExtract
 
 __all__ = ["LonLatBox", "box_around", "read_extract"]
 

@@ -9,8 +9,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from urbantwin.site.document import Document, nearest, wrong
 from urbantwin.site.web_source import OriginText, check_origins
+from urbantwin.site.yaml_document import Document, nearest, wrong
 from urbantwin.taxonomy import material_id, semantic_classes
 
 __all__ = [

@@ -10,8 +10,8 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from urbantwin.download import DownloadError, parse_address
-from urbantwin.site.document import Document, wrong
 from urbantwin.site.web_source import OriginText, check_origins
+from urbantwin.site.yaml_document import Document, wrong
 
 __all__ = ["ImagerySource", "ImagerySpec"]
 

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from urbantwin.errors import InputError
-from urbantwin.geometry import SiteFrame
+from urbantwin.geometry import SiteFrame, wrapped
 from urbantwin.number_text import finite_number
-from urbantwin.site.coverage import clusters, local_frame, mapped_area, small_things
 from urbantwin.site.extract import Extract, Way
+from urbantwin.site.extract_coverage import clusters, local_frame, mapped_area, small_things
 
 __all__ = ["STREETS", "JunctionProposal", "meeting_nodes", "propose_junction", "way_lanes"]
 
@@ -271,6 +271,6 @@ def _street_names(arms: list[_Arm]) -> tuple[str, ...]:
     straight_on = ranked[0].angle_deg + 180.0
     ranked[1:] = sorted(
         ranked[1:],
-        key=lambda arm: abs((arm.angle_deg - straight_on + 180.0) % 360.0 - 180.0) < 40.0,
+        key=lambda arm: abs(wrapped(arm.angle_deg - straight_on, 360.0)) < 40.0,
     )
     return tuple(dict.fromkeys(arm.name for arm in ranked))

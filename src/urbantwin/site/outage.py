@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from pydantic import Field, field_validator, model_validator
 
 from urbantwin.site.conditions import Angle, Strict
-from urbantwin.site.document import wrong
+from urbantwin.site.yaml_document import wrong
 
 __all__ = ["OutageSpec"]
 

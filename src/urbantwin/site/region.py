@@ -12,7 +12,7 @@ import shapely.geometry
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.geometry import SiteFrame
+from urbantwin.geometry import SiteFrame, wrapped
 from urbantwin.strict_json import NotJsonError, parse_json
 
 __all__ = ["FARTHEST_M", "circle", "polygon_from_geojson", "polygon_in_site", "read_geojson"]
@@ -168,7 +168,7 @@ def _near(lonlat: NDArray[np.float64], frame: SiteFrame) -> NDArray[np.float64]:
 
     A polygon on another continent keeps its direction and stays far, which is all that counts.
     """
-    east = (lonlat[:, 0] - frame.longitude + 180.0) % 360.0 - 180.0
+    east = wrapped(lonlat[:, 0] - frame.longitude, 360.0)
     offset = np.column_stack([east, lonlat[:, 1] - frame.latitude])
     return np.array([frame.longitude, frame.latitude]) + np.clip(offset, -3.0, 3.0)
 

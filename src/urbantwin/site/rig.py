@@ -12,9 +12,9 @@ from pydantic import AfterValidator, Field, ValidationInfo, field_validator, mod
 from urbantwin.geometry import SiteFrame
 from urbantwin.site.calibration import Calibration, Reflectivities
 from urbantwin.site.conditions import Conditions, Effects, Strict
-from urbantwin.site.document import Document, read_document, wrong
 from urbantwin.site.outage import OutageSpec
-from urbantwin.site.sensor_place import FARTHEST_M, SensorPlace
+from urbantwin.site.sensor_pose import FARTHEST_M, SensorPlace
+from urbantwin.site.yaml_document import Document, read_document, wrong
 from urbantwin.taxonomy import ACTOR_CLASSES
 
 __all__ = [

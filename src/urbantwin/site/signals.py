@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from urbantwin.errors import InputError
-from urbantwin.site.document import Document, wrong
+from urbantwin.site.yaml_document import Document, wrong
 
 __all__ = ["PhaseSpec", "SignalPlan", "SignalSpec", "StateSpec"]
 

@@ -16,7 +16,6 @@ from urbantwin.artefact import sha256_of
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.site.dem import check_dem
-from urbantwin.site.document import Document, read_document, wrong
 from urbantwin.site.extract import Extract
 from urbantwin.site.geometry import GeometrySource, GeometrySpec
 from urbantwin.site.imagery import ImagerySource, ImagerySpec
@@ -30,6 +29,7 @@ from urbantwin.site.region import (
 from urbantwin.site.rig import RigSpec, load_rig_spec, rig_spec_from
 from urbantwin.site.signals import SignalPlan, SignalSpec
 from urbantwin.site.traffic import TrafficSpec
+from urbantwin.site.yaml_document import Document, read_document, wrong
 
 __all__ = ["InputFile", "Site", "check_extract", "load_site"]
 

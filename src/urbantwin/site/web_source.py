@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import AfterValidator
 
 from urbantwin.download import DownloadError, parse_address, parse_origin
-from urbantwin.site.document import wrong
+from urbantwin.site.yaml_document import wrong
 
 __all__ = ["OriginText", "check_origins"]
 

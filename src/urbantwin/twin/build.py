@@ -29,8 +29,8 @@ from urbantwin.site import (
     read_orthophoto,
 )
 from urbantwin.twin.ground import surveyed
+from urbantwin.twin.provenance import made_from
 from urbantwin.twin.sensor_files import kept_rig
-from urbantwin.twin.sources import made_from
 from urbantwin.twin.twin import Twin, load_twin
 
 __all__ = ["build_twin"]

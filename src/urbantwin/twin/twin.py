@@ -18,7 +18,7 @@ from urbantwin.ground import Elevation
 from urbantwin.roads import LaneModel, RoadNetwork
 from urbantwin.roads.sumo_check import check_sumo_network
 from urbantwin.site import RigSpec, load_rig_spec
-from urbantwin.site.document import read_document
+from urbantwin.site.yaml_document import read_document
 from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
 from urbantwin.twin.manifest import KeptSite, TwinManifest, check_region, file_inside
 

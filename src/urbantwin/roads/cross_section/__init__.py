@@ -1,7 +1,7 @@
 """Cross sections: what a way's tags say of its lanes, and how the network gets them."""
 
-from urbantwin.roads.cross_section.interpret import cross_section
-from urbantwin.roads.cross_section.prepare import MappedStretch, PreparedWays, prepare_ways
+from urbantwin.roads.cross_section.from_tags import cross_section
+from urbantwin.roads.cross_section.netconvert_input import MappedStretch, PreparedWays, prepare_ways
 from urbantwin.roads.cross_section.section import (
     CarriagewayLane,
     CrossSection,

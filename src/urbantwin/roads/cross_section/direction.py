@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from urbantwin.roads.cross_section.quantity import count, lane_list
-from urbantwin.roads.cross_section.standard import default_lanes
+from urbantwin.roads.cross_section.defaults import default_lanes
+from urbantwin.roads.cross_section.tag_values import count, lane_list
 
 __all__ = ["DirectionTags", "direction_tags", "one_way"]
 

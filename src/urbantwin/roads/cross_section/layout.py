@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from urbantwin.roads.cross_section.placement import centred_middle
 from urbantwin.roads.cross_section.section import CrossSection
-from urbantwin.roads.cross_section.stretch import Stretch
+from urbantwin.roads.cross_section.segment import Stretch
 
 __all__ = ["Middle", "middles_of"]
 

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from urbantwin.roads.cross_section.layout import Middle
 from urbantwin.roads.cross_section.section import CrossSection
-from urbantwin.roads.cross_section.stretch import Stretch
-from urbantwin.roads.levels import way_layer
+from urbantwin.roads.cross_section.segment import Stretch
+from urbantwin.roads.grade_separation import way_layer
 
 __all__ = ["spaced"]
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.cross_section.layout import Middle
 from urbantwin.roads.cross_section.section import CarriagewayLane, CrossSection
-from urbantwin.roads.cross_section.stretch import Stretch
+from urbantwin.roads.cross_section.segment import Stretch
 from urbantwin.site.extract import WayPiece
 
 __all__ = ["SumoEdge", "sumo_edges", "sumo_tags", "write_sumo_edges"]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from urbantwin.ground import Elevation
-from urbantwin.roads.heights.limits import Limits
+from urbantwin.roads.heights.design_limits import Limits
 from urbantwin.roads.heights.stations import Stations
 from urbantwin.roads.model import ModelRoad
 

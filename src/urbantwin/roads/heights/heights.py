@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.ground import Elevation
-from urbantwin.roads.heights.blend import Base, RoadSurface
-from urbantwin.roads.heights.clash import NO_CLASHES, Clashes, find_clashes
+from urbantwin.roads.grade_separation import Lift
+from urbantwin.roads.heights.connecting_roads import fitted_ways
 from urbantwin.roads.heights.cross_fall import (
     FINE_M,
     cross_falls,
@@ -19,13 +19,13 @@ from urbantwin.roads.heights.cross_fall import (
     smooth_step,
 )
 from urbantwin.roads.heights.design import Pins, designed, profile_slopes, smoothed
+from urbantwin.roads.heights.design_limits import limits_of
 from urbantwin.roads.heights.ground import RoadGround
-from urbantwin.roads.heights.limits import limits_of
-from urbantwin.roads.heights.mouths import levels_at_ends
+from urbantwin.roads.heights.junction_mouth import levels_at_ends
+from urbantwin.roads.heights.overlap import NO_CLASHES, Clashes, find_clashes
 from urbantwin.roads.heights.profiles import hermite_profiles
 from urbantwin.roads.heights.stations import SHARPEST, Stations, stations_of
-from urbantwin.roads.heights.through import fitted_ways
-from urbantwin.roads.levels import Lift
+from urbantwin.roads.heights.surface import Base, RoadSurface
 from urbantwin.roads.model import LaneModel, ModelRoad
 
 __all__ = ["with_heights"]

@@ -13,8 +13,9 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads.build import BuiltRoads
+from urbantwin.roads.grade_separation import Lift
 from urbantwin.roads.heights import RoadSurface, with_heights
-from urbantwin.roads.imported.closed import closed_model
+from urbantwin.roads.imported.closed_loop import closed_model
 from urbantwin.roads.imported.crop import cropped, has_traffic, main_part
 from urbantwin.roads.imported.heights import (
     ModelSurface,
@@ -24,15 +25,14 @@ from urbantwin.roads.imported.heights import (
     raised,
     with_levels,
 )
-from urbantwin.roads.imported.plain import origin_of
+from urbantwin.roads.imported.plain_xml import origin_of
 from urbantwin.roads.imported.read import ImportedMap
 from urbantwin.roads.imported.sumo import sumo_network_of_model
-from urbantwin.roads.levels import Lift
+from urbantwin.roads.lane_polylines import network_of_model
 from urbantwin.roads.model import LaneModel
-from urbantwin.roads.reading import read_sumo_network
-from urbantwin.roads.redraw import redraw_sumo_network
 from urbantwin.roads.signals.programs import set_programs, with_programs
-from urbantwin.roads.strips import network_of_model
+from urbantwin.roads.sumo_geometry import redraw_sumo_network
+from urbantwin.roads.sumo_network import read_sumo_network
 from urbantwin.site.signals import SignalPlan
 
 __all__ = ["PreparedMap", "build_imported_roads", "check_meets", "prepared_map"]

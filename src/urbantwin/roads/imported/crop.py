@@ -9,9 +9,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.roads.component import LeftOut, Part, main_component
-from urbantwin.roads.imported.cut import loosened, part_of_road
 from urbantwin.roads.imported.edges import carries_traffic
+from urbantwin.roads.imported.road_cut import loosened, part_of_road
+from urbantwin.roads.main_component import LeftOut, Part, main_component
 from urbantwin.roads.model import (
     Connection,
     LaneModel,

@@ -10,7 +10,7 @@ import numpy as np
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.imported.read import anchor_of, is_placed, map_format, read_map
 from urbantwin.roads.model import LaneModel
-from urbantwin.roads.opendrive.read import read_opendrive
+from urbantwin.roads.opendrive.reading.read import read_opendrive
 
 __all__ = ["describe_map"]
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from urbantwin.roads.imported.cut import with_border
 from urbantwin.roads.imported.edges import edges_of_model
 from urbantwin.roads.imported.nodes import Nodes, loops
+from urbantwin.roads.imported.road_cut import with_border
 from urbantwin.roads.model import LaneModel
 
 __all__ = ["without_loops"]

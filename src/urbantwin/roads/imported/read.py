@@ -15,8 +15,8 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads import argoverse, lanelet2
 from urbantwin.roads.model import LaneModel
-from urbantwin.roads.opendrive.placed import placed, shifted
-from urbantwin.roads.opendrive.read import ReadMap, read_opendrive
+from urbantwin.roads.opendrive.reading.placement import placed, shifted
+from urbantwin.roads.opendrive.reading.read import ReadMap, read_opendrive
 
 __all__ = [
     "ImportedMap",

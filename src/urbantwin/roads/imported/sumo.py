@@ -12,12 +12,12 @@ from lxml import etree
 
 from urbantwin.roads.imported.crosswalks import Crosswalk, crosswalks_of_model
 from urbantwin.roads.imported.edges import edges_of_model
-from urbantwin.roads.imported.lights import lights_of_model
-from urbantwin.roads.imported.links import Lanes, Place, lane_links
+from urbantwin.roads.imported.lane_links import Lanes, Place, lane_links
 from urbantwin.roads.imported.loops import without_loops
 from urbantwin.roads.imported.nodes import Nodes
-from urbantwin.roads.imported.plain import OUTER, PlainNetwork, junction_outline, write_plain
-from urbantwin.roads.imported.programs import with_programs
+from urbantwin.roads.imported.plain_xml import OUTER, PlainNetwork, junction_outline, write_plain
+from urbantwin.roads.imported.signal_programs import with_programs
+from urbantwin.roads.imported.traffic_lights import lights_of_model
 from urbantwin.roads.model import LaneModel, ModelRoad
 from urbantwin.roads.netconvert import run_netconvert, write_network
 

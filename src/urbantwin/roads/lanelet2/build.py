@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import StageError
+from urbantwin.roads.lanelet2.connecting_road import Gate, Passage, gates_of, passage_of, routes
 from urbantwin.roads.lanelet2.group import Member, groups_of
+from urbantwin.roads.lanelet2.lane_sections import Row
 from urbantwin.roads.lanelet2.lanelet import Lanelet
-from urbantwin.roads.lanelet2.passage import Gate, Passage, gates_of, passage_of, routes
 from urbantwin.roads.lanelet2.plan import Chain, Plan, planned
-from urbantwin.roads.lanelet2.profiles import Row
 from urbantwin.roads.lanelet2.street import Street, StreetTooShort, street_of
 from urbantwin.roads.lanelet2.topology import Topology
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from urbantwin.roads.lanelet2.passage import Passage
+from urbantwin.roads.lanelet2.connecting_road import Passage
 from urbantwin.roads.lanelet2.street import Street
 from urbantwin.roads.model import Connection, ModelJunction, ModelRoad, RoadLink
 

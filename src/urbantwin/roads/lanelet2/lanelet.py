@@ -11,8 +11,8 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.roads.lanelet2.document import Document, Relation
-from urbantwin.roads.lanelet2.places import Places
-from urbantwin.roads.lanelet2.rules import allowed_of, kind_of
+from urbantwin.roads.lanelet2.projection import Places
+from urbantwin.roads.lanelet2.traffic_rules import allowed_of, kind_of
 
 __all__ = ["Lanelet", "bounds_of", "lanelets_of"]
 

@@ -11,17 +11,22 @@ import shapely
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.driving_side import driving_side
+from urbantwin.roads.lanelet2.attributes import facts_of
 from urbantwin.roads.lanelet2.build import Built, LaneAt, built
 from urbantwin.roads.lanelet2.document import Document, read_document
-from urbantwin.roads.lanelet2.facts import facts_of
 from urbantwin.roads.lanelet2.junction import junctions_of
 from urbantwin.roads.lanelet2.lanelet import Lanelet, bounds_of, lanelets_of
-from urbantwin.roads.lanelet2.lights import POSTED, controllers_of, sign_ways, signals_of
-from urbantwin.roads.lanelet2.paint import areas_of, hosts_of, island_ways, stop_lines
-from urbantwin.roads.lanelet2.places import Places, places_of
-from urbantwin.roads.lanelet2.rules import PAINTED
+from urbantwin.roads.lanelet2.markings import areas_of, hosts_of, island_ways, stop_lines
+from urbantwin.roads.lanelet2.projection import Places, places_of
+from urbantwin.roads.lanelet2.regulatory_elements import (
+    POSTED,
+    controllers_of,
+    sign_ways,
+    signals_of,
+)
+from urbantwin.roads.lanelet2.traffic_rules import PAINTED
 from urbantwin.roads.model import LaneModel, ModelRoad
-from urbantwin.roads.model.marks import marked
+from urbantwin.roads.model.lane_marks import marked
 
 __all__ = ["Translation", "read_lanelet2", "translate", "translated"]
 

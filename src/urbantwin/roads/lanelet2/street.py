@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from urbantwin.roads.lanelet2.border import Border, Measured
 from urbantwin.roads.lanelet2.group import Group, Member
+from urbantwin.roads.lanelet2.lane_sections import Row, heights_of, section_of
 from urbantwin.roads.lanelet2.plan import Chain
-from urbantwin.roads.lanelet2.profiles import Row, heights_of, section_of
-from urbantwin.roads.lanelet2.reference import Pose, smooth_curve, trimmed
+from urbantwin.roads.lanelet2.reference_line import Pose, smooth_curve, trimmed
 from urbantwin.roads.lanelet2.track import Track, joined, tracks_of
 from urbantwin.roads.model import Curve, LaneSection, ModelRoad, Profile
 

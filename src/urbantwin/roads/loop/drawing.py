@@ -11,9 +11,9 @@ import numpy as np
 import shapely
 
 from urbantwin.geometry import stations_of_points
-from urbantwin.roads.loop.ends import motor_lanes
-from urbantwin.roads.loop.layout import Ground, Points, unit
-from urbantwin.roads.loop.standard import half_width
+from urbantwin.roads.loop.dimensions import half_width
+from urbantwin.roads.loop.free_space import Ground, Points, unit
+from urbantwin.roads.loop.road_ends import motor_lanes
 from urbantwin.site import WayPiece
 
 __all__ = ["Drawing", "Gate"]

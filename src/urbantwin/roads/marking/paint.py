@@ -14,9 +14,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from urbantwin.roads.marking.give_way import parking_bays, teeth
 from urbantwin.roads.marking.lines import DASH_M, GAP_M, MOTOR, dashes, lane_marks, stop_lines
 from urbantwin.roads.marking.turn_arrow import turn_arrow
-from urbantwin.roads.marking.yielding import parking_bays, teeth
 from urbantwin.roads.marking.zebra import zebra, zebra_of_area
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.network import Lane, RoadNetwork

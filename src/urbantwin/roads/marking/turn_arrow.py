@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from shapely.affinity import affine_transform
 
-from urbantwin.roads.marking.turns import turns
+from urbantwin.roads.marking.lane_turns import turns
 from urbantwin.roads.network import Lane, RoadNetwork
 
 __all__ = ["ARROW_M", "arrow", "arrow_at", "turn_arrow"]

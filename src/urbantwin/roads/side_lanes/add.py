@@ -11,12 +11,12 @@ from numpy.typing import ArrayLike
 
 from urbantwin.roads.cross_section import MappedStretch
 from urbantwin.roads.model import LaneModel, ModelRoad
-from urbantwin.roads.side_lanes.alongside import alongside, by_way
-from urbantwin.roads.side_lanes.beside import lanes_beside
-from urbantwin.roads.side_lanes.insertion import Renumbering, relinked, with_lanes
+from urbantwin.roads.side_lanes.clearance import Room
 from urbantwin.roads.side_lanes.island import BEYOND_M, islands_on, moved_aside, stations_on
+from urbantwin.roads.side_lanes.lane_insertion import Renumbering, relinked, with_lanes
+from urbantwin.roads.side_lanes.map_matching import alongside, by_way
 from urbantwin.roads.side_lanes.median import medians
-from urbantwin.roads.side_lanes.room import Room
+from urbantwin.roads.side_lanes.parking import lanes_beside
 
 __all__ = ["add_side_lanes"]
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from urbantwin.roads.model import RAISED_KINDS, LaneModel, LaneSection, ModelRoad, Profile
-from urbantwin.roads.side_lanes.insertion import Insertion, Renumbering, relinked, with_lanes
+from urbantwin.roads.side_lanes.lane_insertion import Insertion, Renumbering, relinked, with_lanes
 
 __all__ = ["CURB_WIDTH_M", "with_curbs"]
 

@@ -18,8 +18,8 @@ from urbantwin.roads.model import (
     RoadArea,
     SectionLane,
 )
-from urbantwin.roads.side_lanes.insertion import Insertion
-from urbantwin.roads.side_lanes.room import Room
+from urbantwin.roads.side_lanes.clearance import Room
+from urbantwin.roads.side_lanes.lane_insertion import Insertion
 
 __all__ = ["BEYOND_M", "is_island", "islands_on", "moved_aside", "stations_on", "with_island_areas"]
 

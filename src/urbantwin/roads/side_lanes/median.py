@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from urbantwin.roads.model import CURB_HEIGHT_M, LaneModel, ModelRoad, fitted
 from urbantwin.roads.model.curve import all_at, aside
-from urbantwin.roads.side_lanes.insertion import Insertion
-from urbantwin.roads.side_lanes.room import STEP_M
+from urbantwin.roads.side_lanes.clearance import STEP_M
+from urbantwin.roads.side_lanes.lane_insertion import Insertion
 
 __all__ = ["medians"]
 

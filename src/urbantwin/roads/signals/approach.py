@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from urbantwin.geometry import wrapped
 from urbantwin.roads.model import (
     LaneModel,
     ModelRoad,
@@ -265,7 +266,7 @@ def _exit(
         at = way.length if connection.contact == "start" else 0.0
         x, y, heading = way.curve.pose(at)
         end = Frame(x, y, heading + (0.0 if at else math.pi))
-        turn = abs(math.remainder(end.heading - frame.heading, 2 * math.pi))
+        turn = abs(wrapped(end.heading - frame.heading))
         u, _ = frame.locate((x, y))
         if turn < STRAIGHT and u > 3.0 and (best is None or turn < best[0] - 1e-6):
             best = (turn, end, way)

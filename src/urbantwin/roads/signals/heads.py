@@ -10,6 +10,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.geometry import wrapped
+from urbantwin.roads.lane_polylines import SurfaceHeight
 from urbantwin.roads.model import LaneModel, RoadSignal, SignalController
 from urbantwin.roads.network import RoadNetwork
 from urbantwin.roads.signals.approach import (
@@ -18,10 +20,9 @@ from urbantwin.roads.signals.approach import (
     approaches_of,
     stop_lines_within,
 )
-from urbantwin.roads.signals.free_ground import CLEARANCE_M, FreeGround
-from urbantwin.roads.signals.practice import Practice
-from urbantwin.roads.signals.walker_heads import walker_heads
-from urbantwin.roads.strips import SurfaceHeight
+from urbantwin.roads.signals.country_practice import Practice
+from urbantwin.roads.signals.pedestrian_heads import walker_heads
+from urbantwin.roads.signals.pole_sites import CLEARANCE_M, FreeGround
 
 __all__ = ["REACH_M", "stand_signals"]
 
@@ -232,7 +233,7 @@ def _head(
         s = float(np.clip(approach.s + sign * u, 0.0, approach.road.length))
         return replace(common, s=s, t=float(sign * v))
     xy = approach.frame.place(u, v)
-    facing = math.remainder(approach.frame.heading + math.pi, 2 * math.pi)
+    facing = wrapped(approach.frame.heading + math.pi)
     middle = float(np.mean([lane.v for lane in lanes]))
     pose = (float(xy[0, 0]), float(xy[0, 1]), up, facing)
     return replace(common, s=approach.s, t=sign * middle, pose=pose)

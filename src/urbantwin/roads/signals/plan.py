@@ -6,14 +6,14 @@ import math
 from collections.abc import Sequence
 
 from urbantwin.roads.model.furniture import Phase
-from urbantwin.roads.signals.check import (
+from urbantwin.roads.signals.controlled_links import Link, Signalised
+from urbantwin.roads.signals.movements import UnknownWords, crossings, vehicle_links
+from urbantwin.roads.signals.plan_check import (
     WALK_S,
     check_conflicts,
     check_greens,
     checked_states,
 )
-from urbantwin.roads.signals.layout import Link, Signalised
-from urbantwin.roads.signals.words import UnknownWords, crossings, vehicle_links
 from urbantwin.site.signals import PhaseSpec, SignalPlan
 
 __all__ = ["planned"]

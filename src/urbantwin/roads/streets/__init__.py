@@ -1,6 +1,6 @@
 """From netconvert's network to streets and ways through junctions, and what is on them."""
 
 from urbantwin.roads.streets.furniture import furnished
-from urbantwin.roads.streets.planar import planar_model
+from urbantwin.roads.streets.plan_view import planar_model
 
 __all__ = ["furnished", "planar_model"]

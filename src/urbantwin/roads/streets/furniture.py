@@ -11,6 +11,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from urbantwin.roads.lane_polylines import SurfaceHeight
 from urbantwin.roads.model import (
     LaneModel,
     LaneSection,
@@ -21,7 +22,6 @@ from urbantwin.roads.model import (
     SignalController,
 )
 from urbantwin.roads.network import Lane, RoadNetwork, SignalHead
-from urbantwin.roads.strips import SurfaceHeight
 
 __all__ = ["furnished"]
 

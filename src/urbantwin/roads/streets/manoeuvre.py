@@ -304,6 +304,7 @@ class _Joint:
             pose[:2] = x - strip.t * np.sin(heading), y + strip.t * np.cos(heading)
             pose[2] = heading + (0.0 if strip.forward else np.pi)
         turn = poses[1, 2] - poses[0, 2]
+        # `wrapped`, rounded in the order that the curves of every twin so far were made with.
         poses[1, 2] = poses[0, 2] + (turn + np.pi) % (2 * np.pi) - np.pi
         return poses
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from urbantwin.scene.tag import length_m_of
+from urbantwin.scene.tag_values import length_m_of
 
 __all__ = ["Form", "form_of"]
 

@@ -13,7 +13,7 @@ from shapely import Geometry, Point
 from urbantwin.scene.barrier import fence
 from urbantwin.scene.placement import along_nearest, grounded
 from urbantwin.scene.solids import Assembly, GroundHeight, box, rods
-from urbantwin.scene.tag import length_m_of
+from urbantwin.scene.tag_values import length_m_of
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["Opening", "add_openings", "opening_of"]

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from shapely import Geometry, LineString, Polygon
 
 from urbantwin.number_text import whole_number
-from urbantwin.roads.levels import HIGHEST_LAYER
+from urbantwin.roads.grade_separation import HIGHEST_LAYER
 from urbantwin.scene.bridge.decks import Deck, Decks
 from urbantwin.scene.placement import grounded
 from urbantwin.scene.solids import GroundHeight
-from urbantwin.scene.tag import length_m_of
+from urbantwin.scene.tag_values import length_m_of
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["WIDTHS_M", "bridge_decks"]

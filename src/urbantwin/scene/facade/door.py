@@ -9,7 +9,7 @@ import shapely
 from shapely import Point
 
 from urbantwin.scene.face import DOOR, GLASS
-from urbantwin.scene.tag import length_m_of
+from urbantwin.scene.tag_values import length_m_of
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["Door", "mapped_doors"]

@@ -12,7 +12,7 @@ from shapely import Geometry, LineString, Point, Polygon
 
 from urbantwin.scene.placement import along_nearest, grounded
 from urbantwin.scene.solids import Assembly, GroundHeight, box, columns
-from urbantwin.scene.tag import length_m_of
+from urbantwin.scene.tag_values import length_m_of
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["add_gantries"]

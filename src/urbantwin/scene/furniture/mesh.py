@@ -26,7 +26,7 @@ from urbantwin.scene.placement import (
     toward_carriageway,
 )
 from urbantwin.scene.solids import Assembly, GroundHeight
-from urbantwin.scene.tag import yaw_of_direction
+from urbantwin.scene.tag_values import yaw_of_direction
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["furniture_mesh"]

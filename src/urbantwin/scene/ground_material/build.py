@@ -14,7 +14,7 @@ from urbantwin.roads import LaneModel, RoadNetwork
 from urbantwin.scene.ground_material.paint import LevelHeight, paint_layers
 from urbantwin.scene.ground_material.picture import picture_materials
 from urbantwin.scene.ground_material.rasterise import cells_of_layer, layer_of_cells
-from urbantwin.scene.ground_material.seen import ground_heights
+from urbantwin.scene.ground_material.visible_ground import ground_heights
 from urbantwin.site import Orthophoto
 
 __all__ = ["GroundMaterials", "ground_materials", "surface_materials"]

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
 from urbantwin.geometry import LabelledMesh, MaterialLayer
-from urbantwin.scene.ground_material.cover import covers_in_picture, means
+from urbantwin.scene.ground_material.land_cover import covers_in_picture, means
+from urbantwin.scene.ground_material.paint_in_picture import paint_in_picture
 from urbantwin.scene.ground_material.rasterise import layer_of_cells
-from urbantwin.scene.ground_material.road_paint import paint_in_picture
-from urbantwin.scene.ground_material.seen import CARRIAGEWAY, SeenGround, seen_ground
+from urbantwin.scene.ground_material.visible_ground import CARRIAGEWAY, SeenGround, seen_ground
 from urbantwin.site import Orthophoto
 from urbantwin.taxonomy import material_id, materials
 

@@ -16,7 +16,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from urbantwin.scene.tag import angle_deg_of, count_of, length_m_of, yaw_of_direction
+from urbantwin.scene.tag_values import angle_deg_of, count_of, length_m_of, yaw_of_direction
 
 __all__ = ["SHAPES", "RoofTags", "roof_tags", "roof_yaw"]
 

@@ -16,7 +16,7 @@ from urbantwin.geometry import LabelledMesh
 from urbantwin.scene.building import building_footprints
 from urbantwin.scene.placement import beside_carriageway, grounded, left_of_map
 from urbantwin.scene.solids import Assembly, GroundHeight
-from urbantwin.scene.tag import length_m_of
+from urbantwin.scene.tag_values import length_m_of
 from urbantwin.scene.tree.growth import GrownTree, grow
 from urbantwin.scene.tree.shrub import bushes
 from urbantwin.scene.tree.size import mapped_size

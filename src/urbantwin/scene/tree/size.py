@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 
-from urbantwin.scene.tag import length_m_of
+from urbantwin.scene.tag_values import length_m_of
 from urbantwin.scene.tree.genus import Genus, genus_of
 
 __all__ = ["TreeSize", "mapped_size", "surveyed_size"]

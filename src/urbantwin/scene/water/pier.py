@@ -13,7 +13,7 @@ from urbantwin.geometry import LabelledMesh
 from urbantwin.scene.placement import grounded, left_of_map
 from urbantwin.scene.slab import plain_polygons, slab
 from urbantwin.scene.solids import Assembly, GroundHeight, columns
-from urbantwin.scene.tag import length_m_of
+from urbantwin.scene.tag_values import length_m_of
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["pier_mesh"]

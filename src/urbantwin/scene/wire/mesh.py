@@ -9,9 +9,9 @@ from shapely import Geometry, Polygon
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.scene.solids import Assembly, GroundHeight
-from urbantwin.scene.wire.hung import add_hung
-from urbantwin.scene.wire.overhead import add_overhead
+from urbantwin.scene.wire.contact_line import add_overhead
 from urbantwin.scene.wire.power import add_power_lines
+from urbantwin.scene.wire.span_wire import add_hung
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["wire_mesh"]

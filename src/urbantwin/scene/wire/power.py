@@ -13,7 +13,7 @@ from shapely import LineString, Point, Polygon
 from urbantwin.number_text import whole_number
 from urbantwin.scene.placement import grounded
 from urbantwin.scene.solids import Assembly, GroundHeight, Solid, box, columns, rods
-from urbantwin.scene.tag import count_of, length_m_of
+from urbantwin.scene.tag_values import count_of, length_m_of
 from urbantwin.scene.wire.catenary import hanging, wire_solid
 from urbantwin.site.extract import OsmFeature
 
