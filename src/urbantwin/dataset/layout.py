@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact.document import read_json_value
 from urbantwin.errors import InputError
+from urbantwin.geometry import wrapped
 from urbantwin.lidar import BoxLabel, LabelledFrame
 
 __all__ = ["FOLDERS", "RAY_TYPE", "frame_name", "label_lines", "write_frame"]
@@ -166,7 +167,7 @@ BOX_FIELDS = ("x", "y", "z", "length", "width", "height", "yaw")
 
 def _normal(box: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the box with its yaw in [-pi, pi)."""
-    return np.append(box[:6], (box[6] + np.pi) % (2 * np.pi) - np.pi)
+    return np.append(box[:6], wrapped(box[6:]))
 
 
 def _plain(value: float) -> float:

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.geometry import Pose, rotation_from_ypr
+from urbantwin.geometry import Pose, rotation_from_ypr, wrapped
 from urbantwin.lidar import PosedActor
 from urbantwin.lidar.actor_path import ActorPath
 
@@ -76,7 +76,7 @@ def interpolated(before: Rows, after: Rows, share: float, step_s: float) -> Rows
     rows: Rows = (a if share < 0.5 else b).copy()
     for name in _LINEAR:
         rows[name] = a[name] + share * (b[name] - a[name])
-    turn = (b["yaw"] - a["yaw"] + np.pi) % (2 * np.pi) - np.pi
+    turn = wrapped(b["yaw"] - a["yaw"])
     rows["yaw"] = a["yaw"] + share * turn
     return rows
 

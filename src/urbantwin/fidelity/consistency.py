@@ -18,6 +18,7 @@ from urbantwin.fidelity.plan_match import (
     standing,
 )
 from urbantwin.fidelity.sensor_match import doubts_about_sensors
+from urbantwin.geometry import wrapped
 
 __all__ = ["doubts_about"]
 
@@ -271,7 +272,7 @@ def _mirror_said(degrees: float, motion: PlanMotion) -> str:
         90: "(x and y exchanged): exchange them",
         270: "(x and y exchanged, with signs): take x = -y and y = -x",
     }[nearest]
-    if abs((degrees - nearest + 180) % 360 - 180) > _TURN_DEG:
+    if abs(wrapped(degrees - nearest, 360.0)) > _TURN_DEG:
         what = f"and rotated: multiply y by -1, then turn by {degrees:.0f} degrees about z"
     return f"The real frames look mirrored {what}."
 
@@ -294,7 +295,7 @@ def _axes_said(mine: _Upright, its: _Upright, placed: _Placed) -> list[str]:
             turn[:2, :2] = placed.motion.matrix
             left = np.degrees(placed.motion.yaw)
             nearest = np.round(turn @ axes)
-            if abs((left + 45) % 90 - 45) < _TURN_DEG:
+            if abs(wrapped(float(left), 90.0)) < _TURN_DEG:
                 how = f"take {_named(nearest)}"
             else:
                 how = f"take {_named(axes)}, then turn by {left:.0f} degrees about z"

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from urbantwin.geometry import wrapped
 from urbantwin.roads import RoadNetwork
 from urbantwin.roads.marking.lines import placed
 from urbantwin.roads.model import LaneModel, RoadSignal
@@ -104,4 +105,4 @@ def _stands(model: LaneModel, signal: RoadSignal) -> tuple[float, float, float]:
     x, y, heading = (float(value) for value in model.road_by_id[signal.road].curve.at(signal.s)[0])
     x, y = x - signal.t * np.sin(heading), y + signal.t * np.cos(heading)
     yaw = heading + (np.pi if signal.orientation == "-" else 0.0)
-    return float(x), float(y), float((yaw + np.pi) % (2 * np.pi) - np.pi)
+    return float(x), float(y), wrapped(float(yaw))

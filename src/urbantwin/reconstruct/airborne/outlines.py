@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, binary_opening, label
 from scipy.spatial import cKDTree
 
+from urbantwin.geometry import wrapped
 from urbantwin.reconstruct.airborne.raster import Raster
 
 __all__ = ["SMALLEST_M2", "cut_blocks", "find_outlines", "is_plane_like"]
@@ -204,7 +205,7 @@ def _squared(
         band = beside & (np.abs(out) < 1.6 * step)
         reach = np.percentile(out[band], 95) + 0.3 * spacing if band.sum() > 5 else 0.0
         offset = float(middle[k] @ normal + reach)
-        turn = (direction[k] - lines[-1][0] + np.pi) % (2 * np.pi) - np.pi if lines else 1.0
+        turn = wrapped(direction[k] - lines[-1][0]) if lines else 1.0
         if lines and abs(turn) < 1e-3 and abs(lines[-1][1] - offset) < 1.5 * step:
             continue
         lines.append((float(direction[k]), offset))

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 from scipy.spatial import cKDTree
 
+from urbantwin.geometry import wrapped
+
 __all__ = ["RoofLine", "main_directions", "roof_lines"]
 
 #: Between nodes of the map of labels, metres.
@@ -54,7 +56,7 @@ def main_directions(outline: shapely.Polygon) -> NDArray[np.float64]:
     weights: list[float] = []
     for k in np.argsort(-length, kind="stable").tolist():
         for j, other in enumerate(chosen):
-            turn = (angle[k] - other + np.pi / 2) % np.pi - np.pi / 2
+            turn = wrapped(angle[k] - other, np.pi)
             if abs(turn) < np.radians(4.0):
                 weights[j] += length[k]
                 break
