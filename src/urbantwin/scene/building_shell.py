@@ -19,11 +19,10 @@ from numpy.typing import NDArray
 from shapely import LineString, Polygon
 
 from urbantwin.geometry import area_intersection
-from urbantwin.geometry.manifold import is_closed
+from urbantwin.geometry.manifold import is_closed, with_simple_edges
 from urbantwin.scene.extrusion import Body, rings_of, triangulate
 from urbantwin.scene.facade.wall import Opening, Wall, WallMesh, wall_mesh
 from urbantwin.scene.face import FLOOR, ROOF, WALL
-from urbantwin.scene.manifold import with_simple_edges
 from urbantwin.scene.roof.facet import Facet
 from urbantwin.scene.solids import Solid
 
@@ -139,7 +138,7 @@ class ShellPlan:
             count += len(mesh.vertices)
         solid = Solid(np.concatenate(places), np.concatenate(pieces).astype(np.int32))
         if not is_closed(solid.faces):
-            solid = with_simple_edges(solid)
+            solid = Solid(*with_simple_edges(solid.vertices, solid.faces))
         return Shell(solid, np.concatenate(own_kind), np.concatenate(own_body))
 
     def _corner(self, x: float, y: float) -> int:

@@ -13,7 +13,7 @@ from pyproj.exceptions import ProjError
 
 from urbantwin.errors import InputError, readable
 
-__all__ = ["opened_geotiff"]
+__all__ = ["files_beside", "opened_geotiff"]
 
 #: Bytes of pixels that any file may claim, and how many more than it has one may that is packed:
 #: the best that Deflate does is 1032.
@@ -70,3 +70,18 @@ def _check_size(raster: Any, path: Path, expected: str) -> None:  # noqa: ANN401
             file=path,
             expected=expected,
         )
+
+
+def files_beside(path: Path) -> list[Path]:
+    """Return what GDAL reads with a GeoTIFF (``.tfw``, ``.ovr``, ``.aux.xml``), without itself."""
+    import rasterio
+    from rasterio.errors import NotGeoreferencedWarning, RasterioError
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", NotGeoreferencedWarning)
+            with rasterio.open(path, driver="GTiff") as raster:
+                named = [Path(name) for name in raster.files]
+    except RasterioError:
+        return []  # Whoever reads its values says what is wrong with it.
+    return sorted(one for one in named if one.name != path.name and one.is_file())

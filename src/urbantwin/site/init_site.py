@@ -12,23 +12,25 @@ from pyproj import Geod
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.progress import Progress, between, untold
-from urbantwin.site.draft import SiteDraft, checked_target, usual_volumes, write_draft
+from urbantwin.site.draft import (
+    RADIUS_M,
+    GivenPlace,
+    SiteDraft,
+    check_target,
+    usual_volumes,
+    write_draft,
+)
 from urbantwin.site.extract import Extract
 from urbantwin.site.extract_coverage import mapped_area
 from urbantwin.site.extract_file import LonLatBox, box_around, read_extract
 from urbantwin.site.junction import STREETS, propose_junction, way_lanes
 from urbantwin.site.pole_site import propose_pole
-from urbantwin.site.region import (
-    circle,
-    polygon_from_geojson,
-    polygon_in_site,
-    read_geojson,
-)
+from urbantwin.site.region import circle
 
 __all__ = ["init_site"]
 
-#: The usual radius of a region, and the least that leaves room for traffic to queue, metres.
-RADIUS_M, LEAST_RADIUS_M = 150.0, 100.0
+#: The least radius of a region that leaves room for traffic to queue, metres.
+LEAST_RADIUS_M = 100.0
 #: A region whose circle is mapped to less than this is made smaller.
 _MAPPED_SHARE = 0.6
 
@@ -72,21 +74,17 @@ def init_site(
         InputError: the extract or the region is wrong, the place is not in the extract, or there
             is a ``site.yaml`` already.
     """
-    checked_target(folder, region, radius_m, force=force)
-    polygon = None
-    if region is not None:
-        polygon = polygon_from_geojson(read_geojson(region), file=region)
+    check_target(folder, force=force)
+    given = GivenPlace.checked(latitude, longitude, region, radius_m)
     tell = progress or untold
-    near = _near(latitude, longitude, polygon, radius_m or RADIUS_M, region or folder)
+    near = _near(given)
     extract = read_extract(osm, near, progress=between(tell, 0.0, 0.8))
     tell(0.8, "looking for the place")
-    place = _place(extract, latitude, longitude, polygon)
+    place = _place(extract, given)
     frame = SiteFrame(place.latitude, place.longitude)
-    if polygon is None:
-        radius = _radius(extract, frame) if radius_m is None else radius_m
-        shape = circle(radius)
-    else:
-        shape = polygon_in_site(polygon, frame, file=region or folder)
+    radius = radius_m
+    if radius is None:
+        radius = RADIUS_M if region else _radius(extract, frame)
     draft = SiteDraft(
         title=place.title,
         why=place.why,
@@ -96,39 +94,29 @@ def init_site(
         osm=osm,
         roads=None,
         anchor_m=None,
-        per_hour=_per_hour(extract, frame, shape),
+        per_hour=_per_hour(extract, frame, given.region(frame, radius)),
         pole=propose_pole(extract, frame),
     )
     return write_draft(folder, draft, force=force)
 
 
-def _near(
-    latitude: float | None,
-    longitude: float | None,
-    polygon: shapely.Polygon | None,
-    radius_m: float,
-    file: Path,
-) -> LonLatBox | None:
+def _near(given: GivenPlace) -> LonLatBox | None:
     """Return the box in degrees that is looked at, if it is known before the map is read."""
-    if latitude is not None and longitude is not None:
-        if not (abs(latitude) <= 89.0 and abs(longitude) <= 180.0):  # nor NaN
+    if given.point is not None:
+        # Nearer to a pole there is no box about a point.
+        if abs(given.point[0]) > 89.0:
             return None
-        return box_around(SiteFrame(latitude, longitude), circle(radius_m))
-    if polygon is None:
+        return box_around(SiteFrame(*given.point), circle(given.radius_m or RADIUS_M))
+    if given.polygon is None:
         return None
-    middle = polygon.centroid
+    middle = given.polygon.centroid
     frame = SiteFrame(middle.y, middle.x)
-    return box_around(frame, polygon_in_site(polygon, frame, file=file))
+    return box_around(frame, given.region(frame, RADIUS_M))
 
 
-def _place(
-    extract: Extract,
-    latitude: float | None,
-    longitude: float | None,
-    polygon: shapely.Polygon | None,
-) -> _Place:
-    if latitude is None and longitude is None:
-        found = propose_junction(extract, polygon)
+def _place(extract: Extract, given: GivenPlace) -> _Place:
+    if given.point is None:
+        found = propose_junction(extract, given.polygon)
         kind = "signalised " if found.signalised else ""
         lights = (
             f"{found.signals} mapped signals" if found.signals else "no signals in this extract"
@@ -136,11 +124,7 @@ def _place(
         why = f"The busiest {kind}junction that is mapped all around: {found.arms} arms, {lights}."
         title = " / ".join(found.names[:2]) or "Junction"
         return _Place(found.latitude, found.longitude, title, why)
-    if latitude is None or longitude is None:
-        raise InputError("latitude and longitude go together", expected="both or neither")
-    for name, value, most in (("latitude", latitude, 90.0), ("longitude", longitude, 180.0)):
-        if not -most <= value <= most:
-            raise InputError(f"{name} {value:g} is out of range", expected=f"-{most:g} to {most:g}")
+    latitude, longitude = given.point
     nodes = np.array(list(extract.nodes.values()))
     if not len(nodes):
         raise InputError(

@@ -9,7 +9,7 @@ from typing import Any
 
 from urbantwin.artefact import sha256_of
 from urbantwin.site import Site
-from urbantwin.site.raster_files import files_beside
+from urbantwin.site.geotiff import files_beside
 from urbantwin.twin.sensor_files import pattern_beside, sensor_file
 
 __all__ = ["made_from", "rig_and_files", "without_secrets"]

@@ -32,19 +32,17 @@ from urbantwin.roads.imported.read import (
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.opendrive.reading.placement import crs_of
 from urbantwin.roads.opendrive.reading.read import ReadMap, read_opendrive
-from urbantwin.site.draft import SiteDraft, checked_target, write_draft
+from urbantwin.site.draft import RADIUS_M, GivenPlace, SiteDraft, check_target, write_draft
 from urbantwin.site.extract import OsmFeature
 from urbantwin.site.extract_file import box_around, read_extract
 from urbantwin.site.pole_site import features_around, place_pole
-from urbantwin.site.region import circle, polygon_from_geojson, polygon_in_site, read_geojson
+from urbantwin.site.region import circle
 
 __all__ = ["init_site_of_map"]
 
 #: From x, y (N, 2) of a map to longitude and latitude (N, 2), degrees.
 ToDegrees = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
-#: The usual radius of a region, metres.
-RADIUS_M = 150.0
 #: Kerbs are rounded where streets meet: corners closer than this to both are paved, metres.
 CORNER_M = 6.0
 #: What is farther from the anchor than this leaves a pole alone, metres.
@@ -86,26 +84,23 @@ def init_site_of_map(  # noqa: PLR0913 - every one is a person's choice
         InputError: a file or the region is wrong, the place is not on the map, or there is a
             ``site.yaml`` already.
     """
-    checked_target(folder, region, radius_m, force=force)
-    polygon = polygon_from_geojson(read_geojson(region), file=region) if region else None
-    given = _given(latitude, longitude)
+    check_target(folder, force=force)
+    given = GivenPlace.checked(latitude, longitude, region, radius_m)
     read = read_opendrive(roads) if map_format(roads) == "OpenDRIVE" else None
-    frame, anchor_m, found = _anchor(roads, read, given, polygon)
+    frame, anchor_m, found = _anchor(roads, read, given)
     if read is None:
         imported = read_map(roads, frame, anchor_m)
     else:
         imported = placed_map(roads, read, frame, anchor_m)
     radius = RADIUS_M if radius_m is None else radius_m
-    shape = circle(radius)
-    if polygon is not None and region is not None:
-        shape = polygon_in_site(polygon, frame, file=region)
+    shape = given.region(frame, radius)
     check_meets(imported, shape)
     features = _features(osm, frame, shape, progress or untold) if osm else []
     around = cropped(imported.model, circle(AROUND_M))
     paved = paved_area(around).buffer(CORNER_M).buffer(-CORNER_M)
     draft = SiteDraft(
         title=" / ".join(found.names[:2]) or roads.name.split(".")[0],
-        why=_why(found, given, anchor_m),
+        why=_why(found, anchor_m, given=given.point is not None),
         latitude=frame.latitude,
         longitude=frame.longitude,
         region=radius if region is None else region,
@@ -125,37 +120,25 @@ def _features(
     return features_around(extract, frame)
 
 
-def _given(latitude: float | None, longitude: float | None) -> tuple[float, float] | None:
-    if latitude is None and longitude is None:
-        return None
-    if latitude is None or longitude is None:
-        raise InputError("latitude and longitude go together", expected="both or neither")
-    for name, value, most in (("latitude", latitude, 90.0), ("longitude", longitude, 180.0)):
-        if not -most <= value <= most:
-            raise InputError(f"{name} {value:g} is out of range", expected=f"-{most:g} to {most:g}")
-    return latitude, longitude
-
-
 def _anchor(
     path: Path,
     read: ReadMap | None,
-    given: tuple[float, float] | None,
-    polygon: shapely.Polygon | None,
+    given: GivenPlace,
 ) -> tuple[SiteFrame, tuple[float, float] | None, MapJunction]:
     """Return the site frame, the map's x, y of the anchor if it needs them, and the junction."""
-    model, degrees = _on_earth(path, read, given)
+    model, degrees = _on_earth(path, read, given.point)
     if not has_traffic(model):
         raise InputError(
             "holds no lanes that traffic could use",
             file=path,
             expected="roads with lanes of the type driving",
         )
-    found = _junction(path, model, degrees, polygon)
+    found = _junction(path, model, degrees, given.polygon)
     if degrees is None:
         x, y = (round(value, METRES) for value in found.place)
-        return SiteFrame(*(given or (0.0, 0.0))), (x, y), found
-    if given is not None:
-        return SiteFrame(*given), None, found
+        return SiteFrame(*(given.point or (0.0, 0.0))), (x, y), found
+    if given.point is not None:
+        return SiteFrame(*given.point), None, found
     longitude, latitude = degrees(np.array([found.place]))[0]
     if not np.isfinite([longitude, latitude]).all():
         raise InputError("lies where its georeference does not hold", file=path)
@@ -199,13 +182,11 @@ def _junction(
     return found
 
 
-def _why(
-    found: MapJunction, given: tuple[float, float] | None, anchor_m: tuple[float, float] | None
-) -> str:
+def _why(found: MapJunction, anchor_m: tuple[float, float] | None, *, given: bool) -> str:
     kind = "signalised " if found.signals else ""
     lights = f"{found.signals} signals" if found.signals else "no signals on this map"
     busiest = f"The busiest {kind}junction of the map: {found.arms} roads meet, {lights}."
     if anchor_m is None:
-        return busiest if given is None else "As given."
+        return "As given." if given else busiest
     where = "It lies where you said" if given else "0, 0 is assumed: put in where it is"
     return f"{busiest}\n# The map does not say where on earth it lies. {where}."

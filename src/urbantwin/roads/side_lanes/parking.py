@@ -11,10 +11,15 @@ from urbantwin.roads.model import RAISED_KINDS, ModelRoad, Profile
 from urbantwin.roads.side_lanes.clearance import Room
 from urbantwin.roads.side_lanes.lane_insertion import Insertion
 from urbantwin.roads.side_lanes.map_matching import Alongside
-from urbantwin.roads.side_lanes.parking_law import clear_of_junction
 
 __all__ = ["lanes_beside"]
 
+#: No parking within so many metres of a junction or the crossing before it. Germany: StVO
+#: section 12 (3), 5 m. United States: Uniform Vehicle Code 11-1003, 20 ft from a crosswalk at an
+#: intersection. Australia: Australian Road Rules 170, 10 m. United Kingdom: Highway Code 243,
+#: 10 m. Taiwan: Road Traffic Safety Rules 111, 10 m. Japan: Road Traffic Act 44, 5 m. Elsewhere:
+#: Vienna Convention on Road Traffic, article 23, 5 m.
+CLEAR_M = {"US": 6.1, "CA": 6.1, "AU": 10.0, "NZ": 6.0, "GB": 10.0, "IE": 5.0, "TW": 10.0}
 #: The shortest side lane without its tapers: one parallel space, metres.
 SHORTEST_M = 5.5
 #: Tapers: parking begins and ends over its own depth, shoulders over ten times their width.
@@ -52,7 +57,7 @@ def lanes_beside(
         walk = _has_walk(road, side)
         for kind, clear, slant in (
             ("shoulder", 0.0, SHOULDER_SLANT),
-            ("parking", clear_of_junction(country), 1.0),
+            ("parking", _clear_of_junction(country), 1.0),
         ):
             runs = _runs(parts, side, kind)
             if kind == "parking":
@@ -178,3 +183,12 @@ def _tapered(width: float, length: float, up: float, down: float) -> Profile:
         starts.append(length - down)
         rows.append(Profile.ramp(width, 0.0, down).abcd[0])
     return Profile(np.array(starts), np.array(rows))
+
+
+def _clear_of_junction(country: str) -> float:
+    """Return how near to a junction nobody may park, metres.
+
+    Args:
+        country: ISO 3166-1 alpha-2; empty if unknown.
+    """
+    return CLEAR_M.get(country, 5.0)

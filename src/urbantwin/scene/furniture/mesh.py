@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from shapely import Geometry, LineString, Point, Polygon
 
 from urbantwin.geometry import LabelledMesh
-from urbantwin.scene.furniture.basin import add_basin
 from urbantwin.scene.furniture.gantry import add_gantries
-from urbantwin.scene.furniture.monument import fountain, monument, monument_kind
+from urbantwin.scene.furniture.monument import add_basin, fountain, monument, monument_kind
 from urbantwin.scene.furniture.piece import Piece, add_pieces, moved
 from urbantwin.scene.furniture.shelter import SHELTER_M, cycle_stands, oriented, shelter
 from urbantwin.scene.furniture.street import STREET

@@ -21,7 +21,7 @@ from urbantwin.roads.opendrive.reading.lateral_profile import read_heights
 from urbantwin.roads.opendrive.reading.links import Link, joined, read_links
 from urbantwin.roads.opendrive.reading.objects import Outline, read_outlines
 from urbantwin.roads.opendrive.reading.parsing import Log, Spot, id_number
-from urbantwin.roads.opendrive.reading.placement import placed, shifted
+from urbantwin.roads.opendrive.reading.placement import shifted
 from urbantwin.roads.opendrive.reading.plan_view import read_curve
 from urbantwin.roads.opendrive.reading.signal_references import Reference, read_references, referred
 from urbantwin.roads.opendrive.reading.signals import Program, Sign, read_program, read_signs
