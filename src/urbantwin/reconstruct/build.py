@@ -19,7 +19,7 @@ from urbantwin.reconstruct.cleaning import CleaningPicture, cleaned, cleaned_clo
 from urbantwin.reconstruct.formats import read_model
 from urbantwin.reconstruct.georeference import SiteHeights, placed
 from urbantwin.reconstruct.model import ImportedModel, PointCloud
-from urbantwin.reconstruct.plausible import implausible_size, refuse_upside_down
+from urbantwin.reconstruct.plausibility import implausible_size, refuse_upside_down
 from urbantwin.reconstruct.reconstruction import Reconstruction, SourceFigures, SurveyedTree
 from urbantwin.reconstruct.surroundings import Surroundings
 from urbantwin.site import GeometrySource

@@ -15,7 +15,7 @@ from pyproj.exceptions import ProjError
 from urbantwin.artefact import as_json
 from urbantwin.geometry import SiteFrame
 from urbantwin.reconstruct.formats import read_model
-from urbantwin.reconstruct.formats.kind import kind_of
+from urbantwin.reconstruct.formats.file_type import kind_of
 from urbantwin.reconstruct.georeference.axes import axes_of
 from urbantwin.reconstruct.model import ImportedModel
 from urbantwin.reconstruct.tiles3d import middle_of_tileset

@@ -16,7 +16,7 @@ from urbantwin.reconstruct.classify.colours import default_material, material_of
 from urbantwin.reconstruct.classify.names import labels_of_names
 from urbantwin.reconstruct.classify.shape import classes_by_shape
 from urbantwin.reconstruct.classify.terrain import STEP_M, Terrain, terrain_of
-from urbantwin.reconstruct.cleaning.connected import pieces_of
+from urbantwin.reconstruct.cleaning.connected_components import pieces_of
 from urbantwin.reconstruct.cleaning.rays import Rays
 from urbantwin.reconstruct.cleaning.weld import selected, welded
 from urbantwin.reconstruct.model import TriangleMesh

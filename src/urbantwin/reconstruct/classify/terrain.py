@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 
 from urbantwin.ground import Elevation
 from urbantwin.reconstruct.cleaning.bare_earth import bare_earth
-from urbantwin.reconstruct.cleaning.grid import Grid, filled
+from urbantwin.reconstruct.cleaning.height_grid import Grid, filled
 from urbantwin.reconstruct.cleaning.rays import Rays
 from urbantwin.reconstruct.model import TriangleMesh
 

@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import NDArray
 from scipy.ndimage import binary_opening, find_objects, label, maximum_filter
 
-from urbantwin.reconstruct.cleaning.street import REACH_M, Street
+from urbantwin.reconstruct.cleaning.street_surface import REACH_M, Street
 
 __all__ = ["Blob", "find_blobs", "vehicle_kind"]
 

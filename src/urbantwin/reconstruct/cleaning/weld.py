@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.reconstruct.cleaning.corner import every_corner
+from urbantwin.reconstruct.cleaning.triangle_corners import every_corner
 from urbantwin.reconstruct.model import TriangleMesh
 
 __all__ = ["WELD_M", "areas_of_faces", "cleared", "selected", "welded"]

@@ -15,7 +15,12 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.number_text import plain_number
-from urbantwin.reconstruct.formats.sound import MOST_POINTS, content_of, count_within, sound_points
+from urbantwin.reconstruct.formats.validity import (
+    MOST_POINTS,
+    check_coordinates,
+    content_of,
+    count_within,
+)
 from urbantwin.reconstruct.model import ImportedModel, PointCloud
 
 __all__ = ["camera_centres", "read_sparse_points", "sparse_folder"]
@@ -50,7 +55,7 @@ def read_sparse_points(folder: Path) -> ImportedModel:
         points, colour = _text_points(path)
     if not len(points):
         raise InputError("holds no point", file=path, expected="a sparse model")
-    sound_points(points, path, "point")
+    check_coordinates(points, path, "point")
     cloud = PointCloud(points, colour)
     return ImportedModel(cloud=cloud, notes={"points": len(points)}, files=content_of(path))
 

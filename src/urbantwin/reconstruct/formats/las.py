@@ -15,7 +15,7 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.reconstruct.formats.coordinate_system import compound
 from urbantwin.reconstruct.formats.las_sizes import checked_sizes
 from urbantwin.reconstruct.formats.region_bounds import bounds_in
-from urbantwin.reconstruct.formats.sound import FARTHEST, MOST_POINTS, content_of, count_within
+from urbantwin.reconstruct.formats.validity import FARTHEST, MOST_POINTS, content_of, count_within
 from urbantwin.reconstruct.model import ImportedModel, PointCloud
 
 __all__ = ["read_las"]

@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.geometry.ply import Table, read_header, read_tables
-from urbantwin.reconstruct.formats.polygons import cut_polygons
-from urbantwin.reconstruct.formats.sound import (
+from urbantwin.reconstruct.formats.texture import beside, picture_of, texture_colours
+from urbantwin.reconstruct.formats.triangulation import triangulated
+from urbantwin.reconstruct.formats.validity import (
     MOST_POINTS,
     MOST_TRIANGLES,
+    check_coordinates,
     content_of,
     count_within,
-    sound_faces,
-    sound_points,
+    valid_faces,
 )
-from urbantwin.reconstruct.formats.texture import beside, picture_of, texture_colours
 from urbantwin.reconstruct.model import ImportedModel, PointCloud, TriangleMesh
 
 __all__ = ["read_ply"]
@@ -53,7 +53,7 @@ def read_ply(path: Path) -> ImportedModel:
     if not {"x", "y", "z"} <= vertex.columns.keys():
         raise InputError("has vertices without x, y and z", file=path, expected="them")
     points = np.column_stack([vertex.columns[name].astype(np.float64) for name in "xyz"])
-    sound_points(points, path)
+    check_coordinates(points, path)
     painted = _painted(vertex)
     face = tables.get("face")
     files = content_of(path)
@@ -105,9 +105,9 @@ def _mesh(
         inside = np.clip(corner[used], 0, len(points) - 1)
         _, ring = np.unique(owner_of[used], return_inverse=True)
         which = np.flatnonzero(large)
-        index, owner = cut_polygons(points[inside], ring, np.arange(len(which)))
+        index, owner = triangulated(points[inside], ring, np.arange(len(which)))
         index, owner = used[index], which[owner]
-    faces, kept = sound_faces(corner[index], len(points), path)
+    faces, kept = valid_faces(corner[index], len(points), path)
     if not len(faces):
         raise InputError("holds no triangle", file=path, expected="a PLY model")
     owner = owner[kept]

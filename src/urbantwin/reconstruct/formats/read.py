@@ -19,18 +19,18 @@ from urbantwin.reconstruct.formats.cityjson import read_cityjson
 from urbantwin.reconstruct.formats.colmap import camera_centres, read_sparse_points, sparse_folder
 from urbantwin.reconstruct.formats.coordinate_system import crs_of
 from urbantwin.reconstruct.formats.fbx import read_fbx
+from urbantwin.reconstruct.formats.file_type import kind_of
 from urbantwin.reconstruct.formats.geotagged_images import fitted_places, image_places
-from urbantwin.reconstruct.formats.joined import joined, moved, point_sample
-from urbantwin.reconstruct.formats.kind import kind_of
 from urbantwin.reconstruct.formats.las import read_las
+from urbantwin.reconstruct.formats.merging import joined, moved, point_sample
 from urbantwin.reconstruct.formats.photogrammetry import model_files
 from urbantwin.reconstruct.formats.ply import read_ply
 from urbantwin.reconstruct.formats.reality_capture import info_beside, reading_at
 from urbantwin.reconstruct.formats.sidecar import placement_beside
-from urbantwin.reconstruct.formats.sound import content_of
 from urbantwin.reconstruct.formats.stl import read_stl
 from urbantwin.reconstruct.formats.text_points import read_text_points
 from urbantwin.reconstruct.formats.texture import beside
+from urbantwin.reconstruct.formats.validity import content_of
 from urbantwin.reconstruct.formats.wavefront import read_obj
 from urbantwin.reconstruct.gltf import read_gltf
 from urbantwin.reconstruct.model import ImportedModel, PointCloud

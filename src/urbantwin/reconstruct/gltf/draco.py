@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.reconstruct.gltf.accessors import LARGEST_COUNT
-from urbantwin.reconstruct.gltf.malformed import MalformedError
+from urbantwin.reconstruct.gltf.untrusted_values import MalformedError
 
 __all__ = ["unpack_draco"]
 

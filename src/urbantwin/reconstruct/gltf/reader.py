@@ -14,8 +14,8 @@ import numpy as np
 from pyproj import CRS
 
 from urbantwin.errors import InputError
-from urbantwin.reconstruct.gltf.malformed import MalformedError
 from urbantwin.reconstruct.gltf.scene import Scene, read_scene
+from urbantwin.reconstruct.gltf.untrusted_values import MalformedError
 from urbantwin.reconstruct.model import ImportedModel, PointCloud, TriangleMesh
 
 __all__ = ["Y_UP_TO_Z_UP", "joined_clouds", "read_gltf"]

@@ -10,7 +10,7 @@ from urllib.parse import parse_qsl, quote, urlencode, urljoin, urlsplit, urlunsp
 
 from urbantwin.download import Client, DownloadError, Limits, Origin, parse_address, parse_origin
 from urbantwin.errors import InputError
-from urbantwin.reconstruct.gltf.malformed import MalformedError
+from urbantwin.reconstruct.gltf.untrusted_values import MalformedError
 from urbantwin.reconstruct.tiles3d.cache import CACHE, keep_bytes, kept_bytes
 from urbantwin.reconstruct.tiles3d.store import LARGEST_TILE
 from urbantwin.site.geometry import GeometrySource

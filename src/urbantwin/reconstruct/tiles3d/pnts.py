@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.reconstruct.gltf.draco import unpack_draco
-from urbantwin.reconstruct.gltf.malformed import MalformedError, numbers, table, whole
 from urbantwin.reconstruct.gltf.primitive import FARTHEST
+from urbantwin.reconstruct.gltf.untrusted_values import MalformedError, numbers, table, whole
 from urbantwin.reconstruct.model import PointCloud
-from urbantwin.reconstruct.tiles3d.batched import split_tables
+from urbantwin.reconstruct.tiles3d.b3dm import split_tables
 from urbantwin.reconstruct.tiles3d.content import Content, Context
-from urbantwin.reconstruct.tiles3d.table import FeatureTable
+from urbantwin.reconstruct.tiles3d.feature_table import FeatureTable
 
 __all__ = ["read_points"]
 

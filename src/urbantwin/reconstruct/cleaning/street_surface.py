@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
 from urbantwin.reconstruct.cleaning.bare_earth import bare_street
-from urbantwin.reconstruct.cleaning.grid import Grid, filled
+from urbantwin.reconstruct.cleaning.height_grid import Grid, filled
 from urbantwin.reconstruct.cleaning.rays import Rays
 
 __all__ = ["REACH_M", "STREET_CELL_M", "WIDEST_M", "Street", "street_of_mesh", "street_of_points"]

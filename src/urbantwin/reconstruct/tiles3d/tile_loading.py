@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.reconstruct.gltf.malformed import MalformedError
 from urbantwin.reconstruct.gltf.primitive import FARTHEST
 from urbantwin.reconstruct.gltf.scene import MOST_TRIANGLES, shown
+from urbantwin.reconstruct.gltf.untrusted_values import MalformedError
 from urbantwin.reconstruct.model import PointCloud, TriangleMesh
 from urbantwin.reconstruct.tiles3d.content import Content, Context
-from urbantwin.reconstruct.tiles3d.files import TileFiles
-from urbantwin.reconstruct.tiles3d.formats import read_content
-from urbantwin.reconstruct.tiles3d.interest import Interest
+from urbantwin.reconstruct.tiles3d.content_format import read_content
+from urbantwin.reconstruct.tiles3d.fetching import TileFiles
+from urbantwin.reconstruct.tiles3d.region_of_interest import Interest
 from urbantwin.reconstruct.tiles3d.tile import ContentLink, Tile
 from urbantwin.reconstruct.tiles3d.tileset import is_tileset
 from urbantwin.reconstruct.tiles3d.traversal import Traversal

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from pyproj import Geod
 
 from urbantwin.geometry import SiteFrame
-from urbantwin.reconstruct.georeference.complaint import complaint
+from urbantwin.reconstruct.georeference.source_error import source_error
 from urbantwin.reconstruct.model import ImportedModel
 from urbantwin.site.geometry import GeometrySource
 
@@ -35,10 +35,10 @@ def check_finite(model: ImportedModel, source: GeometrySource) -> None:
     """
     arrays = all_points(model)
     if not arrays:
-        raise complaint(source, "holds no triangle and no point", "file", expected="geometry")
+        raise source_error(source, "holds no triangle and no point", "file", expected="geometry")
     bad = sum(int((~np.isfinite(one)).any(axis=1).sum()) for one in arrays)
     if bad:
-        raise complaint(
+        raise source_error(
             source,
             f"has {bad} points that are not numbers",
             "file",
@@ -85,7 +85,7 @@ def check_meets(
         if np.isfinite(lonlat).all():
             off = Geod(ellps="WGS84").inv(frame.longitude, frame.latitude, *lonlat)[2]
     far = f"{off / 1000:,.0f} km" if off > _FAR_M else f"{off:,.0f} m"
-    raise complaint(
+    raise source_error(
         source,
         f"lies {far} from the site's region when it is placed by {how}",
         field,

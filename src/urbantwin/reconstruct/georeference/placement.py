@@ -9,26 +9,26 @@ import numpy as np
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.progress import Progress, untold
-from urbantwin.reconstruct.georeference.complaint import complaint
-from urbantwin.reconstruct.georeference.first_place import FirstPlace
-from urbantwin.reconstruct.georeference.heights import (
+from urbantwin.reconstruct.georeference.height_system import (
     SiteHeights,
 )
-from urbantwin.reconstruct.georeference.local import (
+from urbantwin.reconstruct.georeference.initial_placement import InitialPlacement
+from urbantwin.reconstruct.georeference.known_crs import by_crs
+from urbantwin.reconstruct.georeference.local_frame import (
     by_control_points,
     by_geotag,
     by_origin,
     by_similarity,
     in_the_middle,
 )
-from urbantwin.reconstruct.georeference.own_crs import by_crs
-from urbantwin.reconstruct.georeference.reach import (
+from urbantwin.reconstruct.georeference.overlap import (
     all_points,
     check_finite,
     check_meets,
 )
-from urbantwin.reconstruct.georeference.register import Registration, register
+from urbantwin.reconstruct.georeference.registration import Registration, register
 from urbantwin.reconstruct.georeference.similarity import moved
+from urbantwin.reconstruct.georeference.source_error import source_error
 from urbantwin.reconstruct.georeference.summary import summary_of
 from urbantwin.reconstruct.model import ImportedModel
 from urbantwin.reconstruct.surroundings import Surroundings
@@ -128,7 +128,7 @@ def placed(
 
 
 def _check(
-    first: FirstPlace, surroundings: Surroundings, source: GeometrySource, frame: SiteFrame
+    first: InitialPlacement, surroundings: Surroundings, source: GeometrySource, frame: SiteFrame
 ) -> None:
     check_meets(first.model, surroundings.region, source, frame, how=first.how, field=first.said)
 
@@ -140,7 +140,7 @@ def _first(
     surroundings: Surroundings,
     elevation: Elevation | None,
     heights: SiteHeights | None,
-) -> FirstPlace:
+) -> InitialPlacement:
     spec = source.spec
     if spec.control_points is not None:
         return by_control_points(model, source, frame, elevation, heights)
@@ -156,7 +156,7 @@ def _first(
         return in_the_middle(model, source, surroundings, elevation, heights)
     far = max(float(np.abs(one[:, :2]).max()) for one in all_points(model))
     seems = " although its coordinates look like those of a map grid" if far > _GRID else ""
-    raise complaint(
+    raise source_error(
         source,
         f"does not say where it is{seems}",
         expected="crs, control_points, similarity, origin or register: true",

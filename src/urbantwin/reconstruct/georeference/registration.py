@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from urbantwin.ground import Elevation
 from urbantwin.progress import Progress, untold
-from urbantwin.reconstruct.georeference.complaint import complaint
 from urbantwin.reconstruct.georeference.correlation import Candidate, MapRaster
 from urbantwin.reconstruct.georeference.ground_level import Samples, height_at_anchor, samples_of
 from urbantwin.reconstruct.georeference.levelling import GroundFit, fit_ground, upright
 from urbantwin.reconstruct.georeference.outline_fit import Agreement
-from urbantwin.reconstruct.georeference.search import Freedom, Search, coarse_cell
+from urbantwin.reconstruct.georeference.pose_search import Freedom, Search, coarse_cell
 from urbantwin.reconstruct.georeference.similarity import Similarity
+from urbantwin.reconstruct.georeference.source_error import source_error
 from urbantwin.reconstruct.model import ImportedModel
 from urbantwin.reconstruct.surroundings import Surroundings
 from urbantwin.site.geometry import GeometrySource
@@ -81,7 +81,7 @@ def register(
     tell = progress or untold
     raster = MapRaster(surroundings, coarse_cell(surroundings.region))
     if not raster.tells:
-        raise complaint(
+        raise source_error(
             source,
             "cannot be registered: the map has no building and no road in the region",
             "register",
@@ -187,7 +187,7 @@ def _check_clear(source: GeometrySource, ranked: list[Candidate]) -> None:
     """Raise where the registration is no more than a guess."""
     first = ranked[0]
     if first.score < _LEAST_SCORE:
-        raise complaint(
+        raise source_error(
             source,
             f"does not look like the map: agreement {first.score:.2f} of 1",
             "register",
@@ -196,7 +196,7 @@ def _check_clear(source: GeometrySource, ranked: list[Candidate]) -> None:
     if len(ranked) > 1 and ranked[1].score > AMBIGUOUS * first.score:
         turn = np.degrees(np.angle(np.exp(1j * (ranked[1].yaw - first.yaw))))
         away = np.hypot(ranked[1].x - first.x, ranked[1].y - first.y)
-        raise complaint(
+        raise source_error(
             source,
             f"fits the map in two ways that are nearly as good ({first.score:.2f} and "
             f"{ranked[1].score:.2f} of 1, {away:.0f} m and {abs(turn):.0f} degrees apart)",
@@ -214,7 +214,7 @@ def _check_residuals(
     parts += [] if fit is None else [("ground", fit.median_m)]
     for what, residual in parts:
         if residual > spec.worst_residual_m:
-            raise complaint(
+            raise source_error(
                 source,
                 f"is registered with a residual of {residual:.2f} m to the {what} (median)",
                 "register",

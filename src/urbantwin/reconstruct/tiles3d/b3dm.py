@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import struct
 
-from urbantwin.reconstruct.gltf.malformed import MalformedError
+from urbantwin.reconstruct.gltf.untrusted_values import MalformedError
 from urbantwin.reconstruct.tiles3d.content import Content, Context, read_model
-from urbantwin.reconstruct.tiles3d.table import FeatureTable, batch_names
+from urbantwin.reconstruct.tiles3d.feature_table import FeatureTable, batch_names
 
 __all__ = ["read_batched", "split_tables"]
 

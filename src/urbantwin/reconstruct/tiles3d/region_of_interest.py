@@ -12,7 +12,7 @@ from pyproj.exceptions import CRSError, ProjError
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
-from urbantwin.reconstruct.tiles3d.volume import Volume
+from urbantwin.reconstruct.tiles3d.bounding_volume import Volume
 from urbantwin.site.geometry import GeometrySource
 
 __all__ = ["Interest", "is_on_earth", "site_from_tileset"]

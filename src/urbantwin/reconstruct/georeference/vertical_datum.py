@@ -10,23 +10,23 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
-from urbantwin.reconstruct.georeference.complaint import complaint
 from urbantwin.reconstruct.georeference.ground_level import (
     above,
     height_at_anchor,
     samples_of,
 )
-from urbantwin.reconstruct.georeference.heights import (
+from urbantwin.reconstruct.georeference.height_system import (
     HeightSystem,
     NoGridError,
     SiteHeights,
     geoid_height,
     heights_between,
 )
+from urbantwin.reconstruct.georeference.source_error import source_error
 from urbantwin.reconstruct.model import ImportedModel
 from urbantwin.site.geometry import GeometrySource
 
-__all__ = ["Settled", "ground_above_site", "laid_on_ground", "settled", "shifted"]
+__all__ = ["HeightsOnSite", "ground_above_site", "heights_on_site", "laid_on_ground", "shifted"]
 
 #: Grounds that differ by more than this are not of one datum, where a datum is not stated, metres.
 UNSTATED_M = 1.0
@@ -40,7 +40,7 @@ WAYS_OUT = "height_offset_m or register: true"
 
 
 @dataclass(frozen=True, eq=False)
-class Settled:
+class HeightsOnSite:
     """A model whose heights are the site's.
 
     Attributes:
@@ -95,7 +95,7 @@ def ground_above_site(
 
 def laid_on_ground(
     model: ImportedModel, elevation: Elevation | None, heights: SiteHeights | None, name: str
-) -> Settled:
+) -> HeightsOnSite:
     """Shift a model of unknown height so that its ground lies on the site's."""
     found = ground_above_site(model, elevation)
     report: dict[str, object] = {}
@@ -107,10 +107,10 @@ def laid_on_ground(
         change = 0.0 if own is None else -own
         report = {"laid_on": "z = 0 at the anchor, by its own ground there"}
     report["raised_m"] = round(change, 3)
-    return Settled(shifted(model, change), report, (), heights)
+    return HeightsOnSite(shifted(model, change), report, (), heights)
 
 
-def settled(
+def heights_on_site(
     model: ImportedModel,
     lonlat: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     system: HeightSystem | None,
@@ -118,7 +118,7 @@ def settled(
     frame: SiteFrame,
     elevation: Elevation | None,
     heights: SiteHeights | None,
-) -> Settled:
+) -> HeightsOnSite:
     """Turn a model's own heights into heights above the anchor's ground.
 
     Args:
@@ -148,7 +148,9 @@ def settled(
         own = height_at_anchor(samples_of(model, ground=True)) if found is None else found[0]
         zero = 0.0 if own is None else own
         work.report["anchor"] = SiteHeights(zero, system, name).as_report()
-        return Settled(shifted(model, -zero), work.report, (), SiteHeights(zero, system, name))
+        return HeightsOnSite(
+            shifted(model, -zero), work.report, (), SiteHeights(zero, system, name)
+        )
     work.report["anchor"] = heights.as_report()
     transformation = "none: taken as the same, which the grounds must show"
     if system is not None and heights.datum is not None:
@@ -156,7 +158,7 @@ def settled(
             transformation, model = _transformed(model, lonlat, system, heights.datum)
         except NoGridError as error:
             if not offset and source.spec.register_to is None:
-                raise complaint(
+                raise source_error(
                     source,
                     f"has {system.name}, and {heights.name} has {heights.datum.name}: {error}",
                     "crs",
@@ -169,7 +171,7 @@ def settled(
     work.report["transformation"] = transformation
     model = shifted(model, offset - heights.anchor_m)
     _compare(work, model, system, source, frame, elevation, heights)
-    return Settled(model, work.report, tuple(work.problems), heights)
+    return HeightsOnSite(model, work.report, tuple(work.problems), heights)
 
 
 def _compare(
@@ -212,7 +214,7 @@ def _compare(
     if abs(difference) <= limit or explained:
         work.problems.append(text)
         return
-    raise complaint(
+    raise source_error(
         source,
         text,
         "crs",

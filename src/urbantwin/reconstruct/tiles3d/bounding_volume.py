@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pyproj import Transformer
 
-from urbantwin.reconstruct.gltf.malformed import MalformedError, numbers, table
+from urbantwin.reconstruct.gltf.untrusted_values import MalformedError, numbers, table
 
 __all__ = ["Volume", "geodetic_from_ecef", "read_volume"]
 

@@ -12,25 +12,25 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.reconstruct.georeference.axes import Axes, axes_of
 from urbantwin.reconstruct.georeference.control_points import fit, read_control_points
-from urbantwin.reconstruct.georeference.first_place import FirstPlace
-from urbantwin.reconstruct.georeference.heights import (
+from urbantwin.reconstruct.georeference.height_system import (
     HeightSystem,
     NoGridError,
     SiteHeights,
     heights_between,
 )
-from urbantwin.reconstruct.georeference.reach import (
+from urbantwin.reconstruct.georeference.initial_placement import InitialPlacement
+from urbantwin.reconstruct.georeference.overlap import (
     all_points,
 )
-from urbantwin.reconstruct.georeference.search import Freedom
-from urbantwin.reconstruct.georeference.settle import (
+from urbantwin.reconstruct.georeference.pose_search import Freedom
+from urbantwin.reconstruct.georeference.similarity import Similarity, moved
+from urbantwin.reconstruct.georeference.vertical_datum import (
     UNSTATED_M,
-    Settled,
+    HeightsOnSite,
     ground_above_site,
     laid_on_ground,
     shifted,
 )
-from urbantwin.reconstruct.georeference.similarity import Similarity, moved
 from urbantwin.reconstruct.model import ImportedModel
 from urbantwin.reconstruct.surroundings import Surroundings
 from urbantwin.site.geometry import GeometrySource
@@ -44,7 +44,7 @@ def by_control_points(
     frame: SiteFrame,
     elevation: Elevation | None,
     heights: SiteHeights | None,
-) -> FirstPlace:
+) -> InitialPlacement:
     """Lay a model by points that are known in it and on site.
 
     Raises:
@@ -67,7 +67,7 @@ def by_control_points(
         problems.append(f"its scale by the control points is {ratio:.4g} of what its unit says")
     out = moved(model, transform)
     out, more = _with_offset(out, source, elevation)
-    return FirstPlace(
+    return InitialPlacement(
         out,
         report | more[0],
         heights,
@@ -82,7 +82,7 @@ def by_similarity(
     source: GeometrySource,
     elevation: Elevation | None,
     heights: SiteHeights | None,
-) -> FirstPlace:
+) -> InitialPlacement:
     """Lay a model by the transform that site.yaml gives."""
     spec = source.spec.similarity
     assert spec is not None
@@ -96,7 +96,9 @@ def by_similarity(
     transform = given.after(axes.transform())
     out, more = _with_offset(moved(model, transform), source, elevation)
     report = {**axes.as_report(), "transform": transform.as_report(), "scale": transform.scale}
-    return FirstPlace(out, report | more[0], heights, "similarity", "similarity", tuple(more[1]))
+    return InitialPlacement(
+        out, report | more[0], heights, "similarity", "similarity", tuple(more[1])
+    )
 
 
 def by_origin(
@@ -105,7 +107,7 @@ def by_origin(
     frame: SiteFrame,
     elevation: Elevation | None,
     heights: SiteHeights | None,
-) -> FirstPlace:
+) -> InitialPlacement:
     """Lay a model by the place of its origin; on the site's ground where no height is given."""
     spec = source.spec.origin
     assert spec is not None
@@ -121,7 +123,7 @@ def by_origin(
         out = shifted(out, source.spec.height_offset_m)
         laid = laid_on_ground(out, elevation, heights, source.name)
         out, report["heights"] = laid.model, laid.report
-    return FirstPlace(
+    return InitialPlacement(
         out,
         report,
         heights,
@@ -144,7 +146,7 @@ def by_geotag(
     frame: SiteFrame,
     elevation: Elevation | None,
     heights: SiteHeights | None,
-) -> FirstPlace:
+) -> InitialPlacement:
     """Lay a model by its file's geotag; on the site's ground where its height cannot be used."""
     tag = model.geotag
     assert tag is not None
@@ -152,7 +154,7 @@ def by_geotag(
     out = _at(model, axes, frame, tag.longitude, tag.latitude, tag.heading_deg)
     report: dict[str, object] = {**axes.as_report(), "heading_deg": tag.heading_deg}
     problems: list[str] = []
-    told: Settled | None = None
+    told: HeightsOnSite | None = None
     if tag.height_m is not None and heights is not None and heights.datum is not None:
         system = _system_of_tag(tag.height_datum)
         lonlat = np.array([[tag.longitude, tag.latitude]])
@@ -167,14 +169,16 @@ def by_geotag(
             found = more[0].get("ground_above_site_m")
             if isinstance(found, float) and abs(found) > UNSTATED_M:
                 raise NoGridError(f"its ground would lie {found:+.1f} m from the site's")
-            told = Settled(raised, {"transformation": how, **more[0]}, tuple(more[1]), heights)
+            told = HeightsOnSite(
+                raised, {"transformation": how, **more[0]}, tuple(more[1]), heights
+            )
         except NoGridError as error:
             problems.append(f"the height of its geotag was not used: {error}")
     if told is None:
         out = shifted(out, source.spec.height_offset_m)
         told = laid_on_ground(out, elevation, heights, source.name)
     report["heights"] = told.report
-    return FirstPlace(
+    return InitialPlacement(
         told.model,
         report,
         heights,
@@ -197,7 +201,7 @@ def in_the_middle(
     surroundings: Surroundings,
     elevation: Elevation | None,
     heights: SiteHeights | None,
-) -> FirstPlace:
+) -> InitialPlacement:
     """Put the middle of a model that knows no place into the middle of the region."""
     axes = axes_of(model, source)
     out = moved(model, axes.transform())
@@ -207,7 +211,7 @@ def in_the_middle(
     centre = surroundings.region.centroid
     shift = np.array([centre.x - middle[0], centre.y - middle[1], -low[2]])
     out = moved(out, Similarity(1.0, np.eye(3), shift))
-    return FirstPlace(
+    return InitialPlacement(
         out,
         axes.as_report(),
         heights,

@@ -6,11 +6,11 @@ import struct
 
 import numpy as np
 
-from urbantwin.reconstruct.gltf.malformed import MalformedError
-from urbantwin.reconstruct.tiles3d.batched import read_batched
+from urbantwin.reconstruct.gltf.untrusted_values import MalformedError
+from urbantwin.reconstruct.tiles3d.b3dm import read_batched
 from urbantwin.reconstruct.tiles3d.content import Content, Context, read_model
-from urbantwin.reconstruct.tiles3d.instanced import read_instanced
-from urbantwin.reconstruct.tiles3d.points import read_points
+from urbantwin.reconstruct.tiles3d.i3dm import read_instanced
+from urbantwin.reconstruct.tiles3d.pnts import read_points
 
 __all__ = ["read_content"]
 

@@ -6,10 +6,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-__all__ = ["cut_polygons"]
+__all__ = ["triangulated"]
 
 
-def cut_polygons(
+def triangulated(
     points: NDArray[np.float64],
     ring: NDArray[np.int64],
     polygon: NDArray[np.int64],

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 from urbantwin.errors import InputError
-from urbantwin.reconstruct.gltf.malformed import MalformedError
+from urbantwin.reconstruct.gltf.untrusted_values import MalformedError
 from urbantwin.reconstruct.tiles3d.store import Store, unzipped
 
 __all__ = ["TileFiles"]

@@ -14,21 +14,21 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.reconstruct.georeference.axes import UNITS
 from urbantwin.reconstruct.georeference.crs import crs_from_text, in_plan, lengths_of
-from urbantwin.reconstruct.georeference.first_place import FirstPlace
-from urbantwin.reconstruct.georeference.heights import (
+from urbantwin.reconstruct.georeference.height_system import (
     HeightSystem,
     SiteHeights,
 )
-from urbantwin.reconstruct.georeference.reach import (
+from urbantwin.reconstruct.georeference.initial_placement import InitialPlacement
+from urbantwin.reconstruct.georeference.overlap import (
     all_points,
     check_meets,
     distance_to,
 )
-from urbantwin.reconstruct.georeference.search import Freedom
-from urbantwin.reconstruct.georeference.settle import (
-    settled,
-)
+from urbantwin.reconstruct.georeference.pose_search import Freedom
 from urbantwin.reconstruct.georeference.similarity import Similarity, moved
+from urbantwin.reconstruct.georeference.vertical_datum import (
+    heights_on_site,
+)
 from urbantwin.reconstruct.model import ImportedModel
 from urbantwin.reconstruct.surroundings import Surroundings
 from urbantwin.site.geometry import GeometrySource
@@ -46,7 +46,7 @@ def by_crs(
     surroundings: Surroundings,
     elevation: Elevation | None,
     heights: SiteHeights | None,
-) -> FirstPlace:
+) -> InitialPlacement:
     """Lay a model by its reference system, the vertical datum included.
 
     Raises:
@@ -84,7 +84,7 @@ def by_crs(
         better = f"; PROJ's grid {grids} would do better" if grids else ""
         problems.append(f"the transformation of its CRS is {said}{better}")
     system = HeightSystem.of(crs)
-    first = FirstPlace(out, report, heights, "its CRS", "crs")
+    first = InitialPlacement(out, report, heights, "its CRS", "crs")
     check_meets(out, surroundings.region, source, frame, how=f"its CRS {crs.name!r}", field="crs")
     if system is None:
         # Heights without a datum of their own are in the unit of the plan.
@@ -92,7 +92,7 @@ def by_crs(
         if lengths != 1.0:
             out = _with_points(out, lambda p: p * [1.0, 1.0, lengths])
             report["height_unit_m"] = lengths
-    laid = settled(out, frame.lonlat_from_site, system, source, frame, elevation, heights)
+    laid = heights_on_site(out, frame.lonlat_from_site, system, source, frame, elevation, heights)
     report["heights"] = laid.report
     return replace(
         first,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.reconstruct.gltf.features import NAMING
-from urbantwin.reconstruct.gltf.malformed import (
+from urbantwin.reconstruct.gltf.untrusted_values import (
     MalformedError,
     numbers,
     parse_json,

@@ -12,7 +12,7 @@ from scipy.interpolate import RBFInterpolator
 from scipy.ndimage import binary_dilation, binary_fill_holes, label, maximum_filter
 from scipy.spatial import cKDTree
 
-from urbantwin.reconstruct.cleaning.grid import Grid
+from urbantwin.reconstruct.cleaning.height_grid import Grid
 from urbantwin.reconstruct.cleaning.rays import Rays
 
 __all__ = ["Ground", "Outline", "fill", "outline_of"]

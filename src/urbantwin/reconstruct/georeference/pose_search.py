@@ -9,7 +9,6 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.progress import Progress
-from urbantwin.reconstruct.georeference.complaint import complaint
 from urbantwin.reconstruct.georeference.correlation import (
     APART_M,
     Candidate,
@@ -25,6 +24,7 @@ from urbantwin.reconstruct.georeference.outline_fit import (
 )
 from urbantwin.reconstruct.georeference.plan_features import PlanFeatures, plan_features
 from urbantwin.reconstruct.georeference.similarity import Similarity
+from urbantwin.reconstruct.georeference.source_error import source_error
 from urbantwin.reconstruct.surroundings import Surroundings
 from urbantwin.site.geometry import GeometrySource
 
@@ -182,7 +182,7 @@ class Search:
         """Return what of the transformed model can be recognised."""
         out = plan_features(self._samples.moved(transform))
         if len(out.tall) + len(out.low) < 50:
-            raise complaint(self._source, "is too small to be registered", "register")
+            raise source_error(self._source, "is too small to be registered", "register")
         return out
 
     def _scaled(self, scale: float) -> Similarity:
@@ -222,7 +222,7 @@ class Search:
             most=_CANDIDATES,
         )
         if not found:
-            raise complaint(
+            raise source_error(
                 self._source,
                 f"cannot be registered: nothing of it looks like the map within {reach:.0f} m and "
                 f"{widest:.0f} degrees",

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from urbantwin.reconstruct.georeference.heights import SiteHeights
-from urbantwin.reconstruct.georeference.search import Freedom
+from urbantwin.reconstruct.georeference.height_system import SiteHeights
+from urbantwin.reconstruct.georeference.pose_search import Freedom
 from urbantwin.reconstruct.model import ImportedModel
 
-__all__ = ["FirstPlace"]
+__all__ = ["InitialPlacement"]
 
 #: What registration may change of a model whose place is said.
 _NONE = Freedom()
 
 
 @dataclass(frozen=True, eq=False)
-class FirstPlace:
+class InitialPlacement:
     """A model on its first place.
 
     Attributes:

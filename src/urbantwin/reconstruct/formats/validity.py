@@ -14,10 +14,10 @@ __all__ = [
     "FARTHEST",
     "MOST_POINTS",
     "MOST_TRIANGLES",
+    "check_coordinates",
     "content_of",
     "count_within",
-    "sound_faces",
-    "sound_points",
+    "valid_faces",
 ]
 
 #: More of them do not fit into memory beside the rest (2 GB).
@@ -47,7 +47,7 @@ def count_within(count: int, most: int, what: str, path: Path) -> None:
         )
 
 
-def sound_points(points: NDArray[np.float64], path: Path, what: str = "vertex") -> None:
+def check_coordinates(points: NDArray[np.float64], path: Path, what: str = "vertex") -> None:
     """Refuse coordinates that are not numbers, or larger than any place has in any unit.
 
     Raises:
@@ -63,7 +63,7 @@ def sound_points(points: NDArray[np.float64], path: Path, what: str = "vertex") 
         )
 
 
-def sound_faces(
+def valid_faces(
     faces: NDArray[np.int64] | NDArray[np.int32], vertices: int, path: Path
 ) -> tuple[NDArray[np.int32], NDArray[np.bool_]]:
     """Return faces as int32 without those that use a vertex twice, and which (F,) were kept.

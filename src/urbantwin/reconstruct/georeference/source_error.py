@@ -5,10 +5,10 @@ from __future__ import annotations
 from urbantwin.errors import InputError
 from urbantwin.site.geometry import GeometrySource
 
-__all__ = ["complaint"]
+__all__ = ["source_error"]
 
 
-def complaint(
+def source_error(
     source: GeometrySource, problem: str, field: str | None = None, *, expected: str | None = None
 ) -> InputError:
     """Return an error that names the source and where it stands in ``site.yaml``.

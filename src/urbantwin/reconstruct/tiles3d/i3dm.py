@@ -7,13 +7,13 @@ import struct
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.reconstruct.gltf.malformed import MalformedError, flag
 from urbantwin.reconstruct.gltf.primitive import FARTHEST
+from urbantwin.reconstruct.gltf.untrusted_values import MalformedError, flag
 from urbantwin.reconstruct.model import PointCloud, TriangleMesh
-from urbantwin.reconstruct.tiles3d.batched import split_tables
+from urbantwin.reconstruct.tiles3d.b3dm import split_tables
+from urbantwin.reconstruct.tiles3d.bounding_volume import geodetic_from_ecef
 from urbantwin.reconstruct.tiles3d.content import Content, Context, read_model
-from urbantwin.reconstruct.tiles3d.table import FeatureTable, batch_names
-from urbantwin.reconstruct.tiles3d.volume import geodetic_from_ecef
+from urbantwin.reconstruct.tiles3d.feature_table import FeatureTable, batch_names
 
 __all__ = ["read_instanced"]
 

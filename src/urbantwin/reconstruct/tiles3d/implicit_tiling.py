@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
-from urbantwin.reconstruct.gltf.malformed import MalformedError, table, text, whole
+from urbantwin.reconstruct.gltf.untrusted_values import MalformedError, table, text, whole
+from urbantwin.reconstruct.tiles3d.bounding_volume import Volume
 from urbantwin.reconstruct.tiles3d.subtree import Subtree, morton
 from urbantwin.reconstruct.tiles3d.tile import ContentLink, Tile
-from urbantwin.reconstruct.tiles3d.volume import Volume
 
 __all__ = ["Cell", "SubtreeLink", "Tiling", "implicit_tiling"]
 
