@@ -38,9 +38,9 @@ from urbantwin.fidelity import (
     histograms_of,
     nearest_distances,
 )
-from urbantwin.fidelity.closest import NearestTriangle
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.histograms import Histograms
+from urbantwin.fidelity.nearest_triangle import NearestTriangle
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.geometry import DownwardProbe
 from urbantwin.site import load_site

@@ -25,7 +25,7 @@ from urbantwin.artefact import (
     write_inventory,
     write_json,
 )
-from urbantwin.artefact.room import says_no_room
+from urbantwin.artefact.disk_space import says_no_room
 from urbantwin.errors import InputError, StageError
 
 KEY = "0123456789abcdef"

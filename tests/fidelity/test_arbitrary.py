@@ -11,7 +11,7 @@ from urbantwin.dataset.manifest import recipe_of_rig
 from urbantwin.dataset.rig_of_manifest import rig_of_manifest
 from urbantwin.fidelity import compare
 from urbantwin.fidelity.arbitrary import arbitrary_recording
-from urbantwin.fidelity.arbitrary.kept import kept
+from urbantwin.fidelity.arbitrary.cache import kept
 from urbantwin.fidelity.arbitrary.rig import likely_rig, standing
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.geometry import LabelledMesh

@@ -17,8 +17,8 @@ from urbantwin.fidelity import (
     nearest_distances,
     rebuild_surface,
 )
-from urbantwin.fidelity.closest import NearestTriangle
 from urbantwin.fidelity.histograms import full_scale
+from urbantwin.fidelity.nearest_triangle import NearestTriangle
 from urbantwin.fidelity.point_to_mesh import MAX_POINTS
 
 

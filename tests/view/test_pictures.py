@@ -28,7 +28,7 @@ from urbantwin.view.labelled_frame import (
 from urbantwin.view.markings import markings
 from urbantwin.view.pictures import pictures_of_dataset
 from urbantwin.view.plan import plan, plan_figure
-from urbantwin.view.plan_look import DARK
+from urbantwin.view.plan_style import DARK
 from urbantwin.view.range_image import range_image, spread_rays
 from urbantwin.view.scene import Camera, render, scene_picture
 

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from filecmp import cmp
 from pathlib import Path
 
+from urbantwin.artefact.disk_space import says_no_room
 from urbantwin.artefact.document import read_json
 from urbantwin.artefact.inventory import (
     INVENTORY,
@@ -15,7 +16,6 @@ from urbantwin.artefact.inventory import (
     read_inventory,
     write_inventory,
 )
-from urbantwin.artefact.room import says_no_room
 from urbantwin.artefact.scratch import claimed, put_in_place, refuse_if_written
 from urbantwin.errors import InputError
 from urbantwin.interruption import deferred

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from urbantwin.dataset.moment import SAME_TIME_S
+from urbantwin.dataset.motion_interpolation import SAME_TIME_S
 from urbantwin.errors import InputError
 
 __all__ = ["frame_times"]

@@ -80,7 +80,7 @@ def recipe_of(
         seed: of all random numbers.
         times_s: number of each frame -> its time.
         backend: what casts the rays, see `lidar.Scanner`.
-        asked: what the rig was placed from, see `asked.asked_of`.
+        asked: what the rig was placed from, see `provenance.asked_of`.
     """
     times = list(times_s.values())
     return {

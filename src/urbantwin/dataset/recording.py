@@ -16,11 +16,11 @@ from urbantwin.artefact import (
     write_inventory,
     write_json,
 )
+from urbantwin.dataset.dataset_writer import MARKS, checksums, finish_dataset, record_dataset
 from urbantwin.dataset.frame_times import frame_times
 from urbantwin.dataset.layout import RAY_TYPE
 from urbantwin.dataset.manifest import manifest_of_parts, recipe_key, recipe_of, recipe_of_rig
-from urbantwin.dataset.moment import FASTEST_M_S
-from urbantwin.dataset.one_dataset import MARKS, checksums, finish_dataset, record_dataset
+from urbantwin.dataset.motion_interpolation import FASTEST_M_S
 from urbantwin.errors import InputError
 from urbantwin.lidar import Rig
 from urbantwin.lidar.casting.backend import layers_on

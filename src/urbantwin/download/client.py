@@ -19,12 +19,12 @@ from functools import cached_property
 from urllib.parse import quote, urlencode, urljoin
 
 from urbantwin import __version__
-from urbantwin.download.body import read_body
 from urbantwin.download.connection import Pace, open_connection, proxy_for, secure_context
 from urbantwin.download.failure import DownloadError
-from urbantwin.download.internet import Place, is_public, literal_address, located
+from urbantwin.download.host_addresses import Place, is_public, literal_address, located
 from urbantwin.download.origin import Address, Origin, parse_address
-from urbantwin.download.secrets import Secrets
+from urbantwin.download.redaction import Secrets
+from urbantwin.download.response_body import read_body
 
 __all__ = ["Client", "Limits"]
 

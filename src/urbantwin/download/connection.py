@@ -13,7 +13,7 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from urbantwin.download.failure import DownloadError
-from urbantwin.download.internet import Place, literal_address, located
+from urbantwin.download.host_addresses import Place, literal_address, located
 from urbantwin.download.origin import Address, Origin
 
 __all__ = ["Pace", "Proxy", "open_connection", "proxy_for", "secure_context"]

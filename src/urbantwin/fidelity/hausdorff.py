@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from urbantwin.fidelity.nearest import NearestDistances
+from urbantwin.fidelity.nearest_point import NearestDistances
 
 __all__ = ["P95Hausdorff"]
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from urbantwin.fidelity.closest import NearestTriangle
+from urbantwin.fidelity.nearest_triangle import NearestTriangle
+from urbantwin.fidelity.rebuilt_surface import Surface, rebuild_surface
 from urbantwin.fidelity.sampling import sample_rows
-from urbantwin.fidelity.surface import Surface, rebuild_surface
 
 __all__ = ["MAX_POINTS", "RealSurface", "Spread"]
 
@@ -46,7 +46,7 @@ class RealSurface:
     no figure below that says anything about the twin.
 
     Attributes:
-        surface: the triangles (see ``surface.py``).
+        surface: the triangles (see ``rebuilt_surface.py``).
         rebuild_error: distances of the real points that were kept out; None for fewer than two
             points.
     """

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from urbantwin.artefact.arrays import one_line, read_array
 from urbantwin.artefact.document import read_bytes
 from urbantwin.errors import InputError
-from urbantwin.fidelity.measured_background import described
-from urbantwin.fidelity.on_beams import BeamsOf
+from urbantwin.fidelity.background_estimation import described
+from urbantwin.fidelity.beam_assignment import BeamsOf
 from urbantwin.lidar.measured import MeasuredBackground
 from urbantwin.lidar.measured_file import save_backgrounds
 
@@ -47,7 +47,7 @@ def measure_matrix(
             the sensor's channels if not given.
 
     Returns:
-        What `measured_background.described` does.
+        What `background_estimation.described` does.
 
     Raises:
         InputError: a file is none such, or its rows are not the sensor's channels.

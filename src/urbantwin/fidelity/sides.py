@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.fidelity.background import LEAST_FRAMES, Background
+from urbantwin.fidelity.background_subtraction import LEAST_FRAMES, Background
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.histograms import full_scale
-from urbantwin.fidelity.objects import ObjectStatistics
+from urbantwin.fidelity.object_statistics import ObjectStatistics
 from urbantwin.fidelity.readers import Recording, open_recording
 from urbantwin.fidelity.sampling import evenly
 from urbantwin.processes import threads

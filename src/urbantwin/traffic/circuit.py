@@ -13,7 +13,7 @@ import scipy.sparse
 import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
-from urbantwin.traffic.way_graph import WayGraph
+from urbantwin.traffic.routing_graph import WayGraph
 
 __all__ = ["Circuit"]
 

@@ -12,11 +12,11 @@ from collections.abc import Callable, Mapping, Set
 import numpy as np
 
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.actor_kind import ACTOR_KINDS
 from urbantwin.traffic.circuit import Circuit
 from urbantwin.traffic.demand import Demand, LeftOut, Population, Trip, systematic
 from urbantwin.traffic.network import StreetNetwork
-from urbantwin.traffic.way_graph import driven_graph, walked_graph
+from urbantwin.traffic.routing_graph import driven_graph, walked_graph
+from urbantwin.traffic.vehicle_types import ACTOR_KINDS
 
 __all__ = ["Circulation"]
 

@@ -23,7 +23,7 @@ from urbantwin.geometry import LabelledMesh
 from urbantwin.geometry.mesh import MESH_FORM
 from urbantwin.progress import Progress, each, untold
 from urbantwin.traffic.assets import asset_mesh
-from urbantwin.traffic.motion_check import (
+from urbantwin.traffic.motion_validity import (
     MeshKey,
     MotionManifest,
     MotionReport,

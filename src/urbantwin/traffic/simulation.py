@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from urbantwin.artefact import passing_folder
 from urbantwin.errors import InputError, StageError
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.actor_kind import ACTOR_KINDS
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand import Demand
+from urbantwin.traffic.vehicle_types import ACTOR_KINDS
 
 __all__ = [
     "STUCK_S",

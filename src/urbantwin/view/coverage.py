@@ -19,7 +19,7 @@ from urbantwin.roads import RoadNetwork
 from urbantwin.view import style
 from urbantwin.view.footprint import footprints
 from urbantwin.view.plan_ground import draw_ground, fill
-from urbantwin.view.plan_look import DARK
+from urbantwin.view.plan_style import DARK
 
 __all__ = ["coverage_figure", "coverage_picture"]
 

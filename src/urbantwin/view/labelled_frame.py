@@ -16,7 +16,7 @@ from urbantwin.artefact.arrays import ArrayOf, read_array
 from urbantwin.artefact.tables import columns_of, read_parquet
 from urbantwin.dataset.frame_files import read_labels, read_rays
 from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, read_ignore_regions
-from urbantwin.dataset.manifest_form import pose_of_matrix, read_manifest
+from urbantwin.dataset.manifest_schema import pose_of_matrix, read_manifest
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose
 

@@ -14,7 +14,7 @@ from shapely.affinity import rotate, translate
 from urbantwin.geometry import wrapped
 from urbantwin.roads import RoadNetwork
 from urbantwin.view import style
-from urbantwin.view.plan_look import Look
+from urbantwin.view.plan_style import Look
 
 __all__ = ["Label", "draw_labels", "street_labels"]
 

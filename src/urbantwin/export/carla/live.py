@@ -23,7 +23,7 @@ from urbantwin.artefact import replaced_folder, write_json
 from urbantwin.artefact.document import read_bytes
 from urbantwin.errors import InputError, StageError
 from urbantwin.export.carla.frame import carla_points, pose_of_carla
-from urbantwin.export.carla.plan import read_plan
+from urbantwin.export.carla.package_documents import read_plan
 from urbantwin.export.carla.rig import SEMANTIC
 from urbantwin.progress import Progress, untold
 

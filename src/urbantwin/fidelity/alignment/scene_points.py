@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.fidelity.alignment.marks import mark_lines
+from urbantwin.fidelity.alignment.lane_markings import mark_lines
 from urbantwin.fidelity.alignment.road_edges import road_edges
 from urbantwin.geometry import DownwardProbe, LabelledMesh, SurfaceMaterials
 from urbantwin.lidar.casting import EmbreeCaster

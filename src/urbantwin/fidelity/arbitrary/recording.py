@@ -19,7 +19,7 @@ from urbantwin.artefact import read_json
 from urbantwin.dataset import record
 from urbantwin.dataset.rig_of_manifest import rig_of_manifest
 from urbantwin.errors import InputError
-from urbantwin.fidelity.arbitrary.kept import kept
+from urbantwin.fidelity.arbitrary.cache import kept
 from urbantwin.fidelity.arbitrary.rig import level_frame, likely_rig, riding, standing
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers import Recording, open_recording

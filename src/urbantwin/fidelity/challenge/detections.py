@@ -9,7 +9,7 @@ import numpy as np
 
 from urbantwin.artefact.document import read_json_value
 from urbantwin.errors import InputError
-from urbantwin.fidelity.challenge.precision import Box
+from urbantwin.fidelity.challenge.average_precision import Box
 from urbantwin.fidelity.challenge.protocol import CLASSES
 
 __all__ = ["read_detections"]

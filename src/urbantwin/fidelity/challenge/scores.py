@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
+from urbantwin.fidelity.challenge.average_precision import Box, mean_precision
 from urbantwin.fidelity.challenge.detections import read_detections
-from urbantwin.fidelity.challenge.precision import Box, mean_precision
 from urbantwin.fidelity.challenge.protocol import (
     CLASSES,
     CROP_M,

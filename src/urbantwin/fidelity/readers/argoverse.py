@@ -17,8 +17,8 @@ from urbantwin.artefact.tables import read_feather
 from urbantwin.errors import InputError
 from urbantwin.fidelity.clouds import counting_order
 from urbantwin.fidelity.frame import Boxes, Frame
-from urbantwin.fidelity.readers.assembled import frame_of
 from urbantwin.fidelity.readers.documents import laid_out
+from urbantwin.fidelity.readers.frame_assembly import frame_of
 from urbantwin.fidelity.readers.labels import (
     LabelledBox,
     boxes_of,

@@ -10,7 +10,7 @@ import numpy as np
 
 from urbantwin.errors import InputError
 from urbantwin.fidelity.frame import Frame
-from urbantwin.fidelity.readers.assembled import frame_of
+from urbantwin.fidelity.readers.frame_assembly import frame_of
 from urbantwin.fidelity.readers.ouster_packets import OusterFormat, read_ouster_format
 from urbantwin.fidelity.readers.pcap import Datagram, datagrams_in
 from urbantwin.fidelity.readers.recording import Recording

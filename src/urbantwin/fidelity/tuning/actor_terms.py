@@ -13,7 +13,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from urbantwin.fidelity.background import LEAST_FRAMES, Background
+from urbantwin.fidelity.background_subtraction import LEAST_FRAMES, Background
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.tuning.knobs import Knob, Values
 from urbantwin.fidelity.tuning.loss import SECTORS, Loss

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from urbantwin.errors import InputError
+from urbantwin.fidelity.background_estimation import measured_backgrounds
+from urbantwin.fidelity.beam_assignment import BeamsOf, beams_of_rig
 from urbantwin.fidelity.frame import Frame
-from urbantwin.fidelity.measured_background import measured_backgrounds
-from urbantwin.fidelity.on_beams import BeamsOf, beams_of_rig
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar import Scanner, place_rig, sensor
 from urbantwin.lidar.actor_path import PosedActor

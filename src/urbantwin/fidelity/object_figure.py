@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from urbantwin.fidelity.drawing import COLOURS, blank, legend, plain, save
+from urbantwin.fidelity.report_style import COLOURS, blank, legend, plain, save
 
 __all__ = ["draw_objects"]
 

@@ -12,10 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
-from urbantwin.fidelity.drawing import COLOURS, FAINT, INK, LOST, blank, from_above, save
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.missing import NEAR_M, SPACING_SHARE
-from urbantwin.fidelity.nearest import nearest_distances
+from urbantwin.fidelity.nearest_point import nearest_distances
+from urbantwin.fidelity.report_style import COLOURS, FAINT, INK, LOST, blank, from_above, save
 
 __all__ = ["draw_missing", "draw_pair"]
 

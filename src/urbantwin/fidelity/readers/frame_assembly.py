@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.fidelity.cloud_fields import position_and_intensity
+from urbantwin.fidelity.cloud_formats import position_and_intensity
 from urbantwin.fidelity.clouds import usable_points
 from urbantwin.fidelity.frame import Frame
 

@@ -9,7 +9,7 @@ from urbantwin.errors import InputError
 from urbantwin.twin import Twin
 from urbantwin.view.pictures import attributions, title_of
 from urbantwin.view.plan import plan_figure
-from urbantwin.view.plan_look import PAPER
+from urbantwin.view.plan_style import PAPER
 from urbantwin.view.style import save
 
 __all__ = ["write_plan"]

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from urbantwin.artefact import sha256_of, write_json
-from urbantwin.dataset.boxes import write_boxes
-from urbantwin.dataset.course import Courses
+from urbantwin.dataset.box_table import write_boxes
+from urbantwin.dataset.frame_motion import FrameMotions
 from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, write_ignore_regions
 from urbantwin.dataset.layout import FOLDERS, frame_name, read_json_or_none
 from urbantwin.dataset.manifest import manifest_of
 from urbantwin.dataset.split import split_frames
-from urbantwin.dataset.sweeps import write_sweeps
+from urbantwin.dataset.sweep_table import write_sweeps
 from urbantwin.dataset.workers import Recipe, Task, record_frames
 from urbantwin.lidar import Rig
 from urbantwin.lidar.coverage import IgnoreArea
@@ -67,10 +67,10 @@ def record_dataset(  # noqa: PLR0913 - every one is a choice of `recording.recor
     missing = [index for index in times_s if read_json_or_none(_mark(done, index)) is None]
 
     def tasks() -> Iterator[Task]:
-        courses = Courses(motion)
+        motions = FrameMotions(motion)
         for index in missing:
             span = span_of(rig.sensors, index, seed)
-            yield Task(index, courses.around(times_s[index], *span))
+            yield Task(index, motions.around(times_s[index], *span))
 
     count = min(usable_processors() if workers is None else workers, max(1, len(missing)))
     recipe = Recipe(

@@ -1,4 +1,4 @@
-"""``dataset.json`` as far as making a dataset again relies on it: read strictly."""
+"""``dataset.json`` as far as reproducing a dataset relies on it: read strictly."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from urbantwin.artefact.manifest import Part, Sha256
 from urbantwin.dataset.reproduction.named_files import Below, NamedFile, Plain, check_files
 from urbantwin.errors import InputError
 
-__all__ = ["Background", "Told", "read_told"]
+__all__ = ["Background", "SourceManifest", "read_source_manifest"]
 
 _EXPECTED = "a dataset's manifest, as `urbantwin record` writes it"
 
@@ -103,8 +103,8 @@ class _Dataset(Part):
 
 
 @dataclass(frozen=True)
-class Told:
-    """What ``dataset.json`` tells.
+class SourceManifest:
+    """What ``dataset.json`` says of how the dataset was made.
 
     Attributes:
         file: where it was read.
@@ -123,7 +123,7 @@ class Told:
     part: str
 
 
-def read_told(file: Path) -> Told:
+def read_source_manifest(file: Path) -> SourceManifest:
     """Read a dataset's manifest.
 
     Raises:
@@ -176,7 +176,7 @@ def read_told(file: Path) -> Told:
         if dataset.rig is None:
             raise InputError("is missing", file=file, place="rig", expected=_EXPECTED)
         part = dataset.rig.sensors[0].name
-    return Told(file, document, dataset, twin, motion, record, part)
+    return SourceManifest(file, document, dataset, twin, motion, record, part)
 
 
 def _refused(error: ValidationError | RecursionError, file: Path) -> InputError:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from urbantwin.dataset.moment import posed_actors, rows_at
+from urbantwin.dataset.motion_interpolation import posed_actors, rows_at
 
 CAR = {"class": "car", "asset": "car-sedan"}
 

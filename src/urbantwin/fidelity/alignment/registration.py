@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from urbantwin.fidelity.alignment.counterparts import (
+from urbantwin.fidelity.alignment.correspondences import (
     EDGES,
     GROUND,
     LINES,
     RAISED,
-    Counterparts,
-    Pulls,
+    Correspondences,
+    Residuals,
 )
+from urbantwin.fidelity.alignment.frame_features import FrameFeatures
 from urbantwin.fidelity.alignment.scene_points import ScenePoints
-from urbantwin.fidelity.alignment.sight import Sight
 from urbantwin.geometry import Pose
 
 __all__ = ["Registered", "registered"]
@@ -76,7 +76,7 @@ class Registered:
 
 
 def registered(
-    scene: ScenePoints, sight: Sight, start: Pose, *, rough: bool = False
+    scene: ScenePoints, features: FrameFeatures, start: Pose, *, rough: bool = False
 ) -> Registered | None:
     """Move a frame so that what it shows lies on what the scene has.
 
@@ -97,7 +97,7 @@ def registered(
 
     Args:
         scene: the static world as points.
-        sight: thinned; the sensor is at its origin.
+        features: thinned; the sensor is at its origin.
         start: the pose to begin with.
         rough: only well enough to tell which of several places it is.
 
@@ -107,26 +107,26 @@ def registered(
     pose, offsets = start, np.zeros(2)
     wrong, solved = np.array(_WRONG_M), None
     for reach, scale in list(zip(_REACHES_M, _SCALES_M, strict=True))[: 1 if rough else 2]:
-        counterparts = Counterparts(scene, sight, pose, reach)
-        if len(counterparts.surface) < _LEAST_POINTS:
+        correspondences = Correspondences(scene, features, pose, reach)
+        if len(correspondences.surface) < _LEAST_POINTS:
             return None
         for _ in range(1 if rough else 2):
-            solved = _solved(counterparts, pose, offsets, wrong, scale)
+            solved = _solved(correspondences, pose, offsets, wrong, scale)
             if solved is None:
                 return None
-            pose, offsets, pulls = solved.pose, solved.offsets, solved.pulls
-            wrong = _wrong(pulls)
+            pose, offsets, residuals = solved.pose, solved.offsets, solved.residuals
+            wrong = _wrong(residuals)
     assert solved is not None
     matrix, spread = solved.matrix, _jackknife(solved)
     sigma = np.sqrt(np.maximum(np.diag(np.linalg.inv(matrix))[:6], spread))
     sigma[3:] = np.hypot(sigma[3:], _LEAST_WRONG_M)  # what is wrong everywhere alike
-    surfaces = pulls.kind <= GROUND
+    surfaces = residuals.kind <= GROUND
     return Registered(
         pose=pose,
-        explained=_explained(sight, pose, scene, pulls),
-        curbs_explained=_share(pulls, EDGES, _EDGE_EXPLAINED_M, len(sight.curbs)),
-        marks_explained=_share(pulls, LINES, EXPLAINED_M, len(sight.spots)),
-        residual_m=float(np.median(np.abs(pulls.error[surfaces]))),
+        explained=_explained(features, pose, scene, residuals),
+        curbs_explained=_share(residuals, EDGES, _EDGE_EXPLAINED_M, len(features.curbs)),
+        marks_explained=_share(residuals, LINES, EXPLAINED_M, len(features.spots)),
+        residual_m=float(np.median(np.abs(residuals.error[surfaces]))),
         surface_offset_m=float(offsets[0]),
         edge_offset_m=float(offsets[1]),
         sigma_m=sigma[3:6],
@@ -141,13 +141,13 @@ class _Solved:
 
     pose: Pose
     offsets: NDArray[np.float64]
-    pulls: Pulls
+    residuals: Residuals
     jacobian: NDArray[np.float64]
     matrix: NDArray[np.float64]
 
 
 def _solved(
-    counterparts: Counterparts,
+    correspondences: Correspondences,
     pose: Pose,
     offsets: NDArray[np.float64],
     wrong: NDArray[np.float64],
@@ -155,19 +155,19 @@ def _solved(
 ) -> _Solved | None:
     """Gauss and Newton's steps; None where a direction is not held."""
     for _ in range(_STEPS):
-        pulls = counterparts.pulls(pose, offsets, wrong, scale)
-        if len(pulls.at) < _LEAST_POINTS:
+        residuals = correspondences.residuals(pose, offsets, wrong, scale)
+        if len(residuals.at) < _LEAST_POINTS:
             return None
         jacobian = np.column_stack(
             [
-                np.cross(pulls.at - pose.translation, pulls.aim),
-                pulls.aim,
-                -1.0 * (pulls.kind == RAISED),
-                -1.0 * (pulls.kind == EDGES),
+                np.cross(residuals.at - pose.translation, residuals.aim),
+                residuals.aim,
+                -1.0 * (residuals.kind == RAISED),
+                -1.0 * (residuals.kind == EDGES),
             ]
         )
-        weighted = jacobian * pulls.weight[:, None]
-        matrix, gradient = weighted.T @ jacobian, weighted.T @ pulls.error
+        weighted = jacobian * residuals.weight[:, None]
+        matrix, gradient = weighted.T @ jacobian, weighted.T @ residuals.error
         matrix[[6, 7], [6, 7]] += _OFFSET_SIGMA_M**-2
         gradient[6:] += offsets * _OFFSET_SIGMA_M**-2
         if np.linalg.cond(matrix) > 1e12:
@@ -180,17 +180,17 @@ def _solved(
         offsets = offsets + step[6:]
         if np.abs(step[3:6]).max() < 5e-4 and np.abs(step[:3]).max() < 3e-5:
             break
-    return _Solved(pose, offsets, pulls, jacobian, matrix)
+    return _Solved(pose, offsets, residuals, jacobian, matrix)
 
 
-def _wrong(pulls: Pulls) -> NDArray[np.float64]:
+def _wrong(residuals: Residuals) -> NDArray[np.float64]:
     """Return how far each kind is wrong over one cluster: the scatter of clusters' means."""
     found = np.array(_WRONG_M)
     for kind in range(4):
-        mine = pulls.kind == kind
-        cluster, weight = pulls.cluster[mine], pulls.weight[mine]
+        mine = residuals.kind == kind
+        cluster, weight = residuals.cluster[mine], residuals.weight[mine]
         total = np.bincount(cluster, weight)
-        mean = np.bincount(cluster, weight * pulls.error[mine])
+        mean = np.bincount(cluster, weight * residuals.error[mine])
         held = np.bincount(cluster) >= (3 if kind <= GROUND else 1)
         held = held & (total > 0)
         if held.sum() >= 6:
@@ -202,35 +202,42 @@ def _wrong(pulls: Pulls) -> NDArray[np.float64]:
 def _jackknife(solved: _Solved) -> NDArray[np.float64]:
     """Return the variances (6,) of turns and place by leaving out sectors in turn.
 
-    One step from the solution with the counterparts as they are.
+    One step from the solution with the correspondences as they are.
     """
-    pulls, jacobian, matrix, pose = solved.pulls, solved.jacobian, solved.matrix, solved.pose
-    x, y = (pulls.at - pose.translation)[:, :2].T
+    residuals, jacobian, matrix, pose = (
+        solved.residuals,
+        solved.jacobian,
+        solved.matrix,
+        solved.pose,
+    )
+    x, y = (residuals.at - pose.translation)[:, :2].T
     sector = np.floor((np.arctan2(y, x) / (2 * np.pi)) % 1.0 * _SECTORS)
     moved = []
     for number in np.unique(sector):
         mine = sector == number
-        weighted = jacobian[mine] * pulls.weight[mine, None]
+        weighted = jacobian[mine] * residuals.weight[mine, None]
         rest = matrix - weighted.T @ jacobian[mine]
         if np.linalg.cond(rest) > 1e12:
             return np.full(6, np.inf)
-        moved.append(np.linalg.solve(rest, weighted.T @ pulls.error[mine])[:6])
+        moved.append(np.linalg.solve(rest, weighted.T @ residuals.error[mine])[:6])
     places = np.array(moved)
     count = len(places)
     return np.asarray((count - 1) / count * ((places - places.mean(axis=0)) ** 2).sum(axis=0))
 
 
-def _share(pulls: Pulls, kind: int, within: float, of: int) -> float:
-    near = (pulls.kind == kind) & (np.abs(pulls.error) < within)
+def _share(residuals: Residuals, kind: int, within: float, of: int) -> float:
+    near = (residuals.kind == kind) & (np.abs(residuals.error) < within)
     return float(near.sum() / max(of, 1))
 
 
-def _explained(sight: Sight, pose: Pose, scene: ScenePoints, pulls: Pulls) -> float:
+def _explained(
+    features: FrameFeatures, pose: Pose, scene: ScenePoints, residuals: Residuals
+) -> float:
     """Return the share of the points off the ground that lie on a surface off the ground."""
-    at = pose.apply(sight.points)
+    at = pose.apply(features.points)
     height = at[:, 2] - scene.ground_at(at[:, :2])
     off = ~(height < 0.3)  # where nobody knows the ground, too
     on = np.zeros(len(at), np.bool_)
-    close = (pulls.kind == RAISED) & (np.abs(pulls.error) < EXPLAINED_M)
-    on[pulls.number[close]] = True
+    close = (residuals.kind == RAISED) & (np.abs(residuals.error) < EXPLAINED_M)
+    on[residuals.number[close]] = True
     return float((on & off).sum() / max(off.sum(), 1))

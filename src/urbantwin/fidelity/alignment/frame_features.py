@@ -9,17 +9,17 @@ from numpy.typing import NDArray
 
 from urbantwin.fidelity.alignment.curbs import above_lowest, curbs_of
 from urbantwin.fidelity.alignment.ground_plane import GroundPlane, leveling, thinned
-from urbantwin.fidelity.alignment.marks import bright_spots_of
+from urbantwin.fidelity.alignment.lane_markings import bright_spots_of
 from urbantwin.fidelity.frame import Frame
 
-__all__ = ["RAISED_M", "Sight"]
+__all__ = ["RAISED_M", "FrameFeatures"]
 
 #: Higher above the lowest point around, a point is not of the ground, metres.
 RAISED_M = 0.3
 
 
 @dataclass(frozen=True, eq=False)
-class Sight:
+class FrameFeatures:
     """One frame, its origin in the middle of its sensors.
 
     Attributes:
@@ -39,12 +39,12 @@ class Sight:
     spot_weight: NDArray[np.float64]
 
     @classmethod
-    def of(cls, frame: Frame, origin: NDArray[np.float64], plane: GroundPlane) -> Sight:
+    def of(cls, frame: Frame, origin: NDArray[np.float64], plane: GroundPlane) -> FrameFeatures:
         """Look at each sensor's points by themselves: their rings cross.
 
         Args:
             frame: with only the points that count.
-            origin: (3,) of the sight, in the frame of the points.
+            origin: (3,) of the features, in the frame of the points.
             plane: the ground, seen from that origin.
         """
         points = frame.points - origin
@@ -71,10 +71,10 @@ class Sight:
             np.concatenate(weights),
         )
 
-    def thinned(self, cell_m: float) -> Sight:
+    def thinned(self, cell_m: float) -> FrameFeatures:
         """Return it with one point a cell; curbs and spots stay as they are."""
         kept = thinned(self.points, cell_m)
-        return Sight(
+        return FrameFeatures(
             self.points[kept],
             self.raised[kept],
             self.curbs,

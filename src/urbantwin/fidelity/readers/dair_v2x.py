@@ -11,10 +11,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from urbantwin.fidelity.cloud_fields import read_fields
+from urbantwin.fidelity.cloud_formats import read_fields
 from urbantwin.fidelity.frame import Boxes, Frame
-from urbantwin.fidelity.readers.assembled import frame_of
 from urbantwin.fidelity.readers.documents import laid_out, read_json_document
+from urbantwin.fidelity.readers.frame_assembly import frame_of
 from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of, checked_pose
 from urbantwin.fidelity.readers.plain import clouds_in
 from urbantwin.fidelity.readers.recording import Recording

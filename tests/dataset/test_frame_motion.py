@@ -1,10 +1,10 @@
-"""Where actors go in the course of a frame, against closed forms."""
+"""Where actors go during a frame, against closed forms."""
 
 import numpy as np
 import pytest
 
-from urbantwin.dataset.course import Courses
-from urbantwin.dataset.moment import posed_actors, rows_at
+from urbantwin.dataset.frame_motion import FrameMotions
+from urbantwin.dataset.motion_interpolation import posed_actors, rows_at
 
 CAR = {"class": "car", "asset": "car-sedan"}
 
@@ -37,8 +37,8 @@ def on_bend(time_s):
 
 
 def actors_at(motion, time_s, start_s=0.0, stop_s=0.1):
-    course = Courses(motion).around(time_s, start_s, stop_s)
-    actors = posed_actors(course.rows, course.paths())
+    moved = FrameMotions(motion).around(time_s, start_s, stop_s)
+    actors = posed_actors(moved.rows, moved.paths())
     return {actor.track: actor for actor in actors}
 
 
@@ -122,10 +122,10 @@ def test_steps_finer_than_a_turn_are_all_there(twin, motion_of):
 def test_a_time_outside_the_motion_is_refused(bend):
     for time_s in (-0.1, 0.6):
         with pytest.raises(ValueError, match="outside"):
-            Courses(bend).around(time_s)
+            FrameMotions(bend).around(time_s)
 
 
 def test_no_actors(twin, motion_of):
-    course = Courses(motion_of(twin, [], steps=6)).around(0.2, -0.1, 0.2)
-    assert course.paths() == []
-    assert len(course.rows) == 0
+    moved = FrameMotions(motion_of(twin, [], steps=6)).around(0.2, -0.1, 0.2)
+    assert moved.paths() == []
+    assert len(moved.rows) == 0

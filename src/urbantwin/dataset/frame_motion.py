@@ -1,4 +1,4 @@
-"""Where every actor goes in the course of a frame: the motion's steps around it.
+"""Where every actor goes during a frame: the steps of the motion around it.
 
 A turning sensor sees each actor where it is when a ray meets it. So a frame needs more than the
 poses at its own time: the steps from the first firing of its sensors to the last.
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.dataset.moment import (
+from urbantwin.dataset.motion_interpolation import (
     FASTEST_M_S,
     SAME_TIME_S,
     MotionTable,
@@ -22,7 +22,7 @@ from urbantwin.dataset.moment import (
 from urbantwin.geometry import rotation_from_ypr
 from urbantwin.lidar.actor_path import ActorPath
 
-__all__ = ["Course", "Courses"]
+__all__ = ["FrameMotion", "FrameMotions"]
 
 _POSE = ("x", "y", "z", "yaw", "pitch", "roll")
 #: Steps that are kept because the next frame needs them too.
@@ -30,7 +30,7 @@ _KEPT_STEPS = 64
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class FrameMotion:
     """The actors at a frame's time, and where they are around it.
 
     Attributes:
@@ -59,15 +59,15 @@ class Course:
         ]
 
 
-class Courses:
-    """Courses of a motion's frames; made one after the other, they share the motion's steps."""
+class FrameMotions:
+    """What moves during each frame of a motion; frames taken in order share the steps they need."""
 
     def __init__(self, motion: MotionTable) -> None:
         self._motion = motion
         self._times = motion.times()
         self._steps: OrderedDict[int, Rows] = OrderedDict()
 
-    def around(self, time_s: float, start_s: float = 0.0, stop_s: float = 0.0) -> Course:
+    def around(self, time_s: float, start_s: float = 0.0, stop_s: float = 0.0) -> FrameMotion:
         """Return where the actors of a time go.
 
         Between steps they go straight. An actor that is in one of the two steps around the time
@@ -106,12 +106,12 @@ class Courses:
             own = np.stack([rows[name] for name in _POSE], axis=-1)
             poses = np.insert(poses, after - low, own, axis=0)
         _cut_where_put(known, poses)
-        return Course(rows, known, poses)
+        return FrameMotion(rows, known, poses)
 
     def _span(
         self, time_s: float, before: int, after: int, start_s: float, stop_s: float
     ) -> tuple[int, int]:
-        """Return the first and the last step that a course holds."""
+        """Return the first and the last step that a `FrameMotion` holds."""
         times = self._times
         if stop_s - start_s <= SAME_TIME_S:
             return before, after

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
+from urbantwin.fidelity.beam_assignment import BeamsOf
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.histograms import full_scale
-from urbantwin.fidelity.on_beams import BeamsOf
 from urbantwin.fidelity.range_modes import RangeModes, range_modes
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.fidelity.sampling import evenly

@@ -11,8 +11,8 @@ import numpy as np
 
 from urbantwin.errors import InputError
 from urbantwin.fidelity.alignment.align import Alignment, Guess, align
-from urbantwin.fidelity.alignment.average import averaged
 from urbantwin.fidelity.alignment.picture import draw_alignment
+from urbantwin.fidelity.alignment.pose_average import averaged
 from urbantwin.fidelity.alignment.rig_file import aligned_poses, write_aligned_rig
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers import open_recording

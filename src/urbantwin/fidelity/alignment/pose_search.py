@@ -8,10 +8,10 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.fidelity.alignment.distance_maps import HIGHEST_M, Plan, Space
+from urbantwin.fidelity.alignment.frame_features import FrameFeatures
 from urbantwin.fidelity.alignment.ground_plane import GroundPlane, leveling, thinned
-from urbantwin.fidelity.alignment.maps import HIGHEST_M, Plan, Space
 from urbantwin.fidelity.alignment.scene_points import ScenePoints
-from urbantwin.fidelity.alignment.sight import Sight
 from urbantwin.geometry import Pose
 
 __all__ = ["Found", "PoseSearch", "SearchSpan"]
@@ -66,35 +66,35 @@ class PoseSearch:
 
     Args:
         scene: the static world as points.
-        sight: what one frame shows.
+        features: what one frame shows.
         plane: the ground in that frame.
     """
 
-    def __init__(self, scene: ScenePoints, sight: Sight, plane: GroundPlane) -> None:
+    def __init__(self, scene: ScenePoints, features: FrameFeatures, plane: GroundPlane) -> None:
         self._scene, self._plane = scene, plane
         self._level = leveling(plane.normal)
         raised = scene.points[~scene.is_ground]
         self._space = Space.around(raised)
         low, high = scene.points[:, :2].min(axis=0), scene.points[:, :2].max(axis=0)
         self._plan = Plan.over(scene, low - 2.0, high + 2.0)
-        self._points, self._kind, self._weight = self._chosen(sight, len(raised) > 0)
+        self._points, self._kind, self._weight = self._chosen(features, len(raised) > 0)
 
     def _chosen(
-        self, sight: Sight, any_raised: bool
+        self, features: FrameFeatures, any_raised: bool
     ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
         """Return points in the level frame, what they are looked up as, and their weights."""
-        kept = thinned(sight.points, 0.5)
-        level, raised = sight.points[kept] @ self._level.T, sight.raised[kept]
+        kept = thinned(features.points, 0.5)
+        level, raised = features.points[kept] @ self._level.T, features.raised[kept]
         above = level[:, 2] + self._plane.height_m
         near = above < HIGHEST_M
         parts = [level[~raised & near], level[raised & near][: len(level) * any_raised]]
-        parts.append((sight.curbs @ self._level.T)[: len(sight.curbs) * self._plan.any_edges])
-        parts.append((sight.spots @ self._level.T)[: len(sight.spots) * self._plan.any_lines])
+        parts.append((features.curbs @ self._level.T)[: len(features.curbs) * self._plan.any_edges])
+        parts.append((features.spots @ self._level.T)[: len(features.spots) * self._plan.any_lines])
         generator = np.random.default_rng(len(level))
         points, kinds, weights = [], [], []
         for kind, part in enumerate(parts):
             chosen = generator.permutation(len(part))[: _MOST_POINTS // 3]
-            share = sight.spot_weight[chosen] if kind == _LINES else np.ones(len(chosen))
+            share = features.spot_weight[chosen] if kind == _LINES else np.ones(len(chosen))
             points.append(part[chosen])
             kinds.append(np.full(len(chosen), kind))
             weights.append(_WEIGHTS[kind] * share / max(share.sum(), 1e-9))

@@ -9,11 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from urbantwin.fidelity.alignment.frame_features import FrameFeatures
 from urbantwin.fidelity.alignment.scene_points import ScenePoints
-from urbantwin.fidelity.alignment.sight import Sight
 from urbantwin.geometry import Pose
 
-__all__ = ["ALIKE_M", "EDGES", "GROUND", "LINES", "NOISE_M", "RAISED", "Counterparts", "Pulls"]
+__all__ = [
+    "ALIKE_M",
+    "EDGES",
+    "GROUND",
+    "LINES",
+    "NOISE_M",
+    "RAISED",
+    "Correspondences",
+    "Residuals",
+]
 
 RAISED, GROUND, EDGES, LINES = range(4)
 #: Points this near to each other err alike, metres.
@@ -23,13 +32,13 @@ NOISE_M = (0.03, 0.03, 0.05, 0.05)
 #: Edges and lines farther above or below a point are of another street, metres.
 _STOREY_M = 1.5
 
-#: The columns of `Pulls`.
+#: The columns of `Residuals`.
 _Part = tuple[Any, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class Pulls:
-    """Points with a counterpart.
+class Residuals:
+    """Points with a correspondence.
 
     Attributes:
         at: (P, 3) where they are, site frame.
@@ -38,7 +47,7 @@ class Pulls:
         weight: (P,) per square metre.
         kind: (P,) what they lie on: `RAISED`, `GROUND`, `EDGES` or `LINES`.
         cluster: (P,) of points that err alike.
-        number: (P,) of the point, curb or spot in its sight.
+        number: (P,) of the point, curb or spot in its features.
     """
 
     at: NDArray[np.float64]
@@ -50,18 +59,20 @@ class Pulls:
     number: NDArray[np.int64]
 
 
-class Counterparts:
+class Correspondences:
     """One frame against what of the scene can be seen from about where it is.
 
     Args:
         scene: the static world as points.
-        sight: what the frame shows.
+        features: what the frame shows.
         start: about where it is.
-        reach_m: nothing farther away is a counterpart.
+        reach_m: nothing farther away is a correspondence.
     """
 
-    def __init__(self, scene: ScenePoints, sight: Sight, start: Pose, reach_m: float) -> None:
-        self._sight = sight
+    def __init__(
+        self, scene: ScenePoints, features: FrameFeatures, start: Pose, reach_m: float
+    ) -> None:
+        self._features = features
         self._reach = reach_m
         seen = scene.seen_from(start.translation)
         self.surface, normal = scene.points[seen], scene.normals[seen]
@@ -69,7 +80,10 @@ class Counterparts:
         normal = normal * np.where(facing < 0, -1.0, 1.0)[:, None]
         ground = scene.is_ground[seen]
         self._targets = []
-        for mine, theirs in ((~sight.raised, np.ones(len(ground), bool)), (sight.raised, ~ground)):
+        for mine, theirs in (
+            (~features.raised, np.ones(len(ground), bool)),
+            (features.raised, ~ground),
+        ):
             places = self.surface[theirs]
             tree = cKDTree(places) if len(places) else None
             chosen = np.flatnonzero(mine)
@@ -80,16 +94,18 @@ class Counterparts:
             cKDTree(places) if len(places) else None
             for places in (self._edges[:, :2], self._lines[:, :2])
         ]
-        self._clusters = [_clusters(places) for places in (sight.points, sight.curbs, sight.spots)]
+        self._clusters = [
+            _clusters(places) for places in (features.points, features.curbs, features.spots)
+        ]
 
-    def pulls(
+    def residuals(
         self,
         pose: Pose,
         offsets: NDArray[np.float64],
         wrong: NDArray[np.float64],
         scale: NDArray[np.float64],
-    ) -> Pulls:
-        """Return what pulls at the frame in a pose.
+    ) -> Residuals:
+        """Return the residuals of the frame in a pose.
 
         Args:
             pose: ``site_SE3_frame``.
@@ -107,7 +123,7 @@ class Counterparts:
         many = np.bincount(group, weight)[group] if len(group) else weight
         weight = weight / (many * wrong[kind] ** 2 + np.array(NOISE_M)[kind] ** 2)
         weight = weight / (1.0 + (error / scale[kind]) ** 2) ** 2
-        return Pulls(at, aim, error, weight, kind, cluster, number)
+        return Residuals(at, aim, error, weight, kind, cluster, number)
 
     def _surfaces(self, pose: Pose) -> list[_Part]:
         """Match points of the ground to any surface, and others to those off the ground.
@@ -118,7 +134,7 @@ class Counterparts:
         for chosen, places, normal, ground, tree in self._targets:
             if tree is None or not len(chosen):
                 continue
-            at = pose.apply(self._sight.points[chosen])
+            at = pose.apply(self._features.points[chosen])
             distance, nearest = tree.query(at, distance_upper_bound=self._reach)
             near = np.flatnonzero(np.isfinite(distance))
             nearest, at, mine = nearest[near], at[near], chosen[near]
@@ -129,17 +145,17 @@ class Counterparts:
         return found
 
     def _curbs(self, pose: Pose) -> _Part:
-        at = pose.apply(self._sight.curbs)
-        road = self._sight.curb_road @ pose.rotation.T
+        at = pose.apply(self._features.curbs)
+        road = self._features.curb_road @ pose.rotation.T
         found = self._beside(0, at, self._edges, self._edge_normal, EDGES)
         # The road must be on the same side of both.
         fits = (road[found[-1]] * found[1]).sum(axis=1) > 0.0
         return tuple(column[fits] for column in found)
 
     def _spots(self, pose: Pose) -> _Part:
-        at = pose.apply(self._sight.spots)
+        at = pose.apply(self._features.spots)
         found = self._beside(1, at, self._lines, self._line_normal, LINES)
-        return (*found[:3], self._sight.spot_weight[found[-1]], *found[4:])
+        return (*found[:3], self._features.spot_weight[found[-1]], *found[4:])
 
     def _beside(
         self,

@@ -24,7 +24,7 @@ import numpy as np
 import pythoncdt
 from numpy.typing import ArrayLike, NDArray
 
-from urbantwin.fidelity.compiled.whole_triangles import can_be_surface
+from urbantwin.fidelity.compiled.surface_triangles import can_be_surface
 
 if TYPE_CHECKING:
     from typing_extensions import Buffer

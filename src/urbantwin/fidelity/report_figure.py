@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from urbantwin.fidelity import histograms as bins
 from urbantwin.fidelity.definitions import HEADLINE, MEASURES, PUBLISHED
-from urbantwin.fidelity.drawing import COLOURS, INK, LABELS, blank, legend, plain, save
 from urbantwin.fidelity.report import Aggregate, Anchored, FrameFigures, Report
+from urbantwin.fidelity.report_style import COLOURS, INK, LABELS, blank, legend, plain, save
 
 __all__ = ["draw_report"]
 

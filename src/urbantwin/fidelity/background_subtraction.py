@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from urbantwin.fidelity.compiled.standing import stand_still
+from urbantwin.fidelity.compiled.static_points import stand_still
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.range_modes import range_modes
 
