@@ -157,7 +157,7 @@ def _outline(path: Path, key: str, row: object) -> NDArray[np.float64]:
 
 def _fields(path: Path, place: str, row: object) -> dict[str, object]:
     if not isinstance(row, dict):
-        raise InputError("is no object", file=path, place=place, expected=EXPECTED)
+        raise InputError("is not an object", file=path, place=place, expected=EXPECTED)
     return row
 
 
