@@ -40,5 +40,5 @@ def _of_the_table(value: dict[str, float]) -> dict[str, float]:
     return value
 
 
-#: By material: times what the table says that it sends back.
+#: Factors on the reflectivity of the table of materials, by name of the material.
 Reflectivities = Annotated[dict[str, Factor], AfterValidator(_of_the_table)]

@@ -92,7 +92,9 @@ class GivenPlace:
 
         Raises:
             InputError: a value is out of range, one of a pair is missing, the region is given twice
-                or its file is wrong. """ if region is not None and radius_m is not None:
+                or its file is wrong.
+        """
+        if region is not None and radius_m is not None:
             raise InputError("is given with a radius", file=region, expected="one of the two")
         if radius_m is not None and not 20.0 <= radius_m <= FARTHEST_M:
             raise InputError(f"the radius is {radius_m:g} m", expected=f"20 to {FARTHEST_M:g} m")

@@ -18,8 +18,8 @@ def _one_origin(text: str) -> str:
     except DownloadError:
         shown = "an address" if "@" in text else repr(text[:60])
         raise wrong(
-            f"is {shown}, which is not an origin", "scheme, host and port:
-            https://tiles.example.org"
+            f"is {shown}, which is not an origin",
+            "scheme, host and port: https://tiles.example.org",
         ) from None
     return text
 
