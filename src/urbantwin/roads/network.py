@@ -233,7 +233,10 @@ class RoadNetwork:
         """
         if self.driving_side not in ("right", "left"):
             raise InputError(
-                "is no side", file=file, place="driving_side", expected="right or left"
+                "is not a side of the road",
+                file=file,
+                place="driving_side",
+                expected="right or left",
             )
         known = self.lane_by_id
         if len(known) < len(self.lanes):
@@ -242,10 +245,12 @@ class RoadNetwork:
             place = f"lanes[{number}]"
             if len(lane.centre) < 2 or len(lane.widths) not in (0, len(lane.centre)):
                 raise InputError(
-                    "is no strip", file=file, place=place, expected="a line with its widths"
+                    "is not a lane", file=file, place=place, expected="a line with its widths"
                 )
             if not 0 <= lane.width <= _WIDEST_M or not 0 <= lane.level <= _HIGHEST:
-                raise InputError("is no strip", file=file, place=place, expected="a width, a level")
+                raise InputError(
+                    "is not a lane", file=file, place=place, expected="a width, a level"
+                )
         named = [(f"roads[{k}].lanes", one.lanes) for k, one in enumerate(self.roads)]
         for place, names in named:
             if not set(names) <= known.keys():

@@ -49,7 +49,7 @@ def check_sumo_network(path: Path) -> None:
         parser = etree.XMLParser(resolve_entities=False, no_network=True, remove_comments=True)
         root = etree.parse(str(path), parser).getroot()
         if root.tag != "net" or root.getroottree().docinfo.doctype:
-            raise InputError("is no network", file=path, expected=_EXPECTED)
+            raise InputError("is not a SUMO network", file=path, expected=_EXPECTED)
         for item in root.iter(etree.Element):
             problem = _problem_of(item)
             if problem:
@@ -73,7 +73,7 @@ def reading_sumo_network(path: Path) -> Iterator[None]:
         why = error.strerror or "not found"
         raise InputError(f"cannot be read ({why})", file=path, expected=_EXPECTED) from None
     except (KeyError, ValueError, TypeError, IndexError, AttributeError, ArithmeticError) as error:
-        problem = f"is no sound network ({type(error).__name__}: {error})"
+        problem = f"is not a valid network ({type(error).__name__}: {error})"
         raise InputError(problem, file=path, expected=_EXPECTED) from None
 
 

@@ -1,4 +1,4 @@
-"""What a person says about a place: the site, its rig, its OpenStreetMap extract, its DEM."""
+"""A site as ``site.yaml`` describes it: region, rig, OpenStreetMap extract and elevation model."""
 
 from urbantwin.site.dem import DemGrid, check_dem, grid_step_m, read_heights
 from urbantwin.site.extract import Extract, OsmFeature, Relation, Way, WayPiece

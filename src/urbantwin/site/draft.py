@@ -66,7 +66,7 @@ class SiteDraft:
 
 @dataclass(frozen=True)
 class GivenPlace:
-    """Where a person wants a site to be, as far as they said.
+    """Where a new site is to be, as far as it was given.
 
     Attributes:
         point: latitude and longitude of the anchor, degrees.
@@ -88,7 +88,7 @@ class GivenPlace:
         region: Path | None,
         radius_m: float | None,
     ) -> GivenPlace:
-        """Return what was said of a place.
+        """Check the given place.
 
         Raises:
             InputError: a value is out of range, one of a pair is missing, the region is given twice
@@ -97,7 +97,7 @@ class GivenPlace:
         if region is not None and radius_m is not None:
             raise InputError("is given with a radius", file=region, expected="one of the two")
         if radius_m is not None and not 20.0 <= radius_m <= FARTHEST_M:
-            raise InputError(f"a radius of {radius_m:g} m", expected=f"20 to {FARTHEST_M:g} m")
+            raise InputError(f"the radius is {radius_m:g} m", expected=f"20 to {FARTHEST_M:g} m")
         polygon = polygon_from_geojson(read_geojson(region), file=region) if region else None
         if latitude is None and longitude is None:
             return cls(None, region, polygon, radius_m)
@@ -105,7 +105,7 @@ class GivenPlace:
             raise InputError("latitude and longitude go together", expected="both or neither")
         for name, value, most in (("latitude", latitude, 90.0), ("longitude", longitude, 180.0)):
             if not -most <= value <= most:
-                problem = f"{name} {value:g} is out of range"
+                problem = f"the {name} {value:g} is out of range"
                 raise InputError(problem, expected=f"-{most:g} to {most:g}")
         return cls((latitude, longitude), region, polygon, radius_m)
 

@@ -1,4 +1,4 @@
-"""Where an extract is complete: the area that was downloaded, not the ways that stick out of it."""
+"""The area in which an extract is complete: what was downloaded, without ways that stick out."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from urbantwin.site.extract import Extract
 
 __all__ = ["clusters", "local_frame", "mapped_area", "small_things"]
 
-#: A way that is larger than this may have been included for one end of it alone, metres.
+#: A longer way may have been included for one of its ends only, metres.
 SMALL_M = 60.0
-#: Small things farther apart than this belong to different downloads, metres.
+#: Small features farther apart than this belong to different downloads, metres.
 _GAP_M = 120.0
-#: How far the area is taken to reach beyond the outermost small thing, metres.
+#: How far the area reaches beyond the outermost small feature, metres.
 _RIM_M = 10.0
 
 
@@ -39,7 +39,7 @@ def clusters(points: NDArray[np.float64], gap_m: float) -> NDArray[np.int64]:
 
 
 def small_things(extract: Extract, frame: SiteFrame) -> NDArray[np.float64]:
-    """Return (N, 2) places of what is only in an extract because it lies in the download itself.
+    """Return (N, 2) places of features too small to reach beyond the downloaded area.
 
     Downloads keep ways whole, so a long way says little about where the download ends. A tagged
     node that belongs to no way, and a way that is small, are there or are not.

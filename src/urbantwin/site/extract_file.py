@@ -27,7 +27,7 @@ EXPECTED = "an OpenStreetMap extract (.osm, .osm.bz2, .osm.gz or .osm.pbf)"
 #: is near is kept: places of all nodes, nodes of all ways (measured on 200 MB of XML).
 _WHOLE, _NEAR = 2.6, 0.25
 
-#: What lies this far beyond a region may bear on it: where streets lead, crossings, signals.
+#: Margin around a region that affects it: where streets lead, crossings, signals; metres.
 _AROUND_M = 1000.0
 
 #: West, south, east, north, degrees.
@@ -35,7 +35,7 @@ LonLatBox = tuple[float, float, float, float]
 
 
 def box_around(frame: SiteFrame, region: shapely.Polygon) -> LonLatBox:
-    """Return what of a map bears on a region (site frame), in degrees."""
+    """Return the box of the map that affects a region (site frame), in degrees."""
     area = shapely.box(*region.buffer(_AROUND_M, quad_segs=2).bounds)
     lonlat = frame.lonlat_from_site(shapely.get_coordinates(shapely.segmentize(area, _AROUND_M)))
     (west, south), (east, north) = lonlat.min(axis=0).tolist(), lonlat.max(axis=0).tolist()
@@ -123,7 +123,7 @@ def _read_whole(path: Path, stream: MapStream) -> Extract:
 
 @contextmanager
 def _no_collecting() -> Iterator[None]:
-    """Look for no garbage meanwhile: millions of tuples are made, and none is thrown away."""
+    """Pause garbage collection: millions of tuples are made, and none is freed."""
     was = gc.isenabled()
     gc.disable()
     try:
@@ -145,6 +145,6 @@ def _check_name(path: Path) -> None:
 
 
 def _advice(path: Path, near: LonLatBox | None) -> str:
-    """Return what to do with a map that is too much."""
+    """Return what to do about a map that is too large."""
     box = ",".join(f"{value:.4f}" for value in near) if near else "WEST,SOUTH,EAST,NORTH"
     return f"a smaller extract: osmium extract -b {box} {path.name} -o map.osm.pbf"

@@ -1,4 +1,4 @@
-"""GeoTIFFs that people give, opened with care."""
+"""Opening GeoTIFFs with checks of their size, their CRS and the files beside them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def opened_geotiff(path: Path, expected: str) -> Iterator[Any]:
         expected: what it should be, for error messages.
 
     Raises:
-        InputError: missing, no GeoTIFF, damaged, in a system that nothing is known of, or of a
+        InputError: missing, no GeoTIFF, damaged, in an unknown reference system, or of a
             size that its bytes cannot hold.
     """
     import rasterio
@@ -83,5 +83,5 @@ def files_beside(path: Path) -> list[Path]:
             with rasterio.open(path, driver="GTiff") as raster:
                 named = [Path(name) for name in raster.files]
     except RasterioError:
-        return []  # Whoever reads its values says what is wrong with it.
+        return []  # Reported by whatever reads the heights or the pixels.
     return sorted(one for one in named if one.name != path.name and one.is_file())

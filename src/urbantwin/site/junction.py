@@ -1,4 +1,4 @@
-"""Which junction of an extract to twin, when nobody says: the busiest one that is well mapped."""
+"""Proposing the junction of an extract to twin: the busiest one that is well mapped."""
 
 from __future__ import annotations
 
@@ -199,7 +199,7 @@ class _Junctions:
         )
 
     def _strength(self, node: int) -> float:
-        """Return the weight of the second street at a node: what makes it a crossing."""
+        """Return the weight of the second street at a node: which makes it a crossing."""
         best: dict[str, float] = {}
         for number, way in enumerate(self.ways_at[node]):
             name = way.tags.get("name") or f"#{number}"

@@ -1,4 +1,4 @@
-"""What is near a place, out of a map that is too large to keep."""
+"""Reading what is near a place from an extract too large for memory, in one pass."""
 
 from __future__ import annotations
 

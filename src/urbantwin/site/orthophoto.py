@@ -1,4 +1,4 @@
-"""Pictures of the ground resampled to a grid in the site frame."""
+"""Orthophotos resampled to a grid in the site frame."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["Orthophoto", "read_orthophoto"]
 _EXPECTED = "a GeoTIFF of red, green and blue (and opacity), 8 bits each, with a CRS"
 #: Cells of the grid, metres: as fine as the picture, within these.
 FINEST_M, COARSEST_M = 0.05, 2.0
-#: Most cells of a grid: 50 MB of colours, and a gigabyte while materials are told.
+#: Most cells of a grid: 50 MB of colours, and a gigabyte while materials are classified.
 MOST_CELLS = 16_000_000
 #: Most pixels of a file that are read at once; of a finer one its overviews are.
 MOST_PIXELS = 64_000_000
@@ -125,8 +125,8 @@ def read_orthophoto(
             "pixel_m": round(raster.cell_m, 3),
             "covers": round(float(new.mean()), 4),
         }
-        if source.path is None:  # many files, or an address: known by what they show
-            note["pixels_sha256"] = hashlib.sha256(raster.pixels.tobytes()).hexdigest()
+        if source.path is None:  # Many files, or an address: identified by the pixels that they
+            give.note["pixels_sha256"] = hashlib.sha256(raster.pixels.tobytes()).hexdigest()
         if raster.problems:
             note["problems"] = list(raster.problems)
         notes.append(note)
@@ -222,7 +222,7 @@ def _crs(raster: Any, source: ImagerySource, path: Path) -> Any:  # noqa: ANN401
 
     if source.spec.crs is not None:
         try:
-            # GDAL would ask an address, and open a path, for what they hold; PROJ does neither.
+            # GDAL would fetch an address or open a path given as a CRS; PROJ does neither.
             known = pyproj.CRS.from_user_input(source.spec.crs)
             if "/" in source.spec.crs:
                 return CRS.from_wkt(known.to_wkt())

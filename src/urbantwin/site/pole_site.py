@@ -1,4 +1,4 @@
-"""Where a roadside sensor could stand at a junction, judged from the map alone."""
+"""Proposing where a roadside sensor's pole could stand at a junction, from the map alone."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def place_pole(paved: shapely.Geometry, features: Iterable[OsmFeature]) -> PoleP
     free &= ~shapely.dwithin(buildings, points, _WALL_CLEARANCE_M)
     free &= ~shapely.intersects(buildings, _sight_lines(places))
     free &= ~shapely.intersects(water, points)
-    # Nothing is free where a square is built over or paved all around: then beside the middle.
+    # Where everything around is paved or built over: beside the middle.
     choice = places[free] if free.any() else places
     away = np.linalg.norm(choice, axis=1)
     cost = np.maximum(0.0, away - _WANTED_M)

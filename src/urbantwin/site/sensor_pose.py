@@ -1,4 +1,4 @@
-"""Where a sensor stands and looks, in the ways that people say it."""
+"""Position and attitude of a sensor, in all the forms that a file may give them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _HEIGHTS = ("height_m", "up_m", "altitude_m", "above_roof_m")
 
 
 class SensorPlace(Strict):
-    """The place and the attitude of a sensor.
+    """Position and attitude of a sensor.
 
     On the site, a file gives ``east_m`` and ``north_m``, or ``latitude`` and ``longitude``; and one
     of ``height_m``, ``up_m`` and ``altitude_m``. On a rig that rides, it gives ``forward_m`` and

@@ -85,7 +85,7 @@ class SignalSpec(_Strict):
     def _junction_is_one(cls, value: Any) -> Any:  # noqa: ANN401
         if isinstance(value, dict):
             if set(value) != set(LIMITS):
-                raise wrong("is no place", "latitude and longitude, degrees")
+                raise wrong("is not a place", "latitude and longitude, degrees")
             for name, limit in LIMITS.items():
                 degrees = value[name]
                 if not isinstance(degrees, int | float) or not abs(degrees) <= limit:

@@ -1,4 +1,4 @@
-"""``traffic:`` of a site: how much of it, for how long, how large."""
+"""``traffic:`` of a site: volumes by class, duration, seed, and sizes of actors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What ``site.yaml`` says of who may be asked over HTTP."""
+"""Origins: which servers ``site.yaml`` allows to be asked over HTTP."""
 
 from __future__ import annotations
 
@@ -18,12 +18,13 @@ def _one_origin(text: str) -> str:
     except DownloadError:
         shown = "an address" if "@" in text else repr(text[:60])
         raise wrong(
-            f"is {shown}, which is no origin", "scheme, host and port: https://tiles.example.org"
+            f"is {shown}, which is not an origin",
+            "scheme, host and port: https://tiles.example.org",
         ) from None
     return text
 
 
-#: ``https://host`` or ``http://host:8080``: who else than the root may be asked.
+#: ``https://host`` or ``http://host:8080``: a further server that may be asked.
 OriginText = Annotated[str, AfterValidator(_one_origin)]
 
 

@@ -1,4 +1,4 @@
-"""YAML files that people write: read strictly, and every mistake told in one line."""
+"""YAML files that people write: read strictly, with every error reported in one line."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ class Document:
         # A misspelt field is reported twice, as unknown and as missing; the former says more.
         first = next((item for item in details if item["type"] == "extra_forbidden"), details[0])
         place = self._written(first)
-        # Of a field that may be one thing or another, what went furthest into it was meant.
+        # Of a field with alternatives, the one that validated furthest was meant.
         for item in details:
             at = self._written(item)
             further = len(at) > len(place) or (
@@ -105,7 +105,7 @@ class Document:
     def _written(self, item: ErrorDetails) -> tuple[int | str, ...]:
         """Return an error's location without the names of alternatives: ``str``, ``literal[...]``.
 
-        They are steps that what the person wrote does not have.
+        The file does not contain those steps.
         """
         here: Any = self.value
         steps: list[int | str] = []
@@ -144,7 +144,7 @@ def _entry(node: yaml.Node | None, step: int | str) -> tuple[yaml.Node | None, y
 
 
 def wrong(problem: str, expected: str) -> PydanticCustomError:
-    """Return what a validator raises so that both halves reach the person who wrote the file."""
+    """Return the error of a validator that tells what is wrong and what was expected."""
     escaped = problem.replace("{", "(").replace("}", ")")
     return PydanticCustomError("wrong", escaped, {"expected": expected})
 

@@ -1,4 +1,4 @@
-"""From a site to its twin."""
+"""Building a twin from its site, stage by stage."""
 
 from __future__ import annotations
 
@@ -60,8 +60,7 @@ def build_twin(
         site: the checked site.
         out: the folder to write; an older twin there is replaced.
         progress: told the share done (0..1) and what is being done.
-        watch: given what the sources of geometry gave, for pictures of how they were placed and
-            cleaned.
+        watch: called with the imported geometry, for pictures of how it was placed and cleaned.
         also: given the whole twin before it appears, for what is to be checked of it and what else
             belongs into its folder: pictures.
 
@@ -77,7 +76,7 @@ def build_twin(
     side = _driving_side(site, imported)
     around = site.region.buffer(PICTURE_MARGIN_M)
     photo = read_orthophoto(site.imagery, site.frame, around) if site.imagery else None
-    # Geometry that somebody surveyed takes as long as all the rest.
+    # Imported geometry takes as long as all the rest.
     surveying = 0.4 if site.geometry else 0.02
     with replaced_folder(out, kind="twin", inputs=site.files()) as folder:
         tell(0.0, "ground")
@@ -189,7 +188,7 @@ def _write_documents(folder: Path, site: Site, told: Mapping[str, object]) -> No
 
 
 def _read(site: Site, tell: Progress) -> tuple[Extract | None, Progress]:
-    """Read the map around the region, and return what is told from then on."""
+    """Read the map around the region; return it with the progress of the stages that follow."""
     tell(0.0, "reading the map")
     if site.osm is None:
         return None, tell

@@ -1,4 +1,4 @@
-"""What a site knows of its ground and of what stands on it, before there are roads."""
+"""The ground of a site and the geometry on it, from its DEM and imported sources."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["SurveyedSite", "surveyed"]
 
 @dataclass(frozen=True)
 class SurveyedSite:
-    """The bare earth, and the geometry that people gave.
+    """The bare earth, and the imported geometry.
 
     Attributes:
         elevation: of the bare earth; a level plain where nothing is known.

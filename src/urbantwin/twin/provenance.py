@@ -1,4 +1,4 @@
-"""What a twin was made from, told so that it can be made again: the site, and every file."""
+"""Provenance of a twin: the site and every input file, so that it can be made again."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def rig_and_files(
 
 
 def without_secrets(address: str) -> str:
-    """Return an address without what says who asks, which does not go on in a manifest."""
+    """Return an address without credentials, which no manifest may hold."""
     return _SECRET.sub("", address) if re.match("https?://", address) else address
 
 

@@ -1,4 +1,4 @@
-"""The files that a rig's sensors are described by, kept in the twin so that it stays whole."""
+"""The sensor files that a rig names, copied into the twin so that it is complete."""
 
 from __future__ import annotations
 
@@ -89,5 +89,5 @@ def _read(path: Path) -> dict[str, Any]:
     try:
         value = yaml.safe_load(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError, yaml.YAMLError):
-        return {}  # Whoever reads the sensor says what is wrong with it.
+        return {}  # Reported by whatever reads the sensor.
     return value if isinstance(value, dict) else {}

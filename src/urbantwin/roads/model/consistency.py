@@ -32,7 +32,9 @@ def check_model(model: LaneModel, file: Path) -> None:
             road has no lanes or no end; the field is named.
     """
     if model.driving_side not in ("right", "left"):
-        raise InputError("is no side", file=file, place="driving_side", expected="right or left")
+        raise InputError(
+            "is not a side of the road", file=file, place="driving_side", expected="right or left"
+        )
     for name in ("roads", "junctions", "areas", "signals", "controllers"):
         ids = [one.id for one in getattr(model, name)]
         if len(set(ids)) < len(ids):
@@ -57,7 +59,7 @@ def check_model(model: LaneModel, file: Path) -> None:
 def _check_road(road: ModelRoad, file: Path, place: str) -> None:
     pieces = road.curve.pieces
     if not pieces or any(len(one.u) not in (0, 4) or len(one.v) != len(one.u) for one in pieces):
-        raise InputError("is no curve", file=file, place=f"{place}.curve", expected="pieces")
+        raise InputError("is not a curve", file=file, place=f"{place}.curve", expected="pieces")
     lengths = [one.length for one in pieces]
     if min(lengths) < 0 or sum(lengths) > _LONGEST_M:
         raise InputError("has no length", file=file, place=f"{place}.curve", expected="metres")
@@ -92,7 +94,7 @@ def _step(identity: int) -> int:
 def _check_profile(profile: Profile, file: Path, place: str) -> None:
     start = profile.start
     if not len(start) or len(start) != len(profile.abcd) or (np.diff(start) < 0).any():
-        raise InputError("is no profile", file=file, place=place, expected="cubics in order")
+        raise InputError("is not a profile", file=file, place=place, expected="cubics in order")
 
 
 def _known(wanted: Iterable[int], known: Collection[int], file: Path, place: str) -> None:
