@@ -179,8 +179,8 @@ def test_long_names_of_outputs_have_scratch(tmp_path):
         ({"twin.json": "{}"}, "holds other files"),
         ({"twin.json": "not JSON"}, "holds other files"),
         ({"twin.json": '{"kind": "motion"}'}, "holds other files"),
-        ({"twin.json": '{"kind": "twin"}', "thesis.tex": ""}, "inventory is no help"),
-        ({"twin.json": '{"kind": "twin"}', "SHA256SUMS": "?"}, "inventory is no help"),
+        ({"twin.json": '{"kind": "twin"}', "thesis.tex": ""}, "inventory cannot be used"),
+        ({"twin.json": '{"kind": "twin"}', "SHA256SUMS": "?"}, "inventory cannot be used"),
         ({"twin.json": '{"kind": "twin"}', "SHA256SUMS": ""}, r"would be lost \(twin.json\)"),
     ],
 )

@@ -118,7 +118,9 @@ def json_value(text: bytes | str, *, file: str | Path, expected: str, once: bool
         problem = f"is not JSON ({error.problem})"
         raise InputError(problem, file=file, place=error.place, expected=expected) from None
     except UnicodeError:
-        raise InputError("has text of half letters", file=file, expected=expected) from None
+        raise InputError(
+            "has text with unpaired surrogates", file=file, expected=expected
+        ) from None
     except MemoryError:
         raise InputError("is too large for the memory", file=file, expected=expected) from None
     return value

@@ -180,7 +180,7 @@ def _check_place(target: Path, real: Path, inputs: Sequence[Path | None]) -> Non
             continue
         path = Path(os.path.realpath(given))
         if real == path:
-            raise InputError("is an input, too", file=target, expected="another output")
+            raise InputError("is also an input", file=target, expected="another output")
         if path.is_dir() and real.is_relative_to(path):
             raise InputError(
                 f"is inside an input ({given})", file=target, expected="an output beside it"
@@ -227,8 +227,8 @@ def _check_replaceable(target: Path, real: Path, kind: str) -> None:
         named = read_inventory(real)
     except InputError as error:
         raise InputError(
-            f"holds a {kind} whose inventory is no help ({error.file}: {error.problem}), and maybe "
-            "other files, which would be lost",
+            f"holds a {kind} whose inventory cannot be used ({error.file}: {error.problem}), and "
+            "maybe other files, which would be lost",
             file=target,
             expected=expected,
         ) from None

@@ -107,7 +107,7 @@ def read_typed(path: Path, kind: type[Kind], expected: str) -> Kind:
     if not isinstance(value, dict):
         raise InputError("is not a mapping", file=path, expected=expected)
     if _CONTROL.search(data) and _has_control(value):
-        raise InputError("has text with characters that no text has", file=path, expected=expected)
+        raise InputError("has text with unpaired surrogates", file=path, expected=expected)
     if _LONG.search(data) and _has_beyond(value):
         raise InputError(f"has a number beyond {_BEYOND:g}", file=path, expected=expected)
     try:

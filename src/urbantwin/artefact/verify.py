@@ -48,7 +48,7 @@ def verify(path: Path, *, workers: int = 1, progress: Progress | None = None) ->
     found = list(_artefacts(path))
     if not found:
         raise InputError(
-            "is no artefact, and holds none",
+            "is not an artefact and contains none",
             file=path,
             expected=f"a folder that urbantwin wrote: {', '.join(KINDS)}",
         )

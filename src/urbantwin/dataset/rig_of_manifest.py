@@ -92,7 +92,7 @@ def _check_numbers(value: object) -> None:
         for one in value.values() if isinstance(value, dict) else value:
             _check_numbers(one)
     elif isinstance(value, int | float) and not abs(value) <= _LARGEST:
-        raise ValueError(f"{value!r:.40} is no figure of a sensor")
+        raise ValueError(f"{value!r:.40} is not a value that a sensor has")
 
 
 def _mounted(entry: Mapping[str, Any]) -> MountedSensor:

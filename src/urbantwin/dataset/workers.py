@@ -127,7 +127,7 @@ def record_frames(recipe: Recipe, tasks: Iterable[Task], workers: int) -> Iterat
                     yield future.result()
     except BrokenProcessPool:
         raise StageError(
-            "a worker was stopped from outside (out of memory?); what is finished is kept: "
+            "a worker was killed (out of memory?); what is finished is kept: "
             "give the same command again, with fewer workers"
         ) from None
 

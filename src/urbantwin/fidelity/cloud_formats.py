@@ -180,7 +180,7 @@ def _from_las(path: Path) -> Fields:
     if sizes is None:
         raise InputError("is not readable", file=path, expected="a LAS file")
     if not may_unpack(sizes.points * sizes.record, path.stat().st_size):
-        raise InputError("is cut, or its header is damaged", file=path, expected="a LAS file")
+        raise InputError("is truncated, or its header is damaged", file=path, expected="a LAS file")
     # Side by side, whole chunks are unpacked at once; one that is huge goes piece by piece.
     slow = sizes.chunk * sizes.record > _LARGE_CHUNK
     try:

@@ -188,7 +188,7 @@ def _origin(real: Side, given: ArrayLike | None) -> NDArray[np.float64]:
         place = np.asarray(given, np.float64).reshape(3)
         if not (np.abs(place) < 1e7).all():  # nor NaN
             raise InputError(
-                f"{' '.join(f'{one:g}' for one in place)} is no place",
+                f"{' '.join(f'{one:g}' for one in place)} is not a point",
                 place="origin",
                 expected="x, y and z in metres in the frame of the clouds",
             )

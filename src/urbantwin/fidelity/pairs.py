@@ -138,7 +138,7 @@ def measured_pairs(pairs: Pairs, workers: int | None) -> Iterator[MeasuredPair |
                 yield future.result()
     except BrokenProcessPool:
         raise StageError(
-            "a worker was stopped from outside (out of memory?): try it with fewer workers"
+            "a worker was killed (out of memory?): try it with fewer workers"
         ) from None
 
 

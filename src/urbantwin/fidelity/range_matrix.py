@@ -60,7 +60,7 @@ def measure_matrix(
     """
     ranges = _read(real)
     if ranges.ndim != 2 or min(ranges.shape) < 2:
-        raise InputError("is no matrix", file=real, expected="ranges, beams by steps of azimuth")
+        raise InputError("is not a matrix", file=real, expected="ranges, beams by steps of azimuth")
     ranges = np.where(np.isfinite(ranges) & (ranges > 0), ranges, 0.0)
     up = beams.sensor.elevation_deg
     if elevations is not None:

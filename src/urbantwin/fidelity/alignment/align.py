@@ -194,7 +194,7 @@ def align(
         )
     if found.sigma_m.max() > _MOST_SIGMA_M or found.sigma_deg.max() > _MOST_SIGMA_DEG:
         raise InputError(
-            f"holds the place to no better than {found.sigma_m.max():.2f} m and "
+            f"determines the pose to no better than {found.sigma_m.max():.2f} m and "
             f"{found.sigma_deg.max():.1f} degrees (standard deviation)",
             file=file,
             expected="a twin with walls, poles or curbs that the sensor sees",

@@ -60,7 +60,7 @@ def open_argoverse(path: Path) -> Recording:
     def read(index: int) -> Frame:
         file = files[index]
         if not file.stem.isdigit():
-            raise InputError("has no time for a name", file=file, expected="nanoseconds")
+            raise InputError("is not named by its time", file=file, expected="nanoseconds")
         time_ns = int(file.stem)
         fields = _table(file)
         assert fields is not None

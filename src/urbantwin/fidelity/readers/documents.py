@@ -78,7 +78,7 @@ def finite_numbers(words: Iterable[str]) -> list[float]:
     for word in words:
         value = finite_number(word)
         if value is None:
-            raise ValueError(f"{word[:40]!r} is no number")
+            raise ValueError(f"{word[:40]!r} is not a number")
         found.append(value)
     return found
 

@@ -81,7 +81,10 @@ def _read_boxes(path: Path, camera_SE3_lidar: Pose) -> Boxes:
                 raise ValueError
         except ValueError:
             raise InputError(
-                "is no label", file=path, place=f"line {number}", expected="15 values of KITTI"
+                "is not a KITTI label",
+                file=path,
+                place=f"line {number}",
+                expected="15 values of KITTI",
             ) from None
         labelled.append(LabelledBox(_box(values, lidar_SE3_camera), words[0]))
     return boxes_of(labelled)

@@ -120,7 +120,7 @@ def _read_labels(path: Path) -> dict[int, list[LabelledBox]]:
                     raise ValueError
             except ValueError:
                 raise InputError(
-                    "is no label",
+                    "is not a LUMPI label",
                     file=path,
                     place=f"line {number}",
                     expected=expected,
@@ -143,7 +143,7 @@ def _rows(path: Path, expected: str) -> Iterator[list[str]]:
     try:
         yield from csv.reader(read_lines(path, expected))
     except csv.Error as error:
-        raise InputError(f"is no table ({error})", file=path, expected=expected) from None
+        raise InputError(f"is not a table ({error})", file=path, expected=expected) from None
 
 
 def _is_number(text: str) -> bool:

@@ -115,7 +115,7 @@ def read_label_lines(path: Path) -> Boxes | None:
             name = words[7]
         except (ValueError, IndexError):
             raise InputError(
-                "is no label",
+                "is not an OpenPCDet label",
                 file=path,
                 place=f"line {number}",
                 expected="x y z dx dy dz heading class",

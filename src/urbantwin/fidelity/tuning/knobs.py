@@ -67,7 +67,7 @@ def groups_of(text: str) -> tuple[str, ...]:
     for one in sorted(named - set(GROUPS)):
         raise InputError(f"{one!r:.40} cannot be fitted", place="--fit", expected=", ".join(GROUPS))
     if not named:
-        raise InputError("names nothing", place="--fit", expected=", ".join(GROUPS))
+        raise InputError("no group is named", place="--fit", expected=", ".join(GROUPS))
     return tuple(one for one in GROUPS if one in named)
 
 

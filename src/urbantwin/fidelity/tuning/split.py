@@ -51,7 +51,8 @@ def split_in_time(count: int, held_out: float = 0.3) -> Split:
         )
     if count < 2:
         raise InputError(
-            f"holds {count} frame", expected="two at least: to fit to, and to judge the fit by"
+            f"the recording holds {count} frame",
+            expected="two at least: to fit to, and to judge the fit by",
         )
     last = min(count - 1, max(1, round(held_out * count)))
     before = count - last

@@ -73,7 +73,7 @@ def camera_centres(folder: Path) -> dict[str, NDArray[np.float64]]:
     try:
         rows = _binary_images(binary) if binary.is_file() else _text_images(path)
     except (struct.error, ValueError, IndexError, UnicodeDecodeError):
-        raise InputError("is cut short or wrong", file=path, expected="COLMAP's images") from None
+        raise InputError("is truncated or damaged", file=path, expected="COLMAP's images") from None
     return {name: -_rotation(values[:4]).T @ values[4:7] for name, values in rows}
 
 
@@ -83,7 +83,7 @@ def _binary_points(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     count_within(count, MOST_POINTS, "points", path)
     starts = np.zeros(count, np.int64)
     if count * 51 > len(data) or _starts(data, starts) < count:
-        raise InputError("is cut short", file=path, expected=f"{count:,} points")
+        raise InputError("is truncated", file=path, expected=f"{count:,} points")
     row = np.dtype([("xyz", "<f8", 3), ("rgb", "u1", 3)])
     taken = data[starts[:, None] + 8 + np.arange(row.itemsize)]
     rows = np.frombuffer(taken.tobytes(), row)

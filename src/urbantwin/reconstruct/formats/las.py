@@ -70,7 +70,7 @@ def read_las(
         if not header.point_count:
             raise InputError("holds no point", file=path, expected="a survey")
         if not all(np.isfinite([*header.scales, *header.offsets])) or not all(header.scales):
-            raise InputError("has a scale or an offset that is no number", file=path)
+            raise InputError("has a scale or an offset that is not a number", file=path)
         found = _points(reader, path, bounds, piece)
     cloud, read = found
     notes: dict[str, object] = {"points_in_file": int(header.point_count), "points": read}
@@ -116,7 +116,7 @@ def _points(
         total = -1
     if total != reader.header.point_count:
         raise InputError(
-            f"is cut short: its {reader.header.point_count:,} points cannot all be read",
+            f"is truncated: its {reader.header.point_count:,} points cannot all be read",
             file=path,
             expected="the whole file",
         )

@@ -172,7 +172,7 @@ def _site_from_crs(source: GeometrySource, frame: SiteFrame) -> NDArray[np.float
         x, y = to_crs.transform([0.0, reach, 0.0], [0.0, 0.0, reach])
     except (CRSError, ProjError):
         raise InputError(
-            f"{source.spec.crs!r} is not a coordinate system that is known",
+            f"{source.spec.crs!r} is not a known coordinate reference system",
             file=source.document.file,
             place=source.place("crs"),
             expected="a code such as EPSG:7415",

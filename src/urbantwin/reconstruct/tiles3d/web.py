@@ -53,7 +53,8 @@ def open_web(source: GeometrySource, environment: Mapping[str, str] | None = Non
             key = value
     if bearer is not None and not (bearer.isascii() and bearer.isprintable()):
         raise InputError(
-            f"the environment variable {spec.key_env} holds what no header may",
+            f"the environment variable {spec.key_env} holds characters that an HTTP header must "
+            "not have",
             file=source.document.file,
             place=source.place("key_env"),
             expected="a token of printable ASCII",
