@@ -228,13 +228,13 @@ def test_a_damaged_older_one_may_be_replaced(tmp_path):
 @pytest.mark.parametrize(
     ("target", "inputs", "problem"),
     [
-        ("twin", ["twin"], "is an input"),
+        ("twin", ["twin"], "is also an input"),
         ("twin/dataset", [], "is inside a twin"),
         ("twin/deep/dataset", [], "is inside a twin"),
         ("real/dataset", ["real"], "is inside an input"),
         ("way/dataset", ["real"], "is inside an input"),
         (".", ["map.osm"], "holds an input"),
-        ("map.osm", ["map.osm"], "is an input"),
+        ("map.osm", ["map.osm"], "is also an input"),
     ],
 )
 def test_outputs_are_beside_inputs(tmp_path, target, inputs, problem):

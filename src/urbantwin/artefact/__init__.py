@@ -1,4 +1,4 @@
-"""Artefacts: outputs that appear whole or not at all, their inventories, the documents in them."""
+"""Artefacts: outputs that are written atomically, their inventories and documents."""
 
 from urbantwin.artefact.checksum import sha256_of
 from urbantwin.artefact.disk_space import check_room

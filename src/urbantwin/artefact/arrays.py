@@ -1,4 +1,4 @@
-"""NumPy's files, read so that a damaged or a hostile one is one clear line.
+"""Validated reading of NumPy's files: a damaged or hostile one is one clear line.
 
 What a file says of itself (members, shapes) is checked against its size before anything is
 allocated, pickles are never read, and whatever zipfile, zlib and NumPy raise becomes InputError.

@@ -1,4 +1,4 @@
-"""Room on a disk: asked for before long work, and what is said when it ends."""
+"""Disk space: checked before long work, and the error when it runs out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""JSON documents: manifests and what else artefacts hold as text."""
+"""JSON documents of artefacts: manifests and others."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Outputs: folders and files that appear whole or not at all, in place of nothing but their own."""
+"""Outputs: folders and files written atomically, which replace only their own kind."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables of columns, Parquet and Feather, read so that a damaged one is one clear line."""
+"""Validated reading of Parquet and Feather tables: a damaged one is one clear line."""
 
 from __future__ import annotations
 

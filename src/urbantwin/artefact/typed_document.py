@@ -1,4 +1,4 @@
-"""JSON documents of ours read straight into the dataclasses that they were written from."""
+"""JSON documents read into the dataclasses that they were written from."""
 
 from __future__ import annotations
 

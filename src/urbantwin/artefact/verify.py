@@ -1,4 +1,4 @@
-"""Whether artefacts are what was written: every file there, unchanged, and nothing else."""
+"""Verification of artefacts: every file present and unchanged, and nothing else."""
 
 from __future__ import annotations
 

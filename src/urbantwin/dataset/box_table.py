@@ -1,4 +1,4 @@
-"""``boxes.parquet``: what the label files have no room for."""
+"""``boxes.parquet``: the attributes of boxes that the label files have no room for."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The frames and tables of one dataset, in a folder that keeps what an interrupted run finished."""
+"""Writing one dataset: frames and tables, resumed where an interrupted run stopped."""
 
 from __future__ import annotations
 

@@ -129,7 +129,7 @@ def _named(path: Path) -> Iterator[None]:
 
 
 def read_json_or_none(path: Path) -> Any:  # noqa: ANN401
-    """Return what a JSON file holds, or ``None`` if it is missing, cut short or damaged."""
+    """Return what a JSON file holds, or ``None`` if it is missing, truncated or damaged."""
     try:
         return read_json_value(path, "what a frame holds")
     except InputError:

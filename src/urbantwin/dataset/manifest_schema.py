@@ -1,4 +1,4 @@
-"""``dataset.json`` as everything that reads a dataset relies on it."""
+"""The schema of ``dataset.json`` that every reader of a dataset relies on."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class _FramePose(Part):
 
 
 class FramePoses(Part):
-    """What alone of a manifest a frame's points need: where they are in the site."""
+    """What the points of a frame need of a manifest: where they are in the site."""
 
     dataset_SE3_site: Matrix | None = None  # noqa: N815
     frames: list[_FramePose] = Field(default_factory=list)

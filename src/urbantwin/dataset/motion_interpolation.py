@@ -1,4 +1,4 @@
-"""Where every actor is at one moment: a step of the motion, or between two of them."""
+"""Interpolation of the motion: where every actor is at a step, or between two of them."""
 
 from __future__ import annotations
 

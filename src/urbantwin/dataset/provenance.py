@@ -1,4 +1,4 @@
-"""What a recording was asked for, told so that it can be made again: the rig and its files."""
+"""The provenance of a recording: the rig as it was requested, and its files."""
 
 from __future__ import annotations
 

@@ -83,7 +83,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
             rig's.
         also: called with the folder of the whole dataset before it appears, for what else belongs
             into it: pictures.
-        progress: called with the share that is done and what is being done.
+        progress: called with the fraction done and what is being done.
 
     Raises:
         InputError: a backend that this machine lacks, a motion on another twin, a negative

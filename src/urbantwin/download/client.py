@@ -1,4 +1,4 @@
-"""One client of HTTP: it asks the root's origin and listed ones, and tells its key to the root's.
+"""The HTTP client: it asks the root's origin and listed ones, and sends its key to the root's.
 
 Written on ``http.client`` because a client above it (urllib, urllib3, requests) looks a name up
 again after we have judged its numbers, and times each read instead of the whole answer.

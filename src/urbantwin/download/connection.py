@@ -1,4 +1,4 @@
-"""Connections to addresses that were judged before, which no server holds up for ever."""
+"""Connections to checked addresses, with limits on how long a server may take."""
 
 from __future__ import annotations
 

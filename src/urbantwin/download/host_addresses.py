@@ -1,4 +1,4 @@
-"""Which numbers a host has, and whether they are of the open internet."""
+"""IP addresses of a host, and whether they are public."""
 
 from __future__ import annotations
 

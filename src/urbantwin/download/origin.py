@@ -1,4 +1,4 @@
-"""Addresses of HTTP taken apart once: where a request goes, and what it asks for there."""
+"""HTTP addresses parsed once: the origin that a request goes to, and its path."""
 
 from __future__ import annotations
 

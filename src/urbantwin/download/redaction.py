@@ -1,4 +1,4 @@
-"""Keys, found again in what servers say."""
+"""Redaction of keys in what servers say."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The body of an answer: whole, unpacked, and never larger than it may be."""
+"""The body of an HTTP response: complete, decompressed, and within a limit of size."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A plan for print: SVG and PNG, in the field's symbols on white paper."""
+"""A plan for print: SVG and PNG, with cartographic symbols on white paper."""
 
 from __future__ import annotations
 

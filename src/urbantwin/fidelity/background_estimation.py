@@ -1,4 +1,4 @@
-"""Measuring the static world from frames of sensors that do not move."""
+"""Estimating the static background from frames of sensors that do not move."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def measured_backgrounds(
 ) -> list[MeasuredBackground]:
     """Return per-beam statistics of what stands still, for each sensor.
 
-    The ranges of a beam are those of `range_modes.range_modes`: what frames see beyond is no
+    The ranges of a beam are those of `range_modes.range_modes`: what frames see beyond is not
     background, however long it stood there.
 
     Args:
@@ -88,7 +88,7 @@ def measure_recording(
         sensors: that it is of.
         out: the ``.npz`` to write.
         intensity_scale: what the data call full scale; guessed if not given.
-        progress: called with the share that is done and what is being done.
+        progress: called with the fraction done and what is being done.
 
     Returns:
         How many frames were read, and for each sensor how many beams there are, have a

@@ -1,4 +1,4 @@
-"""What stands still and what moves, where no labels say it."""
+"""Background subtraction: foreground and background of frames without labels."""
 
 from __future__ import annotations
 

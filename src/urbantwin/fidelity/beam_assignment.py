@@ -1,4 +1,4 @@
-"""Which beam of a known sensor each point of a frame was measured by."""
+"""Assigning the points of a frame to the beams of a known sensor."""
 
 from __future__ import annotations
 

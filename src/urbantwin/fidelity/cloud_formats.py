@@ -1,4 +1,4 @@
-"""The fields of one file of points, whatever its format: arrays by name, as the file has them."""
+"""Formats of point cloud files: the fields of one file as arrays by name."""
 
 from __future__ import annotations
 

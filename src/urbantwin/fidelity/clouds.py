@@ -107,7 +107,7 @@ def _checked(
 
 @dataclass(frozen=True, eq=False)
 class UsablePoints:
-    """Which rows (N,) of a table are points, and how many are none, and why."""
+    """Which rows (N,) of a table are points, and how many are not, and why."""
 
     rows: NDArray[np.bool_]
     not_finite: int

@@ -198,7 +198,7 @@ def _origin(real: Side, given: ArrayLike | None) -> NDArray[np.float64]:
 
 
 def _split(sides: dict[str, Side]) -> str | None:
-    """Return how foreground is told from background, the same way on both sides."""
+    """Return how foreground is separated from background, the same way on both sides."""
     pair = (sides["real"], sides["synthetic"])
     if all(side.labelled for side in pair):
         return LABELS

@@ -1,4 +1,4 @@
-"""Whether two frames can be of one place, in one frame of reference, by one sensor."""
+"""Consistency of two frames: one place, one frame of reference, one kind of sensor."""
 
 from __future__ import annotations
 
@@ -76,10 +76,10 @@ _ALIGN = "or run `urbantwin align` and record again"
 def doubts_about(real: Frame, other: Frame) -> list[str]:
     """Return what looks wrong about comparing two frames, one sentence each.
 
-    Said is another unit; height along another axis; a tilt; frames that look turned by any angle,
-    mirrored, shifted in plan or in height, or of another place altogether; and another sensor
-    (`sensor_match`). Places are told by what stands above the ground (`plan_match`); of frames in
-    which hardly anything stands nothing is said.
+    Detected are another unit; height along another axis; a tilt; frames that look rotated,
+    mirrored, shifted in plan or in height, or of another place; and another sensor
+    (`sensor_match`). Places are recognised by what stands above the ground (`plan_match`), so
+    frames in which hardly anything stands raise no doubts.
     """
     if min(len(real.points), len(other.points)) < _LEAST:
         return []

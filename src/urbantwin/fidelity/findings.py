@@ -145,9 +145,9 @@ def _notes(found: Findings, doubts: list[str]) -> list[str]:
     notes = ["Frames are paired in the order of their names: the i-th with the i-th."]
     notes += doubts
     notes.append(
-        f"Foreground and background are told apart by {split_by}."
+        f"Foreground and background are separated by {split_by}."
         if split_by
-        else "Foreground and background are not told apart: labels are not on both sides, and "
+        else "Foreground and background are not separated: labels are not on both sides, and "
         "there are too few frames of a sensor that stands still."
     )
     for name, side in sides.items():

@@ -1,4 +1,4 @@
-"""What labels say of a recording's objects, and how two recordings differ in it."""
+"""Statistics of a recording's labelled objects, and how two recordings differ in them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from urbantwin.fidelity.frame import Frame
 
 __all__ = ["HEAT_CELL_M", "RANGE_EDGES_M", "ObjectStatistics", "object_differences"]
 
-#: Bins of distance that points per box are told apart by, metres.
+#: Bins of distance for points per box, metres.
 RANGE_EDGES_M = (0.0, 10.0, 20.0, 30.0, 40.0, 60.0, 80.0, 120.0)
 #: Edge of the cells of the heat map, metres.
 HEAT_CELL_M = 2.0

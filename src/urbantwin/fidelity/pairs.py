@@ -51,7 +51,7 @@ class Pairs:
     Attributes:
         sides: "real", "synthetic" and, with a control, "arbitrary".
         origin: (3,) the sensor's place in the frame of the points, metres.
-        split_by: how foreground is told from background (`Side.foreground`).
+        split_by: how foreground is separated from background (`Side.foreground`).
     """
 
     sides: dict[str, Side]

@@ -56,7 +56,7 @@ def measure_matrix(
         What `background_estimation.described` does.
 
     Raises:
-        InputError: a file is none such, or its rows are not the sensor's channels.
+        InputError: a file is not such a matrix, or its rows are not the sensor's channels.
     """
     ranges = _read(real)
     if ranges.ndim != 2 or min(ranges.shape) < 2:

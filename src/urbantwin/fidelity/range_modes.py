@@ -1,4 +1,4 @@
-"""At which ranges the static world stands in a direction, from many looks along it."""
+"""Modes of range: where the static world stands in a direction, from many looks along it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A surface rebuilt from one real cloud: what a synthetic point's distance is measured to.
+"""The surface rebuilt from one real cloud, the reference of point-to-mesh distances.
 
 A LiDAR sees the first surface in every direction, so a cloud is a height field over directions.
 Its points are triangulated by their azimuth and elevation as seen from the sensor (constrained

@@ -1,4 +1,4 @@
-"""What the pictures of a report have in common: colours, axes, points from above."""
+"""The common style of a report's pictures: colours, axes, points from above."""
 
 from __future__ import annotations
 

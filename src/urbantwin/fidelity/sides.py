@@ -1,4 +1,4 @@
-"""The sides of a comparison: real, synthetic, arbitrary; read, checked and told apart."""
+"""The sides of a comparison: real, synthetic, arbitrary; read, checked, split."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from urbantwin.processes import threads
 
 __all__ = ["LABELS", "MODEL", "Side", "model_background", "open_side", "survey"]
 
-#: How foreground is told from background.
+#: How foreground is separated from background.
 LABELS, MODEL = "labels", "background model"
 #: Frames that a background model is made of; of more, so many that are spread evenly.
 _MODEL_FRAMES = 60

@@ -1,4 +1,4 @@
-"""Whether a placed mesh can be the place that it is said to be: its size, and which way is up."""
+"""The plausibility of a placed mesh: its size, and which way is up."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What became of the sources of geometry, in a few lines a person reads."""
+"""A summary of what became of the sources of geometry, for people."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Circuits: the endless ways of those who never leave a closed network.
+"""Circuits: endless routes for actors that never leave a closed network.
 
 A *passage* leads from one gate to the next. Which gate is next is drawn by its traffic, less where
 the way is a detour; nobody returns to where they came from while there is another way.

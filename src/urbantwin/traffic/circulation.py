@@ -1,4 +1,4 @@
-"""Circulation: a population that stays, each of whom goes from passage to passage for hours.
+"""Circulation: a constant population of actors that pass through the region again and again.
 
 How many there are of a class follows from how many shall pass per hour (Little's law: those on
 their way are the rate times the time for the way round).

@@ -1,4 +1,4 @@
-"""Demand: who sets out, when, from where to where, so that the site's shares come out."""
+"""Demand: trips with departure times and routes that yield the site's flows."""
 
 from __future__ import annotations
 

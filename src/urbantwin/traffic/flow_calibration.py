@@ -1,4 +1,4 @@
-"""How many have to circulate so that as many pass per hour as were asked for.
+"""Calibration of the circulating population to the flow per hour that was asked for.
 
 The flow of a closed network is its population times its mean speed over the length of the way
 round. The speed depends on signals and on how many there are, so it is measured: by short pilot

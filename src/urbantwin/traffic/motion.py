@@ -147,7 +147,7 @@ class Motion:
         """Return the motion with the mesh of every asset and phase that its actors show.
 
         Args:
-            tell: told the share done (0..1) and what is being done.
+            tell: called with the fraction done (0..1) and what is being done.
         """
         shown = self.actors.select(["asset", "phase"]).group_by(["asset", "phase"]).aggregate([])
         keys = sorted(zip(shown["asset"].to_pylist(), shown["phase"].to_pylist(), strict=True))

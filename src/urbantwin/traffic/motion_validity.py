@@ -1,4 +1,4 @@
-"""What a motion's folder must hold, so that whatever is recorded from it can rely on it."""
+"""Validity of a motion's folder, so that whatever records from it can rely on it."""
 
 from __future__ import annotations
 

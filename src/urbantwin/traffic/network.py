@@ -1,4 +1,4 @@
-"""The streets as one class of actors may use them: where it comes in, where it leaves, the ways.
+"""The street network as one class of actors may use it: entries, exits and routes.
 
 A SUMO network is a graph of edges. Here it becomes, for one of SUMO's vehicle classes, a sparse
 matrix of travel times from edge to edge and a list of *gates*: edges over which traffic enters or

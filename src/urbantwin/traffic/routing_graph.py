@@ -1,4 +1,4 @@
-"""The ways of a closed network as a graph: for drivers edges, for walkers edges and directions.
+"""The routing graph of a closed network: edges for drivers, directed edges for pedestrians.
 
 Outer roads (``roads.loop``) are its *gates*: by them one leaves the region and comes back. So are
 cul-de-sacs, where drivers turn round, and the ends of sidewalks where walkers do.
@@ -35,7 +35,7 @@ _CORNER_M = 200.0
 
 @dataclass(frozen=True, eq=False)
 class WayGraph:
-    """Where one can be on one's way, and what follows.
+    """The states that an actor can be in on its route, and their successors.
 
     Attributes:
         edges: (S,) id of the edge of each state.

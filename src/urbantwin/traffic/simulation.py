@@ -1,4 +1,4 @@
-"""SUMO's side of the traffic: its input files, its process, and what came out of it."""
+"""Running SUMO: its input files, its process and its output."""
 
 from __future__ import annotations
 
@@ -190,7 +190,7 @@ def _worked(
     scratch: Path | None,
     progress: Callable[[float, str], None] | None,
 ) -> Simulated:
-    """Let the worker do a job."""
+    """Run a job in the worker process."""
     own = passing_folder("urbantwin-sumo") if scratch is None else _folder_in(scratch)
     with own as made:
         folder = made.resolve()

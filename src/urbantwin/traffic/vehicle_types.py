@@ -1,4 +1,4 @@
-"""How each class of actors moves: its SUMO vehicle class and what we set beside SUMO's defaults."""
+"""SUMO's vehicle class and type of each class of actors, where not SUMO's defaults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the ground is made of, in plan: the materials that beams from above would meet."""
+"""The materials of the ground in plan, as seen from above."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Names on a plan, where they hide neither lanes nor each other."""
+"""Labels of a plan, placed so that they hide neither lanes nor each other."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Colours and measures of a plan: on dark ground like all pictures, or on paper for print."""
+"""Styles of a plan: dark like all pictures, or on white paper for print."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stands on roads and is raised on them: signs, heads of signals, islands.
+"""Road furniture for pictures: signs, signal heads, islands.
 
 The lane model says it all. Of a twin without one only what the lane network tells is known: the
 signals at their stop lines.

@@ -1,4 +1,4 @@
-"""Whether a dataset that was made again has the same bytes, and if not, where and why."""
+"""Comparing a reproduced dataset with the original: whether bytes differ, where and why."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The inputs of a dataset: what is needed, where it lies here, and what is missing."""
+"""The inputs of a dataset: which are needed, where they are found, which are missing."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Making a dataset again from its manifest and its inputs."""
+"""Reproducing a dataset from its manifest and its inputs."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def plan_of(
         motion: its motion, if that is not to be simulated again.
 
     Raises:
-        InputError: it is no dataset, or one that does not tell what it was made from; a folder is
+        InputError: it is not a dataset, or does not say what it was made from; a folder is
             none; the twin or the motion is another.
     """
     for folder in inputs:

@@ -1,4 +1,4 @@
-"""The package: map mesh, OpenDRIVE, what to set down where, and how to import it."""
+"""The CARLA package: map mesh, OpenDRIVE, spawn points, traffic, rig and how to import it."""
 
 from __future__ import annotations
 

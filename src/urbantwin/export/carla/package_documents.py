@@ -1,4 +1,4 @@
-"""The documents of a CARLA package as a client that follows them relies on them."""
+"""The documents of a CARLA package, validated as a client relies on them."""
 
 from __future__ import annotations
 

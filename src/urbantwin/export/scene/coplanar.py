@@ -1,4 +1,4 @@
-"""Triangles of one plane that touch, joined into polygons with holes."""
+"""Coplanar triangles that touch, joined into polygons with holes."""
 
 from __future__ import annotations
 

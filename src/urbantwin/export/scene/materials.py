@@ -1,4 +1,4 @@
-"""How the triangles of a class and a material look, and what is known of them."""
+"""Materials of exported scenes: colour and properties by class and material."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Finding a sensor's pose in the twin from what it really saw."""
+"""Alignment: a sensor's pose in the twin, estimated from its real frames."""
 
 from urbantwin.fidelity.alignment.align import Alignment, Guess, align
 from urbantwin.fidelity.alignment.ground_plane import GroundPlane, ground_plane

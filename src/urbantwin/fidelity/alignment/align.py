@@ -1,4 +1,4 @@
-"""The pose of a sensor in the twin, found from one real frame."""
+"""Estimating the pose of a sensor in the twin from one real frame."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ _FEWEST_CURBS, _FEWEST_RAISED = 4, 50
 
 @dataclass(frozen=True)
 class Guess:
-    """Roughly where the sensor is.
+    """An initial guess of where the sensor is.
 
     Attributes:
         east_m: metres east of the anchor.
@@ -58,7 +58,7 @@ class Guess:
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """The pose of a frame in the twin, and how far it can be trusted.
+    """The pose of a frame in the twin, and its uncertainty.
 
     Attributes:
         pose: ``site_SE3_frame``: takes the frame's points to the site.
@@ -144,7 +144,7 @@ def align(
         surface: paint on the twin's roads.
         seed: of the ground planes that are tried.
         file: where the frame is from, for errors.
-        progress: told the share done (0..1) and what is being done.
+        progress: called with the fraction done (0..1) and what is being done.
 
     Raises:
         InputError: no ground in the frame, or at the guess in the twin; nothing that holds the

@@ -1,4 +1,4 @@
-"""What in the scene each point of a frame belongs to: planes, road edges, painted lines."""
+"""Correspondences of a frame's points in the scene: planes, road edges, painted lines."""
 
 from __future__ import annotations
 
@@ -38,15 +38,15 @@ _Part = tuple[Any, ...]
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """Points with a correspondence.
+    """Residuals of the points that have a correspondence.
 
     Attributes:
         at: (P, 3) where they are, site frame.
-        aim: (P, 3) unit vectors along which they err.
+        aim: (P, 3) unit vectors along which the error is measured.
         error: (P,) by how much, metres.
         weight: (P,) per square metre.
         kind: (P,) what they lie on: `RAISED`, `GROUND`, `EDGES` or `LINES`.
-        cluster: (P,) of points that err alike.
+        cluster: (P,) of points whose errors are correlated.
         number: (P,) of the point, curb or spot in its features.
     """
 

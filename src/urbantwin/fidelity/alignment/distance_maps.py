@@ -1,4 +1,4 @@
-"""Maps of a scene for the search: how near its surfaces, road edges and painted lines are."""
+"""Distance maps of a scene for the pose search: to surfaces, road edges and painted lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What one frame shows that can be found again in a twin."""
+"""Features of one frame that a twin has too: surfaces, curbs and bright paint."""
 
 from __future__ import annotations
 

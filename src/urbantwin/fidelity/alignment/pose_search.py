@@ -1,4 +1,4 @@
-"""Searching a sensor's place and heading: which of many makes its points lie on the scene."""
+"""Exhaustive search of a sensor's place and heading that bring its points onto the scene."""
 
 from __future__ import annotations
 

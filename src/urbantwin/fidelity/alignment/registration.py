@@ -80,7 +80,7 @@ def registered(
 ) -> Registered | None:
     """Move a frame so that what it shows lies on what the scene has.
 
-    Iterated closest points to planes (Chen and Medioni 1992) with the weights of Geman and
+    Point-to-plane ICP (Chen and Medioni 1992) with the weights of Geman and
     McClure; the foot of curbs is drawn to the edges of carriageways and bright spots of the road
     to its lines in the same way, in plan. Three things differ from what registration libraries
     offer. The planes are the scene's own triangles, not fits to neighbouring points, which fail

@@ -29,7 +29,7 @@ _ENOUGH = 0.5
 
 @dataclass(frozen=True)
 class Wish:
-    """What a person says about where a sensor is.
+    """What is asked of an alignment: the sensor's rough pose, and which frames to use.
 
     Attributes:
         guess: east and north in metres, and the heading of the points' x axis in degrees
@@ -84,7 +84,7 @@ def align_rig(
         source: the rig's file.
         target: the file to write; nothing is written where the place is not found.
         wish: what is known about where it is.
-        progress: told the share done (0..1) and what is being done.
+        progress: called with the fraction done (0..1) and what is being done.
         picture: a PNG of the points over the twin to write beside it.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Where the recordings of the arbitrary site are kept, so that the next comparison finds them."""
+"""The cache of the arbitrary site's recordings."""
 
 from __future__ import annotations
 

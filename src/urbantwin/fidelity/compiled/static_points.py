@@ -1,4 +1,4 @@
-"""Which points stand where something always stands, by direction and range."""
+"""Classification of points as static, by direction and range."""
 
 import numpy as np
 from numba import njit

@@ -1,4 +1,4 @@
-"""Which triangles between directions can be a surface that a sensor saw."""
+"""Which triangles of a triangulation by direction can be a surface that a sensor saw."""
 
 import numpy as np
 from numba import njit

@@ -1,4 +1,4 @@
-"""JSON, YAML and lines of numbers of datasets: read, or one clear line."""
+"""JSON, YAML and text files of datasets, read with one clear line for what is wrong."""
 
 from __future__ import annotations
 

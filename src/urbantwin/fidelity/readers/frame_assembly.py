@@ -1,4 +1,4 @@
-"""From the fields of a file to a frame: names that writers use, units of time, what is no point."""
+"""Assembling a frame from the fields of a file: their names, units of time, invalid points."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def frame_of(
     given: Mapping[str, NDArray[np.generic]] | None = None,
     **known: Any,  # noqa: ANN401 - attributes of a frame
 ) -> Frame:
-    """Return the frame that the fields of a file make up, without what is no point.
+    """Return the frame that the fields of a file make up, without invalid points.
 
     Args:
         file: where they are from, for errors.
@@ -99,7 +99,7 @@ def _as_kept(attribute: str, values: NDArray[Any]) -> NDArray[Any]:
 
 
 def seconds_of(values: NDArray[np.generic]) -> NDArray[np.float64] | None:
-    """Return times (N,) as seconds from the first, or None where their unit cannot be told.
+    """Return times (N,) as seconds from the first, or None where their unit is ambiguous.
 
     Drivers write seconds (Velodyne, Hesai, RoboSense), milliseconds, microseconds (LUMPI) or
     nanoseconds (Ouster, Argoverse), from the frame's start or from 1970. A frame lasts

@@ -62,7 +62,7 @@ class LabelledBox:
     track: int = -1
 
     def __post_init__(self) -> None:
-        """Refuse a track that is no number of 64 bits: a reader turns ValueError into a line."""
+        """Refuse a track that is not a number of 64 bits: a reader turns ValueError into a line."""
         if not -(2**63) <= self.track < 2**63:
             raise ValueError(f"{str(self.track)[:40]} is not a track")
 
@@ -103,7 +103,7 @@ def checked_pose(rotation: ArrayLike, place: ArrayLike) -> Pose:
     """Return the pose of a rotation (3, 3) and a place (3,) in metres.
 
     Raises:
-        ValueError: the first is no rotation, or a number is not finite.
+        ValueError: the first is not a rotation, or a number is not finite.
     """
     turn, at = np.asarray(rotation, np.float64), np.asarray(place, np.float64)
     if turn.size != 9 or at.size != 3:

@@ -1,4 +1,4 @@
-"""Which dataset a folder is of, found by what is in it."""
+"""Detection of the dataset layout of a folder by its content."""
 
 from __future__ import annotations
 

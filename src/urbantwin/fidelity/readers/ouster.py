@@ -38,7 +38,7 @@ def open_ouster(path: Path) -> Recording:
 
     Raises:
         InputError: there are several captures, no metadata beside it, no packet of this sensor,
-            or the file is no pcap.
+            or the file is not a pcap.
     """
     captures = _captures(path)
     if len(captures) != 1:

@@ -101,7 +101,7 @@ def read_label_lines(path: Path) -> Boxes | None:
     """Return the boxes of an OpenPCDet label, ``x y z dx dy dz heading class`` a line, or None.
 
     Raises:
-        InputError: a line is none such.
+        InputError: a line is not such a label.
     """
     if not path.is_file():
         return None

@@ -52,7 +52,7 @@ def datagrams_in(path: Path, data: memoryview) -> Iterator[Datagram]:
         data: the file's bytes.
 
     Raises:
-        InputError: no pcap file, or one of a link that is unknown.
+        InputError: not a pcap file, or one of an unknown link type.
     """
     if bytes(data[:4]) == _PCAPNG:
         raise InputError(

@@ -1,4 +1,4 @@
-"""One group of knobs: searched, examined, proved on frames that it was not fitted to."""
+"""The fit of one group of knobs: search, identifiability, validation on other frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What may be fitted, between which bounds, and where each value is written."""
+"""The knobs: the parameters that may be fitted, with their bounds and where they are written."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Values = Mapping[str, float]
 
 @dataclass(frozen=True)
 class Knob:
-    """One number that is not known.
+    """One uncertain parameter.
 
     Attributes:
         name: unique; what it is in the file that it is written to.

@@ -1,4 +1,4 @@
-"""Which frames of a recording are fitted to, and which are kept to judge the fit."""
+"""The split of a recording into training, validation and held-out frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Points to leave out: noise that is marked or alone, and more of them than shapes need."""
+"""Noise removal and thinning of a survey's points."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _DEEP_M = 1.5
 
 
 def is_noise(cloud: PointCloud) -> NDArray[np.bool_]:
-    """Tell (N,) which points are noise: classes 7 and 18, not finite, alone, or deep below."""
+    """Return which (N,) points are noise: classes 7 and 18, not finite, isolated, or far below."""
     points = cloud.points
     noise = np.asarray(~np.isfinite(points).all(axis=1))
     if cloud.classification is not None:

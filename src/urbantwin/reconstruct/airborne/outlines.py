@@ -1,4 +1,4 @@
-"""Outlines of buildings that no map has, from the points of their roofs.
+"""Outlines of unmapped buildings, from their roof points.
 
 Cells of a fine grid that roofs cover are joined; their border is simplified, turned to the
 building's own directions and moved to its outermost points (after Awrangjeb and Fraser 2014,
@@ -35,7 +35,7 @@ _TURN_DEG = 22.0
 
 
 def is_plane_like(points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tell (N,) which points lie in a plane that is no wall: roofs, not crowns of trees."""
+    """Return which (N,) points lie in a plane other than a wall: roofs, not tree crowns."""
     if len(points) < 10:
         return np.zeros(len(points), bool)
     result = np.zeros(len(points), bool)
@@ -93,7 +93,7 @@ def find_outlines(points: NDArray[np.float64]) -> list[shapely.Polygon]:
 def cut_blocks(
     outlines: list[shapely.Polygon], points: NDArray[np.float64]
 ) -> list[shapely.Polygon]:
-    """Cut outlines of whole blocks across, where roofs differ most, until each is of a house.
+    """Split outlines of whole blocks where roofs differ most, until each is one house.
 
     Args:
         outlines: as found.
@@ -117,7 +117,7 @@ def cut_blocks(
 
 
 def _halves(outline: shapely.Polygon, points: NDArray[np.float64]) -> list[shapely.Polygon]:
-    """Cut an outline across its longer extent, near the middle, where heights change most."""
+    """Split an outline across its longer extent, near the middle, where heights change most."""
     angle = _direction(outline)
     along = np.array([np.cos(angle), np.sin(angle)])
     ring = np.asarray(outline.exterior.coords)[:, :2]

@@ -1,4 +1,4 @@
-"""Lines that part a roof in plan: where planes meet, and where heights jump."""
+"""Lines that divide a roof in plan: creases where planes meet, and steps in height."""
 
 from __future__ import annotations
 
@@ -222,7 +222,7 @@ def _along_any(
     starts: NDArray[np.float64],
     ends: NDArray[np.float64],
 ) -> bool:
-    """Tell whether a line lies along one of others (K, 2), over nearly all its length."""
+    """Return whether a line lies along one of others (K, 2), over nearly all its length."""
     own = end - start
     size = float(np.hypot(own[0], own[1]))
     if size < 1e-6:

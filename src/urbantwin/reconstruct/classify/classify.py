@@ -1,4 +1,4 @@
-"""A cleaned mesh told apart: the ground as a patch, what stands on it with class and material."""
+"""Classification of a cleaned mesh: ground as an elevation patch, objects by class and material."""
 
 from __future__ import annotations
 
@@ -62,10 +62,10 @@ def classified(
     roads: shapely.Geometry | None = None,
     name: str = "",
 ) -> Classified:
-    """Tell a mesh's triangles apart, and give each a class and a material.
+    """Classify the triangles of a mesh, and give each a material.
 
     What a file says of its triangles goes first, then the names of its objects and materials,
-    then shape and colour: the lowest surface that hangs together is the ground, faces that look
+    then shape and colour: the lowest connected surface is the ground, faces that look
     every way are plants, what is high and wide is a building.
 
     Args:

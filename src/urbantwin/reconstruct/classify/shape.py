@@ -1,4 +1,4 @@
-"""Buildings, plants, poles and other things told apart by their shape and colour."""
+"""Classification by shape and colour: buildings, plants, poles, other objects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The ground of a mesh: the lowest surface that hangs together, buildings and plants cut off."""
+"""The ground of a mesh: its lowest connected surface, without buildings and plants."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def terrain_of(
     said_other: NDArray[np.bool_],
     elevation: Elevation | None,
 ) -> Terrain:
-    """Tell the ground of a mesh from what stands on it.
+    """Separate the ground of a mesh from what stands on it.
 
     Args:
         mesh: welded, site frame, metres.
@@ -108,7 +108,7 @@ def terrain_of(
 
 
 def _near_ground(mesh: TriangleMesh, grid: Grid, height: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which triangles (F,) lie on the ground and are no feet of walls."""
+    """Return which triangles (F,) lie on the ground and are not the feet of walls."""
     under = height[grid.cells(mesh.vertices[:, :2])]
     over = mesh.vertices[:, 2] - under
     corner = over[mesh.faces]

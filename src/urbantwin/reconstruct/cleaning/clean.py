@@ -1,4 +1,4 @@
-"""A mesh or a point cloud that somebody made, made fit for a static world."""
+"""Cleaning of an imported mesh or point cloud for use in a static world."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A point cloud of a survey made fit: cropped, without noise, stray points and traffic."""
+"""Cleaning of a survey's point cloud: crop, noise, isolated points, traffic."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pieces of a mesh: triangles that hang together by their vertices."""
+"""Connected components of a mesh: triangles that share vertices."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["Pieces", "pieces_of"]
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """Pieces of a mesh, K of them.
+    """The connected components of a mesh, K of them.
 
     Attributes:
         of_face: (F,) int32 number of each triangle's piece.

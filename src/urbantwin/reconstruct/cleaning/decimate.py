@@ -1,4 +1,4 @@
-"""Fewer triangles within an error that a LiDAR would not see."""
+"""Decimation within an error that a LiDAR does not resolve."""
 
 from __future__ import annotations
 

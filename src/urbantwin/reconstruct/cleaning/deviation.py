@@ -1,4 +1,4 @@
-"""How far two surfaces are apart, measured both ways."""
+"""The deviation between two surfaces, measured both ways."""
 
 from __future__ import annotations
 

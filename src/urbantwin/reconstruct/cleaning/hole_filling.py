@@ -1,4 +1,4 @@
-"""A vehicle cut out of a surface, and the surface closed again from its rim."""
+"""Cutting a vehicle out of a surface, and filling the hole from its rim."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Traffic baked into a mesh: found, cut out, the surface closed again."""
+"""Vehicles baked into a mesh: detected, cut out, the holes filled."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Untrafficked:
         mesh: the mesh, its surface closed.
         removed: what was taken out.
         kept: vehicles that an override kept.
-        passed: things on the carriageway that are no vehicles by the rules, and why.
+        passed: objects on the carriageway that do not qualify as vehicles, and why.
     """
 
     mesh: TriangleMesh

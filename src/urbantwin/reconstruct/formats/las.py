@@ -48,7 +48,7 @@ def read_las(
         crop: whether its coordinates lie in that system.
 
     Raises:
-        InputError: it is no LAS, is cut short, has nothing there or too much.
+        InputError: it is not LAS, is truncated, has nothing there or too much.
     """
     sizes = checked_sizes(path)
     record = sizes.record if sizes else 0

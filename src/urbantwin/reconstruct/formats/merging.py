@@ -1,4 +1,4 @@
-"""Models moved, turned z-up and joined."""
+"""Models transformed, turned z-up and merged."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ def read_ply(path: Path) -> ImportedModel:
     axes.
 
     Raises:
-        InputError: the header is wrong, the file is cut short or holds nothing.
+        InputError: the header is wrong, the file is truncated or holds nothing.
     """
     header = read_header(path)
     limits = {"vertex": MOST_POINTS, "face": MOST_TRIANGLES}

@@ -1,4 +1,4 @@
-"""A source of geometry as its files have it: the reader for what it is."""
+"""Reading a source of geometry with the reader for its file type."""
 
 from __future__ import annotations
 
@@ -47,15 +47,15 @@ def read_model(
 ) -> ImportedModel:
     """Read a source: 3D Tiles, a model, a city model, a point cloud or an exported folder.
 
-    What it is, is told by its first bytes, then by its ending, unless ``kind`` says so. Files
-    beside a model that say where it is (``sidecar.py``, ``reality_capture.py``) are heeded: then
+    Its type is detected by its first bytes, then by its ending, unless ``kind`` is given. Files
+    beside a model that say where it is (``sidecar.py``, ``reality_capture.py``) are applied: then
     the model comes in their system.
 
     Args:
         source: what ``site.yaml`` names.
         frame: the site frame.
         region: the region, site frame: what is read of tiles and of large clouds.
-        progress: told the share done (0..1) and what is being done.
+        progress: called with the fraction done (0..1) and what is being done.
 
     Raises:
         InputError: nothing of it can be read.
@@ -134,7 +134,7 @@ def _gltf(path: Path) -> ImportedModel:
 def _placed_by_files(
     path: Path, source: GeometrySource, frame: SiteFrame, region: shapely.Polygon
 ) -> ImportedModel:
-    """Read a file and heed what files beside it say of its place."""
+    """Read a file and apply what files beside it say of its place."""
     model = _file(path, source, frame, region)
     if model.crs is not None or _placed_by_hand(source):
         return model

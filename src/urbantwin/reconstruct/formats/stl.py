@@ -28,7 +28,7 @@ def read_stl(path: Path) -> ImportedModel:
     """Read an STL; corners at one place become one vertex. It knows no units, axes or colours.
 
     Raises:
-        InputError: it is cut short, wrong, or holds nothing.
+        InputError: it is truncated, wrong, or holds nothing.
     """
     size = path.stat().st_size
     with path.open("rb") as stream:

@@ -22,7 +22,7 @@ __all__ = ["read_text_points"]
 def read_text_points(path: Path) -> ImportedModel:
     """Read points, a line each: x y z, x y z r g b, or x y z intensity r g b (as PTS has it).
 
-    Numbers are parted by blanks, tabs, commas or semicolons. Lines that start with anything but a
+    Numbers are separated by blanks, tabs, commas or semicolons. Lines that start without a
     number, and PTS's counts (a number alone on its line), are passed over.
 
     Raises:

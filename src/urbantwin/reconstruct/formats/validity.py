@@ -1,4 +1,4 @@
-"""Whether what a file holds can be a model: limits, finite vertices, faces in range."""
+"""Validity of what a file holds: limits, finite vertices, vertex numbers in range."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def count_within(count: int, most: int, what: str, path: Path) -> None:
 
 
 def check_coordinates(points: NDArray[np.float64], path: Path, what: str = "vertex") -> None:
-    """Refuse coordinates that are not numbers, or larger than any place has in any unit.
+    """Refuse coordinates that are not finite, or implausibly large in any unit.
 
     Raises:
         InputError: one is nan, infinite or beyond ``FARTHEST``.

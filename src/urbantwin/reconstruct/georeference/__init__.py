@@ -1,4 +1,4 @@
-"""Models on their place: by CRS, control points, similarity, geotag or registration."""
+"""Georeferencing of models: by CRS, control points, similarity, geotag or registration."""
 
 from urbantwin.reconstruct.georeference.height_system import SiteHeights
 from urbantwin.reconstruct.georeference.placement import Placed, placed

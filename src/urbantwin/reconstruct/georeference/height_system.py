@@ -1,4 +1,4 @@
-"""Heights: which datum they are of, what z = 0 of a site is in them, and from one to another.
+"""Height systems: their datum, the site's z = 0 in them, and transformations between them.
 
 Ellipsoidal heights and heights above the sea differ by the geoid's: -106 to +85 m. A transform
 between them is made only with the grid of the geoid at hand: never a "ballpark" one, which leaves

@@ -1,4 +1,4 @@
-"""A model after its first placing, and what of it registration may still change."""
+"""A model's initial placement, and what registration may still change of it."""
 
 from __future__ import annotations
 

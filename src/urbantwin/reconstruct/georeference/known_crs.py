@@ -1,4 +1,4 @@
-"""Models in a known reference system laid on site."""
+"""Georeferencing of models in a known coordinate reference system."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Models of a local frame laid on site: control points, similarity, origin, geotag."""
+"""Georeferencing in a local frame: by control points, similarity, origin or geotag."""
 
 from __future__ import annotations
 
@@ -202,7 +202,7 @@ def in_the_middle(
     elevation: Elevation | None,
     heights: SiteHeights | None,
 ) -> InitialPlacement:
-    """Put the middle of a model that knows no place into the middle of the region."""
+    """Centre a model without any placement on the region."""
     axes = axes_of(model, source)
     out = moved(model, axes.transform())
     points = np.vstack(all_points(out))

@@ -1,4 +1,4 @@
-"""Walls of a model fitted to the outlines of mapped buildings in plan, to a part of a cell."""
+"""Refinement in plan: a model's walls fitted to the outlines of mapped buildings."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def fit_outlines(
     """Refine a candidate: every wall to the line of the outline nearest to it, again and again.
 
     Point-to-line ICP (Y. Chen, G. Medioni, "Object modelling by registration of multiple range
-    images", 1992) with weights that let go of what is far (Geman-McClure).
+    images", 1992) with robust weights (Geman-McClure).
 
     Args:
         features: the model.

@@ -1,4 +1,4 @@
-"""Whether a placed model meets the region at all, and if not how far off it is."""
+"""The overlap of a placed model with the region, and otherwise its distance."""
 
 from __future__ import annotations
 

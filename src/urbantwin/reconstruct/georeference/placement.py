@@ -1,4 +1,4 @@
-"""From a model in its own frame to the same model on site."""
+"""Placing a model on site, by whatever its source and files say."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def placed(
         elevation: the bare earth so far; ``None`` or a level plain where nothing is known of it.
         heights: what the anchor's ground is in known heights (`SiteHeights.of_dem`, or what an
             earlier source gave); ``None`` where nothing is known: this source then says it.
-        progress: told the share done (0..1) and what is being done.
+        progress: called with the fraction done (0..1) and what is being done.
 
     Raises:
         InputError: it cannot be placed, or not without a guess; the line says what is missing.

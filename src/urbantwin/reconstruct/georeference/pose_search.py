@@ -1,4 +1,4 @@
-"""The search for a model's place on the map: coarse cells, fine cells, walls to outlines."""
+"""The coarse-to-fine search for a model's pose on the map: cells, then walls to outlines."""
 
 from __future__ import annotations
 

@@ -72,7 +72,7 @@ def register(
         surroundings: the map in plan.
         elevation: the site's ground, ``None`` where it is not known.
         freedom: what may be changed.
-        progress: told the share done (0..1) and what is being done.
+        progress: called with the fraction done (0..1) and what is being done.
 
     Raises:
         InputError: there is nothing to recognise, two ways are nearly as good, or the residual is
@@ -116,7 +116,7 @@ def register(
 def _levelled(
     samples: Samples, freedom: Freedom, elevation: Elevation | None
 ) -> tuple[Similarity, dict[str, object]]:
-    """Make a model level whose upward axis nobody said."""
+    """Level a model whose up axis is not stated."""
     still = Similarity(1.0, np.eye(3), np.zeros(3))
     if not freedom.level:
         return still, {}

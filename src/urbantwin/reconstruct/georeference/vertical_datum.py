@@ -1,4 +1,4 @@
-"""Heights of a model laid to the site's zero: by datum, and never silently wrong by a geoid."""
+"""The vertical datum: a model's heights brought to the site's zero, never off by a geoid."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Meshes and points packed with Draco."""
+"""Draco-compressed meshes and points."""
 
 from __future__ import annotations
 

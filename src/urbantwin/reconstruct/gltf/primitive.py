@@ -1,4 +1,4 @@
-"""Primitives of meshes: their triangles or points, coloured, with the features that they are of."""
+"""Primitives of meshes: triangles or points with their colours and feature ids."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Values of files that nobody vouches for: taken out of JSON and bytes without trust."""
+"""Values from untrusted files: read from JSON and bytes with every check."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Batched 3D models (b3dm): a glTF whose vertices know which feature they are of."""
+"""Batched 3D models (b3dm): a glTF with feature ids at its vertices."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def read_batched(data: bytes, context: Context) -> Content:
     """Read a b3dm, of which ``data`` is all of its bytes and no more.
 
     Source: 3D Tiles 1.0, section "Batched 3D Model"; the two shorter headers of before 2017 are
-    told apart as CesiumJS does it.
+    distinguished as CesiumJS does it.
 
     Raises:
         MalformedError: nothing of it can be read.

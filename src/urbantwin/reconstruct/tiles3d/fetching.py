@@ -1,4 +1,4 @@
-"""Files of a tileset as they are fetched: several at a time, counted, with their fingerprints."""
+"""Fetching the files of a tileset: several at a time, counted, with their checksums."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ def read_tiles3d(
         frame: the site frame.
         region: what is of interest, site frame, metres; tiles are tested against it, and not cut
             along it.
-        progress: told the share done (0..1) and what is being done.
+        progress: called with the fraction done (0..1) and what is being done.
 
     Returns:
         Meshes and clouds in EPSG:4978 where the tileset lies on the ellipsoid; otherwise in the

@@ -1,4 +1,4 @@
-"""Which tiles meet the region of interest: never one too few, now and then one too many."""
+"""Which tiles meet the region of interest: a conservative test."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where tiles lie: a folder or an archive, which no address climbs out of."""
+"""Stores of tiles: a folder or an archive, which no path leads out of."""
 
 from __future__ import annotations
 

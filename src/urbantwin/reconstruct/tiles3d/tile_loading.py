@@ -1,4 +1,4 @@
-"""The contents of the tiles that are wanted, in the tileset's frame."""
+"""Loading the contents of the selected tiles, in the tileset's frame."""
 
 from __future__ import annotations
 

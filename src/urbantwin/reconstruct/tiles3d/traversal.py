@@ -1,4 +1,4 @@
-"""The walk down a tileset: which tiles are wanted, and what stands in for those that fail."""
+"""The traversal of a tileset: which tiles are selected, and what replaces those that fail."""
 
 from __future__ import annotations
 

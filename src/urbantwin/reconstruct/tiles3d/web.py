@@ -1,4 +1,4 @@
-"""Tiles fetched over HTTP, with a key that goes nowhere else."""
+"""Tiles fetched over HTTP, with a key that is sent to their server alone."""
 
 from __future__ import annotations
 
