@@ -121,7 +121,7 @@ def _write_all(stream: io.RawIOBase, part: bytes | memoryview) -> None:
 
 @contextmanager
 def _named(path: Path) -> Iterator[None]:
-    """Say in the system's errors which file they are about."""
+    """Add the file's name to errors of the system."""
     try:
         yield
     except OSError as error:

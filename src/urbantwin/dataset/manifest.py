@@ -16,7 +16,7 @@ import numpy as np
 from urbantwin import __version__
 from urbantwin.artefact import as_json
 from urbantwin.dataset.layout import frame_name
-from urbantwin.dataset.pose_matrix import pose_matrix
+from urbantwin.dataset.manifest_schema import pose_matrix
 from urbantwin.geometry import Pose
 from urbantwin.lidar import MountedSensor, Rig, Sensor
 from urbantwin.taxonomy import ACTOR_CLASSES, semantic_classes

@@ -13,7 +13,7 @@ from urbantwin.artefact.manifest import Part, PlainName, validated
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose
 
-__all__ = ["FramePoses", "Matrix", "pose_of_matrix", "read_manifest"]
+__all__ = ["FramePoses", "Matrix", "pose_matrix", "pose_of_matrix", "read_manifest"]
 
 _EXPECTED = "a dataset's manifest"
 #: How far a rotation may be from one, and a place from the origin, metres.
@@ -130,3 +130,11 @@ def pose_of_matrix(rows: Any) -> Pose:  # noqa: ANN401
     matrix = np.array(rows, np.float64).reshape(4, 4)
     _rigid(matrix.tolist())
     return Pose(matrix[:3, :3], matrix[:3, 3])
+
+
+def pose_matrix(pose: Pose) -> list[list[float]]:
+    """Return a pose as the rows of a 4x4 matrix, without negative zeros."""
+    rows = np.eye(4)
+    rows[:3, :3] = pose.rotation
+    rows[:3, 3] = pose.translation
+    return [[float(value) + 0.0 for value in row] for row in rows]

@@ -14,8 +14,8 @@ import shapely
 
 from urbantwin.dataset.frame_motion import FrameMotion
 from urbantwin.dataset.layout import frame_name, write_frame
+from urbantwin.dataset.manifest_schema import pose_matrix
 from urbantwin.dataset.motion_interpolation import posed_actors
-from urbantwin.dataset.pose_matrix import pose_matrix
 from urbantwin.dataset.sweep_table import sweep_rows
 from urbantwin.errors import StageError
 from urbantwin.geometry import LabelledMesh, SurfaceMaterials

@@ -329,7 +329,7 @@ class _Level:
 
 
 def _level(placed: _Placed) -> _Level:
-    """Return it where both frames have ground: a plane through the differences, L1."""
+    """Return how the grounds differ, by a plane fitted in L1, where both frames have ground."""
     mine, its = placed.mine.moved(placed.motion).ground, placed.its.ground
     theirs = {tuple(key): z for key, z in zip(_cells(its), its[:, 2], strict=True)}
     rows = [

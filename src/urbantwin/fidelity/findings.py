@@ -139,7 +139,7 @@ def _bins(edges: NDArray[np.float64]) -> dict[str, Any]:
 
 
 def _notes(found: Findings, doubts: list[str]) -> list[str]:
-    """Say what a reader of the figures must know about the input."""
+    """Return what a reader of the figures must know about the input."""
     sides, split_by, frames = found.pairs.sides, found.pairs.split_by, found.frames
     pairs, anchors = len(found.pairs), len(found.pairs.anchors)
     notes = ["Frames are paired in the order of their names: the i-th with the i-th."]

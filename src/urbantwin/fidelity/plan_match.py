@@ -84,7 +84,7 @@ class Standing:
     ground: Array
 
     def moved(self, motion: PlanMotion) -> Standing:
-        """Return it in another place."""
+        """Return it moved in plan."""
         return Standing(
             np.column_stack([motion.apply(self.points[:, :2]), self.points[:, 2]]),
             motion.apply(self.middle[None])[0],

@@ -206,7 +206,7 @@ def step_times(steps: int, step_s: float) -> NDArray[np.float64]:
 
 
 def describe(folder: Path) -> dict[str, Any]:
-    """Say what a motion folder holds, for ``urbantwin inspect``.
+    """Return a summary of a motion folder, for ``urbantwin inspect``.
 
     Raises:
         InputError: it is not a motion.

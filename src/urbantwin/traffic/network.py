@@ -268,7 +268,7 @@ def _matrix(arcs: dict[tuple[int, int], float], count: int) -> scipy.sparse.csr_
 
 
 def has_walkway(edge: Edge) -> bool:
-    """Say whether some lane of an edge is for people on foot and not for cars."""
+    """Return whether some lane of an edge is for people on foot and not for cars."""
     return any(
         lane.allows("pedestrian") and not lane.allows("passenger") for lane in edge.getLanes()
     )

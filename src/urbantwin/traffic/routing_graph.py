@@ -176,7 +176,7 @@ def walked_graph(network: StreetNetwork, outer: Set[str]) -> WayGraph | None:
 
 
 def _turns_across(edge: Edge, following: Edge) -> bool:
-    """Say whether cyclists turn from a lane of their own across a signalised junction.
+    """Return whether cyclists turn from a lane of their own across a signalised junction.
 
     Two of them who meet in its middle wait for each other for ever in SUMO. Where cyclists have
     lanes of their own, they usually make such turns in two stages.

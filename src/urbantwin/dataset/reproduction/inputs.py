@@ -50,7 +50,7 @@ class Found:
     remark: str | None = None
 
     def told(self) -> dict[str, Any]:
-        """Return it as JSON holds it."""
+        """Return the JSON object."""
         values = {
             "kind": self.kind,
             "name": self.name,

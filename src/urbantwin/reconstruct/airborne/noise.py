@@ -67,7 +67,7 @@ def thinned(cloud: PointCloud) -> PointCloud:
 
 
 def _few_around(points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tell which points have few others in the 27 voxels around theirs."""
+    """Return which points have few others in the 27 voxels around theirs."""
     voxel = np.floor((points - points.min(axis=0)) / _VOXEL_M).astype(np.int64) + 1
     sizes = voxel.max(axis=0) + 2
     key = (voxel[:, 0] * sizes[1] + voxel[:, 1]) * sizes[2] + voxel[:, 2]
@@ -83,7 +83,7 @@ def _few_around(points: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _deep(points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tell which points lie far below the lowest points of the cells around."""
+    """Return which points lie far below the lowest points of the cells around."""
     grid = Raster.over(points.min(axis=0), points.max(axis=0), 2.0)
     lowest = filled(grid.extreme(points))
     usual = median_filter(lowest, size=7)

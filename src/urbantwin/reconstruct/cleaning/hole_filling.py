@@ -227,7 +227,7 @@ def outline_of(
     places: NDArray[np.float64],
     reach_m: float,
 ) -> Outline | None:
-    """Look closely at a vehicle: to where its flanks and skirts reach, and the ground around it.
+    """Measure a vehicle closely: its outline on the ground, and the ground around it.
 
     Args:
         rays: into the mesh.

@@ -1,4 +1,4 @@
-"""What a picture of cleaning shows."""
+"""The data of a picture of cleaning."""
 
 from __future__ import annotations
 

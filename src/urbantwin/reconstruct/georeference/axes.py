@@ -50,7 +50,7 @@ class Axes:
         return Similarity.of_axes(self.up, self.unit_m)
 
     def as_report(self) -> dict[str, object]:
-        """Return it for a report."""
+        """Return the entry of a report."""
         return {
             "up": self.up,
             "up_why": self.up_why,

@@ -124,7 +124,7 @@ class SiteHeights:
         return cls(grid.anchor_height_m, HeightSystem.of(crs), name)
 
     def as_report(self) -> dict[str, object]:
-        """Return it for a report."""
+        """Return the entry of a report."""
         return {
             "anchor_m": round(self.anchor_m, 3),
             "datum": "not stated" if self.datum is None else self.datum.name,

@@ -183,7 +183,7 @@ def _compare(
     elevation: Elevation | None,
     heights: SiteHeights,
 ) -> None:
-    """Look whether the model's ground is where the site's is.
+    """Check that the model's ground is where the site's is.
 
     Raises:
         InputError: it is not, and nobody said that it may be.
