@@ -1,4 +1,4 @@
-"""From the map to the lane network."""
+"""Building the lane network of a region from OpenStreetMap."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from urbantwin.roads.grade_separation import (
     way_layer,
 )
 from urbantwin.roads.heights import RoadSurface, with_heights
-from urbantwin.roads.heights.banked_widths import with_tilted_widths
+from urbantwin.roads.heights.banked_widths import with_banked_widths
 from urbantwin.roads.lane_polylines import network_of_model
 from urbantwin.roads.loop import OuterRoads, close_loop
 from urbantwin.roads.main_component import LeftOut, Part, main_component
@@ -188,7 +188,7 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
     tell(0.5, "side lanes")
     model = add_side_lanes(
         planar,
-        prepared.stretches,
+        prepared.segments,
         country=country,
         obstacles=_buildings(extract, frame),
         crossings=_crossings(extract, frame, pieces),
@@ -197,7 +197,7 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
     model = with_curbs(model)
     tell(0.6, "heights")
     model, surface = with_heights(model, elevation, lift)
-    model = with_tilted_widths(model)
+    model = with_banked_widths(model)
     tell(0.75, "lanes")
     model = with_island_areas(furnished(model, raw, surface.height))
     network = network_of_model(model, raw, surface.height)

@@ -28,7 +28,7 @@ OPTIONS = {
     "offset.disable-normalization": "true",  # keep the site frame
     "precision": "3",
     "geometry.remove": "true",
-    "geometry.max-grade": "1000",  # heights are ours, netconvert sees a flat world
+    "geometry.max-grade": "1000",  # heights are the lane model's; netconvert's network is flat
     "roundabouts.guess": "true",
     "junctions.join": "true",
     "junctions.corner-detail": "5",
@@ -51,7 +51,7 @@ OPTIONS = {
 }
 #: What netconvert says of a cluster that it does not join because too many roads meet there.
 TOO_MANY = re.compile(r"Not joining junctions ([\w:,#-]+) \(\d+ incoming edges\)")
-#: The edge that an error of netconvert's is about, and how many such edges are put up with.
+#: The edge that an error of netconvert's is about, and how many such edges are accepted.
 EDGE = re.compile(r"edge '([^']+)'")
 MOST_UNKNOWN = 8
 TYPE_FILES = ("osmNetconvert.typ.xml", "osmNetconvertBicycle.typ.xml")

@@ -25,7 +25,7 @@ from urbantwin.scene.water import pier_mesh
 from urbantwin.scene.wire import wire_mesh
 from urbantwin.site import OsmFeature
 
-__all__ = ["furnishings"]
+__all__ = ["map_objects"]
 
 Built = tuple[LabelledMesh, dict[str, int]]
 MeshOf = Callable[..., Built]
@@ -33,7 +33,7 @@ MeshOf = Callable[..., Built]
 BESIDE_TRACK_M = 1.5
 
 
-def furnishings(  # noqa: PLR0913 - all that they are placed by
+def map_objects(  # noqa: PLR0913 - all that they are placed by
     features: Sequence[OsmFeature],
     heads: Sequence[Head],
     *,

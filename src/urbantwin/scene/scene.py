@@ -18,7 +18,7 @@ from urbantwin.roads.signals import Head
 from urbantwin.scene.building import building_mesh
 from urbantwin.scene.deck import deck_area, deck_height, deck_mesh, deck_pier_mesh
 from urbantwin.scene.dropped_curb import DroppedCurbs
-from urbantwin.scene.map_objects import furnishings
+from urbantwin.scene.map_objects import map_objects
 from urbantwin.scene.surface import PARTS, Spacing, surface_mesh
 from urbantwin.scene.tree import surveyed_tree_mesh
 from urbantwin.scene.water import water_bodies, with_water
@@ -102,7 +102,7 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
             without=covers.get("buildings"),
             tell=between(tell, SURFACE, BUILDINGS, "buildings"),
         ),
-        **furnishings(
+        **map_objects(
             features,
             heads,
             region=region,

@@ -1,4 +1,4 @@
-"""Where the mapped line lies among the lanes."""
+"""Placement: where the mapped line lies among the lanes."""
 
 from __future__ import annotations
 

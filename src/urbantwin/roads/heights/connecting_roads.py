@@ -1,4 +1,4 @@
-"""Ways through junctions: elevation and bank profiles fitted to the surface that they run on."""
+"""Elevation and superelevation of connecting roads, fitted to the surface of the junction."""
 
 from __future__ import annotations
 

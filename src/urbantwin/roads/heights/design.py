@@ -1,4 +1,4 @@
-"""Design profiles: smooth curves fitted to samples along roads, bounded by design limits."""
+"""Design profiles of streets: smoothing splines through the ground, within design limits."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def designed(
                 _largest(stations, bend) / sag,
             ]
         )
-        # A second step must be worth it: where the ground itself is too steep, nothing helps.
+        # Only if it brings more: where the ground itself is too steep, smoothing does not help.
         better = (least > 1.0) & (beyond < 0.98 * least)
         better &= _largest(stations, np.abs(z - ground)) < earthwork
         best = np.where(better[stations.road], z, best)

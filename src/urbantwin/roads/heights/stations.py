@@ -1,4 +1,4 @@
-"""Stations along all roads at once, and how far the carriageway reaches to both sides there."""
+"""Stations along many roads at once, and the extent of the carriageway there."""
 
 from __future__ import annotations
 

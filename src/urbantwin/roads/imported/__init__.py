@@ -1,4 +1,4 @@
-"""Maps that somebody made, OpenDRIVE or Lanelet2, as the roads of a site."""
+"""Imported road maps (OpenDRIVE, Lanelet2, Argoverse 2) as the roads of a site."""
 
 from urbantwin.roads.imported.build import PreparedMap, build_imported_roads, prepared_map
 from urbantwin.roads.imported.describe import describe_map

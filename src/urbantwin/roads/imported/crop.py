@@ -1,4 +1,4 @@
-"""A lane model cut to the region, and to its main component."""
+"""Cropping a lane model to the region and to its main component."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which street a mapped crosswalk crosses, and at which end."""
+"""Crosswalks of a map matched to the street that they cross, and to its end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A first ``site.yaml`` for a map of the roads that somebody made."""
+"""A first ``site.yaml`` for an imported map of the roads."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ ToDegrees = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 #: Kerbs are rounded where streets meet: corners closer than this to both are paved, metres.
 CORNER_M = 6.0
-#: What is farther from the anchor than this leaves a pole alone, metres.
+#: What is farther from the anchor than this does not affect the pole, metres.
 AROUND_M = 110.0
 #: Decimals of an anchor in degrees, and of one in metres: a centimetre.
 DEGREES, METRES = 7, 2
@@ -73,7 +73,7 @@ def init_site_of_map(  # noqa: PLR0913 - every one is a person's choice
         osm: an OpenStreetMap extract with what is beside the roads.
         latitude: of the anchor, degrees. Without it the busiest junction is proposed. Where the map
             does not say where on earth it lies, that junction is the anchor in any case, and this
-            says where it is; 0 if nobody says.
+            gives its position; 0 by default.
         longitude: of the anchor, degrees.
         region: a GeoJSON polygon; without it a circle.
         radius_m: radius of the circle; without it 150 m.
@@ -148,7 +148,7 @@ def _anchor(
 def _on_earth(
     path: Path, read: ReadMap | None, given: tuple[float, float] | None
 ) -> tuple[LaneModel, ToDegrees | None]:
-    """Return a map in coordinates of its own, and what makes degrees of them, if it says where."""
+    """Return a map in its own coordinates, and what takes these to degrees, if it says so."""
     if read is None:
         there = is_placed(path)
         frame = SiteFrame(*(anchor_of(path) if there else given or (0.0, 0.0)))

@@ -1,4 +1,4 @@
-"""Reading a map that somebody made, in any format that we read, into the site frame."""
+"""Reading an imported map, in any of the formats, into the site frame."""
 
 from __future__ import annotations
 

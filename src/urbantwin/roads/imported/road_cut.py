@@ -1,4 +1,4 @@
-"""Roads cut: a part from one station to another, and a section border where there was none."""
+"""Cutting roads: a part between two stations, and a section border at a station."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from urbantwin.roads.model import LaneSection, ModelRoad
 
 __all__ = ["loosened", "part_of_road", "with_border"]
 
-#: What is shorter than this is no part, metres.
+#: Shorter parts are not kept, metres.
 LEAST_M = 1e-3
 
 
@@ -83,7 +83,7 @@ def _part(section: LaneSection, start: float, origin: float) -> LaneSection:
 
 
 def loosened(section: LaneSection, side: str) -> LaneSection:
-    """Return a section whose lanes are joined to nothing at ``predecessor`` or ``successor``."""
+    """Return a section whose lanes have no links at ``predecessor`` or ``successor``."""
     lanes = tuple(
         dataclasses.replace(lane, predecessor=None)
         if side == "predecessor"

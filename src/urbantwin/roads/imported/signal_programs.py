@@ -1,4 +1,4 @@
-"""Signal programs: the map's own put into SUMO's network, and what each signal shows there."""
+"""Signal programs of an imported map, put into SUMO's network and assigned to its signals."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which lanelets become streets, and which become ways through junctions.
+"""Dividing lanelets into streets and connecting roads of junctions.
 
 A group of lanelets is a street unless lanes branch, merge or cross on it. Where a group leaves a
 fork, the part of it that still lies over its siblings is cut off and becomes a way through the
@@ -53,7 +53,7 @@ class Plan:
 
 
 def planned(topology: Topology, forced: frozenset[int], barred: frozenset[int]) -> Plan:
-    """Return what becomes of each group.
+    """Divide groups into streets and lanelets within junctions.
 
     Args:
         topology: what leads where.

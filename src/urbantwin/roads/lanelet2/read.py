@@ -1,4 +1,4 @@
-"""From a Lanelet2 map to the lane model."""
+"""Converting a Lanelet2 map to the lane model."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import shapely
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.driving_side import driving_side
-from urbantwin.roads.lanelet2.attributes import facts_of
+from urbantwin.roads.lanelet2.attributes import attributes_of
 from urbantwin.roads.lanelet2.build import Built, LaneAt, built
 from urbantwin.roads.lanelet2.document import Document, read_document
 from urbantwin.roads.lanelet2.junction import junctions_of
@@ -80,9 +80,9 @@ def translated(document: Document, frame: SiteFrame) -> Translation:
     ways = {identity: way.tags for identity, way in document.ways.items()}
     if not any(n.drives for n in lanelets.values()):
         raise document.error("has no lanelets that vehicles may use")
-    parts = built(lanelets, side, facts_of(document), ways)
-    first = 1 + len(parts.streets) + len(parts.passages)
-    roads, junctions = junctions_of(parts.streets, parts.passages, first)
+    parts = built(lanelets, side, attributes_of(document), ways)
+    first = 1 + len(parts.streets) + len(parts.connecting_roads)
+    roads, junctions = junctions_of(parts.streets, parts.connecting_roads, first)
     if not any(tags.get("type") in PAINTED for tags in ways.values()):
         roads = tuple(_painted(road) for road in roads)
         notes["lines_between_lanes"] = "assumed: the map has none"
@@ -167,7 +167,7 @@ def _note(
     counts["lanes_that_end_at_junctions_cut_across"] = len(parts.shortened)
     counts["crossings_without_a_junction"] = len(parts.plan.crossed)
     counts["corners_of_borders_that_turn_back"] = sum(
-        [*(s.dropped for s in parts.streets), *(p.dropped for p in parts.passages)]
+        [*(s.dropped for s in parts.streets), *(p.dropped for p in parts.connecting_roads)]
     )
     notes.update({key: n for key, n in counts.items() if n})
     loose = _loose(parts)

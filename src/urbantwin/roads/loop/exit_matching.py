@@ -1,4 +1,4 @@
-"""Which one-way exit of the region leads to which one-way entry."""
+"""Matching the region's one-way exits to its one-way entries."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["around", "matched"]
 def around(
     start: NDArray[np.float64], end: NDArray[np.float64], length: float
 ) -> NDArray[np.float64]:
-    """Return the shorter ways (N, M) along a closed line between places (N,) and (M,) on it."""
+    """Return the distances (N, M) between places (N,) and (M,) the shorter way round a ring."""
     gap = np.abs(np.asarray(start)[:, None] - np.asarray(end)[None])
     return np.asarray(np.minimum(gap, length - gap))
 

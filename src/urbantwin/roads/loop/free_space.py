@@ -1,4 +1,4 @@
-"""What is taken in plan beyond the region's border, and what is free for outer roads."""
+"""Free space for outer roads beyond the region's border."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.roads.loop.dubins import Pose2, bulb
+from urbantwin.roads.loop.dubins import Pose2, dubins_path
 
 __all__ = ["Ground", "Points", "sampled", "unit"]
 
@@ -31,8 +31,8 @@ def unit(heading: float) -> Points:
 
 
 def sampled(start: Pose2, end: Pose2, radius: float, turn: str | None = None) -> Points:
-    """Return points (N, 2) of the shortest way from pose to pose, both ends among them."""
-    curve = bulb(start, end, radius=radius, turn=turn)
+    """Return points (N, 2) of the Dubins path from pose to pose, both ends included."""
+    curve = dubins_path(start, end, radius=radius, turn=turn)
     stations = [0.0]
     for piece, begin in zip(curve.pieces, curve.starts, strict=False):
         steps = max(1, math.ceil(abs(piece.curvature) * piece.length / STEP))

@@ -1,6 +1,6 @@
-"""Outer roads: beyond the region every way out leads back to a way in.
+"""Outer roads: beyond the region every exit leads back to an entry.
 
-A two-way street that the border cuts goes on for a few metres and turns round in a drop. One-way
+A two-way street that the border cuts goes on for a few metres to a turnaround. One-way
 exits lead to one-way entries: the two carriageways of a street directly, others round the region.
 Outer roads are ordinary one-way roads with the lanes, cycle lanes and sidewalks of the streets
 that they join, so that all that holds for a street holds for them.

@@ -1,4 +1,4 @@
-"""One-way exits and entries that lie apart: roads round the region, one outside the other."""
+"""Ring roads: outer roads round the region from one-way exits to distant one-way entries."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ def lead_round(
 ) -> tuple[int, int]:
     """Join exits to entries; return how many roads that made and how many gates remain open.
 
-    Where there are exits only or entries only, the far points of drops stand in for the others.
+    Where there are exits only or entries only, the far points of turnarounds stand in for the
+    others.
     """
     if not (exits or entries):
         return 0, 0

@@ -1,4 +1,4 @@
-"""Zebra crossings: stripes along the way of the traffic that they stop."""
+"""Zebra crossings: stripes parallel to the traffic that they stop."""
 
 from __future__ import annotations
 

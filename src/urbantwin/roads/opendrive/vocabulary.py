@@ -1,4 +1,4 @@
-"""The words of OpenDRIVE and ours: kinds of lanes, classes of actors, units."""
+"""Vocabulary of OpenDRIVE and of the lane model: kinds of lanes, classes of actors, units."""
 
 from __future__ import annotations
 

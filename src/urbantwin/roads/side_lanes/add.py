@@ -9,7 +9,7 @@ from dataclasses import replace
 import shapely
 from numpy.typing import ArrayLike
 
-from urbantwin.roads.cross_section import MappedStretch
+from urbantwin.roads.cross_section import MappedSegment
 from urbantwin.roads.model import LaneModel, ModelRoad
 from urbantwin.roads.side_lanes.clearance import Room
 from urbantwin.roads.side_lanes.island import BEYOND_M, islands_on, moved_aside, stations_on
@@ -23,7 +23,7 @@ __all__ = ["add_side_lanes"]
 
 def add_side_lanes(
     model: LaneModel,
-    stretches: Iterable[MappedStretch],
+    segments: Iterable[MappedSegment],
     *,
     country: str = "",
     obstacles: Sequence[shapely.Polygon] = (),
@@ -38,13 +38,13 @@ def add_side_lanes(
 
     Args:
         model: roads in plan, before heights and before anything stands on them.
-        stretches: the ways that streets are made from, with their cross sections.
+        segments: the ways that streets are made from, with their cross sections.
         country: ISO 3166-1 alpha-2, for the law on parking; empty if unknown.
         obstacles: areas that no road may grow into, such as buildings, site frame.
         crossings: (N, 2) where people cross streets: nobody parks there.
         islands: (N, 2) where they cross with a refuge in the middle.
     """
-    ways = by_way(stretches)
+    ways = by_way(segments)
     meeting: dict[int, set[int]] = defaultdict(set)
     streets = [road for road in model.roads if road.junction < 0]
     for road in streets:

@@ -1,4 +1,4 @@
-"""Room beside roads: where a road can be widened without running into something."""
+"""Clearance beside roads: where a road can be widened."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ WIDTH_M = 2.0
 #: How far it reaches to both sides of the crossing, and the part of it over which traffic is led
 #: round it, metres.
 REACH_M, TAPER_M = 12.0, 9.0
-#: An island shorter than this is none; it ends this far before a road does, metres. A crossing at
+#: Shorter islands are left out; it ends this far before a road does, metres. A crossing at
 #: a junction may lie this far beyond the end of the road: the island is then before it.
 SHORTEST_M, CLEAR_M, BEYOND_M = 10.0, 1.0, 8.0
 #: A point of the map further from a street's middle than this is not on it, metres.

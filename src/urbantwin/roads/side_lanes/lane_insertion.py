@@ -1,4 +1,4 @@
-"""Putting lanes into a road between others: new lane sections, ids counted anew, links kept."""
+"""Inserting lanes into a road: new lane sections, renumbered ids, links kept."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which way of the map runs along which part of a road."""
+"""Map matching: which way of OpenStreetMap runs along which part of a road."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from urbantwin.roads.cross_section import (
     CarriagewayLane,
     CrossSection,
-    MappedStretch,
+    MappedSegment,
     Roadside,
 )
 from urbantwin.roads.model import ModelRoad
@@ -45,31 +45,31 @@ class Alongside:
         return self.section.lanes(forward=forward)
 
 
-def by_way(stretches: Iterable[MappedStretch]) -> dict[int, list[MappedStretch]]:
-    """Return stretches by the ids of their ways."""
-    found: dict[int, list[MappedStretch]] = {}
-    for stretch in stretches:
-        found.setdefault(stretch.way, []).append(stretch)
+def by_way(segments: Iterable[MappedSegment]) -> dict[int, list[MappedSegment]]:
+    """Return segments by the ids of their ways."""
+    found: dict[int, list[MappedSegment]] = {}
+    for segment in segments:
+        found.setdefault(segment.way, []).append(segment)
     return found
 
 
-def alongside(road: ModelRoad, stretches: Mapping[int, Sequence[MappedStretch]]) -> list[Alongside]:
+def alongside(road: ModelRoad, segments: Mapping[int, Sequence[MappedSegment]]) -> list[Alongside]:
     """Return the parts of a road by ways, from its start to its end, without gaps."""
-    mine = [stretch for way in road.ways for stretch in stretches.get(way, ())]
+    mine = [segment for way in road.ways for segment in segments.get(way, ())]
     if not mine:
         return []
-    every, aside = road.curve.locate(np.concatenate([stretch.points for stretch in mine]))
+    every, aside = road.curve.locate(np.concatenate([segment.points for segment in mine]))
     found = []
     end = 0
-    for stretch in mine:
-        begin, end = end, end + len(stretch.points)
+    for segment in mine:
+        begin, end = end, end + len(segment.points)
         if np.abs(aside[begin:end]).max() >= OFF_M:
             continue
         start, goal = float(every[begin]), float(every[end - 1])
         first = min(max(min(start, goal), 0.0), road.length)
         last = min(max(start, goal, 0.0), road.length)
         if last - first >= min(SHORTEST_M, road.length / 2):
-            found.append(Alongside(first, last, stretch.section, goal > start))
+            found.append(Alongside(first, last, segment.section, goal > start))
     found.sort(key=lambda part: (part.first, part.last))
     whole: list[Alongside] = []
     for k, part in enumerate(found):

@@ -1,4 +1,4 @@
-"""The approaches of a lane model that signals stop, seen by the traffic on them."""
+"""Approaches of signalised junctions, seen by their traffic."""
 
 from __future__ import annotations
 

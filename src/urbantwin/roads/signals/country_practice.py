@@ -1,4 +1,4 @@
-"""How countries put up traffic signals and signs: at the near or the far side, on arms, which sign.
+"""Practice of countries for signals and signs: near side, far side or mast arm; which signs.
 
 Sources of where heads stand:
 

@@ -1,4 +1,4 @@
-"""Where signal heads stand: on poles at the kerb and on arms over the lanes, by country."""
+"""Placing signal heads on poles at the kerb and on mast arms, by country."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def _heads(approach: Approach, practice: Practice, ground: FreeGround) -> list[R
             found += _over_lanes(approach, far, practice, beyond=True)
         found += _on_pole(approach, far, beyond=True)
     if not found:
-        # Nowhere to stand: over the stop line, as it was.
+        # No free place for a pole: over the stop line, as before.
         found = [replace(lane.signal, z=OVER_M) for lane in approach.lanes]
     return found
 

@@ -1,4 +1,4 @@
-"""Where the heads for people on foot stand: at both ends of their crossing."""
+"""Placing pedestrian signal heads at both ends of their crossing."""
 
 from __future__ import annotations
 

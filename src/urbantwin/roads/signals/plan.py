@@ -1,4 +1,4 @@
-"""From a plan in words to a program's states, checked for conflicts and too short greens."""
+"""Signal plans in words turned into states of a program, checked for conflicts."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from urbantwin.roads.model.furniture import Phase
 from urbantwin.roads.signals.controlled_links import Link, Signalised
-from urbantwin.roads.signals.movements import UnknownWords, crossings, vehicle_links
+from urbantwin.roads.signals.movements import UnknownMovement, crossings, vehicle_links
 from urbantwin.roads.signals.plan_check import (
     WALK_S,
     check_conflicts,
@@ -101,7 +101,7 @@ def _greens(junction: Signalised, plan: SignalPlan, k: int, spec: PhaseSpec) -> 
     for number, words in enumerate(spec.green):
         try:
             chosen = vehicle_links(junction, words)
-        except UnknownWords as error:
+        except UnknownMovement as error:
             where = ("phases", k, "green", number)
             raise plan.error(error.problem, where, error.expected) from None
         # Links that share an index are switched together.
@@ -119,7 +119,7 @@ def _walks(
             where = ("phases", k, "walk", number)
             try:
                 chosen = crossings(junction, words)
-            except UnknownWords as error:
+            except UnknownMovement as error:
                 raise plan.error(error.problem, where, error.expected) from None
             found |= {link.index: link for link in chosen}
             check_conflicts(junction, [*green, *chosen], plan, where)

@@ -1,4 +1,4 @@
-"""What a plan for signals must keep to: greens that do not conflict, long enough, for everybody."""
+"""Checks of a signal plan: no conflicting greens, long enough, for everybody."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ GREEN = "Gg"
 
 
 def _conflict(junction: Signalised, a: Link, b: Link) -> bool:
-    """Whether two greens at once are more than one driver giving way to another."""
+    """Whether two simultaneous greens conflict beyond one driver giving way to another."""
     if not junction.are_foes(a, b) or a.road == b.road:
         return False
     if "walk" in (a.movement, b.movement):
@@ -40,7 +40,7 @@ def check_conflicts(
     """
     pairs = [pair for pair in combinations(green, 2) if _conflict(junction, *pair)]
     if pairs:
-        # Those that go straight on say best what is wrong.
+        # Through movements make the clearest message.
         a, b = max(pairs, key=lambda pair: sum(not link.is_turn for link in pair))
         raise plan.error(
             f"gives green to conflicting traffic: {told(a)} and {told(b)}",

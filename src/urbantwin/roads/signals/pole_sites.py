@@ -1,4 +1,4 @@
-"""Where poles may stand: clear of everything that is driven on."""
+"""Free places for poles, clear of all carriageways."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ DRIVEN = (*CARRIAGEWAY_KINDS, "connection", "crossing")
 
 
 class FreeGround:
-    """Tells free places by their distance from lanes, without joining these to one area."""
+    """Finds free places by their distance from lanes, without merging the lanes to one area."""
 
     def __init__(self, network: RoadNetwork) -> None:
         self._network = network

@@ -1,4 +1,4 @@
-"""Putting planned signal programs into a SUMO network, and telling what there is to plan."""
+"""Setting planned signal programs in a SUMO network, and describing its programs."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def described_signals(net: Path) -> dict[str, dict[str, Any]]:
         net: the ``.net.xml``.
 
     Raises:
-        InputError: it is no sound network.
+        InputError: it is not a valid network.
     """
     with reading_sumo_network(net):
         junctions = signalised_junctions(etree.parse(net).getroot())
@@ -190,7 +190,7 @@ def _meant(plan: SignalPlan, there: Sequence[Signalised], frame: SiteFrame) -> S
         ]
     if len(found) == 1:
         return found[0]
-    problem = f"{name!r} is no signalised junction"
+    problem = f"{name!r} is not a signalised junction"
     if found:
         problem = f"{name!r} is {len(found)} signalised junctions"
         expected = f"one of the ids {', '.join(item.program for item in found)}"

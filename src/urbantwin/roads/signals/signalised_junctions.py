@@ -1,4 +1,4 @@
-"""Which junctions have signals, as far as the map tells.
+"""Signalised junctions as far as the map has them.
 
 Mappers put ``highway=traffic_signals`` on the junction's own node, or at each stop line, up to
 tens of metres before the junction (OSM wiki, "Tag:highway=traffic_signals"). netconvert signalises

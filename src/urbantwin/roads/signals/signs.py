@@ -1,4 +1,4 @@
-"""Signs: speed limits where they change, stop and give way where they are mapped."""
+"""Signs: speed limits where they change, and mapped stop and give-way signs."""
 
 from __future__ import annotations
 

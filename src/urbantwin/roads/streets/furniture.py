@@ -1,4 +1,4 @@
-"""What is on the roads: crosswalks, stop lines, signals and their controllers."""
+"""Objects on the roads: crosswalks, stop lines, signals and their controllers."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class _Host:
 
     road: ModelRoad
     junction: int
-    line: shapely.LineString  # in plan, drawn out straight where a crossing may lie beyond the end
+    line: shapely.LineString  # In plan, extended straight where a crossing may lie beyond the end.
 
 
 @dataclass(frozen=True)

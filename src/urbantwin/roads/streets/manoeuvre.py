@@ -1,4 +1,4 @@
-"""Manoeuvres: every way through a junction from one lane to another, as a curve of its own."""
+"""Manoeuvres: connecting roads through junctions, each with a curve of its own."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From netconvert's network to the lane model in plan: streets and the ways through junctions."""
+"""The lane model in plan from netconvert's network: streets and connecting roads."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ from urbantwin.scene.barrier import fence
 from urbantwin.scene.barrier.form import Form, form_of
 from urbantwin.scene.barrier.gate import Opening, add_openings, opening_of
 from urbantwin.scene.barrier.guard_rail import concrete_barrier, w_beam
-from urbantwin.scene.barrier.point import add_singles
+from urbantwin.scene.barrier.point import add_point_barriers
 from urbantwin.scene.placement import grounded, left_of_map
 from urbantwin.scene.pole import bollards
 from urbantwin.scene.solids import Assembly, GroundHeight, Solid, sweep
@@ -97,7 +97,7 @@ def barrier_mesh(
     lines = [f for f in mine if not isinstance(f.geometry, Point)]
     ways = [f.geometry for f in features if "highway" in f.tags and region.intersects(f.geometry)]
     add_openings(assembly, openings, lines, ways, site.kept, ground_height, notes)
-    add_singles(assembly, mine, ways, site.kept, ground_height, notes)
+    add_point_barriers(assembly, mine, ways, site.kept, ground_height, notes)
     return assembly.mesh(), dict(sorted((k, n) for k, n in notes.items() if n))
 
 

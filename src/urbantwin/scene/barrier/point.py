@@ -16,7 +16,7 @@ from urbantwin.scene.tag_values import length_m_of
 from urbantwin.scene.tree.shrub import bushes
 from urbantwin.site.extract import OsmFeature
 
-__all__ = ["add_singles"]
+__all__ = ["add_point_barriers"]
 
 BURIED_M = 0.3
 #: Kind -> what notes call it.
@@ -34,7 +34,7 @@ KINDS = {
 }
 
 
-def add_singles(
+def add_point_barriers(
     assembly: Assembly,
     features: Sequence[OsmFeature],
     ways: Sequence[Geometry],

@@ -16,7 +16,7 @@ from urbantwin.scene.solids import Assembly, GroundHeight, columns, rods
 from urbantwin.scene.wire.catenary import hanging, wire_solid
 from urbantwin.site.extract import OsmFeature
 
-__all__ = ["CONTACT_M", "add_overhead"]
+__all__ = ["CONTACT_M", "add_contact_lines"]
 
 #: Height of contact wires above the rails (EN 50119: nominally 5.0 to 5.75 m), and of the wires
 #: across the street that hold them, metres.
@@ -46,7 +46,7 @@ class _Works:
     spans: list[Point]
 
 
-def add_overhead(
+def add_contact_lines(
     assembly: Assembly,
     features: Sequence[OsmFeature],
     region: Polygon,

@@ -16,7 +16,7 @@ from urbantwin.scene.tag_values import length_m_of
 from urbantwin.scene.wire.catenary import hanging, wire_solid
 from urbantwin.site.extract import OsmFeature
 
-__all__ = ["add_hung"]
+__all__ = ["add_span_wires"]
 
 #: Wires of the map hang this high with this sag over span; lamps hang this high, metres.
 WIRE_HIGH_M, SAG, LAMP_M = 7.5, 0.02, 6.5
@@ -26,7 +26,7 @@ ON_WIRE_M, SHORTEST_M = 1.5, 0.3
 SUSPENDED = ("suspended", "catenary")
 
 
-def add_hung(
+def add_span_wires(
     assembly: Assembly,
     features: Sequence[OsmFeature],
     region: Polygon,

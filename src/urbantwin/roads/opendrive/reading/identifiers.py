@@ -1,4 +1,4 @@
-"""Areas, signals and controllers of a file as those of the lane model, each with its own id."""
+"""Assigning ids of the lane model to areas, signals and controllers of a file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Links that a file leaves out, found by where roads and lanes meet."""
+"""Links missing in a file, inferred from where roads and lanes meet."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def with_found_ends(
         by_id: roads by their ids, changed in place.
         junctions: the junctions.
         poses: where roads start and end.
-        spots: roads, to speak of.
+        spots: roads, for errors.
 
     Raises:
         InputError: a road through a junction that traffic drives on leads nowhere.
@@ -136,7 +136,7 @@ def _within(road: ModelRoad, section: LaneSection, s: float) -> dict[int, _Lane]
             width = value(lane.width, s - section.s)
             if lane.kind in DRIVEN and width > NO_WIDTH_M:
                 along = 1.0 if lane.forward else -1.0
-                # Lanes of different directions must not meet: they are told apart by 100 m.
+                # Lanes of different directions must not meet: they are kept 100 m apart.
                 found[lane.id] = (lane, (t + sign * width / 2, 100.0 * along))
             t += sign * width
     return found

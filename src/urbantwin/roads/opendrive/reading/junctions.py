@@ -1,4 +1,4 @@
-"""Junctions out of an OpenDRIVE file: which road leads through, from which road and lane."""
+"""Reading junctions: connecting roads, and the roads and lanes that they join."""
 
 from __future__ import annotations
 

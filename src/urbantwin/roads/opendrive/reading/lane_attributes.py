@@ -1,4 +1,4 @@
-"""What a lane of an OpenDRIVE file is: its kind, users, speed, height and mark."""
+"""Reading the attributes of lanes: kind, users, speed, height and mark."""
 
 from __future__ import annotations
 

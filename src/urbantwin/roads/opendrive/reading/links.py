@@ -1,4 +1,4 @@
-"""What the roads and lanes of an OpenDRIVE file are linked to, checked."""
+"""Resolving and checking the links of roads and lanes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reading OpenDRIVE into the lane model."""
+"""Reading OpenDRIVE as a lane model."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class ReadMap(NamedTuple):
 
     Attributes:
         model: its lane model, in the map's own coordinates.
-        projection: what they are coordinates of, as PROJ or WKT; ``None`` where it does not say.
+        projection: their CRS, as PROJ or WKT; ``None`` where the map does not say.
         notes: version, counts, and what was assumed and left out (``remarks``).
     """
 

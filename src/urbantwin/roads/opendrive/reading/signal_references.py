@@ -1,4 +1,4 @@
-"""Signals that stand beside one road and are for another, which refers to them."""
+"""Reading signal references: signals beside one road that are for another."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def read_references(item: etree._Element, road: ModelRoad, spot: Spot) -> Iterat
     Args:
         item: the ``<road>``.
         road: the same as far as it is read.
-        spot: the road, to speak of.
+        spot: the road, for errors.
     """
     for reference in item.findall("signals/signalReference"):
         here = spot.within(f"signalReference {reference.get('id', '')}")

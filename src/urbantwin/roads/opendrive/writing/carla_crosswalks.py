@@ -1,4 +1,4 @@
-"""Crosswalks where CARLA finds them."""
+"""Crosswalks placed for CARLA, on roads without a lane offset."""
 
 from __future__ import annotations
 

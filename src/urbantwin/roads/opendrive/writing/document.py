@@ -1,4 +1,4 @@
-"""The OpenDRIVE document, in the order and the words of ASAM's schema (1.8) or of 1.4H."""
+"""Writing the OpenDRIVE document in the element order of ASAM's schema (1.8) or of 1.4H."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def _road(root: etree._Element, road: ModelRoad, model: LaneModel, version: str)
 
 
 def _notes(item: etree._Element, road: ModelRoad) -> None:
-    """Write what the standard has no word for: class, ways and level of a street."""
+    """Write what the standard has no element for: class, ways and level of a street."""
     if road.kind:
         etree.SubElement(item, "userData", code="class", value=words(road.kind))
     if road.ways:

@@ -1,4 +1,4 @@
-"""Left-hand traffic in the form of right-hand traffic, for OpenDRIVE 1.4, which knows no other.
+"""Left-hand traffic as right-hand traffic, which is all that OpenDRIVE 1.4 has.
 
 In 1.4, and in CARLA, lanes of negative ids run along the reference line and lanes of positive ids
 against it. On the left side of the road it is the other way about. Each direction of a street then

@@ -1,4 +1,4 @@
-"""Numbers and names as text, the same on every machine, and cubics as records."""
+"""Formatting numbers and names, the same on every machine, and cubics as records."""
 
 from __future__ import annotations
 
@@ -45,8 +45,8 @@ def records(profile: Profile, length: float) -> Iterator[tuple[float, list[float
 
     Records beyond the end, and those that only go on with the cubic before them, are left out
     (ASAM's rule ``performance.avoid_redundant_info``). The rule compares coefficients about station
-    0, to 1e-6: cubics that it takes for one although they come apart by more than rounding are told
-    apart by two micrometres.
+    0, to 1e-6: cubics that it would merge although they differ by more than rounding are made
+    distinct by two micrometres.
     """
     starts, rows = profile.start.tolist(), profile.abcd.tolist()
     ends = [*starts[1:], max(length, starts[-1] + 1e-3)]

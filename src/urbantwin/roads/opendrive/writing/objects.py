@@ -1,4 +1,4 @@
-"""What stands on and is painted on roads, as OpenDRIVE writes it.
+"""Writing objects, signals and controllers of roads.
 
 The standard knows which signals are switched together, not when. Programs are written as
 ``userData`` of a controller: ``code="offset"``, the seconds by which the program starts late, and

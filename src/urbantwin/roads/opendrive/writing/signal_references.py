@@ -1,4 +1,4 @@
-"""Signals that stand on another road than the one that they are for, as version 1.4 knows them.
+"""Signal references of version 1.4: signals on another road than the one that they are for.
 
 1.8 gives the place of such a signal in the file's own coordinates. 1.4 writes it on the road where
 it stands, valid for no lane, and refers to it from the road that it is for, at the stop line: so
