@@ -1,4 +1,4 @@
-"""Street lamps: masts with arms over the carriageway, on walls, and seeded along lit streets."""
+"""Street lamps: on masts with arms, on walls, and seeded along lit streets."""
 
 from __future__ import annotations
 
@@ -222,7 +222,7 @@ def _seed_along(
         if len(mapped.query(spot, predicate="dwithin", distance=MAPPED_M)):
             continue
         if is_path and carriageway.distance(spot) < ARM_REACH_M:
-            continue  # the street's lamps light it
+            continue  # The street's lamps light the path.
         for side in (1.0, -1.0) if k % 2 else (-1.0, 1.0):
             tries = at[k] + side * reach[:, None] * left[k]
             free = ~shapely.contains_xy(blocked, tries[:, 0], tries[:, 1])

@@ -1,4 +1,4 @@
-"""Everything of the map that stands on the ground beside buildings, subject by subject."""
+"""Meshes of all mapped objects other than buildings, subject by subject."""
 
 from __future__ import annotations
 

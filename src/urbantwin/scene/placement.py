@@ -1,4 +1,4 @@
-"""Where objects may stand: inside the region, clear of carriageways."""
+"""Placing objects: inside the region, clear of carriageways, on the ground."""
 
 from __future__ import annotations
 

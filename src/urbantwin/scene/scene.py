@@ -1,4 +1,4 @@
-"""The whole static world as one labelled mesh."""
+"""The static world of a site as one labelled mesh."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Primitive solids, and the collector that makes one labelled mesh of many."""
+"""Primitive solids, and assembling them into one labelled mesh."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The ground as one watertight surface: zones triangulated together, steps closed by curbs."""
+"""The ground as one watertight surface: zones triangulated together, joined by curbs."""
 
 from __future__ import annotations
 

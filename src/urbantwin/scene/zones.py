@@ -1,4 +1,4 @@
-"""Which surface lies where: a partition of the ground in plan, without holes or overlaps."""
+"""Ground zones: a partition of the ground in plan by surface, without holes or overlaps."""
 
 from __future__ import annotations
 

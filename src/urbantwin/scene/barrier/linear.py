@@ -1,4 +1,4 @@
-"""Barriers along lines: walls, fences, guard rails, kerb stones, hedges."""
+"""Linear barriers: walls, fences, guard rails, kerb stones, hedges."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def _may_bar(feature: OsmFeature) -> bool:
 
 
 def _pieces(geometry: Geometry, form: Form, site: _Site) -> list[LineString]:
-    """Return the pieces of a barrier that stand, none with a hairpin in it."""
+    """Return the pieces of a barrier outside its gaps, split at hairpins."""
     if form.make == "kerb" and form.height_m < LOWEST_KERB_M:
         return []
     line = geometry.boundary if geometry.geom_type.endswith("Polygon") else geometry

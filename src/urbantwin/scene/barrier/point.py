@@ -1,4 +1,4 @@
-"""Barriers at a point: blocks, boulders, staggered railings, height restrictors."""
+"""Barriers mapped as points: blocks, boulders, staggered railings, height restrictors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How high bridges are: over what they cross, and ramps where the ground does not rise to them."""
+"""Profiles of bridges: clearance over what they cross, and ramps up to them."""
 
 from __future__ import annotations
 
@@ -211,7 +211,7 @@ def _lack(
             continue
         spots = shapely.get_coordinates(shapely.intersection(other.geometry, way.line))
         along = shapely.line_locate_point(way.line, shapely.points(spots))
-        # What meets it at its ends is how one gets onto it.
+        # Ways that meet it at its ends lead onto it.
         spots = spots[(along > 0.5) & (along < way.line.length - 0.5)]
         if not len(spots):
             continue

@@ -1,4 +1,4 @@
-"""One wall with openings that are set back in it."""
+"""A wall with openings that are set back in it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Street furniture of the map as one mesh."""
+"""The mesh of all mapped street furniture."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ BEHIND_STOP_M = (-1.3, 2.6, 0.0)
 #: Pieces nearer than this to a carriageway face it, those nearer to a way face that, metres.
 ROAD_M, WAY_M = 12.0, 8.0
 INDOORS = ("indoor", "room")
-#: What is mapped without saying what it looks like.
+#: Objects mapped without a shape.
 SHAPELESS = "memorials and artworks of unknown shape, not drawn"
 
 

@@ -1,8 +1,8 @@
-"""Lane paint in a picture: bright, thin, and white or yellow.
+"""Road markings detected in imagery: bright, thin, and white or yellow.
 
 All comparisons are ratios of linear light in the neighbourhood, so that paint in a shadow is paint:
-a shadow takes the same share of light from paint and asphalt. What is bright and wide is no paint:
-a white car, concrete, a sunny gap between shadows.
+a shadow takes the same share of light from paint and asphalt. Bright and wide areas are not paint:
+    a white car, concrete, a sunny gap between shadows.
 """
 
 from __future__ import annotations

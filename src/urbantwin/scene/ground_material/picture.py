@@ -1,4 +1,4 @@
-"""From a picture of the ground to layers of its materials."""
+"""Classifying imagery into layers of the ground's materials."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ LevelHeight = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
 
 @dataclass(frozen=True, eq=False)
 class PictureMaterials:
-    """What a picture tells.
+    """Materials classified in imagery.
 
     Attributes:
         layers: paint first, then covers.
@@ -132,7 +132,7 @@ def _compared(
     clear: NDArray[np.bool_],
     modelled: Callable[[NDArray[np.float64]], NDArray[np.bool_]],
 ) -> tuple[bool, dict[str, object]]:
-    """Return whether the picture's paint is to be believed, and how it compares."""
+    """Return whether the picture's paint is plausible, and how it compares to the model's."""
     rows, columns = np.nonzero(clear)
     points = np.column_stack([columns, rows]) + 0.5
     model = int(modelled(points * photo.cell_m + [photo.x0, photo.y0]).sum())

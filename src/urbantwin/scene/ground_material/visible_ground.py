@@ -1,4 +1,4 @@
-"""What of the ground a picture from above shows: what a ray straight down meets first."""
+"""The ground visible from above: the first hit of rays straight down."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _ZONE_OF = {
     "other-ground": OPEN,
     "terrain": OPEN,
 }
-#: Pictures lean: this far around what stands on the ground they show its sides, metres.
+#: Imagery is not vertical: this far around objects it shows their sides, metres.
 LEAN_M = 0.5
 #: Rays cast at once.
 BATCH = 1_000_000

@@ -1,4 +1,4 @@
-"""Tracks of the map: where they are, their gauge, and how they lie."""
+"""Railway and tram tracks: line, gauge, and height."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["HEAD_M", "Track", "tracks_of"]
 
 #: Standard gauge, and the width of a rail's head (EN 13674: 49E1 67 mm, 60E1 72 mm), metres.
 GAUGE_M, HEAD_M = 1.435, 0.07
-#: Rails in a street stand out by this, so that beams see them; wheels do not feel it, metres.
+#: Height of rails above the pavement, so that beams hit them, metres.
 PROUD_M = 0.004
 #: Height of the rails above the ground on ballast, reached over so many metres from a road.
 BALLASTED_M, RISE_M = 0.55, 12.0

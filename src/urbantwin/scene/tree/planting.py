@@ -1,4 +1,4 @@
-"""Where trees, shrubs and woods stand: as mapped, and seeded where the map only says 'wood'."""
+"""Planting trees, shrubs and woods: as mapped, and seeded where only an area is mapped."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ SCRUBS = {
     "landuse": {"shrubs", "vineyard"},
     "barrier": {"hedge"},
 }
-#: Heights of shrubs that nobody measured, metres.
+#: Heights of shrubs without a mapped height, metres.
 LOW = {"heath": 0.6, "vineyard": 1.8}
 
 

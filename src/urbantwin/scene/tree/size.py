@@ -1,4 +1,4 @@
-"""How large a tree is: as mapped or surveyed, and what follows from that for the rest."""
+"""Sizes of trees: mapped or surveyed, with the rest derived."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How high water lies: level, below the land around it."""
+"""Water levels: level, below the land around."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Contact wires of trams, trains and trolleybuses, and what holds them."""
+"""Overhead contact lines of trams, trains and trolleybuses, with their supports."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All wires of a scene as one mesh."""
+"""The mesh of all overhead wires."""
 
 from __future__ import annotations
 

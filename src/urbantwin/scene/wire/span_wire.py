@@ -1,4 +1,4 @@
-"""Wires across streets that the map has, and lamps that hang on wires."""
+"""Span wires across streets, and the lamps that hang on them."""
 
 from __future__ import annotations
 
