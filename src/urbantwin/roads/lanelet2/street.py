@@ -38,7 +38,6 @@ class Street:
     Attributes:
         road: the road.
         chain: what it was made from.
-        tracks: its lanes.
         lanes: for each section: track -> id of the lane.
         spans: for each section: the groups of the chain that it holds.
         whole: for each track, both borders on the reference line as it was before it was cut.
@@ -48,7 +47,6 @@ class Street:
 
     road: ModelRoad
     chain: Chain
-    tracks: tuple[Track, ...]
     lanes: tuple[dict[Track, int], ...]
     spans: tuple[tuple[int, ...], ...]
     whole: dict[Track, tuple[Measured, Measured]]
@@ -132,7 +130,7 @@ def street_of(
         linked,
     )
     dropped = sum(border.dropped for border in here.values())
-    return Street(road, chain, tracks, tuple(lanes), spans, whole, (first, last), dropped)
+    return Street(road, chain, tuple(lanes), spans, whole, (first, last), dropped)
 
 
 def divider(group: Group, side: str) -> int:
