@@ -102,7 +102,7 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
         out: the ``.net.xml`` to write.
         plans: programs of signals to use instead of netconvert's.
         closed_loop: whether outer roads beyond the region lead every way out back to a way in.
-        tell: told the share done (0..1) and what is being done.
+        tell: called with the share done (0..1) and the current task.
 
     Raises:
         InputError: the region holds no roads, or a plan for signals cannot be used.

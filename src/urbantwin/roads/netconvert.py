@@ -102,8 +102,8 @@ def sumo_network(
         keep_apart: ids of ways (bridges, outer roads) that stay roads of their own, not joined to
             the next.
         keep_nodes: ids of nodes that are not merged with others into one junction.
-        edges: what netconvert is told of edges that it makes of ways; those that it does not make
-            are taken out of the file.
+        edges: attributes of the edges that it makes of ways; edges that it does not make are taken
+            out of the file.
         out: the ``.net.xml`` to write.
 
     Returns:
@@ -149,7 +149,7 @@ def sumo_network(
 
 
 def _run_with(edges: Path | None, command: list[str], raw: Path) -> list[str]:
-    """Run netconvert, without what it is told of edges that it did not make as expected."""
+    """Run netconvert, leaving out the attributes of edges that it did not make as expected."""
     for _ in range(MOST_UNKNOWN):
         try:
             return run_netconvert(command, raw)

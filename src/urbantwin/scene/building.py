@@ -76,7 +76,7 @@ def building_mesh(
         carriageway: the carriageways at ground level, site frame.
         without: where imported geometry shows the buildings: those that lie with more than half
             of their area in it are left out.
-        tell: told the share done (0..1) and what is being done.
+        tell: called with the share done (0..1) and the current task.
 
     Returns:
         The mesh, ``part`` 1, 2, ... per building, and counts of what was built and assumed.

@@ -91,8 +91,8 @@ def building_volumes(building: MappedBuilding, notes: Counter[str]) -> list[Volu
 def _rise_of_rest(rise: Rise, parts: Sequence[Volume], notes: Counter[str]) -> Rise:
     """Return how far an outline rises where none of its parts stands.
 
-    Where one of them is as high as the outline is said to be, that height is the whole
-    building's; the rest is then built as high as most of the parts are.
+    Where one of them is as high as the outline's tags say, that height is the whole building's; the
+    rest is then built as high as most of the parts are.
     """
     tops = np.array([part.body.high for part in parts])
     if tops.max() < rise.high_m - 0.5:

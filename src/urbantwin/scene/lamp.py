@@ -158,7 +158,7 @@ def add_wall_lamps(
 def seeded_lamps(
     features: Sequence[OsmFeature], region: Polygon, carriageway: Geometry, taken: Geometry
 ) -> NDArray[np.float64]:
-    """Return places (N, 2) of lamps along streets that are said to be lit but have none mapped.
+    """Return places (N, 2) of lamps along streets with ``lit=yes`` but no mapped lamps.
 
     They stand 28 m apart, on one side after the other, 0.6 m behind the curb; along paths that
     are lit and away from streets 1 m beside them.

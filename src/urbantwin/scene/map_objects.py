@@ -56,7 +56,7 @@ def map_objects(  # noqa: PLR0913 - all that they are placed by
         covers: where imported geometry has the ``trees`` and the ``other`` things.
         lane_decks: decks of the lane model in plan.
         deck_height: heights of the uppermost of them, else of the ground.
-        tell: told the share done (0..1) and what is being done.
+        tell: called with the share done (0..1) and the current task.
 
     Returns:
         Per subject its mesh, ``part`` 1, 2, ... per object, and counts of what was built and

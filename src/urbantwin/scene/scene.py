@@ -67,7 +67,7 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
         heads: signals and signs of the lane model, where they are.
         imported: what sources of geometry give; it stands in place of what is mapped there.
         drivable: where a map says that vehicles can drive, beyond its lanes.
-        tell: told the share done (0..1) and what is being done.
+        tell: called with the share done (0..1) and the current task.
     """
     covers = imported.covers if imported else {}
     spacing = ON_A_PLAIN if elevation.is_flat and len(network.levels) == 1 else ON_A_HILL

@@ -59,7 +59,7 @@ def build_twin(
     Args:
         site: the checked site.
         out: the folder to write; an older twin there is replaced.
-        progress: told the share done (0..1) and what is being done.
+        progress: called with the share done (0..1) and the current task.
         watch: called with the imported geometry, for pictures of how it was placed and cleaned.
         also: given the whole twin before it appears, for what is to be checked of it and what else
             belongs into its folder: pictures.

@@ -44,7 +44,7 @@ def surveyed(
         site: the site.
         features: what is mapped in the region.
         model: the map of the roads, where there is one.
-        progress: told the share done (0..1) and what is being done.
+        progress: called with the share done (0..1) and the current task.
 
     Raises:
         InputError: the DEM or a source cannot be used.

@@ -146,7 +146,7 @@ class _Drawn:
                         self._numbers.setdefault(key, self._number(a))
 
     def way(self, line: NDArray[np.float64], mark: str) -> int:
-        """Return the way through points, drawn either way round; it keeps the paint that is said.
+        """Return the way through points, drawn either way round; the first mapped paint is kept.
 
         Raises:
             InputError: all points are one.

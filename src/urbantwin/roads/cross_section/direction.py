@@ -37,7 +37,7 @@ class DirectionTags:
     Attributes:
         slots: how many lanes they count, cycle lanes between motor lanes included.
         motor: how many of these are for motor traffic.
-        lists: tag -> one value for each slot, left to right as people who drive there see it.
+        lists: tag -> one value for each slot, left to right in the direction of travel.
         buses: how many lanes at the curb are for buses, where no list says which.
     """
 

@@ -44,7 +44,7 @@ class PreparedWays:
 
     Attributes:
         pieces: segments between junctions, with normalised tags.
-        edges: what netconvert is told of its edges.
+        edges: the attributes of edges that netconvert is given.
         segments: the same segments with their cross sections.
         parts: piece that was given -> the segments that it was cut into.
     """

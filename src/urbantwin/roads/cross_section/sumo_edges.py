@@ -49,7 +49,7 @@ class SumoEdge:
         lanes: from lane 0, at the curb, inwards, without the sidewalk.
         sidewalk: width of its sidewalk, which comes before the other lanes; 0 for none.
         shape: (N, 2) the line that lanes are laid along, site frame; empty for the way itself.
-        walkers: whether people walk on its outermost lane, for want of a sidewalk.
+        walkers: whether people walk on its outermost lane because there is no sidewalk.
         spread: ``right`` (lanes lie outwards of the shape) or ``center``.
     """
 
@@ -112,7 +112,7 @@ def sumo_tags(segment: Segment, section: CrossSection) -> WayPiece:
 
 
 def sumo_edges(segment: Segment, section: CrossSection, middle: Middle) -> list[SumoEdge]:
-    """Return the edges that netconvert makes of a segment, with what it has to be told.
+    """Return the edges that netconvert makes of a segment, with their attributes.
 
     Args:
         segment: the part of a way.
@@ -140,7 +140,7 @@ def sumo_edges(segment: Segment, section: CrossSection, middle: Middle) -> list[
 
 
 def write_sumo_edges(path: Path, frame: SiteFrame, edges: Sequence[SumoEdge]) -> None:
-    """Write what netconvert is told of edges that it made from ways (``--edge-files``)."""
+    """Write the attributes of edges for netconvert (``--edge-files``)."""
     root = ElementTree.Element("edges")
     for edge in edges:
         element = ElementTree.SubElement(root, "edge", id=edge.id)

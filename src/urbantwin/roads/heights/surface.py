@@ -181,7 +181,7 @@ class RoadSurface:
             mine, z, margin, outer = np.concatenate(found).T
             mine = mine.astype(np.int64)
             inside = np.where(paved[mine], margin, outer)
-            # A way through a junction that cuts a corner goes before the footway there.
+            # A way through a junction that cuts a corner takes precedence over the footway there.
             bare = np.flatnonzero(~paved[mine])
             cut = _inside(known.ways, points[mine[bare]])[0]
             inside[bare[cut]] = -1.0

@@ -35,7 +35,7 @@ from urbantwin.roads.model import (
 
 __all__ = ["closed_model"]
 
-#: An end this close to the region's border was cut there, by us or by who made the map, metres.
+#: An end this close to the region's border was cut there, by the crop or in the map itself, metres.
 CUT_M = 5.0
 #: Nothing else may be this close to the straight way on from an end of a map, metres.
 ROOM_M = 3.0
@@ -378,7 +378,7 @@ class _Builder:
 
 
 def _users(end: _End) -> tuple[str, ...]:
-    """Return who has lanes of their own beside those that lead out: bicycles, buses."""
+    """Return the classes with lanes of their own beside those that lead out: bicycles, buses."""
     onward = end.end == "end"
     return tuple(
         name

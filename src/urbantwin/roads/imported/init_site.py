@@ -78,7 +78,7 @@ def init_site_of_map(  # noqa: PLR0913 - every one is a person's choice
         region: a GeoJSON polygon; without it a circle.
         radius_m: radius of the circle; without it 150 m.
         force: replace a ``site.yaml`` that is there.
-        progress: told the share done (0..1) and what is being done.
+        progress: called with the share done (0..1) and the current task.
 
     Raises:
         InputError: a file or the region is wrong, the place is not on the map, or there is a

@@ -53,7 +53,7 @@ def close_loop(
 ) -> OuterRoads:
     """Join every end of a street at the region's border to another, or to itself.
 
-    Cul-de-sacs within the region stay: whoever drives in turns round at their end. A one-way
+    Cul-de-sacs within the region stay: vehicles turn round at their end. A one-way
     street that ends within the region, where nothing leads on, is cut back to its last junction.
 
     Args:

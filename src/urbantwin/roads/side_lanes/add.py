@@ -41,7 +41,7 @@ def add_side_lanes(
         segments: the ways that streets are made from, with their cross sections.
         country: ISO 3166-1 alpha-2, for the law on parking; empty if unknown.
         obstacles: areas that no road may grow into, such as buildings, site frame.
-        crossings: (N, 2) where people cross streets: nobody parks there.
+        crossings: (N, 2) where people cross streets: there is no parking.
         islands: (N, 2) where they cross with a refuge in the middle.
     """
     ways = by_way(segments)

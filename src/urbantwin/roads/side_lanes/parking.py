@@ -186,7 +186,7 @@ def _tapered(width: float, length: float, up: float, down: float) -> Profile:
 
 
 def _clear_of_junction(country: str) -> float:
-    """Return how near to a junction nobody may park, metres.
+    """Return within what distance of a junction parking is banned, metres.
 
     Args:
         country: ISO 3166-1 alpha-2; empty if unknown.

@@ -138,7 +138,7 @@ def _heads(approach: Approach, practice: Practice, ground: FreeGround) -> list[R
 def _near_pole(approach: Approach, ground: FreeGround) -> NDArray[np.float64] | None:
     """Return u, v of a pole at the kerb beside the stop line."""
     v = approach.kerb + approach.outward * np.arange(CLEARANCE_M, SEARCH_M, 0.2)
-    # Not past the stop line: who waits there must see it.
+    # Not past the stop line: waiting traffic must see it.
     u = approach.line - np.arange(0.0, 8.0, 0.5)
     return ground.nearest(approach.frame, u, v, approach.road.level)
 

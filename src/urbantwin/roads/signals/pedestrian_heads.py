@@ -28,7 +28,7 @@ def walker_heads(
     width: float,
     ground: FreeGround,
 ) -> list[RoadSignal]:
-    """Return a head at each end of a crossing, which faces those who come from the other end."""
+    """Return a head at each end of a crossing, facing the other end."""
     area = next((a for a in model.areas if a.strip == signal.strip), None)
     road = model.road_by_id[area.road if area else signal.road]
     found = []

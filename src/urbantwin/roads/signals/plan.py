@@ -36,7 +36,7 @@ def planned(junction: Signalised, plan: SignalPlan) -> tuple[float, tuple[Phase,
         plan: what was written.
 
     Raises:
-        InputError: an approach is unknown, greens conflict or are too short, somebody never gets
+        InputError: an approach is unknown, greens conflict or are too short, a movement never gets
             green, or the phases do not last as long as the cycle.
     """
     spec = plan.spec
@@ -131,7 +131,7 @@ def _walks(
         for link in junction.links
         if link.movement == "walk"
         and all(
-            # A turn that has green by itself is not crossed: its drivers expect nobody.
+            # A protected turn is not crossed: its drivers do not expect pedestrians.
             other.is_turn and (other.road in through or other.road not in has_through)
             for other in green
             if junction.are_foes(link, other)
@@ -177,7 +177,7 @@ def _seconds(plan: SignalPlan, specs: Sequence[PhaseSpec], between: float) -> li
 
 
 def _letters(junction: Signalised, green: Sequence[Link], walks: Sequence[Link]) -> dict[int, str]:
-    """Return index -> ``G``, or ``g`` for who must give way to another green."""
+    """Return index -> ``G``, or ``g`` where it must give way to another green."""
     on = [*green, *walks]
     found = dict.fromkeys([link.index for link in on], "G")
     for link in green:

@@ -95,7 +95,7 @@ def check_greens(junction: Signalised, plan: SignalPlan, phases: Sequence[Phase]
     """Check that everybody gets green, and none that is too short.
 
     Raises:
-        InputError: somebody never does, or one is.
+        InputError: a movement never gets green, or too short a one.
     """
     where = ("phases",) if plan.spec.phases is not None else ("states",)
     never = [

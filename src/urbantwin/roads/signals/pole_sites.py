@@ -18,7 +18,7 @@ __all__ = ["CLEARANCE_M", "FreeGround"]
 
 #: Distance of a pole's middle from the carriageway's edge (MUTCD 2009, 4D.16 and 2A.19: 0.6 m).
 CLEARANCE_M = 0.6
-#: So many places are looked at first; twice as many each time that none of them is free.
+#: Places that are tried first; twice as many each time that none is free.
 FEW = 16
 DRIVEN = (*CARRIAGEWAY_KINDS, "connection", "crossing")
 

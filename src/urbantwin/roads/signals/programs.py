@@ -71,7 +71,7 @@ def set_programs(net: Path, plans: Sequence[SignalPlan], frame: SiteFrame) -> in
 
 
 def hold_for_walkers(net: Path) -> None:
-    """Let people cross where netconvert's program stops traffic for nobody.
+    """Hold the red of crossings that have signals of their own for the time to cross.
 
     A crossing with signals of its own has no other traffic to give green to; where no sidewalk is
     mapped, the network has no crossing either, and red would last no longer than to clear it.

@@ -35,7 +35,7 @@ WALKED = frozenset("footway path cycleway pedestrian steps bridleway".split())
 
 @dataclass(frozen=True)
 class MappedSignals:
-    """Where netconvert is told to put signals.
+    """The signalised junctions and crossings that netconvert is given.
 
     Attributes:
         tags: node -> tags that netconvert reads instead of its own.

@@ -308,7 +308,7 @@ class _Joint:
 
 
 def _allowed(start: Lane, end: Lane, chain: list[Lane]) -> tuple[str, ...]:
-    """Return who may use all lanes of a way; where nobody may, who may use its first."""
+    """Return the classes that may use all lanes of a way; without any, those of its first lane."""
     common = [name for name in start.allowed if all(name in x.allowed for x in (*chain, end))]
     return tuple(common) or (chain[0] if chain else start).allowed
 

@@ -241,7 +241,7 @@ def _add_roofs(
     blocked: Geometry,
     ground_height: GroundHeight,
 ) -> int:
-    """Add roofs on posts over ways that are said to be covered, outside of buildings."""
+    """Add roofs on posts over ways with ``covered=yes``, outside of buildings."""
     houses = shapely.union_all(
         [f.geometry for f in features
          if "building" in f.tags and f.geometry.geom_type.endswith("Polygon")]

@@ -102,7 +102,7 @@ def _link_streets(by_id: dict[int, ModelRoad], spots: Mapping[int, Spot]) -> Non
 def with_found_lanes(
     road: ModelRoad, by_id: Mapping[int, ModelRoad], poses: Poses, spot: Spot
 ) -> ModelRoad:
-    """Link lanes that go on, where a file links none of them, to the lanes whose ends they meet."""
+    """Link continuing lanes that a file leaves unlinked to the lanes whose ends they meet."""
     sections = list(road.sections)
     for k in range(len(sections) - 1):
         before = _within(road, sections[k], road.section_ends[k])

@@ -245,5 +245,5 @@ def _relinked(section: LaneSection, tag: str, sliver: LaneSection) -> LaneSectio
 
 
 def _beyond(lane: int | None, through: dict[int, int | None]) -> int | None:
-    # A lane that the sliver does not have is left as it is, to be told of.
+    # A lane that the sliver does not have stays, and is reported later.
     return lane if lane is None else through.get(lane, lane)
