@@ -40,12 +40,12 @@ from urbantwin.roads.side_lanes import (
     with_island_areas,
 )
 from urbantwin.roads.signals.country_practice import practice_of
-from urbantwin.roads.signals.heads import stand_signals
+from urbantwin.roads.signals.heads import place_heads
 from urbantwin.roads.signals.pole_sites import FreeGround
-from urbantwin.roads.signals.programs import hold_for_walkers, set_programs
+from urbantwin.roads.signals.programs import hold_for_pedestrians, set_programs
 from urbantwin.roads.signals.signalised_junctions import mapped_signals
 from urbantwin.roads.signals.signs import add_signs
-from urbantwin.roads.streets import furnished, planar_model
+from urbantwin.roads.streets import planar_model, with_furniture
 from urbantwin.roads.sumo_geometry import redraw_sumo_network
 from urbantwin.roads.sumo_network import read_sumo_network
 from urbantwin.site.extract import Extract, Way, WayPiece
@@ -170,7 +170,7 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
         )
     tell(0.25, "signals")
     if signals.mid_block:
-        hold_for_walkers(out)
+        hold_for_pedestrians(out)
     planned = set_programs(out, plans, frame)
     raw = read_sumo_network(
         out,
@@ -199,11 +199,11 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
     model, surface = with_heights(model, elevation, lift)
     model = with_banked_widths(model)
     tell(0.75, "lanes")
-    model = with_island_areas(furnished(model, raw, surface.height))
+    model = with_island_areas(with_furniture(model, raw, surface.height))
     network = network_of_model(model, raw, surface.height)
     tell(0.87, "signs")
     ground = FreeGround(network)
-    model = stand_signals(model, network, ground, practice_of(country), surface.height)
+    model = place_heads(model, network, ground, practice_of(country), surface.height)
     model, signs = add_signs(model, ground, extract, frame, country)
     redraw_sumo_network(out, network)
     notes: dict[str, object] = {

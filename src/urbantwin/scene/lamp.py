@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Geometry, Polygon
 
-from urbantwin.scene.placement import grounded, toward_carriageway
+from urbantwin.scene.placement import on_ground, toward_carriageway
 from urbantwin.scene.solids import Assembly, GroundHeight, box, columns, rods
 from urbantwin.scene.tag_values import count_of, length_m_of, yaw_of_direction
 from urbantwin.site.extract import OsmFeature
@@ -133,7 +133,7 @@ def add_wall_lamps(
     number, nearest = walls.query_nearest(
         shapely.points(xy), max_distance=NEAREST_WALL_M, all_matches=False
     )
-    feet = grounded(xy, ground_height(xy))
+    feet = on_ground(xy, ground_height(xy))
     for k, wall in zip(number.tolist(), nearest.tolist(), strict=True):
         boundary, spot = buildings[wall].boundary, shapely.Point(xy[k])
         at = boundary.interpolate(boundary.project(spot))

@@ -12,7 +12,7 @@ from urbantwin.reconstruct.georeference.heights import SiteHeights
 from urbantwin.roads.model import LaneModel, carriageway_in_plan
 from urbantwin.site import OsmFeature, Site, read_heights
 
-__all__ = ["SurveyedSite", "surveyed"]
+__all__ = ["SurveyedSite", "survey_ground"]
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class SurveyedSite:
     notes: dict[str, object]
 
 
-def surveyed(
+def survey_ground(
     site: Site,
     features: Sequence[OsmFeature],
     model: LaneModel | None,

@@ -11,7 +11,7 @@ from scipy.linalg import solveh_banded
 from urbantwin.roads.heights.design_limits import Limits
 from urbantwin.roads.heights.stations import Stations
 
-__all__ = ["Pins", "designed", "profile_slopes", "smoothed"]
+__all__ = ["Pins", "design_profiles", "profile_slopes", "smoothed"]
 
 #: Lengths over which profiles are smoothed, one after the other until the limits are met, metres.
 SMOOTHING_LENGTHS_M = (6.0, 12.0, 25.0, 50.0)
@@ -84,7 +84,7 @@ def smoothed(
     return z
 
 
-def designed(
+def design_profiles(
     stations: Stations,
     ground: NDArray[np.float64],
     pins: Pins,

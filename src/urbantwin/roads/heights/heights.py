@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from urbantwin.ground import Elevation
 from urbantwin.roads.grade_separation import Lift
-from urbantwin.roads.heights.connecting_roads import fitted_ways
+from urbantwin.roads.heights.connecting_roads import with_fitted_heights
 from urbantwin.roads.heights.cross_fall import (
     FINE_M,
     cross_falls,
@@ -18,7 +18,7 @@ from urbantwin.roads.heights.cross_fall import (
     run_out,
     smooth_step,
 )
-from urbantwin.roads.heights.design import Pins, designed, profile_slopes, smoothed
+from urbantwin.roads.heights.design import Pins, design_profiles, profile_slopes, smoothed
 from urbantwin.roads.heights.design_limits import limits_of
 from urbantwin.roads.heights.ground import RoadGround
 from urbantwin.roads.heights.junction_mouth import levels_at_ends
@@ -75,7 +75,7 @@ def with_heights(
         last = [k for k in again if streets[k].id in overlaps.yielding]
         _put(risen, last, _streets([streets[k] for k in last], site, overlaps, surface))
     surface = RoadSurface(model.with_roads((*risen, *ways)), base, everything)
-    found = {road.id: road for road in (*risen, *fitted_ways(ways, surface))}
+    found = {road.id: road for road in (*risen, *with_fitted_heights(ways, surface))}
     return model.with_roads(tuple(found[road.id] for road in model.roads)), surface
 
 
@@ -143,7 +143,7 @@ def _streets(
     calm = BANK_SMOOTHING_M
     if surface:  # what others do is followed, not smoothed
         earthwork, calm = 0.0, 1.0
-    height = designed(stations, cross.level, along, limits, earthwork)
+    height = design_profiles(stations, cross.level, along, limits, earthwork)
     bank = smoothed(stations, cross.bank, across, np.full(len(streets), calm))
     elevations = hermite_profiles(stations, height, profile_slopes(stations, height, along))
     turn = profile_slopes(stations, bank, across)

@@ -25,9 +25,9 @@ from urbantwin.roads.imported.read import (
     anchor_of,
     is_placed,
     map_format,
+    naming_file,
     placed_map,
     read_map,
-    said_of,
 )
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.opendrive.reading.placement import crs_of
@@ -155,7 +155,7 @@ def _on_earth(
         return read_map(path, frame).model, frame.lonlat_from_site if there else None
     if read.projection is None:
         return read.model, None
-    with said_of(path):
+    with naming_file(path):
         transformer = Transformer.from_crs(crs_of(read.projection), "EPSG:4326", always_xy=True)
 
     def degrees(xy: NDArray[np.float64]) -> NDArray[np.float64]:

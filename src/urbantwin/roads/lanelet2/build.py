@@ -20,11 +20,11 @@ from urbantwin.roads.lanelet2.connecting_road import (
 from urbantwin.roads.lanelet2.group import Member, groups_of
 from urbantwin.roads.lanelet2.lane_sections import Row
 from urbantwin.roads.lanelet2.lanelet import Lanelet
-from urbantwin.roads.lanelet2.plan import Chain, Plan, planned
+from urbantwin.roads.lanelet2.plan import Chain, Plan, plan_streets
 from urbantwin.roads.lanelet2.street import Street, StreetTooShort, street_of
 from urbantwin.roads.lanelet2.topology import Topology
 
-__all__ = ["Built", "LaneAt", "built"]
+__all__ = ["BuiltRoads", "LaneAt", "build_streets_and_junctions"]
 
 #: A longer lost part of a lane is reported, metres.
 LOST_M = 0.01
@@ -37,7 +37,7 @@ Made = dict[tuple[object, ...], Street | None]
 
 
 @dataclass(frozen=True)
-class Built:
+class BuiltRoads:
     """All roads, not yet linked.
 
     Attributes:
@@ -94,12 +94,12 @@ class Built:
         return {i: tuple(rows) for i, rows in found.items()}
 
 
-def built(
+def build_streets_and_junctions(
     lanelets: Mapping[int, Lanelet],
     side: str,
     attributes: Callable[[Member], Row],
     ways: Mapping[int, dict[str, str]],
-) -> Built:
+) -> BuiltRoads:
     """Build every street and every way through a junction.
 
     Args:
@@ -123,7 +123,7 @@ def built(
     for _ in range(most):
         groups = [g for g in groups_of(lanes, apart) if any(m.lanelet.drives for m in g.members)]
         topology = Topology(drives, groups)
-        plan = planned(topology, forced, barred)
+        plan = plan_streets(topology, forced, barred)
         ending = _ending(topology, plan) - apart
         if ending:
             apart |= ending
@@ -142,9 +142,13 @@ def built(
             paths = _paths(streets, topology, plan)
             missed = plan.inner - {i for _, way, _ in paths for i in way}
             if not missed:
-                connecting_roads = _passages(paths, len(streets), topology, side, attributes, ways)
+                connecting_roads = _connecting_roads(
+                    paths, len(streets), topology, side, attributes, ways
+                )
                 short = _shortened(streets, connecting_roads)
-                return Built(tuple(streets), tuple(connecting_roads), topology, plan, short, stubs)
+                return BuiltRoads(
+                    tuple(streets), tuple(connecting_roads), topology, plan, short, stubs
+                )
             # First what nothing leads to or from: what comes after it may then be reached.
             before = {k for following in topology.successors.values() for k in following}
             ends = {i for i in missed if i not in before or not topology.successors[i]} or missed
@@ -245,7 +249,7 @@ def _paths(
     ]
 
 
-def _passages(
+def _connecting_roads(
     paths: list[tuple[Gate, tuple[int, ...], Gate]],
     streets: int,
     topology: Topology,

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from urbantwin.roads.lanelet2.group import Group
 from urbantwin.roads.lanelet2.topology import End, Topology
 
-__all__ = ["Chain", "Plan", "planned"]
+__all__ = ["Chain", "Plan", "plan_streets"]
 
 #: A way through a junction that is cut off a street is at least so long, metres.
 LEAST_CUT_M = 5.0
@@ -52,7 +52,7 @@ class Plan:
     crossed: tuple[tuple[int, int], ...]
 
 
-def planned(topology: Topology, forced: frozenset[int], barred: frozenset[int]) -> Plan:
+def plan_streets(topology: Topology, forced: frozenset[int], barred: frozenset[int]) -> Plan:
     """Divide groups into streets and lanelets within junctions.
 
     Args:

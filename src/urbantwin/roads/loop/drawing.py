@@ -12,7 +12,7 @@ import shapely
 
 from urbantwin.geometry import stations_of_points
 from urbantwin.roads.loop.dimensions import half_width
-from urbantwin.roads.loop.free_space import Ground, Points, unit
+from urbantwin.roads.loop.free_space import FreeSpace, Points, unit
 from urbantwin.roads.loop.road_ends import motor_lanes
 from urbantwin.site import WayPiece
 
@@ -81,7 +81,7 @@ class Drawing:
             half_width(sum(map(sum, lanes)), piece.tags)
             for piece, lanes in zip(pieces, self.lanes, strict=True)
         ]
-        self.ground = Ground([piece.points for piece in pieces], widths)
+        self.ground = FreeSpace([piece.points for piece in pieces], widths)
 
     @property
     def turn(self) -> str:

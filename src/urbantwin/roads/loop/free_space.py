@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from urbantwin.roads.loop.dubins import Pose2, dubins_path
 
-__all__ = ["Ground", "Points", "sampled", "unit"]
+__all__ = ["FreeSpace", "Points", "dubins_points", "unit"]
 
 #: Turn between two points of a drawn curve, radians; an arc of 11 m is then left by 2 cm.
 STEP = math.radians(7.0)
@@ -30,7 +30,7 @@ def unit(heading: float) -> Points:
     return np.array([math.cos(heading), math.sin(heading)])
 
 
-def sampled(start: Pose2, end: Pose2, radius: float, turn: str | None = None) -> Points:
+def dubins_points(start: Pose2, end: Pose2, radius: float, turn: str | None = None) -> Points:
     """Return points (N, 2) of the Dubins path from pose to pose, both ends included."""
     curve = dubins_path(start, end, radius=radius, turn=turn)
     stations = [0.0]
@@ -42,7 +42,7 @@ def sampled(start: Pose2, end: Pose2, radius: float, turn: str | None = None) ->
     return np.asarray(points[np.concatenate([[True], apart])])
 
 
-class Ground:
+class FreeSpace:
     """Streets of the region by their number, and areas beyond it that are taken.
 
     Args:

@@ -16,9 +16,9 @@ import shapely
 
 from urbantwin.roads.loop.dimensions import half_width
 from urbantwin.roads.loop.drawing import Drawing, Gate
-from urbantwin.roads.loop.ring_road import WAY_OUT_M, lead_round
+from urbantwin.roads.loop.ring_road import WAY_OUT_M, add_ring_roads
 from urbantwin.roads.loop.road_ends import LooseEnd, loose_ends
-from urbantwin.roads.loop.turnaround import BENDS, near_pairs, turn_into, turn_round
+from urbantwin.roads.loop.turnaround import BENDS, add_turnaround, join_carriageways, near_pairs
 from urbantwin.roads.sidewalk import sidewalk_sides
 from urbantwin.site import WayPiece
 
@@ -91,9 +91,9 @@ def close_loop(
             way_out.buffer(half_width(gate.lanes * gate.lane_m, gate.tags), cap_style="flat")
         )
     for exit_, entry in near:
-        turn_into(drawing, exit_, entry)
-    tips = [turn_round(drawing, end, number[end.piece.id]) for end in turning]
-    led, still_open = lead_round(drawing, exits, entries, tips)
+        join_carriageways(drawing, exit_, entry)
+    tips = [add_turnaround(drawing, end, number[end.piece.id]) for end in turning]
+    led, still_open = add_ring_roads(drawing, exits, entries, tips)
     notes = {
         "turning_drops": len(turning),
         "carriageways_joined": len(near),

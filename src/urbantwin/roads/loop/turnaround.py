@@ -9,10 +9,10 @@ import shapely
 
 from urbantwin.roads.loop.dimensions import CLEARANCE_M, half_width, outer_tags, turning_radius
 from urbantwin.roads.loop.drawing import Drawing, Gate
-from urbantwin.roads.loop.free_space import Points, sampled, unit
+from urbantwin.roads.loop.free_space import Points, dubins_points, unit
 from urbantwin.roads.loop.road_ends import LooseEnd
 
-__all__ = ["BENDS", "NEAR_M", "near_pairs", "turn_into", "turn_round"]
+__all__ = ["BENDS", "NEAR_M", "add_turnaround", "join_carriageways", "near_pairs"]
 
 #: Half of the angle between the two legs of a turnaround at the end of a street, radians.
 SPLAY = math.radians(35.0)
@@ -31,7 +31,7 @@ SPLAYS = tuple(math.radians(angle) for angle in (0, 15, 30, 45, 55))
 DROP_KMH = 20
 
 
-def turn_round(drawing: Drawing, end: LooseEnd, street: int) -> Gate:
+def add_turnaround(drawing: Drawing, end: LooseEnd, street: int) -> Gate:
     """Extend a two-way street to a turnaround, and return the turnaround's far point."""
     lanes, width = end.enters, end.enters * end.lane_m
     tags = _tags(drawing, end.piece.tags, lanes, end.lane_m)
@@ -74,7 +74,7 @@ def near_pairs(exits: list[Gate], entries: list[Gate]) -> list[tuple[Gate, Gate]
     return found
 
 
-def turn_into(drawing: Drawing, exit_: Gate, entry: Gate) -> None:
+def join_carriageways(drawing: Drawing, exit_: Gate, entry: Gate) -> None:
     """Join the two carriageways of a street by a turnaround."""
     lane_m = max(exit_.lane_m, entry.lane_m)
     width = entry.lanes * lane_m
@@ -100,7 +100,7 @@ def turn_into(drawing: Drawing, exit_: Gate, entry: Gate) -> None:
         end = (float(last_tip[0]), float(last_tip[1]), last_course + math.pi)
         turn = "left" if side > 0 else "right"
         return np.vstack(
-            [exit_.point, knee, sampled(start, end, radius, turn), last_knee, entry.point]
+            [exit_.point, knee, dubins_points(start, end, radius, turn), last_knee, entry.point]
         )
 
     def area_of(line: Points) -> shapely.Polygon:
@@ -130,4 +130,4 @@ def _drop_line(tip: Points, heading: float, radius: float, turn: str) -> Points:
     aside = SPLAY if turn == "left" else -SPLAY
     x, y = (float(v) for v in tip)
     start, end = (x, y, heading - aside), (x, y, heading + math.pi + aside)
-    return sampled(start, end, radius, turn)
+    return dubins_points(start, end, radius, turn)

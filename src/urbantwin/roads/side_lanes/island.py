@@ -18,7 +18,7 @@ from urbantwin.roads.model import (
     RoadArea,
     SectionLane,
 )
-from urbantwin.roads.side_lanes.clearance import Room
+from urbantwin.roads.side_lanes.clearance import Clearance
 from urbantwin.roads.side_lanes.lane_insertion import Insertion
 
 __all__ = ["BEYOND_M", "is_island", "islands_on", "moved_aside", "stations_on", "with_island_areas"]
@@ -66,7 +66,7 @@ def stations_on(road: ModelRoad, points: ArrayLike, *, beyond: float = 0.0) -> N
 
 
 def islands_on(
-    road: ModelRoad, stations: Sequence[float] | NDArray[np.float64], room: Room
+    road: ModelRoad, stations: Sequence[float] | NDArray[np.float64], room: Clearance
 ) -> list[Insertion]:
     """Return the islands of a street, where there is room for its lanes to go round them.
 

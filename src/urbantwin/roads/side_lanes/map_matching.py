@@ -15,7 +15,7 @@ from urbantwin.roads.cross_section import (
 )
 from urbantwin.roads.model import ModelRoad
 
-__all__ = ["Alongside", "alongside", "by_way"]
+__all__ = ["MatchedWay", "by_way", "match_ways"]
 
 #: A way further from a road than this is not the way of this part of it, metres.
 OFF_M = 15.0
@@ -24,7 +24,7 @@ SHORTEST_M = 0.5
 
 
 @dataclass(frozen=True)
-class Alongside:
+class MatchedWay:
     """A part of a road, from station ``first`` to ``last``, that is one way of the map.
 
     ``aligned``: whether the way is drawn along the road's reference line.
@@ -53,7 +53,9 @@ def by_way(segments: Iterable[MappedSegment]) -> dict[int, list[MappedSegment]]:
     return found
 
 
-def alongside(road: ModelRoad, segments: Mapping[int, Sequence[MappedSegment]]) -> list[Alongside]:
+def match_ways(
+    road: ModelRoad, segments: Mapping[int, Sequence[MappedSegment]]
+) -> list[MatchedWay]:
     """Return the parts of a road by ways, from its start to its end, without gaps."""
     mine = [segment for way in road.ways for segment in segments.get(way, ())]
     if not mine:
@@ -69,12 +71,12 @@ def alongside(road: ModelRoad, segments: Mapping[int, Sequence[MappedSegment]]) 
         first = min(max(min(start, goal), 0.0), road.length)
         last = min(max(start, goal, 0.0), road.length)
         if last - first >= min(SHORTEST_M, road.length / 2):
-            found.append(Alongside(first, last, segment.section, goal > start))
+            found.append(MatchedWay(first, last, segment.section, goal > start))
     found.sort(key=lambda part: (part.first, part.last))
-    whole: list[Alongside] = []
+    whole: list[MatchedWay] = []
     for k, part in enumerate(found):
         first = whole[-1].last if whole else 0.0
         last = road.length if k == len(found) - 1 else part.last
         if last > first:
-            whole.append(Alongside(first, last, part.section, part.aligned))
+            whole.append(MatchedWay(first, last, part.section, part.aligned))
     return whole

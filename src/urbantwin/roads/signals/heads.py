@@ -16,15 +16,15 @@ from urbantwin.roads.model import LaneModel, RoadSignal, SignalController
 from urbantwin.roads.network import RoadNetwork
 from urbantwin.roads.signals.approach import (
     Approach,
-    Waiting,
+    WaitingLane,
     approaches_of,
     stop_lines_within,
 )
 from urbantwin.roads.signals.country_practice import Practice
-from urbantwin.roads.signals.pedestrian_heads import walker_heads
+from urbantwin.roads.signals.pedestrian_heads import pedestrian_heads
 from urbantwin.roads.signals.pole_sites import CLEARANCE_M, FreeGround
 
-__all__ = ["REACH_M", "stand_signals"]
+__all__ = ["REACH_M", "place_heads"]
 
 #: How far outwards a free place for a pole is looked for, metres.
 SEARCH_M = 12.0
@@ -47,7 +47,7 @@ CYCLE_LANE_M = 2.1
 MOST_OVER = 5
 
 
-def stand_signals(
+def place_heads(
     model: LaneModel,
     network: RoadNetwork,
     ground: FreeGround,
@@ -77,7 +77,7 @@ def stand_signals(
         lane = network.lane_by_id.get(signal.strip)
         if signal.dynamic and lane is not None and lane.kind == "crossing":
             replaced.add(signal.id)
-            standing += walker_heads(model, signal, lane.centre, lane.width, ground)
+            standing += pedestrian_heads(model, signal, lane.centre, lane.width, ground)
     standing = _raised(model, standing, height)
     kept = [signal for signal in model.signals if signal.id not in replaced]
     first = model.next_id
@@ -184,7 +184,7 @@ def _over_lanes(
 ) -> list[RoadSignal]:
     """Return a head over each lane that an arm from the pole reaches, at the pole's u."""
     inward = -approach.outward
-    rows: list[tuple[float, list[Waiting]]] = [
+    rows: list[tuple[float, list[WaitingLane]]] = [
         (lane.v, [lane]) for lane in approach.lanes if lane.half > CYCLE_LANE_M / 2
     ]
     if len(rows) > MOST_OVER:
@@ -207,7 +207,7 @@ def _over_lanes(
 
 def _head(
     approach: Approach,
-    lanes: Sequence[Waiting],
+    lanes: Sequence[WaitingLane],
     u: float,
     v: float,
     up: float,

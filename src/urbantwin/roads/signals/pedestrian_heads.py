@@ -13,7 +13,7 @@ from urbantwin.roads.model import LaneModel, RoadSignal
 from urbantwin.roads.signals.approach import Frame
 from urbantwin.roads.signals.pole_sites import FreeGround
 
-__all__ = ["walker_heads"]
+__all__ = ["pedestrian_heads"]
 
 #: Middle of a head over the carriageway: 2.2 m clear of the footway (MUTCD 4E.05: 2.1 m), metres.
 WALK_M = 2.65
@@ -21,7 +21,7 @@ WALK_M = 2.65
 WALKER_SIZE = (0.6, 0.3)
 
 
-def walker_heads(
+def pedestrian_heads(
     model: LaneModel,
     signal: RoadSignal,
     centre: NDArray[np.float64],

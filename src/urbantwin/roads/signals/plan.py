@@ -16,7 +16,7 @@ from urbantwin.roads.signals.plan_check import (
 )
 from urbantwin.site.signals import PhaseSpec, SignalPlan
 
-__all__ = ["planned"]
+__all__ = ["plan_phases"]
 
 #: Yellow by speed limit, m/s -> s (RiLSA 2015, 2.4: 3 s at 50 km/h, 4 s at 60, 5 s at 70).
 YELLOW_S = ((52 / 3.6, 3.0), (62 / 3.6, 4.0), (math.inf, 5.0))
@@ -28,7 +28,7 @@ SHORTEST_ALL_RED_S, LONGEST_ALL_RED_S = 1.0, 5.0
 WALK_M_S = 1.2
 
 
-def planned(junction: Signalised, plan: SignalPlan) -> tuple[float, tuple[Phase, ...]]:
+def plan_phases(junction: Signalised, plan: SignalPlan) -> tuple[float, tuple[Phase, ...]]:
     """Return the offset, seconds, and the phases that a plan means at a junction.
 
     Args:

@@ -15,11 +15,11 @@ from urbantwin.roads.model import LaneModel
 from urbantwin.roads.network import SignalProgram
 from urbantwin.roads.signals.controlled_links import COMPASS, Signalised, signalised_junctions
 from urbantwin.roads.signals.movements import approaches
-from urbantwin.roads.signals.plan import planned
+from urbantwin.roads.signals.plan import plan_phases
 from urbantwin.roads.sumo_check import reading_sumo_network
 from urbantwin.site.signals import SignalPlan
 
-__all__ = ["described_signals", "hold_for_walkers", "set_programs", "with_programs"]
+__all__ = ["described_signals", "hold_for_pedestrians", "set_programs", "with_programs"]
 
 #: A place that a person gives may be this far from the junction that is meant, metres.
 NEAREST_M = 100.0
@@ -56,7 +56,7 @@ def set_programs(net: Path, plans: Sequence[SignalPlan], frame: SiteFrame) -> in
                 "each junction once",
             )
         done[junction.program] = number
-        offset, phases = planned(junction, plan)
+        offset, phases = plan_phases(junction, plan)
         logic = logics[junction.program]
         for phase in list(logic.iter("phase")):
             logic.remove(phase)
@@ -70,7 +70,7 @@ def set_programs(net: Path, plans: Sequence[SignalPlan], frame: SiteFrame) -> in
     return len(done)
 
 
-def hold_for_walkers(net: Path) -> None:
+def hold_for_pedestrians(net: Path) -> None:
     """Hold the red of crossings that have signals of their own for the time to cross.
 
     A crossing with signals of its own has no other traffic to give green to; where no sidewalk is

@@ -18,7 +18,7 @@ from urbantwin.scene.barrier.form import Form, form_of
 from urbantwin.scene.barrier.gate import Opening, add_openings, opening_of
 from urbantwin.scene.barrier.guard_rail import concrete_barrier, w_beam
 from urbantwin.scene.barrier.point import add_point_barriers
-from urbantwin.scene.placement import grounded, left_of_map
+from urbantwin.scene.placement import not_imported, on_ground
 from urbantwin.scene.pole import bollards
 from urbantwin.scene.solids import Assembly, GroundHeight, Solid, sweep
 from urbantwin.scene.tree.shrub import hedge
@@ -76,7 +76,7 @@ def barrier_mesh(
     """
     notes: Counter[str] = Counter()
     assembly = Assembly()
-    mine = left_of_map([f for f in features if _may_bar(f)], without)
+    mine = not_imported([f for f in features if _may_bar(f)], without)
     kept: Geometry = region
     if not carriageway.is_empty:
         kept = shapely.difference(region, carriageway.buffer(KERB_M))
@@ -161,14 +161,14 @@ def _add_line(
         count = max(int(line.length / BOLLARDS_M), 1)
         spots = line.interpolate((np.arange(count) + 0.5) / count, normalized=True)
         xy = shapely.get_coordinates(spots)
-        feet = grounded(xy, site.ground_height(xy))
+        feet = on_ground(xy, site.ground_height(xy))
         bollards(assembly, feet, np.full(count, form.height_m))
         return
     xy = shapely.get_coordinates(line)
     closed = len(xy) > 3 and bool(np.allclose(xy[0], xy[-1]))
     if closed:
         xy = xy[:-1]
-    path = grounded(xy, site.ground_height(xy))
+    path = on_ground(xy, site.ground_height(xy))
     part = assembly.new_part()
     half, height = form.thickness_m / 2, form.height_m
     make = form.make

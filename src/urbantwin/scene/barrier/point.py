@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Geometry, Point
 
-from urbantwin.scene.placement import along_nearest, grounded
+from urbantwin.scene.placement import along_nearest, on_ground
 from urbantwin.scene.solids import Assembly, GroundHeight, Solid, box, rods
 from urbantwin.scene.tag_values import length_m_of
 from urbantwin.scene.tree.shrub import bushes
@@ -54,7 +54,7 @@ def add_point_barriers(
     if not found:
         return
     xy = np.array([[f.geometry.x, f.geometry.y] for _, f in found])
-    feet = grounded(xy, ground_height(xy))
+    feet = on_ground(xy, ground_height(xy))
     yaw = np.nan_to_num(along_nearest(xy, ways, farthest_m=1.0)) + np.pi / 2
     for (kind, feature), foot, turn in zip(found, feet, yaw.tolist(), strict=True):
         if kind == "height_restrictor":
@@ -130,7 +130,7 @@ def _add_portal(
         if not free.any():
             return False
         spots.append(line[int(np.argmax(free))])
-    ends = grounded(np.array(spots), ground_height(np.array(spots)))
+    ends = on_ground(np.array(spots), ground_height(np.array(spots)))
     top = max(foot[2], *ends[:, 2]) + high + 0.1
     tops = np.column_stack([ends[:, :2], [top, top]])
     part = assembly.new_part()

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shapely import Geometry, LineString, Polygon
 
 from urbantwin.number_text import whole_number
-from urbantwin.scene.placement import grounded
+from urbantwin.scene.placement import on_ground
 from urbantwin.scene.solids import GroundHeight
 from urbantwin.site.extract import OsmFeature
 
@@ -80,7 +80,7 @@ def tracks_of(
             # Tracks on bridges are fixed to the deck.
             if not _is_embedded(tags) and tags.get("bridge", "no") == "no":
                 lift = PROUD_M + BALLASTED_M * np.clip((away - 1.0) / RISE_M, 0, 1)
-            path = grounded(xy, ride_height(xy)) + np.column_stack([np.zeros((len(xy), 2)), lift])
+            path = on_ground(xy, ride_height(xy)) + np.column_stack([np.zeros((len(xy), 2)), lift])
             found += [Track(path, gauge, lift) for gauge in _gauges(tags)]
     return found
 

@@ -10,10 +10,10 @@ import shapely
 from numpy.typing import NDArray
 from shapely import LineString, Point, Polygon
 
-from urbantwin.scene.placement import along_nearest, grounded
+from urbantwin.scene.placement import along_nearest, on_ground
 from urbantwin.scene.solids import Assembly, GroundHeight, box, rods
 from urbantwin.scene.tag_values import length_m_of
-from urbantwin.scene.wire.catenary import hanging, wire_solid
+from urbantwin.scene.wire.catenary import catenaries, wire_solid
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["add_span_wires"]
@@ -43,12 +43,12 @@ def add_span_wires(
         xy = shapely.get_coordinates(shapely.remove_repeated_points(line, 0.3))
         high = min(length_m_of(feature.tags.get("height")) or WIRE_HIGH_M, 30.0)
         if len(xy) > 1:
-            points = grounded(xy, ground_height(xy)) + [0, 0, high]
+            points = on_ground(xy, ground_height(xy)) + [0, 0, high]
             span = np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1)
             far = span > SHORTEST_M
             if not far.any():
                 continue
-            curves = hanging(points[:-1][far], points[1:][far], SAG * span[far], 6)
+            curves = catenaries(points[:-1][far], points[1:][far], SAG * span[far], 6)
             assembly.add(wire_solid(curves), "other-object", "metal-bare", assembly.new_part())
             notes["wires across streets"] += 1
     _add_lamps(assembly, features, region, ground_height, notes)
@@ -73,7 +73,7 @@ def _add_lamps(
     ways = [f.geometry for f in features if "highway" in f.tags]
     xy = np.array([[f.geometry.x, f.geometry.y] for f in lamps])
     across = np.nan_to_num(along_nearest(xy, ways, farthest_m=15.0)) + np.pi / 2
-    feet = grounded(xy, ground_height(xy))
+    feet = on_ground(xy, ground_height(xy))
     for lamp, foot, yaw in zip(lamps, feet, across.tolist(), strict=True):
         high = min(max(length_m_of(lamp.tags.get("height")) or LAMP_M, 4.0), 20.0)
         top = foot + [0, 0, high]

@@ -12,7 +12,7 @@ from urbantwin.roads.opendrive.reading.parsing import Spot
 from urbantwin.roads.opendrive.reading.road_ends import Poses, end_section, middles
 from urbantwin.roads.opendrive.vocabulary import DRIVEN
 
-__all__ = ["with_found_ends", "with_found_lanes"]
+__all__ = ["with_inferred_ends", "with_inferred_lanes"]
 
 #: Lanes of a road and a street that lie nearer are taken to meet, metres; and linked lanes.
 ROADS_M, LANES_M = 1.0, 0.3
@@ -22,7 +22,7 @@ NO_WIDTH_M = 1e-3
 _Lane = tuple[SectionLane, tuple[float, float]]
 
 
-def with_found_ends(
+def with_inferred_ends(
     by_id: dict[int, ModelRoad],
     junctions: Iterable[ModelJunction],
     poses: Poses,
@@ -99,7 +99,7 @@ def _link_streets(by_id: dict[int, ModelRoad], spots: Mapping[int, Spot]) -> Non
             )
 
 
-def with_found_lanes(
+def with_inferred_lanes(
     road: ModelRoad, by_id: Mapping[int, ModelRoad], poses: Poses, spot: Spot
 ) -> ModelRoad:
     """Link continuing lanes that a file leaves unlinked to the lanes whose ends they meet."""

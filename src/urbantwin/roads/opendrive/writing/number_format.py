@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from urbantwin.roads.model import Profile
 
-__all__ = ["abcd", "number", "numbers", "records", "words"]
+__all__ = ["abcd", "number", "numbers", "records", "xml_text"]
 
 #: Coefficients that differ less than this count as equal for ASAM's checker.
 SAME = 1e-6
@@ -20,7 +20,7 @@ SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
-def words(text: str) -> str:
+def xml_text(text: str) -> str:
     """Return a name without the characters that XML cannot hold."""
     return _NOT_XML.sub("", text)
 

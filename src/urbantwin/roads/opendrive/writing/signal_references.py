@@ -18,7 +18,7 @@ from urbantwin.roads.model import LaneModel, ModelRoad, RoadSignal
 from urbantwin.roads.opendrive.writing.carla_crosswalks import CARRIER_M, carrier
 from urbantwin.roads.signals import pose_of
 
-__all__ = ["heading_offset", "on_their_roads"]
+__all__ = ["heading_offset", "with_signal_references"]
 
 #: ``validity`` of a signal that is for no lane of its road.
 NO_LANE = (0,)
@@ -28,7 +28,7 @@ NEAR_M = 60.0
 EXACT_M = 0.01
 
 
-def on_their_roads(model: LaneModel) -> tuple[LaneModel, tuple[RoadSignal, ...]]:
+def with_signal_references(model: LaneModel) -> tuple[LaneModel, tuple[RoadSignal, ...]]:
     """Return a model with every signal on the road where it stands, and those to refer to.
 
     The latter are as they were: on the road that they are for, with its lanes. CARLA measures from
