@@ -16,7 +16,7 @@ from urbantwin.roads import build_roads, driving_side
 from urbantwin.roads.loop import close_loop
 from urbantwin.roads.loop.exit_matching import match_exits
 from urbantwin.site import read_extract
-from urbantwin.site.init_site import init_site
+from urbantwin.site.initial_site import init_site
 from urbantwin.site.site import load_site
 
 HERE = SiteFrame(48.7, 9.18)

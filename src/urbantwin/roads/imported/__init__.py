@@ -2,7 +2,7 @@
 
 from urbantwin.roads.imported.build import PreparedMap, build_imported_roads, prepared_map
 from urbantwin.roads.imported.describe import describe_map
-from urbantwin.roads.imported.init_site import init_site_of_map
+from urbantwin.roads.imported.initial_site import init_site_of_map
 from urbantwin.roads.imported.read import ImportedMap, is_map_of_roads, read_map
 
 __all__ = [
