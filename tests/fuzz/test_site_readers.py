@@ -31,7 +31,7 @@ from urbantwin.site import (
     read_extract,
     read_orthophoto,
 )
-from urbantwin.site.init_site import init_site
+from urbantwin.site.initial_site import init_site
 from urbantwin.site.region import polygon_from_geojson, polygon_in_site, read_geojson
 from urbantwin.site.yaml_document import Document
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from urbantwin.roads.loop import bulb
+from urbantwin.roads.loop import dubins_path
 
 
 def walked(curve, start):
@@ -27,7 +27,7 @@ POSES = np.random.default_rng(3).uniform([-30, -30, -4] * 2, [30, 30, 4] * 2, (6
 def test_it_leads_from_pose_to_pose_on_arcs_of_one_radius(turn):
     for row in POSES:
         start, end = tuple(map(float, row[:3])), tuple(map(float, row[3:]))
-        curve = bulb(start, end, radius=6.0, turn=turn)
+        curve = dubins_path(start, end, radius=6.0, turn=turn)
         x, y, heading = walked(curve, start)
         assert math.hypot(x - end[0], y - end[1]) < 1e-3
         assert abs(math.remainder(heading - end[2], math.tau)) < 1e-6
@@ -40,16 +40,16 @@ def test_it_is_no_longer_than_any_of_many_other_ways():
     """Line, arc and line through a random pose between is never shorter."""
     random = np.random.default_rng(5)
     start, end = (0.0, 0.0, 0.3), (25.0, 12.0, 2.0)
-    shortest = bulb(start, end, radius=8.0).length
+    shortest = dubins_path(start, end, radius=8.0).length
     for _ in range(200):
         between = tuple(map(float, random.uniform([-20, -20, -4], [40, 40, 4])))
-        there = bulb(start, between, radius=8.0).length
-        assert there + bulb(between, end, radius=8.0).length > shortest - 1e-9
+        there = dubins_path(start, between, radius=8.0).length
+        assert there + dubins_path(between, end, radius=8.0).length > shortest - 1e-9
 
 
 @pytest.mark.parametrize(("apart", "radius"), [(3.2, 7.0), (8.0, 7.0), (14.0, 7.0), (30.0, 7.0)])
 def test_between_two_lanes_it_is_a_drop_that_turns_left(apart, radius):
-    curve = bulb((0.0, 0.0, 0.0), (0.0, apart, math.pi), radius=radius, turn="left")
+    curve = dubins_path((0.0, 0.0, 0.0), (0.0, apart, math.pi), radius=radius, turn="left")
     points = curve.at(np.linspace(0, curve.length, 400))
     # Symmetrical about the street's middle, and round to the left by half a turn in all.
     np.testing.assert_allclose(points[:, 1], apart - points[::-1, 1], atol=1e-6)
@@ -64,6 +64,6 @@ def test_between_two_lanes_it_is_a_drop_that_turns_left(apart, radius):
 
 def test_senseless_requests_are_refused():
     with pytest.raises(ValueError, match="radius"):
-        bulb((0, 0, 0), (1, 1, 1), radius=0.0)
+        dubins_path((0, 0, 0), (1, 1, 1), radius=0.0)
     with pytest.raises(ValueError, match="itself"):
-        bulb((0, 0, 0), (0, 0, 0))
+        dubins_path((0, 0, 0), (0, 0, 0))

@@ -226,7 +226,7 @@ def test_states_are_taken_letter_by_letter(plan):
             "signals[0].junction",
             "(Cross Street / Long Avenue)",
         ),
-        ({"junction": 7, "offset": 1}, "signals[0].junction", "is no signalised junction"),
+        ({"junction": 7, "offset": 1}, "signals[0].junction", "is not a signalised junction"),
         (
             {"junction": {"latitude": 48.71, "longitude": 9.18}, "offset": 1},
             "signals[0].junction",

@@ -1,4 +1,4 @@
-"""The lane network: netconvert's topology read into our own lane model, with heights."""
+"""The roads of a site: the lane model, from OpenStreetMap or an imported map, with heights."""
 
 from urbantwin.roads.build import BuiltRoads, build_roads
 from urbantwin.roads.driving_side import driving_side

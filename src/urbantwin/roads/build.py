@@ -1,4 +1,4 @@
-"""From the map to the lane network."""
+"""Building the lane network of a region from OpenStreetMap."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from urbantwin.roads.grade_separation import (
     way_layer,
 )
 from urbantwin.roads.heights import RoadSurface, with_heights
-from urbantwin.roads.heights.banked_widths import with_tilted_widths
+from urbantwin.roads.heights.banked_widths import with_banked_widths
 from urbantwin.roads.lane_polylines import network_of_model
 from urbantwin.roads.loop import OuterRoads, close_loop
 from urbantwin.roads.main_component import LeftOut, Part, main_component
@@ -40,12 +40,12 @@ from urbantwin.roads.side_lanes import (
     with_island_areas,
 )
 from urbantwin.roads.signals.country_practice import practice_of
-from urbantwin.roads.signals.heads import stand_signals
+from urbantwin.roads.signals.heads import place_heads
 from urbantwin.roads.signals.pole_sites import FreeGround
-from urbantwin.roads.signals.programs import hold_for_walkers, set_programs
+from urbantwin.roads.signals.programs import hold_for_pedestrians, set_programs
 from urbantwin.roads.signals.signalised_junctions import mapped_signals
 from urbantwin.roads.signals.signs import add_signs
-from urbantwin.roads.streets import furnished, planar_model
+from urbantwin.roads.streets import planar_model, with_furniture
 from urbantwin.roads.sumo_geometry import redraw_sumo_network
 from urbantwin.roads.sumo_network import read_sumo_network
 from urbantwin.site.extract import Extract, Way, WayPiece
@@ -102,7 +102,7 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
         out: the ``.net.xml`` to write.
         plans: programs of signals to use instead of netconvert's.
         closed_loop: whether outer roads beyond the region lead every way out back to a way in.
-        tell: told the share done (0..1) and what is being done.
+        tell: called with the share done (0..1) and the current task.
 
     Raises:
         InputError: the region holds no roads, or a plan for signals cannot be used.
@@ -170,7 +170,7 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
         )
     tell(0.25, "signals")
     if signals.mid_block:
-        hold_for_walkers(out)
+        hold_for_pedestrians(out)
     planned = set_programs(out, plans, frame)
     raw = read_sumo_network(
         out,
@@ -188,7 +188,7 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
     tell(0.5, "side lanes")
     model = add_side_lanes(
         planar,
-        prepared.stretches,
+        prepared.segments,
         country=country,
         obstacles=_buildings(extract, frame),
         crossings=_crossings(extract, frame, pieces),
@@ -197,13 +197,13 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
     model = with_curbs(model)
     tell(0.6, "heights")
     model, surface = with_heights(model, elevation, lift)
-    model = with_tilted_widths(model)
+    model = with_banked_widths(model)
     tell(0.75, "lanes")
-    model = with_island_areas(furnished(model, raw, surface.height))
+    model = with_island_areas(with_furniture(model, raw, surface.height))
     network = network_of_model(model, raw, surface.height)
     tell(0.87, "signs")
     ground = FreeGround(network)
-    model = stand_signals(model, network, ground, practice_of(country), surface.height)
+    model = place_heads(model, network, ground, practice_of(country), surface.height)
     model, signs = add_signs(model, ground, extract, frame, country)
     redraw_sumo_network(out, network)
     notes: dict[str, object] = {

@@ -1,4 +1,4 @@
-"""Grade separation: which roads cross over others, and how far that lifts them.
+"""Grade separation: which roads cross over others, and how high that lifts them.
 
 Only a road that crosses over another road of the network is lifted; a bridge over water or rails
 is level with its approaches. Lifted roads come down to the ground along the network at a
@@ -25,7 +25,7 @@ __all__ = ["Crossing", "Lift", "find_crossings", "lift_of_network", "way_layer"]
 #: Height of a road above the one that it crosses: 4.7 m clearance (AASHTO Green Book, minimum
 #: 4.3 to 4.9 m on local to arterial roads) plus the deck.
 CLEARANCE_M = 5.5
-#: Steepest ramp that we invent where the map says only that roads are on different layers.
+#: Steepest ramp that is assumed where the map only has different layers.
 RAMP_GRADE = 0.06
 #: Spacing of the samples along roads.
 STEP_M = 4.0
@@ -96,7 +96,7 @@ class Lift:
         return {}
 
 
-#: Layers run from -5 to 5, but for mistakes and the odd interchange.
+#: Layers run from -5 to 5; larger values are errors or rare interchanges.
 HIGHEST_LAYER = 20
 
 

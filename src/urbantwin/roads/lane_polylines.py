@@ -1,4 +1,4 @@
-"""Strips: the lanes of the lane model as polylines, for traffic to follow and the mesh to show."""
+"""Polylines of lanes (strips), for traffic to follow and for the mesh."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The main component of a network that a border has cut to pieces, and what is left out."""
+"""The main component of a network that a border has cut up, and what is left out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The lane model: what the mesh, the actors and the pictures are all made from."""
+"""The lane network: the lane model as polylines, for the mesh, the actors and the pictures."""
 
 from __future__ import annotations
 
@@ -226,10 +226,10 @@ class RoadNetwork:
         return network
 
     def _check(self, file: Path) -> None:
-        """Refuse what nothing that is made from the network could be made from.
+        """Refuse a network that cannot be used.
 
         Raises:
-            InputError: a name is given twice or is of nothing, or a lane is no strip.
+            InputError: a name is given twice or refers to nothing, or a lane is not valid.
         """
         if self.driving_side not in ("right", "left"):
             raise InputError(

@@ -1,4 +1,4 @@
-"""On which sides of a street there are sidewalks, from its tags and from its neighbours."""
+"""Sides of a street with sidewalks, from its tags and its neighbours."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A SUMO network in a file, checked as far as everything that reads it relies on it."""
+"""Checking a SUMO network file as far as its readers rely on it."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def check_sumo_network(path: Path) -> None:
     """Check a network: its numbers, and that what it names is there.
 
     Raises:
-        InputError: missing, not XML, or no sound network; the line is named.
+        InputError: missing, not XML, or not a valid network; the line is named.
     """
     with reading_sumo_network(path):
         parser = etree.XMLParser(resolve_entities=False, no_network=True, remove_comments=True)
@@ -59,7 +59,7 @@ def check_sumo_network(path: Path) -> None:
 
 @contextmanager
 def reading_sumo_network(path: Path) -> Iterator[None]:
-    """Turn what goes wrong when a network's file is read into one clear line.
+    """Turn errors in reading a network's file into one clear line.
 
     Raises:
         InputError: it did.

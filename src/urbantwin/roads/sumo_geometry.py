@@ -1,4 +1,4 @@
-"""SUMO's network with the lane model's geometry: its own topology, signals and right of way."""
+"""SUMO's network with the lane model's geometry; topology and signals stay its own."""
 
 from __future__ import annotations
 

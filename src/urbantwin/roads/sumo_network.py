@@ -1,4 +1,4 @@
-"""Reading a SUMO network into the lane model."""
+"""Reading a SUMO network as a lane network."""
 
 from __future__ import annotations
 

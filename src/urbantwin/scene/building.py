@@ -39,7 +39,7 @@ FOUNDATION_M = 0.5
 #: by more than the given area, square metres.
 KERB_M = 0.3
 OVERLAP_M2 = 1.0
-#: Half the width of a street of walkers, metres.
+#: Half the width of a pedestrian street, metres.
 PROMENADE_M = 2.0
 
 
@@ -76,7 +76,7 @@ def building_mesh(
         carriageway: the carriageways at ground level, site frame.
         without: where imported geometry shows the buildings: those that lie with more than half
             of their area in it are left out.
-        tell: told the share done (0..1) and what is being done.
+        tell: called with the share done (0..1) and the current task.
 
     Returns:
         The mesh, ``part`` 1, 2, ... per building, and counts of what was built and assumed.
@@ -97,7 +97,7 @@ def building_mesh(
         openings = _openings(plan, near, carriageway, ground_height, datum, notes)
         try:
             found = _place(volumes, openings, carriageway, datum)
-        except shapely.GEOSException:  # a plan that cannot be divided: without its slopes it can
+        except shapely.GEOSException:  # The plan cannot be cut along roof slopes.
             notes["roofs drawn level: their plan could not be divided"] += 1
             found = _place([_level(volume) for volume in volumes], openings, carriageway, datum)
         if found is None:
@@ -132,7 +132,7 @@ def building_mesh(
 
 
 def _promenades(features: Sequence[OsmFeature]) -> list[Geometry]:
-    """Return the streets of walkers, where sensors stand as well as on carriageways."""
+    """Return pedestrian streets, where sensors may stand as on carriageways."""
     return [
         feature.geometry.buffer(PROMENADE_M, cap_style="flat")
         for feature in features

@@ -1,4 +1,4 @@
-"""The closed surface of a union of upright bodies with level or sloped tops.
+"""Building shells: the closed surface of a union of extrusions with level or sloped tops.
 
 The plan is divided into cells by every outline, every crease of a roof and every line where two
 tops meet. A cell is solid between pairs of surfaces that do not cross within it; each corner of
@@ -286,7 +286,7 @@ class ShellPlan:
         return [[_with_corners(ring, new) for ring in cell] for cell in rings]
 
     def _meet(self, p: int, q: int, surfaces: set[Surface]) -> bool:
-        """Tell whether the facets beside an edge of one roof meet in it, as they do."""
+        """Return whether the facets beside an edge of one roof meet in it."""
         facets = [self._facets[k][number].plane for k, number in surfaces if number >= 0]
         if len(facets) == 1:
             return True

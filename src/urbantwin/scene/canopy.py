@@ -1,4 +1,4 @@
-"""What carries roofs without walls (carports, canopies, petrol stations) and arcades."""
+"""Posts of roofs without walls (carports, canopies, petrol stations) and columns of arcades."""
 
 from __future__ import annotations
 

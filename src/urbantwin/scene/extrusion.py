@@ -1,4 +1,4 @@
-"""Upright bodies over footprints, and the plans that they are made from."""
+"""Extrusions of footprints between two heights, and their triangulated plans."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["Body", "clean_polygons", "rings_of", "triangulate"]
 
 @dataclass(frozen=True)
 class Body:
-    """An upright body: a footprint between two heights, metres, site frame.
+    """An extruded footprint between two heights, metres, site frame.
 
     Attributes:
         footprint: where.

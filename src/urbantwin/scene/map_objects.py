@@ -1,4 +1,4 @@
-"""Everything of the map that stands on the ground beside buildings, subject by subject."""
+"""Meshes of all mapped objects other than buildings, subject by subject."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from urbantwin.scene.water import pier_mesh
 from urbantwin.scene.wire import wire_mesh
 from urbantwin.site import OsmFeature
 
-__all__ = ["furnishings"]
+__all__ = ["map_objects"]
 
 Built = tuple[LabelledMesh, dict[str, int]]
 MeshOf = Callable[..., Built]
@@ -33,7 +33,7 @@ MeshOf = Callable[..., Built]
 BESIDE_TRACK_M = 1.5
 
 
-def furnishings(  # noqa: PLR0913 - all that they are placed by
+def map_objects(  # noqa: PLR0913 - all that they are placed by
     features: Sequence[OsmFeature],
     heads: Sequence[Head],
     *,
@@ -56,7 +56,7 @@ def furnishings(  # noqa: PLR0913 - all that they are placed by
         covers: where imported geometry has the ``trees`` and the ``other`` things.
         lane_decks: decks of the lane model in plan.
         deck_height: heights of the uppermost of them, else of the ground.
-        tell: told the share done (0..1) and what is being done.
+        tell: called with the share done (0..1) and the current task.
 
     Returns:
         Per subject its mesh, ``part`` 1, 2, ... per object, and counts of what was built and

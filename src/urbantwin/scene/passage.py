@@ -1,4 +1,4 @@
-"""Openings of buildings: mapped passages through them, and carriageways that run into them."""
+"""Passages through buildings: mapped ones, and carriageways that run into footprints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plates of traffic signs: their shapes by what they say, one below the other."""
+"""Plates of traffic signs, shaped by their meaning, one below the other."""
 
 from __future__ import annotations
 

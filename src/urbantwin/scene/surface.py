@@ -1,4 +1,4 @@
-"""The ground as one watertight surface: zones triangulated together, steps closed by curbs."""
+"""The ground as one watertight surface: zones triangulated together, joined by curbs."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def surface_mesh(
         spacing: how fine the triangles are.
         lines: ridges of roads, which triangles do not cross.
         drops: where curbs are low.
-        tell: told the share done (0..1) and what is being done.
+        tell: called with the share done (0..1) and the current task.
     """
     tell(0.0, "borders")
     drops = drops or DroppedCurbs()

@@ -1,4 +1,4 @@
-"""Lengths, counts and directions as mappers write them in tags."""
+"""Values of tags: lengths, counts and directions as mappers write them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _FEET = re.compile(
     re.IGNORECASE,
 )
 _COUNT = re.compile(rf"^{_NUMBER}$")
-#: Longer, higher and more than this nothing is that is mapped: a slip of the mapper's.
+#: Larger values are mapping errors.
 LONGEST_M, MOST = 1000.0, 1000.0
 _METRES = {"cm": 0.01, "mm": 0.001}
 _COMPASS = ["N", "NNE", "NE", "ENE", "E", "ESE", "SE", "SSE"]

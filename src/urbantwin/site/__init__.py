@@ -5,7 +5,7 @@ from urbantwin.site.extract import Extract, OsmFeature, Relation, Way, WayPiece
 from urbantwin.site.extract_file import box_around, read_extract
 from urbantwin.site.geometry import GeometrySource, GeometrySpec
 from urbantwin.site.imagery import ImagerySource, ImagerySpec
-from urbantwin.site.init_site import init_site
+from urbantwin.site.initial_site import init_site
 from urbantwin.site.junction import JunctionProposal, propose_junction
 from urbantwin.site.orthophoto import Orthophoto, read_orthophoto
 from urbantwin.site.rig import Effects, RigSpec, SensorSpec, load_rig_spec

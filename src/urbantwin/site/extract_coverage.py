@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from urbantwin.geometry import SiteFrame
 from urbantwin.site.extract import Extract
 
-__all__ = ["clusters", "local_frame", "mapped_area", "small_things"]
+__all__ = ["clusters", "local_frame", "mapped_area", "small_features"]
 
 #: A longer way may have been included for one of its ends only, metres.
 SMALL_M = 60.0
@@ -38,7 +38,7 @@ def clusters(points: NDArray[np.float64], gap_m: float) -> NDArray[np.int64]:
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
-def small_things(extract: Extract, frame: SiteFrame) -> NDArray[np.float64]:
+def small_features(extract: Extract, frame: SiteFrame) -> NDArray[np.float64]:
     """Return (N, 2) places of features too small to reach beyond the downloaded area.
 
     Downloads keep ways whole, so a long way says little about where the download ends. A tagged
@@ -67,7 +67,7 @@ def mapped_area(extract: Extract, frame: SiteFrame) -> shapely.Polygon:
     """Return the area, site frame, in which an extract can be taken to be complete.
 
     It is the bounds that the file declares, or else the convex hull of the largest cluster of
-    small things (see `small_things`), or else that of the nodes of its roads.
+    small things (see `small_features`), or else that of the nodes of its roads.
     """
     roads = [node for way in extract.highways() for node in way.nodes if node in extract.nodes]
     lonlat = np.array([extract.nodes[node] for node in roads or extract.nodes])
@@ -77,7 +77,7 @@ def mapped_area(extract: Extract, frame: SiteFrame) -> shapely.Polygon:
         if inside.any() and east - west < 1.0 and north - south < 1.0:
             corners = [[west, south], [east, south], [east, north], [west, north]]
             return shapely.Polygon(frame.site_from_lonlat(corners))
-    places = small_things(extract, frame)
+    places = small_features(extract, frame)
     if len(places) >= 5:
         numbers = clusters(places, _GAP_M)
         places = places[numbers == np.argmax(np.bincount(numbers))]

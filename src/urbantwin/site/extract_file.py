@@ -55,7 +55,7 @@ def read_extract(
         path: the file.
         near: west, south, east, north in degrees: of a large file only what reaches in there is
             kept, whole. Without it all is, if it fits.
-        progress: told the share done (0..1) and what is being done; not called for small files.
+        progress: called with the share done (0..1) and the current task, not for small files.
         limits: what reading may take.
 
     Raises:

@@ -16,7 +16,7 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame, wrapped
 from urbantwin.number_text import finite_number
 from urbantwin.site.extract import Extract, Way
-from urbantwin.site.extract_coverage import clusters, local_frame, mapped_area, small_things
+from urbantwin.site.extract_coverage import clusters, local_frame, mapped_area, small_features
 
 __all__ = ["STREETS", "JunctionProposal", "meeting_nodes", "propose_junction", "way_lanes"]
 
@@ -134,7 +134,7 @@ class _Junctions:
         self.lines = [shapely.LineString(extract.way_line(way, frame)) for way in streets]
         self.tree = shapely.STRtree(self.lines)
         self.area = mapped_area(extract, frame)
-        self.things = cKDTree(np.vstack([small_things(extract, frame), [[0.0, 0.0]]]))
+        self.things = cKDTree(np.vstack([small_features(extract, frame), [[0.0, 0.0]]]))
         self.ways_at: dict[int, list[Way]] = defaultdict(list)
         for way in streets:
             for node in dict.fromkeys(node for node in way.nodes if node in extract.nodes):

@@ -102,7 +102,7 @@ class MapStream:
         size: see `map_size`.
         limits: what reading may take.
         advice: what to do if it is too much.
-        progress: told the share done (0..1), and the seconds left once they are known.
+        progress: called with the share done (0..1), and the seconds left once they are known.
 
     Raises:
         InputError: while reading: it unpacks to too much, or takes too long.

@@ -125,8 +125,9 @@ def read_orthophoto(
             "pixel_m": round(raster.cell_m, 3),
             "covers": round(float(new.mean()), 4),
         }
-        if source.path is None:  # Many files, or an address: identified by the pixels that they
-            give.note["pixels_sha256"] = hashlib.sha256(raster.pixels.tobytes()).hexdigest()
+        # Many files, or an address, are identified by the pixels that they give.
+        if source.path is None:
+            note["pixels_sha256"] = hashlib.sha256(raster.pixels.tobytes()).hexdigest()
         if raster.problems:
             note["problems"] = list(raster.problems)
         notes.append(note)

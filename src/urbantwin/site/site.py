@@ -161,8 +161,8 @@ class Site:
         radius_m: the region's radius where it is a circle.
         osm: the OpenStreetMap extract; ``None`` only where there is a map of the roads.
         dem: the elevation model, if there is one.
-        driving_side: ``left`` or ``right``, or ``auto`` to tell it by the map of the roads, or else
-            by the place.
+        driving_side: ``left`` or ``right``, or ``auto``: that of the map of the roads, else of the
+            country.
         traffic: how much traffic, for how long.
         rig: the sensors.
         rig_file: the file that the rig was written in.
@@ -172,7 +172,7 @@ class Site:
         roads: a map of the roads, OpenDRIVE or Lanelet2, that is used instead of the extract's.
         anchor_m: that map's own x, y of the anchor, where it has no georeference.
         geometry: meshes, 3D Tiles and point clouds that the scene is made from.
-        imagery: pictures of the ground from above, which tell its materials.
+        imagery: aerial imagery, from which the ground's materials are classified.
         outline: the region's ring as it was given, longitude and latitude; empty for a circle.
     """
 

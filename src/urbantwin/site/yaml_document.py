@@ -127,7 +127,7 @@ class Document:
             key, value = _entry(below, step)
             if key is None:
                 break
-            # A block's value starts on the line after its key, where nobody looks for it.
+            # A block's value starts on the line after its key, which is the line to name.
             at, below = key, value
         return at
 

@@ -28,9 +28,9 @@ from urbantwin.site import (
     read_extract,
     read_orthophoto,
 )
-from urbantwin.twin.ground import surveyed
+from urbantwin.twin.ground import survey_ground
 from urbantwin.twin.provenance import made_from
-from urbantwin.twin.sensor_files import kept_rig
+from urbantwin.twin.sensor_files import copy_sensor_files
 from urbantwin.twin.twin import Twin, load_twin
 
 __all__ = ["build_twin"]
@@ -59,7 +59,7 @@ def build_twin(
     Args:
         site: the checked site.
         out: the folder to write; an older twin there is replaced.
-        progress: told the share done (0..1) and what is being done.
+        progress: called with the share done (0..1) and the current task.
         watch: called with the imported geometry, for pictures of how it was placed and cleaned.
         also: given the whole twin before it appears, for what is to be checked of it and what else
             belongs into its folder: pictures.
@@ -80,7 +80,7 @@ def build_twin(
     surveying = 0.4 if site.geometry else 0.02
     with replaced_folder(out, kind="twin", inputs=site.files()) as folder:
         tell(0.0, "ground")
-        ground = surveyed(
+        ground = survey_ground(
             site,
             features,
             imported.model if imported else None,
@@ -167,7 +167,7 @@ def build_twin(
 def _write_documents(folder: Path, site: Site, told: Mapping[str, object]) -> None:
     """Write the site and its rig as they were resolved, and ``twin.json``."""
     _write_yaml(folder / "site.yaml", {**site.resolved(), "rig": "rig.yaml"})
-    _write_yaml(folder / "rig.yaml", kept_rig(site.rig, site.rig_file, folder))
+    _write_yaml(folder / "rig.yaml", copy_sensor_files(site.rig, site.rig_file, folder))
     write_json(
         folder / "twin.json",
         {

@@ -14,7 +14,7 @@ from urbantwin.twin.sensor_files import pattern_beside, sensor_file
 
 __all__ = ["made_from", "rig_and_files", "without_secrets"]
 
-#: Of an address: who asks, and with what.
+#: Credentials in an address: user, password and query.
 _SECRET = re.compile(r"(?<=//)[^/@]*@|[?#].*")
 
 

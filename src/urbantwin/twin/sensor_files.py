@@ -10,12 +10,12 @@ import yaml
 
 from urbantwin.site.rig import RigSpec
 
-__all__ = ["kept_rig", "pattern_beside", "sensor_file"]
+__all__ = ["copy_sensor_files", "pattern_beside", "sensor_file"]
 
 _FILES = (".yaml", ".yml", ".json", ".csv")
 
 
-def kept_rig(spec: RigSpec, rig_file: Path, folder: Path) -> dict[str, Any]:
+def copy_sensor_files(spec: RigSpec, rig_file: Path, folder: Path) -> dict[str, Any]:
     """Copy the files that a rig names as its sensors' models, and return the rig that names them.
 
     Args:

@@ -1,4 +1,4 @@
-"""Who may use the lanes of a road."""
+"""Access: which classes of actors may use the lanes of a road."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def permission_of(tags: Mapping[str, str], *, walkers_on_lanes: bool) -> Permiss
 
     Args:
         tags: the way's tags.
-        walkers_on_lanes: whether people walk on the carriageway for want of a sidewalk.
+        walkers_on_lanes: whether people walk on the carriageway because there is no sidewalk.
     """
     highway = tags.get("highway", "")
     motorroad = highway in FAST_ROADS or tags.get("motorroad") == "yes"

@@ -1,4 +1,4 @@
-"""What a road looks like where the map is silent: lanes and widths by class and country.
+"""Default lane counts and widths by class of road and country, where the map has none.
 
 Sources. Germany: RASt 06 (urban streets: lanes 3.00 to 3.50 m on main streets, carriageways of
 5.50 m in residential streets, cycle lanes 1.85 m, protective lanes 1.50 m, cycle tracks 2.00 m,

@@ -1,4 +1,4 @@
-"""From a way's tags to its cross section."""
+"""The cross section of a road from its way's tags."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ ARROWS = frozenset(
 def cross_section(
     tags: Mapping[str, str], *, driving_side: str, sidewalks: str, country: str = ""
 ) -> CrossSection:
-    """Return the cross section that a way's tags describe; defaults fill what they leave open.
+    """Return the cross section that a way's tags describe; defaults fill in the rest.
 
     Nothing in the tags is an error: a value that makes no sense counts as missing.
 

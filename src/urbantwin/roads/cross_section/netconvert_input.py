@@ -1,4 +1,4 @@
-"""What netconvert gets: the ways of the map, cut and tagged so that their lanes come out right."""
+"""Input of netconvert: the map's ways, split and tagged so that it builds their cross sections."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from numpy.typing import NDArray
 from urbantwin.roads.cross_section.from_tags import cross_section
 from urbantwin.roads.cross_section.layout import middles_of
 from urbantwin.roads.cross_section.section import CrossSection
-from urbantwin.roads.cross_section.segment import stretches_of
+from urbantwin.roads.cross_section.segment import segments_of
 from urbantwin.roads.cross_section.spacing import spaced
 from urbantwin.roads.cross_section.sumo_edges import SumoEdge, sumo_edges, sumo_tags
 from urbantwin.roads.cross_section.turn_lanes import fitting_turns
 from urbantwin.roads.sidewalk import sidewalk_sides
 from urbantwin.site.extract import WayPiece
 
-__all__ = ["MappedStretch", "PreparedWays", "prepare_ways"]
+__all__ = ["MappedSegment", "PreparedWays", "prepare_ways"]
 
 
 @dataclass(frozen=True, eq=False)
-class MappedStretch:
+class MappedSegment:
     """A part of a way of the map.
 
     Attributes:
@@ -43,19 +43,19 @@ class PreparedWays:
     """Ways as netconvert reads them.
 
     Attributes:
-        pieces: stretches between junctions, with normalised tags.
-        edges: what netconvert is told of its edges.
-        stretches: the same stretches with their cross sections.
-        parts: piece that was given -> the stretches that it was cut into.
+        pieces: segments between junctions, with normalised tags.
+        edges: the attributes of edges that netconvert is given.
+        segments: the same segments with their cross sections.
+        parts: piece that was given -> the segments that it was cut into.
     """
 
     pieces: tuple[WayPiece, ...]
     edges: tuple[SumoEdge, ...]
-    stretches: tuple[MappedStretch, ...]
+    segments: tuple[MappedSegment, ...]
     parts: Mapping[int, tuple[WayPiece, ...]]
 
     def turns(self, forbidden: Iterable[tuple[int, int, int]]) -> list[tuple[int, int, int]]:
-        """Return forbidden turns (from piece, over node, to piece) as ones between stretches."""
+        """Return forbidden turns (from piece, over node, to piece) as ones between segments."""
         return [
             (start.id, via, end.id)
             for before, via, after in forbidden
@@ -90,22 +90,22 @@ def prepare_ways(
         section_of[piece.id] = cross_section(
             piece.tags, driving_side=driving_side, sidewalks=sides, country=country
         )
-    stretches = stretches_of(pieces, signals)
-    sections = [section_of[stretch.origin] for stretch in stretches]
-    middles = spaced(stretches, sections, middles_of(stretches, sections))
+    segments = segments_of(pieces, signals)
+    sections = [section_of[segment.origin] for segment in segments]
+    middles = spaced(segments, sections, middles_of(segments, sections))
     prepared: list[WayPiece] = []
     edges: list[SumoEdge] = []
-    signed = fitting_turns(stretches, sections)
-    for stretch, section, middle in zip(stretches, signed, middles, strict=True):
-        prepared.append(_named(sumo_tags(stretch, section), stretch.piece.tags))
-        edges += sumo_edges(stretch, section, middle)
+    signed = fitting_turns(segments, sections)
+    for segment, section, middle in zip(segments, signed, middles, strict=True):
+        prepared.append(_named(sumo_tags(segment, section), segment.piece.tags))
+        edges += sumo_edges(segment, section, middle)
     mapped = tuple(
-        MappedStretch(piece.way, piece.points, section)
+        MappedSegment(piece.way, piece.points, section)
         for piece, section in zip(prepared, signed, strict=True)
     )
     parts: dict[int, tuple[WayPiece, ...]] = defaultdict(tuple)
-    for stretch, piece in zip(stretches, prepared, strict=True):
-        parts[stretch.origin] += (piece,)
+    for segment, piece in zip(segments, prepared, strict=True):
+        parts[segment.origin] += (piece,)
     return PreparedWays(tuple(prepared), tuple(edges), mapped, parts)
 
 

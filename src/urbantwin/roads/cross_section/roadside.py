@@ -1,4 +1,4 @@
-"""What lies beside the lanes: parking, shoulders and sidewalks."""
+"""Parking, shoulders and sidewalks beside the lanes."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ NARROWEST_WALK_M, WIDEST_WALK_M = 0.8, 15.0
 def parking(tags: Mapping[str, str], side: str, standard: Standard) -> Parking | None:
     """Return the parking of one side (OSM wiki, "Street parking"), also by the former scheme.
 
-    Parking that is mapped as an area of its own (``separate``) is none of the road's.
+    Parking that is mapped as an area of its own (``separate``) does not belong to the road.
     """
     found = _present(tags, side) or _former(tags, side)
     if found is None:

@@ -1,4 +1,4 @@
-"""Stretches of ways between junctions: what becomes one edge of SUMO's network each."""
+"""Segments of ways between junctions: each becomes one edge of SUMO's network."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from urbantwin.site.extract import WayPiece
 
-__all__ = ["Stretch", "stretches_of"]
+__all__ = ["Segment", "segments_of"]
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
+class Segment:
     """A part of a way that no other way meets between its ends.
 
     Attributes:
@@ -31,7 +31,7 @@ class Stretch:
     last: float
 
 
-def stretches_of(pieces: Sequence[WayPiece], nodes: Collection[int]) -> tuple[Stretch, ...]:
+def segments_of(pieces: Sequence[WayPiece], nodes: Collection[int]) -> tuple[Segment, ...]:
     """Cut ways where others meet them.
 
     netconvert cuts them there itself and numbers the parts; cut beforehand, every part is one edge
@@ -63,13 +63,13 @@ def stretches_of(pieces: Sequence[WayPiece], nodes: Collection[int]) -> tuple[St
         use.update(one.nodes)
     cuts |= {node for node, number in use.items() if number > 1}
     unused = max((piece.id for piece in pieces), default=0) + 1
-    found: list[Stretch] = []
+    found: list[Segment] = []
     for piece in merged:
-        for number, stretch in enumerate(_cut(piece, cuts)):
+        for number, segment in enumerate(_cut(piece, cuts)):
             if number:
-                stretch = replace(stretch, piece=replace(stretch.piece, id=unused))  # noqa: PLW2901
+                segment = replace(segment, piece=replace(segment.piece, id=unused))  # noqa: PLW2901
                 unused += 1
-            found.append(stretch)
+            found.append(segment)
     return tuple(found)
 
 
@@ -79,7 +79,7 @@ def _merged(piece: WayPiece, nodes: list[int]) -> WayPiece:
     return replace(piece, nodes=tuple(nodes[k] for k in keep), points=piece.points[keep])
 
 
-def _cut(piece: WayPiece, cuts: Collection[int]) -> list[Stretch]:
+def _cut(piece: WayPiece, cuts: Collection[int]) -> list[Segment]:
     along = _along(piece.points)
     inner = [k for k in range(1, len(piece.nodes) - 1) if piece.nodes[k] in cuts]
     ends = [0, *inner, len(piece.nodes) - 1]
@@ -91,7 +91,7 @@ def _cut(piece: WayPiece, cuts: Collection[int]) -> list[Stretch]:
         else:
             parts.append((a, b))
     return [
-        Stretch(
+        Segment(
             replace(piece, nodes=piece.nodes[a : b + 1], points=piece.points[a : b + 1]),
             piece.id,
             float(along[a]),

@@ -1,4 +1,4 @@
-"""Numbers in tags: lengths with units, counts, lists with a value for each lane."""
+"""Values of tags: lengths with units, counts, lists with a value for each lane."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["count", "lane_list", "metres"]
 UNITS = {"": 1.0, "m": 1.0, "cm": 0.01, "ft": 0.3048, "'": 0.3048, "in": 0.0254, '"': 0.0254}
 LENGTH = re.compile(r"^\s*(\d+(?:[.,]\d+)?)\s*(m|cm|ft|in|'|\")?\s*$")
 FEET_AND_INCHES = re.compile(r"^\s*(\d+)\s*'\s*(\d+(?:\.\d+)?)\s*\"?\s*$")
-#: Longest length and largest count that a road can have; all else is a mistake of the map.
+#: Longest length and largest count that a road can have; larger values are mapping errors.
 LONGEST_M, MOST = 100.0, 12
 
 

@@ -1,7 +1,7 @@
-"""Turn arrows that a junction can take: none to where no street leads, no more than lanes there.
+"""Turn lanes reconciled with junctions: no arrow to where no street leads, nor to too few lanes.
 
-netconvert gives up on the arrows of an approach where one of them leads nowhere or where more
-lanes point to a street than that street has, and then leaves lanes without any way on.
+netconvert discards the arrows of an approach where one of them leads nowhere or where more
+lanes point to a street than that street has, and then leaves lanes without a connection.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import wrapped
 from urbantwin.roads.cross_section.section import CarriagewayLane, CrossSection
-from urbantwin.roads.cross_section.segment import Stretch
+from urbantwin.roads.cross_section.segment import Segment
 
 __all__ = ["fitting_turns"]
 
@@ -38,35 +38,35 @@ class _Arm:
 
     heading: float
     lanes: int
-    stretch: int
+    segment: int
 
 
 def fitting_turns(
-    stretches: Sequence[Stretch], sections: Sequence[CrossSection]
+    segments: Sequence[Segment], sections: Sequence[CrossSection]
 ) -> list[CrossSection]:
-    """Return the cross sections with arrows that the streets at their ends can take.
+    """Return the cross sections with arrows that fit the streets at their ends.
 
     Where other junctions are near, arrows are left alone: they may be for the far side of one.
     """
     arms: dict[int, list[_Arm]] = defaultdict(list)
     ends: dict[int, int] = defaultdict(int)
     place: dict[int, NDArray[np.float64]] = {}
-    for k, (stretch, section) in enumerate(zip(stretches, sections, strict=True)):
-        points = stretch.piece.points
+    for k, (segment, section) in enumerate(zip(segments, sections, strict=True)):
+        points = segment.piece.points
         for node, step, lanes in (
-            (stretch.piece.nodes[0], points[1] - points[0], section.forward),
-            (stretch.piece.nodes[-1], points[-2] - points[-1], section.backward),
+            (segment.piece.nodes[0], points[1] - points[0], section.forward),
+            (segment.piece.nodes[-1], points[-2] - points[-1], section.backward),
         ):
             ends[node] += 1
-            place[node] = points[0] if node == stretch.piece.nodes[0] else points[-1]
+            place[node] = points[0] if node == segment.piece.nodes[0] else points[-1]
             number = sum("car" in lane.allowed for lane in lanes)
             if number:
                 arms[node].append(_Arm(math.atan2(step[1], step[0]), number, k))
     junctions = [node for node, number in ends.items() if number > 2]
     alone = _alone(junctions, place)
     result = []
-    for k, (stretch, section) in enumerate(zip(stretches, sections, strict=True)):
-        points, nodes = stretch.piece.points, stretch.piece.nodes
+    for k, (segment, section) in enumerate(zip(segments, sections, strict=True)):
+        points, nodes = segment.piece.points, segment.piece.nodes
         changed = {"forward": section.forward, "backward": section.backward}
         for name, node, step in (
             ("forward", nodes[-1], points[-1] - points[-2]),
@@ -75,7 +75,7 @@ def fitting_turns(
             lanes = changed[name]
             if node in alone and any(lane.turns for lane in lanes):
                 heading = math.atan2(step[1], step[0])
-                ways = _ways_on(heading, [arm for arm in arms[node] if arm.stretch != k])
+                ways = _ways_on(heading, [arm for arm in arms[node] if arm.segment != k])
                 changed[name] = _fitted(lanes, ways, section.driving_side)
         result.append(replace(section, forward=changed["forward"], backward=changed["backward"]))
     return result

@@ -1,4 +1,4 @@
-"""Widths on a banked road: along its surface, so that lanes stay where the plan has them."""
+"""Lane widths on superelevated roads: measured along the surface, unchanged in plan."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import numpy as np
 
 from urbantwin.roads.model import LaneModel, LaneSection, ModelRoad, Profile, fitted
 
-__all__ = ["with_tilted_widths"]
+__all__ = ["with_banked_widths"]
 
 #: Differences smaller than this are left, metres.
 NOTICED_M = 0.004
 
 
-def with_tilted_widths(model: LaneModel) -> LaneModel:
+def with_banked_widths(model: LaneModel) -> LaneModel:
     """Return a model whose widths, so far those in plan, are those along the banked surface.
 
     A road with superelevation is turned about its reference line, and offsets and widths are

@@ -1,4 +1,4 @@
-"""Ways through junctions: elevation and bank profiles fitted to the surface that they run on."""
+"""Elevation and superelevation of connecting roads, fitted to the surface of the junction."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from urbantwin.roads.heights.stations import Stations, stations_of
 from urbantwin.roads.heights.surface import RoadSurface
 from urbantwin.roads.model import ModelRoad
 
-__all__ = ["fitted_ways"]
+__all__ = ["with_fitted_heights"]
 
 #: Spacing of the knots, metres, and how much a way may turn from one to the next, radians.
 STEP_M, TURN = 2.5, 0.2
@@ -23,7 +23,7 @@ STEP_M, TURN = 2.5, 0.2
 SAMPLES = 5
 
 
-def fitted_ways(ways: Sequence[ModelRoad], surface: RoadSurface) -> tuple[ModelRoad, ...]:
+def with_fitted_heights(ways: Sequence[ModelRoad], surface: RoadSurface) -> tuple[ModelRoad, ...]:
     """Return connecting roads with heights: on the surface, and smooth into the streets they join.
 
     Args:

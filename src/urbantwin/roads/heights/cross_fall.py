@@ -1,4 +1,4 @@
-"""Cross-fall: how carriageways lie across, as measured or as they are usually built."""
+"""Cross-fall of carriageways: measured in the elevation model, else the usual one."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ FINE_M = 2.0
 SIDE_M = 2.0
 #: What is nearer to the edge may be curb, metres.
 EDGE_M = 0.6
-#: Crowns beyond these are something else than a road: a hedge, a wall, a row of parked cars.
+#: Larger crowns are not the road's: a hedge, a wall, a row of parked cars.
 CROWNS = (0.0, 0.05)
 #: Smoothing along the road of what is measured, standard deviation, metres.
 ALONG_M = 8.0

@@ -1,4 +1,4 @@
-"""Design limits of streets by class and speed: grades, vertical curves, superelevation."""
+"""Geometric design limits by class and speed: grades, vertical curves, superelevation."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ SAG_K = (3, 6, 9, 13, 18, 23, 30, 38, 45, 55, 63, 73)
 
 @dataclass(frozen=True)
 class Limits:
-    """What a street may be like.
+    """Limits of a street's geometric design.
 
     Attributes:
         grade: steepest grade.

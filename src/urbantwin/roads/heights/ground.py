@@ -1,4 +1,4 @@
-"""The ground as roads see it: heights of the earth under carriageways, smoothed."""
+"""The ground under carriageways: regressed without cars, curbs and noise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mouths: the ends of streets, and the surface there as a junction sees it."""
+"""Junction mouths: the ends of streets, and the road surface there as seen from the junction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Clashes: where carriageways overlap or touch outside junctions, and must share one surface."""
+"""Overlaps: carriageways that meet outside junctions and must share one surface."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from urbantwin.roads.heights.stations import Stations
 from urbantwin.roads.model import ModelRoad
 
-__all__ = ["NO_CLASHES", "Clashes", "find_clashes"]
+__all__ = ["NO_OVERLAPS", "Overlaps", "find_overlaps"]
 
 #: Carriageways this close together are one area of asphalt, metres.
 SEAM_M = 0.6
@@ -21,12 +21,12 @@ SEAM_M = 0.6
 LEAST_M2 = 0.1
 #: A difference in height that matters, metres.
 STEP_UP_M = 0.005
-#: How far a clash is felt along a road, metres.
+#: How far an overlap affects the profile of a road, metres.
 AROUND_M = 2.0
 
 
 @dataclass(frozen=True)
-class Clashes:
+class Overlaps:
     """Where streets must lie as their neighbours do.
 
     Attributes:
@@ -39,12 +39,12 @@ class Clashes:
 
 
 #: Nothing overlaps.
-NO_CLASHES = Clashes({}, frozenset())
+NO_OVERLAPS = Overlaps({}, frozenset())
 
 
-def find_clashes(
+def find_overlaps(
     streets: Sequence[ModelRoad], ways: Sequence[ModelRoad], stations: Stations
-) -> Clashes:
+) -> Overlaps:
     """Return where streets, as they lie now, differ in height from what shares their asphalt.
 
     Args:
@@ -79,7 +79,7 @@ def find_clashes(
             calm[two.id].append(_interval(u[0]))
             narrow = min((a, b), key=lambda k: (_width(stations, k), roads[k].length, k))
             yielding.add(roads[narrow].id)
-    return Clashes(dict(calm), frozenset(yielding))
+    return Overlaps(dict(calm), frozenset(yielding))
 
 
 def _falls_little(road: ModelRoad) -> bool:

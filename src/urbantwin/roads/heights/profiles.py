@@ -1,4 +1,4 @@
-"""Profiles through values and slopes at the stations of many roads."""
+"""Hermite profiles through values and slopes at the stations of many roads."""
 
 from __future__ import annotations
 

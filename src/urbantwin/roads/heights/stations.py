@@ -1,4 +1,4 @@
-"""Stations along all roads at once, and how far the carriageway reaches to both sides there."""
+"""Stations along many roads at once, and the extent of the carriageway there."""
 
 from __future__ import annotations
 
@@ -152,7 +152,7 @@ def stations_of(roads: Sequence[ModelRoad], step: float, turn: float = math.inf)
     near = [min(NEAR_M, road.length / 50) for road in roads]
     curves = [road.curve for road in roads]
     pose = all_at(curves, s)
-    # Curvature and pace at the ends are told by what lies just inside of them.
+    # Curvature and pace at the ends are measured just inside of them.
     inside = [np.array([d, road.length - d]) for road, d in zip(roads, near, strict=True)]
     ends = pose[np.column_stack([first[:-1], first[1:] - 1])]
     change = (all_at(curves, inside).reshape(-1, 2, 3) - ends) * [[[1.0], [-1.0]]]

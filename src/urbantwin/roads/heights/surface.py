@@ -1,4 +1,4 @@
-"""The surface of the roads: streets as their profiles say, joined over junctions without a step."""
+"""The surface of the roads: streets by their profiles, blended over junctions without a step."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ __all__ = ["Base", "RoadSurface"]
 
 #: Heights (N,) at points (N, 2) of a level, metres.
 Base = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
-#: How far into a junction a street's end is felt, and how far beside it its side, metres.
+#: How far a street's end reaches into a junction, and how far its side reaches sideways, metres.
 REACH_M, SIDE_REACH_M = 14.0, 6.0
-#: Weight of the ground between the streets: as much as a street's end about 4 m away.
+#: Weight of the ground between the streets: that of a street's end about 4 m away.
 GROUND_WEIGHT = 0.03
 #: Spacing of samples along streets, metres.
 STEP_M = 1.0
@@ -181,7 +181,7 @@ class RoadSurface:
             mine, z, margin, outer = np.concatenate(found).T
             mine = mine.astype(np.int64)
             inside = np.where(paved[mine], margin, outer)
-            # A way through a junction that cuts a corner goes before the footway there.
+            # A way through a junction that cuts a corner takes precedence over the footway there.
             bare = np.flatnonzero(~paved[mine])
             cut = _inside(known.ways, points[mine[bare]])[0]
             inside[bare[cut]] = -1.0

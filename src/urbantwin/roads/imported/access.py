@@ -1,4 +1,4 @@
-"""Who uses a lane and how fast: as the map says, else as usual."""
+"""Access and speed limits of lanes: the map's, else the usual ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a map that somebody made to the lane network of a site."""
+"""Building the lane network of a site from an imported map."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def prepared_map(
     *,
     closed_loop: bool = False,
 ) -> PreparedMap:
-    """Cut a map to a region, leave out what is not joined to the rest, and settle its heights.
+    """Cut a map to a region, leave out what is not joined to the rest, and determine its heights.
 
     A map that has heights keeps them, moved up or down as a whole: so that the road nearest to the
     anchor is at zero, or, where there is a DEM, so that the median of roads less ground is zero.

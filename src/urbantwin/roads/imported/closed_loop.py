@@ -1,8 +1,8 @@
-"""The closed loop of a map: beyond the region every way out leads back to a way in.
+"""The closed loop of an imported map: outer roads lead every exit of the region to an entry.
 
-Where a street is cut, or ends with nothing before it, the lanes that leave turn round in a drop to
-the lanes that enter; those of a one-way street go over to the nearest one-way street that leads in.
-Outer roads are ordinary one-way streets of as many lanes as lead out.
+Where a street is cut, or ends with nothing before it, the lanes that leave lead through a
+turnaround to the lanes that enter; those of a one-way street go over to the nearest one-way street
+that leads in. Outer roads are ordinary one-way streets of as many lanes as lead out.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from urbantwin.roads.imported.access import allowed
 from urbantwin.roads.imported.plain_xml import OUTER
 from urbantwin.roads.imported.road_cut import part_of_road
-from urbantwin.roads.loop.dubins import BULB_RADIUS_M, Pose2, bulb
+from urbantwin.roads.loop.dubins import BUS_RADIUS_M, Pose2, dubins_path
 from urbantwin.roads.model import (
     Connection,
     Curve,
@@ -35,7 +35,7 @@ from urbantwin.roads.model import (
 
 __all__ = ["closed_model"]
 
-#: An end this close to the region's border was cut there, by us or by who made the map, metres.
+#: An end this close to the region's border was cut there, by the crop or in the map itself, metres.
 CUT_M = 5.0
 #: Nothing else may be this close to the straight way on from an end of a map, metres.
 ROOM_M = 3.0
@@ -46,7 +46,7 @@ RING_RADIUS_M, RING_GAP_M, RING_STEP_M = 25.0, 30.0, 8.0
 #: Spacing of the points that a road round the region is drawn through, metres.
 STEP_M = 10.0
 FAR_M = 5000.0
-#: The ways between a street and its drop are this long, metres.
+#: Length of the connecting roads between a street and its turnaround, metres.
 MOUTH_M = 8.0
 #: Speed limit of outer roads, m/s.
 OUTER_MS = 30 / 3.6
@@ -326,11 +326,11 @@ class _Builder:
         return self.number - 1
 
     def _drop(self, exit_: _End, entry: _End) -> Curve:
-        """Return the way round, at the inner border of the innermost lane."""
+        """Return the turnaround at the inner border of the innermost lane."""
         start, end = exit_.inner(exit_.leaving[0])[0], entry.inner(entry.entering[0])[0]
         gap = math.hypot(start[0] - end[0], start[1] - end[1])
         turn = "left" if self.side < 0 else "right"
-        return bulb(start, end, radius=max(BULB_RADIUS_M, gap / 2), turn=turn)
+        return dubins_path(start, end, radius=max(BUS_RADIUS_M, gap / 2), turn=turn)
 
     def _round(self, exit_: _End, entry: _End, ring: shapely.Polygon) -> Curve:
         start, end = exit_.inner(exit_.leaving[0])[0], entry.inner(entry.entering[0])[0]
@@ -378,7 +378,7 @@ class _Builder:
 
 
 def _users(end: _End) -> tuple[str, ...]:
-    """Return who has lanes of their own beside those that lead out: bicycles, buses."""
+    """Return the classes with lanes of their own beside those that lead out: bicycles, buses."""
     onward = end.end == "end"
     return tuple(
         name
@@ -413,12 +413,16 @@ def _round_curve(start: Pose2, end: Pose2, ring: shapely.Polygon) -> Curve:
     way = (sense * (b - a)) % length
     bend = 2.5 * RING_RADIUS_M
     if way < 3 * bend:
-        return bulb(start, end, radius=RING_RADIUS_M)
+        return dubins_path(start, end, radius=RING_RADIUS_M)
     stations = a + sense * np.linspace(bend, way - bend, max(2, int(way / STEP_M)))
     points = shapely.get_coordinates(line.interpolate(stations % length))
     ahead = shapely.get_coordinates(line.interpolate((stations + sense * 0.5) % length)) - points
     headings = np.arctan2(ahead[:, 1], ahead[:, 0])
     on, off = ((float(points[k, 0]), float(points[k, 1]), float(headings[k])) for k in (0, -1))
     middle = splined(points, on[2], off[2])
-    parts = (bulb(start, on, radius=RING_RADIUS_M), middle, bulb(off, end, radius=RING_RADIUS_M))
+    parts = (
+        dubins_path(start, on, radius=RING_RADIUS_M),
+        middle,
+        dubins_path(off, end, radius=RING_RADIUS_M),
+    )
     return Curve(tuple(piece for part in parts for piece in part.pieces))

@@ -1,4 +1,4 @@
-"""A lane model cut to the region, and to its main component."""
+"""Cropping a lane model to the region and to its main component."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.roads.imported.edges import carries_traffic
-from urbantwin.roads.imported.road_cut import loosened, part_of_road
+from urbantwin.roads.imported.road_cut import part_of_road, without_links
 from urbantwin.roads.main_component import LeftOut, Part, main_component
 from urbantwin.roads.model import (
     Connection,
@@ -238,9 +238,9 @@ def _relinked(
     before, after = link(road.predecessor), link(road.successor)
     sections = list(road.sections)
     if before is None and road.predecessor:
-        sections[0] = loosened(sections[0], "predecessor")
+        sections[0] = without_links(sections[0], "predecessor")
     if after is None and road.successor:
-        sections[-1] = loosened(sections[-1], "successor")
+        sections[-1] = without_links(sections[-1], "successor")
     return dataclasses.replace(road, predecessor=before, successor=after, sections=tuple(sections))
 
 

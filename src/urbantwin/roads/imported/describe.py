@@ -1,4 +1,4 @@
-"""What a map of the roads holds, in a few values."""
+"""Summary of a road map: format, georeference, size and counts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["describe_map"]
 
 
 def describe_map(path: Path) -> dict[str, object]:
-    """Return a map's format, georeference, size and counts, and what its reader remarked.
+    """Return a map's format, georeference, size and counts, and its reader's remarks.
 
     Raises:
         InputError: it cannot be read.

@@ -1,4 +1,4 @@
-"""Roads of the lane model as the edges that SUMO knows: one direction, the same lanes all along."""
+"""SUMO edges of the lane model: one direction, the same lanes all along."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The heights that a map brings along: brought to the site, and made into ground between roads."""
+"""Heights of an imported map: shifted to the site, and interpolated to ground between roads."""
 
 from __future__ import annotations
 

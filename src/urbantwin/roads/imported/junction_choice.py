@@ -1,4 +1,4 @@
-"""Which junction of a lane model to twin, when nobody says, and where a sensor could stand."""
+"""Proposing the junction of an imported map to twin, and the traffic there."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from urbantwin.site.junction import STREETS
 
 __all__ = ["MapJunction", "busiest_junction", "paved_area", "volumes"]
 
-#: Weight of a street of unknown class; what is no street counts next to nothing.
+#: Weight of a street of unknown class; other roads count little.
 UNKNOWN_WEIGHT, OTHER_WEIGHT = 3.0, 0.3
 #: Signals belong to a junction when they are on its ways, or on a street this near to its end, m.
 SIGNAL_M = 40.0
@@ -73,7 +73,7 @@ def busiest_junction(
         lights = signals.get(junction.id, 0)
         score = busy * FEW_ARMS.get(len(arms), 1.0) * (1.0 + 0.1 * min(lights, 8))
         score *= 2.0 if lights else 1.0
-        # At the rim of the map there is nothing around to see.
+        # At the map's rim the surroundings are missing.
         score *= 0.5 + 0.5 * min(1.0, _depth(place, border) / RIM_M)
         ranked = sorted(arms, key=lambda road: (-_weight(road) * _lanes(road), road.name))
         names = tuple(dict.fromkeys(road.name for road in ranked if road.name))

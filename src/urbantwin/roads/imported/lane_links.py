@@ -1,4 +1,4 @@
-"""Which lane leads to which: across section borders, from road to road, and through junctions."""
+"""Lane links: across section borders, from road to road, and through junctions."""
 
 from __future__ import annotations
 

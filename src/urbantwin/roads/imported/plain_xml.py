@@ -1,4 +1,4 @@
-"""A lane model as SUMO's plain XML: nodes, edges and connections, every one as the map has it."""
+"""SUMO's plain XML of a lane model: nodes, edges and connections exactly as in the map."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ CHORD_M, STEP_M = 0.01, 0.5
 
 @dataclass(frozen=True)
 class PlainNetwork:
-    """What the plain XML is written from.
+    """The content of the plain XML.
 
     Attributes:
         model: the lane model.
@@ -274,7 +274,7 @@ def _connections(plain: PlainNetwork) -> etree._Element:
                 item.set("speed", f"{min(limit, _turn_speed(line)):.2f}")
     for edge in plain.edges:
         if edge.id not in lead_on:
-            # Without this, netconvert makes up ways on.
+            # Without this, netconvert guesses connections.
             etree.SubElement(root, "connection", {"from": edge.id})
     # netconvert wants them counter-clockwise about the node where traffic keeps to the right.
     way = 1 if plain.model.driving_side == "right" else -1

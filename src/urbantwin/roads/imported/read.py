@@ -1,4 +1,4 @@
-"""Reading a map that somebody made, in any format that we read, into the site frame."""
+"""Reading an imported map, in any of the formats, into the site frame."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ __all__ = [
     "is_map_of_roads",
     "is_placed",
     "map_format",
+    "naming_file",
     "placed_map",
     "read_map",
-    "said_of",
 ]
 
 #: Endings of the files that we read, and what they hold.
@@ -122,7 +122,7 @@ def placed_map(
     if read.projection is not None:
         if anchor_m is not None:
             raise _placed_twice(path)
-        with said_of(path):
+        with naming_file(path):
             return ImportedMap(path, placed(read.model, read.projection, frame), notes)
     x, y = anchor_m or (0.0, 0.0)
     notes["georeference"] = f"none in the map: x east, y north, and {x:g}, {y:g} is the anchor"
@@ -130,7 +130,7 @@ def placed_map(
 
 
 @contextmanager
-def said_of(path: Path) -> Iterator[None]:
+def naming_file(path: Path) -> Iterator[None]:
     """Name the file in errors that do not."""
     try:
         yield

@@ -1,4 +1,4 @@
-"""Roads cut: a part from one station to another, and a section border where there was none."""
+"""Cutting roads: a part between two stations, and a section border at a station."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import dataclasses
 
 from urbantwin.roads.model import LaneSection, ModelRoad
 
-__all__ = ["loosened", "part_of_road", "with_border"]
+__all__ = ["part_of_road", "with_border", "without_links"]
 
-#: What is shorter than this is no part, metres.
+#: Shorter parts are not kept, metres.
 LEAST_M = 1e-3
 
 
@@ -33,9 +33,9 @@ def part_of_road(road: ModelRoad, first: float, last: float, identity: int) -> M
         if min(last, end) - max(first, section.s) > LEAST_M
     ]
     if not whole[0]:
-        sections[0] = loosened(sections[0], "predecessor")
+        sections[0] = without_links(sections[0], "predecessor")
     if not whole[1]:
-        sections[-1] = loosened(sections[-1], "successor")
+        sections[-1] = without_links(sections[-1], "successor")
     profiles = {
         name: getattr(road, name).between(first, last)
         for name in ("offset", "elevation", "bank", "crown")
@@ -82,8 +82,8 @@ def _part(section: LaneSection, start: float, origin: float) -> LaneSection:
     return dataclasses.replace(section, s=start - origin, lanes=lanes)
 
 
-def loosened(section: LaneSection, side: str) -> LaneSection:
-    """Return a section whose lanes are joined to nothing at ``predecessor`` or ``successor``."""
+def without_links(section: LaneSection, side: str) -> LaneSection:
+    """Return a section whose lanes have no links at ``predecessor`` or ``successor``."""
     lanes = tuple(
         dataclasses.replace(lane, predecessor=None)
         if side == "predecessor"

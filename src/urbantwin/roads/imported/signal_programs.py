@@ -1,4 +1,4 @@
-"""Signal programs: the map's own put into SUMO's network, and what each signal shows there."""
+"""Signal programs of an imported map, put into SUMO's network and assigned to its signals."""
 
 from __future__ import annotations
 
@@ -208,7 +208,7 @@ def _set(
 def _walk(
     light: _Light, crossing: str, link: int, shown: Mapping[int, str], *, clearing: bool
 ) -> dict[int, str]:
-    """Return what a crossing shows, and those who turn over it: they give way where it is green."""
+    """Return the states of a crossing and of turns over it: these give way where it is green."""
     crossed = light.crossed[crossing]
     before = [k for k in light.of_vehicles if light.from_edge[k] in crossed]
     over = [k for k in light.of_vehicles if light.to_edge[k] in crossed]

@@ -1,4 +1,4 @@
-"""SUMO's network of a lane model, by netconvert, and the names that its lanes have there."""
+"""SUMO's network of a lane model, made by netconvert, and its names of the lanes."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ __all__ = ["SumoNetwork", "sumo_network_of_model"]
 OPTIONS = {
     "offset.disable-normalization": "true",  # keep the site frame
     "precision": "3",
-    "geometry.max-grade": "1000",  # heights are ours, netconvert sees a flat world
+    "geometry.max-grade": "1000",  # heights are the lane model's; netconvert's network is flat
     "roundabouts.guess": "true",
     "tls.default-type": "static",
     "tls.left-green.time": "12",

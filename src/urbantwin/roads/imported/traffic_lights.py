@@ -1,4 +1,4 @@
-"""Which nodes of a lane model have traffic lights, and which of them are one light."""
+"""Traffic lights of a lane model's nodes, and which nodes share one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is known of each lane: its kind, who may use it, how fast, and the lines beside it."""
+"""Attributes of lanelets: kind of lane, users, speed limit, and the lines on its bounds."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from urbantwin.roads.lanelet2.group import Member
 from urbantwin.roads.lanelet2.lane_sections import Row
 from urbantwin.roads.lanelet2.traffic_rules import default_speed, speed_of
 
-__all__ = ["facts_of"]
+__all__ = ["attributes_of"]
 
 
-def facts_of(document: Document) -> Callable[[Member], Row]:
-    """Return a function: what is known of a lanelet, seen along its road.
+def attributes_of(document: Document) -> Callable[[Member], Row]:
+    """Return a function that gives the attributes of a lanelet, seen along its road.
 
     The speed limit is that of its tag ``speed_limit``, else of its regulatory element, else of a
     tag ``maxspeed`` as street maps have it, else that of its subtype and location.

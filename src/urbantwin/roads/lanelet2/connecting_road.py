@@ -1,4 +1,4 @@
-"""Ways through junctions: chains of lanelets from one street to another, one lane each."""
+"""Connecting roads: chains of lanelets from one street to another, one lane each."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from urbantwin.roads.lanelet2.street import Street
 from urbantwin.roads.lanelet2.track import Track, joined
 from urbantwin.roads.model import ModelRoad, Profile, RoadLink
 
-__all__ = ["Gate", "Passage", "gates_of", "passage_of", "routes"]
+__all__ = ["ConnectingRoad", "Gate", "connecting_road_of", "gates_of", "routes"]
 
-#: More ways than this from one lane are not sought.
+#: Most connecting roads that are looked for from one lane.
 MOST_ROUTES = 64
 
 
@@ -55,7 +55,7 @@ class Gate:
 
 
 @dataclass(frozen=True)
-class Passage:
+class ConnectingRoad:
     """A connecting road, and what it was made from."""
 
     road: ModelRoad
@@ -131,15 +131,15 @@ def routes(
     return found
 
 
-def passage_of(
+def connecting_road_of(
     identity: int,
     start: Gate,
     way: Sequence[Member],
     end: Gate,
     side: str,
-    facts: Callable[[Member], Row],
+    attributes: Callable[[Member], Row],
     ways: Mapping[int, dict[str, str]],
-) -> Passage:
+) -> ConnectingRoad:
     """Return the connecting road of a way through a junction.
 
     It begins and ends exactly on the last cross sections of the two streets. Its reference line
@@ -152,7 +152,7 @@ def passage_of(
         way: the lanelets within the junction, in order.
         end: where it ends.
         side: on which side people drive.
-        facts: what is known of a lane.
+        attributes: what is known of a lane.
         ways: tags of the map's ways.
     """
     left = joined([start.left, *(m.left for m in way), end.left])
@@ -160,7 +160,7 @@ def passage_of(
     followed = _followed(left, right, start, end, side)
     curve, pair = followed.curve, (followed.borders[0], followed.borders[1])
     members = way or [_travelled(start), _travelled(end)]
-    row = _common([facts(member) for member in members])
+    row = _common([attributes(member) for member in members])
     reach = (0.0, curve.length)
     elevation, bank = heights_of(curve, reach, [[(None, pair)]])
     section, offset = section_of(reach, [pair], 0 if side == "right" else 1, [row], bank, ways)
@@ -181,7 +181,7 @@ def passage_of(
         RoadLink("road", end.street.road.id, "end" if end.end else "start"),
     )
     dropped = pair[0].dropped + pair[1].dropped
-    return Passage(road, start, tuple(m.lanelet.id for m in way), end, dropped)
+    return ConnectingRoad(road, start, tuple(m.lanelet.id for m in way), end, dropped)
 
 
 def _followed(

@@ -1,4 +1,4 @@
-"""Lane sections from borders: offsets, widths, marks, and the heights of the reference line."""
+"""Lane sections from borders: offsets, widths, marks, and heights of the reference line."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Pair = tuple[Measured, Measured]
 
 @dataclass(frozen=True)
 class Row:
-    """What is known of a lane.
+    """Attributes of a lane.
 
     Attributes:
         kind: kind of lane.

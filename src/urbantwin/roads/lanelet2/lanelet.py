@@ -1,4 +1,4 @@
-"""Lanelets: two bounds that run the same way, what they are for, and who may use them."""
+"""Lanelets: two bounds in the direction of travel, their use, and who may use them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from urbantwin.roads.lanelet2.traffic_rules import allowed_of, kind_of
 
 __all__ = ["Lanelet", "bounds_of", "lanelets_of"]
 
-#: No lane between two places where lanes meet is longer: a point of it is somewhere else.
+#: No lane between two places where lanes meet is longer: one of its points is misplaced.
 LONGEST_M = 10_000.0
 
 

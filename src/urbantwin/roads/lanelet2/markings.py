@@ -1,4 +1,4 @@
-"""What lies on roads: stop lines, crosswalks and traffic islands."""
+"""Objects on the road surface: stop lines, crosswalks and traffic islands."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class Host:
 
 
 def hosts_of(roads: Iterable[ModelRoad]) -> dict[int, Host]:
-    """Return every street as something to stand on, by id."""
+    """Return every street as a host of objects, by id."""
     found = {}
     for road in roads:
         if road.junction >= 0:

@@ -1,4 +1,4 @@
-"""Which lanelets become streets, and which become ways through junctions.
+"""Dividing lanelets into streets and connecting roads of junctions.
 
 A group of lanelets is a street unless lanes branch, merge or cross on it. Where a group leaves a
 fork, the part of it that still lies over its siblings is cut off and becomes a way through the
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from urbantwin.roads.lanelet2.group import Group
 from urbantwin.roads.lanelet2.topology import End, Topology
 
-__all__ = ["Chain", "Plan", "planned"]
+__all__ = ["Chain", "Plan", "plan_streets"]
 
 #: A way through a junction that is cut off a street is at least so long, metres.
 LEAST_CUT_M = 5.0
@@ -52,8 +52,8 @@ class Plan:
     crossed: tuple[tuple[int, int], ...]
 
 
-def planned(topology: Topology, forced: frozenset[int], barred: frozenset[int]) -> Plan:
-    """Return what becomes of each group.
+def plan_streets(topology: Topology, forced: frozenset[int], barred: frozenset[int]) -> Plan:
+    """Divide groups into streets and lanelets within junctions.
 
     Args:
         topology: what leads where.

@@ -1,4 +1,4 @@
-"""Where the nodes of a Lanelet2 map lie: degrees, or metres of ``local_x`` and ``local_y``."""
+"""Projecting the nodes of a Lanelet2 map to the site: degrees, or ``local_x``, ``local_y``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reference lines: smooth curves beside the polylines that bounds are drawn as."""
+"""Reference lines: smooth curves along the polylines of bounds."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Traffic lights and signs of regulatory elements, and what switches lights together."""
+"""Signals and signs of regulatory elements, and the controllers of signals."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ VEHICLE_LIGHTS, WALKER_LIGHTS = "1000001", "1000002"
 LIGHTS_M = {VEHICLE_LIGHTS: 5.0, WALKER_LIGHTS: 2.2}
 #: Height of a sign's middle, metres (German VzKat: lower edge at 2.0 to 2.25 m).
 SIGN_M = 2.5
-#: What stands so far beyond the end of its road is said to be moved, metres.
+#: Signals moved by more than this to the end of their road are counted, metres.
 BEYOND_M = 1.0
 #: Subtypes of regulatory elements that refer to lights or signs; others refer to areas.
 POSTED = ("traffic_light", "traffic_sign", "speed_limit", "right_of_way", "all_way_stop")

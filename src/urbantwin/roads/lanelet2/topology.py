@@ -1,4 +1,4 @@
-"""Which lanelets follow each other, where groups meet, and where they cross."""
+"""Topology of lanelets: successors, where groups meet, and where they cross."""
 
 from __future__ import annotations
 

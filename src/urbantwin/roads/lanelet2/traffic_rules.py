@@ -1,4 +1,4 @@
-"""What tags of Lanelet2 say: kinds of lanes, who may use them, how fast, and the lines between."""
+"""Traffic rules of Lanelet2's tags: kinds of lanes, users, speed limits and lane marks."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ PARTICIPANTS = {
 }
 #: Types of ways that are painted lines.
 PAINTED = {"line_thin", "line_thick", "bike_marking", "pedestrian_marking"}
-#: Types of ways that cannot be crossed and stand up.
+#: Types of ways that are raised barriers.
 CURBS = {"curbstone", "road_border", "guard_rail", "wall", "fence", "jersey_barrier"}
 #: Subtype of a painted line -> mark of OpenDRIVE, seen along the line, left first.
 PAINT = {
@@ -56,7 +56,7 @@ PAINT = {
     "dashed_solid": "broken solid",
     "dashed_dashed": "broken broken",
 }
-#: Faster than this no limit is, m/s.
+#: Largest speed limit, m/s.
 FASTEST_MPS = 100.0
 _AMOUNT = re.compile(r"([0-9]+(?:\.[0-9]+)?)\s*(km/h|kmh|kph|mph|m/s|mps)?", re.IGNORECASE)
 _TO_MPS = {"": 1 / 3.6, "km/h": 1 / 3.6, "kmh": 1 / 3.6, "kph": 1 / 3.6, "mph": 0.44704}

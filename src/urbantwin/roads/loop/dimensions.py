@@ -1,4 +1,4 @@
-"""What outer roads are like: tags, widths and radii, after the streets that they join."""
+"""Dimensions of outer roads: tags, widths and radii after the streets that they join."""
 
 from __future__ import annotations
 

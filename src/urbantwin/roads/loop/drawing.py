@@ -1,4 +1,4 @@
-"""The drawing board of outer roads: ways and nodes with ids of their own."""
+"""Layout of outer roads: new ways and nodes with ids of their own."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ import shapely
 
 from urbantwin.geometry import stations_of_points
 from urbantwin.roads.loop.dimensions import half_width
-from urbantwin.roads.loop.free_space import Ground, Points, unit
+from urbantwin.roads.loop.free_space import FreeSpace, Points, unit
 from urbantwin.roads.loop.road_ends import motor_lanes
 from urbantwin.site import WayPiece
 
 __all__ = ["Drawing", "Gate"]
 
 Choice = TypeVar("Choice")
-#: Overlaps smaller than this are none, square metres.
+#: Smaller overlaps are ignored, square metres.
 ROOM_M2 = 1.0
 #: So many square metres of overlap weigh as much as one of road.
 SIZE_COST = 0.1
@@ -33,7 +33,7 @@ class Gate:
         node: id of the node.
         point: (2,) where it is, site frame.
         heading: outwards, radians.
-        street: number of the street that ends there; -1 on a drop.
+        street: number of the street that ends there; -1 on a turnaround.
         tags: the street's tags.
         lanes: how many lanes lead through.
         lane_m: how wide they are, metres.
@@ -81,7 +81,7 @@ class Drawing:
             half_width(sum(map(sum, lanes)), piece.tags)
             for piece, lanes in zip(pieces, self.lanes, strict=True)
         ]
-        self.ground = Ground([piece.points for piece in pieces], widths)
+        self.ground = FreeSpace([piece.points for piece in pieces], widths)
 
     @property
     def turn(self) -> str:

@@ -1,8 +1,8 @@
-"""Turning round: the shortest way from one pose to another that no long vehicle is too stiff for.
+"""Dubins paths with a bus's turning radius: the shortest ways from one pose to another.
 
-The way is Dubins's: arcs of one radius and at most one line (L. E. Dubins, "On curves of minimal
-length with a constraint on average curvature", American Journal of Mathematics 79, 1957). Between
-the two lanes of a street that ends it is the drop that street planners call a bulb.
+They consist of arcs of one radius and at most one line (L. E. Dubins, "On curves of minimal length
+with a constraint on average curvature", American Journal of Mathematics 79, 1957). Between the two
+directions of a street such a path is a turnaround loop (a dubins_path).
 """
 
 from __future__ import annotations
@@ -11,24 +11,24 @@ import math
 
 from urbantwin.roads.model import Curve, Piece
 
-__all__ = ["BULB_RADIUS_M", "Pose2", "bulb"]
+__all__ = ["BUS_RADIUS_M", "Pose2", "dubins_path"]
 
 #: x, y in metres and heading in radians.
 Pose2 = tuple[float, float, float]
 
-#: Radius of the lane on the inside of a bulb: a 12 m bus turns about an inner radius of 5.3 m
+#: Least radius of a lane's middle on a turnaround: a 12 m bus turns about an inner radius of 5.3 m
 #: (Directive 97/27/EC, annex I, 7.6.1), the middle of its lane then about one of 7 m.
-BULB_RADIUS_M = 7.0
-#: Ways whose greatest turn is to one side, by that side: +1 turns left, 0 goes straight.
+BUS_RADIUS_M = 7.0
+#: Words of paths by the side of their greatest turn: +1 turns left, 0 goes straight.
 _WORDS = {
     "left": ((1, 0, 1), (-1, 0, 1), (1, 0, -1), (-1, 1, -1)),
     "right": ((-1, 0, -1), (1, 0, -1), (-1, 0, 1), (1, -1, 1)),
 }
-_NOTHING_M = 1e-6  # pieces shorter than this are none
+_NOTHING_M = 1e-6  # Shorter pieces are left out.
 
 
-def bulb(
-    start: Pose2, end: Pose2, *, radius: float = BULB_RADIUS_M, turn: str | None = None
+def dubins_path(
+    start: Pose2, end: Pose2, *, radius: float = BUS_RADIUS_M, turn: str | None = None
 ) -> Curve:
     """Return the shortest curve of lines and arcs from one pose to another.
 
@@ -43,7 +43,7 @@ def bulb(
         ValueError: the radius is not positive, or the poses are the same.
     """
     if radius <= 0:
-        raise ValueError(f"a radius of {radius:g} m")
+        raise ValueError(f"the radius is {radius:g} m")
     dx, dy = (end[0] - start[0]) / radius, (end[1] - start[1]) / radius
     distance, bearing = math.hypot(dx, dy), math.atan2(dy, dx)
     a, b = start[2] - bearing, end[2] - bearing
@@ -51,7 +51,7 @@ def bulb(
     found = [(sum(legs), word, legs) for word in words if (legs := _legs(word, a, b, distance))]
     length, word, legs = min(found)
     if length * radius < _NOTHING_M:
-        raise ValueError("a bulb from a pose to itself")
+        raise ValueError("a path from a pose to itself")
     pieces: list[Piece] = []
     x, y, heading = start
     for side, leg in zip(word, legs, strict=True):
@@ -80,7 +80,7 @@ def _legs(
             return None
         # The three circles touch: their centres form a triangle with sides 2, 2 and gap.
         wide = math.acos(gap / 4.0)
-        # Heading where the first circle hands over: square to the line between the centres.
+        # Heading where the circles touch: square to the line between their centres.
         touch = course + first * wide + first * math.pi / 2
         turn_first = _turned(touch - a, first)
         turn_middle = math.pi + 2 * wide
@@ -97,6 +97,6 @@ def _legs(
 
 
 def _turned(angle: float, side: int) -> float:
-    """Return how far to turn to one side for a change of heading, 0 to 2 pi."""
+    """Return the turn to one side that a change of heading takes, 0 to 2 pi."""
     turn = (side * angle) % (2 * math.pi)
     return 0.0 if 2 * math.pi - turn < 1e-9 else turn

@@ -1,4 +1,4 @@
-"""Which one-way exit of the region leads to which one-way entry."""
+"""Matching the region's one-way exits to its one-way entries."""
 
 from __future__ import annotations
 
@@ -6,18 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-__all__ = ["around", "matched"]
+__all__ = ["match_exits", "ring_distance"]
 
 
-def around(
+def ring_distance(
     start: NDArray[np.float64], end: NDArray[np.float64], length: float
 ) -> NDArray[np.float64]:
-    """Return the shorter ways (N, M) along a closed line between places (N,) and (M,) on it."""
+    """Return the distances (N, M) between places (N,) and (M,) the shorter way round a ring."""
     gap = np.abs(np.asarray(start)[:, None] - np.asarray(end)[None])
     return np.asarray(np.minimum(gap, length - gap))
 
 
-def matched(
+def match_exits(
     exits: NDArray[np.float64], entries: NDArray[np.float64], length: float
 ) -> list[tuple[int, int]]:
     """Return pairs (exit, entry) so that each is in one pair at least and the roads are short.
@@ -34,7 +34,7 @@ def matched(
     """
     if not len(exits) or not len(entries):
         return []
-    cost = np.sqrt(around(exits, entries, length))
+    cost = np.sqrt(ring_distance(exits, entries, length))
     swap = len(exits) < len(entries)
     if swap:
         cost = cost.T

@@ -1,4 +1,4 @@
-"""What is taken in plan beyond the region's border, and what is free for outer roads."""
+"""Free space for outer roads beyond the region's border."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.roads.loop.dubins import Pose2, bulb
+from urbantwin.roads.loop.dubins import Pose2, dubins_path
 
-__all__ = ["Ground", "Points", "sampled", "unit"]
+__all__ = ["FreeSpace", "Points", "dubins_points", "unit"]
 
 #: Turn between two points of a drawn curve, radians; an arc of 11 m is then left by 2 cm.
 STEP = math.radians(7.0)
@@ -30,9 +30,9 @@ def unit(heading: float) -> Points:
     return np.array([math.cos(heading), math.sin(heading)])
 
 
-def sampled(start: Pose2, end: Pose2, radius: float, turn: str | None = None) -> Points:
-    """Return points (N, 2) of the shortest way from pose to pose, both ends among them."""
-    curve = bulb(start, end, radius=radius, turn=turn)
+def dubins_points(start: Pose2, end: Pose2, radius: float, turn: str | None = None) -> Points:
+    """Return points (N, 2) of the Dubins path from pose to pose, both ends included."""
+    curve = dubins_path(start, end, radius=radius, turn=turn)
     stations = [0.0]
     for piece, begin in zip(curve.pieces, curve.starts, strict=False):
         steps = max(1, math.ceil(abs(piece.curvature) * piece.length / STEP))
@@ -42,7 +42,7 @@ def sampled(start: Pose2, end: Pose2, radius: float, turn: str | None = None) ->
     return np.asarray(points[np.concatenate([[True], apart])])
 
 
-class Ground:
+class FreeSpace:
     """Streets of the region by their number, and areas beyond it that are taken.
 
     Args:

@@ -1,6 +1,6 @@
-"""Outer roads: beyond the region every way out leads back to a way in.
+"""Outer roads: beyond the region every exit leads back to an entry.
 
-A two-way street that the border cuts goes on for a few metres and turns round in a drop. One-way
+A two-way street that the border cuts goes on for a few metres to a turnaround. One-way
 exits lead to one-way entries: the two carriageways of a street directly, others round the region.
 Outer roads are ordinary one-way roads with the lanes, cycle lanes and sidewalks of the streets
 that they join, so that all that holds for a street holds for them.
@@ -16,9 +16,9 @@ import shapely
 
 from urbantwin.roads.loop.dimensions import half_width
 from urbantwin.roads.loop.drawing import Drawing, Gate
-from urbantwin.roads.loop.ring_road import WAY_OUT_M, lead_round
+from urbantwin.roads.loop.ring_road import WAY_OUT_M, add_ring_roads
 from urbantwin.roads.loop.road_ends import LooseEnd, loose_ends
-from urbantwin.roads.loop.turnaround import BENDS, near_pairs, turn_into, turn_round
+from urbantwin.roads.loop.turnaround import BENDS, add_turnaround, join_carriageways, near_pairs
 from urbantwin.roads.sidewalk import sidewalk_sides
 from urbantwin.site import WayPiece
 
@@ -53,7 +53,7 @@ def close_loop(
 ) -> OuterRoads:
     """Join every end of a street at the region's border to another, or to itself.
 
-    Cul-de-sacs within the region stay: whoever drives in turns round at their end. A one-way
+    Cul-de-sacs within the region stay: vehicles turn round at their end. A one-way
     street that ends within the region, where nothing leads on, is cut back to its last junction.
 
     Args:
@@ -91,9 +91,9 @@ def close_loop(
             way_out.buffer(half_width(gate.lanes * gate.lane_m, gate.tags), cap_style="flat")
         )
     for exit_, entry in near:
-        turn_into(drawing, exit_, entry)
-    tips = [turn_round(drawing, end, number[end.piece.id]) for end in turning]
-    led, still_open = lead_round(drawing, exits, entries, tips)
+        join_carriageways(drawing, exit_, entry)
+    tips = [add_turnaround(drawing, end, number[end.piece.id]) for end in turning]
+    led, still_open = add_ring_roads(drawing, exits, entries, tips)
     notes = {
         "turning_drops": len(turning),
         "carriageways_joined": len(near),

@@ -1,4 +1,4 @@
-"""One-way exits and entries that lie apart: roads round the region, one outside the other."""
+"""Ring roads: outer roads round the region from one-way exits to distant one-way entries."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ import shapely
 from urbantwin.roads.loop.dimensions import CLEARANCE_M, half_width, outer_tags
 from urbantwin.roads.loop.drawing import Drawing, Gate
 from urbantwin.roads.loop.dubins import Pose2
-from urbantwin.roads.loop.exit_matching import around, matched
-from urbantwin.roads.loop.free_space import Points, sampled, unit
+from urbantwin.roads.loop.exit_matching import match_exits, ring_distance
+from urbantwin.roads.loop.free_space import Points, dubins_points, unit
 
-__all__ = ["WAY_OUT_M", "lead_round"]
+__all__ = ["WAY_OUT_M", "add_ring_roads"]
 
 #: Radius of the bends, metres, and the speed on them, km/h: 2.8 m/s^2 to the side.
 RADIUS_M, KMH = 25.0, 30
@@ -24,12 +24,13 @@ STEP_M = 8.0
 WAY_OUT_M = 130.0
 
 
-def lead_round(
+def add_ring_roads(
     drawing: Drawing, exits: list[Gate], entries: list[Gate], tips: list[Gate]
 ) -> tuple[int, int]:
     """Join exits to entries; return how many roads that made and how many gates remain open.
 
-    Where there are exits only or entries only, the far points of drops stand in for the others.
+    Where there are exits only or entries only, the far points of turnarounds stand in for the
+    others.
     """
     if not (exits or entries):
         return 0, 0
@@ -42,9 +43,9 @@ def lead_round(
         np.array([drawing.ground.place(gate.point, gate.heading) for gate in gates])
         for gates in (starts, ends)
     ]
-    apart = around(at[0], at[1], length)
+    apart = ring_distance(at[0], at[1], length)
     if exits and entries:
-        pairs = matched(at[0], at[1], length)
+        pairs = match_exits(at[0], at[1], length)
     elif exits:
         pairs = [(k, int(row.argmin())) for k, row in enumerate(apart)]
     else:
@@ -116,14 +117,16 @@ def _between(
     way = (sense * (b - a)) % length
     bend = 2.5 * RADIUS_M
     if way < 3 * bend:
-        return sampled(start, end, RADIUS_M)
+        return dubins_points(start, end, RADIUS_M)
     stations = a + sense * np.linspace(bend, way - bend, max(2, int((way - 2 * bend) / STEP_M) + 1))
     points = shapely.get_coordinates(ring.interpolate(stations % length))
     on, off = (
         (float(x), float(y), _course(ring, float(s), sense))
         for (x, y), s in ((points[0], stations[0]), (points[-1], stations[-1]))
     )
-    return np.vstack([sampled(start, on, RADIUS_M), points[1:-1], sampled(off, end, RADIUS_M)])
+    return np.vstack(
+        [dubins_points(start, on, RADIUS_M), points[1:-1], dubins_points(off, end, RADIUS_M)]
+    )
 
 
 def _station(ring: shapely.LinearRing, gate: Gate) -> float:

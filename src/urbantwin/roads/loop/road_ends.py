@@ -1,4 +1,4 @@
-"""Ends of streets where traffic cannot go on: cut by the region's border, or ending in the map."""
+"""Loose ends of streets: cut by the region's border, or dead ends of the map."""
 
 from __future__ import annotations
 

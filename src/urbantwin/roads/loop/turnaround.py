@@ -1,4 +1,4 @@
-"""Streets that turn round just beyond the border."""
+"""Turnarounds of streets just beyond the border."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import shapely
 
 from urbantwin.roads.loop.dimensions import CLEARANCE_M, half_width, outer_tags, turning_radius
 from urbantwin.roads.loop.drawing import Drawing, Gate
-from urbantwin.roads.loop.free_space import Points, sampled, unit
+from urbantwin.roads.loop.free_space import Points, dubins_points, unit
 from urbantwin.roads.loop.road_ends import LooseEnd
 
-__all__ = ["BENDS", "NEAR_M", "near_pairs", "turn_into", "turn_round"]
+__all__ = ["BENDS", "NEAR_M", "add_turnaround", "join_carriageways", "near_pairs"]
 
-#: Half of the angle at which the two legs of a drop leave the end of a street, radians.
+#: Half of the angle between the two legs of a turnaround at the end of a street, radians.
 SPLAY = math.radians(35.0)
 #: Streets go on straight for so long before they turn round, so that no junction reaches back
 #: into the region; the first length is taken at which there is room, metres.
@@ -27,12 +27,12 @@ NEAR_M, NEAR_AHEAD_M = 45.0, 120.0
 #: Their legs run straight for so long, metres, and then apart by the first angle that has room.
 LEG_M = 4.0
 SPLAYS = tuple(math.radians(angle) for angle in (0, 15, 30, 45, 55))
-#: Speed on a drop, km/h: about 2.8 m/s^2 to the side at the usual radius of 11 m.
+#: Speed on a turnaround, km/h: about 2.8 m/s^2 to the side at the usual radius of 11 m.
 DROP_KMH = 20
 
 
-def turn_round(drawing: Drawing, end: LooseEnd, street: int) -> Gate:
-    """Lengthen a two-way street, let it turn round in a drop, and return the drop's far point."""
+def add_turnaround(drawing: Drawing, end: LooseEnd, street: int) -> Gate:
+    """Extend a two-way street to a turnaround, and return the turnaround's far point."""
     lanes, width = end.enters, end.enters * end.lane_m
     tags = _tags(drawing, end.piece.tags, lanes, end.lane_m)
     half, radius = half_width(width, tags) + CLEARANCE_M, turning_radius(width)
@@ -74,8 +74,8 @@ def near_pairs(exits: list[Gate], entries: list[Gate]) -> list[tuple[Gate, Gate]
     return found
 
 
-def turn_into(drawing: Drawing, exit_: Gate, entry: Gate) -> None:
-    """Join the two carriageways of a street by a bulb."""
+def join_carriageways(drawing: Drawing, exit_: Gate, entry: Gate) -> None:
+    """Join the two carriageways of a street by a turnaround."""
     lane_m = max(exit_.lane_m, entry.lane_m)
     width = entry.lanes * lane_m
     tags = _tags(drawing, exit_.tags, entry.lanes, lane_m)
@@ -87,7 +87,7 @@ def turn_into(drawing: Drawing, exit_: Gate, entry: Gate) -> None:
     # Both begin to turn at the same distance outwards.
     front = max(float(exit_.point @ ahead), float(entry.point @ ahead))
 
-    def bulb_line(stem: float, splay: float) -> Points:
+    def turnaround_line(stem: float, splay: float) -> Points:
         """The legs run straight to the front, then apart by the splay, then into each other."""
         poses = []
         for gate, aside in ((exit_, -side * splay), (entry, side * splay)):
@@ -100,13 +100,13 @@ def turn_into(drawing: Drawing, exit_: Gate, entry: Gate) -> None:
         end = (float(last_tip[0]), float(last_tip[1]), last_course + math.pi)
         turn = "left" if side > 0 else "right"
         return np.vstack(
-            [exit_.point, knee, sampled(start, end, radius, turn), last_knee, entry.point]
+            [exit_.point, knee, dubins_points(start, end, radius, turn), last_knee, entry.point]
         )
 
     def area_of(line: Points) -> shapely.Polygon:
         return shapely.LineString(line).buffer(half, cap_style="flat")
 
-    lines = (bulb_line(stem, splay) for stem in STEMS_M for splay in SPLAYS)
+    lines = (turnaround_line(stem, splay) for stem in STEMS_M for splay in SPLAYS)
     line = drawing.with_most_room(lines, area_of, exit_.street, entry.street)
     drawing.ground.take(area_of(line))
     drawing.add_halves(line, tags, first=exit_.node, last=entry.node)
@@ -126,8 +126,8 @@ def _tags(drawing: Drawing, street: dict[str, str], lanes: int, lane_m: float) -
 
 
 def _drop_line(tip: Points, heading: float, radius: float, turn: str) -> Points:
-    """Return the drop (N, 2) on which a street turns round, from its end and back to it."""
+    """Return the turnaround (N, 2) of a street, from its end and back to it."""
     aside = SPLAY if turn == "left" else -SPLAY
     x, y = (float(v) for v in tip)
     start, end = (x, y, heading - aside), (x, y, heading + math.pi + aside)
-    return sampled(start, end, radius, turn)
+    return dubins_points(start, end, radius, turn)

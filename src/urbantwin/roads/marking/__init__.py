@@ -1,4 +1,4 @@
-"""Paint on the ground, in plan: what the lane model and the lane network say is marked."""
+"""Road markings in plan, from the lane model and the lane network."""
 
 from urbantwin.roads.marking.give_way import GIVE_WAY
 from urbantwin.roads.marking.lane_turns import turns

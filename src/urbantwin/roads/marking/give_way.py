@@ -1,4 +1,4 @@
-"""Paint that the lane model implies: give-way teeth, and lines between parking bays."""
+"""Give-way lines (teeth) and lines between parking bays, which the lane model implies."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ BAY_ALONG_M, BAY_ACROSS_M, NARROWEST_M = 6.0, 2.5, 1.6
 
 
 def teeth(model: LaneModel) -> Iterator[tuple[int, list[NDArray[np.float64]]]]:
-    """Yield level and triangles (4, 2) of every give-way line, pointing at who must wait."""
+    """Yield level and triangles (4, 2) of every give-way line, pointing at the waiting traffic."""
     for sign in model.signals:
         road = model.road_by_id.get(sign.road)
         if sign.dynamic or sign.type not in GIVE_WAY or road is None or road.length < 4 * LONG_M:

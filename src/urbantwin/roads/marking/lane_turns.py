@@ -1,4 +1,4 @@
-"""Which turns traffic may take at the end of a lane."""
+"""Turns that traffic may take at the end of a lane."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from urbantwin.roads.network import Lane, RoadNetwork
 
 __all__ = ["turns"]
 
-#: A change of heading up to this is no turn, from here to ``U_TURN`` it is one, radians.
+#: Changes of heading up to this go straight on, from ``U_TURN`` they turn round, radians.
 STRAIGHT, U_TURN = np.radians(30.0), np.radians(150.0)
 
 

@@ -1,4 +1,4 @@
-"""Arrows on lanes: the turns that traffic may take at its stop line."""
+"""Turn arrows on lanes before their stop lines."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the parts of a lane model that was read from a file must have in common."""
+"""Consistency of a lane model that was read from a file."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _PROFILES = ("offset", "elevation", "bank", "crown")
 
 
 def check_model(model: LaneModel, file: Path) -> None:
-    """Refuse a model that names what is not there, or that no road could be drawn from.
+    """Refuse a model with references to nothing, or with roads that cannot be drawn.
 
     Raises:
         InputError: an id is given twice or is of nothing, a curve or a profile has no pieces, a

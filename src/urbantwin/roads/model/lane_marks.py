@@ -6,12 +6,12 @@ from dataclasses import replace
 
 from urbantwin.roads.model.lane_section import RAISED_KINDS, LaneSection, SectionLane
 
-__all__ = ["marked"]
+__all__ = ["with_lane_marks"]
 
 _MOTOR = ("driving", "bus")
 
 
-def marked(section: LaneSection) -> LaneSection:
+def with_lane_marks(section: LaneSection) -> LaneSection:
     """Return a lane section with lines on the borders of its lanes.
 
     Between lanes of motor traffic in one direction the line is broken and may be crossed; where

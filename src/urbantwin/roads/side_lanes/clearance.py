@@ -1,4 +1,4 @@
-"""Room beside roads: where a road can be widened without running into something."""
+"""Clearance beside roads: where a road can be widened."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from urbantwin.roads.model import LaneModel, ModelRoad
 from urbantwin.roads.model.curve import aside
 
-__all__ = ["Room", "footprint"]
+__all__ = ["Clearance", "footprint"]
 
 #: Spacing of the cross sections that are looked at, metres.
 STEP_M = 2.0
@@ -19,7 +19,7 @@ STEP_M = 2.0
 GRAZE_M = 0.1
 
 
-class Room:
+class Clearance:
     """What stands on the ground: roads, junctions and obstacles such as buildings."""
 
     def __init__(self, model: LaneModel, obstacles: Sequence[shapely.Polygon] = ()) -> None:

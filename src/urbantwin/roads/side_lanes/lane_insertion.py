@@ -1,4 +1,4 @@
-"""Putting lanes into a road between others: new lane sections, ids counted anew, links kept."""
+"""Inserting lanes into a road: new lane sections, renumbered ids, links kept."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from urbantwin.roads.model import (
     RoadLink,
     SectionLane,
 )
-from urbantwin.roads.model.lane_marks import marked
+from urbantwin.roads.model.lane_marks import with_lane_marks
 
 __all__ = ["Insertion", "Renumbering", "relinked", "with_lanes"]
 
@@ -98,7 +98,7 @@ def with_lanes(road: ModelRoad, insertions: Sequence[Insertion]) -> tuple[ModelR
         bases.append(base)
     linked = [_linked(road, parts, bases, k) for k in range(len(parts))]
     sections = tuple(
-        marked(LaneSection(a, tuple(sorted(lanes, key=lambda lane: -lane.id))))
+        with_lane_marks(LaneSection(a, tuple(sorted(lanes, key=lambda lane: -lane.id))))
         for a, lanes in zip(cuts, linked, strict=True)
     )
     ends = [{key[2]: lane.id for key, lane in parts[k].items() if key[0] == "old"} for k in (0, -1)]

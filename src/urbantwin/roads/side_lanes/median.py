@@ -1,4 +1,4 @@
-"""Medians: what lies between the carriageways of a dual street, half to each of them."""
+"""Medians: the gap between the carriageways of a dual street, half to each of them."""
 
 from __future__ import annotations
 

@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.roads.model import RAISED_KINDS, ModelRoad, Profile
-from urbantwin.roads.side_lanes.clearance import Room
+from urbantwin.roads.side_lanes.clearance import Clearance
 from urbantwin.roads.side_lanes.lane_insertion import Insertion
-from urbantwin.roads.side_lanes.map_matching import Alongside
+from urbantwin.roads.side_lanes.map_matching import MatchedWay
 
-__all__ = ["lanes_beside"]
+__all__ = ["parking_and_shoulders"]
 
 #: No parking within so many metres of a junction or the crossing before it. Germany: StVO
 #: section 12 (3), 5 m. United States: Uniform Vehicle Code 11-1003, 20 ft from a crosswalk at an
@@ -30,13 +30,13 @@ SAME_M = 0.05
 NEXT_M = 0.5
 
 
-def lanes_beside(
+def parking_and_shoulders(
     road: ModelRoad,
-    parts: Sequence[Alongside],
+    parts: Sequence[MatchedWay],
     meets: Mapping[str, str],
     crossings: Sequence[float] | NDArray[np.float64],
     *,
-    room: Room,
+    room: Clearance,
     country: str,
 ) -> list[Insertion]:
     """Return the parking and shoulder lanes of a road.
@@ -81,7 +81,7 @@ def _has_walk(road: ModelRoad, side: int) -> bool:
 
 
 def _runs(
-    parts: Iterable[Alongside], side: int, kind: str
+    parts: Iterable[MatchedWay], side: int, kind: str
 ) -> list[tuple[float, float, float, bool]]:
     """Return from, to, width and whether a track lies beyond, neighbours of one width joined."""
     runs: list[tuple[float, float, float, bool]] = []
@@ -155,7 +155,7 @@ def _fitted(
     run: tuple[float, float],
     ramps: tuple[bool, bool],
     size: tuple[float, float],
-    room: Room,
+    room: Clearance,
 ) -> list[tuple[float, float, Profile]]:
     """Return where within a run there is room for a lane, and its width along it."""
     found = []
@@ -186,7 +186,7 @@ def _tapered(width: float, length: float, up: float, down: float) -> Profile:
 
 
 def _clear_of_junction(country: str) -> float:
-    """Return how near to a junction nobody may park, metres.
+    """Return within what distance of a junction parking is banned, metres.
 
     Args:
         country: ISO 3166-1 alpha-2; empty if unknown.

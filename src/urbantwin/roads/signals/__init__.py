@@ -1,4 +1,4 @@
-"""Traffic signals and signs: which junctions have them, their programs and where they stand."""
+"""Traffic signals and signs: signalised junctions, signal programs, heads and poles."""
 
 from urbantwin.roads.signals.country_practice import meaning_of, plate_of, practice_of
 from urbantwin.roads.signals.pose import Head, heads_of, pose_of

@@ -1,4 +1,4 @@
-"""What each signal program of a SUMO network controls: links, their approaches and conflicts."""
+"""Controlled links of each signal program: their approaches and conflicts."""
 
 from __future__ import annotations
 

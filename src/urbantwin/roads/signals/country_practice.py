@@ -1,8 +1,9 @@
-"""How countries put up traffic signals and signs: at the near or the far side, on arms, which sign.
+"""Practice of countries for signals and signs: near side, far side or mast arm; which signs.
 
 Sources of where heads stand:
 
-- United States and who follows it: MUTCD 2009, 4D.11 to 4D.15: the faces 40 to 180 ft beyond the
+- United States and countries that follow it: MUTCD 2009, 4D.11 to 4D.15: the faces 40 to 180 ft
+beyond the
   stop line, one for each lane or two for the main movement; over the lanes 15 ft and more clear,
   beside them 8 ft.
 - Japan, Korea, Taiwan, China: far side, over the lanes; horizontal heads in the first three

@@ -1,4 +1,4 @@
-"""Who has green, in a traffic engineer's words: ``north left``, ``southbound``, ``Main Street``."""
+"""Movements in a traffic engineer's words: ``north left``, ``southbound``, ``Main Street``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import re
 
 from urbantwin.roads.signals.controlled_links import COMPASS, Link, Signalised, turn_between
 
-__all__ = ["UnknownWords", "approaches", "crossings", "vehicle_links"]
+__all__ = ["UnknownMovement", "approaches", "crossings", "vehicle_links"]
 
 MOVEMENT_WORDS = {
     "left": "left",
@@ -21,8 +21,8 @@ MOVEMENT_WORDS = {
 WITHIN_DEG = 45.0
 
 
-class UnknownWords(Exception):  # noqa: N818 - told to people by whoever catches it
-    """Words that mean nothing at a junction."""
+class UnknownMovement(Exception):  # noqa: N818 - told to people by whoever catches it
+    """Words that match no movement of a junction."""
 
     def __init__(self, problem: str, expected: str) -> None:
         super().__init__(problem)
@@ -33,7 +33,7 @@ def vehicle_links(junction: Signalised, words: str | int) -> list[Link]:
     """Return the links that words name.
 
     Raises:
-        UnknownWords: they name none.
+        UnknownMovement: they name none.
     """
     text = " ".join(str(words).split())
     vehicles = [link for link in junction.links if link.movement != "walk"]
@@ -45,7 +45,7 @@ def vehicle_links(junction: Signalised, words: str | int) -> list[Link]:
     found = [link for link in chosen if not movements or link.movement in movements]
     if not found:
         turns = sorted({link.movement for link in chosen})
-        raise UnknownWords(
+        raise UnknownMovement(
             f"{text!r} names no way through the junction",
             f"one of {', '.join(turns)} from there" if turns else _choices(junction),
         )
@@ -56,13 +56,13 @@ def crossings(junction: Signalised, words: str) -> list[Link]:
     """Return the crossings over the arms that words name.
 
     Raises:
-        UnknownWords: they name none.
+        UnknownMovement: they name none.
     """
     walkers = [link for link in junction.links if link.movement == "walk"]
     found = _of_approach(junction, walkers, " ".join(words.split()))
     if not found:
         arms = sorted({link.arm for link in walkers})
-        raise UnknownWords(
+        raise UnknownMovement(
             f"{words!r} names no crossing with signals",
             f"one of {', '.join(arms)}" if arms else "none: there are no such crossings here",
         )
@@ -99,7 +99,7 @@ def _of_approach(junction: Signalised, links: list[Link], name: str) -> list[Lin
         found = [link for link in links if link.street.casefold() == name.casefold()]
         if found:
             return found
-    raise UnknownWords(f"{name!r} is no approach of the junction", _choices(junction))
+    raise UnknownMovement(f"{name!r} is not an approach of the junction", _choices(junction))
 
 
 def _numbers(text: str) -> set[int]:
@@ -107,7 +107,7 @@ def _numbers(text: str) -> set[int]:
     for part in text.replace(",", " ").split():
         first, _, last = part.partition("-")
         if not all(re.fullmatch("[0-9]{1,4}", one) for one in (first, last or first)):
-            raise UnknownWords(f"{text!r} are no links", "numbers such as 0-3, 7")
+            raise UnknownMovement(f"{text!r} is not a list of links", "numbers such as 0-3, 7")
         found |= set(range(int(first), int(last or first) + 1))
     return found
 

@@ -1,4 +1,4 @@
-"""Where the heads for people on foot stand: at both ends of their crossing."""
+"""Placing pedestrian signal heads at both ends of their crossing."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from urbantwin.roads.model import LaneModel, RoadSignal
 from urbantwin.roads.signals.approach import Frame
 from urbantwin.roads.signals.pole_sites import FreeGround
 
-__all__ = ["walker_heads"]
+__all__ = ["pedestrian_heads"]
 
 #: Middle of a head over the carriageway: 2.2 m clear of the footway (MUTCD 4E.05: 2.1 m), metres.
 WALK_M = 2.65
@@ -21,14 +21,14 @@ WALK_M = 2.65
 WALKER_SIZE = (0.6, 0.3)
 
 
-def walker_heads(
+def pedestrian_heads(
     model: LaneModel,
     signal: RoadSignal,
     centre: NDArray[np.float64],
     width: float,
     ground: FreeGround,
 ) -> list[RoadSignal]:
-    """Return a head at each end of a crossing, which faces those who come from the other end."""
+    """Return a head at each end of a crossing, facing the other end."""
     area = next((a for a in model.areas if a.strip == signal.strip), None)
     road = model.road_by_id[area.road if area else signal.road]
     found = []

@@ -1,4 +1,4 @@
-"""What a plan for signals must keep to: greens that do not conflict, long enough, for everybody."""
+"""Checks of a signal plan: no conflicting greens, long enough, for everybody."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from urbantwin.roads.model.furniture import Phase
 from urbantwin.roads.signals.controlled_links import Link, Signalised, turn_between
 from urbantwin.site.signals import SignalPlan
 
-__all__ = ["WALK_S", "check_conflicts", "check_greens", "checked_states", "told"]
+__all__ = ["WALK_S", "check_conflicts", "check_greens", "checked_states", "link_in_words"]
 
 #: Approaches whose directions differ by more than this face each other, degrees.
 FACING_DEG = 120.0
@@ -20,7 +20,7 @@ GREEN = "Gg"
 
 
 def _conflict(junction: Signalised, a: Link, b: Link) -> bool:
-    """Whether two greens at once are more than one driver giving way to another."""
+    """Whether two simultaneous greens conflict beyond one driver giving way to another."""
     if not junction.are_foes(a, b) or a.road == b.road:
         return False
     if "walk" in (a.movement, b.movement):
@@ -40,16 +40,16 @@ def check_conflicts(
     """
     pairs = [pair for pair in combinations(green, 2) if _conflict(junction, *pair)]
     if pairs:
-        # Those that go straight on say best what is wrong.
+        # Through movements make the clearest message.
         a, b = max(pairs, key=lambda pair: sum(not link.is_turn for link in pair))
         raise plan.error(
-            f"gives green to conflicting traffic: {told(a)} and {told(b)}",
+            f"gives green to conflicting traffic: {link_in_words(a)} and {link_in_words(b)}",
             where,
             "approaches that do not cross each other in one phase",
         )
 
 
-def told(link: Link) -> str:
+def link_in_words(link: Link) -> str:
     """Return a link in words: ``north through (First Street)``."""
     street = f" ({link.street})" if link.street else ""
     if link.movement == "walk":
@@ -74,8 +74,9 @@ def checked_states(junction: Signalised, plan: SignalPlan) -> tuple[Phase, ...]:
         for a, b in combinations(protected, 2):
             if junction.are_foes(a, b) and a.road != b.road:
                 raise plan.error(
-                    f"gives right of way to conflicting traffic: {told(a)} (link {a.index}) and "
-                    f"{told(b)} (link {b.index})",
+                    "gives right of way to conflicting traffic: "
+                    f"{link_in_words(a)} (link {a.index}) and "
+                    f"{link_in_words(b)} (link {b.index})",
                     where,
                     "the letter g for who gives way, or one of them red",
                 )
@@ -84,7 +85,8 @@ def checked_states(junction: Signalised, plan: SignalPlan) -> tuple[Phase, ...]:
             abrupt = state[link.index] in GREEN and following[link.index] in "rs"
             if abrupt and link.movement != "walk" and len(phases) > 1:
                 raise plan.error(
-                    f"is followed by red without yellow for {told(link)} (link {link.index})",
+                    f"is followed by red without yellow for {link_in_words(link)} "
+                    f"(link {link.index})",
                     where,
                     "a phase with y between them",
                 )
@@ -95,14 +97,14 @@ def check_greens(junction: Signalised, plan: SignalPlan, phases: Sequence[Phase]
     """Check that everybody gets green, and none that is too short.
 
     Raises:
-        InputError: somebody never does, or one is.
+        InputError: a movement never gets green, or too short a one.
     """
     where = ("phases",) if plan.spec.phases is not None else ("states",)
     never = [
         link for link in junction.links if all(state[link.index] in "rs" for _, state in phases)
     ]
     if never:
-        names = ", ".join(dict.fromkeys(map(told, never)))
+        names = ", ".join(dict.fromkeys(map(link_in_words, never)))
         raise plan.error(f"never gives green to {names}", where, "green for everybody in the cycle")
     for link in junction.links:
         on = [state[link.index] in GREEN for _, state in phases]
@@ -112,7 +114,7 @@ def check_greens(junction: Signalised, plan: SignalPlan, phases: Sequence[Phase]
         least = min(plan.spec.minimum_green, WALK_S if link.movement == "walk" else math.inf)
         if shortest < least - 1e-6:
             raise plan.error(
-                f"gives {told(link)} {shortest:g} s of green",
+                f"gives {link_in_words(link)} {shortest:g} s of green",
                 where,
                 f"at least {least:g} s (minimum_green)",
             )

@@ -1,4 +1,4 @@
-"""Where poles may stand: clear of everything that is driven on."""
+"""Free places for poles, clear of all carriageways."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ __all__ = ["CLEARANCE_M", "FreeGround"]
 
 #: Distance of a pole's middle from the carriageway's edge (MUTCD 2009, 4D.16 and 2A.19: 0.6 m).
 CLEARANCE_M = 0.6
-#: So many places are looked at first; twice as many each time that none of them is free.
+#: Places that are tried first; twice as many each time that none is free.
 FEW = 16
 DRIVEN = (*CARRIAGEWAY_KINDS, "connection", "crossing")
 
 
 class FreeGround:
-    """Tells free places by their distance from lanes, without joining these to one area."""
+    """Finds free places by their distance from lanes, without merging the lanes to one area."""
 
     def __init__(self, network: RoadNetwork) -> None:
         self._network = network

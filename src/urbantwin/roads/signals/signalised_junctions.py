@@ -1,4 +1,4 @@
-"""Which junctions have signals, as far as the map tells.
+"""Signalised junctions as far as the map has them.
 
 Mappers put ``highway=traffic_signals`` on the junction's own node, or at each stop line, up to
 tens of metres before the junction (OSM wiki, "Tag:highway=traffic_signals"). netconvert signalises
@@ -35,7 +35,7 @@ WALKED = frozenset("footway path cycleway pedestrian steps bridleway".split())
 
 @dataclass(frozen=True)
 class MappedSignals:
-    """Where netconvert is told to put signals.
+    """The signalised junctions and crossings that netconvert is given.
 
     Attributes:
         tags: node -> tags that netconvert reads instead of its own.

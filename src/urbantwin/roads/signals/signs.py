@@ -1,4 +1,4 @@
-"""Signs: speed limits where they change, stop and give way where they are mapped."""
+"""Signs: speed limits where they change, and mapped stop and give-way signs."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def add_signs(
     """Return the model with signs of speed limits, stop and give way, and how many there are.
 
     A limit is told where streets enter the region, where it changes along a street, and beyond a
-    junction that somebody reaches at another limit.
+    junction that traffic reaches at another limit.
 
     Args:
         model: the lane model.

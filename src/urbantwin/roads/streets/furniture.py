@@ -1,4 +1,4 @@
-"""What is on the roads: crosswalks, stop lines, signals and their controllers."""
+"""Objects on the roads: crosswalks, stop lines, signals and their controllers."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from urbantwin.roads.model import (
 )
 from urbantwin.roads.network import Lane, RoadNetwork, SignalHead
 
-__all__ = ["furnished"]
+__all__ = ["with_furniture"]
 
 #: Types of signals in OpenDRIVE's own catalogue: three lights for vehicles, two for people on foot.
 VEHICLE_LIGHTS, WALKER_LIGHTS = "1000001", "1000002"
@@ -41,7 +41,7 @@ class _Host:
 
     road: ModelRoad
     junction: int
-    line: shapely.LineString  # in plan, drawn out straight where a crossing may lie beyond the end
+    line: shapely.LineString  # In plan, extended straight where a crossing may lie beyond the end.
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class _Place:
         return self.road.length if self.lane.forward else 0.0
 
 
-def furnished(model: LaneModel, raw: RoadNetwork, height: SurfaceHeight) -> LaneModel:
+def with_furniture(model: LaneModel, raw: RoadNetwork, height: SurfaceHeight) -> LaneModel:
     """Return the lane model with crosswalks, stop lines and signals on it.
 
     Args:

@@ -1,4 +1,4 @@
-"""From netconvert's network to the lane model in plan: streets and the ways through junctions."""
+"""The lane model in plan from netconvert's network: streets and connecting roads."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from urbantwin.roads.model import (
     RoadLink,
     SectionLane,
 )
-from urbantwin.roads.model.lane_marks import marked
+from urbantwin.roads.model.lane_marks import with_lane_marks
 from urbantwin.roads.network import RoadNetwork
 from urbantwin.roads.streets.manoeuvre import Manoeuvre, build_manoeuvres, find_topology
 from urbantwin.roads.streets.street import Street, Strip, build_streets
@@ -82,7 +82,7 @@ def _ends(manoeuvres: Sequence[Manoeuvre], number: Mapping[str, int]) -> dict[tu
 
 
 def _street(street: Street, ends: Mapping[tuple[int, str], int]) -> ModelRoad:
-    section = marked(LaneSection(0.0, tuple(_lane(strip) for strip in street.strips)))
+    section = with_lane_marks(LaneSection(0.0, tuple(_lane(strip) for strip in street.strips)))
     before, after = (ends.get((street.number, at)) for at in ("start", "end"))
     return ModelRoad(
         id=street.number,

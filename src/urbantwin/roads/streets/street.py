@@ -17,7 +17,7 @@ __all__ = ["Street", "Strip", "build_streets", "vehicle_lanes"]
 
 #: Two directions share a road where their inner borders lie closer than this, metres.
 PAIRED_M = 0.3
-#: Bends of lines that are smaller than this are the mapper's hand, metres.
+#: Smaller bends of lines are inaccuracies of mapping, metres.
 THINNED_M = 0.1
 #: The shortest road that is left where its ends are cut back for the junctions, metres.
 SHORTEST_M = 0.5

@@ -1,4 +1,4 @@
-"""What bars the way: walls, fences, hedges, guard rails, kerb stones, gates, bollards, boulders."""
+"""Barriers: walls, fences, hedges, guard rails, kerb stones, gates, bollards, boulders."""
 
 from urbantwin.scene.barrier.linear import barrier_mesh
 

@@ -1,4 +1,4 @@
-"""What kinds of barriers look like: make, height, thickness, material."""
+"""Forms of barriers by kind: make, height, thickness, material."""
 
 from __future__ import annotations
 

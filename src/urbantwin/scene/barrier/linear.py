@@ -1,4 +1,4 @@
-"""Barriers along lines: walls, fences, guard rails, kerb stones, hedges."""
+"""Linear barriers: walls, fences, guard rails, kerb stones, hedges."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from urbantwin.scene.barrier import fence
 from urbantwin.scene.barrier.form import Form, form_of
 from urbantwin.scene.barrier.gate import Opening, add_openings, opening_of
 from urbantwin.scene.barrier.guard_rail import concrete_barrier, w_beam
-from urbantwin.scene.barrier.point import add_singles
-from urbantwin.scene.placement import grounded, left_of_map
+from urbantwin.scene.barrier.point import add_point_barriers
+from urbantwin.scene.placement import not_imported, on_ground
 from urbantwin.scene.pole import bollards
 from urbantwin.scene.solids import Assembly, GroundHeight, Solid, sweep
 from urbantwin.scene.tree.shrub import hedge
@@ -76,7 +76,7 @@ def barrier_mesh(
     """
     notes: Counter[str] = Counter()
     assembly = Assembly()
-    mine = left_of_map([f for f in features if _may_bar(f)], without)
+    mine = not_imported([f for f in features if _may_bar(f)], without)
     kept: Geometry = region
     if not carriageway.is_empty:
         kept = shapely.difference(region, carriageway.buffer(KERB_M))
@@ -97,7 +97,7 @@ def barrier_mesh(
     lines = [f for f in mine if not isinstance(f.geometry, Point)]
     ways = [f.geometry for f in features if "highway" in f.tags and region.intersects(f.geometry)]
     add_openings(assembly, openings, lines, ways, site.kept, ground_height, notes)
-    add_singles(assembly, mine, ways, site.kept, ground_height, notes)
+    add_point_barriers(assembly, mine, ways, site.kept, ground_height, notes)
     return assembly.mesh(), dict(sorted((k, n) for k, n in notes.items() if n))
 
 
@@ -111,7 +111,7 @@ def _may_bar(feature: OsmFeature) -> bool:
 
 
 def _pieces(geometry: Geometry, form: Form, site: _Site) -> list[LineString]:
-    """Return the pieces of a barrier that stand, none with a hairpin in it."""
+    """Return the pieces of a barrier outside its gaps, split at hairpins."""
     if form.make == "kerb" and form.height_m < LOWEST_KERB_M:
         return []
     line = geometry.boundary if geometry.geom_type.endswith("Polygon") else geometry
@@ -161,14 +161,14 @@ def _add_line(
         count = max(int(line.length / BOLLARDS_M), 1)
         spots = line.interpolate((np.arange(count) + 0.5) / count, normalized=True)
         xy = shapely.get_coordinates(spots)
-        feet = grounded(xy, site.ground_height(xy))
+        feet = on_ground(xy, site.ground_height(xy))
         bollards(assembly, feet, np.full(count, form.height_m))
         return
     xy = shapely.get_coordinates(line)
     closed = len(xy) > 3 and bool(np.allclose(xy[0], xy[-1]))
     if closed:
         xy = xy[:-1]
-    path = grounded(xy, site.ground_height(xy))
+    path = on_ground(xy, site.ground_height(xy))
     part = assembly.new_part()
     half, height = form.thickness_m / 2, form.height_m
     make = form.make

@@ -1,4 +1,4 @@
-"""Barriers at a point: blocks, boulders, staggered railings, height restrictors."""
+"""Barriers mapped as points: blocks, boulders, staggered railings, height restrictors."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Geometry, Point
 
-from urbantwin.scene.placement import along_nearest, grounded
+from urbantwin.scene.placement import along_nearest, on_ground
 from urbantwin.scene.solids import Assembly, GroundHeight, Solid, box, rods
 from urbantwin.scene.tag_values import length_m_of
 from urbantwin.scene.tree.shrub import bushes
 from urbantwin.site.extract import OsmFeature
 
-__all__ = ["add_singles"]
+__all__ = ["add_point_barriers"]
 
 BURIED_M = 0.3
 #: Kind -> what notes call it.
@@ -34,7 +34,7 @@ KINDS = {
 }
 
 
-def add_singles(
+def add_point_barriers(
     assembly: Assembly,
     features: Sequence[OsmFeature],
     ways: Sequence[Geometry],
@@ -54,7 +54,7 @@ def add_singles(
     if not found:
         return
     xy = np.array([[f.geometry.x, f.geometry.y] for _, f in found])
-    feet = grounded(xy, ground_height(xy))
+    feet = on_ground(xy, ground_height(xy))
     yaw = np.nan_to_num(along_nearest(xy, ways, farthest_m=1.0)) + np.pi / 2
     for (kind, feature), foot, turn in zip(found, feet, yaw.tolist(), strict=True):
         if kind == "height_restrictor":
@@ -130,7 +130,7 @@ def _add_portal(
         if not free.any():
             return False
         spots.append(line[int(np.argmax(free))])
-    ends = grounded(np.array(spots), ground_height(np.array(spots)))
+    ends = on_ground(np.array(spots), ground_height(np.array(spots)))
     top = max(foot[2], *ends[:, 2]) + high + 0.1
     tops = np.column_stack([ends[:, :2], [top, top]])
     part = assembly.new_part()

@@ -1,4 +1,4 @@
-"""Doors: those of the map, and one for every building that has none."""
+"""Doors: the mapped ones, and one for every building without."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Street furniture of the map as one mesh."""
+"""The mesh of all mapped street furniture."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from urbantwin.scene.furniture.street import STREET
 from urbantwin.scene.placement import (
     along_nearest,
     beside_carriageway,
-    grounded,
-    left_of_map,
+    not_imported,
+    on_ground,
     toward_carriageway,
 )
 from urbantwin.scene.solids import Assembly, GroundHeight
@@ -37,7 +37,7 @@ BEHIND_STOP_M = (-1.3, 2.6, 0.0)
 #: Pieces nearer than this to a carriageway face it, those nearer to a way face that, metres.
 ROAD_M, WAY_M = 12.0, 8.0
 INDOORS = ("indoor", "room")
-#: What is mapped without saying what it looks like.
+#: Objects mapped without a shape.
 SHAPELESS = "memorials and artworks of unknown shape, not drawn"
 
 
@@ -74,7 +74,7 @@ def furniture_mesh(
     notes: Counter[str] = Counter()
     assembly = Assembly()
     ways = [f.geometry for f in features if "highway" in f.tags and region.intersects(f.geometry)]
-    mine = left_of_map([f for f in features if _is_furniture(f.tags)], without)
+    mine = not_imported([f for f in features if _is_furniture(f.tags)], without)
     objects = []
     for feature in mine:
         shape = feature.geometry
@@ -90,7 +90,7 @@ def furniture_mesh(
         elif found.pieces:
             objects.append(found)
     _place(assembly, objects, ways, carriageway, ground_height, notes)
-    gantries = left_of_map([f for f in features if f.tags.get("man_made") == "gantry"], without)
+    gantries = not_imported([f for f in features if f.tags.get("man_made") == "gantry"], without)
     add_gantries(
         assembly,
         gantries,
@@ -186,7 +186,7 @@ def _place(
     standing = [o for o, kept in zip(objects, keep, strict=True) if kept]
     if not standing:
         return
-    feet = grounded(xy, ground_height(xy))
+    feet = on_ground(xy, ground_height(xy))
     road = toward_carriageway(xy, carriageway, farthest_m=ROAD_M)
     way = toward_carriageway(xy, shapely.union_all(list(ways)), farthest_m=WAY_M)
     along = along_nearest(xy, ways, farthest_m=WAY_M)

@@ -1,4 +1,4 @@
-"""Pieces of furniture in a frame of their own: x where they face, z up from the ground."""
+"""Pieces of furniture in a local frame: x where they face, z up from the ground."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shelters and cycle stands: what has a plan of its own, mapped as a point or as an area."""
+"""Shelters and cycle stands, mapped as a point or as an area."""
 
 from __future__ import annotations
 

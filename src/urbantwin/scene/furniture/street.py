@@ -1,4 +1,4 @@
-"""What stands along streets: seats, bins, boxes, boards, meters, hydrants.
+"""Furniture along streets: seats, bins, boxes, boards, meters, hydrants.
 
 Sizes are of common products; docs/street_furniture.md lists them.
 """

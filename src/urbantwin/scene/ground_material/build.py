@@ -1,4 +1,4 @@
-"""All that is known of the ground's materials beyond its triangles."""
+"""Building the layers of the ground's materials from the lane model and imagery."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def ground_materials(
     instead; under trees, vehicles and other things that hide the road the lane model's stays.
 
     Args:
-        model: the lane model; without it little is known of what is painted.
+        model: the lane model; without it only few markings are known.
         network: its lanes.
         region: region of interest, site frame.
         height: of the roads' surface on a level.

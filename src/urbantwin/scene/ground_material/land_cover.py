@@ -1,10 +1,10 @@
-"""What covers the ground in a picture: grass, soil, concrete, dark and light asphalt.
+"""Land cover from imagery: grass, soil, concrete, dark and light asphalt.
 
-Colours are told by chroma (each colour's share of the light), relative to the asphalt of the same
-picture, so neither the camera's white balance nor a shadow changes them. Brightness tells grey
-materials apart, relative to the asphalt too, and only outside of shadows: what is much darker, or
-darker and bluer (lit by the sky alone), keeps the material that it had. A dark piece of road is
-in a shadow if the ground beside it is dark too, and of dark asphalt if it is not.
+Colours are classified by chroma (each colour's share of the light), relative to the asphalt of the
+same picture, so neither the camera's white balance nor a shadow changes them. Grey materials are
+classified by brightness, relative to the asphalt too, and only outside shadows: what is much
+darker, or darker and bluer (lit by the sky alone), keeps the material that it had. A dark piece of
+road is in a shadow if the ground beside it is dark too, and of dark asphalt if it is not.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from urbantwin.taxonomy import material_id
 
 __all__ = ["COVERS", "covers_in_picture", "means"]
 
-#: What can be told; all else keeps its own material.
+#: Classes of cover; all else keeps its own material.
 COVERS = ("grass", "soil", "concrete", "asphalt", "asphalt-dark", "asphalt-light")
 #: Green against red and blue, and red against blue, relative to asphalt's.
 GREEN, BROWN = 0.025, 0.06
@@ -62,7 +62,7 @@ def covers_in_picture(
     zone: NDArray[np.uint8],
     cell_m: float,
 ) -> NDArray[np.uint8]:
-    """Return the number of the material (ny, nx) of every cell; 0 where it cannot be told.
+    """Return the number of the material (ny, nx) of every cell; 0 where it cannot be classified.
 
     Args:
         light: (ny, nx, 3) linear light, without paint.
@@ -77,7 +77,7 @@ def covers_in_picture(
     if road.sum() * cell_m**2 > 20.0:
         grey = np.median(chroma[road], axis=0)
         usual = float(np.percentile(total[road], LIT))
-    else:  # no road to compare with
+    else:  # There is no road to compare with.
         grey = np.full(3, 1 / 3, np.float32)
         usual = float(np.median(total[known])) if known.any() else 1.0
     off = chroma - grey
@@ -126,7 +126,7 @@ def _shaded_pieces(
 ) -> NDArray[np.bool_]:
     """Return the connected pieces of dark road beside which other ground is dark too.
 
-    Lane marks, of which nothing is told here, do not part them.
+    Lane marks, which are not classified here, do not split them.
     """
     if not dark.any():
         return dark

@@ -1,8 +1,8 @@
-"""Lane paint in a picture: bright, thin, and white or yellow.
+"""Road markings detected in imagery: bright, thin, and white or yellow.
 
 All comparisons are ratios of linear light in the neighbourhood, so that paint in a shadow is paint:
-a shadow takes the same share of light from paint and asphalt. What is bright and wide is no paint:
-a white car, concrete, a sunny gap between shadows.
+a shadow takes the same share of light from paint and asphalt. Bright and wide areas are not paint:
+    a white car, concrete, a sunny gap between shadows.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation, label, maximum_filter, minimum_filter
 
-__all__ = ["LINEAR", "PaintSeen", "paint_in_picture"]
+__all__ = ["LINEAR", "DetectedPaint", "paint_in_picture"]
 
 #: Linear light of sRGB bytes (IEC 61966-2-1).
 _BYTE = np.arange(256) / 255
@@ -40,7 +40,7 @@ ROWS = 2048
 
 
 @dataclass(frozen=True, eq=False)
-class PaintSeen:
+class DetectedPaint:
     """Paint in a picture, (ny, nx) each.
 
     Attributes:
@@ -52,7 +52,9 @@ class PaintSeen:
     unclear: NDArray[np.bool_]
 
 
-def paint_in_picture(rgb: NDArray[np.uint8], road: NDArray[np.bool_], cell_m: float) -> PaintSeen:
+def paint_in_picture(
+    rgb: NDArray[np.uint8], road: NDArray[np.bool_], cell_m: float
+) -> DetectedPaint:
     """Find the paint on the road.
 
     Args:
@@ -63,7 +65,7 @@ def paint_in_picture(rgb: NDArray[np.uint8], road: NDArray[np.bool_], cell_m: fl
     ny, nx = road.shape
     paint, unclear = np.zeros((ny, nx), bool), np.zeros((ny, nx), bool)
     if not road.any():
-        return PaintSeen(paint, unclear)
+        return DetectedPaint(paint, unclear)
     asphalt = _asphalt_chroma(rgb, road)
     ratio, colour = np.zeros((ny, nx), np.float32), np.zeros((ny, nx), bool)
     halo = 2 * round(VEHICLE_M / cell_m) + 2
@@ -75,7 +77,7 @@ def paint_in_picture(rgb: NDArray[np.uint8], road: NDArray[np.bool_], cell_m: fl
         colour[rows] = _white_or_yellow(red[inner], green[inner], blue[inner], asphalt)
     values = ratio[road & ~unclear]
     if not len(values):
-        return PaintSeen(paint, unclear)
+        return DetectedPaint(paint, unclear)
     usual = float(np.median(values))
     noise = 1.4826 * float(np.median(np.abs(values - usual)))
     least = usual + max(LEAST_RATIO, DEVIATIONS * noise)
@@ -86,7 +88,7 @@ def paint_in_picture(rgb: NDArray[np.uint8], road: NDArray[np.bool_], cell_m: fl
         border = good & (ratio > max(usual + BORDER * peak, least))
         spot = good & (ratio > max(usual + SPOT * peak, least))
         paint = _with_spots(border, spot, cell_m)
-    return PaintSeen(paint, unclear)
+    return DetectedPaint(paint, unclear)
 
 
 def _strips(rows: int, halo: int) -> Iterator[tuple[slice, slice, slice]]:

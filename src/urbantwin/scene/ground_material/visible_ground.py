@@ -1,4 +1,4 @@
-"""What of the ground a picture from above shows: what a ray straight down meets first."""
+"""The ground visible from above: the first hit of rays straight down."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy.ndimage import binary_dilation
 from urbantwin.geometry import DownwardProbe, LabelledMesh
 from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
 
-__all__ = ["CARRIAGEWAY", "FOOTWAY", "OPEN", "SeenGround", "ground_heights", "seen_ground"]
+__all__ = ["CARRIAGEWAY", "FOOTWAY", "OPEN", "VisibleGround", "ground_heights", "visible_ground"]
 
 #: Zones: what cars drive on, what people walk on, and all other ground; 0 is hidden or nothing.
 CARRIAGEWAY, FOOTWAY, OPEN = 1, 2, 3
@@ -22,14 +22,14 @@ _ZONE_OF = {
     "other-ground": OPEN,
     "terrain": OPEN,
 }
-#: Pictures lean: this far around what stands on the ground they show its sides, metres.
+#: Imagery is not vertical: this far around objects it shows their sides, metres.
 LEAN_M = 0.5
 #: Rays cast at once.
 BATCH = 1_000_000
 
 
 @dataclass(frozen=True, eq=False)
-class SeenGround:
+class VisibleGround:
     """The ground under the cells of a grid, (ny, nx) each; row 0 is the southernmost.
 
     Attributes:
@@ -43,9 +43,9 @@ class SeenGround:
     z: NDArray[np.float32]
 
 
-def seen_ground(
+def visible_ground(
     mesh: LabelledMesh, x0: float, y0: float, cell_m: float, shape: tuple[int, int]
-) -> SeenGround:
+) -> VisibleGround:
     """Look down on the middles of a grid's cells.
 
     Args:
@@ -82,7 +82,7 @@ def seen_ground(
         z[part] = _heights_on(mesh, face, points).reshape(east.shape)
     reach = max(1, round(LEAN_M / cell_m))
     zone[binary_dilation(hidden, np.ones((3, 3), bool), iterations=reach)] = 0
-    return SeenGround(zone, material, z)
+    return VisibleGround(zone, material, z)
 
 
 def _heights_on(

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from shapely import Geometry, LineString, Polygon
 
-from urbantwin.scene.placement import grounded
+from urbantwin.scene.placement import on_ground
 from urbantwin.scene.slab import plain_polygons, plan_of, slab
 from urbantwin.scene.solids import Assembly, GroundHeight
 from urbantwin.scene.tag_values import length_m_of
@@ -65,7 +65,7 @@ def add_platforms(
         for shape in shapes:
             fine = shapely.segmentize(shape, FINE_M)
             xy, _, _ = plan_of(fine)
-            ground = grounded(xy, ground_height(xy))[:, 2]
+            ground = on_ground(xy, ground_height(xy))[:, 2]
             body = slab(fine, ground - BURIED_M, ground + height)
             top = body.rises() > 0.5
             kinds = np.where(top, semantic_id("sidewalk"), semantic_id("other-structure"))

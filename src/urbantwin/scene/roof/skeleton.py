@@ -1,4 +1,4 @@
-"""Roofs over any outline whose faces all rise from the eaves at one pitch: the straight skeleton.
+"""Straight-skeleton roofs: over any outline, all faces rise from the eaves at one pitch.
 
 The roof over a straight skeleton is the lower envelope of slabs: one plane over every edge of the
 outline, bounded at convex corners by the perpendicular there, and at reflex corners by the track

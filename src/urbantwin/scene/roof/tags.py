@@ -1,4 +1,4 @@
-"""Roofs as the map describes them.
+"""Roof tags of Simple 3D Buildings: shape, height, pitch, direction.
 
 Simple 3D Buildings (https://wiki.openstreetmap.org/wiki/Simple_3D_Buildings): ``roof:shape``,
 ``roof:height``, ``roof:angle``, ``roof:levels``, ``roof:direction`` (where the slope faces) and
@@ -63,7 +63,7 @@ WORD_DEG, DEGREES_DEG = 23.0, 6.0
 
 @dataclass(frozen=True)
 class RoofTags:
-    """What tags say of a roof: its shape and, where they say it, height or pitch."""
+    """A roof's tags: its shape and, where it is mapped, height or pitch."""
 
     shape: str
     height_m: float | None

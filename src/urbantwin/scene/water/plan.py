@@ -1,4 +1,4 @@
-"""Where water is, in plan."""
+"""Areas of water in plan."""
 
 from __future__ import annotations
 

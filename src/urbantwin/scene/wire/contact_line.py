@@ -1,4 +1,4 @@
-"""Contact wires of trams, trains and trolleybuses, and what holds them."""
+"""Overhead contact lines of trams, trains and trolleybuses, with their supports."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Geometry, LineString, Point, Polygon
 
-from urbantwin.scene.placement import grounded
+from urbantwin.scene.placement import on_ground
 from urbantwin.scene.solids import Assembly, GroundHeight, columns, rods
-from urbantwin.scene.wire.catenary import hanging, wire_solid
+from urbantwin.scene.wire.catenary import catenaries, wire_solid
 from urbantwin.site.extract import OsmFeature
 
-__all__ = ["CONTACT_M", "add_overhead"]
+__all__ = ["CONTACT_M", "add_contact_lines"]
 
 #: Height of contact wires above the rails (EN 50119: nominally 5.0 to 5.75 m), and of the wires
 #: across the street that hold them, metres.
@@ -46,7 +46,7 @@ class _Works:
     spans: list[Point]
 
 
-def add_overhead(
+def add_contact_lines(
     assembly: Assembly,
     features: Sequence[OsmFeature],
     region: Polygon,
@@ -142,7 +142,7 @@ def _add_line(
             xy = shapely.get_coordinates(shapely.remove_repeated_points(piece, 0.05))
             if len(xy) < 2:
                 continue
-            points = grounded(xy, works.ground(xy)) + [0, 0, CONTACT_M]
+            points = on_ground(xy, works.ground(xy)) + [0, 0, CONTACT_M]
             assembly.add(wire_solid(points[None]), "other-object", "metal-bare", part)
     notes["contact wires, m"] += round(line.length)
     step = RAILWAY_STEP_M if kind == "rail" else STREET_STEP_M
@@ -174,7 +174,7 @@ def _held_by_masts(
     stations = []
     for k in near.tolist():
         station = float(line.project(spots[k]))
-        foot = grounded(works.masts[[k]], works.ground(works.masts[[k]]))[0]
+        foot = on_ground(works.masts[[k]], works.ground(works.masts[[k]]))[0]
         _add_bracket(assembly, foot, line.interpolate(station), works, part)
         notes["brackets at mapped masts"] += 1
         stations.append(station)
@@ -185,7 +185,7 @@ def _add_bracket(
     assembly: Assembly, foot: NDArray[np.float64], at: Point, works: _Works, part: int
 ) -> None:
     xy = np.array([[at.x, at.y]])
-    wire = grounded(xy, works.ground(xy))[0] + [0, 0, CONTACT_M]
+    wire = on_ground(xy, works.ground(xy))[0] + [0, 0, CONTACT_M]
     high = np.array([foot[0], foot[1], max(foot[2], wire[2] - CONTACT_M) + SPAN_M + 0.3])
     tip = wire + [0, 0, 0.5]
     bars = rods([high, high - [0, 0, 1.0], tip], [tip, tip, wire], 0.03, 0.03, 4)
@@ -216,7 +216,7 @@ def _add_span(
     if kind == "rail":
         found = found[:1]
     xy = np.array([at, *[spot for spot, _ in found]])
-    z = grounded(xy, works.ground(xy))
+    z = on_ground(xy, works.ground(xy))
     for (_, on_wall), foot in zip(found, z[1:], strict=True):
         if on_wall:
             continue
@@ -229,7 +229,7 @@ def _add_span(
         return True
     hooks = np.column_stack([z[1:, :2], np.full(2, z[0, 2] + SPAN_M + 0.4)])
     span = float(np.linalg.norm(hooks[1] - hooks[0]))
-    curve = hanging(hooks[:1], hooks[1:], 0.02 * span, 8)
+    curve = catenaries(hooks[:1], hooks[1:], 0.02 * span, 8)
     assembly.add(wire_solid(curve, 0.01), "other-object", "metal-bare", part)
     cross = curve[0][np.argmin(np.linalg.norm(curve[0][:, :2] - at, axis=1))]
     dropper = rods([wire], [np.array([at[0], at[1], cross[2]])], 0.01, 0.01, 3)
@@ -260,8 +260,8 @@ def _add_messenger(
     if len(held) < 2:
         return
     xy = shapely.get_coordinates(shapely.line_interpolate_point(line, np.array(held)))
-    points = grounded(xy, works.ground(xy)) + [0, 0, MESSENGER_M]
+    points = on_ground(xy, works.ground(xy)) + [0, 0, MESSENGER_M]
     far = np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1) > 5.0
     if far.any():
-        curves = hanging(points[:-1][far], points[1:][far], MESSENGER_SAG_M, 10)
+        curves = catenaries(points[:-1][far], points[1:][far], MESSENGER_SAG_M, 10)
         assembly.add(wire_solid(curves), "other-object", "metal-bare", part)

@@ -1,4 +1,4 @@
-"""Wires across streets that the map has, and lamps that hang on wires."""
+"""Span wires across streets, and the lamps that hang on them."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import shapely
 from numpy.typing import NDArray
 from shapely import LineString, Point, Polygon
 
-from urbantwin.scene.placement import along_nearest, grounded
+from urbantwin.scene.placement import along_nearest, on_ground
 from urbantwin.scene.solids import Assembly, GroundHeight, box, rods
 from urbantwin.scene.tag_values import length_m_of
-from urbantwin.scene.wire.catenary import hanging, wire_solid
+from urbantwin.scene.wire.catenary import catenaries, wire_solid
 from urbantwin.site.extract import OsmFeature
 
-__all__ = ["add_hung"]
+__all__ = ["add_span_wires"]
 
 #: Wires of the map hang this high with this sag over span; lamps hang this high, metres.
 WIRE_HIGH_M, SAG, LAMP_M = 7.5, 0.02, 6.5
@@ -26,7 +26,7 @@ ON_WIRE_M, SHORTEST_M = 1.5, 0.3
 SUSPENDED = ("suspended", "catenary")
 
 
-def add_hung(
+def add_span_wires(
     assembly: Assembly,
     features: Sequence[OsmFeature],
     region: Polygon,
@@ -43,12 +43,12 @@ def add_hung(
         xy = shapely.get_coordinates(shapely.remove_repeated_points(line, 0.3))
         high = min(length_m_of(feature.tags.get("height")) or WIRE_HIGH_M, 30.0)
         if len(xy) > 1:
-            points = grounded(xy, ground_height(xy)) + [0, 0, high]
+            points = on_ground(xy, ground_height(xy)) + [0, 0, high]
             span = np.linalg.norm(np.diff(points[:, :2], axis=0), axis=1)
             far = span > SHORTEST_M
             if not far.any():
                 continue
-            curves = hanging(points[:-1][far], points[1:][far], SAG * span[far], 6)
+            curves = catenaries(points[:-1][far], points[1:][far], SAG * span[far], 6)
             assembly.add(wire_solid(curves), "other-object", "metal-bare", assembly.new_part())
             notes["wires across streets"] += 1
     _add_lamps(assembly, features, region, ground_height, notes)
@@ -73,7 +73,7 @@ def _add_lamps(
     ways = [f.geometry for f in features if "highway" in f.tags]
     xy = np.array([[f.geometry.x, f.geometry.y] for f in lamps])
     across = np.nan_to_num(along_nearest(xy, ways, farthest_m=15.0)) + np.pi / 2
-    feet = grounded(xy, ground_height(xy))
+    feet = on_ground(xy, ground_height(xy))
     for lamp, foot, yaw in zip(lamps, feet, across.tolist(), strict=True):
         high = min(max(length_m_of(lamp.tags.get("height")) or LAMP_M, 4.0), 20.0)
         top = foot + [0, 0, high]

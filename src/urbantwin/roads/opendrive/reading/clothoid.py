@@ -1,4 +1,4 @@
-"""Clothoids and cubics over u, as parametric cubics that stay within 0.1 mm of them."""
+"""Clothoids and ``poly3`` as parametric cubics within 0.1 mm."""
 
 from __future__ import annotations
 

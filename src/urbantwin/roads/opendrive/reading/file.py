@@ -1,4 +1,4 @@
-"""The elements of an OpenDRIVE file, one after the other, from a file that nobody vouches for."""
+"""Streaming the elements of an untrusted OpenDRIVE file."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def top_elements(path: Path) -> Iterator[etree._Element]:
             )
             yield from _whole_elements(parser)
     except etree.XMLSyntaxError as error:
-        raise InputError(f"is not whole XML ({error.msg})", file=path) from None
+        raise InputError(f"is not complete XML ({error.msg})", file=path) from None
 
 
 def _whole_elements(parser: etree.iterparse) -> Iterator[etree._Element]:

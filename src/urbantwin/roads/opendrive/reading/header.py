@@ -13,7 +13,7 @@ __all__ = ["Header", "read_header"]
 
 @dataclass(frozen=True)
 class Header:
-    """What a file says of itself.
+    """The header's content.
 
     Attributes:
         version: ``1.4``; empty if it does not say.
@@ -32,7 +32,7 @@ def read_header(item: etree._Element, log: Log) -> Header:
     """Return the header.
 
     Raises:
-        InputError: the file is of another major version, or its offset is no number.
+        InputError: the file is of another major version, or its offset is not a number.
     """
     spot = log.at("header")
     major, minor = item.get("revMajor"), item.get("revMinor") or ""
@@ -40,7 +40,8 @@ def read_header(item: etree._Element, log: Log) -> Header:
         raise spot.error(f"is of version {major[:10]}.{minor[:10]}", expected="1.1 to 1.8")
     text = " ".join((item.findtext("geoReference") or "").split())
     if text.startswith("+") and "+proj" not in text and "+lat_0" in text:
-        # Maps of CARLA say no more than the origin: CARLA takes it for a transverse Mercator's.
+        # Maps of CARLA give the origin only: CARLA takes it for that of a transverse Mercator
+        # projection.
         text = f"+proj=tmerc {text}" + ("" if "+datum" in text else " +datum=WGS84")
         spot.remark("a georeference of an origin only: a transverse Mercator is taken")
     offset = item.find("offset")

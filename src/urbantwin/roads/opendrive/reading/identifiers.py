@@ -1,4 +1,4 @@
-"""Areas, signals and controllers of a file as those of the lane model, each with its own id."""
+"""Assigning ids of the lane model to areas, signals and controllers of a file."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from urbantwin.roads.opendrive.reading.objects import Outline
 from urbantwin.roads.opendrive.reading.parsing import Log, id_number
 from urbantwin.roads.opendrive.reading.signals import Program, Sign
 
-__all__ = ["standing"]
+__all__ = ["with_model_ids"]
 
 
 class _Ids:
@@ -30,7 +30,7 @@ class _Ids:
         return wanted
 
 
-def standing(
+def with_model_ids(
     roads: Mapping[str, ModelRoad],
     outlines: Sequence[tuple[str, Outline]],
     signs: Sequence[tuple[str, Sign]],

@@ -1,4 +1,4 @@
-"""Links that a file leaves out, found by where roads and lanes meet."""
+"""Links missing in a file, inferred from where roads and lanes meet."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from urbantwin.roads.opendrive.reading.parsing import Spot
 from urbantwin.roads.opendrive.reading.road_ends import Poses, end_section, middles
 from urbantwin.roads.opendrive.vocabulary import DRIVEN
 
-__all__ = ["with_found_ends", "with_found_lanes"]
+__all__ = ["with_inferred_ends", "with_inferred_lanes"]
 
 #: Lanes of a road and a street that lie nearer are taken to meet, metres; and linked lanes.
 ROADS_M, LANES_M = 1.0, 0.3
@@ -22,7 +22,7 @@ NO_WIDTH_M = 1e-3
 _Lane = tuple[SectionLane, tuple[float, float]]
 
 
-def with_found_ends(
+def with_inferred_ends(
     by_id: dict[int, ModelRoad],
     junctions: Iterable[ModelJunction],
     poses: Poses,
@@ -36,7 +36,7 @@ def with_found_ends(
         by_id: roads by their ids, changed in place.
         junctions: the junctions.
         poses: where roads start and end.
-        spots: roads, to speak of.
+        spots: roads, for errors.
 
     Raises:
         InputError: a road through a junction that traffic drives on leads nowhere.
@@ -99,10 +99,10 @@ def _link_streets(by_id: dict[int, ModelRoad], spots: Mapping[int, Spot]) -> Non
             )
 
 
-def with_found_lanes(
+def with_inferred_lanes(
     road: ModelRoad, by_id: Mapping[int, ModelRoad], poses: Poses, spot: Spot
 ) -> ModelRoad:
-    """Link lanes that go on, where a file links none of them, to the lanes whose ends they meet."""
+    """Link continuing lanes that a file leaves unlinked to the lanes whose ends they meet."""
     sections = list(road.sections)
     for k in range(len(sections) - 1):
         before = _within(road, sections[k], road.section_ends[k])
@@ -136,7 +136,7 @@ def _within(road: ModelRoad, section: LaneSection, s: float) -> dict[int, _Lane]
             width = value(lane.width, s - section.s)
             if lane.kind in DRIVEN and width > NO_WIDTH_M:
                 along = 1.0 if lane.forward else -1.0
-                # Lanes of different directions must not meet: they are told apart by 100 m.
+                # Lanes of different directions must not meet: they are kept 100 m apart.
                 found[lane.id] = (lane, (t + sign * width / 2, 100.0 * along))
             t += sign * width
     return found

@@ -1,4 +1,4 @@
-"""Junctions out of an OpenDRIVE file: which road leads through, from which road and lane."""
+"""Reading junctions: connecting roads, and the roads and lanes that they join."""
 
 from __future__ import annotations
 
@@ -190,7 +190,7 @@ def _end_of_incoming(
         return link.contact
     end = poses.nearer(connecting, contact, incoming)
     if link is None and connecting.junction >= 0:
-        spot.remark("roads through junctions without links: connections tell them")
+        spot.remark("roads through junctions without links: they are taken from connections")
         told = RoadLink("road", incoming.id, end)
         if contact == "start":
             by_id[connecting.id] = replace(connecting, predecessor=told)
@@ -232,7 +232,7 @@ def _usual_links(
 
 
 def _contact(incoming: ModelRoad, connecting: ModelRoad, poses: Poses) -> str:
-    """Return which end of a connecting road meets the incoming one, where it is not told."""
+    """Return which end of a connecting road meets the incoming one, where it is not given."""
     for end, link in (("start", connecting.predecessor), ("end", connecting.successor)):
         if link is not None and link.element == "road" and link.id == incoming.id:
             return end

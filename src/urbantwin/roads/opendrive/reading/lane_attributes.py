@@ -1,4 +1,4 @@
-"""What a lane of an OpenDRIVE file is: its kind, users, speed, height and mark."""
+"""Reading the attributes of lanes: kind, users, speed, height and mark."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Street:
 
 
 def lane_users(item: etree._Element, spot: Spot) -> tuple[str, ...] | None:
-    """Return who may use a lane by its ``<access>``, or ``None`` where nothing is said.
+    """Return who may use a lane by its ``<access>``, or ``None`` without one.
 
     Rules of the standard: what is allowed excludes all else; what is denied leaves all else.
     """

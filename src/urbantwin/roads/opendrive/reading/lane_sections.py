@@ -1,4 +1,4 @@
-"""Lane sections out of an OpenDRIVE file."""
+"""Reading lane sections."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ def read_sections(
         road: the ``<road>``.
         length: length of its reference line.
         street: what holds for all its lanes.
-        spot: the road, to speak of.
+        spot: the road, for errors.
 
     Raises:
         InputError: there is none, lanes are numbered twice, a lane has a negative width, or a
-            number is none.
+            number is invalid.
     """
     items = road.findall("lanes/laneSection")
     if not items:
@@ -245,5 +245,5 @@ def _relinked(section: LaneSection, tag: str, sliver: LaneSection) -> LaneSectio
 
 
 def _beyond(lane: int | None, through: dict[int, int | None]) -> int | None:
-    # A lane that the sliver does not have is left as it is, to be told of.
+    # A lane that the sliver does not have stays, and is reported later.
     return lane if lane is None else through.get(lane, lane)

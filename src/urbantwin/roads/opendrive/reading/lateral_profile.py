@@ -1,4 +1,4 @@
-"""Heights of a road out of an OpenDRIVE file: elevation, superelevation, crossfall, shape."""
+"""Reading heights of a road: elevation, superelevation, crossfall, shape."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def read_heights(
         road: the ``<road>``.
         length: length of its reference line.
         reach: how far lanes reach to the left and to the right of the reference line, metres.
-        spot: the road, to speak of.
+        spot: the road, for errors.
     """
     elevation = spot.profile(road.findall("elevationProfile/elevation"))
     bank = spot.profile(road.findall("lateralProfile/superelevation"))

@@ -1,4 +1,4 @@
-"""What the roads and lanes of an OpenDRIVE file are linked to, checked."""
+"""Resolving and checking the links of roads and lanes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from lxml import etree
 
 from urbantwin.roads.model import LaneSection, ModelJunction, ModelRoad, RoadLink
-from urbantwin.roads.opendrive.reading.inferred_links import with_found_ends, with_found_lanes
+from urbantwin.roads.opendrive.reading.inferred_links import with_inferred_ends, with_inferred_lanes
 from urbantwin.roads.opendrive.reading.junctions import Node, read_connections
 from urbantwin.roads.opendrive.reading.parsing import Log, Spot, id_number
 from urbantwin.roads.opendrive.reading.road_ends import Poses, end_section, middles
@@ -132,7 +132,7 @@ def joined(
             connections = read_connections(node, number[key], found, by_id, poses, log)
             junctions.append(ModelJunction(number[key], node.name, connections))
     spots = {road.id: log.at(f"road {key}") for key, road in found.items()}
-    with_found_ends(by_id, junctions, poses, spots)
+    with_inferred_ends(by_id, junctions, poses, spots)
     final = [_linked_lanes(road, by_id, poses, spots[road.id]) for road in by_id.values()]
     switched = {key: tuple(where) for key, where in programs.items()}
     return Joined(tuple(final), tuple(junctions), switched)
@@ -203,7 +203,7 @@ def _linked_lanes(
             for lane in section.lanes
         )
         sections.append(replace(section, lanes=lanes))
-    linked = with_found_lanes(replace(road, sections=tuple(sections)), by_id, poses, spot)
+    linked = with_inferred_lanes(replace(road, sections=tuple(sections)), by_id, poses, spot)
     for end, link in (("start", road.predecessor), ("end", road.successor)):
         if link is not None and link.element == "road":
             there = by_id[link.id]

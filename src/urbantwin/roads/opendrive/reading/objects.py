@@ -1,4 +1,4 @@
-"""Crosswalks, stop lines and islands out of an OpenDRIVE file."""
+"""Reading objects: crosswalks, stop lines and islands."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def read_outlines(
         road: the ``<road>``.
         curve: its reference line.
         elevation: height of its reference line.
-        spot: the road, to speak of.
+        spot: the road, for errors.
     """
     for item in road.findall("objects/object"):
         kind, name = _kind(item)

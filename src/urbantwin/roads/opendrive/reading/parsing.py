@@ -1,4 +1,4 @@
-"""Taking numbers and words out of an OpenDRIVE file, and telling what is wrong with it."""
+"""Parsing numbers and words of an OpenDRIVE file, with errors and remarks by place."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from urbantwin.roads.model import Profile
 
 __all__ = ["Log", "Spot", "id_number"]
 
-#: Larger numbers mean nothing on a map.
+#: Larger numbers are invalid on a map.
 LARGEST = 1e12
 #: Places that a remark lists before it only counts.
 LISTED = 5
@@ -24,7 +24,7 @@ LISTED = 5
 
 @dataclass
 class Log:
-    """What is to be said of a file.
+    """Remarks on a file.
 
     Attributes:
         path: the file.
@@ -35,7 +35,7 @@ class Log:
     remarks: dict[str, list[str]] = field(default_factory=dict)
 
     def at(self, place: str) -> Spot:
-        """Return a spot in the file, to speak of."""
+        """Return a spot in the file, for errors and remarks."""
         return Spot(self, place)
 
     def lines(self) -> list[str]:
@@ -62,11 +62,11 @@ class Spot:
         return Spot(self.log, f"{self.place}, {part}")
 
     def error(self, problem: str, expected: str | None = None) -> InputError:
-        """Return the error that says what is wrong here."""
+        """Return an error at this spot."""
         return InputError(problem, file=self.log.path, place=self.place, expected=expected)
 
     def remark(self, text: str) -> None:
-        """Remember something that a reader of the map should know."""
+        """Note what the user of the map should know."""
         self.log.remarks.setdefault(text, []).append(self.place.partition(",")[0])
 
     def number(self, item: etree._Element, key: str, default: float | None = None) -> float:
@@ -89,7 +89,7 @@ class Spot:
         """Return an attribute as a whole number.
 
         Raises:
-            InputError: it is missing or is none.
+            InputError: it is missing or not a whole number.
         """
         text = item.get(key)
         value = whole_number(text)

@@ -1,4 +1,4 @@
-"""Moving a lane model from a map's coordinates to the site frame."""
+"""Transforming a lane model from a map's coordinates to the site frame."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from urbantwin.roads.model import (
 
 __all__ = ["Similarity", "crs_of", "placed", "shifted"]
 
-#: A scale that moves nothing further than this over the whole map is none, metres.
+#: A scale that moves nothing further than this over the whole map is dropped, metres.
 SCALE_M = 0.002
 #: Places that a similarity is fitted to, at most.
 PLACES = 4000
-#: Parts of PROJ strings that speak of heights, which are not turned.
+#: Parts of PROJ strings about heights, which are not transformed.
 _VERTICAL = re.compile(r"\+(geoidgrids|vunits|vto_meter|geoid_crs|nadgrids=@null)(=\S+)?")
 
 
@@ -85,10 +85,10 @@ def placed(model: LaneModel, projection: str, frame: SiteFrame) -> LaneModel:
 
 
 def crs_of(projection: str) -> CRS:
-    """Return what a map's coordinates are, in plan.
+    """Return the projected CRS of a map.
 
     Raises:
-        InputError: it is not understood, or is no plane.
+        InputError: it is not understood, or is not a projected CRS.
     """
     try:
         crs = CRS(_VERTICAL.sub("", projection) if "+proj" in projection else projection)

@@ -1,4 +1,4 @@
-"""Reference lines out of an OpenDRIVE file."""
+"""Reading reference lines."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ def read_curve(road: etree._Element, spot: Spot) -> Curve:
 
     Args:
         road: the ``<road>``.
-        spot: the road, to speak of.
+        spot: the road, for errors.
 
     Raises:
         InputError: there is none, it has no length, its length is not the road's, it has a gap, or
-            a number in it is none.
+            a number in it is invalid.
     """
     items = road.findall("planView/geometry")
     if not items:

@@ -1,4 +1,4 @@
-"""Reading OpenDRIVE into the lane model."""
+"""Reading OpenDRIVE as a lane model."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lxml import etree
 from urbantwin.roads.model import CURB_HEIGHT_M, LaneModel, ModelRoad
 from urbantwin.roads.opendrive.reading.file import top_elements
 from urbantwin.roads.opendrive.reading.header import Header, read_header
-from urbantwin.roads.opendrive.reading.identifiers import standing
+from urbantwin.roads.opendrive.reading.identifiers import with_model_ids
 from urbantwin.roads.opendrive.reading.junctions import Node, read_node
 from urbantwin.roads.opendrive.reading.lane_attributes import Street, speed_of
 from urbantwin.roads.opendrive.reading.lane_sections import reach_of, read_sections
@@ -23,7 +23,11 @@ from urbantwin.roads.opendrive.reading.objects import Outline, read_outlines
 from urbantwin.roads.opendrive.reading.parsing import Log, Spot, id_number
 from urbantwin.roads.opendrive.reading.placement import shifted
 from urbantwin.roads.opendrive.reading.plan_view import read_curve
-from urbantwin.roads.opendrive.reading.signal_references import Reference, read_references, referred
+from urbantwin.roads.opendrive.reading.signal_references import (
+    Reference,
+    read_references,
+    resolve_references,
+)
 from urbantwin.roads.opendrive.reading.signals import Program, Sign, read_program, read_signs
 
 __all__ = ["ReadMap", "read_opendrive"]
@@ -50,7 +54,7 @@ class ReadMap(NamedTuple):
 
     Attributes:
         model: its lane model, in the map's own coordinates.
-        projection: what they are coordinates of, as PROJ or WKT; ``None`` where it does not say.
+        projection: their CRS, as PROJ or WKT; ``None`` where the map does not say.
         notes: version, counts, and what was assumed and left out (``remarks``).
     """
 
@@ -184,8 +188,8 @@ def _assembled(content: _Content, log: Log) -> ReadMap:
     else:
         log.at("").remark("ids of roads that are no whole numbers: roads are numbered")
     found = joined(content.roads, content.links, content.inside, content.nodes, log)
-    signs = referred(content.roads, content.signs, content.references, log)
-    areas, signals, controllers = standing(
+    signs = resolve_references(content.roads, content.signs, content.references, log)
+    areas, signals, controllers = with_model_ids(
         content.roads, content.outlines, signs, content.programs, found.programs, log
     )
     model = LaneModel(

@@ -1,4 +1,4 @@
-"""Where the ends of roads and of their lanes lie."""
+"""Positions of the ends of roads and of their lanes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Signals that stand beside one road and are for another, which refers to them."""
+"""Reading signal references: signals beside one road that are for another."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from urbantwin.roads.model import ModelRoad
 from urbantwin.roads.opendrive.reading.parsing import Log, Spot
 from urbantwin.roads.opendrive.reading.signals import Sign, read_validity
 
-__all__ = ["Reference", "read_references", "referred"]
+__all__ = ["Reference", "read_references", "resolve_references"]
 
 #: Turns smaller than this do not matter, radians.
 FACING = 1e-3
@@ -38,7 +38,7 @@ def read_references(item: etree._Element, road: ModelRoad, spot: Spot) -> Iterat
     Args:
         item: the ``<road>``.
         road: the same as far as it is read.
-        spot: the road, to speak of.
+        spot: the road, for errors.
     """
     for reference in item.findall("signals/signalReference"):
         here = spot.within(f"signalReference {reference.get('id', '')}")
@@ -53,7 +53,7 @@ def read_references(item: etree._Element, road: ModelRoad, spot: Spot) -> Iterat
         )
 
 
-def referred(
+def resolve_references(
     roads: Mapping[str, ModelRoad],
     signs: Sequence[tuple[str, Sign]],
     references: Sequence[tuple[str, Reference]],

@@ -1,4 +1,4 @@
-"""Signals, signs and their controllers out of an OpenDRIVE file."""
+"""Reading signals, signs and their controllers."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def read_signs(item: etree._Element, road: ModelRoad, spot: Spot) -> Iterator[Si
     Args:
         item: the ``<road>``.
         road: the same as far as it is read: its lanes are those that signals may hold for.
-        spot: the road, to speak of.
+        spot: the road, for errors.
     """
     for signal in item.findall("signals/signal"):
         here = spot.within(f"signal {signal.get('id', '')}")
@@ -134,7 +134,7 @@ def read_program(item: etree._Element, spot: Spot) -> Program:
 
     Args:
         item: the ``<controller>``.
-        spot: the controller, to speak of.
+        spot: the controller, for errors.
     """
     phases = []
     for text in filter(None, _note(item, "phases").split(", ")):
@@ -151,7 +151,7 @@ def read_program(item: etree._Element, spot: Spot) -> Program:
     except ValueError:
         offset = math.nan
     if not math.isfinite(offset):
-        raise spot.error("has an offset that is no number", expected="seconds")
+        raise spot.error("has an offset that is not a number", expected="seconds")
     return Program(
         item.get("id", ""),
         item.get("name") or item.get("id", ""),

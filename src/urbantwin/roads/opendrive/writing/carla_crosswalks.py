@@ -1,4 +1,4 @@
-"""Crosswalks where CARLA finds them."""
+"""Crosswalks placed for CARLA, on roads without a lane offset."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ def for_carla(model: LaneModel) -> LaneModel:
     """Return a lane model whose crosswalks lie on roads without a lane offset.
 
     CARLA 0.9.16 measures crosswalks from the lane offset, the standard from the reference line:
-    both find the same place only where the offset is zero. A crosswalk keeps its place, but it is
-    told to lie on the nearest such street of its junction; if there is none, on a road of its own,
-    one metre long, on whose lane nothing drives.
+    both find the same place only where the offset is zero. A crosswalk keeps its place, but is
+    assigned to the nearest such street of its junction; if there is none, on a road of its own, one
+    metre long, on whose lane nothing drives.
     """
     streets: dict[int, set[int]] = {}
     for junction in model.junctions:

@@ -1,4 +1,4 @@
-"""Signs in the numbers that CARLA knows: those of Germany's catalogue."""
+"""Signs by the German catalogue's numbers, which CARLA knows."""
 
 from __future__ import annotations
 

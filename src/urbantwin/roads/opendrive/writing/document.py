@@ -1,4 +1,4 @@
-"""The OpenDRIVE document, in the order and the words of ASAM's schema (1.8) or of 1.4H."""
+"""Writing the OpenDRIVE document in the element order of ASAM's schema (1.8) or of 1.4H."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.roads.model import LaneModel, ModelJunction, ModelRoad, RoadSignal
 from urbantwin.roads.opendrive.vocabulary import ROAD_TYPES
 from urbantwin.roads.opendrive.writing.lane_sections import lane_links, write_lanes
-from urbantwin.roads.opendrive.writing.number_format import number, numbers, words
+from urbantwin.roads.opendrive.writing.number_format import number, numbers, xml_text
 from urbantwin.roads.opendrive.writing.objects import write_controller, write_objects, write_signals
 from urbantwin.roads.opendrive.writing.plan_view import write_plan, write_profiles
-from urbantwin.roads.opendrive.writing.signal_references import on_their_roads
+from urbantwin.roads.opendrive.writing.signal_references import with_signal_references
 
 __all__ = ["document"]
 
@@ -35,7 +35,7 @@ def document(model: LaneModel, frame: SiteFrame, *, version: str, name: str) -> 
     _header(root, model, frame, version, name)
     referred: tuple[RoadSignal, ...] = ()
     if version == "1.4":
-        model, referred = on_their_roads(model)
+        model, referred = with_signal_references(model)
     areas, signals, references = defaultdict(list), defaultdict(list), defaultdict(list)
     for area in model.areas:
         areas[area.road].append(area)
@@ -71,7 +71,7 @@ def _header(
         "header",
         revMajor="1",
         revMinor=version.split(".")[1],
-        name=words(name),
+        name=xml_text(name),
         version="1.00",
         date=DATE,
         **numbers(north=north, south=south, east=east, west=west),
@@ -86,7 +86,7 @@ def _road(root: etree._Element, road: ModelRoad, model: LaneModel, version: str)
     item = etree.SubElement(
         root,
         "road",
-        name=words(road.name),
+        name=xml_text(road.name),
         length=number(road.length),
         id=str(road.id),
         junction=str(road.junction),
@@ -113,9 +113,9 @@ def _road(root: etree._Element, road: ModelRoad, model: LaneModel, version: str)
 
 
 def _notes(item: etree._Element, road: ModelRoad) -> None:
-    """Write what the standard has no word for: class, ways and level of a street."""
+    """Write what the standard has no element for: class, ways and level of a street."""
     if road.kind:
-        etree.SubElement(item, "userData", code="class", value=words(road.kind))
+        etree.SubElement(item, "userData", code="class", value=xml_text(road.kind))
     if road.ways:
         etree.SubElement(item, "userData", code="ways", value=" ".join(map(str, road.ways)))
     if road.level:
@@ -129,7 +129,7 @@ def _junction(
     through = [roads[c.connecting].junction == junction.id for c in junction.connections]
     # 1.7 on: roads that are joined without a road between them.
     direct = version != "1.4" and bool(through) and not any(through)
-    item = etree.SubElement(root, "junction", name=words(junction.name), id=str(junction.id))
+    item = etree.SubElement(root, "junction", name=xml_text(junction.name), id=str(junction.id))
     if direct:
         item.set("type", "direct")
     for index, connection in enumerate(junction.connections):

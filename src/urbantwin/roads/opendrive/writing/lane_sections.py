@@ -1,4 +1,4 @@
-"""Lane sections as OpenDRIVE writes them: links, widths, marks, speeds, access, raised lanes."""
+"""Writing lane sections: links, widths, marks, speeds, access, raised lanes."""
 
 from __future__ import annotations
 

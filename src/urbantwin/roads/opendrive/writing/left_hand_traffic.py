@@ -1,4 +1,4 @@
-"""Left-hand traffic in the form of right-hand traffic, for OpenDRIVE 1.4, which knows no other.
+"""Left-hand traffic as right-hand traffic, which is all that OpenDRIVE 1.4 has.
 
 In 1.4, and in CARLA, lanes of negative ids run along the reference line and lanes of positive ids
 against it. On the left side of the road it is the other way about. Each direction of a street then
@@ -28,7 +28,7 @@ from urbantwin.roads.model import (
 from urbantwin.roads.opendrive.cubics import added
 from urbantwin.roads.opendrive.vocabulary import DRIVEN
 
-__all__ = ["right_handed"]
+__all__ = ["as_right_hand_traffic"]
 
 #: New ids of lanes: (road's old id, section, old lane) -> (road's new id, new lane).
 _Renamed = Mapping[tuple[int, int, int], tuple[int, int]]
@@ -63,7 +63,7 @@ class _Part:
         return {lane.id: first - k for k, lane in enumerate(lanes)}
 
 
-def right_handed(model: LaneModel) -> LaneModel:
+def as_right_hand_traffic(model: LaneModel) -> LaneModel:
     """Return a lane model of left-hand traffic in the form of right-hand traffic.
 
     A road keeps its id; where it is parted, that goes to the lanes along the reference line, and

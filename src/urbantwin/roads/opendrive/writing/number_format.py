@@ -1,4 +1,4 @@
-"""Numbers and names as text, the same on every machine, and cubics as records."""
+"""Formatting numbers and names, the same on every machine, and cubics as records."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 from urbantwin.roads.model import Profile
 
-__all__ = ["abcd", "number", "numbers", "records", "words"]
+__all__ = ["abcd", "number", "numbers", "records", "xml_text"]
 
 #: Coefficients that differ less than this count as equal for ASAM's checker.
 SAME = 1e-6
@@ -20,7 +20,7 @@ SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
-def words(text: str) -> str:
+def xml_text(text: str) -> str:
     """Return a name without the characters that XML cannot hold."""
     return _NOT_XML.sub("", text)
 
@@ -45,8 +45,8 @@ def records(profile: Profile, length: float) -> Iterator[tuple[float, list[float
 
     Records beyond the end, and those that only go on with the cubic before them, are left out
     (ASAM's rule ``performance.avoid_redundant_info``). The rule compares coefficients about station
-    0, to 1e-6: cubics that it takes for one although they come apart by more than rounding are told
-    apart by two micrometres.
+    0, to 1e-6: cubics that it would merge although they differ by more than rounding are made
+    distinct by two micrometres.
     """
     starts, rows = profile.start.tolist(), profile.abcd.tolist()
     ends = [*starts[1:], max(length, starts[-1] + 1e-3)]

@@ -1,4 +1,4 @@
-"""What stands on and is painted on roads, as OpenDRIVE writes it.
+"""Writing objects, signals and controllers of roads.
 
 The standard knows which signals are switched together, not when. Programs are written as
 ``userData`` of a controller: ``code="offset"``, the seconds by which the program starts late, and
@@ -18,7 +18,7 @@ import numpy as np
 from lxml import etree
 
 from urbantwin.roads.model import ModelRoad, RoadArea, RoadSignal, SignalController
-from urbantwin.roads.opendrive.writing.number_format import number, numbers, words
+from urbantwin.roads.opendrive.writing.number_format import number, numbers, xml_text
 from urbantwin.roads.opendrive.writing.signal_references import heading_offset
 
 __all__ = ["write_controller", "write_objects", "write_signals"]
@@ -37,7 +37,7 @@ def write_objects(
             parent,
             "object",
             type=area.kind,
-            name=words(area.name),
+            name=xml_text(area.name),
             id=str(area.id),
             **numbers(s=min(max(area.s, 0.0), road.length), t=0, zOffset=0, hdg=0, pitch=0, roll=0),
             orientation="none",
@@ -55,7 +55,7 @@ def write_objects(
             parent,
             "bridge",
             id=f"bridge-{road.id}",
-            name=words(road.name),
+            name=xml_text(road.name),
             **numbers(s=0, length=road.length),
             type="concrete",
         )
@@ -77,7 +77,7 @@ def write_signals(
         item = etree.SubElement(
             parent,
             "signal",
-            name=words(signal.name),
+            name=xml_text(signal.name),
             id=str(signal.id),
             **numbers(s=min(max(signal.s, 0.0), road.length), t=signal.t),
             # The standard measures to the lower edge.
@@ -118,7 +118,7 @@ def write_signals(
 def write_controller(root: etree._Element, controller: SignalController) -> None:
     """Write a ``<controller>`` with its program."""
     item = etree.SubElement(
-        root, "controller", name=words(controller.name), id=str(controller.id), sequence="0"
+        root, "controller", name=xml_text(controller.name), id=str(controller.id), sequence="0"
     )
     for signal in controller.signals:
         etree.SubElement(item, "control", signalId=str(signal), type="0")

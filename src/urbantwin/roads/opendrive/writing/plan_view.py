@@ -1,4 +1,4 @@
-"""Reference lines and profiles as OpenDRIVE writes them."""
+"""Writing reference lines and profiles."""
 
 from __future__ import annotations
 

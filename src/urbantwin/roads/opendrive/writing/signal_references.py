@@ -1,4 +1,4 @@
-"""Signals that stand on another road than the one that they are for, as version 1.4 knows them.
+"""Signal references of version 1.4: signals on another road than the one that they are for.
 
 1.8 gives the place of such a signal in the file's own coordinates. 1.4 writes it on the road where
 it stands, valid for no lane, and refers to it from the road that it is for, at the stop line: so
@@ -18,23 +18,23 @@ from urbantwin.roads.model import LaneModel, ModelRoad, RoadSignal
 from urbantwin.roads.opendrive.writing.carla_crosswalks import CARRIER_M, carrier
 from urbantwin.roads.signals import pose_of
 
-__all__ = ["heading_offset", "on_their_roads"]
+__all__ = ["heading_offset", "with_signal_references"]
 
 #: ``validity`` of a signal that is for no lane of its road.
 NO_LANE = (0,)
-#: Roads that a signal may be told to stand beside are this near, metres.
+#: A signal is referred to a road this near at most, metres.
 NEAR_M = 60.0
 #: Lane offsets, and ways beyond a road's end, that do not matter, metres.
 EXACT_M = 0.01
 
 
-def on_their_roads(model: LaneModel) -> tuple[LaneModel, tuple[RoadSignal, ...]]:
+def with_signal_references(model: LaneModel) -> tuple[LaneModel, tuple[RoadSignal, ...]]:
     """Return a model with every signal on the road where it stands, and those to refer to.
 
     The latter are as they were: on the road that they are for, with its lanes. CARLA measures from
-    the lane offset and the standard from the reference line, so a signal is told to stand beside a
-    street without an offset there; if there is none, on a road of its own, one metre long, on
-    whose lane nothing drives, which signals of one arm share.
+    the lane offset and the standard from the reference line, so a signal is placed beside a street
+    without an offset there; if there is none, on a road of its own, one metre long, on whose lane
+    nothing drives, which signals of one arm share.
     """
     streets = [road for road in model.roads if road.junction < 0 and road.length > CARRIER_M]
     tree = shapely.STRtree([road.curve.line for road in streets])

@@ -1,4 +1,4 @@
-"""A first ``site.yaml`` for a map of the roads that somebody made."""
+"""A first ``site.yaml`` for an imported map of the roads."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from urbantwin.roads.imported.read import (
     anchor_of,
     is_placed,
     map_format,
+    naming_file,
     placed_map,
     read_map,
-    said_of,
 )
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.opendrive.reading.placement import crs_of
@@ -45,7 +45,7 @@ ToDegrees = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
 #: Kerbs are rounded where streets meet: corners closer than this to both are paved, metres.
 CORNER_M = 6.0
-#: What is farther from the anchor than this leaves a pole alone, metres.
+#: What is farther from the anchor than this does not affect the pole, metres.
 AROUND_M = 110.0
 #: Decimals of an anchor in degrees, and of one in metres: a centimetre.
 DEGREES, METRES = 7, 2
@@ -73,12 +73,12 @@ def init_site_of_map(  # noqa: PLR0913 - every one is a person's choice
         osm: an OpenStreetMap extract with what is beside the roads.
         latitude: of the anchor, degrees. Without it the busiest junction is proposed. Where the map
             does not say where on earth it lies, that junction is the anchor in any case, and this
-            says where it is; 0 if nobody says.
+            gives its position; 0 by default.
         longitude: of the anchor, degrees.
         region: a GeoJSON polygon; without it a circle.
         radius_m: radius of the circle; without it 150 m.
         force: replace a ``site.yaml`` that is there.
-        progress: told the share done (0..1) and what is being done.
+        progress: called with the share done (0..1) and the current task.
 
     Raises:
         InputError: a file or the region is wrong, the place is not on the map, or there is a
@@ -148,14 +148,14 @@ def _anchor(
 def _on_earth(
     path: Path, read: ReadMap | None, given: tuple[float, float] | None
 ) -> tuple[LaneModel, ToDegrees | None]:
-    """Return a map in coordinates of its own, and what makes degrees of them, if it says where."""
+    """Return a map in its own coordinates, and what takes these to degrees, if it says so."""
     if read is None:
         there = is_placed(path)
         frame = SiteFrame(*(anchor_of(path) if there else given or (0.0, 0.0)))
         return read_map(path, frame).model, frame.lonlat_from_site if there else None
     if read.projection is None:
         return read.model, None
-    with said_of(path):
+    with naming_file(path):
         transformer = Transformer.from_crs(crs_of(read.projection), "EPSG:4326", always_xy=True)
 
     def degrees(xy: NDArray[np.float64]) -> NDArray[np.float64]:

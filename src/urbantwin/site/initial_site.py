@@ -68,7 +68,7 @@ def init_site(
         region: a GeoJSON polygon; without it a circle.
         radius_m: radius of the circle; without it 150 m, or less where the extract ends before.
         force: replace a ``site.yaml`` that is there.
-        progress: told the share done (0..1) and what is being done.
+        progress: called with the share done (0..1) and the current task.
 
     Raises:
         InputError: the extract or the region is wrong, the place is not in the extract, or there
