@@ -108,7 +108,7 @@ def json_value(text: bytes | str, *, file: str | Path, expected: str, once: bool
 
     Raises:
         InputError: it is not JSON, is nested too deep, or has a number that is not finite or
-            letters that are none; the line is named where it is known.
+            unpaired surrogates; the line is named where it is known.
     """
     try:
         value = parse_json(text, once=once)

@@ -56,7 +56,7 @@ def check_folder(target: Path, *, kind: str, inputs: Sequence[Path | None] = ())
 
     Raises:
         InputError: it is a file, a folder that holds something else, inside another artefact or an
-            input, has an input inside, is being written by another run, or nobody may write there.
+            input, has an input inside, is being written by another run, or is not writable.
     """
     real = _real(target)
     _check_place(target, real, inputs)
@@ -76,7 +76,7 @@ def check_file(
 
     Raises:
         InputError: it is a folder, an input, inside an artefact or an input, is being written by
-            another run, or nobody may write there.
+            another run, or is not writable.
     """
     real = _real(target)
     if real.is_dir():
@@ -137,7 +137,7 @@ def replaced_file(
         replaces: an input that it may replace.
 
     Raises:
-        InputError: see `check_file`; or what comes along would replace somebody's file.
+        InputError: see `check_file`; or what comes along would replace a foreign file.
         StageError: the disk is full.
     """
     check_file(target, inputs=inputs, replaces=replaces)

@@ -119,7 +119,7 @@ def versions_here(backend: str) -> dict[str, Any]:
 
 
 def recipe_of_rig(rig: Rig) -> dict[str, Any]:
-    """Return the part of a recipe that tells of the sensors."""
+    """Return the part of a recipe that describes the sensors."""
     return {
         "frame": rig.frame,
         # Of a rig that rides, each of the frames has its own.

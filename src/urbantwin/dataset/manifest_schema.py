@@ -125,7 +125,7 @@ def pose_of_matrix(rows: Any) -> Pose:  # noqa: ANN401
     """Return the pose of the rows of a 4x4 matrix.
 
     Raises:
-        ValueError: they are none.
+        ValueError: they are not a pose.
     """
     matrix = np.array(rows, np.float64).reshape(4, 4)
     _rigid(matrix.tolist())

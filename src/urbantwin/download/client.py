@@ -167,7 +167,7 @@ class Client:
         except DownloadError as error:
             failure = error
         except (http.client.HTTPException, OSError, ValueError) as error:
-            # What went wrong may name the address, and the key with it: its kind alone is told.
+            # What went wrong may name the address, and the key with it: only its kind is reported.
             why = f"cannot be fetched ({type(error).__name__})"
             failure = DownloadError(why, unanswered=True, may_pass=True)
         else:

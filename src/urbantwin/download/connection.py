@@ -92,7 +92,7 @@ class Proxy:
     Attributes:
         host: of the proxy.
         port: of the proxy.
-        headers: what tells the proxy who we are.
+        headers: credentials for the proxy.
     """
 
     host: str
@@ -149,7 +149,7 @@ def open_connection(
         The connection, the target to ask for on it, and headers that it needs.
 
     Raises:
-        OSError: nobody is there.
+        OSError: there is no answer.
     """
     origin = address.origin
     if context is not None:

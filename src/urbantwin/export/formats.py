@@ -89,7 +89,7 @@ def format_named(name: str) -> Format:
     """Return a format.
 
     Raises:
-        InputError: there is none of that name.
+        InputError: there is no such name.
     """
     if name not in FORMATS:
         raise InputError(

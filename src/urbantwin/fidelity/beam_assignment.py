@@ -20,7 +20,7 @@ from urbantwin.lidar.sensor import Sensor
 
 __all__ = ["BeamsOf", "beams_of_model", "beams_of_rig"]
 
-#: A point farther from every beam than this share of the beams' distance is none of theirs.
+#: A point farther from every beam than this share of the beams' distance is not theirs.
 _ASIDE = 1.0
 #: Units of a model are built so alike, degrees of elevation.
 _UNIT_DEG = 0.5

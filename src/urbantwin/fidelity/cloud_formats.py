@@ -24,7 +24,7 @@ _NUSCENES = ".pcd.bin"
 #: Rows of ``.npy`` have no more values than this; of ``.bin`` as many as these.
 _WIDEST = 64
 _WIDTHS = (3, 4, 5, 6)
-#: The least number of values that tell the width, and the share of variance that does.
+#: The least number of values that determine the width, and the share of variance that does.
 _TELLING, _EXPLAINED = 300, 0.05
 #: Bytes of a chunk of a LAZ that is not unpacked side by side with others.
 _LARGE_CHUNK = 64_000_000
@@ -93,7 +93,7 @@ def position_and_intensity(
     table = np.column_stack([fields[name].astype(np.float64) for name in "xyz"])
     intensity = found[0].astype(np.float64) if found else None
     if intensity is not None and not np.isfinite(intensity).any():
-        intensity = None  # a field that nobody filled
+        intensity = None  # an empty field
     return table, intensity
 
 

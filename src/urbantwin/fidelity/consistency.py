@@ -124,7 +124,7 @@ class _Upright:
 
     @classmethod
     def of(cls, points: Array) -> _Upright:
-        """Take some points of a frame; z stays upward unless the ground says otherwise loudly."""
+        """Take some points of a frame; z stays upward unless the ground clearly contradicts."""
         if len(points) > _MOST:
             points = points[:: -(-len(points) // _MOST)]
         some = points[:: -(-len(points) // _OF_GROUND)]
@@ -372,7 +372,7 @@ def _level_said(level: _Level) -> list[str]:
 
 
 def _is_far(placed: _Placed, level: _Level) -> bool:
-    """Return whether the real frame is shifted: where its sensor is, nothing tells then."""
+    """Return whether the real frame is shifted: where its sensor is, is then unknown."""
     return float(np.hypot(*placed.motion.shift)) > _SHIFT_M or abs(level.height_m) > _HEIGHT_M
 
 

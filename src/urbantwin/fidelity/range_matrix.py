@@ -1,4 +1,4 @@
-"""A background that somebody else measured: a matrix of ranges, beams by steps of azimuth."""
+"""A background from elsewhere: a matrix of ranges, beams by steps of azimuth."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def _read(path: Path) -> NDArray[np.float64]:
     comma = "," if b"," in text[:10_000] else None
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of a file without a number, which is told below
+            warnings.simplefilter("ignore")  # of a file without a number, which is an error below
             return np.loadtxt(io.BytesIO(text), np.float64, delimiter=comma)
     except (ValueError, OverflowError, MemoryError) as error:
         problem = f"is not readable ({one_line(error)})"

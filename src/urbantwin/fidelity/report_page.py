@@ -65,7 +65,7 @@ def write_page(report: Report, pictures: Pictures, path: Path) -> None:
         _doubts(report),
         f"<p>{count} pair{'s' if count != 1 else ''} of frames; arbitrary site: "
         f"{escape(_name_of(report, 'arbitrary'))}"
-        + (f"; foreground is told from background by {report.split_by}" if report.split_by else "")
+        + (f"; foreground is separated by {report.split_by}" if report.split_by else "")
         + ".</p>",
         _headline(report),
         _picture("Twin, arbitrary site and real against real", pictures.measures),

@@ -84,7 +84,7 @@ def read_header(path: Path) -> Header:
     """Read the header of a PLY.
 
     Raises:
-        InputError: it is none, has no end, or declares what PLY does not have.
+        InputError: it is missing, has no end, or declares what PLY does not have.
     """
     with path.open("rb") as stream:
         start = stream.read(LONGEST_HEADER)

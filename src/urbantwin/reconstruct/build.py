@@ -141,7 +141,7 @@ def _survey_of(source: GeometrySource) -> str:
 
 
 def _part_of(tell: Progress, number: int, count: int, name: str) -> Progress:
-    """Return what tells of one of several sources."""
+    """Return the progress of one of several sources."""
     return lambda share, text: tell((number + share) / count, f"{name}: {text}")
 
 

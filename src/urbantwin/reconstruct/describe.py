@@ -27,7 +27,7 @@ __all__ = ["describe_geometry"]
 
 #: Of a tileset so much around its middle is read, metres.
 _AROUND_M = 500.0
-#: So many names and problems are told.
+#: So many names and problems are listed.
 _MOST = 8
 _DEGREES = CRS.from_epsg(4979)
 _NOT_SAID = "not said"

@@ -7,7 +7,7 @@ from typing import Any
 
 __all__ = ["outcome"]
 
-#: So many problems are told; all of them are in the report.
+#: So many problems are listed; all of them are in the report.
 MOST_PROBLEMS = 5
 
 

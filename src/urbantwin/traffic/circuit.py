@@ -1,7 +1,7 @@
 """Circuits: endless routes for actors that never leave a closed network.
 
 A *passage* leads from one gate to the next. Which gate is next is drawn by its traffic, less where
-the way is a detour; nobody returns to where they came from while there is another way.
+the way is a detour; no actor returns to where it came from while there is another way.
 """
 
 from __future__ import annotations

@@ -170,7 +170,7 @@ class StreetNetwork:
         )
 
     def walked(self) -> Streets | None:
-        """Return the ways of pedestrians, both directions; ``None`` where nobody can walk.
+        """Return the ways of pedestrians, both directions; ``None`` where walking is impossible.
 
         Gates are the ends of sidewalks and footways at nodes that have a single neighbour.
         """

@@ -114,10 +114,10 @@ def driven_graph(network: StreetNetwork, vclass: str, outer: Set[str]) -> WayGra
 
 
 def walked_graph(network: StreetNetwork, outer: Set[str]) -> WayGraph | None:
-    """Return the ways of pedestrians; ``None`` where nobody can walk.
+    """Return the ways of pedestrians; ``None`` where walking is impossible.
 
     State 2k is edge k in its own direction, state 2k + 1 the other. The sidewalks of outer roads
-    that hang together are one gate; where there is none, every end of a sidewalk is.
+    that are connected are one gate; where there is none, every end of a sidewalk is.
 
     Args:
         network: the streets.

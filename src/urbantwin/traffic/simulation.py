@@ -242,7 +242,7 @@ def sumo_options(sumo_step_ms: int, seed: int, *, circulates: bool = False) -> d
     Args:
         sumo_step_ms: SUMO's own step.
         seed: of SUMO's random choices.
-        circulates: whether everybody stays: then nobody is taken out, however long they wait.
+        circulates: whether everybody stays: then no actor is removed, however long it waits.
     """
     waits = {"time-to-teleport": _STUCK_S}
     if circulates:

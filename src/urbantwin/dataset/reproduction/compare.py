@@ -19,7 +19,7 @@ from urbantwin.dataset.reproduction.source_manifest import SourceManifest
 __all__ = ["Given", "compared", "given_files", "other_versions"]
 
 PICTURES = "pictures"
-#: Stages in their order, and what of a manifest tells of them.
+#: Stages in their order, and the fields of a manifest that depend on them.
 _STAGES = (
     ("inputs", ("inputs",)),
     ("scene", ("scene_sha256",)),
@@ -28,7 +28,7 @@ _STAGES = (
     ("meshes", ("meshes_sha256",)),
     ("rig", ("rig", "frame", "dataset_SE3_site")),
 )
-#: So many names of files are told.
+#: So many names of files are listed.
 MOST_NAMES = 20
 
 

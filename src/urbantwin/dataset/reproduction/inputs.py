@@ -156,7 +156,7 @@ def _tiles(
         first = str(entry.get("zoom", ImagerySpec.model_fields["zoom"].default))
     for folder in search.named(first):
         if folder.is_dir():
-            remark = "a pattern of tiles, which are told by what they show once they are read"
+            remark = "a pattern of tiles, which are compared by their pixels once they are read"
             return _absolute(folder.parent / one.name), None, remark
     return None, "is not found", None
 

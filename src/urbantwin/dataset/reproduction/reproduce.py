@@ -267,7 +267,7 @@ def _whole(source: SourceManifest) -> Path:
 
 @contextmanager
 def _place(out: Path | None, dataset: Path) -> Iterator[tuple[Path, Path]]:
-    """Yield the folder to make everything in, and one for what nobody needs afterwards."""
+    """Yield the folder to make everything in, and one for temporary files."""
     if out is not None:
         with new_folder(out), passing_folder("urbantwin-reproduce") as scratch:
             yield out, scratch

@@ -135,7 +135,7 @@ def read_source_manifest(file: Path) -> SourceManifest:
         raise InputError("is not a dataset's", file=file, expected='"kind": "dataset"')
     if "made_from" not in document:
         raise InputError(
-            "does not tell what it was made from, as datasets of earlier versions do not",
+            "does not say what it was made from, as datasets of earlier versions do not",
             file=file,
             place="made_from",
             expected="a dataset of this version: record it again",
@@ -152,7 +152,7 @@ def read_source_manifest(file: Path) -> SourceManifest:
     ):
         if known is None:
             raise InputError(
-                f"does not tell what its {what} was made from",
+                f"does not say what its {what} was made from",
                 file=file,
                 place="made_from",
                 expected=f"a {what} that `urbantwin {command}` made",

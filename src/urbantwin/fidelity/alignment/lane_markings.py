@@ -23,7 +23,7 @@ _MOST_M = 0.25
 #: counts in full.
 _FROM, _FULL = 2.0, 5.0
 #: Paint narrower than this is a line (standard deviations of a strip of 0.5 m): stop lines
-#: are, bars of a zebra are not, whose places along the crossing nobody surveyed.
+#: are, bars of a zebra are not, whose places along the crossing are not surveyed.
 _WIDTH_SIGMA_M, _LENGTH_SIGMA_M, _STRIP_M = 0.13, 0.2, 0.5
 _EVERY_M = 0.2
 

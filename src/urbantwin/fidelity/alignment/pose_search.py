@@ -242,7 +242,7 @@ def _scores(
                     continue
                 if kind[n] == _GROUND:
                     off = abs(z - plan.height[i, j]) / _FAR_UP_M
-                    if off < 1.0:  # false where nobody knows the ground
+                    if off < 1.0:  # false where the ground is unknown
                         total += weight[n] * (1.0 - off)
                 else:
                     total += weight[n] * plan.gain[kind[n] - _EDGES, i, j]

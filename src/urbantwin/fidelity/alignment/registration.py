@@ -236,7 +236,7 @@ def _explained(
     """Return the share of the points off the ground that lie on a surface off the ground."""
     at = pose.apply(features.points)
     height = at[:, 2] - scene.ground_at(at[:, :2])
-    off = ~(height < 0.3)  # where nobody knows the ground, too
+    off = ~(height < 0.3)  # also where the ground is unknown
     on = np.zeros(len(at), np.bool_)
     close = (residuals.kind == RAISED) & (np.abs(residuals.error) < EXPLAINED_M)
     on[residuals.number[close]] = True

@@ -38,7 +38,7 @@ def kept(
         name: of the folder that is returned.
         recipe: all that it follows from; our own code counts by itself.
         make: makes it in the folder that it is given, beside other things, and returns its folder.
-        scratch: a folder, not there yet, to make it in where nobody can write to ``folder``.
+        scratch: a folder, not there yet, to make it in where ``folder`` is not writable.
         folder: where such datasets are; the user's cache when not given.
     """
     text = json.dumps([__version__, _code(), name, recipe], sort_keys=True, default=str)

@@ -61,7 +61,7 @@ def arbitrary_recording(
     Args:
         twin: the synthetic frames.
         frames: how many are needed; at most ``MOST_FRAMES`` are recorded.
-        scratch: a folder, not there yet, to record in where nobody can write to the cache.
+        scratch: a folder, not there yet, to record in where the cache is not writable.
         progress: called with the fraction done and what is being done.
         cache: a folder in place of the user's cache.
 

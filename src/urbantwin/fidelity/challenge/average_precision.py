@@ -61,7 +61,7 @@ def average_precision(
     """Return the average precision of one class; None where no frame has a label of it.
 
     Detections are taken by falling score; each finds the labelled box of its frame that it has
-    most in common with, if that is at least ``IOU`` and nobody found it before (Everingham et
+    most in common with, if that is at least ``IOU`` and none found it before (Everingham et
     al. 2010). The mean over forty levels of recall of the best precision at that recall or above.
 
     Args:

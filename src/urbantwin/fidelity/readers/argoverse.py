@@ -116,7 +116,7 @@ def _boxes_at(path: Path, annotations: Columns, time_ns: int) -> Boxes | None:
     with laid_out(path / "annotations.feather", _EXPECTED):
         rows = np.flatnonzero(annotations["timestamp_ns"] == time_ns)
         if not len(rows):
-            return None  # not a labelled sweep: of a street without objects nobody can tell
+            return None  # not a labelled sweep: an empty street looks the same
         labelled = []
         for row in rows:
             pose = _row_pose(annotations, int(row))

@@ -22,7 +22,7 @@ _NAMES = {
     "column": ("column", "measurement_id"),
     "time_s": ("t", "time", "timestamp", "offset_ns", "time_offset", "gps_time"),
 }
-#: A frame lasts this long, seconds: tells the unit of its points' times.
+#: A frame lasts this long, seconds: determines the unit of its points' times.
 _SHORTEST_S, _LONGEST_S = 1e-3, 2.0
 #: Rings, columns and instances are less than this.
 _LARGEST = 2.0**62

@@ -44,7 +44,7 @@ _CLASS_OF = {name: ours for ours, names in _CALLED.items() for name in names.spl
 
 
 def actor_class(source_name: str) -> str:
-    """Return our class for a dataset's name of one, ``other`` where it is none of ours."""
+    """Return our class for a dataset's name of one, ``other`` where we have no such class."""
     return _CLASS_OF.get(re.sub(r"[^a-z]", "", source_name.lower()), "other")
 
 

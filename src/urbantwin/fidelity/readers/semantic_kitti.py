@@ -26,7 +26,7 @@ from urbantwin.taxonomy import semantic_classes, semantic_id
 
 __all__ = ["is_semantic_kitti", "open_semantic_kitti"]
 
-#: Classes of theirs that are none of ours -> the nearest of ours (semantic-kitti.yaml): bicycles
+#: Classes of theirs that we do not have -> the nearest of ours (semantic-kitti.yaml): bicycles
 #: that stand and moving people and vehicles among them.
 _NEAREST = {
     11: "other-object", 13: "bus", 16: "other-object", 20: "truck", 60: "road",

@@ -77,7 +77,7 @@ class Searching:
         trials: int | None = None,
         spread: float = 0.12,
     ) -> tuple[dict[str, float], list[float]]:
-        """Search, with progress told by the name of the study."""
+        """Search; progress is reported under the name of the study."""
         count = trials or self.trials
         return search(
             name,

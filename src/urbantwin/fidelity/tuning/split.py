@@ -26,7 +26,7 @@ class Split:
         training: what is fitted to.
         validation: what decides whether a fit is kept; empty where there are too few frames.
         gap: what belongs to no part.
-        held_out: what nobody looks at before the fit is written.
+        held_out: what is not read before the fit is written.
     """
 
     training: tuple[int, ...]

@@ -121,7 +121,7 @@ def _near_ground(mesh: TriangleMesh, grid: Grid, height: NDArray[np.float64]) ->
     length = np.maximum(np.linalg.norm(cross, axis=1), 1e-12)
     steep = np.abs(cross[:, 2]) < _STEEP * length
     near &= ~steep | (corner.max(axis=1) < _NEAR_M)
-    # Steep faces that hang together and rise higher than a curb are one wall, feet and all.
+    # Connected steep faces that rise higher than a curb are one wall, feet and all.
     walls = np.flatnonzero(steep)
     if len(walls):
         first, second = edges_between(mesh.faces[walls])

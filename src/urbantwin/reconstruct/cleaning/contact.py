@@ -29,7 +29,7 @@ _LEAVES = 12
 _LEAVES_WITHIN_M = 1.5
 #: Points worked on at once.
 _AT_ONCE = 200_000
-#: Cells of the grid of heights that tells what flies above everything, metres.
+#: Cells of the grid of heights that shows what floats above everything, metres.
 _CELL_M = 1.0
 _AXES = np.array([[0, 0, -1], [0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]], np.float32)
 

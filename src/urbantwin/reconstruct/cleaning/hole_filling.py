@@ -23,7 +23,7 @@ _FINE_M = 0.1
 _AROUND_M = 2.6
 #: Cells from one to the next height whose difference gives a slope.
 _RUN = 4
-#: Width of the strip around it that tells the street's slope, metres, and its fewest cells.
+#: Width of the strip around it that gives the street's slope, metres, and its fewest cells.
 _STRIP_M, _FEWEST = 2.0, 30
 #: What is higher over the ground is a vehicle's for certain, metres.
 _SURE_M = 0.25

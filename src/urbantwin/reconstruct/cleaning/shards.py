@@ -187,7 +187,7 @@ def _crowns_and_wires(
 
 
 def _reached(pairs: NDArray[np.int64], start: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which of K things hang together with one of ``start`` (K,) by pairs."""
+    """Return which of K things are connected to one of ``start`` (K,) by pairs."""
     count = len(start)
     # One more thing that all of the start are tied to.
     rows = np.concatenate([pairs[:, 0], np.flatnonzero(start)])

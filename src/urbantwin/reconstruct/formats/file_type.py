@@ -50,7 +50,7 @@ def kind_of(path: Path) -> str:
     ``tiles``.
 
     Raises:
-        InputError: it is none of them, missing or empty.
+        InputError: it is of another type, missing or empty.
     """
     if path.exists() and not path.is_file():
         raise InputError("is not a file", file=path, expected="a model")

@@ -215,7 +215,7 @@ def _fitting(numbers: NDArray[np.int64]) -> NDArray[np.int32]:
 def _library(
     found: _Gathered, problems: list[str]
 ) -> tuple[dict[str, MtlMaterial], dict[str, str]]:
-    """Read the libraries that the file names; one that is missing is told."""
+    """Read the libraries that the file names; one that is missing is a problem."""
     library: dict[str, MtlMaterial] = {}
     files: dict[str, str] = {}
     for name in dict.fromkeys(found.libraries):

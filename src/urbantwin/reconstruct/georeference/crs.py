@@ -104,7 +104,7 @@ def in_plan(
         try:
             group = _group(plan, target, here)
             if not group.transformers and not group.unavailable_operations:
-                # Of another part of the world: how far off is told in the end.
+                # Of another part of the world: the distance is reported in the end.
                 group = _group(plan, target, None)
         except (CRSError, ProjError) as error:
             raise source_error(

@@ -48,7 +48,7 @@ def by_control_points(
     """Lay a model by points that are known in it and on site.
 
     Raises:
-        InputError: the points cannot be read, do not tell the transform, or disagree.
+        InputError: the points cannot be read, do not determine the transform, or disagree.
     """
     points = read_control_points(source, frame, elevation)
     axes = axes_of(model, source)

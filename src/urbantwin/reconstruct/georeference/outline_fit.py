@@ -144,7 +144,7 @@ def fit_outlines(
             terms.append(np.einsum("ij,ij->i", n, arm))
         matrix = np.column_stack(terms)
         normal = matrix.T @ (matrix * weight[:, None])
-        # Outlines that all run one way leave a shift along them open: it is not made up.
+        # Outlines that all run one way leave a shift along them open: it is not guessed.
         normal += 1e-6 * np.trace(normal) * np.diag([1.0, 1.0, *[100.0] * (len(terms) - 2)])
         change = np.linalg.solve(normal, matrix.T @ (error * weight))
         at = replace(

@@ -186,7 +186,7 @@ def _compare(
     """Check that the model's ground is where the site's is.
 
     Raises:
-        InputError: it is not, and nobody said that it may be.
+        InputError: it is not, and ``site.yaml`` does not allow it.
     """
     found = ground_above_site(model, elevation)
     stated = system is not None and heights.datum is not None

@@ -2,7 +2,7 @@
 
 The reading is our own and not trimesh's: trimesh keeps no feature ids, ignores
 ``KHR_mesh_quantization``, meshopt and ``CESIUM_RTC``, believes every count that a file claims, and
-tells what is wrong by tracebacks. It judges ours in the tests.
+reports errors by tracebacks. Tests compare ours with it.
 """
 
 from __future__ import annotations

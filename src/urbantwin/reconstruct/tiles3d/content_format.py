@@ -1,4 +1,4 @@
-"""Which format a tile's content has, told by its first bytes; composites are taken apart."""
+"""The format of a tile's content, by its first bytes; composites are split."""
 
 from __future__ import annotations
 
