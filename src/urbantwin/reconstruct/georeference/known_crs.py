@@ -47,7 +47,7 @@ def by_crs(
     elevation: Elevation | None,
     heights: SiteHeights | None,
 ) -> InitialPlacement:
-    """Lay a model by its reference system, the vertical datum included.
+    """Place a model by its reference system, the vertical datum included.
 
     Raises:
         InputError: the CRS is unknown or leads elsewhere, or the heights cannot be brought to the

@@ -45,7 +45,7 @@ def by_control_points(
     elevation: Elevation | None,
     heights: SiteHeights | None,
 ) -> InitialPlacement:
-    """Lay a model by points that are known in it and on site.
+    """Place a model by points that are known in it and on site.
 
     Raises:
         InputError: the points cannot be read, do not determine the transform, or disagree.
@@ -83,7 +83,7 @@ def by_similarity(
     elevation: Elevation | None,
     heights: SiteHeights | None,
 ) -> InitialPlacement:
-    """Lay a model by the transform that site.yaml gives."""
+    """Place a model by the transform that site.yaml gives."""
     spec = source.spec.similarity
     assert spec is not None
     axes = axes_of(model, source)
@@ -108,7 +108,7 @@ def by_origin(
     elevation: Elevation | None,
     heights: SiteHeights | None,
 ) -> InitialPlacement:
-    """Lay a model by the place of its origin; on the site's ground where no height is given."""
+    """Place a model by its origin's location; on the site's ground where no height is given."""
     spec = source.spec.origin
     assert spec is not None
     axes = axes_of(model, source)
@@ -130,12 +130,10 @@ def by_origin(
         "origin",
         "origin",
         problems,
-        Freedom(
+        _freedom(
+            axes,
+            _xy(frame, spec.longitude, spec.latitude),
             heading="heading_deg" not in spec.model_fields_set,
-            scale=not axes.unit_known,
-            level=not axes.up_known,
-            height=True,
-            pivot=_xy(frame, spec.longitude, spec.latitude),
         ),
     )
 
@@ -147,7 +145,7 @@ def by_geotag(
     elevation: Elevation | None,
     heights: SiteHeights | None,
 ) -> InitialPlacement:
-    """Lay a model by its file's geotag; on the site's ground where its height cannot be used."""
+    """Place a model by its file's geotag; on the site's ground where its height cannot be used."""
     tag = model.geotag
     assert tag is not None
     axes = axes_of(model, source)
@@ -185,13 +183,7 @@ def by_geotag(
         "geotag",
         None,
         (*problems, *told.problems),
-        Freedom(
-            heading=False,
-            scale=not axes.unit_known,
-            level=not axes.up_known,
-            height=True,
-            pivot=_xy(frame, tag.longitude, tag.latitude),
-        ),
+        _freedom(axes, _xy(frame, tag.longitude, tag.latitude), heading=False),
     )
 
 
@@ -218,13 +210,7 @@ def in_the_middle(
         "the middle of the region",
         "register",
         (),
-        Freedom(
-            heading=True,
-            place=True,
-            scale=not axes.unit_known,
-            level=not axes.up_known,
-            height=True,
-        ),
+        replace(_freedom(axes, heading=True), place=True),
     )
 
 
@@ -240,6 +226,17 @@ def _at(
     xy = frame.site_from_lonlat([[longitude, latitude]])[0]
     turn = Similarity.in_plan(-float(np.radians(heading_deg)), [xy[0], xy[1], 0.0])
     return moved(model, turn.after(axes.transform()))
+
+
+def _freedom(axes: Axes, pivot: tuple[float, float] | None = None, *, heading: bool) -> Freedom:
+    """Return what registration may change of a model whose heights are a guess."""
+    return Freedom(
+        heading=heading,
+        scale=not axes.unit_known,
+        level=not axes.up_known,
+        height=True,
+        pivot=pivot,
+    )
 
 
 def _xy(frame: SiteFrame, longitude: float, latitude: float) -> tuple[float, float]:
