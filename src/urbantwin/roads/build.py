@@ -232,7 +232,7 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
 def _main_component(
     pieces: Sequence[WayPiece],
 ) -> tuple[tuple[WayPiece, ...], list[LeftOut]]:
-    """Return the ways that the border has not cut off from the rest, and what it has."""
+    """Return the ways of the main component, and what is left out."""
     parts = {
         piece.id: Part(
             piece.tags.get("name", ""),

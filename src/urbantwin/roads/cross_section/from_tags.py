@@ -185,7 +185,7 @@ def _with_widths(
     backward: list[CarriagewayLane],
     standard: Standard,
 ) -> tuple[list[CarriagewayLane], list[CarriagewayLane]]:
-    """Fill in widths that no tag gives to a lane by itself."""
+    """Fill in widths of lanes without a tag of their own."""
     lanes = [*forward, *backward]
     open_lanes = sum(not lane.width for lane in lanes)
     known = sum(lane.width for lane in lanes if not lane.track)

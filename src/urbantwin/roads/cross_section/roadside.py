@@ -57,7 +57,7 @@ def roadside(
     standard: Standard,
     speed: float,
 ) -> Roadside:
-    """Return what lies beside one side of a way.
+    """Return the roadside on one side of a way.
 
     Args:
         tags: the way's tags.

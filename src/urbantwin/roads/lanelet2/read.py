@@ -143,7 +143,7 @@ def _note(
     lanelets: Mapping[int, Lanelet],
     parts: BuiltRoads,
 ) -> None:
-    """Count what was read, and what was left out or looks wrong."""
+    """Count what was read, left out or looks wrong."""
     counts: Counter[str] = Counter()
     counts["lanelets"] = len(lanelets)
     for identity, lanelet in lanelets.items():

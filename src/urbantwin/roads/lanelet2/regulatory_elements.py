@@ -21,7 +21,7 @@ from urbantwin.roads.model import RoadSignal, SignalController
 
 __all__ = ["POSTED", "controllers_of", "sign_ways", "signals_of"]
 
-#: Types of signals in OpenDRIVE's own catalogue: three lights for vehicles, two for people on foot.
+#: Types of signals in OpenDRIVE's own catalogue: three lights for vehicles, two for pedestrians.
 VEHICLE_LIGHTS, WALKER_LIGHTS = "1000001", "1000002"
 #: Height of their middle over the road where the map has none, metres (US MUTCD 4D.15).
 LIGHTS_M = {VEHICLE_LIGHTS: 5.0, WALKER_LIGHTS: 2.2}
@@ -31,7 +31,7 @@ SIGN_M = 2.5
 BEYOND_M = 1.0
 #: Subtypes of regulatory elements that refer to lights or signs; others refer to areas.
 POSTED = ("traffic_light", "traffic_sign", "speed_limit", "right_of_way", "all_way_stop")
-#: Subtypes of a way that are lights for people on foot.
+#: Subtypes of a way that are lights for pedestrians.
 WALKER_SUBTYPES = {"red_green", "white"}
 _SIGN = re.compile(r"^([a-z]{2})\s*([0-9]+(?:\.[0-9]+)?)(?:-([0-9]+))?$", re.IGNORECASE)
 
