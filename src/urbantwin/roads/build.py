@@ -49,7 +49,7 @@ from urbantwin.roads.streets import planar_model, with_furniture
 from urbantwin.roads.sumo_geometry import redraw_sumo_network
 from urbantwin.roads.sumo_network import read_sumo_network
 from urbantwin.site.extract import Extract, Way, WayPiece
-from urbantwin.site.junction import way_lanes
+from urbantwin.site.junction_proposal import way_lanes
 from urbantwin.site.signals import SignalPlan
 
 __all__ = ["NETWORK_CLASSES", "BuiltRoads", "build_roads"]

@@ -23,7 +23,7 @@ from urbantwin.site.draft import (
 from urbantwin.site.extract import Extract
 from urbantwin.site.extract_coverage import mapped_area
 from urbantwin.site.extract_file import LonLatBox, box_around, read_extract
-from urbantwin.site.junction import STREETS, propose_junction, way_lanes
+from urbantwin.site.junction_proposal import STREETS, propose_junction, way_lanes
 from urbantwin.site.pole_site import propose_pole
 from urbantwin.site.region import circle
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.site.extract import Extract, OsmFeature
-from urbantwin.site.junction import STREETS, meeting_nodes, way_lanes
+from urbantwin.site.junction_proposal import STREETS, meeting_nodes, way_lanes
 
 __all__ = ["PolePosition", "features_around", "place_pole", "propose_pole"]
 

@@ -15,11 +15,11 @@ from urbantwin.roads.cross_section.direction import (
     direction_tags,
     one_way,
 )
+from urbantwin.roads.cross_section.lane_tags import count, metres
 from urbantwin.roads.cross_section.placement import middle_of_road
 from urbantwin.roads.cross_section.roadside import parking, roadside
 from urbantwin.roads.cross_section.section import CarriagewayLane, CrossSection
 from urbantwin.roads.cross_section.speed import speed_limit, speed_of
-from urbantwin.roads.cross_section.tag_values import count, metres
 
 __all__ = ["cross_section"]
 

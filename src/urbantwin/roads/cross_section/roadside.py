@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from urbantwin.roads.cross_section.defaults import Standard
+from urbantwin.roads.cross_section.lane_tags import metres
 from urbantwin.roads.cross_section.section import Parking, Roadside
-from urbantwin.roads.cross_section.tag_values import metres
 
 __all__ = ["parking", "roadside"]
 
