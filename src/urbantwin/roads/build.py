@@ -49,7 +49,7 @@ from urbantwin.roads.streets import planar_model, with_furniture
 from urbantwin.roads.sumo_geometry import redraw_sumo_network
 from urbantwin.roads.sumo_network import read_sumo_network
 from urbantwin.site.extract import Extract, Way, WayPiece
-from urbantwin.site.junction import way_lanes
+from urbantwin.site.junction_proposal import way_lanes
 from urbantwin.site.signals import SignalPlan
 
 __all__ = ["NETWORK_CLASSES", "BuiltRoads", "build_roads"]
@@ -232,7 +232,7 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
 def _main_component(
     pieces: Sequence[WayPiece],
 ) -> tuple[tuple[WayPiece, ...], list[LeftOut]]:
-    """Return the ways that the border has not cut off from the rest, and what it has."""
+    """Return the ways of the main component, and what is left out."""
     parts = {
         piece.id: Part(
             piece.tags.get("name", ""),

@@ -77,7 +77,7 @@ class Lift:
         design = np.concatenate([np.ones((*gap.shape[:2], 1)), gap], axis=2)
         weighted = design * weight[..., None]
         normal = np.einsum("mki,mkj->mij", weighted, design)
-        # Samples lie along roads: across them nothing is known, and the slope is none.
+        # Samples lie along roads: across them nothing is known, and no slope is assumed.
         normal[:, [1, 2], [1, 2]] += STIFFNESS * weight.sum(axis=1)[:, None]
         right = np.einsum("mki,mk->mi", weighted, height[index])
         lift[near] = np.maximum(np.linalg.solve(normal, right[..., None])[:, 0, 0], 0.0)

@@ -18,7 +18,7 @@ Key = TypeVar("Key", bound=Hashable)
 
 @dataclass(frozen=True)
 class Part:
-    """A piece of a road, for what it is joined to.
+    """A piece of a road, as a node of the graph of connected roads.
 
     Attributes:
         name: of the street; empty if it has none.

@@ -36,7 +36,7 @@ OPTIONS = {
     "tls.join": "true",
     "tls.default-type": "static",
     "tls.left-green.time": "12",
-    "tls.allred.time": "2",  # to clear the junction (RiLSA 2015, 2.5); netconvert's own is none
+    "tls.allred.time": "2",  # to clear the junction (RiLSA 2015, 2.5); by default none
     "osm.sidewalks": "true",
     "osm.turn-lanes": "true",
     "osm.lane-access": "true",

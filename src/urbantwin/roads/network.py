@@ -20,7 +20,7 @@ __all__ = ["Junction", "Lane", "Road", "RoadNetwork", "SignalHead", "SignalProgr
 
 #: Kinds of lanes that vehicles drive or stand on, at the height of the carriageway.
 CARRIAGEWAY_KINDS = ("driving", "bus", "bicycle", "parking", "shoulder")
-#: Kinds of lanes for people on foot, raised behind a curb.
+#: Kinds of lanes for pedestrians, raised behind a curb.
 FOOTWAY_KINDS = ("sidewalk", "walkingarea", "curb")
 #: No lane is wider, metres, and no road crosses over more others.
 _WIDEST_M, _HIGHEST = 1000.0, 100

@@ -40,7 +40,7 @@ _OPTIONAL = {"width", "offset", "linkIndex"}
 
 
 def check_sumo_network(path: Path) -> None:
-    """Check a network: its numbers, and that what it names is there.
+    """Check a network: its numbers and its references.
 
     Raises:
         InputError: missing, not XML, or not a valid network; the line is named.
@@ -82,7 +82,7 @@ def _wrong(problem: str, path: Path, item: etree._Element) -> InputError:
 
 
 def _problem_of(item: etree._Element) -> str | None:
-    """Return what is wrong with an element by itself."""
+    """Return the problem of an element, apart from references."""
     tag = item.tag
     for name in _TEXTS.get(tag, ()):
         if not item.get(name) and tag != "request":
@@ -115,7 +115,7 @@ def _is_shape(item: etree._Element) -> bool:
 
 
 def _check_names(root: etree._Element, path: Path) -> None:
-    """Refuse names that are given twice, and names of what is not there."""
+    """Refuse duplicate names and dangling references."""
     edges = _named(root, "edge", path)
     junctions = _named(root, "junction", path)
     logics = _named(root, "tlLogic", path)

@@ -135,7 +135,7 @@ def _connections(
         if via not in successors[start]:
             successors[start].append(via)
         if item.get("tl"):
-            # On foot, what is governed is the crossing, not the corner that it starts from.
+            # A pedestrian link governs the crossing, not the corner that it starts from.
             governed = end if start.startswith(":") else start
             heads[item.get("tl"), governed].append(int(item.get("linkIndex")))
     return successors, heads

@@ -169,7 +169,7 @@ class ShellPlan:
             if self._alone:
                 return [alone]
         grid = GRID_M if len(bodies) > 1 else FINE_M
-        # Snapped, and then free: what is cut from them later is to keep its own places.
+        # Snapped, and then unsnapped: pieces cut from them later keep their coordinates.
         outlines = [
             shapely.set_precision(shapely.set_precision(body.footprint, grid), 0) for body in bodies
         ]
@@ -430,7 +430,7 @@ Ends = tuple[float, float]
 def _minus(
     here: Sequence[tuple[Ends, Ends, int]], there: Sequence[tuple[Ends, Ends, int]]
 ) -> Iterator[tuple[Ends, Ends, int]]:
-    """Yield what of the intervals on one side of an edge is open on the other side.
+    """Yield the parts of the intervals on one side of an edge that are open on the other side.
 
     Heights over an edge do not cross; they are compared by their sums.
     """

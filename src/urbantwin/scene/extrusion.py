@@ -47,7 +47,7 @@ class Body:
 def clean_polygons(
     geometry: BaseGeometry, *, smallest_m2: float = 0.5, thinnest_m: float = 0.1
 ) -> list[Polygon]:
-    """Return the valid polygons of a geometry, without what is too small or thin to be drawn."""
+    """Return the valid polygons of a geometry that are large enough to be drawn."""
     flat = shapely.force_2d(geometry)
     if not flat.is_valid:
         flat = shapely.make_valid(flat, method="structure", keep_collapsed=False)

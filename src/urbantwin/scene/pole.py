@@ -53,7 +53,7 @@ def pole_mesh(
     decks: Geometry | None = None,
     deck_height: GroundHeight | None = None,
 ) -> tuple[LabelledMesh, dict[str, int]]:
-    """Build what stands on poles, traffic signals apart (``signal_pole``).
+    """Build poles and what they carry, except traffic signals (``signal_pole``).
 
     Plates are class ``traffic-sign``, all else ``pole``. Streets with ``lit=yes`` without a lamp
     in the map get seeded ones.

@@ -38,7 +38,7 @@ ON_A_PLAIN = Spacing(road=25.0, terrain=10.0)
 
 @dataclass(frozen=True)
 class Scene:
-    """The static world and what was counted and assumed while building it."""
+    """The static world, with counts and assumptions of its build."""
 
     mesh: LabelledMesh
     notes: dict[str, object]

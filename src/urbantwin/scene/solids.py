@@ -13,7 +13,7 @@ from urbantwin.taxonomy import material_id, semantic_id
 
 __all__ = ["Assembly", "GroundHeight", "Solid", "box", "columns", "rods", "sweep"]
 
-#: Triangles of less than this area, doubled, are none.
+#: Triangles of less than this area, doubled, are dropped.
 SLIVER_M2 = 1e-7
 
 #: Heights (N,) of the ground, metres, at (N, 2) points of the site frame; nan where unknown.

@@ -40,7 +40,7 @@ BLEND_M = 10.0
 #: How far an edge of a road's triangle may leave the road, and the shortest edge that is still
 #: split for it, metres.
 FIT_M, SHORTEST_M = 0.003, 0.4
-#: Triangles below this area, doubled, are no surface.
+#: Triangles below this area, doubled, are dropped.
 SLIVER_M2 = 1e-9
 #: Rounds of splitting.
 ROUNDS = 10

@@ -34,7 +34,7 @@ RAISED = ("median", "island")
 MARGIN_M = 25.0
 #: How far terrain goes on beside roads outside of that: a bus that turns swings out beyond them.
 VERGE_M = 5.0
-#: Thickness of walls between water and what is paved, metres.
+#: Thickness of walls between water and paved ground, metres.
 WALL_M = 0.4
 
 #: Widths of ways that are paved but not in the lane network, metres, and their surface.
@@ -135,7 +135,7 @@ def ground_zones(
         if not free.is_empty:
             kind = "terrain" if semantic == "terrain" else "paved"
             if material == "water":
-                # Beside what is paved it has a wall, or it would slope up to it.
+                # Beside paved ground it has a wall; it would slope up otherwise.
                 kind, wall = "water", area_intersection(free, grown(taken, WALL_M))
                 zones.append(_zone("paved", wall, "other-ground", "concrete"))
                 free = area_difference(free, wall)
@@ -214,5 +214,5 @@ def _closed(shape: shapely.Geometry, width: float) -> shapely.Geometry:
 
 
 def _opened(shape: shapely.Geometry, width: float) -> shapely.Geometry:
-    """Remove what is narrower than ``width``."""
+    """Remove parts narrower than ``width``."""
     return area_intersection(shape, grown(grown(shape, -width / 2), width / 2))

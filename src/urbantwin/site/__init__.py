@@ -6,7 +6,7 @@ from urbantwin.site.extract_file import box_around, read_extract
 from urbantwin.site.geometry import GeometrySource, GeometrySpec
 from urbantwin.site.imagery import ImagerySource, ImagerySpec
 from urbantwin.site.initial_site import init_site
-from urbantwin.site.junction import JunctionProposal, propose_junction
+from urbantwin.site.junction_proposal import JunctionProposal, propose_junction
 from urbantwin.site.orthophoto import Orthophoto, read_orthophoto
 from urbantwin.site.rig import Effects, RigSpec, SensorSpec, load_rig_spec
 from urbantwin.site.site import InputFile, Site, check_extract, load_site

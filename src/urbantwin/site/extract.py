@@ -72,7 +72,7 @@ class WayPiece:
 
 @dataclass(frozen=True)
 class Extract:
-    """An extract in memory: the whole of it, or what is near the region of a large one.
+    """An extract in memory: whole, or the part of a large one near the region.
 
     Attributes:
         path: the file.

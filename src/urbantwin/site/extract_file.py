@@ -1,4 +1,4 @@
-"""Reading OpenStreetMap extracts: small ones whole, of large ones what is near the region."""
+"""Reading OpenStreetMap extracts: small ones whole, large ones near the region."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ from urbantwin.site.draft import (
 from urbantwin.site.extract import Extract
 from urbantwin.site.extract_coverage import mapped_area
 from urbantwin.site.extract_file import LonLatBox, box_around, read_extract
-from urbantwin.site.junction import STREETS, propose_junction, way_lanes
+from urbantwin.site.junction_proposal import STREETS, propose_junction, way_lanes
 from urbantwin.site.pole_site import propose_pole
 from urbantwin.site.region import circle
 
@@ -103,7 +103,7 @@ def init_site(
 def _near(given: GivenPlace) -> LonLatBox | None:
     """Return the box in degrees that is looked at, if it is known before the map is read."""
     if given.point is not None:
-        # Nearer to a pole there is no box about a point.
+        # Too near to a pole for a box about a point.
         if abs(given.point[0]) > 89.0:
             return None
         return box_around(SiteFrame(*given.point), circle(given.radius_m or RADIUS_M))

@@ -21,7 +21,7 @@ from urbantwin.site.map_stream import MapStream
 
 __all__ = ["NearExtract"]
 
-#: Coordinates of osmium are integers of 1e-7 degrees; what is beyond is no place. osmium gives
+#: Coordinates of osmium are integers of 1e-7 degrees; larger values are not places. osmium gives
 #: the largest integer for nodes that it does not know.
 _SCALE, _MOST_X, _MOST_Y = 1e7, 1_800_000_000, 900_000_000
 _NOWHERE = 2_147_483_647

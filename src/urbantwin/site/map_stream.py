@@ -173,7 +173,7 @@ class MapStream:
         return osmium.io.Reader(osmium.io.File(path, self._format))
 
     def of(self, things: Iterable[OSMEntity]) -> Iterator[OSMEntity]:
-        """Yield what is read, and tell how far the reading is."""
+        """Yield what is read, and report the progress."""
         if self._file is None:
             yield from things
             return

@@ -36,7 +36,7 @@ LIMITS = Limits(MOST_BYTES, 1 << 30, 1800.0)
 AT_ONCE = 4
 #: Problems that are listed one by one.
 LISTED = 10
-#: Of so many tiles one at least must be answered before the others are asked for.
+#: Tiles that are asked for first: one of them at least must be answered.
 TRIED_FIRST = 2
 UNREACHED = "cannot be fetched"
 
@@ -152,7 +152,7 @@ def _key(source: ImagerySource, environment: Mapping[str, str] | None) -> str:
 def _tile(
     source: ImagerySource, place: tuple[int, int], fetch: Callable[[str], bytes]
 ) -> NDArray[np.uint8] | str:
-    """Return a tile's pixels (S, S, 4), or what is wrong with it.
+    """Return a tile's pixels (S, S, 4), or its problem.
 
     Raises:
         InputError: all that may be downloaded has been.

@@ -79,8 +79,8 @@ def read_orthophoto(
         environment: where keys are; the process's own when not given.
 
     Raises:
-        InputError: a file that is no picture, has no CRS, is cut short or lies elsewhere; tiles of
-            which none can be read; a key that is not set.
+        InputError: a file that is not an image, has no CRS, is cut short or lies elsewhere; tiles
+            of which none can be read; a key that is not set.
     """
     from rasterio.enums import Resampling
     from rasterio.transform import Affine

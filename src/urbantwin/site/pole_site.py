@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.site.extract import Extract, OsmFeature
-from urbantwin.site.junction import STREETS, meeting_nodes, way_lanes
+from urbantwin.site.junction_proposal import STREETS, meeting_nodes, way_lanes
 
 __all__ = ["PolePosition", "features_around", "place_pole", "propose_pole"]
 
@@ -61,7 +61,7 @@ def propose_pole(extract: Extract, frame: SiteFrame) -> PolePosition:
 
 
 def features_around(extract: Extract, frame: SiteFrame) -> list[OsmFeature]:
-    """Return what is mapped as far as a sensor at the anchor's junction could see."""
+    """Return the features within view of a sensor at the anchor's junction."""
     return extract.features(frame, shapely.Point(0.0, 0.0).buffer(_FARTHEST_M + _VIEW_M))
 
 
@@ -69,7 +69,7 @@ def place_pole(paved: shapely.Geometry, features: Iterable[OsmFeature]) -> PoleP
     """Return the place of a pole at the junction around the anchor.
 
     Args:
-        paved: what vehicles run on, site frame.
+        paved: the carriageways, site frame.
         features: what is mapped around: buildings end the view, in water nothing stands.
     """
     areas = [item for item in features if "Polygon" in item.geometry.geom_type]
@@ -108,7 +108,7 @@ def _is_water(tags: dict[str, str]) -> bool:
 
 
 def _crossing_area(extract: Extract, frame: SiteFrame, paved: shapely.Geometry) -> shapely.Geometry:
-    """Return what lies between the stop lines: the hull of the pavement around the middle.
+    """Return the area between the stop lines: the hull of the pavement around the middle.
 
     Between wide streets traffic turns across corners that no street's own width covers.
     """
@@ -121,7 +121,7 @@ def _crossing_area(extract: Extract, frame: SiteFrame, paved: shapely.Geometry) 
 
 
 def _half_width(tags: dict[str, str], extract: Extract, way: int) -> float:
-    """Return half the width of what vehicles run on, metres; 0 for what is no carriageway."""
+    """Return half the width of a carriageway, metres; 0 for other features."""
     kind = tags.get("highway")
     if kind in STREETS:
         return way_lanes(extract.ways[way]) * _LANE_M / 2 + 0.5

@@ -32,7 +32,7 @@ def check_origins(url: str | None, origins: list[str], name: str) -> None:
     """Check that origins fit the address whose files they give.
 
     Args:
-        url: the address, or ``None`` where a source is no address.
+        url: the address, or ``None`` where a source is a file.
         origins: as `OriginText`.
         name: of the field that holds the address.
 

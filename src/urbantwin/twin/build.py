@@ -199,7 +199,7 @@ def _read(site: Site, tell: Progress) -> tuple[Extract | None, Progress]:
 
 
 def _features(site: Site, extract: Extract | None) -> list[OsmFeature]:
-    """Return what is mapped in the region besides the roads.
+    """Return the mapped features of the region, roads left out.
 
     Raises:
         InputError: the extract has nothing there.
@@ -219,7 +219,7 @@ def _features(site: Site, extract: Extract | None) -> list[OsmFeature]:
 
 
 def _driving_side(site: Site, imported: ImportedMap | None) -> str:
-    """Return the side that people drive on: as the site says, the map of the roads, or the place.
+    """Return the side of driving: the site's, that of the map of the roads, or the country's.
 
     Raises:
         InputError: the site and the map of the roads say different things.

@@ -108,7 +108,7 @@ def _entry(at: Sequence[str | int], path: Path, beside: Iterable[Path] = ()) -> 
 
 
 def _address(at: Sequence[str | int], written: dict[str, Any]) -> dict[str, Any]:
-    """Return the entry of an address, and take what is secret out of what the site says of it."""
+    """Return the entry of an address, and remove credentials from the site's field."""
     field = str(at[-1])
     plain = without_secrets(written[field])
     entry: dict[str, Any] = {"at": list(at), "name": plain, "sha256": ""}

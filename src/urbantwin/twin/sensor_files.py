@@ -51,7 +51,7 @@ def sensor_file(model: str, folder: Path) -> tuple[str, Path | None]:
         folder: that of the rig's file; a file may also stand in the current folder.
 
     Returns:
-        ``MODEL:`` or nothing, and the path; ``None`` where it is no file that is there.
+        ``MODEL:`` or nothing, and the path; ``None`` where there is no such file.
     """
     # One letter before a colon is a drive.
     before, colon, path = model.partition(":")

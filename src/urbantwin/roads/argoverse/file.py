@@ -20,9 +20,9 @@ __all__ = ["EXPECTED", "Crossing", "MapFile", "Segment", "is_argoverse", "places
 
 EXPECTED = "an Argoverse 2 vector map: log_map_archive_....json with lane_segments"
 LANE_TYPES = ("VEHICLE", "BIKE", "BUS")
-#: A file that is larger is no map of a log, bytes.
+#: Largest size of a map of a log, bytes.
 MOST_BYTES = 200_000_000
-#: Coordinates beyond this are no city's, metres.
+#: Largest coordinate in a city, metres.
 FAR_M = 1e6
 
 

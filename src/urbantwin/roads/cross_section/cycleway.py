@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from urbantwin.roads.cross_section.defaults import Standard
-from urbantwin.roads.cross_section.tag_values import metres
+from urbantwin.roads.cross_section.lane_tags import metres
 
 __all__ = ["Cycleway", "Cycleways", "cycleways"]
 

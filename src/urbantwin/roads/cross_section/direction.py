@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from urbantwin.roads.cross_section.defaults import default_lanes
-from urbantwin.roads.cross_section.tag_values import count, lane_list
+from urbantwin.roads.cross_section.lane_tags import count, lane_list
 
 __all__ = ["DirectionTags", "direction_tags", "one_way"]
 

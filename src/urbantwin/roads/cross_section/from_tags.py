@@ -15,11 +15,11 @@ from urbantwin.roads.cross_section.direction import (
     direction_tags,
     one_way,
 )
+from urbantwin.roads.cross_section.lane_tags import count, metres
 from urbantwin.roads.cross_section.placement import middle_of_road
 from urbantwin.roads.cross_section.roadside import parking, roadside
 from urbantwin.roads.cross_section.section import CarriagewayLane, CrossSection
 from urbantwin.roads.cross_section.speed import speed_limit, speed_of
-from urbantwin.roads.cross_section.tag_values import count, metres
 
 __all__ = ["cross_section"]
 
@@ -185,7 +185,7 @@ def _with_widths(
     backward: list[CarriagewayLane],
     standard: Standard,
 ) -> tuple[list[CarriagewayLane], list[CarriagewayLane]]:
-    """Fill in widths that no tag gives to a lane by itself."""
+    """Fill in widths of lanes without a tag of their own."""
     lanes = [*forward, *backward]
     open_lanes = sum(not lane.width for lane in lanes)
     known = sum(lane.width for lane in lanes if not lane.track)

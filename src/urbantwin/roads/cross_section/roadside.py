@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from urbantwin.roads.cross_section.defaults import Standard
+from urbantwin.roads.cross_section.lane_tags import metres
 from urbantwin.roads.cross_section.section import Parking, Roadside
-from urbantwin.roads.cross_section.tag_values import metres
 
 __all__ = ["parking", "roadside"]
 
@@ -57,7 +57,7 @@ def roadside(
     standard: Standard,
     speed: float,
 ) -> Roadside:
-    """Return what lies beside one side of a way.
+    """Return the roadside on one side of a way.
 
     Args:
         tags: the way's tags.

@@ -15,7 +15,7 @@ NOTICED_M = 0.004
 
 
 def with_banked_widths(model: LaneModel) -> LaneModel:
-    """Return a model whose widths, so far those in plan, are those along the banked surface.
+    """Return a model with its widths converted from plan to the banked surface.
 
     A road with superelevation is turned about its reference line, and offsets and widths are
     measured in the turned plane (ASAM OpenDRIVE 1.8, 10.5): in plan they shrink by its cosine.

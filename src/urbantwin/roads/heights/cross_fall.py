@@ -37,7 +37,7 @@ SIDE_M = 2.0
 EDGE_M = 0.6
 #: Larger crowns are not the road's: a hedge, a wall, a row of parked cars.
 CROWNS = (0.0, 0.05)
-#: Smoothing along the road of what is measured, standard deviation, metres.
+#: Smoothing of measured values along the road, standard deviation, metres.
 ALONG_M = 8.0
 #: Residuals beyond this weigh less in the measurement (Huber, 1964), metres.
 HUBER_M = 0.03

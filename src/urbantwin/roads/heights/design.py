@@ -17,7 +17,7 @@ __all__ = ["Pins", "design_profiles", "profile_slopes", "smoothed"]
 SMOOTHING_LENGTHS_M = (6.0, 12.0, 25.0, 50.0)
 #: How much steeper than the steepest ground along it a street may be.
 GRADE_TOLERANCE = 0.005
-#: Weight of what is pinned, relative to a sample.
+#: Weight of pinned values, relative to a sample.
 PINNED = 1e7
 
 

@@ -194,7 +194,7 @@ class RoadSurface:
     def _correction(
         self, known: _Level, points: NDArray[np.float64], base: NDArray[np.float64]
     ) -> NDArray[np.float64]:
-        """Return what is added to the base beside and between streets."""
+        """Return the correction of the base beside and between streets."""
         if not len(points):
             return np.zeros(0)
         total, weight = np.zeros(len(points)), np.full(len(points), GROUND_WEIGHT)

@@ -37,7 +37,7 @@ from urbantwin.site.signals import SignalPlan
 
 __all__ = ["PreparedMap", "build_imported_roads", "check_meets", "prepared_map"]
 
-#: Streets that are cut go on so far beyond the border before they turn round, metres.
+#: Length by which cut streets go on beyond the border before they turn round, metres.
 BEYOND_M = 20.0
 _NOT_LIFTED = Lift(np.zeros((0, 2)), np.zeros(0, np.int64), np.zeros(0))
 
@@ -64,7 +64,7 @@ def prepared_map(
     *,
     closed_loop: bool = False,
 ) -> PreparedMap:
-    """Cut a map to a region, leave out what is not joined to the rest, and determine its heights.
+    """Crop a map to a region and to its main component, and determine its heights.
 
     A map that has heights keeps them, moved up or down as a whole: so that the road nearest to the
     anchor is at zero, or, where there is a DEM, so that the median of roads less ground is zero.

@@ -225,7 +225,7 @@ def _relinked(
     kept: set[int],
     ways: dict[int, ModelRoad],
 ) -> ModelRoad:
-    """Return a road joined to what is left of its neighbours."""
+    """Return a road linked to its remaining neighbours."""
 
     def link(old: RoadLink | None) -> RoadLink | None:
         if old is None or old.element == "junction":

@@ -15,7 +15,7 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.progress import Progress, untold
 from urbantwin.roads.imported.build import check_meets
 from urbantwin.roads.imported.crop import cropped, has_traffic
-from urbantwin.roads.imported.junction_choice import (
+from urbantwin.roads.imported.junction_proposal import (
     MapJunction,
     busiest_junction,
     paved_area,

@@ -59,7 +59,7 @@ class Lanes:
 def lane_links(lanes: Lanes) -> list[LaneLink]:
     """Return every way from one edge lane to the next, each pair once; not those on foot.
 
-    People on foot go from sidewalk to sidewalk over corners and crossings, which netconvert makes.
+    Pedestrians go from sidewalk to sidewalk over corners and crossings, which netconvert makes.
     """
     found: dict[tuple[str, str], LaneLink] = {}
     model = lanes.model

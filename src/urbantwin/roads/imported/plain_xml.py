@@ -155,7 +155,7 @@ def junction_outline(model: LaneModel, identity: int) -> NDArray[np.float64]:
         if road is not None and road.junction >= 0:
             areas += [_covered(road, number) for number in range(len(road.sections))]
     whole = area_union(areas)
-    # A sliver between two turns is no part of the outside.
+    # A sliver between two turns does not belong to the outside.
     whole = whole.buffer(0.5, join_style="mitre").buffer(-0.5, join_style="mitre")
     if whole.geom_type != "Polygon":
         whole = shapely.convex_hull(whole)

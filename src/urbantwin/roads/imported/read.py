@@ -29,7 +29,7 @@ __all__ = [
     "read_map",
 ]
 
-#: Endings of the files that we read, and what they hold.
+#: File name extensions and their formats.
 FORMATS = {".xodr": "OpenDRIVE", ".osm": "Lanelet2", ".json": "Argoverse 2"}
 _LANELET = re.compile(rb"""v=["']lanelet["']""")
 EXPECTED = "an OpenDRIVE map (.xodr), a Lanelet2 map (.osm) or one of Argoverse 2 (.json)"
@@ -60,7 +60,7 @@ def map_format(path: Path) -> str:
     """Return ``OpenDRIVE``, ``Lanelet2`` or ``Argoverse 2`` by a file's ending.
 
     Raises:
-        InputError: it is none of them.
+        InputError: it has another ending.
     """
     found = FORMATS.get(path.suffix.lower())
     if found is None:

@@ -71,7 +71,7 @@ def with_border(road: ModelRoad, s: float) -> tuple[ModelRoad, int]:
 
 
 def _part(section: LaneSection, start: float, origin: float) -> LaneSection:
-    """Return what is left of a section from a station on; its station counts from ``origin``."""
+    """Return the rest of a section from a station on; its station counts from ``origin``."""
     gone = start - section.s
     lanes = section.lanes
     if gone > LEAST_M:

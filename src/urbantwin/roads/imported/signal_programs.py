@@ -18,9 +18,9 @@ from urbantwin.roads.model import LaneModel, RoadSignal, SignalController
 
 __all__ = ["with_programs"]
 
-#: Lights for people on foot (ASAM OpenDRIVE 1.8, signal catalogue of the country ``OpenDRIVE``).
+#: Lights for pedestrians (ASAM OpenDRIVE 1.8, signal catalogue of the country ``OpenDRIVE``).
 ON_FOOT = ("1000002",)
-#: A light for people on foot stands at most this far from the crossing that it is for, metres.
+#: A light for pedestrians stands at most this far from the crossing that it is for, metres.
 BESIDE_M = 15.0
 
 
@@ -56,10 +56,10 @@ class _Light:
 def with_programs(
     model: LaneModel, nodes: Nodes, lights: Mapping[str, str], net: Path
 ) -> tuple[LaneModel, dict[str, object]]:
-    """Put the map's signal programs into a network, and tell each signal what it shows.
+    """Put the map's signal programs into a network, and assign its links to each signal.
 
     A map's program fits where every link of the network's light is found among its signals' links:
-    links of one lane pair by pair, lights for people on foot with the nearest crossing. Where
+    links of one lane pair by pair, lights for pedestrians with the nearest crossing. Where
     one does not fit, netconvert's program stays.
 
     Args:

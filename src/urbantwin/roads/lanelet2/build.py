@@ -32,7 +32,7 @@ LOST_M = 0.01
 MOST_PLANS = 400
 #: Road, number of the section, lane.
 LaneAt = tuple[int, int, int]
-#: Lanelets of a chain and what is cut off it -> its street; ``None`` if it makes none.
+#: Lanelets of a chain and its cuts -> its street; ``None`` if it cannot be built.
 Made = dict[tuple[object, ...], Street | None]
 
 

@@ -116,7 +116,7 @@ def routes(
     successors: Mapping[int, tuple[int, ...]],
     inner: frozenset[int],
 ) -> list[tuple[tuple[int, ...], int]]:
-    """Return every way from a lanelet through inner ones to the next that is none.
+    """Return every path from a lanelet through inner ones to the next outer one.
 
     Each is the lanelets between and the one where it ends; none leads over a lanelet twice.
     """
@@ -190,7 +190,7 @@ def _followed(
     borders = [Border(left), Border(right)]
 
     def along(share: float) -> Followed:
-        """Follow the line that lies so far from the left border to the right one."""
+        """Follow the line at a share of the way from the left border to the right one."""
         if share in (0.0, 1.0):
             line = (left if share == 0.0 else right)[:, :2]
         else:

@@ -16,7 +16,7 @@ __all__ = ["junctions_of"]
 
 #: Ways that lie over each other by more than this belong to one junction, square metres.
 OVERLAP_M2 = 0.5
-#: Ways that pass so far above each other do not meet, metres.
+#: Least vertical distance of ways that pass over each other, metres.
 CLEARANCE_M = 2.5
 
 

@@ -46,7 +46,7 @@ class Lanelet:
 
     @cached_property
     def kind(self) -> str:
-        """A kind of lane, ``crosswalk``, or empty for what is no lane."""
+        """The kind of lane, ``crosswalk``, or empty for anything else."""
         return kind_of(self.tags)
 
     @cached_property

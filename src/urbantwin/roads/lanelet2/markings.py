@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import shapely
@@ -15,7 +16,7 @@ from urbantwin.roads.lanelet2.lanelet import Lanelet
 from urbantwin.roads.lanelet2.projection import Places
 from urbantwin.roads.model import ModelRoad, RoadArea
 
-__all__ = ["Host", "areas_of", "hosts_of", "island_ways", "stop_lines"]
+__all__ = ["BuiltMap", "Host", "areas_of", "hosts_of", "island_ways", "stop_lines"]
 
 #: Width of a stop line along the road, metres (German RMS 1; US MUTCD 3B.16: 0.3 to 0.6 m).
 STOP_LINE_M = 0.4
@@ -104,26 +105,43 @@ def island_ways(document: Document) -> dict[int, Relation]:
     }
 
 
-def areas_of(
-    document: Document,
-    places: Places,
-    lanelets: Mapping[int, Lanelet],
-    approaches: Mapping[int, Sequence[tuple[int, int]]],
-    hosts: Mapping[int, Host],
-    first: int,
-    notes: dict[str, object],
-) -> tuple[RoadArea, ...]:
-    """Return stop lines, crosswalks and islands, each on the street that it lies on.
+@dataclass(frozen=True, eq=False)
+class BuiltMap:
+    """A map with the streets that were built of it.
 
-    Args:
+    Attributes:
         document: the map.
         places: where its nodes lie.
         lanelets: its lanelets.
         approaches: lanelet -> street and lane that lead to it.
         hosts: the streets.
+    """
+
+    document: Document
+    places: Places
+    lanelets: Mapping[int, Lanelet]
+    approaches: Mapping[int, Sequence[tuple[int, int]]]
+    hosts: Mapping[int, Host]
+
+    @cached_property
+    def governed(self) -> dict[int, list[int]]:
+        """Regulatory element -> the lanelets that it governs."""
+        found: dict[int, list[int]] = {}
+        for lanelet in self.lanelets.values():
+            for regulation in lanelet.regulations:
+                found.setdefault(regulation, []).append(lanelet.id)
+        return found
+
+
+def areas_of(built: BuiltMap, first: int, notes: dict[str, object]) -> tuple[RoadArea, ...]:
+    """Return stop lines, crosswalks and islands, each on the street that it lies on.
+
+    Args:
+        built: the map and its streets.
         first: the first free id.
         notes: takes what found no street.
     """
+    document, places, hosts = built.document, built.places, built.hosts
     found: list[RoadArea] = []
     lost = {"stop_lines": 0, "crosswalks": 0, "traffic_islands": 0}
 
@@ -134,15 +152,11 @@ def areas_of(
         local = host.local(np.column_stack([corners, np.zeros(len(corners))]), s)
         found.append(RoadArea(first + len(found), host.road.id, kind, name, s, local, height))
 
-    regulated: dict[int, list[int]] = {}
-    for lanelet in lanelets.values():
-        for regulation in lanelet.regulations:
-            regulated.setdefault(regulation, []).append(lanelet.id)
     for way, owners in stop_lines(document).items():
         nodes = document.ways[way].nodes
         line = np.array([places[n][:2] for n in nodes])
-        ids = [i for owner in owners for i in regulated.get(owner, [])]
-        said = [hosts[road] for i in ids for road, _ in approaches.get(i, ())]
+        ids = [i for owner in owners for i in built.governed.get(owner, [])]
+        said = [hosts[road] for i in ids for road, _ in built.approaches.get(i, ())]
         host = _nearest(line, said or list(hosts.values()), across=True)
         if host is None or len(set(nodes)) < 2:
             lost["stop_lines"] += 1
@@ -151,7 +165,7 @@ def areas_of(
             STOP_LINE_M / 2, cap_style="flat", join_style="mitre"
         )
         put("roadMark", "StopLine", host, shapely.get_coordinates(ring)[:-1], 0.0)
-    for lanelet in lanelets.values():
+    for lanelet in built.lanelets.values():
         if lanelet.kind != "crosswalk":
             continue
         axis = shapely.get_coordinates(lanelet.centre)[[0, -1]]

@@ -22,7 +22,7 @@ LEAST_CUT_M = 5.0
 LEAST_STREET_M = 10.0
 #: What is left of other streets that are cut, metres, or less where they are short.
 KEPT_M = 5.0
-#: A way through a junction begins so far before the first place where it is crossed, metres.
+#: Distance from the start of a way through a junction to its first crossing, metres.
 CLEAR_M = 3.0
 #: Longer groups stay streets even where others cross them, metres.
 LONGEST_INNER_M = 120.0
@@ -107,7 +107,7 @@ def _crossed_or_tagged(topology: Topology, forced: frozenset[int]) -> set[int]:
 
 
 def _cuts(topology: Topology, inner: set[int]) -> dict[End, float]:
-    """Return what is cut off groups where the next one is no way through a junction either."""
+    """Return lengths to cut off groups that meet without a way through a junction between them."""
     chosen: dict[End, float] = dict.fromkeys(_rings(topology), LEAST_CUT_M)
     links = sorted({(e, f) for e, f, _, _ in topology.links})
     for e, f in links:

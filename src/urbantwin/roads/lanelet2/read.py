@@ -16,7 +16,7 @@ from urbantwin.roads.lanelet2.build import BuiltRoads, LaneAt, build_streets_and
 from urbantwin.roads.lanelet2.document import Document, read_document
 from urbantwin.roads.lanelet2.junction import junctions_of
 from urbantwin.roads.lanelet2.lanelet import Lanelet, bounds_of, lanelets_of
-from urbantwin.roads.lanelet2.markings import areas_of, hosts_of, island_ways, stop_lines
+from urbantwin.roads.lanelet2.markings import BuiltMap, areas_of, hosts_of, island_ways, stop_lines
 from urbantwin.roads.lanelet2.projection import Places, places_of
 from urbantwin.roads.lanelet2.regulatory_elements import (
     POSTED,
@@ -87,10 +87,11 @@ def translated(document: Document, frame: SiteFrame) -> Translation:
         roads = tuple(_painted(road) for road in roads)
         notes["lines_between_lanes"] = "assumed: the map has none"
     hosts = hosts_of(roads)
+    on_streets = BuiltMap(document, places, lanelets, parts.approaches, hosts)
     first += len(junctions)
-    areas = areas_of(document, places, lanelets, parts.approaches, hosts, first, notes)
+    areas = areas_of(on_streets, first, notes)
     first += len(areas)
-    signals = signals_of(document, places, lanelets, parts.approaches, hosts, first, notes)
+    signals = signals_of(on_streets, first, notes)
     signals, controllers = controllers_of(signals, hosts, first + len(signals))
     _note(notes, document, lanelets, parts)
     model = LaneModel(side, roads, junctions, areas, signals, controllers)
@@ -143,7 +144,7 @@ def _note(
     lanelets: Mapping[int, Lanelet],
     parts: BuiltRoads,
 ) -> None:
-    """Count what was read, and what was left out or looks wrong."""
+    """Count what was read, left out or looks wrong."""
     counts: Counter[str] = Counter()
     counts["lanelets"] = len(lanelets)
     for identity, lanelet in lanelets.items():

@@ -12,16 +12,14 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.number_text import finite_number
-from urbantwin.roads.lanelet2.document import Document, Relation
-from urbantwin.roads.lanelet2.lanelet import Lanelet
-from urbantwin.roads.lanelet2.markings import Host
-from urbantwin.roads.lanelet2.projection import Places
+from urbantwin.roads.lanelet2.document import Relation
+from urbantwin.roads.lanelet2.markings import BuiltMap, Host
 from urbantwin.roads.lanelet2.traffic_rules import speed_of
 from urbantwin.roads.model import RoadSignal, SignalController
 
 __all__ = ["POSTED", "controllers_of", "sign_ways", "signals_of"]
 
-#: Types of signals in OpenDRIVE's own catalogue: three lights for vehicles, two for people on foot.
+#: Types of signals in OpenDRIVE's own catalogue: three lights for vehicles, two for pedestrians.
 VEHICLE_LIGHTS, WALKER_LIGHTS = "1000001", "1000002"
 #: Height of their middle over the road where the map has none, metres (US MUTCD 4D.15).
 LIGHTS_M = {VEHICLE_LIGHTS: 5.0, WALKER_LIGHTS: 2.2}
@@ -31,7 +29,7 @@ SIGN_M = 2.5
 BEYOND_M = 1.0
 #: Subtypes of regulatory elements that refer to lights or signs; others refer to areas.
 POSTED = ("traffic_light", "traffic_sign", "speed_limit", "right_of_way", "all_way_stop")
-#: Subtypes of a way that are lights for people on foot.
+#: Subtypes of a way that are lights for pedestrians.
 WALKER_SUBTYPES = {"red_green", "white"}
 _SIGN = re.compile(r"^([a-z]{2})\s*([0-9]+(?:\.[0-9]+)?)(?:-([0-9]+))?$", re.IGNORECASE)
 
@@ -41,33 +39,18 @@ def sign_ways(relation: Relation) -> list[int]:
     return relation.of_role("refers") if relation.tags.get("subtype") in POSTED else []
 
 
-def signals_of(
-    document: Document,
-    places: Places,
-    lanelets: Mapping[int, Lanelet],
-    approaches: Mapping[int, Sequence[tuple[int, int]]],
-    hosts: Mapping[int, Host],
-    first: int,
-    notes: dict[str, object],
-) -> tuple[RoadSignal, ...]:
+def signals_of(built: BuiltMap, first: int, notes: dict[str, object]) -> tuple[RoadSignal, ...]:
     """Return a signal for each light or sign and each street that it is for.
 
     A signal stands where the map has it; beyond the end of its street, as lights on the far side
     of a junction do, it is moved back to that end.
 
     Args:
-        document: the map.
-        places: where its nodes lie.
-        lanelets: its lanelets.
-        approaches: lanelet -> street and lane that lead to it.
-        hosts: the streets.
+        built: the map and its streets.
         first: the first free id.
         notes: takes what was moved and what found no street.
     """
-    governed: dict[int, list[int]] = {}
-    for lanelet in lanelets.values():
-        for regulation in lanelet.regulations:
-            governed.setdefault(regulation, []).append(lanelet.id)
+    document, hosts = built.document, built.hosts
     found: list[RoadSignal] = []
     lost = moved = 0
     for identity, relation in sorted(document.relations.items()):
@@ -76,12 +59,12 @@ def signals_of(
             continue
         lanes: dict[int, list[int]] = {}
         walkers = False
-        for i in governed.get(identity, []):
-            walkers |= lanelets[i].kind in ("crosswalk", "sidewalk")
-            for road, lane in approaches.get(i, ()):
+        for i in built.governed.get(identity, []):
+            walkers |= built.lanelets[i].kind in ("crosswalk", "sidewalk")
+            for road, lane in built.approaches.get(i, ()):
                 lanes.setdefault(road, []).append(lane)
         for way in sign_ways(relation):
-            points = np.array([places[n] for n in document.ways[way].nodes])
+            points = np.array([built.places[n] for n in document.ways[way].nodes])
             place = points.mean(axis=0)
             tags = document.ways[way].tags
             if walkers and not lanes:

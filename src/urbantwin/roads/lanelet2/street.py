@@ -196,7 +196,7 @@ def _reach(
     first = min(starts) if head is None else max(starts) + head
     end = max(ends) if tail is None else min(ends) - tail
     if head is None or tail is None:
-        # There is no other road that could have what is missing.
+        # No other road could contain the missing part.
         short = max(0.0, LEAST_M + 1e-6 - (end - first))
         first, end = (first - short, end) if head is None else (first, end + short)
     return max(float(first), 0.0), min(float(end), next(iter(whole.values()))[0].curve.length)

@@ -17,7 +17,7 @@ __all__ = ["End", "Topology"]
 
 #: Number of a group, and which end of it: 0 start, 1 end.
 End = tuple[int, int]
-#: Ways that pass each other at least so far above are on different levels, metres.
+#: Least vertical distance of ways on different levels, metres.
 CLEARANCE_M = 2.5
 
 

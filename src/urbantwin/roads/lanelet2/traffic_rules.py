@@ -63,7 +63,7 @@ _TO_MPS = {"": 1 / 3.6, "km/h": 1 / 3.6, "kmh": 1 / 3.6, "kph": 1 / 3.6, "mph": 
 
 
 def kind_of(tags: dict[str, str]) -> str:
-    """Return the kind of lane, ``crosswalk``, or empty for what is no lane."""
+    """Return the kind of lane, ``crosswalk``, or empty for anything else."""
     return KINDS.get(tags.get("subtype", ""), "")
 
 

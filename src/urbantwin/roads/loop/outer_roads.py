@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import shapely
 
 from urbantwin.roads.loop.dimensions import half_width
-from urbantwin.roads.loop.drawing import Drawing, Gate
+from urbantwin.roads.loop.layout import Gate, Layout
 from urbantwin.roads.loop.ring_road import WAY_OUT_M, add_ring_roads
 from urbantwin.roads.loop.road_ends import LooseEnd, loose_ends
 from urbantwin.roads.loop.turnaround import BENDS, add_turnaround, join_carriageways, near_pairs
@@ -63,18 +63,18 @@ def close_loop(
         country: ISO 3166-1 alpha-2; empty if unknown.
     """
     of_map = frozenset(known)
-    drawing = Drawing(_with_sidewalks(pieces, driving_side), of_map, driving_side, country)
+    layout = Layout(_with_sidewalks(pieces, driving_side), of_map, driving_side, country)
     cut_back = 0
-    while blind := _blind_ends(drawing, of_map):
-        drawing = Drawing(_cut_back(drawing.pieces, blind), of_map, driving_side, country)
+    while blind := _blind_ends(layout, of_map):
+        layout = Layout(_cut_back(layout.pieces, blind), of_map, driving_side, country)
         cut_back += len(blind)
-    number = {piece.id: k for k, piece in enumerate(drawing.pieces)}
+    number = {piece.id: k for k, piece in enumerate(layout.pieces)}
     turning: list[LooseEnd] = []
     exits: list[Gate] = []
     entries: list[Gate] = []
-    for end in loose_ends(drawing.pieces, of_map, drawing.lanes):
+    for end in loose_ends(layout.pieces, of_map, layout.lanes):
         street = number[end.piece.id]
-        out = _way_out(drawing, end, street)
+        out = _way_out(layout, end, street)
         lanes = max(end.leaves, end.enters)
         if end.leaves and end.enters:
             if end.cut or (out is not None and lanes > 1):
@@ -87,27 +87,27 @@ def close_loop(
     entries = [gate for gate in entries if all(gate is not b for _, b in near)]
     for gate in (*exits, *entries):
         way_out = shapely.LineString([gate.point + gate.ahead, gate.point + gate.ahead * WAY_OUT_M])
-        drawing.ground.reserve(
+        layout.space.reserve(
             way_out.buffer(half_width(gate.lanes * gate.lane_m, gate.tags), cap_style="flat")
         )
     for exit_, entry in near:
-        join_carriageways(drawing, exit_, entry)
-    tips = [add_turnaround(drawing, end, number[end.piece.id]) for end in turning]
-    led, still_open = add_ring_roads(drawing, exits, entries, tips)
+        join_carriageways(layout, exit_, entry)
+    tips = [add_turnaround(layout, end, number[end.piece.id]) for end in turning]
+    led, still_open = add_ring_roads(layout, exits, entries, tips)
     notes = {
         "turning_drops": len(turning),
         "carriageways_joined": len(near),
         "roads_round_the_region": led,
         "dead_ends_cut_back": cut_back,
         "open_ends": still_open,
-        "outer_roads_without_room": drawing.overlaps,
+        "outer_roads_without_room": layout.overlaps,
     }
     tags = {piece.id: piece.tags for piece in pieces}
-    streets = [replace(piece, tags=tags[piece.id]) for piece in drawing.pieces]
+    streets = [replace(piece, tags=tags[piece.id]) for piece in layout.pieces]
     return OuterRoads(
-        (*streets, *drawing.outer),
-        tuple(drawing.no_turns),
-        tuple(sorted(set(drawing.nodes))),
+        (*streets, *layout.outer),
+        tuple(layout.no_turns),
+        tuple(sorted(set(layout.nodes))),
         notes,
     )
 
@@ -130,20 +130,20 @@ def _with_sidewalks(pieces: Sequence[WayPiece], side: str) -> list[WayPiece]:
     ]
 
 
-def _blind_ends(drawing: Drawing, known: frozenset[int]) -> list[LooseEnd]:
+def _blind_ends(layout: Layout, known: frozenset[int]) -> list[LooseEnd]:
     """Return the one-way exits that end within the region, where no outer road reaches them."""
-    number = {piece.id: k for k, piece in enumerate(drawing.pieces)}
+    number = {piece.id: k for k, piece in enumerate(layout.pieces)}
     return [
         end
-        for end in loose_ends(drawing.pieces, known, drawing.lanes)
-        if not end.enters and _way_out(drawing, end, number[end.piece.id]) is None
+        for end in loose_ends(layout.pieces, known, layout.lanes)
+        if not end.enters and _way_out(layout, end, number[end.piece.id]) is None
     ]
 
 
-def _way_out(drawing: Drawing, end: LooseEnd, street: int) -> float | None:
+def _way_out(layout: Layout, end: LooseEnd, street: int) -> float | None:
     """Return the heading of a straight way from an end past all streets; ``None`` without one."""
     headings = (end.heading + bend for bend in BENDS)
-    free = (h for h in headings if drawing.ground.leads_out(street, end.point, h))
+    free = (h for h in headings if layout.space.leads_out(street, end.point, h))
     return next(free, None)
 
 

@@ -9,10 +9,10 @@ import numpy as np
 import shapely
 
 from urbantwin.roads.loop.dimensions import CLEARANCE_M, half_width, outer_tags
-from urbantwin.roads.loop.drawing import Drawing, Gate
 from urbantwin.roads.loop.dubins import Pose2
 from urbantwin.roads.loop.exit_matching import match_exits, ring_distance
 from urbantwin.roads.loop.free_space import Points, dubins_points, unit
+from urbantwin.roads.loop.layout import Gate, Layout
 
 __all__ = ["WAY_OUT_M", "add_ring_roads"]
 
@@ -25,7 +25,7 @@ WAY_OUT_M = 130.0
 
 
 def add_ring_roads(
-    drawing: Drawing, exits: list[Gate], entries: list[Gate], tips: list[Gate]
+    layout: Layout, exits: list[Gate], entries: list[Gate], tips: list[Gate]
 ) -> tuple[int, int]:
     """Join exits to entries; return how many roads that made and how many gates remain open.
 
@@ -37,10 +37,10 @@ def add_ring_roads(
     starts, ends = exits or tips, entries or tips
     if not (starts and ends):
         return 0, len(exits) + len(entries)
-    hull = drawing.ground.hull
+    hull = layout.space.hull
     length = float(hull.exterior.length)
     at = [
-        np.array([drawing.ground.place(gate.point, gate.heading) for gate in gates])
+        np.array([layout.space.place(gate.point, gate.heading) for gate in gates])
         for gates in (starts, ends)
     ]
     apart = ring_distance(at[0], at[1], length)
@@ -57,12 +57,12 @@ def add_ring_roads(
         leave[i] -= 1
         arrive[j] -= 1
         forward = (at[1][j] - at[0][i]) % length <= length / 2
-        _road(drawing, starts[i], ends[j], forward, leave[i] > 0, arrive[j] > 0)
+        _road(layout, starts[i], ends[j], forward, leave[i] > 0, arrive[j] > 0)
     return len(pairs), 0
 
 
 def _road(
-    drawing: Drawing,
+    layout: Layout,
     exit_: Gate,
     entry: Gate,
     forward: bool,
@@ -77,9 +77,9 @@ def _road(
     street = exit_ if exit_.street >= 0 else entry
     lanes = entry.lanes if entry.street >= 0 else exit_.lanes
     lane_m = max(exit_.lane_m, entry.lane_m)
-    tags = outer_tags(street.tags, lanes, lane_m, side=drawing.side, kmh=KMH, sidewalks="both")
+    tags = outer_tags(street.tags, lanes, lane_m, side=layout.side, kmh=KMH, sidewalks="both")
     half = half_width(lanes * lane_m, tags)
-    ring = drawing.ground.ring(half)
+    ring = layout.space.ring(half)
     a, b = (_station(ring, gate) for gate in (exit_, entry))
     line: list[Points] = []
     joints: dict[int, int] = {}
@@ -87,7 +87,7 @@ def _road(
     start, end = _pose(ring, a, exit_.heading), _pose(ring, b, entry.heading + math.pi)
     sense = 1.0 if forward else -1.0
     if more_leave:
-        first, start = drawing.new_node(), _pose(ring, a, _course(ring, a, sense))
+        first, start = layout.new_node(), _pose(ring, a, _course(ring, a, sense))
         exit_.joints.append((first, np.array(start[:2])))
     else:
         line.append(exit_.point)
@@ -95,7 +95,7 @@ def _road(
             joints[len(line)] = node
             line.append(point)
     if more_arrive:
-        last, end = drawing.new_node(), _pose(ring, b, _course(ring, b, sense))
+        last, end = layout.new_node(), _pose(ring, b, _course(ring, b, sense))
     line += list(_between(ring, start, end, a, b, sense))
     if more_arrive:
         entry.joints.append((last, np.array(end[:2])))
@@ -105,8 +105,8 @@ def _road(
             line.append(point)
         line.append(entry.point)
     points = np.array(line)
-    drawing.ground.take(shapely.LineString(points).buffer(half + CLEARANCE_M))
-    drawing.add_halves(points, tags, first=first, last=last, joints=joints)
+    layout.space.take(shapely.LineString(points).buffer(half + CLEARANCE_M))
+    layout.add_halves(points, tags, first=first, last=last, joints=joints)
 
 
 def _between(

@@ -8,8 +8,8 @@ import numpy as np
 import shapely
 
 from urbantwin.roads.loop.dimensions import CLEARANCE_M, half_width, outer_tags, turning_radius
-from urbantwin.roads.loop.drawing import Drawing, Gate
 from urbantwin.roads.loop.free_space import Points, dubins_points, unit
+from urbantwin.roads.loop.layout import Gate, Layout
 from urbantwin.roads.loop.road_ends import LooseEnd
 
 __all__ = ["BENDS", "NEAR_M", "add_turnaround", "join_carriageways", "near_pairs"]
@@ -31,29 +31,29 @@ SPLAYS = tuple(math.radians(angle) for angle in (0, 15, 30, 45, 55))
 DROP_KMH = 20
 
 
-def add_turnaround(drawing: Drawing, end: LooseEnd, street: int) -> Gate:
+def add_turnaround(layout: Layout, end: LooseEnd, street: int) -> Gate:
     """Extend a two-way street to a turnaround, and return the turnaround's far point."""
     lanes, width = end.enters, end.enters * end.lane_m
-    tags = _tags(drawing, end.piece.tags, lanes, end.lane_m)
+    tags = _tags(layout, end.piece.tags, lanes, end.lane_m)
     half, radius = half_width(width, tags) + CLEARANCE_M, turning_radius(width)
     stem_half = half_width((end.leaves + end.enters) * end.lane_m, end.piece.tags)
 
-    def drop(stem: float, bend: float) -> tuple[float, Points, shapely.Geometry]:
+    def choice(stem: float, bend: float) -> tuple[float, Points, shapely.Geometry]:
         heading = end.heading + bend
         tip = end.point + unit(heading) * stem
-        line = _drop_line(tip, heading, radius, drawing.turn)
+        line = _turnaround_line(tip, heading, radius, layout.turn)
         road = shapely.LineString([end.point + unit(heading), tip])
         area = road.buffer(stem_half, cap_style="flat").union(shapely.Polygon(line).buffer(half))
         return heading, line, area
 
-    places = (drop(stem, bend) for stem in STEMS_M for bend in BENDS)
-    heading, line, area = drawing.with_most_room(places, lambda place: place[2], street)
-    drawing.ground.take(area)
-    node, far, middle = drawing.new_node(), drawing.new_node(), len(line) // 2
-    drawing.lengthen(street, node, line[0], at_start=end.at_start)
-    out = drawing.add(line[: middle + 1], tags, first=node, last=far)
-    back = drawing.add(line[middle:], tags, first=far, last=node)
-    drawing.no_turns.append((back, node, out))
+    places = (choice(stem, bend) for stem in STEMS_M for bend in BENDS)
+    heading, line, area = layout.with_most_room(places, lambda place: place[2], street)
+    layout.space.take(area)
+    node, far, middle = layout.new_node(), layout.new_node(), len(line) // 2
+    layout.lengthen(street, node, line[0], at_start=end.at_start)
+    out = layout.add(line[: middle + 1], tags, first=node, last=far)
+    back = layout.add(line[middle:], tags, first=far, last=node)
+    layout.no_turns.append((back, node, out))
     return Gate(far, line[middle], heading, -1, end.piece.tags, lanes, end.lane_m)
 
 
@@ -74,11 +74,11 @@ def near_pairs(exits: list[Gate], entries: list[Gate]) -> list[tuple[Gate, Gate]
     return found
 
 
-def join_carriageways(drawing: Drawing, exit_: Gate, entry: Gate) -> None:
+def join_carriageways(layout: Layout, exit_: Gate, entry: Gate) -> None:
     """Join the two carriageways of a street by a turnaround."""
     lane_m = max(exit_.lane_m, entry.lane_m)
     width = entry.lanes * lane_m
-    tags = _tags(drawing, exit_.tags, entry.lanes, lane_m)
+    tags = _tags(layout, exit_.tags, entry.lanes, lane_m)
     half, radius = half_width(width, tags) + CLEARANCE_M, turning_radius(width)
     ahead = exit_.ahead + entry.ahead
     ahead /= np.linalg.norm(ahead)
@@ -107,9 +107,9 @@ def join_carriageways(drawing: Drawing, exit_: Gate, entry: Gate) -> None:
         return shapely.LineString(line).buffer(half, cap_style="flat")
 
     lines = (turnaround_line(stem, splay) for stem in STEMS_M for splay in SPLAYS)
-    line = drawing.with_most_room(lines, area_of, exit_.street, entry.street)
-    drawing.ground.take(area_of(line))
-    drawing.add_halves(line, tags, first=exit_.node, last=entry.node)
+    line = layout.with_most_room(lines, area_of, exit_.street, entry.street)
+    layout.space.take(area_of(line))
+    layout.add_halves(line, tags, first=exit_.node, last=entry.node)
 
 
 def _apart(gate: Gate, other: Gate) -> float:
@@ -119,13 +119,13 @@ def _apart(gate: Gate, other: Gate) -> float:
     return abs(float(ahead[0] * gap[1] - ahead[1] * gap[0])) / float(np.linalg.norm(ahead))
 
 
-def _tags(drawing: Drawing, street: dict[str, str], lanes: int, lane_m: float) -> dict[str, str]:
+def _tags(layout: Layout, street: dict[str, str], lanes: int, lane_m: float) -> dict[str, str]:
     """Return the tags of a road that turns round; people walk on its outer side."""
-    side = drawing.side
+    side = layout.side
     return outer_tags(street, lanes, lane_m, side=side, kmh=DROP_KMH, sidewalks=side)
 
 
-def _drop_line(tip: Points, heading: float, radius: float, turn: str) -> Points:
+def _turnaround_line(tip: Points, heading: float, radius: float, turn: str) -> Points:
     """Return the turnaround (N, 2) of a street, from its end and back to it."""
     aside = SPLAY if turn == "left" else -SPLAY
     x, y = (float(v) for v in tip)

@@ -25,7 +25,7 @@ _TYPES = {
     "sidewalk": "sidewalk",
     "curb": "curb",
     "median": "median",
-    # No version has islands; a median is what is raised between lanes.
+    # No version has islands; a median is raised between lanes too.
     "island": "median",
     "none": "none",
 }

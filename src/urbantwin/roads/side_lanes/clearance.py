@@ -15,7 +15,7 @@ __all__ = ["Clearance", "footprint"]
 
 #: Spacing of the cross sections that are looked at, metres.
 STEP_M = 2.0
-#: Overlaps smaller than this are no obstacle, square metres per metre of road.
+#: Smaller overlaps are tolerated, square metres per metre of road.
 GRAZE_M = 0.1
 
 

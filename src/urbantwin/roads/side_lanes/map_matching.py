@@ -36,7 +36,7 @@ class MatchedWay:
     aligned: bool
 
     def roadside(self, side: int) -> Roadside:
-        """Return what lies to the left (1) or right (-1) of the road."""
+        """Return the roadside to the left (1) or right (-1) of the road."""
         return self.section.left if (side > 0) == self.aligned else self.section.right
 
     def lanes(self, side: int) -> tuple[CarriagewayLane, ...]:

@@ -112,7 +112,7 @@ def _clear_of(
     crossings: Sequence[float] | NDArray[np.float64],
     clear: float,
 ) -> list[tuple[float, float, float, bool]]:
-    """Return what is left of a run without the surroundings of crossings."""
+    """Return the parts of a run outside the surroundings of crossings."""
     first, last, width, track = run
     found = []
     for s in sorted(float(at) for at in crossings):

@@ -21,7 +21,7 @@ MOVEMENT_WORDS = {
 WITHIN_DEG = 45.0
 
 
-class UnknownMovement(Exception):  # noqa: N818 - told to people by whoever catches it
+class UnknownMovement(Exception):  # noqa: N818 - callers turn it into an InputError
     """Words that match no movement of a junction."""
 
     def __init__(self, problem: str, expected: str) -> None:
@@ -64,7 +64,7 @@ def crossings(junction: Signalised, words: str) -> list[Link]:
         arms = sorted({link.arm for link in walkers})
         raise UnknownMovement(
             f"{words!r} names no crossing with signals",
-            f"one of {', '.join(arms)}" if arms else "none: there are no such crossings here",
+            f"one of {', '.join(arms)}" if arms else "none: no such crossings here",
         )
     return found
 

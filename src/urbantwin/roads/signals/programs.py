@@ -115,7 +115,7 @@ def with_programs(model: LaneModel, programs: Sequence[SignalProgram]) -> LaneMo
 
 
 def described_signals(net: Path) -> dict[str, dict[str, Any]]:
-    """Return program -> what it controls and shows, in the words that plans are written in.
+    """Return program -> its controlled movements and phases, in the words of plans.
 
     Args:
         net: the ``.net.xml``.

@@ -23,8 +23,8 @@ __all__ = ["MappedSignals", "mapped_signals"]
 #: may lie, metres along the street.
 SIGNAL_M = 40.0
 CROSSING_M = 20.0
-#: A crossing with signals of its own is this far from any junction, and from the streets' ends:
-#: netconvert joins what is nearer, metres.
+#: Least distance of a signalised crossing from any junction and from the streets' ends, metres:
+#: netconvert joins nearer ones.
 ALONE_M = 30.0
 #: Streets that meet this close to each other are one junction: what runs between is within it.
 WITHIN_M = 28.0

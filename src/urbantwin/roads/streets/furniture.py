@@ -25,7 +25,7 @@ from urbantwin.roads.network import Lane, RoadNetwork, SignalHead
 
 __all__ = ["with_furniture"]
 
-#: Types of signals in OpenDRIVE's own catalogue: three lights for vehicles, two for people on foot.
+#: Types of signals in OpenDRIVE's own catalogue: three lights for vehicles, two for pedestrians.
 VEHICLE_LIGHTS, WALKER_LIGHTS = "1000001", "1000002"
 #: Height of a signal's lights over the road, metres (clearance of US MUTCD 4D.15: 4.6 m and more).
 LIGHTS_M = {VEHICLE_LIGHTS: 5.0, WALKER_LIGHTS: 2.2}
@@ -234,7 +234,7 @@ def _at_stop_line(number: int, place: _Place, head: SignalHead) -> RoadSignal:
 def _within(
     number: int, model: LaneModel, junction: int, head: SignalHead, *, walkers: bool
 ) -> RoadSignal | None:
-    """Place what lies within a junction on the way over it, else on the nearest."""
+    """Place objects within a junction on the way over it, else on the nearest."""
     roads = [road for road in model.roads if road.junction >= 0 and road.junction == junction]
     if not roads:
         return None

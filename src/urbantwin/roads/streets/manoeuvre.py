@@ -220,7 +220,7 @@ def _trims(
         lacking = max(0.0, max(ROOM_M, _room_to_shift(first, last)) - way)
         give = lacking / 2
         if before.id in signalled:
-            # The stop line keeps its place; what it cannot give, the other side gives.
+            # The stop line keeps its place; the other side gives the remaining length.
             give = max(0.0, ROOM_AT_SIGNAL_M - way) / 2
         keys = ((before.id, "end", give, first), (after.id, "start", lacking - give, last))
         for edge, end, want, lane in keys:

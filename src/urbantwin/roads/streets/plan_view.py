@@ -155,7 +155,7 @@ def _link(street: Street, strip: Strip, *, leaving: bool) -> RoadLink:
 def _outlines(
     network: RoadNetwork, streets: Sequence[Street], members: Mapping[str, Sequence[str]]
 ) -> dict[str, NDArray[np.float64]]:
-    """Return the outline of each junction, with what was cut off the ends of its streets."""
+    """Return the outline of each junction, with the parts cut off its streets."""
     shape = {junction.id: junction.polygon for junction in network.junctions}
     plain = {junction.id: junction.outline for junction in network.junctions}
     slabs: dict[str, list[shapely.Geometry]] = defaultdict(list)

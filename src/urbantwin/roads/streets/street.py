@@ -79,7 +79,7 @@ class Street:
 
 
 def vehicle_lanes(network: RoadNetwork, edge: Road) -> list[Lane]:
-    """Return the lanes of an edge that are not for people on foot, from the kerb inwards."""
+    """Return the lanes of an edge that are not for pedestrians, from the kerb inwards."""
     lanes = [network.lane_by_id[name] for name in edge.lanes]
     return [lane for lane in lanes if lane.kind != "sidewalk"] or lanes
 

@@ -193,7 +193,7 @@ def _add_line(
 
 
 def _fence(path: NDArray[np.float64], make: str, height: float, *, closed: bool) -> list[Solid]:
-    """Return posts and what is between them."""
+    """Return posts and the fence between them."""
     top = fence.strip(path, 0.02, height - 0.04, height, closed=closed)
     if make == "mesh":
         filling = [top, fence.lattice(path, 0.05, height - 0.04, closed=closed)]

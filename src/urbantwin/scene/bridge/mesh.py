@@ -25,7 +25,8 @@ __all__ = ["bridge_mesh"]
 
 #: Railings (EN 1317-6, AASHTO: 1.0 to 1.2 m); none where a deck is lower than this above ground.
 RAILING_M, LOWEST_FALL_M = 1.1, 0.6
-#: Piers stand so far apart, under decks at least so high; they keep off carriageways and tracks.
+#: Spacing of piers, and the least height of decks with piers; they keep off carriageways and
+#: tracks.
 PIER_STEP_M, PIER_M, LOWEST_PIER_M, CLEAR_M = 18.0, 0.8, 2.0, 0.8
 BURIED_M = 0.4
 #: Decks with less room under them are cut away over carriageways, metres.
@@ -139,7 +140,7 @@ def _add_slab(
     material = {"rail": "gravel", "road": "asphalt"}.get(deck.kind, "paving")
     semantic = {"rail": "other-ground", "road": "road"}.get(deck.kind, "sidewalk")
     body = slab(fine, low, top)
-    # The top is what people walk on; sides and underside are structure.
+    # The top is a footway; sides and underside are structure.
     upper = body.rises() > 0.5
     kinds = np.where(upper, semantic_id(semantic), semantic_id("other-structure"))
     matters = np.where(upper, material_id(material), material_id("concrete"))

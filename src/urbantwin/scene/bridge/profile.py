@@ -87,7 +87,7 @@ def bridge_decks(
         if lift > LOW_M:
             for end in sorted(end for end, count in uses.items() if count == 1):
                 if not region.covers(shapely.Point(end)):
-                    continue  # what it leads to is not known
+                    continue  # The feature at its end is unknown.
                 ramps = _ramps(end, lift, group[0].kind, walks, ground_height)
                 ramped[end] = bool(ramps)
                 decks += ramps
@@ -114,7 +114,7 @@ def _key(point: Sequence[float]) -> tuple[float, float]:
 def _sorted_ways(
     features: Sequence[OsmFeature], region: Polygon, lane_decks: Geometry, notes: Counter[str]
 ) -> tuple[list[_Way], list[tuple[OsmFeature, int]], dict[tuple[float, float], list[_Way]]]:
-    """Return bridges, what lies beneath bridges with its layer, and other ways by their ends."""
+    """Return bridges, crossed features with their layers, and other ways by their ends."""
     bridges, beneath = [], []
     walks: dict[tuple[float, float], list[_Way]] = defaultdict(list)
     for feature in features:
@@ -203,7 +203,7 @@ def _lack(
     beneath: Sequence[tuple[OsmFeature, int]],
     ground_height: GroundHeight,
 ) -> tuple[float, NDArray[np.float64]]:
-    """Return by how much a bridge is too low over what it crosses, and where it crosses that."""
+    """Return how much clearance a bridge lacks, and where."""
     worst, where = 0.0, [np.zeros(0)]
     inner = shapely.buffer(way.line, 0.01)
     for other, layer in beneath:

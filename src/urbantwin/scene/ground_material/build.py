@@ -22,7 +22,7 @@ __all__ = ["GroundMaterials", "ground_materials", "surface_materials"]
 
 @dataclass(frozen=True)
 class GroundMaterials:
-    """Materials on the ground, and what was counted while finding them."""
+    """Materials on the ground, and counts for the manifest."""
 
     surface: SurfaceMaterials
     notes: dict[str, object]

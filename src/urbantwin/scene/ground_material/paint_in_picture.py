@@ -92,7 +92,7 @@ def paint_in_picture(
 
 
 def _strips(rows: int, halo: int) -> Iterator[tuple[slice, slice, slice]]:
-    """Yield a strip's rows, the rows with what is around them, and the strip within those."""
+    """Yield a strip's rows, these rows with a margin, and the strip within those."""
     for first in range(0, rows, ROWS):
         last = min(first + ROWS, rows)
         low, high = max(0, first - halo), min(rows, last + halo)
@@ -122,7 +122,7 @@ def _above_background(
 def _opened(
     light: NDArray[np.float32], road: NDArray[np.bool_], width_m: float, cell_m: float
 ) -> NDArray[np.float32]:
-    """Return the brightness of the road without what is narrower than a width."""
+    """Return the morphological opening of the road's brightness by a width."""
     size = max(3, 2 * round(width_m / cell_m / 2) + 1)
     big = np.float32(1e6)
     low = minimum_filter(np.where(road, light, big), size)
@@ -149,7 +149,7 @@ def _white_or_yellow(
 def _with_spots(
     border: NDArray[np.bool_], spot: NDArray[np.bool_], cell_m: float
 ) -> NDArray[np.bool_]:
-    """Return the pieces of ``border`` that hold a spot and are no specks."""
+    """Return the pieces of ``border`` that hold a spot and are larger than specks."""
     number, count = label(border, np.ones((3, 3), bool))
     sizes = np.bincount(number.ravel(), minlength=count + 1)
     spots = np.bincount(number[spot], minlength=count + 1)

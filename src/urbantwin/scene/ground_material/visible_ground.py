@@ -13,7 +13,7 @@ from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
 
 __all__ = ["CARRIAGEWAY", "FOOTWAY", "OPEN", "VisibleGround", "ground_heights", "visible_ground"]
 
-#: Zones: what cars drive on, what people walk on, and all other ground; 0 is hidden or nothing.
+#: Zones: carriageways, footways and all other ground; 0 where the ground is hidden or missing.
 CARRIAGEWAY, FOOTWAY, OPEN = 1, 2, 3
 _ZONE_OF = {
     "road": CARRIAGEWAY,
@@ -102,7 +102,7 @@ def _heights_on(
 
 
 def ground_heights(mesh: LabelledMesh, points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the height (N,) of the lowest ground at points (N, 2): what is under all bridges.
+    """Return the height (N,) of the lowest ground at points (N, 2), below all bridges.
 
     Nan where there is no ground.
     """

@@ -19,7 +19,7 @@ __all__ = ["add_platforms"]
 
 #: Heights above the rails' ground: trains 0.55 m (TSI PRM: 0.55 or 0.76), trams 0.25 m.
 TRAIN_M, TRAM_M = 0.55, 0.25
-#: Width of platforms that are mapped as a line; and what is kept clear beside a track, metres.
+#: Width of platforms that are mapped as a line; and clearance beside a track, metres.
 WIDTH_M, TRACK_M, KERB_M = 3.0, 1.35, 0.05
 BURIED_M, FINE_M = 0.3, 4.0
 NEAR_TRACK_M = 8.0

@@ -200,7 +200,7 @@ def _convex(corners: Points, planes: Points, rising: NDArray[np.int64]) -> list[
 def _cut(
     ring: list[tuple[float, float]], a: float, b: float, c: float
 ) -> list[tuple[float, float]]:
-    """Return what of a convex ring is where a x + b y + c >= 0."""
+    """Return the part of a convex ring where a x + b y + c >= 0."""
     side = [a * x + b * y + c for x, y in ring]
     if min(side) >= -1e-9:
         return ring

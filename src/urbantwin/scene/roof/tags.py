@@ -160,5 +160,5 @@ def _snapped(yaw: float, footprint: Polygon, within: float) -> float:
 
 
 def _plain(text: str) -> str:
-    """Return what of a tag's value may stand in a note."""
+    """Return a tag's value as it may stand in a note."""
     return "".join(c for c in text[:24] if c.isalnum() or c in "_-.")

@@ -22,7 +22,7 @@ from urbantwin.taxonomy import material_id
 
 __all__ = ["GrownTree", "grow", "surveyed_tree_mesh"]
 
-#: Crowns of a scene have about so many triangles in all, and each so many at least and at most.
+#: Triangles of all crowns of a scene, about; and of each at least and at most.
 MOST_TRIANGLES, FEWEST_CLUMPS, MOST_CLUMPS = 300_000, 60, 900
 #: Crowns are cut back over carriageways to this height (RASt 06, AASHTO: 4.5 m), metres.
 CLEARANCE_M = 4.5

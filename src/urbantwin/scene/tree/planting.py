@@ -32,7 +32,7 @@ ROW_M = 8.0
 WOOD_M = 6.0
 ORCHARD_M = 5.0
 SCRUB_M = 1.6
-#: At most so many trees of woods and bushes are drawn: those nearest to carriageways.
+#: Most trees of woods and most bushes that are drawn: those nearest to carriageways.
 MOST_WOOD_TREES = 400
 MOST_BUSHES = 1500
 #: Seeded trees keep this far from the middle of ways and tracks, metres.

@@ -16,7 +16,7 @@ __all__ = ["water_level", "with_water"]
 
 #: Points this near to a body's border are on it: the ground's vertices are snapped, metres.
 SNAP_M = 0.03
-#: An elevation model shows water if it lies so much below the shore there, metres.
+#: An elevation model shows water that lies this far below its shore, metres.
 SHOWN_M = 0.3
 
 

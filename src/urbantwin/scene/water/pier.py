@@ -37,7 +37,7 @@ def pier_mesh(
         features: the map's features, site frame.
         region: piers are cut at its border.
         ground_height: heights of the ground and the water.
-        carriageway: where there is none.
+        carriageway: where no pier is built.
         without: where imported geometry has them.
 
     Returns:

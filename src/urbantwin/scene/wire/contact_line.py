@@ -23,7 +23,7 @@ __all__ = ["CONTACT_M", "add_contact_lines"]
 CONTACT_M, SPAN_M = 5.5, 6.6
 #: Distance between what holds the wire: streets, railways, metres.
 STREET_STEP_M, RAILWAY_STEP_M = 28.0, 55.0
-#: The messenger wire of railways hangs from so high above the rails, with so much sag, metres.
+#: Height of a railway's messenger wire at its supports above the rails, and its sag, metres.
 MESSENGER_M, MESSENGER_SAG_M = 6.8, 0.9
 MAST_M, BURIED_M = 7.4, 0.3
 #: How far from the track a mast or a wall is looked for, metres.
@@ -36,7 +36,7 @@ SHARED_M = 14.0
 
 @dataclass
 class _Works:
-    """Where wires may be held, and what has been held so far."""
+    """Possible supports of wires, and the stations that have one."""
 
     region: Polygon
     blocked: Geometry

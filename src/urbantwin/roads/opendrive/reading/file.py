@@ -20,7 +20,7 @@ _TOP = ("header", "road", "junction", "controller", "junctionGroup", "station")
 CHUNK = 65536
 
 
-class _RootSeen(Exception):  # noqa: N818 - it ends a search, it is no error
+class _RootSeen(Exception):  # noqa: N818 - it ends a search and is not an error
     pass
 
 

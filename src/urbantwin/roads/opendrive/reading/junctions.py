@@ -52,8 +52,8 @@ def read_connections(
     """Return the connections of a junction.
 
     A road through it that does not say what it is linked to gets the link that its connection
-    tells, in ``by_id``. In a direct junction (1.7 on) the connecting road is the road that the
-    other one goes on as: there is none between them.
+    tells, in ``by_id``. In a direct junction (1.7 on) the connecting road is the continuation of
+    the other road: there is no road between them.
 
     Args:
         node: the junction as written.

@@ -43,8 +43,8 @@ def read_sections(
         spot: the road, for errors.
 
     Raises:
-        InputError: there is none, lanes are numbered twice, a lane has a negative width, or a
-            number is invalid.
+        InputError: there are no sections, lanes are numbered twice, a lane has a negative width, or
+            a number is invalid.
     """
     items = road.findall("lanes/laneSection")
     if not items:

@@ -78,7 +78,7 @@ def _shape(
         basis = np.column_stack([across, -np.abs(across)])
         tilt, crown = np.linalg.lstsq(basis, height - middle, rcond=None)[0]
         if np.abs(basis @ [tilt, crown] - (height - middle)).max() > SHAPE_M:
-            spot.remark("cross sections that are no crown to 1 cm: the nearest crown is taken")
+            spot.remark("cross sections more than 1 cm off a crown: the nearest crown is taken")
         rows.append((middle, tilt, crown))
     lift, tilt, crown = zip(*rows, strict=True)
     return stepped(stations, lift), stepped(stations, tilt), stepped(stations, crown)

@@ -67,7 +67,7 @@ def read_outlines(
 
 
 def _kind(item: etree._Element) -> tuple[str, str]:
-    """Return the kind of an object in the lane model and its name; empty if there is none."""
+    """Return the kind of an object in the lane model and its name; empty without one."""
     kind = item.get("type") or ""
     name = item.get("name") or ""
     plain = "".join(c for c in f"{kind} {name} {item.get('subtype') or ''}".lower() if c.isalpha())

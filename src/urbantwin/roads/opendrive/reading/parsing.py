@@ -126,5 +126,5 @@ class Spot:
 
 
 def id_number(text: str) -> int | None:
-    """Return an id as a whole number, or ``None`` if it is none (or too large to be one)."""
+    """Return an id as a whole number, or ``None`` if it is not one (or too large)."""
     return int(text) if text.isascii() and text.isdecimal() and len(text) < 16 else None

@@ -37,7 +37,7 @@ _VERTICAL = re.compile(r"\+(geoidgrids|vunits|vto_meter|geoid_crs|nadgrids=@null
 
 @dataclass(frozen=True)
 class Similarity:
-    """Turns by ``angle``, scales, then moves: what keeps lines, arcs and cubics what they are."""
+    """Rotation by ``angle``, scale and translation: lines, arcs and cubics keep their kind."""
 
     scale: float
     angle: float

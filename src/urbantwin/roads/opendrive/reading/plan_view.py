@@ -36,8 +36,8 @@ def read_curve(road: etree._Element, spot: Spot) -> Curve:
         spot: the road, for errors.
 
     Raises:
-        InputError: there is none, it has no length, its length is not the road's, it has a gap, or
-            a number in it is invalid.
+        InputError: there is no reference line, it has no length, its length is not the road's, it
+            has a gap, or a number in it is invalid.
     """
     items = road.findall("planView/geometry")
     if not items:

@@ -186,7 +186,7 @@ def _assembled(content: _Content, log: Log) -> ReadMap:
         ids = dict(zip(content.roads, whole, strict=True))
         content.roads = {key: replace(e, id=ids[key] or 0) for key, e in content.roads.items()}
     else:
-        log.at("").remark("ids of roads that are no whole numbers: roads are numbered")
+        log.at("").remark("ids of roads that are not whole numbers: roads are numbered")
     found = joined(content.roads, content.links, content.inside, content.nodes, log)
     signs = resolve_references(content.roads, content.signs, content.references, log)
     areas, signals, controllers = with_model_ids(

@@ -17,7 +17,7 @@ __all__ = ["Reference", "read_references", "resolve_references"]
 
 #: Turns smaller than this do not matter, radians.
 FACING = 1e-3
-#: A signal that stands nearer to where the reference puts it has no place of its own, metres.
+#: Signals nearer than this to where the reference puts them get no pose of their own, metres.
 SAME_M = 0.01
 
 

@@ -113,7 +113,7 @@ def _sides(road: ModelRoad) -> list[tuple[bool, tuple[int, ...]]]:
     }
     if len(driven) == 2:
         return [(True, (1,)), (False, (-1,))]
-    # One direction only, or none: what lies beside it stays with it.
+    # One direction only, or none: lanes beside it stay with it.
     return [(driven != {-1}, (1, -1))]
 
 

@@ -15,7 +15,7 @@ import shapely
 
 from urbantwin.geometry import wrapped
 from urbantwin.roads.model import LaneModel, ModelRoad, RoadSignal
-from urbantwin.roads.opendrive.writing.carla_crosswalks import CARRIER_M, carrier
+from urbantwin.roads.opendrive.writing.carla import CARRIER_M, carrier
 from urbantwin.roads.signals import pose_of
 
 __all__ = ["heading_offset", "with_signal_references"]

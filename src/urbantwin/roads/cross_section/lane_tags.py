@@ -31,7 +31,7 @@ def metres(text: str | None) -> float | None:
 
 
 def count(text: str | None) -> int | None:
-    """Return a number of lanes; the smallest of several (``2;3``), ``None`` where it is none."""
+    """Return a number of lanes; the smallest of several (``2;3``), ``None`` if it is invalid."""
     if text is None:
         return None
     words = [word.strip() for word in text.split(";")]

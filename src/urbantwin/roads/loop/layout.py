@@ -16,7 +16,7 @@ from urbantwin.roads.loop.free_space import FreeSpace, Points, unit
 from urbantwin.roads.loop.road_ends import motor_lanes
 from urbantwin.site import WayPiece
 
-__all__ = ["Drawing", "Gate"]
+__all__ = ["Gate", "Layout"]
 
 Choice = TypeVar("Choice")
 #: Smaller overlaps are ignored, square metres.
@@ -55,7 +55,7 @@ class Gate:
         return unit(self.heading)
 
 
-class Drawing:
+class Layout:
     """Outer roads as they are laid out.
 
     Args:
@@ -81,7 +81,7 @@ class Drawing:
             half_width(sum(map(sum, lanes)), piece.tags)
             for piece, lanes in zip(pieces, self.lanes, strict=True)
         ]
-        self.ground = FreeSpace([piece.points for piece in pieces], widths)
+        self.space = FreeSpace([piece.points for piece in pieces], widths)
 
     @property
     def turn(self) -> str:
@@ -108,7 +108,7 @@ class Drawing:
         for choice in choices:
             area = area_of(choice)
             size = SIZE_COST * area.area
-            overlap = self.ground.overlap(area, *own, enough=max(ROOM_M2, least - size))
+            overlap = self.space.overlap(area, *own, enough=max(ROOM_M2, least - size))
             crowded = overlap > ROOM_M2
             if not crowded or overlap + size < least:
                 best, least = choice, overlap + size

@@ -13,7 +13,7 @@ from urbantwin.geometry import area_union
 from urbantwin.roads.imported.crop import cropped, middle_of_junction
 from urbantwin.roads.model import LaneModel, ModelJunction, ModelRoad
 from urbantwin.site.draft import usual_volumes
-from urbantwin.site.junction import STREETS
+from urbantwin.site.junction_proposal import STREETS
 
 __all__ = ["MapJunction", "busiest_junction", "paved_area", "volumes"]
 

@@ -1,4 +1,4 @@
-"""Crosswalks placed for CARLA, on roads without a lane offset."""
+"""A lane model as CARLA reads it: crosswalks by the lane offset, signs by German numbers."""
 
 from __future__ import annotations
 
@@ -16,17 +16,22 @@ from urbantwin.roads.model import (
     Piece,
     Profile,
     RoadArea,
+    RoadSignal,
     SectionLane,
 )
+from urbantwin.roads.signals import meaning_of
 
-__all__ = ["CARRIER_M", "carrier", "for_carla"]
+__all__ = ["CARRIER_M", "carrier", "with_carla_crosswalks", "with_carla_signs"]
 
 #: Length and width of a road that only carries a crosswalk, metres.
 CARRIER_M = 1.0
 CARRIER_WIDTH_M = 0.1
+#: CARLA 0.9.16, ``carla.LandmarkType``: MaximumSpeed, StopSign, YieldSign.
+NUMBERS = {"limit": "274", "stop": "206", "yield": "205"}
+KM_H = {"mph": 1.609344, "m/s": 3.6}
 
 
-def for_carla(model: LaneModel) -> LaneModel:
+def with_carla_crosswalks(model: LaneModel) -> LaneModel:
     """Return a lane model whose crosswalks lie on roads without a lane offset.
 
     CARLA 0.9.16 measures crosswalks from the lane offset, the standard from the reference line:
@@ -123,4 +128,21 @@ def carrier(number: int, level: int, heading: float, points: NDArray[np.float64]
         crown=none,
         sections=(LaneSection(0.0, (lane,)),),
         level=level,
+    )
+
+
+def with_carla_signs(model: LaneModel) -> LaneModel:
+    """Return a lane model whose signs have German numbers, and whose limits are in km/h."""
+    return replace(model, signals=tuple(map(_german, model.signals)))
+
+
+def _german(signal: RoadSignal) -> RoadSignal:
+    meaning = None if signal.dynamic else meaning_of(signal)
+    if meaning is None:
+        return signal
+    value, unit = signal.value, signal.unit
+    if unit in KM_H and math.isfinite(value):
+        value, unit = float(round(value * KM_H[unit])), "km/h"
+    return replace(
+        signal, country="DE", type=NUMBERS[meaning], subtype="-1", value=value, unit=unit
     )
