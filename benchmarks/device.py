@@ -15,18 +15,18 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from urbantwin.lidar.layers import Paths, PresentActors, SensorPoses, cast_actors, cast_world
 
 from record import static_world
 from scan import COLUMNS, Job, moments, rig_of
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
-from urbantwin.geometry.embree import EmbreeScene
 from urbantwin.lidar import Scanner
+from urbantwin.lidar.actor_path import Paths
 from urbantwin.lidar.beams import Beams
 from urbantwin.lidar.casting.backend import tracer_on
-from urbantwin.lidar.casting.warp import WarpCaster
-from urbantwin.lidar.shapes import ActorShape, ShapeArrays, ShapeTable
+from urbantwin.lidar.casting.cast import cast_actors, cast_world
+from urbantwin.lidar.casting.tracer import Firing, SensorPoses
+from urbantwin.lidar.shapes import ActorShape, PresentActors, Shapes, ShapeTable
 from urbantwin.lidar.timing import sweeps_of
 from urbantwin.traffic.assets import asset_mesh
 
@@ -49,22 +49,16 @@ def lines(backend: str, mesh: LabelledMesh, actors: int, seconds: float) -> dict
     mounted, frames = rig.sensors[0], moments(actors)
     beams, pose = Beams.of(mounted), mounted.site_SE3_sensor
     (sweep,) = sweeps_of(mounted, 3, 0)
-    device = tracer_on(backend)
+    tracer = tracer_on(backend)
 
     moved = mesh.vertices - pose.translation
-    aims = (beams.directions @ pose.rotation.T).astype(np.float32)
-    name = backend.partition(":")[2] or None
-    caster = (
-        EmbreeScene(moved, mesh.faces) if device is None else WarpCaster(moved, mesh.faces, name)
-    )
-
     shape = ActorShape(
         LabelledMesh(moved, mesh.faces, mesh.semantic, mesh.material, mesh.part), with_hull=False
     )
-    world = ShapeArrays.of([shape], device)
-    here = SensorPoses(pose.rotation[None], np.zeros((1, 3)))
-    there = SensorPoses(pose.rotation[None], pose.translation[None])
-    table = ShapeTable(asset_mesh, device)
+    world, rotation = Shapes.of([shape]), pose.rotation[None]
+    here = Firing.of(beams, sweep, SensorPoses(rotation, np.zeros((1, 3))))
+    there = Firing.of(beams, sweep, SensorPoses(rotation, pose.translation[None]))
+    table = ShapeTable(asset_mesh)
     present = [
         (np.array([table.number(one.asset, one.phase) for one in frame], np.int64), frame)
         for frame in frames
@@ -72,21 +66,17 @@ def lines(backend: str, mesh: LabelledMesh, actors: int, seconds: float) -> dict
 
     def moving(number: int) -> object:
         shapes, frame = present[number % len(present)]
-        paths = Paths.of([one.way for one in frame])
-        found = PresentActors(table.arrays, shapes, paths)
-        return cast_actors(beams, sweep, there, found, 120.0, glass=False)
+        found = PresentActors(table.arrays, shapes, Paths.of([one.way for one in frame]))
+        return cast_actors(tracer, beams, there, found, 120.0, glass=False)
 
     def standing(_: int) -> object:
-        return cast_world(beams, sweep, here, world, glass=False, thorough=False)
+        return cast_world(tracer, beams, here, world, glass=False, thorough=False)
 
     def both(number: int) -> object:
         return standing(number), moving(number)
 
     scanner = Scanner(mesh, rig, 0, backend=backend)
     return {
-        "rays from one place at the street": best(
-            lambda _: caster.cast(np.zeros(3), aims), seconds
-        ),
         "turn at the street": best(standing, seconds),
         "turn at the actors, street kept": best(moving, seconds),
         "turn at both": best(both, seconds),

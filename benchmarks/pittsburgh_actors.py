@@ -10,8 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cache
 
-import embreex.mesh_construction
-import embreex.rtcore_scene
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
@@ -21,6 +19,7 @@ from scipy.spatial.transform import Rotation
 from argoverse_log import SENSORS, ActorBox, Log
 from argoverse_world import TIMES_S, actor_class, mesh_in_box, meshes_of
 from urbantwin.geometry import Pose
+from urbantwin.geometry.embree import EmbreeScene
 from urbantwin.taxonomy import material_id
 from urbantwin.traffic.assets import COATED_CLASSES
 
@@ -87,20 +86,14 @@ class _Surface:
     """Triangles to cast rays at."""
 
     def __init__(self, vertices: NDArray[np.float64], faces: NDArray[np.int32]) -> None:
-        self._scene = embreex.rtcore_scene.EmbreeScene(robust=True)
-        # Kept: the scene refers to its geometry without owning it.
-        self._mesh = embreex.mesh_construction.TriangleMesh(
-            self._scene, vertices.astype(np.float32), np.ascontiguousarray(faces, np.int32)
-        )
+        self._scene = EmbreeScene(vertices, faces)
 
     def first(
         self, start: NDArray[np.float64], way: NDArray[np.float64]
     ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """The triangle that each ray meets first, -1 for none, and after how many of its ways."""
-        found = self._scene.run(start.astype(np.float32), way.astype(np.float32), output=True)
-        hit = found["geomID"] >= 0
-        reach = np.where(hit, found["tfar"].astype(np.float64), np.inf)
-        return np.where(hit, found["primID"].astype(np.int64), -1), reach
+        found = self._scene.cast_single(start, way)
+        return found.face.astype(np.int64), found.range_m.astype(np.float64)
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from affine import Affine
 from urbantwin.cli.summary import summary
 from urbantwin.geometry import SiteFrame
 from urbantwin.lidar import load_scan_pattern, load_sensor
-from urbantwin.lidar.chosen_sensor import check_models
+from urbantwin.lidar.sensor_options import check_models
 from urbantwin.reconstruct.airborne import read_footprints
 from urbantwin.site import (
     ImagerySource,

@@ -7,7 +7,7 @@ import pytest
 
 from urbantwin.lidar.catalogue import sensor
 from urbantwin.lidar.returns import ReturnModel
-from urbantwin.lidar.returns.sunlight import air_mass, daylight, sun_klx, sun_noise, sun_position
+from urbantwin.lidar.returns.sunlight import air_mass, daylight, sun_klx, sun_noise
 from urbantwin.site.rig import Conditions, Effects
 
 
@@ -28,12 +28,6 @@ def test_a_high_sun_gives_the_datasheets_light_and_none_at_night():
     assert daylight(-10.0) == 0
     assert daylight(None) == 1
     assert 0 < daylight(5.0) < daylight(20.0) < daylight(50.0) < 1.3
-
-
-def test_sun_stands_where_the_compass_says():
-    np.testing.assert_allclose(sun_position(0, 90), [1, 0, 0], atol=1e-12)
-    np.testing.assert_allclose(sun_position(0, 180), [0, -1, 0], atol=1e-12)
-    np.testing.assert_allclose(sun_position(90, 10), [0, 0, 1], atol=1e-12)
 
 
 @pytest.mark.parametrize(("name", "b"), [("OS1-128", 3.02), ("HDL-64E", 1.53), ("OS2-128", 0.52)])

@@ -61,7 +61,7 @@ def fields_below(field: str, file: Path) -> Iterator[None]:
 
 def site_with_known_sensors(path: Path) -> Site:
     """Read a site and check its sensors against the catalogue, which needs no twin."""
-    from urbantwin.lidar.chosen_sensor import check_models
+    from urbantwin.lidar.sensor_options import check_models
     from urbantwin.site import load_site
 
     site = load_site(path)

@@ -16,7 +16,7 @@ from urbantwin.lidar.compiled.echoes import (
     combine,
 )
 from urbantwin.lidar.compiled.order import chained
-from urbantwin.lidar.compiled.slots import choose
+from urbantwin.lidar.compiled.return_mode import choose
 from urbantwin.lidar.returns import ReturnModel
 from urbantwin.lidar.rig import ReturnMode
 from urbantwin.lidar.shapes import PresentActors
@@ -27,7 +27,7 @@ __all__ = ["PULSE_M", "Alone", "Answers", "Echoes", "combined", "static_echoes"]
 #: Surfaces nearer to each other than this along a beam come back as one echo, metres: half the
 #: way that light goes in a pulse of 5 ns, the usual length.
 PULSE_M = 0.75
-#: As ``compiled.slots`` counts them.
+#: As ``compiled.return_mode`` counts them.
 _MODES = ("strongest", "last", "dual", "first")
 
 

@@ -9,15 +9,15 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import DownwardProbe, LabelledMesh, Pose
-from urbantwin.lidar.chosen_sensor import (
+from urbantwin.lidar.enclosure import enclosing
+from urbantwin.lidar.rig import MountedSensor, Rig, dataset_frame
+from urbantwin.lidar.sensor_options import (
     check_models,
     columns_of,
     returns_of,
     turns_per_second_of,
     window_of,
 )
-from urbantwin.lidar.enclosure import enclosing
-from urbantwin.lidar.rig import MountedSensor, Rig, dataset_frame
 from urbantwin.site.rig import RigSpec, SensorSpec
 from urbantwin.taxonomy import semantic_id
 

@@ -21,8 +21,8 @@ __all__ = ["CONTRAST", "DEFAULT_VISIBILITY_M", "extinction", "haze_exponent", "v
 
 #: What is left of a beam at the visibility.
 CONTRAST = 0.05
-#: Visibility in metres where a weather is named without one: a shower of 9 mm/h by
-#: ``precipitation.rain_rate_mm_h``, fog and snow of the middle of their usual span.
+#: Visibility in metres where a weather is named without one: a shower of 9 mm/h as
+#: `particles.rain` has it, fog and snow of the middle of their usual span.
 DEFAULT_VISIBILITY_M = {"rain": 2000.0, "fog": 150.0, "snow": 700.0}
 
 

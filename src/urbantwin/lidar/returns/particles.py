@@ -34,7 +34,6 @@ __all__ = [
     "Particles",
     "fog_amplitude",
     "rain",
-    "rain_rate_mm_h",
     "snow",
     "snow_rate_mm_h",
 ]
@@ -70,11 +69,6 @@ def rain(extinction: float) -> Particles:
     front = float(mirrored(np.ones(1), N_WATER)[0])
     gain = front + front * (1 - front) ** 2 * (N_WATER / (2 - N_WATER)) ** 2
     return Particles(n0, (np.pi * n0 / extinction) ** (1 / 3), gain / 4)
-
-
-def rain_rate_mm_h(extinction: float) -> float:
-    """Return the rate of rain with an extinction in 1/m, mm per hour."""
-    return float((rain(extinction).slope * 1e-3 / 4.1) ** (-1 / 0.21))
 
 
 def snow_rate_mm_h(extinction: float) -> float:

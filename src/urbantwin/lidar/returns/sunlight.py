@@ -24,7 +24,6 @@ Appl. Opt. 28(22), 4735-4738) and ``0.8 + 15.5 sqrt(sin e)`` klx of the sky on l
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from urbantwin.lidar.sensor import Sensor
 
@@ -36,7 +35,6 @@ __all__ = [
     "sky_klx",
     "sun_klx",
     "sun_noise",
-    "sun_position",
 ]
 
 #: Light on the target that datasheets' ranges are for.
@@ -77,17 +75,6 @@ def sky_klx(elevation_deg: float) -> float:
     if elevation_deg <= 0:
         return 0.0
     return float(0.8 + 15.5 * np.sqrt(np.sin(np.radians(elevation_deg))))
-
-
-def sun_position(elevation_deg: float, azimuth_deg: float) -> NDArray[np.float64]:
-    """Return the unit vector (3,) to the sun, east, north, up.
-
-    Args:
-        elevation_deg: above the horizon.
-        azimuth_deg: clockwise from north.
-    """
-    e, a = np.radians([elevation_deg, azimuth_deg])
-    return np.array([np.cos(e) * np.sin(a), np.cos(e) * np.cos(a), np.sin(e)])
 
 
 def daylight(elevation_deg: float | None) -> float:
