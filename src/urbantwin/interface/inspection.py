@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from urbantwin.artefact import read_json
 from urbantwin.errors import InputError
+from urbantwin.interface.opening import opened_artefact
+from urbantwin.interface.place import AnyPath
+from urbantwin.interface.site_file import Site
+from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.summary import Summary
 from urbantwin.progress import Progress, untold
 
-__all__ = ["summary"]
+__all__ = ["inspect", "summary_of"]
 
 MANIFESTS = ("twin", "motion", "dataset", "report", "coverage")
 CLOUDS = (".npy", ".bin", ".pcd", ".ply")
@@ -27,8 +31,26 @@ GEOMETRY = (
 )
 
 
-def summary(path: Path, progress: Progress = untold) -> dict[str, Any]:
-    """Return what ``path`` holds: its kind first, then values that JSON can hold.
+def inspect(path: AnyPath, *, progress: ShowProgress = True) -> Summary:
+    """Say what any artefact or input holds.
+
+    Args:
+        path: a twin, motion, dataset, report or coverage; a site.yaml, rig.yaml or sensor; an
+            OpenStreetMap extract, a DEM, a cloud or a file of geometry.
+        progress: show how far it is; or a function that is told (share, doing).
+
+    Returns:
+        Its kind, and values that JSON can hold.
+
+    Raises:
+        InputError: it is missing, damaged, or nothing that UrbanTwin knows.
+    """
+    with shown_stage("inspect", progress, brief=True) as tell:
+        return summary_of(Path(path), tell)
+
+
+def summary_of(path: Path, progress: Progress = untold) -> Summary:
+    """Return what a file or a folder holds: its kind first, then values that JSON can hold.
 
     Args:
         path: a file or a folder.
@@ -42,7 +64,7 @@ def summary(path: Path, progress: Progress = untold) -> dict[str, Any]:
     describe = _folder if path.is_dir() else _by_ending(path.name.lower(), progress)
     if describe is None:
         raise InputError("is nothing that UrbanTwin knows", file=path, expected=EXPECTED)
-    return {"path": str(path), **describe(path)}
+    return Summary({"path": str(path), **describe(path)})
 
 
 def _by_ending(name: str, progress: Progress) -> Callable[[Path], dict[str, Any]] | None:
@@ -67,7 +89,8 @@ def _by_ending(name: str, progress: Progress) -> Callable[[Path], dict[str, Any]
 def _folder(folder: Path) -> dict[str, Any]:
     for kind in MANIFESTS:
         if (folder / f"{kind}.json").is_file():
-            return _ARTEFACTS[kind](folder)
+            told = opened_artefact(folder, kind).summary()
+            return {key: value for key, value in told.items() if key != "path"}
     parts = {kind: _folder(folder / kind) for kind in MANIFESTS if (folder / kind).is_dir()}
     if parts:
         return {"kind": "run", **parts}
@@ -89,124 +112,14 @@ def _folder(folder: Path) -> dict[str, Any]:
     }
 
 
-def _twin(folder: Path) -> dict[str, Any]:
-    from collections import Counter
-
-    from urbantwin.roads.signals.programs import described_signals
-    from urbantwin.taxonomy import semantic_classes
-    from urbantwin.twin import load_twin
-
-    twin = load_twin(folder)
-    names = {entry.id: entry.name for entry in semantic_classes().values()}
-    triangles = Counter(names[int(number)] for number in twin.mesh.semantic)
-    return {
-        "kind": "twin",
-        "name": twin.manifest["name"],
-        "made_with": f"urbantwin {twin.manifest['version']}",
-        "latitude": twin.frame.latitude,
-        "longitude": twin.frame.longitude,
-        "region_m2": round(twin.region.area, 1),
-        "driving_side": twin.manifest["driving_side"],
-        "triangles": len(twin.mesh.faces),
-        "triangles_by_class": dict(triangles.most_common()),
-        "signals": described_signals(twin.net_path),
-        "notes": twin.manifest["notes"],
-        "inputs": [
-            {key: item[key] for key in ("name", "licence", "attribution")}
-            for item in twin.manifest["inputs"]
-        ],
-    }
-
-
-def _motion(folder: Path) -> dict[str, Any]:
-    from urbantwin.traffic import describe
-
-    return describe(folder)
-
-
-def _dataset(folder: Path) -> dict[str, Any]:
-    from urbantwin.dataset import describe
-
-    return describe(folder)
-
-
-def _coverage(folder: Path) -> dict[str, Any]:
-    return read_json(folder / "coverage.json", kind="coverage")
-
-
-def _scores(protocol: dict[str, Any] | None) -> dict[str, Any] | None:
-    if not protocol:
-        return None
-    return {
-        name: {
-            part: round(row[part], 4)
-            for part in ("combined", "detection", "realism")
-            if row[part] is not None
-        }
-        for name, row in protocol["scores"].items()
-    }
-
-
-def _report(folder: Path) -> dict[str, Any]:
-    manifest = read_json(folder / "report.json", kind="report")
-    try:
-        anchors = manifest["anchors"]
-        columns = {
-            "synthetic": manifest["aggregate"],
-            "next_real": anchors["real_against_real"],
-            "arbitrary": anchors["arbitrary"],
-        }
-        return {
-            "kind": "report",
-            "in_short": manifest.get("in_short"),
-            "doubts": manifest.get("doubts", []),
-            "folders": manifest["folders"],
-            "frames": len(manifest["frames"]),
-            "mean_over_frames": {
-                measure: {
-                    name: round(column[measure]["mean"], 4)
-                    for name, column in columns.items()
-                    if column and column.get(measure)
-                }
-                for measure in manifest["definitions"]
-            },
-            "reduction_percent": _rounded(anchors["reduction_percent"], 1),
-            "ratio_to_real": _rounded(anchors.get("ratio_to_real"), 2),
-            "parts": {
-                part: _rounded({measure: row["twin"] for measure, row in rows.items()}, 4)
-                for part, rows in manifest.get("headline", {}).items()
-                if part != "whole"
-            },
-            "protocol": _scores(manifest.get("protocol")),
-            "problems": manifest.get("problems", []),
-            "notes": manifest["notes"],
-        }
-    except (KeyError, TypeError, AttributeError) as error:
-        raise InputError(
-            f"lacks {error}", file=folder / "report.json", expected="a report's figures"
-        ) from None
-
-
-def _rounded(
-    values: Mapping[str, float | None] | None, digits: int
-) -> dict[str, float | None] | None:
-    """Return values to print; ``report.json`` has all their digits."""
-    if values is None:
-        return None
-    return {name: None if value is None else round(value, digits) for name, value in values.items()}
-
-
 def _yaml(path: Path) -> dict[str, Any]:
     from urbantwin.lidar import load_sensor
-    from urbantwin.site import load_rig_spec, load_site
+    from urbantwin.site import load_rig_spec
     from urbantwin.site.document import read_document
 
     fields = read_document(path, kind="a site, a rig or a sensor").value
     if "anchor" in fields:
-        site = load_site(path)
-        resolved = site.resolved()
-        resolved["region"] = {"area_m2": round(site.region.area, 1)}
-        return {"kind": "site", **resolved, "inputs": site.inputs()}
+        return Site(path).summary()
     if "channels" in fields:
         sensor = load_sensor(path)
         return {"kind": "sensor", "name": sensor.name, "channels": sensor.channels}
@@ -325,12 +238,3 @@ def _cloud(path: Path) -> dict[str, Any]:
         "not_finite": cloud.not_finite,
         "no_return": cloud.no_return,
     }
-
-
-_ARTEFACTS: dict[str, Callable[[Path], dict[str, Any]]] = {
-    "twin": _twin,
-    "motion": _motion,
-    "dataset": _dataset,
-    "report": _report,
-    "coverage": _coverage,
-}

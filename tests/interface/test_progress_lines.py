@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from urbantwin.cli.console import _lines
+from urbantwin.interface.stage import _lines
 
 
 def shares(text: str) -> list[int]:
