@@ -10,11 +10,12 @@ Every command is a function here, with the command's options and its defaults:
     report = ut.compare("real/", dataset)
     dataset[3].points, ut.open("out/dataset").boxes, twin.plot()
 
-What they need is imported when they are first used (PEP 562). docs/python.md tells more.
+What they need is imported when they are first used. docs/python.md tells more.
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING
+
+from urbantwin.on_demand import names_on_demand
 
 if TYPE_CHECKING:
     from urbantwin.errors import InputError, StageError, UrbanTwinError
@@ -41,33 +42,6 @@ if TYPE_CHECKING:
     from urbantwin.site.rig import RigSpec
 
 __version__ = "0.1.0"
-
-#: The module of each public name.
-_HOMES = {
-    "errors": ("InputError", "StageError", "UrbanTwinError"),
-    "fidelity.clouds": ("Cloud",),
-    "fidelity.readers.recording": ("Recording",),
-    "interface.aligned_rig": ("AlignedRig", "align"),
-    "interface.carla_frames": ("CarlaFrames", "carla"),
-    "interface.coverage_map": ("Coverage", "coverage"),
-    "interface.dataset": ("Dataset", "Frame", "record"),
-    "interface.exported": ("Exported", "export"),
-    "interface.inspection": ("inspect",),
-    "interface.measured_background": ("Background", "background"),
-    "interface.motion": ("Motion", "drive"),
-    "interface.opening": ("Package", "open"),
-    "interface.report": ("Report", "compare"),
-    "interface.reproduction": ("Reproduction", "reproduce"),
-    "interface.sensor_catalogue": ("Datasheet", "SensorCatalogue", "sensors"),
-    "interface.site_file": ("Site", "init"),
-    "interface.summary": ("Summary",),
-    "interface.tuning": ("Tuning", "tune"),
-    "interface.twin": ("Twin", "build"),
-    "interface.verification": ("Verification", "verify"),
-    "interface.whole_line": ("Run", "demo", "run"),
-    "site.rig": ("RigSpec",),
-}
-_MODULES = {name: module for module, names in _HOMES.items() for name in names}
 
 __all__ = [
     "AlignedRig",
@@ -116,16 +90,4 @@ __all__ = [
     "verify",
 ]
 
-
-def __getattr__(name: str) -> object:
-    """Return a public name, whose module is imported when it is first asked for."""
-    if name not in _MODULES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value: object = getattr(import_module(f"{__name__}.{_MODULES[name]}"), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    """Return what can be asked for, for tab completion."""
-    return sorted({*globals(), *__all__})
+names_on_demand(__name__)

@@ -1,19 +1,24 @@
 """Frames, poses, boxes, areas in plan and labelled triangle meshes. Knows nothing of cities."""
 
-from urbantwin.geometry.area import (
-    area_difference,
-    area_intersection,
-    area_union,
-    areas_of,
-    grown,
-)
-from urbantwin.geometry.box import bounding_box, box_corners, points_in_box
-from urbantwin.geometry.frame import SiteFrame
-from urbantwin.geometry.mesh import LabelledMesh
-from urbantwin.geometry.polyline import stations_of_points
-from urbantwin.geometry.pose import Pose, rotation_from_ypr, ypr_from_rotation
-from urbantwin.geometry.probe import DownwardProbe
-from urbantwin.geometry.surface_material import MaterialLayer, SurfaceMaterials
+from typing import TYPE_CHECKING
+
+from urbantwin.on_demand import names_on_demand
+
+if TYPE_CHECKING:
+    from urbantwin.geometry.area import (
+        area_difference,
+        area_intersection,
+        area_union,
+        areas_of,
+        grown,
+    )
+    from urbantwin.geometry.box import bounding_box, box_corners, points_in_box
+    from urbantwin.geometry.frame import SiteFrame
+    from urbantwin.geometry.mesh import LabelledMesh
+    from urbantwin.geometry.polyline import stations_of_points
+    from urbantwin.geometry.pose import Pose, rotation_from_ypr, ypr_from_rotation
+    from urbantwin.geometry.probe import DownwardProbe
+    from urbantwin.geometry.surface_material import MaterialLayer, SurfaceMaterials
 
 __all__ = [
     "DownwardProbe",
@@ -34,3 +39,5 @@ __all__ = [
     "stations_of_points",
     "ypr_from_rotation",
 ]
+
+names_on_demand(__name__)

@@ -106,16 +106,15 @@ class _NotebookBar:
 
     def draw(self, words: str) -> None:
         """Draw the bar."""
-        from IPython.display import HTML, display
-
+        shell: Any = sys.modules["IPython.display"]  # no dependency: where there is a kernel
         now = time.monotonic()
         self.shown_s = now + _REDRAWN_S
-        drawn = HTML(  # type: ignore[no-untyped-call]
+        drawn = shell.HTML(
             f'<progress value="{self.share:.4f}" max="1"></progress> '
             f"{escape(self.title)} {self.share:.0%}, {now - self.began:.0f} s: {escape(words)}"
         )
         if self.handle is None:
-            self.handle = display(drawn, display_id=True)
+            self.handle = shell.display(drawn, display_id=True)
         else:
             self.handle.update(drawn)
 
