@@ -9,6 +9,7 @@ import pytest
 
 import urbantwin as ut
 
+from ..reliability.small_site import ROOT
 from .conftest import Line
 
 HEAVY = (
@@ -96,3 +97,38 @@ def test_a_module_of_the_same_name_hides_no_function() -> None:
         "assert callable(ut.export) and callable(chamfer) and callable(compare)"
     )
     loaded(program)
+
+
+def test_a_strict_type_checker_knows_the_types_of_a_script(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import urbantwin as ut\n"
+        "twin = ut.build('site.yaml', pictures=False)\n"
+        "motion = ut.drive(twin, seconds=60)\n"
+        "dataset = ut.record(twin, motion, rig='rig.yaml')\n"
+        "reveal_type(dataset[3].points)\n"
+        "reveal_type(twin.mesh.vertices)\n"
+        "reveal_type(twin.plot())\n"
+        "reveal_type(ut.compare('real/', dataset).figures('chamfer_m'))\n"
+        "reveal_type(ut.sensors('OS1-128'))\n"
+        "for frame in ut.open('out/dataset'): print(frame.points)\n"
+        "ut.drive(twin, second=60)\n"
+        "ut.biuld('site.yaml')\n"
+    )
+    # With the project's settings (strict) and its cache: ``make test`` has just checked the sources.
+    done = subprocess.run(
+        [sys.executable, "-m", "mypy", script],
+        capture_output=True, text=True, check=False, cwd=ROOT,
+    )  # fmt: skip
+    lines = done.stdout.splitlines()
+    revealed = [line.split('"')[1] for line in lines if "Revealed type" in line]
+    assert "ndarray" in revealed[0]
+    assert "_32Bit" in revealed[0]
+    assert "float64" in revealed[1]
+    assert revealed[2] == "matplotlib.figure.Figure"
+    assert "float64" in revealed[3]
+    assert revealed[4].endswith("Datasheet")
+    errors = [line.split(": error: ")[1] for line in lines if ": error: " in line]
+    assert len(errors) == 2, done.stdout
+    assert "second" in errors[0]
+    assert "biuld" in errors[1]

@@ -47,7 +47,7 @@ PAPER, INK, MUTED, FAINT, ACCENT = "#10161d", "#eef2f6", "#9aa7b4", "#2c3743", "
 _LEAST_LIGHT = 90.0
 
 
-class _Shown(Figure):
+class Picture(Figure):
     """A figure that a notebook shows, although no window of pyplot's knows it."""
 
     def _repr_png_(self) -> bytes:
@@ -58,7 +58,7 @@ class _Shown(Figure):
 
 def new_figure(width: float, height: float, dpi: int = 100, colour: str = PAPER) -> Figure:
     """Return an empty figure of width x height inches with its own canvas, no global state."""
-    figure = _Shown(figsize=(width, height), dpi=dpi, facecolor=colour)
+    figure = Picture(figsize=(width, height), dpi=dpi, facecolor=colour)
     FigureCanvasAgg(figure)
     return figure
 
