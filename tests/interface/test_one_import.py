@@ -115,7 +115,7 @@ def test_a_strict_type_checker_knows_the_types_of_a_script(tmp_path: Path) -> No
         "ut.drive(twin, second=60)\n"
         "ut.biuld('site.yaml')\n"
     )
-    # With the project's settings (strict) and its cache: ``make test`` has just checked the sources.
+    # With the project's settings (strict) and cache: ``make test`` has just checked the sources.
     done = subprocess.run(
         [sys.executable, "-m", "mypy", script],
         capture_output=True, text=True, check=False, cwd=ROOT,
