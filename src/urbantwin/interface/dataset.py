@@ -46,7 +46,7 @@ class Frame:
 
     Example:
         >>> frame = dataset[3]
-        >>> cars = frame.points[frame.semantic == ut.semantic_class("car")]
+        >>> frame.points[frame.instance > 0]  # those on actors
     """
 
     dataset: Dataset
