@@ -313,10 +313,10 @@ def test_a_cache_that_cannot_be_used_is_one_line(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("spec", "words"),
     [
-        ({"url": "https://h/t.json", "origins": ["h2"]}, "is 'h2', which is no origin"),
-        ({"url": "https://h/t.json", "origins": ["https://h/x"]}, "which is no origin"),
+        ({"url": "https://h/t.json", "origins": ["h2"]}, "is 'h2', which is not an origin"),
+        ({"url": "https://h/t.json", "origins": ["https://h/x"]}, "which is not an origin"),
         ({"url": "https://h/t.json", "origins": ["https://a:b@h"]}, "an address, which is no"),
-        ({"url": "https://h/t.json", "origins": ["ftp://h"]}, "which is no origin"),
+        ({"url": "https://h/t.json", "origins": ["ftp://h"]}, "which is not an origin"),
         ({"url": "https://h/t.json", "origins": ["http://h"]}, "'http://h' of http"),
         ({"file": "a.json", "origins": ["https://h"]}, "has origins without a url"),
     ],
@@ -328,7 +328,9 @@ def test_origins_that_are_none(spec, words):
 
 def test_a_token_that_is_no_header_is_refused(monkeypatch):
     monkeypatch.setenv("ION_TOKEN", f"{KEY}\r\nHost: other")
-    with pytest.raises(InputError, match="ION_TOKEN holds what no header may") as caught:
+    with pytest.raises(
+        InputError, match="ION_TOKEN holds characters that an HTTP header must not have"
+    ) as caught:
         read("http://127.0.0.1:9/t.json", key_env="ION_TOKEN")
     assert KEY not in str(caught.value)
 

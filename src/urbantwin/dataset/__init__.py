@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 from urbantwin.on_demand import names_on_demand
 
 if TYPE_CHECKING:
-    from urbantwin.dataset.asked import asked_of
     from urbantwin.dataset.description import describe, parts_of
+    from urbantwin.dataset.provenance import asked_of
     from urbantwin.dataset.recording import record
     from urbantwin.dataset.split import split_frames
 

@@ -16,7 +16,7 @@ from urbantwin.fidelity.frechet import frechet_places, frechet_shapes
 from urbantwin.fidelity.hausdorff import P95Hausdorff
 from urbantwin.fidelity.histograms import Histograms, divergences, histograms_of
 from urbantwin.fidelity.mean_discrepancy import mean_discrepancy
-from urbantwin.fidelity.nearest import NearestDistances, PointTree, nearest_distances
+from urbantwin.fidelity.nearest_point import NearestDistances, PointTree, nearest_distances
 from urbantwin.fidelity.point_to_mesh import RealSurface, Spread
 
 __all__ = ["BACKGROUND", "FOREGROUND", "Figures", "Measured", "RealFrame"]

@@ -1,10 +1,11 @@
-"""Frames, poses, boxes, areas in plan and labelled triangle meshes. Knows nothing of cities."""
+"""Frames, poses, angles, boxes, areas in plan and labelled triangle meshes. Knows no cities."""
 
 from typing import TYPE_CHECKING
 
 from urbantwin.on_demand import names_on_demand
 
 if TYPE_CHECKING:
+    from urbantwin.geometry.angle import wrapped
     from urbantwin.geometry.area import (
         area_difference,
         area_intersection,
@@ -37,6 +38,7 @@ __all__ = [
     "points_in_box",
     "rotation_from_ypr",
     "stations_of_points",
+    "wrapped",
     "ypr_from_rotation",
 ]
 

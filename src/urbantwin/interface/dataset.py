@@ -16,7 +16,7 @@ from urbantwin.artefact import check_folder
 from urbantwin.artefact.arrays import ArrayOf, read_array
 from urbantwin.artefact.tables import read_parquet
 from urbantwin.dataset.frame_files import read_labels, read_rays
-from urbantwin.dataset.manifest_form import pose_of_matrix, read_manifest
+from urbantwin.dataset.manifest_schema import pose_of_matrix, read_manifest
 from urbantwin.errors import InputError
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage
@@ -320,7 +320,7 @@ def record(  # noqa: PLR0913 - the options of the command
     Example:
         >>> dataset = ut.record(twin, motion, rig="rig.yaml", weather="rain", visibility=800)
     """
-    from urbantwin.dataset.asked import asked_of
+    from urbantwin.dataset.provenance import asked_of
     from urbantwin.dataset.recording import record as record_frames
     from urbantwin.interface.motion import Motion
     from urbantwin.interface.rig import rig_on, rig_spec_on

@@ -107,8 +107,8 @@ def background(  # noqa: PLR0913 - the options of the command
         InputError: neither or both of ``sensor`` and ``twin`` are given, or something given
             cannot be used.
     """
-    from urbantwin.fidelity.measured_background import measure_recording
-    from urbantwin.fidelity.on_beams import beams_of_model, beams_of_rig
+    from urbantwin.fidelity.background_estimation import measure_recording
+    from urbantwin.fidelity.beam_assignment import beams_of_model, beams_of_rig
     from urbantwin.fidelity.range_matrix import is_matrix, measure_matrix
     from urbantwin.interface.rig import rig_on
     from urbantwin.interface.twin import Twin

@@ -139,7 +139,7 @@ def _opened_file(path: Path) -> Any:  # noqa: ANN401 - see `open`
         return Background.open(path)
     if ending in (".yaml", ".yml"):
         return _opened_yaml(path)
-    from urbantwin.fidelity.cloud_fields import is_cloud
+    from urbantwin.fidelity.cloud_formats import is_cloud
     from urbantwin.fidelity.clouds import read_cloud
 
     if is_cloud(path):
@@ -154,7 +154,7 @@ def _opened_file(path: Path) -> Any:  # noqa: ANN401 - see `open`
 
 
 def _opened_yaml(path: Path) -> Any:  # noqa: ANN401 - see `open`
-    from urbantwin.site.document import read_document
+    from urbantwin.site.yaml_document import read_document
 
     fields = read_document(path, kind="a site, a rig or a sensor").value
     if "anchor" in fields:

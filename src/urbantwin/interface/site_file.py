@@ -104,7 +104,7 @@ def init(  # noqa: PLR0913 - the options of the command
         >>> site = ut.init("mysite", osm="map.osm.pbf", lat=60.1699, lon=24.9384)
     """
     from urbantwin.roads.imported import init_site_of_map
-    from urbantwin.site.init import init_site
+    from urbantwin.site.initial_site import init_site
 
     target = Path(folder)
     extract = None if osm is None else Path(osm)

@@ -121,7 +121,7 @@ def demo(
     Raises:
         InputError: the map of Helsinki is not installed.
     """
-    from urbantwin.site.init import init_site
+    from urbantwin.site.initial_site import init_site
 
     place = Path(out)
     extract, file = helsinki_extract(), place / "site" / "site.yaml"

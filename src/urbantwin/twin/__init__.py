@@ -1,4 +1,4 @@
-"""The twin folder: building it from a site, and reading it."""
+"""The twin folder: building it from a site, and opening it."""
 
 from typing import TYPE_CHECKING
 

@@ -12,7 +12,7 @@ from urbantwin.traffic.motion import Motion
 from urbantwin.twin import Twin
 from urbantwin.view import style
 from urbantwin.view.plan_ground import draw_ground, draw_surfaces
-from urbantwin.view.plan_look import DARK
+from urbantwin.view.plan_style import DARK
 
 __all__ = ["paths_figure"]
 

@@ -8,8 +8,8 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from urbantwin.dataset import parts_of
-from urbantwin.dataset.manifest_form import read_manifest
-from urbantwin.dataset.moment import Rows, rows_at
+from urbantwin.dataset.manifest_schema import read_manifest
+from urbantwin.dataset.motion_interpolation import Rows, rows_at
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar import Rig
@@ -21,7 +21,7 @@ from urbantwin.twin import Twin
 from urbantwin.view import style
 from urbantwin.view.birdseye import birdseye_figure
 from urbantwin.view.coverage import coverage_figure
-from urbantwin.view.ground_picture import ground_figure
+from urbantwin.view.ground_materials import ground_figure
 from urbantwin.view.histogram import histogram_figure
 from urbantwin.view.labelled_frame import LabelledPoints, read_labelled_points
 from urbantwin.view.plan import plan_figure

@@ -1,10 +1,10 @@
-"""What stands on and is painted on roads: crosswalks, stop lines, islands, signals, signs."""
+"""Objects and signals of roads: crosswalks, stop lines, islands, signals, signs."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from urbantwin.artefact.typed import Said, Triples
+from urbantwin.artefact.typed_document import Said, Triples
 
 __all__ = ["Phase", "RoadArea", "RoadSignal", "SignalController"]
 

@@ -1,4 +1,4 @@
-"""Junctions of the lane model: which roads lead through, and what joins what."""
+"""Junctions of the lane model: their connections and connecting roads."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from urbantwin.artefact.typed import Pairs
+from urbantwin.artefact.typed_document import Pairs
 
 __all__ = ["Connection", "ModelJunction"]
 
