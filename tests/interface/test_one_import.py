@@ -91,12 +91,16 @@ def test_every_public_name_is_there_for_completion() -> None:
 
 def test_a_module_of_the_same_name_hides_no_function() -> None:
     program = (
-        "import urbantwin.export, urbantwin.fidelity.compare, urbantwin.fidelity.chamfer\n"
-        "import urbantwin as ut\n"
+        "import urbantwin.fidelity.compare, urbantwin.fidelity.chamfer\n"
         "from urbantwin.fidelity import chamfer, compare\n"
-        "assert callable(ut.export) and callable(chamfer) and callable(compare)"
+        "assert callable(chamfer) and callable(compare)"
     )
     loaded(program)
+
+
+def test_no_function_has_the_name_of_a_package() -> None:
+    packages = {path.stem for path in (ROOT / "src" / "urbantwin").iterdir()}
+    assert not packages & set(ut.__all__)
 
 
 def test_a_strict_type_checker_knows_the_types_of_a_script(tmp_path: Path) -> None:

@@ -57,7 +57,7 @@ def carla(
         InputError: it is not a package, or CARLA's Python package is not installed.
         StageError: no server answers, or it failed.
     """
-    from urbantwin.export.carla.live import drive
+    from urbantwin.exports.carla.live import drive
 
     place = beside(package, "carla_frames", out)
     with shown_stage("carla", progress) as tell:

@@ -72,7 +72,7 @@ def export(
 
     place = None if out is None else Path(out)
     if to == "challenge":
-        from urbantwin.export.challenge import write_challenge
+        from urbantwin.exports.challenge import write_challenge
 
         folder = place or Path("submission")
         with shown_stage("export", progress, brief=True) as tell:
@@ -80,7 +80,7 @@ def export(
             found = None if detections is None else Path(detections)
             notes = write_challenge(Path(twin), folder, frames=frames, detections=found)
         return Exported(folder, to, tuple(notes))
-    from urbantwin.export import export_twin
+    from urbantwin.exports import export_twin
 
     with shown_stage("export", progress, brief=True) as tell:
         tell(0.0, "reading the twin")

@@ -18,7 +18,7 @@ import numpy as np
 
 from urbantwin.artefact import passing_folder
 from urbantwin.errors import StageError
-from urbantwin.export.mesh.mesh_object import Look, MeshObject
+from urbantwin.exports.mesh.mesh_object import Look, MeshObject
 
 __all__ = ["HOW_TO_GET_FBX", "blender_python", "write_fbx"]
 

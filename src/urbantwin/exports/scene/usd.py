@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from urbantwin.errors import InputError
-from urbantwin.export.mesh import Look, MeshObject
+from urbantwin.exports.mesh import Look, MeshObject
 
 __all__ = ["HOW_TO_GET_USD", "write_usd"]
 

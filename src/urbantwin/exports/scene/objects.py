@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.export.mesh import Look, MeshObject
-from urbantwin.export.scene.materials import look_of
+from urbantwin.exports.mesh import Look, MeshObject
+from urbantwin.exports.scene.materials import look_of
 from urbantwin.geometry import LabelledMesh
 from urbantwin.scene import FIRST_OBJECT
 from urbantwin.scene.surface import PARTS

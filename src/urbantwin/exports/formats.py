@@ -9,11 +9,11 @@ from pathlib import Path
 
 from urbantwin.artefact import check_file, check_folder
 from urbantwin.errors import InputError
-from urbantwin.export.carla import write_carla
-from urbantwin.export.geojson import write_geojson
-from urbantwin.export.plan_sheet import write_plan
-from urbantwin.export.scene import write_scene
-from urbantwin.export.sumo import write_sumo
+from urbantwin.exports.carla import write_carla
+from urbantwin.exports.geojson import write_geojson
+from urbantwin.exports.plan_sheet import write_plan
+from urbantwin.exports.scene import write_scene
+from urbantwin.exports.sumo import write_sumo
 from urbantwin.roads.opendrive import VERSIONS, write_opendrive
 from urbantwin.twin import Twin
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from urbantwin.errors import InputError
-from urbantwin.export.carla.frame import carla_transform
+from urbantwin.exports.carla.frame import carla_transform
 from urbantwin.lidar.rig import MountedSensor, Rig
 
 __all__ = ["carla_rig", "carla_sensor"]

@@ -9,8 +9,8 @@ from typing import TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.export.mesh.gltf import y_up
-from urbantwin.export.mesh.mesh_object import Look, MeshObject
+from urbantwin.exports.mesh.gltf import y_up
+from urbantwin.exports.mesh.mesh_object import Look, MeshObject
 
 __all__ = ["write_obj"]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from urbantwin.artefact import replaced_file
 from urbantwin.errors import InputError
-from urbantwin.export.mesh import (
+from urbantwin.exports.mesh import (
     HOW_TO_GET_FBX,
     Look,
     MeshObject,
@@ -16,11 +16,11 @@ from urbantwin.export.mesh import (
     write_glb,
     write_obj,
 )
-from urbantwin.export.scene.cityjson import write_cityjson
-from urbantwin.export.scene.georeference import georeference
-from urbantwin.export.scene.objects import named_objects
-from urbantwin.export.scene.ply import write_ply
-from urbantwin.export.scene.usd import write_usd
+from urbantwin.exports.scene.cityjson import write_cityjson
+from urbantwin.exports.scene.georeference import georeference
+from urbantwin.exports.scene.objects import named_objects
+from urbantwin.exports.scene.ply import write_ply
+from urbantwin.exports.scene.usd import write_usd
 from urbantwin.twin import Twin
 from urbantwin.view.markings import markings
 

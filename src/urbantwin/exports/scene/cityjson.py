@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from pyproj import Transformer
 
 from urbantwin.errors import InputError
-from urbantwin.export.scene.coplanar import flat_faces
-from urbantwin.export.scene.georeference import utm_code
+from urbantwin.exports.scene.coplanar import flat_faces
+from urbantwin.exports.scene.georeference import utm_code
 from urbantwin.geometry import LabelledMesh, SiteFrame
 from urbantwin.scene import FIRST_OBJECT
 from urbantwin.scene.building_surface import SURFACES, building_surfaces

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from urbantwin.export.carla.frame import carla_transform
+from urbantwin.exports.carla.frame import carla_transform
 from urbantwin.geometry import Pose, stations_of_points
 from urbantwin.roads import RoadNetwork
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.export.mesh.mesh_object import Look, MeshObject
+from urbantwin.exports.mesh.mesh_object import Look, MeshObject
 
 __all__ = ["write_glb", "y_up"]
 

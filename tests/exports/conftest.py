@@ -28,7 +28,7 @@ def planned_once():
 
     with pytest.MonkeyPatch.context() as patch:
         for module in ("sumo", "carla.traffic"):
-            patch.setattr(f"urbantwin.export.{module}.demand_of", planned)
+            patch.setattr(f"urbantwin.exports.{module}.demand_of", planned)
         yield planned
 
 

@@ -11,7 +11,7 @@ from matplotlib.image import imread
 from shapely.affinity import rotate
 
 from urbantwin.errors import InputError
-from urbantwin.export import export_twin
+from urbantwin.exports import export_twin
 from urbantwin.view.pictures import title_of
 from urbantwin.view.plan import plan_figure
 from urbantwin.view.plan_style import PAPER

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from urbantwin.artefact import replaced_folder, write_json
-from urbantwin.export.carla.meshes import named_objects
-from urbantwin.export.carla.names import OBJECTS, folder_of, map_name
-from urbantwin.export.carla.rig import carla_rig
-from urbantwin.export.carla.spawn_points import spawn_points
-from urbantwin.export.carla.traffic import carla_traffic
-from urbantwin.export.mesh import (
+from urbantwin.exports.carla.meshes import named_objects
+from urbantwin.exports.carla.names import OBJECTS, folder_of, map_name
+from urbantwin.exports.carla.rig import carla_rig
+from urbantwin.exports.carla.spawn_points import spawn_points
+from urbantwin.exports.carla.traffic import carla_traffic
+from urbantwin.exports.mesh import (
     HOW_TO_GET_FBX,
     Look,
     MeshObject,

@@ -9,8 +9,8 @@ import shapely
 from pyproj import Transformer
 
 from urbantwin.errors import InputError
-from urbantwin.export import export_twin
-from urbantwin.export.geojson import LAYERS
+from urbantwin.exports import export_twin
+from urbantwin.exports.geojson import LAYERS
 
 KINDS = {
     **{key: {"Polygon", "MultiPolygon"} for key in ("lane", "junction", "crossing", "island")},

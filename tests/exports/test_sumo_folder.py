@@ -9,7 +9,7 @@ import pytest
 import shapely
 from lxml import etree
 
-from urbantwin.export import export_twin
+from urbantwin.exports import export_twin
 from urbantwin.roads.netconvert import sumo_binary, sumo_environment, sumo_home
 from urbantwin.traffic.assets import asset
 from urbantwin.traffic.simulation import simulate

@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from urbantwin.artefact import replaced_folder, write_json
 from urbantwin.artefact.document import read_bytes
 from urbantwin.errors import InputError, StageError
-from urbantwin.export.carla.frame import carla_points, pose_of_carla
-from urbantwin.export.carla.package_documents import read_plan
-from urbantwin.export.carla.rig import SEMANTIC
+from urbantwin.exports.carla.frame import carla_points, pose_of_carla
+from urbantwin.exports.carla.package_documents import read_plan
+from urbantwin.exports.carla.rig import SEMANTIC
 from urbantwin.progress import Progress, untold
 
 __all__ = ["chosen_blueprints", "drive", "site_points"]

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.export.mesh import MeshObject
+from urbantwin.exports.mesh import MeshObject
 from urbantwin.geometry import LabelledMesh
 from urbantwin.taxonomy import materials, semantic_classes
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from urbantwin.export.mesh import Look
+from urbantwin.exports.mesh import Look
 from urbantwin.taxonomy import Material, SemanticClass, materials, semantic_classes
 
 __all__ = ["look_of", "material_label"]

@@ -15,13 +15,13 @@ import pytest
 from scipy.spatial import cKDTree
 
 from urbantwin.errors import InputError, StageError
-from urbantwin.export import export_twin
-from urbantwin.export.carla import live
-from urbantwin.export.carla.frame import carla_transform, pose_of_carla
-from urbantwin.export.carla.live import SEMANTIC_POINT, chosen_blueprints, drive, site_points
-from urbantwin.export.carla.names import OBJECTS, folder_of, map_name
-from urbantwin.export.carla.rig import carla_rig, carla_sensor
-from urbantwin.export.mesh import blender_python
+from urbantwin.exports import export_twin
+from urbantwin.exports.carla import live
+from urbantwin.exports.carla.frame import carla_transform, pose_of_carla
+from urbantwin.exports.carla.live import SEMANTIC_POINT, chosen_blueprints, drive, site_points
+from urbantwin.exports.carla.names import OBJECTS, folder_of, map_name
+from urbantwin.exports.carla.rig import carla_rig, carla_sensor
+from urbantwin.exports.mesh import blender_python
 from urbantwin.geometry import Pose
 from urbantwin.lidar.rig import place_rig
 from urbantwin.site.rig import RideSpec
@@ -36,7 +36,7 @@ def exported(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("carla") / "package"
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("URBANTWIN_BLENDER_PYTHON", raising=False)
-        patch.setattr("urbantwin.export.carla.package.blender_python", lambda: None)
+        patch.setattr("urbantwin.exports.carla.package.blender_python", lambda: None)
         notes = export_twin(twin, "carla", folder).notes
     assert len(notes) == 1
     assert "urbantwin[fbx]" in notes[0]
@@ -68,7 +68,7 @@ def test_the_package_is_laid_out_as_make_import_reads_it(exported):
 
 def test_the_same_twin_gives_the_same_package(exported, tmp_path, monkeypatch):
     twin, folder = exported
-    monkeypatch.setattr("urbantwin.export.carla.package.blender_python", lambda: None)
+    monkeypatch.setattr("urbantwin.exports.carla.package.blender_python", lambda: None)
     export_twin(twin, "carla", tmp_path / "again")
     for path in sorted(path for path in folder.rglob("*") if path.is_file()):
         again = tmp_path / "again" / path.relative_to(folder)

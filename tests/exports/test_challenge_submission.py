@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from urbantwin.errors import InputError
-from urbantwin.export.challenge import MOST_POINTS, write_challenge
+from urbantwin.exports.challenge import MOST_POINTS, write_challenge
 
 
 def write_frames(folder, count, points=200):

@@ -11,9 +11,9 @@ import trimesh
 from pyproj import Transformer
 
 from urbantwin.errors import InputError
-from urbantwin.export import export_twin
-from urbantwin.export.mesh import blender_python
-from urbantwin.export.scene.coplanar import flat_faces
+from urbantwin.exports import export_twin
+from urbantwin.exports.mesh import blender_python
+from urbantwin.exports.scene.coplanar import flat_faces
 from urbantwin.reconstruct.formats.cityjson import read_cityjson
 from urbantwin.reconstruct.formats.fbx import read_fbx
 from urbantwin.taxonomy import materials, semantic_classes, semantic_id
@@ -224,7 +224,7 @@ def test_the_same_twin_gives_the_same_bytes(files, two_avenues_twin, tmp_path, n
 
 
 def test_nothing_is_left_where_writing_fails(two_avenues_twin, tmp_path, monkeypatch):
-    monkeypatch.setattr("urbantwin.export.scene.write.write_glb", lambda *a: 1 / 0)
+    monkeypatch.setattr("urbantwin.exports.scene.write.write_glb", lambda *a: 1 / 0)
     (tmp_path / "s.glb").write_bytes(b"older")
     with pytest.raises(ZeroDivisionError):
         export_twin(two_avenues_twin, "glb", tmp_path / "s.glb")
@@ -288,7 +288,7 @@ def test_fbx_as_another_reader_has_it(blender, two_avenues_twin, tmp_path):
 
 
 def test_fbx_without_blender_is_told(two_avenues_twin, tmp_path, monkeypatch):
-    monkeypatch.setattr("urbantwin.export.scene.write.blender_python", lambda: None)
+    monkeypatch.setattr("urbantwin.exports.scene.write.blender_python", lambda: None)
     with pytest.raises(InputError, match=r"urbantwin\[fbx\]"):
         export_twin(two_avenues_twin, "fbx", tmp_path / "s.fbx")
     assert not list(tmp_path.iterdir())
