@@ -11,7 +11,6 @@ from matplotlib.axes import Axes
 from matplotlib.patheffects import withStroke
 from shapely.affinity import rotate, translate
 
-from urbantwin.geometry import wrapped
 from urbantwin.roads import RoadNetwork
 from urbantwin.view import style
 from urbantwin.view.plan_style import Look
@@ -146,7 +145,7 @@ def _candidates(
         )
         way = b - a
         heading = float(np.arctan2(way[1], way[0]))
-        angle = wrapped(float(np.degrees(heading)), 180.0)
+        angle = (np.degrees(heading) + 90) % 180 - 90  # readable from below or from the right
         normal = np.array([-np.sin(heading), np.cos(heading)])
         middle = (a + b) / 2
         flat = shapely.box(-length / 2, -height / 2, length / 2, height / 2)
