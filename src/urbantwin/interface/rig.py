@@ -20,7 +20,7 @@ __all__ = ["fields_below", "rig_on", "rig_spec_on"]
 
 def rig_on(twin: Twin, rig_file: Path | None = None, changes: RigChanges | None = None) -> Rig:
     """Place the rig of a file, or the twin's own, on a twin."""
-    from urbantwin.lidar.rig import place_rig
+    from urbantwin.lidar import place_rig
 
     spec, file = rig_spec_on(twin, rig_file, changes)
     return place_rig(spec, twin.mesh, file=file, anchor_height_m=twin.anchor_height_m)

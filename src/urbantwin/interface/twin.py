@@ -136,7 +136,7 @@ def build(
 
 def site_with_known_sensors(path: Path) -> Site:
     """Read a site and check its sensors against the catalogue, which needs no twin."""
-    from urbantwin.lidar.rig import check_models
+    from urbantwin.lidar.chosen_sensor import check_models
     from urbantwin.site import load_site
 
     site = load_site(path)
@@ -147,7 +147,7 @@ def site_with_known_sensors(path: Path) -> Site:
 
 def build_of(site: Site, out: Path, *, pictures: bool, progress: ShowProgress) -> Twin:
     """Build a twin that the site's own rig stands in, with pictures of it and of its geometry."""
-    from urbantwin.lidar.rig import place_rig
+    from urbantwin.lidar import place_rig
     from urbantwin.twin import build_twin
 
     found: list[Reconstruction] = []
