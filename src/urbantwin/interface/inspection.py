@@ -89,8 +89,7 @@ def _by_ending(name: str, progress: Progress) -> Callable[[Path], dict[str, Any]
 def _folder(folder: Path) -> dict[str, Any]:
     for kind in MANIFESTS:
         if (folder / f"{kind}.json").is_file():
-            told = opened_artefact(folder, kind).summary()
-            return {key: value for key, value in told.items() if key != "path"}
+            return _without_path(opened_artefact(folder, kind).summary())
     parts = {kind: _folder(folder / kind) for kind in MANIFESTS if (folder / kind).is_dir()}
     if parts:
         return {"kind": "run", **parts}
@@ -112,6 +111,11 @@ def _folder(folder: Path) -> dict[str, Any]:
     }
 
 
+def _without_path(told: Summary) -> dict[str, Any]:
+    """Return what a result says of itself; the path is the one that was asked for."""
+    return {key: value for key, value in told.items() if key != "path"}
+
+
 def _yaml(path: Path) -> dict[str, Any]:
     from urbantwin.lidar import load_sensor
     from urbantwin.site import load_rig_spec
@@ -119,7 +123,7 @@ def _yaml(path: Path) -> dict[str, Any]:
 
     fields = read_document(path, kind="a site, a rig or a sensor").value
     if "anchor" in fields:
-        return Site(path).summary()
+        return _without_path(Site(path).summary())
     if "channels" in fields:
         sensor = load_sensor(path)
         return {"kind": "sensor", "name": sensor.name, "channels": sensor.channels}
