@@ -6,7 +6,6 @@ import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -173,7 +172,9 @@ def _binary_table(
     has_lists = bool((counts > 0).any())
     lengths = np.ones((element.count if has_lists else 1, len(sizes)), np.int64)
     if has_lists:
-        rows, end = _list_lengths(data, at, lengths, sizes, counts, order == ">")
+        from urbantwin.geometry.ply_lists import binary_lengths
+
+        rows, end = binary_lengths(data, at, lengths, sizes, counts, order == ">")
         if rows < element.count:
             raise _cut_short(path, element, rows)
     table = Table(element.count)
@@ -190,28 +191,6 @@ def _cut_short(path: Path, element: Element, rows: int) -> InputError:
         file=path,
         expected="the whole file",
     )
-
-
-@numba.njit(cache=True)
-def _list_lengths(data, at, lengths, sizes, counts, big):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Fill the lengths of lists; return the number of whole rows and where they end."""
-    last = len(data)
-    for row in range(lengths.shape[0]):
-        for column in range(len(sizes)):
-            length = 1
-            if counts[column]:
-                if at + counts[column] > last:
-                    return row, at
-                length = 0
-                for byte in range(counts[column]):
-                    shift = counts[column] - 1 - byte if big else byte
-                    length += int(data[at + byte]) << (8 * shift)
-                at += counts[column]
-                lengths[row, column] = length
-            if length < 0 or length > (last - at) // sizes[column]:
-                return row, at
-            at += length * sizes[column]
-    return lengths.shape[0], at
 
 
 def _same_rows(
@@ -275,9 +254,13 @@ def _ascii_tables(path: Path, start: int, elements: list[Element]) -> dict[str, 
         if element.count * len(is_list) > len(values) - at:
             raise _cut_short(path, element, (len(values) - at) // len(is_list))
         lengths = np.ones((element.count, len(is_list)), np.int64)
-        rows, end = _ascii_lengths(values, at, lengths, is_list)
-        if rows < element.count:
-            raise _cut_short(path, element, rows)
+        end = at + lengths.size
+        if is_list.any():
+            from urbantwin.geometry.ply_lists import ascii_lengths
+
+            rows, end = ascii_lengths(values, at, lengths, is_list)
+            if rows < element.count:
+                raise _cut_short(path, element, rows)
         spans = is_list + lengths
         ends = at + np.cumsum(spans.ravel()).reshape(spans.shape)
         for number, (name, kind, size) in enumerate(element.properties):
@@ -292,21 +275,3 @@ def _ascii_tables(path: Path, start: int, elements: list[Element]) -> dict[str, 
                 table.lists[name] = (column, length.copy())
         at = end
     return found
-
-
-@numba.njit(cache=True)
-def _ascii_lengths(values, at, lengths, is_list):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
-    """Fill the lengths of lists; return the number of whole rows and where they end."""
-    for row in range(lengths.shape[0]):
-        for column in range(len(is_list)):
-            length = 1
-            if is_list[column]:
-                if at >= len(values):
-                    return row, at
-                length = int(values[at])
-                at += 1
-                lengths[row, column] = length
-            if length < 0 or length > len(values) - at:
-                return row, at
-            at += length
-    return lengths.shape[0], at
