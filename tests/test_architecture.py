@@ -49,17 +49,32 @@ def test_a_package_imports_only_packages_above_it() -> None:
         here = module.relative_to(SOURCE).parts[0].removesuffix(".py")
         if here == "__main__":  # ``python -m urbantwin``
             here = "cli"
+        if here == "__init__":  # ``import urbantwin``
+            here = "interface"
         for package, line in imported_packages(module):
-            if here == "__init__" or package not in order:
+            if package not in order:
                 wrong.append(f"{module}:{line}: imports {package}")
             elif order.index(package) > order.index(here):
                 wrong.append(f"{module}:{line}: {here} imports {package}, which is below it")
     assert not wrong, "\n".join(wrong)
 
 
+def test_the_commands_call_only_the_interface() -> None:
+    allowed = {"cli", "interface", "errors", "progress", "interruption"}
+    wrong = [
+        f"{module}:{line}: imports {package}"
+        for module in sorted((SOURCE / "cli").glob("*.py"))
+        for package, line in imported_packages(module)
+        if package not in allowed
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
 def test_only_the_command_line_prints_and_exits() -> None:
-    # SUMO's worker is a program of its own: its stdout is how it speaks to us.
+    # SUMO's worker is a program of its own: its stdout is how it speaks to us. Progress is shown
+    # on stderr, for the commands and for Python alike.
     programs = {SOURCE / "__main__.py", SOURCE / "traffic" / "sumo_worker.py"}
+    programs |= {SOURCE / "interface" / "stage.py"}
     for module in MODULES:
         if module.is_relative_to(SOURCE / "cli") or module in programs:
             continue

@@ -1,5 +1,93 @@
-"""UrbanTwin: a real street intersection as a LiDAR digital twin and as labelled training data."""
+"""UrbanTwin: a real street intersection as a LiDAR digital twin and as labelled training data.
+
+Every command is a function here, with the command's options and its defaults:
+
+    import urbantwin as ut
+
+    twin = ut.build("examples/two-avenues/site.yaml")
+    motion = ut.drive(twin, seconds=60)
+    dataset = ut.record(twin, motion, rig="rig.yaml")
+    report = ut.compare("real/", dataset)
+    dataset[3].points, ut.open("out/dataset").boxes, twin.plot()
+
+What they need is imported when they are first used. docs/python.md tells more.
+"""
+
+from typing import TYPE_CHECKING
+
+from urbantwin.on_demand import names_on_demand
+
+if TYPE_CHECKING:
+    from urbantwin.errors import InputError, StageError, UrbanTwinError
+    from urbantwin.fidelity.clouds import Cloud
+    from urbantwin.fidelity.readers.recording import Recording
+    from urbantwin.interface.aligned_rig import AlignedRig, align
+    from urbantwin.interface.carla_frames import CarlaFrames, carla
+    from urbantwin.interface.coverage_map import Coverage, coverage
+    from urbantwin.interface.dataset import Dataset, Frame, record
+    from urbantwin.interface.exported import Exported, export
+    from urbantwin.interface.inspection import inspect
+    from urbantwin.interface.measured_background import Background, background
+    from urbantwin.interface.motion import Motion, drive
+    from urbantwin.interface.opening import Package, open
+    from urbantwin.interface.report import Report, compare
+    from urbantwin.interface.reproduction import Reproduction, reproduce
+    from urbantwin.interface.sensor_catalogue import Datasheet, SensorCatalogue, sensors
+    from urbantwin.interface.site_file import Site, init
+    from urbantwin.interface.summary import Summary
+    from urbantwin.interface.tuning import Tuning, tune
+    from urbantwin.interface.twin import Twin, build
+    from urbantwin.interface.verification import Verification, verify
+    from urbantwin.interface.whole_line import Run, demo, run
+    from urbantwin.site.rig import RigSpec
 
 __version__ = "0.1.0"
 
-__all__ = ["__version__"]
+__all__ = [
+    "AlignedRig",
+    "Background",
+    "CarlaFrames",
+    "Cloud",
+    "Coverage",
+    "Dataset",
+    "Datasheet",
+    "Exported",
+    "Frame",
+    "InputError",
+    "Motion",
+    "Package",
+    "Recording",
+    "Report",
+    "Reproduction",
+    "RigSpec",
+    "Run",
+    "SensorCatalogue",
+    "Site",
+    "StageError",
+    "Summary",
+    "Tuning",
+    "Twin",
+    "UrbanTwinError",
+    "Verification",
+    "__version__",
+    "align",
+    "background",
+    "build",
+    "carla",
+    "compare",
+    "coverage",
+    "demo",
+    "drive",
+    "export",
+    "init",
+    "inspect",
+    "open",
+    "record",
+    "reproduce",
+    "run",
+    "sensors",
+    "tune",
+    "verify",
+]
+
+names_on_demand(__name__)

@@ -165,8 +165,8 @@ def test_a_missing_right_is_one_line(run_here: Run, tmp_path: Path, two_avenues:
 def test_a_terminal_gets_a_bar_and_a_file_gets_lines(tmp_path: Path) -> None:
     program = """
 import time
-from urbantwin.cli.console import Console
-with Console().stage("paint") as progress:
+from urbantwin.interface.stage import shown_stage
+with shown_stage("paint") as progress:
     for step in range(12):
         time.sleep(0.11)
         progress(step / 12, f"coat {step}")

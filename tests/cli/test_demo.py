@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from urbantwin.cli.demo import LATITUDE, LONGITUDE, RADIUS_M, helsinki_extract
 from urbantwin.geometry import SiteFrame
+from urbantwin.interface.whole_line import LATITUDE, LONGITUDE, RADIUS_M, helsinki_extract
 from urbantwin.site import read_extract
 from urbantwin.twin import load_twin
 

@@ -110,7 +110,7 @@ def test_a_folder_of_somebodys_own_is_left_alone(twin, run_here, tmp_path):
 
 
 def test_every_format_has_an_example_in_the_help(run_here):
-    from urbantwin.export import FORMATS
+    from urbantwin.exports import FORMATS
 
     done = run_here("export", "--help")
     for name in FORMATS:

@@ -54,6 +54,7 @@ def twin(tmp_path_factory):
         "files": {"scene.npz": sha256_of(folder / "scene.npz")},
     }
     write_json(folder / "twin.json", manifest)
+    (folder / "site.yaml").write_text("traffic:\n  seed: 0\n")
     return load_twin(folder)
 
 

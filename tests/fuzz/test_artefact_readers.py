@@ -10,14 +10,14 @@ import pytest
 
 from urbantwin.artefact import read_json
 from urbantwin.cli.app import main
-from urbantwin.cli.stages import rig_on
 from urbantwin.dataset.rig_of_manifest import rig_of_manifest
-from urbantwin.export.carla.spawn_points import spawn_points
-from urbantwin.export.geojson import write_geojson
+from urbantwin.exports.carla.spawn_points import spawn_points
+from urbantwin.exports.geojson import write_geojson
 from urbantwin.fidelity.challenge import read_detections
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.fidelity.tuning.journal import Journal
 from urbantwin.geometry import LabelledMesh
+from urbantwin.interface.rig import rig_on
 from urbantwin.lidar.background import MeasuredBackground
 from urbantwin.lidar.background_file import load_backgrounds, save_backgrounds
 from urbantwin.roads.opendrive import write_opendrive

@@ -16,8 +16,8 @@ import shapely
 import yaml
 from affine import Affine
 
-from urbantwin.cli.summary import summary
 from urbantwin.geometry import SiteFrame
+from urbantwin.interface.inspection import summary_of as summary
 from urbantwin.lidar import load_scan_pattern, load_sensor
 from urbantwin.lidar.sensor_options import check_models
 from urbantwin.reconstruct.airborne import read_footprints

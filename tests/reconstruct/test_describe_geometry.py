@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import trimesh
 
-from urbantwin.cli.summary import summary
 from urbantwin.errors import InputError
+from urbantwin.interface.inspection import summary_of as summary
 from urbantwin.reconstruct.describe import describe_geometry
 
 

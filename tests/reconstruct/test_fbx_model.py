@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from urbantwin.errors import InputError
-from urbantwin.export.mesh import blender_python
+from urbantwin.exports.mesh import blender_python
 
 from .model_files import BOX, BOX_QUADS, area, read, volume
 

@@ -12,9 +12,9 @@ import pytest
 import shapely
 from pyproj import Transformer
 
-from urbantwin.cli.summary import summary
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
+from urbantwin.interface.inspection import summary_of as summary
 from urbantwin.roads.argoverse import anchor_of
 from urbantwin.roads.argoverse.read import translate
 from urbantwin.roads.imported import is_map_of_roads, read_map

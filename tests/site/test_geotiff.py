@@ -5,8 +5,8 @@ import pytest
 import rasterio
 from affine import Affine
 
-from urbantwin.cli.summary import summary
 from urbantwin.errors import InputError
+from urbantwin.interface.inspection import summary_of as summary
 from urbantwin.site.geotiff import opened_geotiff
 
 

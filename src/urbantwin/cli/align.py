@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+import urbantwin as ut
 from urbantwin.cli.console import Console
 from urbantwin.cli.options import AsJson, Quiet
 
@@ -69,19 +70,18 @@ def align(
     as_json: AsJson = False,
 ) -> None:
     """Find the pose of a sensor in a twin from real frames, and write it into a rig."""
-    from urbantwin.artefact import check_file
-    from urbantwin.cli.stages import rig_on
-    from urbantwin.fidelity.alignment import Wish, align_rig, frame_numbers
-    from urbantwin.twin import load_twin
-
-    console = Console(quiet=quiet, as_json=as_json)
-    drawn = picture or out.with_suffix(".png")
-    check_file(out, inputs=[real, twin, rig], replaces=rig)
-    check_file(drawn, inputs=[real, twin, rig])
-    loaded = load_twin(twin)
-    source = loaded.rig_path if rig is None else rig
-    placed = rig_on(loaded, rig)
-    with console.stage("align") as progress:
-        wish = Wish(guess, anywhere, within, level, frame_numbers(frames), sensor)
-        found = align_rig(real, loaded, placed, source, out, wish, progress, drawn)
-    console.result({"path": str(out), "picture": str(drawn), **found.report()})
+    made = ut.align(
+        real,
+        twin,
+        out,
+        rig=rig,
+        sensor=sensor,
+        frames=frames,
+        guess=guess,
+        anywhere=anywhere,
+        within=within,
+        level=level,
+        picture=picture,
+        progress=not quiet,
+    )
+    Console(quiet=quiet, as_json=as_json).result(made.summary())

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
+import urbantwin as ut
 from urbantwin.cli.console import Console
 from urbantwin.cli.options import AsJson, Quiet
-from urbantwin.errors import InputError
 
 __all__ = ["EXAMPLES", "background"]
 
@@ -72,27 +72,19 @@ def background(
     as_json: AsJson = False,
 ) -> None:
     """Measure the static world beam by beam from unlabelled frames, for `record --background`."""
-    from urbantwin.artefact import check_file
-    from urbantwin.cli.stages import rig_on
-    from urbantwin.fidelity.background_estimation import measure_recording
-    from urbantwin.fidelity.beam_assignment import beams_of_model, beams_of_rig
-    from urbantwin.fidelity.range_matrix import is_matrix, measure_matrix
-    from urbantwin.twin import load_twin
-
-    console = Console(quiet=quiet, as_json=as_json)
-    if (sensor is None) == (twin is None):
-        raise InputError("which sensor is it?", expected="--sensor or --twin, and not both")
-    check_file(out, inputs=[real, twin, rig, elevations])
-    if twin is not None:
-        beams = beams_of_rig(rig_on(load_twin(twin), rig), only=only, frame=points_in)
-    else:
-        assert sensor is not None
-        beams = [beams_of_model(sensor, columns=columns, turns_per_second=rate, pose=pose)]
-    with console.stage("background") as progress:
-        if is_matrix(real):
-            summary = measure_matrix(real, beams[0], out, elevations=elevations)
-        else:
-            summary = measure_recording(
-                real, beams, out, intensity_scale=intensity_scale, progress=progress
-            )
-    console.result({"path": str(out), **summary})
+    made = ut.background(
+        real,
+        out,
+        sensor=sensor,
+        columns=columns,
+        rate=rate,
+        pose=pose,
+        twin=twin,
+        rig=rig,
+        only=only,
+        points_in=points_in,
+        elevations=elevations,
+        intensity_scale=intensity_scale,
+        progress=not quiet,
+    )
+    Console(quiet=quiet, as_json=as_json).result(made.summary())

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+import urbantwin as ut
 from urbantwin.cli.console import Console
 from urbantwin.cli.options import AsJson, Out, Pictures, Quiet
 
@@ -26,9 +27,5 @@ def build(
     as_json: AsJson = False,
 ) -> None:
     """Build a site's twin: ground, roads and labelled scene."""
-    from urbantwin.cli.stages import build_stage, site_with_known_sensors
-    from urbantwin.cli.summary import summary
-
-    console = Console(quiet=quiet, as_json=as_json)
-    build_stage(site_with_known_sensors(site), out, console, pictures=pictures)
-    console.result(summary(out))
+    made = ut.build(site, out, pictures=pictures, progress=not quiet)
+    Console(quiet=quiet, as_json=as_json).result(made.summary())

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+import urbantwin as ut
 from urbantwin.cli.console import Console
 from urbantwin.cli.options import AsJson, Quiet
 
@@ -34,9 +35,5 @@ def carla(
 
     Needs urbantwin[carla]. It was checked against CARLA's Python classes, not yet on a live server.
     """
-    from urbantwin.export.carla.live import drive
-
-    console = Console(quiet=quiet, as_json=as_json)
-    with console.stage("carla") as progress:
-        record = drive(package, out, host=host, port=port, seconds=seconds, progress=progress)
-    console.result({"written": str(out), **record})
+    made = ut.carla(package, out, host=host, port=port, seconds=seconds, progress=not quiet)
+    Console(quiet=quiet, as_json=as_json).result(made.summary())

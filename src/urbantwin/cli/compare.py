@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import typer
 
+import urbantwin as ut
 from urbantwin.cli.console import Console
 from urbantwin.cli.options import AsJson, Layout, Out, Quiet, RowWidth, Workers
 
@@ -61,25 +62,17 @@ def compare(
     as_json: AsJson = False,
 ) -> None:
     """Measure synthetic frames against real ones."""
-    from urbantwin.cli.summary import summary
-    from urbantwin.fidelity import compare as compare_frames
-
-    control: Path | Literal["example"] | None = arbitrary or "example"
-    if arbitrary == Path("none"):
-        control = None
-    console = Console(quiet=quiet, as_json=as_json)
-    with console.stage("compare") as progress:
-        compare_frames(
-            real,
-            dataset,
-            out,
-            arbitrary=control,
-            columns=columns,
-            layout=layout,
-            origin=origin,
-            protocol=protocol,
-            detections=detections,
-            workers=workers,
-            progress=progress,
-        )
-    console.result(summary(out))
+    made = ut.compare(
+        real,
+        dataset,
+        out,
+        arbitrary=arbitrary,
+        layout=layout,
+        columns=columns,
+        origin=origin,
+        protocol=protocol,
+        detections=detections,
+        workers=workers,
+        progress=not quiet,
+    )
+    Console(quiet=quiet, as_json=as_json).result(made.summary())

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+import urbantwin as ut
 from urbantwin.cli.console import Console
 from urbantwin.cli.options import AsJson, Quiet
 
@@ -68,22 +69,13 @@ def export(
     as_json: AsJson = False,
 ) -> None:
     """Write a twin for other programs: OpenDRIVE, CARLA, SUMO, GeoJSON, a plan, 3D scenes."""
-    console = Console(quiet=quiet, as_json=as_json)
-    if to == "challenge":
-        from urbantwin.export.challenge import write_challenge
-
-        folder = out or Path("submission")
-        with console.stage("export", brief=True) as progress:
-            progress(0.0, "frames")
-            notes = write_challenge(twin, folder, frames=frames, detections=detections)
-        console.result({"format": to, "written": str(folder), "note": notes})
-        return
-    from urbantwin.export import export_twin
-    from urbantwin.twin import load_twin
-
-    with console.stage("export", brief=True) as progress:
-        progress(0.0, "reading the twin")
-        loaded = load_twin(twin)
-        progress(0.2, f"writing {to}")
-        written = export_twin(loaded, to, out, version=version)
-    console.result({"format": to, "written": str(written.path), "note": list(written.notes)})
+    made = ut.export(
+        twin,
+        to,
+        out,
+        version=version,
+        detections=detections,
+        frames=frames,
+        progress=not quiet,
+    )
+    Console(quiet=quiet, as_json=as_json).result(made.summary())

@@ -7,9 +7,9 @@ from typing import Annotated
 
 import typer
 
+import urbantwin as ut
 from urbantwin.cli.console import Console
 from urbantwin.cli.options import AsJson, Quiet
-from urbantwin.errors import InputError
 
 __all__ = ["EXAMPLES", "init"]
 
@@ -71,60 +71,17 @@ def init(
     as_json: AsJson = False,
 ) -> None:
     """Write a commented site.yaml for a place on a map."""
-    from urbantwin.artefact import new_folder
-    from urbantwin.cli.summary import summary
-    from urbantwin.roads.imported import init_site_of_map
-    from urbantwin.site.initial_site import init_site
-
-    if out is not None:
-        folder, osm, roads = _map_first(folder, out, osm, roads)
-    if osm is None and roads is None:
-        raise InputError("no map is given", place="--osm", expected="--osm or --roads with a file")
-    if (lat is None) != (lon is None):
-        given, lacking = ("--lat", "--lon") if lon is None else ("--lon", "--lat")
-        raise InputError("is alone", place=given, expected=f"{lacking} beside it")
-    if at_junction and lat is not None:
-        raise InputError(
-            "is given with coordinates", place="--at-junction", expected="one of the two"
-        )
-    console = Console(quiet=quiet, as_json=as_json)
-    with new_folder(folder), console.stage("init") as progress:
-        if roads is not None:
-            path = init_site_of_map(
-                folder,
-                roads,
-                osm=osm,
-                latitude=lat,
-                longitude=lon,
-                region=region,
-                radius_m=radius,
-                force=force,
-                progress=progress,
-            )
-        elif osm is not None:
-            path = init_site(
-                folder,
-                osm,
-                latitude=lat,
-                longitude=lon,
-                region=region,
-                radius_m=radius,
-                force=force,
-                progress=progress,
-            )
-    console.result(summary(path))
-
-
-def _map_first(
-    file: Path, folder: Path, osm: Path | None, roads: Path | None
-) -> tuple[Path, Path | None, Path | None]:
-    """Return folder, extract and map of the roads where a map stands in the folder's place."""
-    from urbantwin.roads.imported import is_map_of_roads
-
-    if is_map_of_roads(file):
-        if roads is not None:
-            raise InputError("is a second map of the roads", file=file, expected="one of the two")
-        return folder, osm, file
-    if osm is not None:
-        raise InputError("is a second extract", file=file, expected="one of the two")
-    return folder, file, roads
+    made = ut.init(
+        folder,
+        osm=osm,
+        roads=roads,
+        out=out,
+        lat=lat,
+        lon=lon,
+        at_junction=at_junction,
+        radius=radius,
+        region=region,
+        force=force,
+        progress=not quiet,
+    )
+    Console(quiet=quiet, as_json=as_json).result(made.summary())

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+import urbantwin as ut
 from urbantwin.cli.console import Console
 from urbantwin.cli.options import AsJson
 
@@ -33,9 +34,4 @@ def inspect(
     as_json: AsJson = False,
 ) -> None:
     """Say what any artefact or input holds."""
-    from urbantwin.cli.summary import summary
-
-    console = Console(quiet=quiet, as_json=as_json)
-    with console.stage("inspect", brief=True) as progress:
-        found = summary(path, progress)
-    console.result(found)
+    Console(quiet=quiet, as_json=as_json).result(ut.inspect(path, progress=not quiet))

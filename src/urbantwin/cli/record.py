@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+import urbantwin as ut
 from urbantwin.cli.console import Console
 from urbantwin.cli.options import AsJson, Out, Pictures, Quiet, Seed, Workers
 
@@ -91,41 +92,27 @@ def record(
     as_json: AsJson = False,
 ) -> None:
     """Record labelled LiDAR frames. Run again after an interruption, it goes on from there."""
-    from urbantwin.artefact import check_folder
-    from urbantwin.cli.stages import record_stage
-    from urbantwin.cli.summary import summary
-    from urbantwin.site.rig_changes import RigChanges
-    from urbantwin.traffic import Motion
-    from urbantwin.twin import load_twin
-
-    console = Console(quiet=quiet, as_json=as_json)
-    changes = RigChanges(
+    made = ut.record(
+        twin,
+        motion,
+        out,
+        rig=rig,
+        start=start,
+        stop=stop,
         effects=effects,
         weather=weather,
-        visibility_m=visibility,
+        visibility=visibility,
         wet_ground=wet_ground,
-        sun_elevation_deg=sun_elevation,
-        sun_azimuth_deg=sun_azimuth,
+        sun_elevation=sun_elevation,
+        sun_azimuth=sun_azimuth,
         ride=ride,
         fused=fused,
-    )
-    inputs = [twin, motion, *([] if rig is None else [rig])]
-    check_folder(out, kind="dataset", inputs=inputs)
-    record_stage(
-        load_twin(twin),
-        Motion.load(motion),
-        rig,
-        out,
-        console,
-        workers=workers,
-        seed=seed,
-        start_s=start,
-        stop_s=stop,
-        changes=changes,
         backend=backend,
         background=background or (),
         fuse=fuse,
-        inputs=inputs,
+        workers=workers,
+        seed=seed,
         pictures=pictures,
+        progress=not quiet,
     )
-    console.result(summary(out))
+    Console(quiet=quiet, as_json=as_json).result(made.summary())

@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
+import urbantwin as ut
 from urbantwin.cli.console import Console
 from urbantwin.cli.options import AsJson, Quiet, Workers
-from urbantwin.errors import StageError
-
-if TYPE_CHECKING:
-    from urbantwin.progress import Progress
-    from urbantwin.traffic import Motion
-    from urbantwin.twin import Twin
 
 __all__ = ["EXAMPLES", "reproduce"]
 
@@ -57,32 +52,16 @@ def reproduce(
     as_json: AsJson = False,
 ) -> None:
     """Make a dataset again from its manifest, and say whether the bytes are the same or why not."""
-    from urbantwin.dataset.reproduction import make_again, plan_of
-
     console = Console(quiet=quiet, as_json=as_json)
-    plan = plan_of(path, inputs=inputs or (), twin=twin, motion=motion)
-    before = {
-        "path": str(path),
-        "versions": plan.versions,
-        "inputs": [one.told() for one in plan.inputs],
-    }
-    for reason in plan.reasons():
-        console.note(f"may change bytes: {reason}")
-    if plan.missing:
-        console.result({**before, "missing": [one.told() for one in plan.missing]})
-        plan.refuse_missing()
-
-    def draw(dataset: Path, twin: Twin, motion: Motion, progress: Progress) -> None:
-        from urbantwin.view.pictures import pictures_of_dataset
-
-        pictures_of_dataset(dataset, twin=twin, motion=motion, progress=progress)
-
-    report = make_again(plan, stage=console.stage, out=out, workers=workers, draw=draw)
-    again = {} if out is None else {"again": str(out / "dataset")}
-    same = f"{'yes' if report['same'] else 'no'}, {report['files']} files"
-    console.result({**before, "same_bytes": same, **report, **again})
-    if not report["same"]:
-        raise StageError(
-            f"{path}: {report['differing']} of {report['files']} files differ, first "
-            f"{report['first'][0]} (stage: {report['earliest']}): {report['why'][0]}"
-        )
+    found = ut.reproduce(
+        path,
+        inputs=inputs or (),
+        out=out,
+        twin=twin,
+        motion=motion,
+        workers=workers,
+        note=console.note,
+        progress=not quiet,
+    )
+    console.result(found.summary())
+    found.check()

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+import urbantwin as ut
 from urbantwin.cli.console import Console
 from urbantwin.cli.options import AsJson, Out, Pictures, Quiet, Workers
 
@@ -27,8 +28,5 @@ def run(
     as_json: AsJson = False,
 ) -> None:
     """Go the whole way: twin, motion and dataset of a site."""
-    from urbantwin.cli.stages import site_with_known_sensors, whole_line
-
-    console = Console(quiet=quiet, as_json=as_json)
-    checked = site_with_known_sensors(site)
-    console.result(whole_line(checked, out, console, workers=workers, pictures=pictures))
+    made = ut.run(site, out, workers=workers, pictures=pictures, progress=not quiet)
+    Console(quiet=quiet, as_json=as_json).result(made.summary())

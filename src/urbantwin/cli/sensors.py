@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
 import typer
 
+import urbantwin as ut
 from urbantwin.cli.console import Console
 from urbantwin.cli.options import AsJson
-
-if TYPE_CHECKING:
-    from urbantwin.lidar import Sensor
 
 __all__ = ["EXAMPLES", "sensors"]
 
@@ -20,32 +18,6 @@ urbantwin sensors show OS1-128
 urbantwin sensors show unit.json
 urbantwin sensors --json | jq '.sensors[].name'
 """
-
-#: Fields of a sensor with their names in print and their units, in the order of the page.
-_LINES = (
-    ("aliases", "also called", ""),
-    ("channels", "channels", ""),
-    ("rates", "columns x turns per second", ""),
-    ("pattern", "pattern", ""),
-    ("spin", "turns, from above", ""),
-    ("firing_sequence_us", "firing sequence", "us"),
-    ("firing_groups", "firings per column", ""),
-    ("fire_together", "fire together", ""),
-    ("azimuth_step_deg", "azimuth step", "deg"),
-    ("range_min_m", "nearest range", "m"),
-    ("range_max_m", "farthest range", "m"),
-    ("detection_range_10_m", "range at 10 %", "m"),
-    ("detection_range_80_m", "range at 80 %", "m"),
-    ("range_sigma_m", "range noise, 1 sigma", "m"),
-    ("range_resolution_m", "range step", "m"),
-    ("wavelength_nm", "wavelength", "nm"),
-    ("beam_divergence_deg", "divergence, across x up", "deg"),
-    ("beam_origin_m", "beams leave the axis at", "m"),
-    ("return_modes", "returns", ""),
-    ("intensity_scale", "intensity", ""),
-    ("intensity_of_white", "intensity of white", ""),
-    ("intensity_max", "greatest intensity", ""),
-)
 
 
 def sensors(
@@ -60,173 +32,14 @@ def sensors(
     as_json: AsJson = False,
 ) -> None:
     """List the sensors of the catalogue, or `show NAME`: everything known of one."""
-    from urbantwin.errors import InputError
-    from urbantwin.lidar import sensor, sensor_names
-
     if name == "show":
         if shown is None:
-            raise InputError("show needs a sensor", expected="urbantwin sensors show NAME")
+            raise ut.InputError("show needs a sensor", expected="urbantwin sensors show NAME")
         name = shown
     elif shown is not None:
-        raise InputError(f"two sensors, {name!r} and {shown!r}", expected="one")
-    if name is not None:
-        one = sensor(name)
-        if as_json:
-            Console(as_json=True).result(_everything(one))
-        else:
-            print(one.name if quiet else _page(one))
-        return
-    entries = [sensor(known) for known in sensor_names()]
+        raise ut.InputError(f"two sensors, {name!r} and {shown!r}", expected="one")
+    known = ut.sensors() if name is None else ut.sensors(name)
     if as_json:
-        Console(as_json=True).result({"sensors": [_summary(entry) for entry in entries]})
-    elif quiet:
-        print("\n".join(entry.name for entry in entries))
+        Console(as_json=True).result(known.summary())
     else:
-        print(_table(entries))
-
-
-def _summary(sensor: Sensor) -> dict[str, Any]:
-    return {
-        "name": sensor.name,
-        "maker": sensor.maker,
-        "channels": sensor.channels,
-        "elevation_min_deg": float(sensor.elevation_deg.min()),
-        "elevation_max_deg": float(sensor.elevation_deg.max()),
-        "columns": sensor.columns,
-        "columns_options": list(sensor.columns_options),
-        "rate_hz": sensor.rate_hz,
-        "rate_options": list(sensor.rate_options),
-        "range_min_m": sensor.range_min_m,
-        "range_max_m": sensor.range_max_m,
-    }
-
-
-def _everything(sensor: Sensor) -> dict[str, Any]:
-    times, modes = sensor.firing_time_us, sensor.modes
-    return {
-        **_summary(sensor),
-        "aliases": list(sensor.aliases),
-        "modes": None if modes is None else [list(mode) for mode in modes],
-        "column_rates_hz": None if modes is None else [columns * rate for columns, rate in modes],
-        "pattern": _pattern(sensor),
-        "column_rate_hz": sensor.column_rate_hz,
-        "firing_sequence_us": sensor.firing_sequence_us,
-        "firing_groups": sensor.firing_groups,
-        "blocks": None if sensor.blocks is None else [list(block) for block in sensor.blocks],
-        "azimuth_step_deg": sensor.azimuth_step_deg,
-        "reference_reflectivity": sensor.reference_reflectivity,
-        "reference_range_m": sensor.reference_range_m,
-        "detection_range_10_m": sensor.detection_range_10_m,
-        "detection_range_80_m": sensor.detection_range_80_m,
-        "range_sigma_m": sensor.range_sigma_m,
-        "range_resolution_m": sensor.range_resolution_m,
-        "wavelength_nm": sensor.wavelength_nm,
-        "beam_divergence_deg": _listed(sensor.beam_divergence_deg),
-        "beam_origin_m": sensor.beam_origin_m,
-        "return_modes": _listed(sensor.return_modes),
-        "intensity_scale": sensor.intensity_scale,
-        "intensity_of_white": sensor.intensity_of_white,
-        "intensity_max": sensor.intensity_max,
-        "spin": sensor.spin,
-        "elevation_deg": sensor.elevation_deg.tolist(),
-        "azimuth_offset_deg": sensor.azimuth_offset_deg.tolist(),
-        "firing_time_us": None if times is None else times.tolist(),
-        "sources": dict(sensor.sources),
-        "unknown": dict(sensor.unknown),
-    }
-
-
-def _listed(values: tuple[Any, ...] | None) -> list[Any] | None:
-    return None if values is None else list(values)
-
-
-def _table(entries: list[Sensor]) -> str:
-    lines = [
-        f"{'model':<14}{'maker':<10}{'channels':>8}  {'elevation, deg':<18}"
-        f"{'columns':<22}{'Hz':<10}{'range, m':>8}"
-    ]
-    for entry in entries:
-        low, high = entry.elevation_deg.min(), entry.elevation_deg.max()
-        farthest = "unknown" if entry.range_max_m is None else f"{entry.range_max_m:g}"
-        lines.append(
-            f"{entry.name:<14}{entry.maker:<10}{entry.channels:>8}  "
-            f"{f'{low:+.1f} to {high:+.1f}':<18}"
-            f"{' '.join(map(str, entry.columns_options)):<22}"
-            f"{' '.join(f'{rate:g}' for rate in entry.rate_options):<10}"
-            f"{farthest:>8}"
-        )
-    return "\n".join(lines)
-
-
-def _page(sensor: Sensor) -> str:
-    values = _everything(sensor) | {"rates": _rates(sensor), "fire_together": _blocks(sensor)}
-    lines = [f"{sensor.name} ({sensor.maker})"]
-    for field, label, unit in _LINES:
-        value = values[field]
-        if value == [] or (field in {"pattern", "fire_together"} and value is None):
-            continue
-        why = sensor.unknown.get(field)
-        text = "unknown" if value is None else f"{_text(value)} {unit}".rstrip()
-        if field == "beam_divergence_deg" and value is not None:
-            text = f"{value[0]:g} x {value[1]:g} {unit}"
-        lines.append(f"  {label:<28}{text}" + (f" ({why})" if why else ""))
-    lines.append("  channel: elevation, azimuth offset (degrees), firing time (us)")
-    times = sensor.firing_time_us
-    for number, up in enumerate(sensor.elevation_deg):
-        fires = "unknown" if times is None else f"{times[number]:.3f}"
-        left = sensor.azimuth_offset_deg[number]
-        lines.append(f"  {number:>5}: {up:+8.3f} {left:+8.3f} {fires:>9}")
-    lines.append("  sources")
-    lines += [f"    {field}: {source}" for field, source in sensor.sources.items()]
-    if sensor.unknown:
-        lines.append("  unknown, or assumed")
-        lines += [f"    {field}: {why}" for field, why in sensor.unknown.items()]
-    return "\n".join(lines)
-
-
-def _pattern(sensor: Sensor) -> str | None:
-    pattern = sensor.pattern
-    if pattern is None:
-        return None
-    return (
-        f"{pattern.name}: {pattern.lines} lines, {pattern.period_s:g} s, "
-        f"{sensor.points_per_second:g} points per second"
-    )
-
-
-def _rates(sensor: Sensor) -> str:
-    if sensor.modes is None:
-        columns = ", ".join(map(str, sensor.columns_options))
-        return f"{columns} x {', '.join(f'{rate:g}' for rate in sensor.rate_options)}"
-    modes = ", ".join(
-        f"{columns} x {rate:g} ({columns * rate:g} columns/s)" for columns, rate in sensor.modes
-    )
-    return f"{modes}; default {sensor.columns} x {sensor.rate_hz:g}"
-
-
-def _blocks(sensor: Sensor) -> str | None:
-    """Return which channels fire together: runs of numbers, block by block."""
-    if sensor.blocks is None or sensor.pattern is not None:
-        return None
-    if len(sensor.blocks) == 1:
-        return "all channels of a column"
-    if len(sensor.blocks) == sensor.channels:
-        return "none: one channel after the other"
-    return "; ".join(_runs(block) for block in sensor.blocks)
-
-
-def _runs(numbers: tuple[int, ...]) -> str:
-    """Return ascending numbers in words: ``0-3, 8``."""
-    runs: list[list[int]] = []
-    for number in numbers:
-        if runs and number == runs[-1][-1] + 1:
-            runs[-1].append(number)
-        else:
-            runs.append([number])
-    return ", ".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else f"{run[0]}" for run in runs)
-
-
-def _text(value: Any) -> str:  # noqa: ANN401
-    if isinstance(value, list):
-        return ", ".join(_text(item) for item in value)
-    return f"{value:g}" if isinstance(value, float) else f"{value}"
+        print("\n".join(known.names) if quiet else known)

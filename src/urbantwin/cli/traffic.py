@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+import urbantwin as ut
 from urbantwin.cli.console import Console
 from urbantwin.cli.options import AsJson, Out, Quiet, Seed
 
@@ -35,16 +36,5 @@ def traffic(
     as_json: AsJson = False,
 ) -> None:
     """Drive a twin's traffic: every actor's pose at every step."""
-    from urbantwin.artefact import check_folder
-    from urbantwin.cli.summary import summary
-    from urbantwin.site import load_traffic_changes
-    from urbantwin.traffic import run_traffic
-    from urbantwin.twin import load_twin
-
-    console = Console(quiet=quiet, as_json=as_json)
-    check_folder(out, kind="motion", inputs=[twin, demand])
-    changes = None if demand is None else load_traffic_changes(demand)
-    loaded = load_twin(twin)
-    with console.stage("traffic") as progress:
-        run_traffic(loaded, out, seconds=seconds, seed=seed, changes=changes, progress=progress)
-    console.result(summary(out))
+    made = ut.drive(twin, out, seconds=seconds, seed=seed, demand=demand, progress=not quiet)
+    Console(quiet=quiet, as_json=as_json).result(made.summary())

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+import urbantwin as ut
 from urbantwin.cli.console import Console
 from urbantwin.cli.options import AsJson, Layout, Out, Quiet, RowWidth
 
@@ -62,40 +63,21 @@ def tune(
     as_json: AsJson = False,
 ) -> None:
     """Fit what is uncertain of a rig and its actors to unlabelled real frames."""
-    from urbantwin.artefact import check_folder
-    from urbantwin.cli.stages import rig_on
-    from urbantwin.fidelity.tuning import Tuning, groups_of
-    from urbantwin.fidelity.tuning import tune as tune_rig
-    from urbantwin.fidelity.tuning.summary import summary_of
-    from urbantwin.processes import usable_processors
-    from urbantwin.traffic import Motion
-    from urbantwin.twin import load_twin
-
-    console = Console(quiet=quiet, as_json=as_json)
-    wish = Tuning(
-        fit=groups_of(fit),
+    made = ut.tune(
+        real,
+        twin,
+        motion,
+        out,
+        rig=rig,
+        fit=fit,
         held_out=held_out,
         trials=trials,
         seed=seed,
-        workers=workers or usable_processors(),
+        workers=workers,
         points_in=None if points_in is None else points_in.value,
         layout=layout,
         columns=columns,
         report=report,
+        progress=not quiet,
     )
-    check_folder(out, kind="tuning", inputs=[real, twin, motion, rig])
-    loaded = load_twin(twin)
-    placed = rig_on(loaded, rig)
-    moving = None if motion is None else Motion.load(motion)
-    with console.stage("tune") as progress:
-        found = tune_rig(
-            real,
-            loaded,
-            placed,
-            loaded.rig_path if rig is None else rig,
-            out,
-            motion=moving,
-            tuning=wish,
-            progress=progress,
-        )
-    console.result({"path": str(out), **summary_of(found)})
+    Console(quiet=quiet, as_json=as_json).result(made.summary())

@@ -47,7 +47,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     out: Path,
     *,
     workers: int | None = None,
-    seed: int = 0,
+    seed: int | None = None,
     start_s: float = 0.0,
     stop_s: float | None = None,
     rig_file: str | Path | None = None,
@@ -73,7 +73,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
         rig: the sensors, placed on it.
         out: the dataset's folder; an older dataset there is replaced.
         workers: number of processes; as many as there are processors when not given.
-        seed: of all that a sensor leaves to chance.
+        seed: of all that a sensor leaves to chance; the site's ``traffic.seed`` when not given.
         start_s: no frame before it.
         stop_s: no frame after it; the motion's last step when not given.
         rig_file: the rig's file, for errors.
@@ -93,6 +93,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
     """
     if workers is not None and workers < 1:
         raise InputError(f"{workers} workers", place="workers", expected="1 or more")
+    seed = int(twin.site["traffic"]["seed"]) if seed is None else seed
     if seed < 0:
         raise InputError(f"the seed is {seed}", place="seed", expected="0 or more")
     if motion.manifest["twin_sha256"] != twin.sha256:

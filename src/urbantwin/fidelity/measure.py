@@ -7,13 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from urbantwin.fidelity import earth_mover, frechet, mean_discrepancy
 from urbantwin.fidelity.beams import beam_agreement
 from urbantwin.fidelity.chamfer import chamfer, chamfer_squared, density_chamfer
 from urbantwin.fidelity.clouds import Cloud
+from urbantwin.fidelity.earth_mover import earth_mover, sliced_earth_mover
 from urbantwin.fidelity.frame import Frame
+from urbantwin.fidelity.frechet import frechet_places, frechet_shapes
 from urbantwin.fidelity.hausdorff import P95Hausdorff
 from urbantwin.fidelity.histograms import Histograms, divergences, histograms_of
+from urbantwin.fidelity.mean_discrepancy import mean_discrepancy
 from urbantwin.fidelity.nearest_point import NearestDistances, PointTree, nearest_distances
 from urbantwin.fidelity.point_to_mesh import RealSurface, Spread
 
@@ -105,11 +107,11 @@ class RealFrame:
         figures |= {
             "chamfer_squared_m2": chamfer_squared(near),
             "density_chamfer": density_chamfer(a, b),
-            "earth_mover_m": earth_mover.earth_mover(a, b),
-            "sliced_earth_mover_m": earth_mover.sliced_earth_mover(a, b),
-            "mean_discrepancy": mean_discrepancy.mean_discrepancy(a, b),
-            "frechet_places_m2": frechet.frechet_places(a, b),
-            "frechet_shapes": frechet.frechet_shapes(a, b),
+            "earth_mover_m": earth_mover(a, b),
+            "sliced_earth_mover_m": sliced_earth_mover(a, b),
+            "mean_discrepancy": mean_discrepancy(a, b),
+            "frechet_places_m2": frechet_places(a, b),
+            "frechet_shapes": frechet_shapes(a, b),
         }
         figures |= _of_beams(self.frame, other)
         parts: dict[str, Figures] = {}

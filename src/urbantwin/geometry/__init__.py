@@ -1,20 +1,25 @@
 """Frames, poses, angles, boxes, areas in plan and labelled triangle meshes. Knows no cities."""
 
-from urbantwin.geometry.angle import wrapped
-from urbantwin.geometry.area import (
-    area_difference,
-    area_intersection,
-    area_union,
-    areas_of,
-    grown,
-)
-from urbantwin.geometry.box import bounding_box, box_corners, points_in_box
-from urbantwin.geometry.frame import SiteFrame
-from urbantwin.geometry.mesh import LabelledMesh
-from urbantwin.geometry.polyline import stations_of_points
-from urbantwin.geometry.pose import Pose, rotation_from_ypr, ypr_from_rotation
-from urbantwin.geometry.probe import DownwardProbe
-from urbantwin.geometry.surface_material import MaterialLayer, SurfaceMaterials
+from typing import TYPE_CHECKING
+
+from urbantwin.on_demand import names_on_demand
+
+if TYPE_CHECKING:
+    from urbantwin.geometry.angle import wrapped
+    from urbantwin.geometry.area import (
+        area_difference,
+        area_intersection,
+        area_union,
+        areas_of,
+        grown,
+    )
+    from urbantwin.geometry.box import bounding_box, box_corners, points_in_box
+    from urbantwin.geometry.frame import SiteFrame
+    from urbantwin.geometry.mesh import LabelledMesh
+    from urbantwin.geometry.polyline import stations_of_points
+    from urbantwin.geometry.pose import Pose, rotation_from_ypr, ypr_from_rotation
+    from urbantwin.geometry.probe import DownwardProbe
+    from urbantwin.geometry.surface_material import MaterialLayer, SurfaceMaterials
 
 __all__ = [
     "DownwardProbe",
@@ -36,3 +41,5 @@ __all__ = [
     "wrapped",
     "ypr_from_rotation",
 ]
+
+names_on_demand(__name__)

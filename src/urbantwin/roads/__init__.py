@@ -1,19 +1,24 @@
 """The roads of a site: the lane model, from OpenStreetMap or an imported map, with heights."""
 
-from urbantwin.roads.build import BuiltRoads, build_roads
-from urbantwin.roads.driving_side import driving_side
-from urbantwin.roads.grade_separation import Lift
-from urbantwin.roads.heights import RoadSurface
-from urbantwin.roads.model import LaneModel
-from urbantwin.roads.netconvert import sumo_binary, sumo_environment, sumo_home
-from urbantwin.roads.network import (
-    Junction,
-    Lane,
-    Road,
-    RoadNetwork,
-    SignalHead,
-    SignalProgram,
-)
+from typing import TYPE_CHECKING
+
+from urbantwin.on_demand import names_on_demand
+
+if TYPE_CHECKING:
+    from urbantwin.roads.build import BuiltRoads, build_roads
+    from urbantwin.roads.driving_side import driving_side
+    from urbantwin.roads.grade_separation import Lift
+    from urbantwin.roads.heights import RoadSurface
+    from urbantwin.roads.model import LaneModel
+    from urbantwin.roads.netconvert import sumo_binary, sumo_environment, sumo_home
+    from urbantwin.roads.network import (
+        Junction,
+        Lane,
+        Road,
+        RoadNetwork,
+        SignalHead,
+        SignalProgram,
+    )
 
 __all__ = [
     "BuiltRoads",
@@ -32,3 +37,5 @@ __all__ = [
     "sumo_environment",
     "sumo_home",
 ]
+
+names_on_demand(__name__)

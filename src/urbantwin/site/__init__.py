@@ -1,16 +1,21 @@
 """A site as ``site.yaml`` describes it: region, rig, OpenStreetMap extract and elevation model."""
 
-from urbantwin.site.dem import DemGrid, check_dem, grid_step_m, read_heights
-from urbantwin.site.extract import Extract, OsmFeature, Relation, Way, WayPiece
-from urbantwin.site.extract_file import box_around, read_extract
-from urbantwin.site.geometry import GeometrySource, GeometrySpec
-from urbantwin.site.imagery import ImagerySource, ImagerySpec
-from urbantwin.site.initial_site import init_site
-from urbantwin.site.junction_proposal import JunctionProposal, propose_junction
-from urbantwin.site.orthophoto import Orthophoto, read_orthophoto
-from urbantwin.site.rig import Effects, RigSpec, SensorSpec, load_rig_spec
-from urbantwin.site.site import InputFile, Site, check_extract, load_site
-from urbantwin.site.traffic import TrafficSpec, load_traffic_changes
+from typing import TYPE_CHECKING
+
+from urbantwin.on_demand import names_on_demand
+
+if TYPE_CHECKING:
+    from urbantwin.site.dem import DemGrid, check_dem, grid_step_m, read_heights
+    from urbantwin.site.extract import Extract, OsmFeature, Relation, Way, WayPiece
+    from urbantwin.site.extract_file import box_around, read_extract
+    from urbantwin.site.geometry import GeometrySource, GeometrySpec
+    from urbantwin.site.imagery import ImagerySource, ImagerySpec
+    from urbantwin.site.initial_site import init_site
+    from urbantwin.site.junction_proposal import JunctionProposal, propose_junction
+    from urbantwin.site.orthophoto import Orthophoto, read_orthophoto
+    from urbantwin.site.rig import Effects, RigSpec, SensorSpec, load_rig_spec
+    from urbantwin.site.site import InputFile, Site, check_extract, load_site
+    from urbantwin.site.traffic import TrafficSpec, load_traffic_changes
 
 __all__ = [
     "DemGrid",
@@ -44,3 +49,5 @@ __all__ = [
     "read_heights",
     "read_orthophoto",
 ]
+
+names_on_demand(__name__)

@@ -1,6 +1,13 @@
 """Traffic: demand, SUMO in a process of its own, actors that stand on the ground, the motion."""
 
-from urbantwin.traffic.motion import Motion, describe
-from urbantwin.traffic.run import run_traffic
+from typing import TYPE_CHECKING
+
+from urbantwin.on_demand import names_on_demand
+
+if TYPE_CHECKING:
+    from urbantwin.traffic.motion import Motion, describe
+    from urbantwin.traffic.run import run_traffic
 
 __all__ = ["Motion", "describe", "run_traffic"]
+
+names_on_demand(__name__)

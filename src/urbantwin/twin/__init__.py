@@ -1,6 +1,13 @@
 """The twin folder: building it from a site, and opening it."""
 
-from urbantwin.twin.build import build_twin
-from urbantwin.twin.twin import GROUND_CLASSES, Twin, load_twin
+from typing import TYPE_CHECKING
+
+from urbantwin.on_demand import names_on_demand
+
+if TYPE_CHECKING:
+    from urbantwin.twin.build import build_twin
+    from urbantwin.twin.twin import GROUND_CLASSES, Twin, load_twin
 
 __all__ = ["GROUND_CLASSES", "Twin", "build_twin", "load_twin"]
+
+names_on_demand(__name__)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import shapely
+from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
@@ -15,7 +16,7 @@ from urbantwin.taxonomy import GROUND_CLASSES, materials, semantic_id
 from urbantwin.view import style
 from urbantwin.view.surface_colours import material_colours
 
-__all__ = ["ground_picture", "materials_from_above"]
+__all__ = ["ground_figure", "ground_picture", "materials_from_above"]
 
 #: Pixels along the longer side of what is drawn.
 _PIXELS = 1400
@@ -42,6 +43,19 @@ def ground_picture(
         title: a line above.
         attribution: whose data it shows.
     """
+    figure = ground_figure(mesh, surface, region, title=title, attribution=attribution)
+    return style.save(figure, path)
+
+
+def ground_figure(
+    mesh: LabelledMesh,
+    surface: SurfaceMaterials,
+    region: shapely.Polygon,
+    *,
+    title: str = "",
+    attribution: str | Iterable[str] = (),
+) -> Figure:
+    """Return the figure of ``ground_picture``."""
     west, south, east, north = region.bounds
     step = max(east - west, north - south) / _PIXELS
     shape = round((north - south) / step), round((east - west) / step)
@@ -69,7 +83,7 @@ def ground_picture(
     if title:
         figure.text(0.02, 0.962, title, fontsize=13, color=style.INK, weight="bold")
     style.written_attribution(figure, attribution)
-    return style.save(figure, path)
+    return figure
 
 
 def materials_from_above(

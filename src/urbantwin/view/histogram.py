@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from urbantwin.taxonomy import ACTOR_CLASSES, semantic_classes
 from urbantwin.view import style
 
-__all__ = ["histogram"]
+__all__ = ["histogram", "histogram_figure"]
 
 
 def histogram(
@@ -36,6 +37,27 @@ def histogram(
         below: a line under the title.
         attribution: whose data it shows.
     """
+    figure = histogram_figure(
+        points_by_class,
+        boxes,
+        boxes_with_points,
+        title=title,
+        below=below,
+        attribution=attribution,
+    )
+    return style.save(figure, path)
+
+
+def histogram_figure(
+    points_by_class: Mapping[str, int],
+    boxes: Mapping[str, int],
+    boxes_with_points: Mapping[str, int],
+    *,
+    title: str = "",
+    below: str = "",
+    attribution: str | Iterable[str] = (),
+) -> Figure:
+    """Return the figure of ``histogram``."""
     figure = style.new_figure(14, 7.6)
     style.title(figure, title or "Points and boxes per class", below)
     left = figure.add_axes((0.115, 0.11, 0.45, 0.72))
@@ -58,7 +80,7 @@ def histogram(
     colours = np.array([style.actor_colour(name) for name in names])
     _bars(right, names, totals, colours, "Boxes per class (with points)", within=seen)
     style.written_attribution(figure, attribution)
-    return style.save(figure, path)
+    return figure
 
 
 def _bars(

@@ -5,9 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from matplotlib.figure import Figure
+
 from urbantwin.dataset import parts_of
 from urbantwin.dataset.manifest_schema import read_manifest
 from urbantwin.dataset.motion_interpolation import Rows, rows_at
+from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar import Rig
 from urbantwin.lidar.coverage import Coverage
@@ -15,19 +18,23 @@ from urbantwin.progress import Progress, untold
 from urbantwin.traffic import Motion
 from urbantwin.traffic.assets import asset_mesh
 from urbantwin.twin import Twin
-from urbantwin.view.birdseye import birdseye
-from urbantwin.view.coverage import coverage_picture
-from urbantwin.view.ground_materials import ground_picture
-from urbantwin.view.histogram import histogram
-from urbantwin.view.labelled_frame import read_labelled_points
-from urbantwin.view.plan import plan
-from urbantwin.view.range_image import range_image
-from urbantwin.view.scene import scene_picture
+from urbantwin.view import style
+from urbantwin.view.birdseye import birdseye_figure
+from urbantwin.view.coverage import coverage_figure
+from urbantwin.view.ground_materials import ground_figure
+from urbantwin.view.histogram import histogram_figure
+from urbantwin.view.labelled_frame import LabelledPoints, read_labelled_points
+from urbantwin.view.plan import plan_figure
+from urbantwin.view.range_image import range_image_figure
+from urbantwin.view.scene import scene_figure, scene_picture
 from urbantwin.view.style import legible
 
 __all__ = [
     "actor_meshes",
     "attributions",
+    "figure_of_coverage",
+    "figure_of_dataset",
+    "figure_of_twin",
     "picture_of_coverage",
     "pictures_of_dataset",
     "pictures_of_twin",
@@ -45,44 +52,55 @@ def pictures_of_twin(twin: Twin, out: Path, *, progress: Progress | None = None)
     """
     tell = progress or untold
     out.mkdir(parents=True, exist_ok=True)
-    name = title_of(twin)
-    sources = attributions(twin.manifest)
     tell(0.0, "drawing the plan")
-    sensors = twin.rig_spec().standing()
-    first = plan(
-        twin.roads,
-        twin.region,
-        out / "plan.png",
-        model=twin.lane_model,
-        mesh=twin.mesh,
-        sensors=sensors,
-        title=name,
-        attribution=sources,
-    )
+    drawn = [style.save(figure_of_twin(twin, "plan"), out / "plan.png")]
     tell(0.2, "drawing the scene")
-    second = scene_picture(
-        twin.mesh,
-        out / "scene.png",
-        title=name,
-        below=_size(twin),
-        attribution=sources,
-        surface=twin.surface_materials,
-    )
-    drawn = [first, second]
+    drawn.append(style.save(figure_of_twin(twin, "scene"), out / "scene.png"))
     if twin.site.get("imagery"):
         tell(0.9, "drawing the ground")
-        drawn.append(
-            ground_picture(
-                twin.mesh,
-                twin.surface_materials,
-                twin.region,
-                out / "ground.png",
-                title=f"{name}   materials of the ground",
-                attribution=sources,
-            )
-        )
+        drawn.append(style.save(figure_of_twin(twin, "ground"), out / "ground.png"))
     tell(1.0, "drawn")
     return drawn
+
+
+def figure_of_twin(twin: Twin, picture: str) -> Figure:
+    """Draw a twin.
+
+    Args:
+        twin: the twin.
+        picture: ``plan``, ``scene`` or ``ground``.
+
+    Raises:
+        InputError: there is no such picture.
+    """
+    name, sources = title_of(twin), attributions(twin.manifest)
+    if picture == "plan":
+        return plan_figure(
+            twin.roads,
+            twin.region,
+            model=twin.lane_model,
+            mesh=twin.mesh,
+            sensors=twin.rig_spec().standing(),
+            title=name,
+            attribution=sources,
+        )
+    if picture == "scene":
+        return scene_figure(
+            twin.mesh,
+            title=name,
+            below=_size(twin),
+            attribution=sources,
+            surface=twin.surface_materials,
+        )
+    if picture == "ground":
+        return ground_figure(
+            twin.mesh,
+            twin.surface_materials,
+            twin.region,
+            title=f"{name}   materials of the ground",
+            attribution=sources,
+        )
+    raise InputError(f"there is no picture {picture!r:.40}", expected="plan, scene or ground")
 
 
 def pictures_of_dataset(
@@ -118,35 +136,19 @@ def pictures_of_dataset(
             drawn += pictures_of_dataset(part, own, twin=twin, motion=motion, progress=progress)
         return drawn
     manifest = read_manifest(dataset)
-    counts = manifest["counts"]
-    points, boxes = counts["points_by_class"], counts["boxes"]
-    with_points, frames = counts["boxes_with_points"], counts["frames"]
     sources = attributions(manifest)
     frame = read_labelled_points(dataset)
     out = dataset / "pictures" if out is None else out
     out.mkdir(parents=True, exist_ok=True)
 
     tell(0.0, "drawing the bird's-eye view")
-    drawn = [birdseye(frame, out / "birdseye.png", attribution=sources)]
+    drawn = [style.save(_figure_of_frame(frame, "birdseye", sources), out / "birdseye.png")]
     tell(0.25, "drawing the range image")
-    sensor = 0
-    if frame.sensor is not None and len(frame.sensor):
-        sensor = int(frame.sensor[len(frame.sensor) // 2])
     if len(frame.points):
-        drawn.append(
-            range_image(frame, out / "range_image.png", sensor=sensor, attribution=sources)
-        )
+        figure = _figure_of_frame(frame, "range_image", sources)
+        drawn.append(style.save(figure, out / "range_image.png"))
     tell(0.5, "drawing the histogram")
-    drawn.append(
-        histogram(
-            points,
-            boxes,
-            with_points,
-            out / "histogram.png",
-            below=f"{frames:,} frame{'' if frames == 1 else 's'}   {sum(points.values()):,} points",
-            attribution=sources,
-        )
-    )
+    drawn.append(style.save(_figure_of_counts(manifest), out / "histogram.png"))
     if twin is not None and motion is not None:
         tell(0.6, "drawing the scene")
         meshes = [twin.mesh, *actor_meshes(rows_at(motion, frame.time_s))]
@@ -164,19 +166,64 @@ def pictures_of_dataset(
     return drawn
 
 
+def figure_of_dataset(dataset: Path, frame: str | None, picture: str) -> Figure:
+    """Draw a frame of a dataset, or how many points and boxes of each class it has.
+
+    Args:
+        dataset: its folder.
+        frame: the frame's name; without it the one with the most labelled actors.
+        picture: ``birdseye``, ``range_image`` or ``histogram``.
+
+    Raises:
+        InputError: there is no such frame or picture, or a file of it is missing.
+    """
+    manifest = read_manifest(dataset)
+    if picture == "histogram":
+        return _figure_of_counts(manifest)
+    return _figure_of_frame(read_labelled_points(dataset, frame), picture, attributions(manifest))
+
+
+def _figure_of_frame(frame: LabelledPoints, picture: str, sources: list[str]) -> Figure:
+    if picture == "birdseye":
+        return birdseye_figure(frame, attribution=sources)
+    if picture == "range_image":
+        sensor = 0
+        if frame.sensor is not None and len(frame.sensor):
+            sensor = int(frame.sensor[len(frame.sensor) // 2])
+        return range_image_figure(frame, sensor=sensor, attribution=sources)
+    raise InputError(
+        f"there is no picture {picture!r:.40}", expected="birdseye, range_image or histogram"
+    )
+
+
+def _figure_of_counts(manifest: dict[str, Any]) -> Figure:
+    counts = manifest["counts"]
+    points, frames = counts["points_by_class"], counts["frames"]
+    return histogram_figure(
+        points,
+        counts["boxes"],
+        counts["boxes_with_points"],
+        below=f"{frames:,} frame{'' if frames == 1 else 's'}   {sum(points.values()):,} points",
+        attribution=attributions(manifest),
+    )
+
+
 def picture_of_coverage(coverage: Coverage, rig: Rig, twin: Twin, path: Path) -> Path:
+    """Draw where a rig on a twin sees how much into a PNG; see `figure_of_coverage`."""
+    return style.save(figure_of_coverage(coverage, rig, twin), path)
+
+
+def figure_of_coverage(coverage: Coverage, rig: Rig, twin: Twin) -> Figure:
     """Draw where a rig on a twin sees how much.
 
     Args:
         coverage: of the rig.
         rig: its sensors.
         twin: where it stands.
-        path: the PNG to write.
     """
     places = [one.site_SE3_sensor.translation for one in rig.sensors]
-    return coverage_picture(
+    return coverage_figure(
         coverage,
-        path,
         sensors=[
             (one.name, float(x), float(y))
             for one, (x, y, _) in zip(rig.sensors, places, strict=True)

@@ -10,6 +10,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import PowerNorm
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
@@ -17,7 +18,7 @@ from urbantwin.geometry import box_corners
 from urbantwin.view import style
 from urbantwin.view.labelled_frame import LabelledPoints
 
-__all__ = ["RangeImage", "range_image", "spread_rays"]
+__all__ = ["RangeImage", "range_image", "range_image_figure", "spread_rays"]
 
 #: Rows where the channels of the points are not known.
 _ROWS_WITHOUT_CHANNELS = 64
@@ -64,6 +65,19 @@ def range_image(
     Raises:
         InputError: the rig has no such sensor, or it has no point in this frame.
     """
+    return style.save(
+        range_image_figure(frame, sensor=sensor, title=title, attribution=attribution), path
+    )
+
+
+def range_image_figure(
+    frame: LabelledPoints,
+    *,
+    sensor: int = 0,
+    title: str = "",
+    attribution: str | Iterable[str] = (),
+) -> Figure:
+    """Return the figure of ``range_image``."""
     image = spread_rays(frame, sensor)
     figure = style.new_figure(16, 8.4)
     shape = image.range_m.shape
@@ -103,7 +117,7 @@ def range_image(
     below = f"frame {frame.name}   sensor {place.name}, {place.model}: {rays}"
     style.title(figure, title or "As the sensor sees it", below, x=0.045)
     style.written_attribution(figure, attribution)
-    return style.save(figure, path)
+    return figure
 
 
 def spread_rays(frame: LabelledPoints, sensor: int = 0) -> RangeImage:

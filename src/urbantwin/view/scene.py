@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import uniform_filter
 
@@ -22,7 +23,7 @@ from urbantwin.geometry.embree import EmbreeScene
 from urbantwin.view import style
 from urbantwin.view.surface_colours import material_colours, surface_colours
 
-__all__ = ["Camera", "clear_camera", "render", "scene_picture"]
+__all__ = ["Camera", "clear_camera", "render", "scene_figure", "scene_picture"]
 
 _SUNLIGHT = np.array([1.0, 0.94, 0.83], np.float32)
 _SKYLIGHT = np.array([0.40, 0.46, 0.55], np.float32)
@@ -110,6 +111,29 @@ def scene_picture(
         attribution: whose data it shows.
         surface: materials of the ground that are finer than the mesh.
     """
+    figure = scene_figure(
+        mesh,
+        camera=camera,
+        size=size,
+        title=title,
+        below=below,
+        attribution=attribution,
+        surface=surface,
+    )
+    return style.save(figure, path)
+
+
+def scene_figure(
+    mesh: LabelledMesh,
+    *,
+    camera: Camera | None = None,
+    size: tuple[int, int] = (1440, 810),
+    title: str = "",
+    below: str = "",
+    attribution: str | Iterable[str] = (),
+    surface: SurfaceMaterials | None = None,
+) -> Figure:
+    """Return the figure of ``scene_picture``."""
     width, height = size
     picture = render(mesh, camera or clear_camera(mesh), width, height, surface)
     figure = style.new_figure(width / 100, height / 100)
@@ -136,7 +160,7 @@ def scene_picture(
             va="bottom",
             bbox={"facecolor": style.PAPER, "alpha": 0.6, "lw": 0, "pad": 3},
         )
-    return style.save(figure, path)
+    return figure
 
 
 def clear_camera(mesh: LabelledMesh, target: ArrayLike = (0.0, 0.0, 0.0)) -> Camera:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from functools import cache
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import matplotlib.image
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -16,6 +18,7 @@ from matplotlib.font_manager import get_font
 from matplotlib.patches import Polygon, Rectangle
 from numpy.typing import ArrayLike, NDArray
 
+from urbantwin.errors import InputError
 from urbantwin.taxonomy import ACTOR_SEMANTICS, semantic_classes
 
 __all__ = [
@@ -27,6 +30,7 @@ __all__ = [
     "actor_colour",
     "bare",
     "class_colours",
+    "figure_of_picture",
     "joined",
     "legible",
     "new_figure",
@@ -43,10 +47,37 @@ PAPER, INK, MUTED, FAINT, ACCENT = "#10161d", "#eef2f6", "#9aa7b4", "#2c3743", "
 _LEAST_LIGHT = 90.0
 
 
+class Picture(Figure):
+    """A figure that a notebook shows, although no window of pyplot's knows it."""
+
+    def _repr_png_(self) -> bytes:
+        stream = BytesIO()
+        self.savefig(stream, format="png")
+        return stream.getvalue()
+
+
 def new_figure(width: float, height: float, dpi: int = 100, colour: str = PAPER) -> Figure:
     """Return an empty figure of width x height inches with its own canvas, no global state."""
-    figure = Figure(figsize=(width, height), dpi=dpi, facecolor=colour)
+    figure = Picture(figsize=(width, height), dpi=dpi, facecolor=colour)
     FigureCanvasAgg(figure)
+    return figure
+
+
+def figure_of_picture(path: Path) -> Figure:
+    """Return a figure that shows a PNG, pixel by pixel.
+
+    Raises:
+        InputError: there is no such picture.
+    """
+    try:
+        pixels = mpl.image.imread(path)
+    except (OSError, SyntaxError, ValueError):  # Pillow's for a damaged PNG, too
+        raise InputError("is no picture", file=path, expected="a PNG") from None
+    height, width = pixels.shape[:2]
+    figure = new_figure(width / 100, height / 100)
+    axes = figure.add_axes((0, 0, 1, 1))
+    bare(axes)
+    axes.imshow(pixels, interpolation="nearest", aspect="auto")
     return figure
 
 

@@ -1,10 +1,15 @@
 """Alignment: a sensor's pose in the twin, estimated from its real frames."""
 
-from urbantwin.fidelity.alignment.align import Alignment, Guess, align
-from urbantwin.fidelity.alignment.ground_plane import GroundPlane, ground_plane
-from urbantwin.fidelity.alignment.picture import draw_alignment
-from urbantwin.fidelity.alignment.rig_alignment import Wish, align_rig, frame_numbers
-from urbantwin.fidelity.alignment.rig_file import aligned_poses, write_aligned_rig
+from typing import TYPE_CHECKING
+
+from urbantwin.on_demand import names_on_demand
+
+if TYPE_CHECKING:
+    from urbantwin.fidelity.alignment.align import Alignment, Guess, align
+    from urbantwin.fidelity.alignment.ground_plane import GroundPlane, ground_plane
+    from urbantwin.fidelity.alignment.picture import draw_alignment
+    from urbantwin.fidelity.alignment.rig_alignment import Wish, align_rig, frame_numbers
+    from urbantwin.fidelity.alignment.rig_file import aligned_poses, write_aligned_rig
 
 __all__ = [
     "Alignment",
@@ -19,3 +24,5 @@ __all__ = [
     "ground_plane",
     "write_aligned_rig",
 ]
+
+names_on_demand(__name__)

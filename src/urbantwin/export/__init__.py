@@ -1,5 +1,0 @@
-"""A twin in other programs' formats."""
-
-from urbantwin.export.formats import FORMATS, Exported, Format, export_twin, format_named
-
-__all__ = ["FORMATS", "Exported", "Format", "export_twin", "format_named"]

@@ -1,5 +1,0 @@
-"""A twin as a package of maps for CARLA 0.9.16, and the same rig on a live server."""
-
-from urbantwin.export.carla.package import write_carla
-
-__all__ = ["write_carla"]

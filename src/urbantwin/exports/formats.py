@@ -1,0 +1,133 @@
+"""The formats that a twin is exported to."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from urbantwin.artefact import check_file, check_folder
+from urbantwin.errors import InputError
+from urbantwin.exports.carla import write_carla
+from urbantwin.exports.geojson import write_geojson
+from urbantwin.exports.plan_sheet import write_plan
+from urbantwin.exports.scene import write_scene
+from urbantwin.exports.sumo import write_sumo
+from urbantwin.roads.opendrive import VERSIONS, write_opendrive
+from urbantwin.twin import Twin
+
+__all__ = ["FORMATS", "Exported", "Format", "export_twin", "format_named"]
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format.
+
+    Attributes:
+        name: what people call it.
+        ending: of the file's name; empty where a folder is written.
+        versions: those of the format's standard that can be asked for, the default first.
+        files: endings of names that are files, where a folder is written otherwise.
+        write: writes a twin, whole or not at all: twin, path, version; returns what a person
+            should be told.
+    """
+
+    name: str
+    ending: str
+    versions: tuple[str, ...]
+    write: Callable[[Twin, Path, str], Sequence[str] | None]
+    files: tuple[str, ...] = ()
+
+    def is_file(self, path: Path) -> bool:
+        """Return whether the format is written to a path as a file."""
+        return bool(self.ending and not self.files) or path.suffix.lower() in self.files
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What was written, and what a person should be told of it."""
+
+    path: Path
+    notes: tuple[str, ...] = ()
+
+
+def _opendrive(twin: Twin, path: Path, version: str) -> None:
+    name = str(twin.manifest["name"])
+    write_opendrive(twin.lane_model, twin.frame, path, version=version, name=name)
+
+
+def _scene(name: str, ending: str) -> Format:
+    return Format(name, ending, (), lambda twin, path, _: write_scene(twin, path, name))
+
+
+FORMATS: Mapping[str, Format] = {
+    entry.name: entry
+    for entry in (
+        Format("opendrive", ".xodr", VERSIONS, _opendrive),
+        Format(
+            "geojson",
+            ".geojson",
+            (),
+            lambda twin, path, _: write_geojson(twin, path),
+            (".geojson", ".json"),
+        ),
+        Format("sumo", "", (), lambda twin, path, _: write_sumo(twin, path)),
+        Format("carla", "", (), lambda twin, path, _: write_carla(twin, path)),
+        Format("plan", "", (), lambda twin, path, _: write_plan(twin, path), (".svg", ".png")),
+        _scene("glb", ".glb"),
+        _scene("obj", ".obj"),
+        _scene("ply", ".ply"),
+        _scene("usd", ".usd"),
+        _scene("fbx", ".fbx"),
+        _scene("cityjson", ".city.json"),
+    )
+}
+
+
+def format_named(name: str) -> Format:
+    """Return a format.
+
+    Raises:
+        InputError: there is no such name.
+    """
+    if name not in FORMATS:
+        raise InputError(
+            f"{name!r} is not a format", place="--to", expected=f"one of {', '.join(FORMATS)}"
+        )
+    return FORMATS[name]
+
+
+def export_twin(
+    twin: Twin, name: str, out: Path | None = None, *, version: str | None = None
+) -> Exported:
+    """Write a twin in another format, whole or not at all.
+
+    Args:
+        twin: the twin.
+        name: the format.
+        out: the file or folder to write; by default one named after the twin, here.
+        version: of the format's standard, where it has versions.
+
+    Raises:
+        InputError: the format, the version or ``out`` cannot be used.
+    """
+    wanted = format_named(name)
+    if version is not None and version not in wanted.versions:
+        raise InputError(
+            f"{name} has no version {version!r}",
+            place="--version",
+            expected=f"one of {', '.join(wanted.versions)}" if wanted.versions else "none",
+        )
+    path = out or Path(f"{_file_name(str(twin.manifest['name']))}{wanted.ending or '-' + name}")
+    if wanted.is_file(path):
+        check_file(path, inputs=[twin.folder])
+    else:
+        check_folder(path, kind=name, inputs=[twin.folder])
+    notes = wanted.write(twin, path, version or next(iter(wanted.versions), ""))
+    return Exported(path, tuple(notes or ()))
+
+
+def _file_name(name: str) -> str:
+    """Return a name without what file systems do not take: "A / B" is "A-B"."""
+    return re.sub(r'[\s/\\:*?"<>|]*[/\\:*?"<>|\x00-\x1f]+\s*', "-", name).strip(" .-") or "twin"

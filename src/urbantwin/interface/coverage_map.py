@@ -1,0 +1,185 @@
+"""A coverage: where a rig on a twin sees how much."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from urbantwin.artefact import check_folder, read_json, replaced_folder, write_json
+from urbantwin.artefact.arrays import ArrayOf, read_arrays
+from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.summary import Summary
+
+if TYPE_CHECKING:
+    import numpy as np
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    from urbantwin.interface.twin import Twin
+    from urbantwin.lidar import Rig
+    from urbantwin.lidar.coverage import Coverage as Densities
+
+__all__ = ["Coverage", "coverage"]
+
+_FORM = {
+    "x0": ArrayOf("f8", ()),
+    "y0": ArrayOf("f8", ()),
+    "cell_m": ArrayOf("f8", (), least=1e-3),
+    "height_m": ArrayOf("f4", ("corners up", "corners across")),
+    "semantic": ArrayOf("u2", ("rows", "columns")),
+    "rate_hz": ArrayOf("f8", (), least=1e-3),
+    **dict.fromkeys(("ground", "lying", "facing"), ArrayOf("f4", ("S", "rows", "columns"))),
+}
+
+
+class Coverage:
+    """Points per square metre that a rig gets from the ground and 1 m above it.
+
+    It stands for its folder wherever a path is asked for.
+
+    Attributes:
+        folder: where it is.
+        manifest: ``coverage.json``.
+
+    Example:
+        >>> coverage = ut.coverage(twin)
+        >>> coverage.per_frame("facing").max()
+    """
+
+    def __init__(self, folder: AnyPath) -> None:
+        self.folder = Path(folder)
+        self.manifest: dict[str, Any] = read_json(self.folder / "coverage.json", kind="coverage")
+        self._on: tuple[Twin, Rig] | None = None
+
+    @classmethod
+    def open(cls, folder: AnyPath) -> Coverage:
+        """Open a coverage's folder.
+
+        Raises:
+            InputError: it is not a coverage.
+        """
+        return cls(folder)
+
+    @cached_property
+    def densities(self) -> Densities:
+        """The map of each sensor, points per second and square metre, and its grid of cells."""
+        from urbantwin.lidar.coverage import Cells
+        from urbantwin.lidar.coverage import Coverage as Densities
+
+        path = self.folder / "coverage.npz"
+        found = read_arrays(path, "the maps of a coverage", _FORM)
+        return Densities(
+            Cells(
+                float(found["x0"]),
+                float(found["y0"]),
+                float(found["cell_m"]),
+                found["height_m"],
+                found["semantic"],
+            ),
+            tuple(self.manifest.get("sensors", ())),
+            float(found["rate_hz"]),
+            found["ground"],
+            found["lying"],
+            found["facing"],
+        )
+
+    def per_frame(self, layer: str) -> NDArray[np.float32]:
+        """Return points (rows, columns) per frame and square metre of all sensors together.
+
+        Args:
+            layer: ``ground``, ``lying`` or ``facing``.
+        """
+        return self.densities.per_frame(layer)
+
+    def __fspath__(self) -> str:
+        """Return the folder."""
+        return str(self.folder)
+
+    def __repr__(self) -> str:
+        """Return sensors, area and folder."""
+        names = ", ".join(self.manifest.get("sensors", ()))
+        street = self.manifest.get("street_m2", 0.0)
+        cell = self.manifest.get("cell_m", 0.0)
+        return (
+            f"Coverage of {street:,.0f} m2 of street by {names}, in cells of {cell:g} m "
+            f"({self.folder})"
+        )
+
+    def summary(self) -> Summary:
+        """Return what the streets get in a few values."""
+        return Summary({"path": str(self.folder), **self.manifest})
+
+    def plot(self) -> Figure:
+        """Draw the maps side by side; just after it was made, with the twin around them."""
+        from urbantwin.view.coverage import coverage_figure
+        from urbantwin.view.pictures import figure_of_coverage
+
+        if self._on is None:
+            return coverage_figure(self.densities)
+        twin, rig = self._on
+        return figure_of_coverage(self.densities, rig, twin)
+
+    def _of(self, twin: Twin, rig: Rig) -> Coverage:
+        self._on = (twin, rig)
+        return self
+
+
+def coverage(
+    twin: Twin | AnyPath,
+    out: AnyPath | None = None,
+    *,
+    rig: AnyPath | None = None,
+    cell: float = 0.5,
+    pictures: bool = True,
+    progress: ShowProgress = True,
+) -> Coverage:
+    """Map the points per square metre that a rig gets from the ground and 1 m above it.
+
+    Args:
+        twin: the twin, or its folder.
+        out: the folder to write; ``coverage`` beside the twin when not given.
+        rig: a ``rig.yaml``; the twin's own rig if not given.
+        cell: side of a cell of the map, metres.
+        pictures: draw the maps into the folder.
+        progress: show how far it is; or a function that is told (share, doing).
+
+    Raises:
+        InputError: the twin or the rig cannot be used, or ``out`` holds other files.
+    """
+    from urbantwin.interface.rig import rig_on
+    from urbantwin.interface.twin import Twin
+    from urbantwin.lidar.coverage import rig_coverage
+    from urbantwin.view.pictures import picture_of_coverage
+
+    place = beside(twin, "coverage", out)
+    rig_file = None if rig is None else Path(rig)
+    inputs = [Path(twin), rig_file]
+    check_folder(place, kind="coverage", inputs=inputs)
+    loaded = twin if isinstance(twin, Twin) else Twin.open(twin)
+    placed = rig_on(loaded, rig_file)
+    with replaced_folder(place, kind="coverage", inputs=inputs) as folder:
+        with shown_stage("coverage", progress) as tell:
+            found = rig_coverage(
+                placed,
+                loaded.mesh,
+                loaded.region.bounds,
+                cell_m=cell,
+                surface=loaded.surface_materials,
+                progress=tell,
+            )
+            found.save(folder / "coverage.npz")
+        summary = {
+            "kind": "coverage",
+            "twin_sha256": loaded.sha256,
+            "sensors": list(found.sensors),
+            "rate_hz": found.rate_hz,
+            "cell_m": cell,
+            "unit": "points per square metre and frame",
+            **found.summary(loaded.region),
+        }
+        write_json(folder / "coverage.json", summary)
+        if pictures:
+            picture_of_coverage(found, placed, loaded, folder / "coverage.png")
+    return Coverage(place)._of(loaded, placed)

@@ -1,0 +1,375 @@
+"""A dataset: recorded from a twin and its motion, or opened."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.artefact import check_folder
+from urbantwin.artefact.arrays import ArrayOf, read_array
+from urbantwin.artefact.tables import read_parquet
+from urbantwin.dataset.frame_files import read_labels, read_rays
+from urbantwin.dataset.manifest_schema import pose_of_matrix, read_manifest
+from urbantwin.errors import InputError
+from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.summary import Summary
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    from matplotlib.figure import Figure
+
+    from urbantwin.geometry import Pose
+    from urbantwin.interface.motion import Motion
+    from urbantwin.interface.twin import Twin
+
+__all__ = ["Dataset", "Frame", "record"]
+
+_BOX = ("x", "y", "z", "length", "width", "height", "yaw")
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One labelled frame of a dataset; each array is read when it is first asked for.
+
+    Attributes:
+        dataset: that it is of.
+        name: of the frame, which its files have.
+        time_s: seconds from the start of the motion.
+
+    Example:
+        >>> frame = dataset[3]
+        >>> frame.points[frame.instance > 0]  # those on actors
+    """
+
+    dataset: Dataset
+    name: str
+    time_s: float
+
+    @cached_property
+    def points(self) -> NDArray[np.float32]:
+        """Points (N, 4): x, y, z in metres, dataset frame, and intensity 0..1."""
+        path = self.dataset.folder / "points" / f"{self.name}.npy"
+        return read_array(path, "the points of a frame", ArrayOf("f4", ("N", 4)))
+
+    @cached_property
+    def labels(self) -> NDArray[np.uint32]:
+        """Labels (N,) as they are in the file: class in the low 16 bits, track in the high."""
+        path = self.dataset.folder / "semantic" / f"{self.name}.label"
+        return read_labels(path, len(self.points))
+
+    @cached_property
+    def semantic(self) -> NDArray[np.uint16]:
+        """Number (N,) of each point's class; `Dataset.class_names` has their names."""
+        return (self.labels & 0xFFFF).astype(np.uint16)
+
+    @cached_property
+    def instance(self) -> NDArray[np.uint16]:
+        """Track (N,) of the actor that each point is on; 0 for the static world."""
+        return (self.labels >> 16).astype(np.uint16)
+
+    @cached_property
+    def rays(self) -> NDArray[np.void]:
+        """The ray (N,) of each point: ``sensor``, ``ring``, ``column``, ``time``, ``echo``."""
+        return read_rays(self.dataset.folder / "rays" / f"{self.name}.npy", len(self.points))
+
+    @cached_property
+    def boxes(self) -> pa.Table:
+        """Labelled boxes, one row each: the frame's rows of `Dataset.boxes`."""
+        import pyarrow.compute as pc
+
+        table = self.dataset.boxes
+        return table.filter(pc.equal(table["frame"], self.name))
+
+    @cached_property
+    def box_array(self) -> NDArray[np.float64]:
+        """Boxes (B, 7): centre x, y, z, length, width, height in metres, yaw in radians."""
+        return np.column_stack([self.boxes[name].to_numpy() for name in _BOX]).reshape(-1, 7)
+
+    @cached_property
+    def site_SE3_dataset(self) -> Pose:  # noqa: N802
+        """The pose that takes the frame's points to the site."""
+        manifest = self.dataset.manifest
+        told = manifest["frames"][self.dataset.names.index(self.name)]
+        rows = told.get("dataset_SE3_site") or manifest["dataset_SE3_site"]
+        return pose_of_matrix(rows).inverse()
+
+    def __repr__(self) -> str:
+        """Return name, time and counts."""
+        return (
+            f"Frame {self.name} at {self.time_s:g} s: {len(self.points):,} points, "
+            f"{self.boxes.num_rows} boxes"
+        )
+
+    def plot(self, picture: str = "birdseye") -> Figure:
+        """Draw the frame; see `Dataset.plot`."""
+        return self.dataset.plot(self.name, picture)
+
+
+class Dataset(Sequence[Frame]):
+    """A dataset on disk: its frames in the order of time.
+
+    It stands for its folder wherever a path is asked for. A rig whose sensors are not fused leaves
+    a dataset for each sensor, which `parts` has; the dataset itself then has no frames.
+
+    Attributes:
+        folder: where it is.
+        manifest: ``dataset.json``.
+
+    Example:
+        >>> dataset = ut.open("out/dataset")
+        >>> dataset[0].points.shape, dataset.boxes.num_rows
+        >>> dataset.plot(3).savefig("frame.png")
+    """
+
+    def __init__(self, folder: AnyPath) -> None:
+        self.folder = Path(folder)
+        self.manifest: dict[str, Any] = read_manifest(self.folder)
+
+    @classmethod
+    def open(cls, folder: AnyPath) -> Dataset:
+        """Open a dataset's folder.
+
+        Raises:
+            InputError: it is not a dataset, or its manifest is damaged.
+        """
+        return cls(folder)
+
+    @cached_property
+    def parts(self) -> dict[str, Dataset]:
+        """The dataset of each sensor by its name; empty where the sensors are fused."""
+        names: list[str] = self.manifest.get("datasets", [])
+        return {name: Dataset(self.folder / name) for name in names}
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Names of the frames."""
+        return tuple(one["name"] for one in self._frames)
+
+    @cached_property
+    def times_s(self) -> NDArray[np.float64]:
+        """Times (F,) of the frames, seconds from the start of the motion."""
+        return np.array([one["time_s"] for one in self._frames], np.float64)
+
+    @cached_property
+    def boxes(self) -> pa.Table:
+        """``boxes.parquet``: one row for each frame and box; see docs/labels.md for its columns."""
+        return read_parquet(self._own("boxes.parquet"), "the boxes of a dataset")
+
+    @cached_property
+    def sweeps(self) -> pa.Table:
+        """``sweeps.parquet``: one row for each turn of a sensor."""
+        return read_parquet(self._own("sweeps.parquet"), "the sweeps of a dataset")
+
+    @cached_property
+    def class_names(self) -> dict[int, str]:
+        """Name of each number in `Frame.semantic`."""
+        from urbantwin.taxonomy import semantic_classes
+
+        return {one.id: one.name for one in semantic_classes().values()}
+
+    @property
+    def _frames(self) -> list[dict[str, Any]]:
+        frames: list[dict[str, Any]] = self.manifest.get("frames", [])
+        return frames
+
+    def _own(self, name: str) -> Path:
+        if self.parts:
+            raise InputError(
+                "holds a dataset for each sensor",
+                file=self.folder,
+                expected=f"one of them: .parts[{next(iter(self.parts))!r}]",
+            )
+        return self.folder / name
+
+    def __len__(self) -> int:
+        """Return how many frames there are."""
+        return len(self._frames)
+
+    @overload
+    def __getitem__(self, index: int | str) -> Frame: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[Frame]: ...
+    def __getitem__(self, index: int | str | slice) -> Frame | list[Frame]:
+        """Return the frame of a number, from 0, or of a name; of a slice, a list of frames.
+
+        Raises:
+            IndexError: there is no such number.
+            InputError: there is no such name, or the sensors are not fused.
+        """
+        self._own("")
+        if isinstance(index, slice):
+            return [self[number] for number in range(*index.indices(len(self)))]
+        if isinstance(index, str):
+            if index not in self.names:
+                raise InputError(
+                    f"has no frame {index}", file=self.folder, expected="a frame of the dataset"
+                )
+            index = self.names.index(index)
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"frame {index} of {len(self)}")
+        return Frame(self, self.names[index], float(self.times_s[index]))
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Return the frames one after the other; nothing of one is kept for the next."""
+        return (self[number] for number in range(len(self)))
+
+    def __fspath__(self) -> str:
+        """Return the folder."""
+        return str(self.folder)
+
+    def __repr__(self) -> str:
+        """Return counts, times, sensors and folder."""
+        if self.parts:
+            return f"Dataset for each of {', '.join(self.parts)} ({self.folder})"
+        counts = self.manifest["counts"]
+        sensors = ", ".join(
+            f"{one['name']} ({one['model']})" for one in self.manifest["rig"]["sensors"]
+        )
+        return (
+            f"Dataset of {len(self)} frames from {self.times_s[0]:g} to {self.times_s[-1]:g} s: "
+            f"{counts['points']:,} points, {sum(counts['boxes'].values()):,} boxes, by {sensors} "
+            f"({self.folder})"
+        )
+
+    def summary(self) -> Summary:
+        """Return what the dataset holds in a few values."""
+        from urbantwin.dataset.description import describe
+
+        return Summary(path=str(self.folder), **describe(self.folder))
+
+    def plot(self, frame: int | str | None = None, picture: str = "birdseye") -> Figure:
+        """Draw a frame, or how many points and boxes of each class there are.
+
+        Args:
+            frame: its number or its name; the one with the most labelled actors when not given.
+            picture: ``birdseye``, from above with boxes; ``range_image``, as the sensor in the
+                middle of the frame's points saw it; or ``histogram``, of all frames.
+
+        Raises:
+            InputError: there is no such frame or picture.
+        """
+        from urbantwin.view.pictures import figure_of_dataset
+
+        self._own("")
+        name = frame if frame is None or isinstance(frame, str) else self[frame].name
+        return figure_of_dataset(self.folder, name, picture)
+
+
+def record(  # noqa: PLR0913 - the options of the command
+    twin: Twin | AnyPath,
+    motion: Motion | AnyPath,
+    out: AnyPath | None = None,
+    *,
+    rig: AnyPath | None = None,
+    start: float = 0.0,
+    stop: float | None = None,
+    effects: str | None = None,
+    weather: str | None = None,
+    visibility: float | None = None,
+    wet_ground: float | None = None,
+    sun_elevation: float | None = None,
+    sun_azimuth: float | None = None,
+    ride: str | None = None,
+    fused: bool | None = None,
+    backend: str = "embree",
+    background: AnyPath | Sequence[AnyPath] = (),
+    fuse: bool = False,
+    workers: int | None = None,
+    seed: int | None = None,
+    pictures: bool = True,
+    progress: ShowProgress = True,
+) -> Dataset:
+    """Record labelled LiDAR frames. After an interruption, the same call goes on from there.
+
+    Args:
+        twin: the twin, or its folder.
+        motion: a motion on that twin, or its folder.
+        out: the folder to write, in which an older dataset is replaced; ``dataset`` beside the
+            twin when not given.
+        rig: a ``rig.yaml``; the twin's own rig if not given.
+        start: no frame before this time of the motion, seconds.
+        stop: no frame after this time, seconds; the motion's end if not given.
+        effects: ``none``, ``all``, and effects to turn on or off: ``none,noise`` or ``no-sun``.
+        weather: ``clear``, ``rain``, ``fog`` or ``snow``.
+        visibility: how far one sees in that weather, metres.
+        wet_ground: 0 is dry, 1 a film of water.
+        sun_elevation: of the sun above the horizon, degrees.
+        sun_azimuth: of the sun, degrees clockwise from north.
+        ride: track or class of the actor that carries a rig that rides.
+        fused: one dataset of all sensors, or one for each; as the rig says if not given.
+        backend: what casts the rays: ``embree``, ``warp`` (a CUDA device) or ``warp:DEVICE``.
+        background: ``FILE`` or ``NAME=FILE``: what real sensors measured of the static world.
+        fuse: where nobody measured, the twin is seen.
+        workers: processes to work with; every number gives the same bytes.
+        seed: that everything random follows from; the site's ``traffic.seed`` if not given.
+        pictures: draw pictures into the dataset's folder, which takes a while.
+        progress: show how far it is; or a function that is told (share, doing).
+
+    Raises:
+        InputError: what is given does not fit together, or ``out`` holds other files.
+        StageError: a worker was killed, or the disk is full.
+
+    Example:
+        >>> dataset = ut.record(twin, motion, rig="rig.yaml", weather="rain", visibility=800)
+    """
+    from urbantwin.dataset.provenance import asked_of
+    from urbantwin.dataset.recording import record as record_frames
+    from urbantwin.interface.motion import Motion
+    from urbantwin.interface.rig import rig_on, rig_spec_on
+    from urbantwin.interface.twin import Twin
+    from urbantwin.lidar.background_file import rig_with_backgrounds
+    from urbantwin.site.rig_changes import RigChanges
+
+    changes = RigChanges(
+        effects=effects,
+        weather=weather,
+        visibility_m=visibility,
+        wet_ground=wet_ground,
+        sun_elevation_deg=sun_elevation,
+        sun_azimuth_deg=sun_azimuth,
+        ride=ride,
+        fused=fused,
+    )
+    place = beside(twin, "dataset", out)
+    rig_file = None if rig is None else Path(rig)
+    inputs = [Path(twin), Path(motion), *([] if rig_file is None else [rig_file])]
+    check_folder(place, kind="dataset", inputs=inputs)
+    on = twin if isinstance(twin, Twin) else Twin.open(twin)
+    moving = motion if isinstance(motion, Motion) else Motion.open(motion)
+    given = [background] if isinstance(background, str | os.PathLike) else background
+    measured = [os.fspath(one) for one in given]
+    spec, file = rig_spec_on(on, rig_file, changes)
+    placed = rig_with_backgrounds(rig_on(on, rig_file, changes), measured, fused=fuse)
+    with shown_stage("record", progress) as tell:
+
+        def also(folder: Path) -> None:
+            from urbantwin.progress import between
+            from urbantwin.view.pictures import pictures_of_dataset
+
+            pictures_of_dataset(folder, twin=on, motion=moving, progress=between(tell, 0.98, 1.0))
+
+        record_frames(
+            on,
+            moving,
+            placed,
+            place,
+            workers=workers,
+            seed=seed,
+            start_s=start,
+            stop_s=stop,
+            rig_file=file,
+            backend=backend,
+            asked=asked_of(spec, file, on, background=measured, fuse=fuse),
+            inputs=inputs,
+            also=also if pictures else None,
+            progress=tell,
+        )
+    return Dataset(place)

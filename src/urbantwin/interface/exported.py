@@ -1,0 +1,90 @@
+"""A twin, or a dataset, written for other programs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from urbantwin.interface.place import AnyPath
+from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.summary import Summary
+
+if TYPE_CHECKING:
+    from urbantwin.interface.twin import Twin
+
+__all__ = ["Exported", "export"]
+
+
+@dataclass(frozen=True)
+class Exported:
+    """What was written; it stands for its file or folder.
+
+    Attributes:
+        path: the file or folder.
+        to: the format.
+        notes: what a person should be told of it.
+    """
+
+    path: Path
+    to: str
+    notes: tuple[str, ...] = ()
+
+    def __fspath__(self) -> str:
+        """Return the file or folder."""
+        return str(self.path)
+
+    def summary(self) -> Summary:
+        """Return what was written in a few values."""
+        return Summary(format=self.to, written=str(self.path), note=list(self.notes))
+
+
+def export(
+    twin: Twin | AnyPath,
+    to: str,
+    out: AnyPath | None = None,
+    *,
+    version: str | None = None,
+    detections: AnyPath | None = None,
+    frames: int = 50,
+    progress: ShowProgress = True,
+) -> Exported:
+    """Write a twin for other programs: OpenDRIVE, CARLA, SUMO, GeoJSON, a plan, 3D scenes.
+
+    Args:
+        twin: the twin, or its folder; for ``challenge``, a dataset.
+        to: ``opendrive``, ``carla``, ``sumo``, ``geojson``, ``plan``, ``glb``, ``obj``, ``ply``,
+            ``usd``, ``fbx``, ``cityjson`` or ``challenge``.
+        out: the file or folder to write; one named after the twin, in the current folder, when not
+            given.
+        version: of OpenDRIVE: 1.8, or 1.4 for CARLA; 1.8 if not given.
+        detections: for ``challenge``: what a detector found, as JSON.
+        frames: for ``challenge``: how many frames are submitted.
+        progress: show how far it is; or a function that is told (share, doing).
+
+    Raises:
+        InputError: the format, the version or ``out`` cannot be used.
+
+    Example:
+        >>> ut.export(twin, "opendrive", "map.xodr")
+    """
+    from urbantwin.interface.twin import Twin
+
+    place = None if out is None else Path(out)
+    if to == "challenge":
+        from urbantwin.exports.challenge import write_challenge
+
+        folder = place or Path("submission")
+        with shown_stage("export", progress, brief=True) as tell:
+            tell(0.0, "frames")
+            found = None if detections is None else Path(detections)
+            notes = write_challenge(Path(twin), folder, frames=frames, detections=found)
+        return Exported(folder, to, tuple(notes))
+    from urbantwin.exports import export_twin
+
+    with shown_stage("export", progress, brief=True) as tell:
+        tell(0.0, "reading the twin")
+        loaded = twin if isinstance(twin, Twin) else Twin.open(twin)
+        tell(0.2, f"writing {to}")
+        written = export_twin(loaded, to, place, version=version)
+    return Exported(written.path, to, tuple(written.notes))

@@ -1,0 +1,137 @@
+"""A motion: traffic driven through a twin, or opened."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from urbantwin.artefact import check_folder, sha256_of
+from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.summary import Summary
+from urbantwin.traffic.motion import Motion as DrivenMotion
+from urbantwin.traffic.motion import describe
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from urbantwin.interface.twin import Twin
+
+__all__ = ["Motion", "drive"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Motion(DrivenMotion):
+    """The pose of every actor at every step, and what the signals showed.
+
+    ``actors`` and ``signals`` are tables of pyarrow; ``at(time_s)`` gives the actors of one step as
+    a structured array, and ``times()`` the steps. It stands for its folder wherever a path is asked
+    for.
+
+    Attributes:
+        folder: where it is.
+
+    Example:
+        >>> motion = ut.open("out/motion")
+        >>> motion.actors.to_pandas().groupby("class")["speed"].mean()
+        >>> motion.at(3.0)["x"]
+    """
+
+    folder: Path = field(default=Path())
+
+    @classmethod
+    def open(cls, folder: AnyPath) -> Motion:
+        """Open a motion's folder.
+
+        Raises:
+            InputError: it is not a motion, or is damaged.
+        """
+        return replace(cls.load(Path(folder)), folder=Path(folder))
+
+    @classmethod
+    def load(cls, folder: Path) -> Motion:
+        """Read a motion's folder; see `open`."""
+        read = DrivenMotion.load(folder)
+        return cls(read.manifest, read.actors, read.signals, read.meshes, folder)
+
+    def __fspath__(self) -> str:
+        """Return the folder."""
+        return str(self.folder)
+
+    def __repr__(self) -> str:
+        """Return duration, counts, seed and folder."""
+        seen = {
+            name: row["seen"]
+            for name, row in self.manifest.get("classes", {}).items()
+            if row["seen"]
+        }
+        actors = ", ".join(f"{count} {name}" for name, count in seen.items()) or "no actors"
+        return (
+            f"Motion of {self.manifest['steps'] * self.step_s:g} s in steps of {self.step_s:g} s: "
+            f"{actors or 'no actors'}; seed {self.manifest['seed']} ({self.folder})"
+        )
+
+    def summary(self) -> Summary:
+        """Return what the motion holds in a few values."""
+        return Summary(path=str(self.folder), **describe(self.folder))
+
+    def plot(self, twin: Twin | None = None) -> Figure:
+        """Draw the path of every actor from above.
+
+        Args:
+            twin: whose lanes are drawn below; the twin beside the motion when not given, if the
+                motion was made on that one.
+        """
+        from urbantwin.interface.twin import Twin
+        from urbantwin.view.paths import paths_figure
+
+        beside_it = self.folder.parent / "twin"
+        named = beside_it / "twin.json"
+        if twin is None and named.is_file():
+            its_own = sha256_of(named) == self.manifest["twin_sha256"]
+            twin = Twin.open(beside_it) if its_own else None
+        return paths_figure(self, twin)
+
+
+def drive(
+    twin: Twin | AnyPath,
+    out: AnyPath | None = None,
+    *,
+    seconds: float | None = None,
+    seed: int | None = None,
+    demand: AnyPath | None = None,
+    progress: ShowProgress = True,
+) -> Motion:
+    """Drive a twin's traffic: every actor's pose at every step.
+
+    Args:
+        twin: the twin, or its folder.
+        out: the folder to write, in which an older motion is replaced; ``motion`` beside the twin
+            when not given.
+        seconds: length of the motion, 0.1 to 86400; the site's ``traffic.duration_s`` if not given.
+        seed: that everything random follows from; the site's ``traffic.seed`` if not given.
+        demand: a file of fields of ``traffic:`` that replace the site's, as ``tune`` writes it.
+        progress: show how far it is; or a function that is told (share, doing).
+
+    Raises:
+        InputError: the twin, the demand or ``out`` cannot be used.
+        StageError: SUMO failed, or the disk is full.
+
+    Example:
+        >>> motion = ut.drive(twin, seconds=60)
+    """
+    from urbantwin.interface.twin import Twin
+    from urbantwin.site import load_traffic_changes
+    from urbantwin.traffic.run import run_traffic
+
+    place = beside(twin, "motion", out)
+    file = None if demand is None else Path(demand)
+    check_folder(place, kind="motion", inputs=[Path(twin), file])
+    changes = None if file is None else load_traffic_changes(file)
+    loaded = twin if isinstance(twin, Twin) else Twin.open(twin)
+    with shown_stage("traffic", progress) as tell:
+        made = run_traffic(
+            loaded, place, seconds=seconds, seed=seed, changes=changes, progress=tell
+        )
+    return Motion(made.manifest, made.actors, made.signals, made.meshes, place)

@@ -1,0 +1,170 @@
+"""Opening what is on disk, whatever it is."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from urbantwin.artefact import kind_of, read_json
+from urbantwin.errors import InputError
+from urbantwin.interface.place import AnyPath
+from urbantwin.interface.summary import Summary
+
+if TYPE_CHECKING:
+    from urbantwin.interface.coverage_map import Coverage
+    from urbantwin.interface.dataset import Dataset
+    from urbantwin.interface.motion import Motion
+    from urbantwin.interface.report import Report
+    from urbantwin.interface.tuning import Tuning
+    from urbantwin.interface.twin import Twin
+
+__all__ = ["Package", "open", "opened_artefact"]
+
+#: Where the class of each kind of artefact is; what others are for, other programs know.
+_CLASSES = {
+    "twin": ("twin", "Twin"),
+    "motion": ("motion", "Motion"),
+    "dataset": ("dataset", "Dataset"),
+    "report": ("report", "Report"),
+    "coverage": ("coverage_map", "Coverage"),
+    "tuning": ("tuning", "Tuning"),
+}
+_EXPECTED = (
+    "a folder that urbantwin wrote; a site.yaml, a rig.yaml or a sensor; a measured background "
+    "(.npz); a cloud, or a folder of real frames"
+)
+
+
+class Package:
+    """An artefact for another program: a submission, a package for SUMO or CARLA, a plan, ...
+
+    Attributes:
+        folder: where it is.
+        kind: of the artefact.
+        manifest: its ``KIND.json``.
+    """
+
+    def __init__(self, folder: AnyPath, kind: str) -> None:
+        self.folder = Path(folder)
+        self.kind = kind
+
+    @cached_property
+    def manifest(self) -> dict[str, Any]:
+        """What its ``KIND.json`` holds."""
+        return read_json(self.folder / f"{self.kind}.json", kind=self.kind)
+
+    @property
+    def files(self) -> list[Path]:
+        """Its files."""
+        return sorted(path for path in self.folder.rglob("*") if path.is_file())
+
+    def __fspath__(self) -> str:
+        """Return the folder."""
+        return str(self.folder)
+
+    def __repr__(self) -> str:
+        """Return kind, number of files and folder."""
+        return f"Package {self.kind} of {len(self.files)} files ({self.folder})"
+
+    def summary(self) -> Summary:
+        """Return its kind and its files."""
+        names = [path.relative_to(self.folder).as_posix() for path in self.files]
+        return Summary(path=str(self.folder), kind=self.kind, files=names)
+
+
+def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is there
+    """Open what is on disk.
+
+    Args:
+        path: a folder that a command wrote (or a manifest in it: ``out/twin/twin.json``), one with
+            a twin, a motion and a dataset in it; a ``site.yaml``, a ``rig.yaml`` or a sensor's
+            file; a measured background; a cloud, or real frames in any layout that is known.
+
+    Returns:
+        A `Twin`, `Motion`, `Dataset`, `Report`, `Coverage`, `Tuning`, `Run` or `Package`; a `Site`,
+        a `RigSpec` or a `Datasheet`; a `Background`; a `Cloud` or a `Recording`. Where the type
+        matters to a type checker, ``ut.Dataset.open(path)`` and its like say it.
+
+    Raises:
+        InputError: it is missing, damaged, or nothing that UrbanTwin knows.
+
+    Example:
+        >>> ut.open("out/dataset")[3].points
+    """
+    place = Path(path)
+    if not place.exists():
+        raise InputError("not found", file=place, expected=_EXPECTED)
+    if place.is_file():
+        folder = place.parent
+        if place.suffix != ".json" or kind_of(folder) != place.stem:
+            return _opened_file(place)
+        place = folder
+    kind = kind_of(place)
+    if kind is not None:
+        return opened_artefact(place, kind)
+    if any((place / name / f"{name}.json").is_file() for name in ("twin", "motion", "dataset")):
+        from urbantwin.interface.whole_line import Run
+
+        return Run(place)
+    if (place / "site.yaml").is_file():
+        return _opened_file(place / "site.yaml")
+    from urbantwin.fidelity.readers import open_recording
+
+    return open_recording(place)
+
+
+def opened_artefact(
+    folder: Path, kind: str
+) -> Twin | Motion | Dataset | Report | Coverage | Tuning | Package:
+    """Open an artefact of a kind.
+
+    Raises:
+        InputError: it is not what its manifest says.
+    """
+    if kind not in _CLASSES:
+        return Package(folder, kind)
+    module, name = _CLASSES[kind]
+    found: Any = getattr(import_module(f"urbantwin.interface.{module}"), name)
+    opened: Twin | Motion | Dataset | Report | Coverage | Tuning = found.open(folder)
+    return opened
+
+
+def _opened_file(path: Path) -> Any:  # noqa: ANN401 - see `open`
+    ending = path.suffix.lower()
+    if ending == ".npz":
+        from urbantwin.interface.measured_background import Background
+
+        return Background.open(path)
+    if ending in (".yaml", ".yml"):
+        return _opened_yaml(path)
+    from urbantwin.fidelity.cloud_formats import is_cloud
+    from urbantwin.fidelity.clouds import read_cloud
+
+    if is_cloud(path):
+        return read_cloud(path)
+    if ending in (".json", ".csv"):
+        from urbantwin.interface.sensor_catalogue import Datasheet
+
+        return Datasheet.open(path)
+    from urbantwin.fidelity.readers import open_recording
+
+    return open_recording(path)
+
+
+def _opened_yaml(path: Path) -> Any:  # noqa: ANN401 - see `open`
+    from urbantwin.site.yaml_document import read_document
+
+    fields = read_document(path, kind="a site, a rig or a sensor").value
+    if "anchor" in fields:
+        from urbantwin.interface.site_file import Site
+
+        return Site.open(path)
+    if "channels" in fields:
+        from urbantwin.interface.sensor_catalogue import Datasheet
+
+        return Datasheet.open(path)
+    from urbantwin.site.rig import load_rig_spec
+
+    return load_rig_spec(path)

@@ -1,0 +1,249 @@
+"""A report: real frames compared with synthetic ones, or opened."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from urbantwin.artefact import read_json
+from urbantwin.errors import InputError
+from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.summary import Summary
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["Report", "compare"]
+
+#: Sides of a figure, and where ``report.json`` has them for every frame.
+_SIDES = {
+    "synthetic": "twin_figures",
+    "next_real": "real_figures",
+    "arbitrary": "arbitrary_figures",
+}
+
+
+class Report:
+    """What a comparison found: figures of every measure, between their anchors.
+
+    Sides are ``synthetic`` (against the real frames), ``next_real`` (each real frame against the
+    next) and ``arbitrary`` (the control's against the real frames). It stands for its folder
+    wherever a path is asked for; ``report.html`` in it is the page for people.
+
+    Attributes:
+        folder: where it is.
+        manifest: ``report.json``.
+
+    Example:
+        >>> report = ut.open("out/report")
+        >>> report.means["hausdorff_p95_m"]["synthetic"]
+        >>> report.figures("chamfer_m").mean()
+    """
+
+    def __init__(self, folder: AnyPath) -> None:
+        self.folder = Path(folder)
+        self.manifest: dict[str, Any] = read_json(self.folder / "report.json", kind="report")
+        self._told = self._summed_up()
+
+    @classmethod
+    def open(cls, folder: AnyPath) -> Report:
+        """Open a report's folder.
+
+        Raises:
+            InputError: it is not a report, or lacks figures.
+        """
+        return cls(folder)
+
+    @property
+    def measures(self) -> tuple[str, ...]:
+        """Names of the measures; `definitions` says what each is."""
+        return tuple(self.manifest["definitions"])
+
+    @property
+    def definitions(self) -> dict[str, Any]:
+        """What each measure is, with its unit and source."""
+        return dict(self.manifest["definitions"])
+
+    @cached_property
+    def means(self) -> dict[str, dict[str, float]]:
+        """Means over frames, by measure and side; a side that was not measured is left out."""
+        columns = self._columns()
+        return {
+            measure: {
+                side: float(column[measure]["mean"])
+                for side, column in columns.items()
+                if column and column.get(measure)
+            }
+            for measure in self.measures
+        }
+
+    def figures(self, measure: str, side: str = "synthetic") -> NDArray[np.float64]:
+        """Return the figure (F,) of a measure in every pair of frames; nan where it has none.
+
+        Raises:
+            InputError: there is no such measure or side.
+        """
+        if measure not in self.measures or side not in _SIDES:
+            raise InputError(
+                f"has no {measure} of {side}",
+                file=self.folder,
+                expected=f"one of {', '.join(self.measures)}; of {', '.join(_SIDES)}",
+            )
+        rows = (one.get(_SIDES[side]) or {} for one in self.manifest["frames"])
+        found = (row.get(measure) for row in rows)
+        return np.array([np.nan if one is None else one for one in found], np.float64)
+
+    def __fspath__(self) -> str:
+        """Return the folder."""
+        return str(self.folder)
+
+    def __repr__(self) -> str:
+        """Return the sides, the headline and the folder."""
+        frames = len(self.manifest["frames"])
+        told = self._told["in_short"] or ""
+        text = told if isinstance(told, str) else " ".join(map(str, told))
+        return f"Report of {frames} pairs of frames ({self.folder}). {text}".rstrip()
+
+    def summary(self) -> Summary:
+        """Return the figures in a few values."""
+        return Summary(self._told)
+
+    def plot(self) -> Figure:
+        """Show the report's picture: every measure of every side."""
+        from urbantwin.view.style import figure_of_picture
+
+        return figure_of_picture(self.folder / "report.png")
+
+    def _columns(self) -> dict[str, Any]:
+        anchors = self.manifest["anchors"]
+        return {
+            "synthetic": self.manifest["aggregate"],
+            "next_real": anchors["real_against_real"],
+            "arbitrary": anchors["arbitrary"],
+        }
+
+    def _summed_up(self) -> Summary:
+        manifest = self.manifest
+        try:
+            anchors = manifest["anchors"]
+            return Summary(
+                path=str(self.folder),
+                kind="report",
+                in_short=manifest.get("in_short"),
+                doubts=manifest.get("doubts", []),
+                folders=manifest["folders"],
+                frames=len(manifest["frames"]),
+                mean_over_frames={
+                    measure: {
+                        name: round(column[measure]["mean"], 4)
+                        for name, column in self._columns().items()
+                        if column and column.get(measure)
+                    }
+                    for measure in manifest["definitions"]
+                },
+                reduction_percent=_rounded(anchors["reduction_percent"], 1),
+                ratio_to_real=_rounded(anchors.get("ratio_to_real"), 2),
+                parts={
+                    part: _rounded({measure: row["twin"] for measure, row in rows.items()}, 4)
+                    for part, rows in manifest.get("headline", {}).items()
+                    if part != "whole"
+                },
+                protocol=_scores(manifest.get("protocol")),
+                problems=manifest.get("problems", []),
+                notes=manifest["notes"],
+            )
+        except (KeyError, TypeError, AttributeError) as error:
+            raise InputError(
+                f"lacks {error}", file=self.folder / "report.json", expected="a report's figures"
+            ) from None
+
+
+def compare(  # noqa: PLR0913 - the options of the command
+    real: AnyPath,
+    dataset: AnyPath,
+    out: AnyPath | None = None,
+    *,
+    arbitrary: AnyPath | None = None,
+    layout: str | None = None,
+    columns: int | None = None,
+    origin: ArrayLike | None = None,
+    protocol: str | None = None,
+    detections: AnyPath | None = None,
+    workers: int | None = None,
+    progress: ShowProgress = True,
+) -> Report:
+    """Measure synthetic frames against real ones.
+
+    Args:
+        real: real frames: a folder of clouds, or a dataset in a layout that is known.
+        dataset: a dataset, or a folder of clouds in the same frame.
+        out: the folder to write, in which an older report is replaced; ``report`` beside the
+            dataset when not given.
+        arbitrary: clouds of another site, measured alike as a control; ``none``: no control; if
+            not given an example site, recorded by the dataset's sensors.
+        layout: of the real frames; what their files tell if not given.
+        columns: values per row of ``.bin`` files: 4 if not given.
+        origin: (3,) the sensor's place in the clouds' frame, metres; what the data says if not
+            given.
+        protocol: a challenge's protocol to compute as well: ``urbantwin-challenge``.
+        detections: detections in the real frames, for the protocol.
+        workers: processes to work with; every number gives the same bytes.
+        progress: show how far it is; or a function that is told (share, doing).
+
+    Raises:
+        InputError: a side cannot be read, or ``out`` holds other files.
+        StageError: a worker was killed.
+
+    Example:
+        >>> report = ut.compare("real/", dataset)
+        >>> report.means["js_mean"]
+    """
+    from urbantwin.fidelity.compare import compare as compare_frames
+
+    place = beside(dataset, "report", out)
+    control: Path | Literal["example"] | None = "example" if arbitrary is None else Path(arbitrary)
+    if control == Path("none"):
+        control = None
+    with shown_stage("compare", progress) as tell:
+        compare_frames(
+            Path(real),
+            Path(dataset),
+            place,
+            arbitrary=control,
+            columns=columns,
+            layout=layout,
+            origin=origin,
+            protocol=protocol,
+            detections=None if detections is None else Path(detections),
+            workers=workers,
+            progress=tell,
+        )
+    return Report(place)
+
+
+def _scores(protocol: dict[str, Any] | None) -> dict[str, Any] | None:
+    if not protocol:
+        return None
+    return {
+        name: {
+            part: round(row[part], 4)
+            for part in ("combined", "detection", "realism")
+            if row[part] is not None
+        }
+        for name, row in protocol["scores"].items()
+    }
+
+
+def _rounded(
+    values: Mapping[str, float | None] | None, digits: int
+) -> dict[str, float | None] | None:
+    """Return values to print; ``report.json`` has all their digits."""
+    if values is None:
+        return None
+    return {name: None if value is None else round(value, digits) for name, value in values.items()}

@@ -1,0 +1,147 @@
+"""A dataset made again from its manifest, and compared."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from urbantwin.dataset.reproduction import Plan, make_again, plan_of
+from urbantwin.errors import StageError
+from urbantwin.interface.place import AnyPath
+from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.summary import Summary
+from urbantwin.progress import Progress
+from urbantwin.traffic import Motion
+from urbantwin.twin import Twin
+
+__all__ = ["Reproduction", "reproduce"]
+
+
+@dataclass(frozen=True, repr=False)
+class Reproduction:
+    """Whether a dataset that was made again has the same bytes, and if not, why.
+
+    Attributes:
+        path: the dataset, or its manifest.
+        plan: what is known of its inputs and versions.
+        found: how the files compare; ``None`` where inputs are missing.
+        again: the folder that was kept; ``None`` where nothing was.
+    """
+
+    path: Path
+    plan: Plan
+    found: dict[str, Any] | None
+    again: Path | None
+
+    @property
+    def same(self) -> bool:
+        """Whether every file has the same bytes."""
+        return self.found is not None and bool(self.found["same"])
+
+    @property
+    def reasons(self) -> list[str]:
+        """What may make other bytes: versions, and inputs that are not what they were."""
+        return self.plan.reasons()
+
+    def __bool__(self) -> bool:
+        """Return whether every file has the same bytes."""
+        return self.same
+
+    def __repr__(self) -> str:
+        """Return what was found in a line."""
+        if self.found is None:
+            return f"{self.path} lacks {len(self.plan.missing)} inputs to be made again"
+        if self.same:
+            return f"{self.path} made again: the same bytes in {self.found['files']} files"
+        return f"{self.path} made again: {self._difference()}"
+
+    def summary(self) -> Summary:
+        """Return what was found in a few values."""
+        before = {
+            "path": str(self.path),
+            "versions": self.plan.versions,
+            "inputs": [one.told() for one in self.plan.inputs],
+        }
+        if self.found is None:
+            return Summary({**before, "missing": [one.told() for one in self.plan.missing]})
+        again = {} if self.again is None else {"again": str(self.again / "dataset")}
+        same = f"{'yes' if self.same else 'no'}, {self.found['files']} files"
+        return Summary({**before, "same_bytes": same, **self.found, **again})
+
+    def check(self) -> None:
+        """Refuse what could not be made again, or has other bytes.
+
+        Raises:
+            InputError: an input is missing; the first is named.
+            StageError: a file differs; the first is named, with the stage and the reason.
+        """
+        self.plan.refuse_missing()
+        if not self.same:
+            raise StageError(f"{self.path}: {self._difference()}")
+
+    def _difference(self) -> str:
+        assert self.found is not None
+        return (
+            f"{self.found['differing']} of {self.found['files']} files differ, first "
+            f"{self.found['first'][0]} (stage: {self.found['earliest']}): {self.found['why'][0]}"
+        )
+
+
+def reproduce(
+    path: AnyPath,
+    *,
+    inputs: Sequence[AnyPath] = (),
+    out: AnyPath | None = None,
+    twin: AnyPath | None = None,
+    motion: AnyPath | None = None,
+    workers: int | None = None,
+    note: Callable[[str], None] | None = None,
+    progress: ShowProgress = True,
+) -> Reproduction:
+    """Make a dataset again from its manifest, and say whether the bytes are the same or why not.
+
+    Args:
+        path: a dataset's folder, or its ``dataset.json``.
+        inputs: folders where inputs are looked for first, by name and SHA-256; then around the
+            dataset and in the current folder.
+        out: keep what is made: twin, motion and dataset. If not given, it goes again.
+        twin: the dataset's twin, not to build it again.
+        motion: the dataset's motion, not to simulate it again.
+        workers: processes to work with; every number gives the same bytes.
+        note: called beforehand with each reason why bytes may differ.
+        progress: show how far it is; or a function that is told (share, doing), of each stage.
+
+    Raises:
+        InputError: it is no dataset, or one that does not tell what it was made from.
+        StageError: a stage failed.
+
+    Example:
+        >>> ut.reproduce("out/dataset").check()
+    """
+    given = Path(path)
+    plan = plan_of(
+        given,
+        inputs=[Path(one) for one in inputs],
+        twin=None if twin is None else Path(twin),
+        motion=None if motion is None else Path(motion),
+    )
+    for reason in plan.reasons():
+        if note is not None:
+            note(f"may change bytes: {reason}")
+    place = None if out is None else Path(out)
+    if plan.missing:
+        return Reproduction(given, plan, None, None)
+
+    def draw(dataset: Path, twin: Twin, motion: Motion, tell: Progress) -> None:
+        from urbantwin.view.pictures import pictures_of_dataset
+
+        pictures_of_dataset(dataset, twin=twin, motion=motion, progress=tell)
+
+    def stage(title: str) -> AbstractContextManager[Progress]:
+        return shown_stage(title, progress)
+
+    found = make_again(plan, stage=stage, out=place, workers=workers, draw=draw)
+    return Reproduction(given, plan, found, place)

@@ -1,0 +1,49 @@
+"""The rig that a command was given, placed on a twin."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from urbantwin.errors import InputError
+
+if TYPE_CHECKING:
+    from urbantwin.lidar import Rig
+    from urbantwin.site import RigSpec
+    from urbantwin.site.rig_changes import RigChanges
+    from urbantwin.twin import Twin
+
+__all__ = ["fields_below", "rig_on", "rig_spec_on"]
+
+
+def rig_on(twin: Twin, rig_file: Path | None = None, changes: RigChanges | None = None) -> Rig:
+    """Place the rig of a file, or the twin's own, on a twin."""
+    from urbantwin.lidar import place_rig
+
+    spec, file = rig_spec_on(twin, rig_file, changes)
+    return place_rig(spec, twin.mesh, file=file, anchor_height_m=twin.anchor_height_m)
+
+
+def rig_spec_on(
+    twin: Twin, rig_file: Path | None, changes: RigChanges | None = None
+) -> tuple[RigSpec, Path]:
+    """Return the rig of a file, or the twin's own, with changes to it, and the file."""
+    from urbantwin.site import load_rig_spec
+
+    file = twin.folder / "rig.yaml" if rig_file is None else rig_file
+    spec = load_rig_spec(file, twin.frame)
+    return (spec if changes is None else changes.applied_to(spec)), file
+
+
+@contextmanager
+def fields_below(field: str, file: Path) -> Iterator[None]:
+    """Name the fields of errors in ``file`` as they stand there, below ``field``."""
+    try:
+        yield
+    except InputError as error:
+        if not field or error.file != str(file):
+            raise
+        place = f"{field}.{error.place}" if error.place else field
+        raise InputError(error.problem, file=file, place=place, expected=error.expected) from None

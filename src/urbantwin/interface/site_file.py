@@ -1,0 +1,163 @@
+"""A site: its commented ``site.yaml`` proposed for a place on a map, or opened."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from urbantwin.artefact import new_folder
+from urbantwin.errors import InputError
+from urbantwin.interface.place import AnyPath
+from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.summary import Summary
+
+if TYPE_CHECKING:
+    from urbantwin.site import Site as CheckedSite
+
+__all__ = ["Site", "init"]
+
+
+class Site:
+    """A ``site.yaml``; it stands for its file: ``ut.build(site)``.
+
+    Attributes:
+        path: the file.
+    """
+
+    def __init__(self, path: AnyPath) -> None:
+        self.path = Path(path)
+
+    @classmethod
+    def open(cls, path: AnyPath) -> Site:
+        """Open and check a file.
+
+        Raises:
+            InputError: it, or a file that it names, is missing or wrong.
+        """
+        found = cls(path)
+        assert found.checked is not None  # read now, so that a bad file is told now
+        return found
+
+    @cached_property
+    def checked(self) -> CheckedSite:
+        """The site with every default filled in."""
+        from urbantwin.site import load_site
+
+        return load_site(self.path)
+
+    def __fspath__(self) -> str:
+        """Return the file."""
+        return str(self.path)
+
+    def __repr__(self) -> str:
+        """Return name, place, area and file."""
+        site = self.checked
+        return (
+            f"Site {site.name!r} at {site.latitude:.5f}, {site.longitude:.5f}: "
+            f"{site.region.area:,.0f} m2, {len(site.rig.sensors)} sensors ({self.path})"
+        )
+
+    def summary(self) -> Summary:
+        """Return the resolved site."""
+        resolved = self.checked.resolved()
+        resolved["region"] = {"area_m2": round(self.checked.region.area, 1)}
+        return Summary(
+            {"path": str(self.path), "kind": "site", **resolved, "inputs": self.checked.inputs()}
+        )
+
+
+def init(  # noqa: PLR0913 - the options of the command
+    folder: AnyPath,
+    *,
+    osm: AnyPath | None = None,
+    roads: AnyPath | None = None,
+    out: AnyPath | None = None,
+    lat: float | None = None,
+    lon: float | None = None,
+    at_junction: bool = False,
+    radius: float | None = None,
+    region: AnyPath | None = None,
+    force: bool = False,
+    progress: ShowProgress = True,
+) -> Site:
+    """Write a commented ``site.yaml`` for a place on a map.
+
+    Args:
+        folder: the folder to write it in; with ``out``, the map instead.
+        osm: an OpenStreetMap extract: osm, osm.bz2, osm.gz, osm.pbf.
+        roads: a map of the roads, used instead of the extract's: OpenDRIVE or Lanelet2.
+        out: the folder, where a map comes first.
+        lat: the anchor's latitude, degrees, WGS84.
+        lon: the anchor's longitude.
+        at_junction: take the busiest signalised junction of the map, which is also what happens
+            without coordinates.
+        radius: region of interest: metres around the anchor.
+        region: region of interest: a GeoJSON polygon.
+        force: replace a ``site.yaml``.
+        progress: show how far it is; or a function that is told (share, doing).
+
+    Raises:
+        InputError: no map, half a place, or a map that cannot be used.
+
+    Example:
+        >>> site = ut.init("mysite", osm="map.osm.pbf", lat=60.1699, lon=24.9384)
+    """
+    from urbantwin.roads.imported import init_site_of_map
+    from urbantwin.site.initial_site import init_site
+
+    target = Path(folder)
+    extract = None if osm is None else Path(osm)
+    streets = None if roads is None else Path(roads)
+    area = None if region is None else Path(region)
+    if out is not None:
+        target, extract, streets = _map_first(target, Path(out), extract, streets)
+    if extract is None and streets is None:
+        raise InputError("no map is given", place="--osm", expected="--osm or --roads with a file")
+    if (lat is None) != (lon is None):
+        given, lacking = ("--lat", "--lon") if lon is None else ("--lon", "--lat")
+        raise InputError("is alone", place=given, expected=f"{lacking} beside it")
+    if at_junction and lat is not None:
+        raise InputError(
+            "is given with coordinates", place="--at-junction", expected="one of the two"
+        )
+    with new_folder(target), shown_stage("init", progress) as tell:
+        if streets is not None:
+            path = init_site_of_map(
+                target,
+                streets,
+                osm=extract,
+                latitude=lat,
+                longitude=lon,
+                region=area,
+                radius_m=radius,
+                force=force,
+                progress=tell,
+            )
+        elif extract is not None:
+            path = init_site(
+                target,
+                extract,
+                latitude=lat,
+                longitude=lon,
+                region=area,
+                radius_m=radius,
+                force=force,
+                progress=tell,
+            )
+    return Site(path)
+
+
+def _map_first(
+    file: Path, folder: Path, osm: Path | None, roads: Path | None
+) -> tuple[Path, Path | None, Path | None]:
+    """Return folder, extract and map of the roads where a map stands in the folder's place."""
+    from urbantwin.roads.imported import is_map_of_roads
+
+    if is_map_of_roads(file):
+        if roads is not None:
+            raise InputError("is a second map of the roads", file=file, expected="one of the two")
+        return folder, osm, file
+    if osm is not None:
+        raise InputError("is a second extract", file=file, expected="one of the two")
+    return folder, file, roads

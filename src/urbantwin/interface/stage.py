@@ -1,0 +1,187 @@
+"""A stage as it is shown while it runs: a bar, plain lines, or what a caller makes of it."""
+
+from __future__ import annotations
+
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from html import escape
+from typing import Any
+
+from urbantwin.progress import Progress, untold
+
+__all__ = ["ShowProgress", "shown_stage"]
+
+#: What every function takes as ``progress``: whether to show it, or what is called with the share
+#: that is done (0..1, of each stage) and what is being done.
+ShowProgress = bool | Progress
+
+#: Nobody waits longer than this for a line, seconds.
+_LONGEST_S = 10.0
+#: A bar in a notebook is drawn anew at most this often, seconds.
+_REDRAWN_S = 0.1
+#: A stage that is brief as a rule is shown when it has taken longer than this, seconds.
+_BRIEF_S = 1.0
+
+
+@contextmanager
+def shown_stage(
+    title: str, progress: ShowProgress = True, *, brief: bool = False
+) -> Iterator[Progress]:
+    """Show one stage while the block runs; yield what the stage tells its progress.
+
+    Args:
+        title: what the stage is called.
+        progress: True for a bar in a notebook and on a terminal, and plain lines on stderr
+            elsewhere; False for nothing; or a function that is called instead.
+        brief: it is over at once as a rule, and then nothing is shown.
+    """
+    if progress is False:
+        yield untold
+    elif progress is not True:
+        yield progress
+    else:
+        display = _notebook_bar if _in_notebook() else _bar if sys.stderr.isatty() else _lines
+        with display(title, brief=brief) as callback:
+            yield callback
+
+
+def _in_notebook() -> bool:
+    """Return whether a Jupyter kernel runs this: then IPython is loaded and has a kernel."""
+    shell = sys.modules.get("IPython")
+    return shell is not None and getattr(shell.get_ipython(), "kernel", None) is not None
+
+
+@contextmanager
+def _bar(title: str, *, brief: bool) -> Iterator[Progress]:
+    from rich.console import Console as RichConsole
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        TaskProgressColumn,
+        TextColumn,
+        TimeElapsedColumn,
+    )
+
+    columns: list[Any] = [
+        TextColumn("{task.description:<8}"),
+        BarColumn(),
+        TaskProgressColumn(),
+        TimeElapsedColumn(),
+        TextColumn("{task.fields[doing]}"),
+    ]
+    with Progress(*columns, console=RichConsole(stderr=True), transient=brief) as progress:
+        task = progress.add_task(title, total=1.0, doing="")
+        most = 0.0
+
+        def callback(share: float, doing: str) -> None:
+            nonlocal most
+            most = max(most, share)
+            progress.update(task, completed=most, doing=doing)
+
+        yield callback
+        progress.update(task, completed=1.0, doing="done")
+
+
+class _NotebookBar:
+    """A bar in the output of a cell: HTML, which needs no extension of the notebook.
+
+    rich's own bar for notebooks needs ipywidgets, which JupyterLab alone does not install.
+    """
+
+    def __init__(self, title: str, *, brief: bool) -> None:
+        self.title = title
+        self.began = time.monotonic()
+        self.shown_s = self.began + (_BRIEF_S if brief else 0.0)
+        self.share, self.doing = 0.0, ""
+        self.handle: Any = None
+
+    def told(self, share: float, doing: str) -> None:
+        """Note how far the stage is, and draw it if it is time."""
+        self.share, self.doing = max(self.share, share), doing
+        if time.monotonic() >= self.shown_s:
+            self.draw(doing)
+
+    def draw(self, words: str) -> None:
+        """Draw the bar."""
+        shell: Any = sys.modules["IPython.display"]  # no dependency: where there is a kernel
+        now = time.monotonic()
+        self.shown_s = now + _REDRAWN_S
+        drawn = shell.HTML(
+            f'<progress value="{self.share:.4f}" max="1"></progress> '
+            f"{escape(self.title)} {self.share:.0%}, {now - self.began:.0f} s: {escape(words)}"
+        )
+        if self.handle is None:
+            self.handle = shell.display(drawn, display_id=True)
+        else:
+            self.handle.update(drawn)
+
+
+@contextmanager
+def _notebook_bar(title: str, *, brief: bool) -> Iterator[Progress]:
+    bar = _NotebookBar(title, brief=brief)
+    try:
+        yield bar.told
+    except BaseException:
+        if bar.handle is not None:
+            bar.draw(f"stopped ({bar.doing})" if bar.doing else "stopped")
+        raise
+    bar.share = 1.0
+    if bar.handle is not None or not brief:
+        bar.draw("done")
+
+
+class _Lines:
+    """What is said of a stage, line by line, and when.
+
+    A line after a second, one at every tenth (at most one a second), and one when the last is
+    long ago, whether or not the stage tells anything meanwhile. What fails within the first
+    second has printed nothing but its error. The share never falls.
+    """
+
+    def __init__(self, title: str, longest_s: float) -> None:
+        self.title, self.longest_s = title, longest_s
+        self.began = self.last = time.monotonic()
+        self.share, self.doing, self.tenth = 0.0, "", -1
+        self.said = False
+        self.lock = threading.Lock()
+        self.over = threading.Event()
+
+    def told(self, share: float, doing: str) -> None:
+        """Note how far the stage is, and say it if it is time."""
+        with self.lock:
+            self.share, self.doing = max(self.share, share), doing
+            waited = time.monotonic() - self.last
+            if waited >= self.longest_s or (int(self.share * 10) > self.tenth and waited >= 1.0):
+                self.say(f"{self.share:.0%}, {self.doing}")
+
+    def watch(self) -> None:
+        """Say how long the stage has been at it when it tells nothing for long."""
+        while not self.over.wait(min(1.0, self.longest_s / 4)):
+            with self.lock:
+                now = time.monotonic()
+                if now - self.last >= self.longest_s and not self.over.is_set():
+                    doing = f", {self.doing}" if self.doing else ""
+                    self.say(f"{self.share:.0%}{doing}, {now - self.began:.0f} s so far")
+
+    def say(self, words: str) -> None:
+        """Print a line."""
+        self.last, self.tenth, self.said = time.monotonic(), int(self.share * 10), True
+        with suppress(OSError, ValueError):  # nobody listens any more
+            print(f"{self.title}: {words}", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def _lines(title: str, *, brief: bool = False, longest_s: float = _LONGEST_S) -> Iterator[Progress]:
+    lines = _Lines(title, longest_s)
+    watch = threading.Thread(target=lines.watch, daemon=True)
+    watch.start()
+    try:
+        yield lines.told
+    finally:
+        lines.over.set()
+        watch.join()
+    if lines.said or not brief:
+        lines.say(f"done in {time.monotonic() - lines.began:.1f} s")

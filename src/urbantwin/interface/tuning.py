@@ -1,0 +1,169 @@
+"""What is uncertain of a rig and its actors, fitted to unlabelled real frames."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from urbantwin.artefact import check_folder, read_json
+from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.summary import Summary
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from urbantwin.interface.motion import Motion
+    from urbantwin.interface.twin import Twin
+
+__all__ = ["Tuning", "tune"]
+
+
+class Tuning:
+    """A fit, judged by frames that were held out.
+
+    ``ut.record(twin, motion, rig=tuning.rig)`` records with what was found, and
+    ``ut.drive(twin, demand=tuning.demand)`` drives with it.
+
+    Attributes:
+        folder: where it is; ``report.html`` in it is the page for people.
+        manifest: ``tuning.json``: the knobs with their starts, values and errors.
+    """
+
+    def __init__(self, folder: AnyPath) -> None:
+        self.folder = Path(folder)
+        self.manifest: dict[str, Any] = read_json(self.folder / "tuning.json", kind="tuning")
+
+    @classmethod
+    def open(cls, folder: AnyPath) -> Tuning:
+        """Open a tuning's folder.
+
+        Raises:
+            InputError: it is not a tuning.
+        """
+        return cls(folder)
+
+    @cached_property
+    def held_out(self) -> dict[str, Any]:
+        """``held_out.json``: the fit judged by the frames that nothing was fitted to."""
+        return read_json(self.folder / "held_out.json", kind="tuning")
+
+    @property
+    def rig(self) -> Path:
+        """The tuned ``rig.yaml``."""
+        return self.folder / "rig.yaml"
+
+    @property
+    def demand(self) -> Path | None:
+        """The tuned ``traffic.yaml``, if actors were fitted."""
+        path = self.folder / "traffic.yaml"
+        return path if path.is_file() else None
+
+    @property
+    def values(self) -> dict[str, float]:
+        """The value of each knob."""
+        return {name: float(one["value"]) for name, one in self.manifest["knobs"].items()}
+
+    def __fspath__(self) -> str:
+        """Return the folder."""
+        return str(self.folder)
+
+    def __repr__(self) -> str:
+        """Return how many knobs were fitted, and the folder."""
+        states = [one["state"] for one in self.manifest["knobs"].values()]
+        return f"Tuning: {states.count('fitted')} of {len(states)} knobs fitted ({self.folder})"
+
+    def summary(self) -> Summary:
+        """Return the fit in a few values."""
+        from urbantwin.fidelity.tuning.summary import summary_of
+
+        found = {**self.manifest, "held_out": self.held_out}
+        return Summary(path=str(self.folder), **summary_of(found))
+
+    def plot(self) -> Figure:
+        """Show how the fit went, and distributions before and after."""
+        from urbantwin.view.style import figure_of_picture
+
+        return figure_of_picture(self.folder / "report.png")
+
+
+def tune(  # noqa: PLR0913 - the options of the command
+    real: AnyPath,
+    twin: Twin | AnyPath,
+    motion: Motion | AnyPath | None = None,
+    out: AnyPath | None = None,
+    *,
+    rig: AnyPath | None = None,
+    fit: str = "pose,noise,dropout,reflectivity,actors",
+    held_out: float = 0.3,
+    trials: int = 300,
+    seed: int = 0,
+    workers: int | None = None,
+    points_in: Literal["sensor", "level", "site"] | None = None,
+    layout: str | None = None,
+    columns: int | None = None,
+    report: bool = True,
+    progress: ShowProgress = True,
+) -> Tuning:
+    """Fit what is uncertain of a rig and its actors to unlabelled real frames.
+
+    Args:
+        real: real frames of the rig, in the order of time.
+        twin: the twin, or its folder.
+        motion: a motion on it, to fit the actors of.
+        out: the folder to write; ``tuned`` beside the twin when not given.
+        rig: a ``rig.yaml``; the twin's own rig if not given.
+        fit: what may be fitted, with commas.
+        held_out: share of the frames, the last ones, that nothing is fitted to.
+        trials: of each group.
+        seed: that everything random follows from.
+        workers: threads; every number gives the same values.
+        points_in: the frame of the real points; the rig's if not given.
+        layout: of the real frames; what their files tell if not given.
+        columns: values per row of ``.bin`` files: 4 if not given.
+        report: measure and draw before and after.
+        progress: show how far it is; or a function that is told (share, doing).
+
+    Raises:
+        InputError: too few frames, a rig that rides, or ``out`` holds other files.
+    """
+    from urbantwin.fidelity.tuning import Tuning as Wish
+    from urbantwin.fidelity.tuning import groups_of
+    from urbantwin.fidelity.tuning import tune as tune_rig
+    from urbantwin.interface.motion import Motion
+    from urbantwin.interface.rig import rig_on
+    from urbantwin.interface.twin import Twin
+    from urbantwin.processes import usable_processors
+
+    wish = Wish(
+        fit=groups_of(fit),
+        held_out=held_out,
+        trials=trials,
+        seed=seed,
+        workers=workers or usable_processors(),
+        points_in=points_in,
+        layout=layout,
+        columns=columns,
+        report=report,
+    )
+    place = beside(twin, "tuned", out)
+    given = [None if one is None else Path(one) for one in (real, twin, motion, rig)]
+    frames, _, _, rig_file = given
+    assert frames is not None
+    check_folder(place, kind="tuning", inputs=given)
+    on = twin if isinstance(twin, Twin) else Twin.open(twin)
+    placed = rig_on(on, rig_file)
+    moving = motion if motion is None or isinstance(motion, Motion) else Motion.open(motion)
+    with shown_stage("tune", progress) as tell:
+        tune_rig(
+            frames,
+            on,
+            placed,
+            on.rig_path if rig_file is None else rig_file,
+            place,
+            motion=moving,
+            tuning=wish,
+            progress=tell,
+        )
+    return Tuning(place)

