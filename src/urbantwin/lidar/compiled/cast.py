@@ -63,6 +63,53 @@ class _Scratch(NamedTuple):
     place: NDArray[np.float64]
 
 
+class _Room(NamedTuple):
+    """What the passes over a block's R rays, in K columns, hand on to each other.
+
+    Attributes:
+        poses: (K,) `_POSE` of the sensor as the block's actor sees it.
+        done: (K,) int64, the block that the pose of a column is of.
+        hits: of the beams' axes.
+        edge: (R,) whether a neighbour meets another surface.
+        surfaces: of one beam.
+        ray: one ray for Embree, see `intersect.new_ray`.
+        scratch: for one pose.
+    """
+
+    poses: NDArray[np.void]
+    done: NDArray[np.int64]
+    hits: Hits
+    edge: NDArray[np.bool_]
+    surfaces: _Surfaces
+    ray: tuple[NDArray[np.float32], NDArray[np.uint32], np.uint64]
+    scratch: _Scratch
+
+
+@per_block
+def _room(columns, rays):
+    return _Room(
+        np.empty(columns, _POSE),
+        np.full(columns, -1, np.int64),
+        Hits(np.empty(rays, np.float32), np.empty(rays, np.int32)),
+        np.empty(rays, np.bool_),
+        _Surfaces(
+            np.empty(MOST_SURFACES, np.int64),
+            np.empty(MOST_SURFACES, np.int64),
+            np.empty(MOST_SURFACES),
+            np.empty(MOST_SURFACES),
+        ),
+        new_ray(),
+        _Scratch(
+            np.empty((3, 3)),
+            np.empty(3),
+            np.empty((3, 3)),
+            np.empty(3),
+            np.empty((3, 3)),
+            np.empty(3),
+        ),
+    )
+
+
 @per_block
 def cast_blocks(address, firing, targets, blocks, casting, layers):
     """Cast blocks of rays, each at its own actor, and write the layers that they meet.
@@ -79,36 +126,21 @@ def cast_blocks(address, firing, targets, blocks, casting, layers):
     Returns:
         How many layers there are (written only while there is room).
     """
-    rays, columns = len(blocks.ray), len(firing.column_time_s)
-    hits = Hits(np.empty(rays, np.float32), np.empty(rays, np.int32))
-    edge = np.empty(rays, np.bool_)
-    poses, done = np.empty(columns, _POSE), np.full(columns, -1, np.int64)
-    surfaces = _Surfaces(
-        np.empty(MOST_SURFACES, np.int64),
-        np.empty(MOST_SURFACES, np.int64),
-        np.empty(MOST_SURFACES),
-        np.empty(MOST_SURFACES),
-    )
-    scratch = _Scratch(
-        np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty(3)
-    )
-    ray_hit = new_ray()
+    room = _room(len(firing.column_time_s), len(blocks.ray))
     used = 0
     for block in range(len(blocks.actor)):
-        _set_poses(firing, targets.paths, blocks, block, poses, done, scratch)
-        _cast_axes(address, firing, targets, blocks, block, poses, ray_hit, hits)
-        _find_edges(firing, targets, blocks, block, casting, poses, hits, edge)
-        used = _find_layers(
-            address, firing, targets, blocks, block, casting, poses, ray_hit, hits, edge, surfaces,
-            layers, used,
-        )  # fmt: skip
+        _set_poses(firing, targets.paths, blocks, block, room)
+        _cast_axes(address, firing, targets, blocks, block, room)
+        _find_edges(firing, targets, blocks, block, casting, room)
+        used = _find_layers(address, firing, targets, blocks, block, casting, room, layers, used)
     return used
 
 
 @per_ray
-def _set_poses(firing, paths, blocks, block, poses, done, scratch):
+def _set_poses(firing, paths, blocks, block, room):
     """Write where the sensor is, as a block's actor sees it, when each of its columns fires."""
-    actor_rotation, actor_place, later_rotation, later_place, relative, place = scratch
+    actor_rotation, actor_place, later_rotation, later_place, relative, place = room.scratch
+    poses, done = room.poses, room.done
     actor, start = blocks.actor[block], blocks.start[block]
     count, moving = len(firing.column_time_s), len(firing.translation) > 1
     for at in range(start, start + blocks.rows[block] * blocks.wide[block]):
@@ -149,14 +181,15 @@ def _set_poses(firing, paths, blocks, block, poses, done, scratch):
 
 
 @per_ray
-def _cast_axes(address, firing, targets, blocks, block, poses, ray_hit, hits):
+def _cast_axes(address, firing, targets, blocks, block, room):
     """Cast the axes of a block's beams."""
     actor = blocks.actor[block]
     scene, base = targets.scene[actor], targets.first_face[actor]
     planes, vertices, corners = targets.triangles
     count = len(firing.column_time_s)
     ring_time, beams = firing.ring_time_s, firing.directions
-    rays, range_m, face = blocks.ray, hits.range_m, hits.face
+    rays, range_m, face = blocks.ray, room.hits.range_m, room.hits.face
+    poses, ray_hit = room.poses, room.ray
     start = blocks.start[block]
     for at in range(start, start + blocks.rows[block] * blocks.wide[block]):
         ray = rays[at]
@@ -177,13 +210,14 @@ def _cast_axes(address, firing, targets, blocks, block, poses, ray_hit, hits):
 
 
 @per_ray
-def _find_edges(firing, targets, blocks, block, casting, poses, hits, edge):
+def _find_edges(firing, targets, blocks, block, casting, room):
     """Write which beams of a block have a neighbour that meets another surface."""
     base = targets.first_face[blocks.actor[block]]
     start, rows, wide = blocks.start[block], blocks.rows[block], blocks.wide[block]
     planes = targets.triangles.planes
     count, ring_time, beams = len(firing.column_time_s), firing.ring_time_s, firing.directions
-    rays, range_m, face = blocks.ray, hits.range_m, hits.face
+    rays, range_m, face = blocks.ray, room.hits.range_m, room.hits.face
+    poses, edge = room.poses, room.edge
     edge[start : start + rows * wide] = casting.spread == _EVERYWHERE
     if casting.spread != _AT_EDGES:
         return
@@ -213,10 +247,7 @@ def _find_edges(firing, targets, blocks, block, casting, poses, hits, edge):
 
 
 @per_ray
-def _find_layers(
-    address, firing, targets, blocks, block, casting, poses, ray_hit, hits, edges, surfaces,
-    layers, used,
-):  # fmt: skip
+def _find_layers(address, firing, targets, blocks, block, casting, room, layers, used):
     """Write the layers of a block's beams from number ``used`` on; return how many there are."""
     actor = blocks.actor[block]
     scene, base = targets.scene[actor], targets.first_face[actor]
@@ -228,7 +259,8 @@ def _find_layers(
         firing.ring_time_s,
     )
     beams, footprint = firing.directions, firing.footprint
-    range_m, face, rays = hits.range_m, hits.face, blocks.ray
+    range_m, face, rays = room.hits.range_m, room.hits.face, blocks.ray
+    poses, edges, surfaces, ray_hit = room.poses, room.edge, room.surfaces, room.ray
     whole = (1 << len(footprint)) - 1
     start = blocks.start[block]
     for at in range(start, start + blocks.rows[block] * blocks.wide[block]):
