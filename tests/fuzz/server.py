@@ -16,9 +16,12 @@ import sys
 import tempfile
 import time
 import traceback
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+
+import typer
 
 ROOT = Path(__file__).parents[2]
 #: What readers import when they are called: once here, and not in every child.
@@ -40,6 +43,8 @@ def _load(table: str) -> list[Any]:
     readers = importlib.import_module(f"tests.fuzz.{table}").READERS
     for name in LATE:
         importlib.import_module(name)
+    # What the options of all commands are is found out once, and not for every bad file.
+    typer.main.get_command = cache(typer.main.get_command)
     return readers
 
 

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +29,7 @@ from urbantwin.traffic.network import StreetNetwork
 from urbantwin.twin import Twin, load_twin
 from urbantwin.view.labelled_frame import read_labelled_points
 
-from .artefact_set import artefacts, content
+from .artefact_set import PLACE, artefacts, content, make_artefacts
 from .harness import NUMBERS
 from .reader import Reader
 from .test_site_readers import made
@@ -200,6 +200,14 @@ READERS = [
     Reader("detections", read_detections, "a.json", lambda: [DETECTIONS]),
     Reader("journal", _kept_journal, "journal", lambda: [JOURNAL]),
 ]  # fmt: skip
+
+
+@pytest.fixture(scope="module", autouse=True)
+def made_artefacts(made_once: Callable[[str, Callable[[Path], object]], Path]) -> Iterator[None]:
+    """Make the artefacts once for this process, the readers' and those of other workers."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(PLACE, str(made_once("fuzz-artefacts", make_artefacts)))
+        yield
 
 
 @pytest.mark.parametrize("mutations", NUMBERS)

@@ -36,7 +36,7 @@ FAILING = {
     "abort": (lambda path: os.abort(), "ended the process (-6)"),
     "exits": (lambda path: os._exit(0), "ended the process (0)"),
     "memory": (lambda path: np.zeros(3 << 30, np.uint8), "MemoryError"),
-    "hang": (hang, "took more than 3 s"),
+    "hang": (hang, "took more than 0.6 s"),
 }
 SOUND = {
     "input error": raises(InputError("is bad", file="a.json")),
@@ -44,7 +44,7 @@ SOUND = {
     "taken": Path.read_bytes,
 }
 READERS = [
-    Reader(name, read, "a.json", _seed, seconds=0.5)
+    Reader(name, read, "a.json", _seed, seconds=0.1)
     for name, read in {**{name: read for name, (read, _) in FAILING.items()}, **SOUND}.items()
 ]
 
