@@ -21,7 +21,8 @@ def site(tmp_path: Path, two_avenues: Path) -> Path:
     folder = tmp_path / "site"
     shutil.copytree(two_avenues, folder)
     path = folder / "site.yaml"
-    path.write_text(path.read_text().replace("radius_m: 130", "radius_m: 85"))
+    text = path.read_text().replace("radius_m: 130", "radius_m: 85")
+    path.write_text(f"{text}\nclosed_loop: false\n")
     return path
 
 

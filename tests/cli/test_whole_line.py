@@ -21,7 +21,7 @@ def site(tmp_path_factory: pytest.TempPathFactory, two_avenues: Path) -> Path:
     folder = tmp_path_factory.mktemp("site") / "two-avenues"
     shutil.copytree(two_avenues, folder)
     fields = yaml.safe_load((folder / "site.yaml").read_text())
-    fields["region"]["radius_m"] = 60
+    fields |= {"region": {"radius_m": 60}, "closed_loop": False}
     fields["traffic"] |= {"per_hour": PER_HOUR, "duration_s": 0.5, "warmup_s": 20}
     fields["rig"]["sensors"][0] |= {"model": "OS1-64", "columns": 512}
     fields["rig"]["sensors"][1]["model"] = "VLP-16"

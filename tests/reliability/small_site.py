@@ -101,9 +101,11 @@ class Stand:
 
     Args:
         folder: where all of it is.
+        closed_loop: whether its streets are closed to a loop, which takes six times as long.
     """
 
     folder: Path
+    closed_loop: bool = False
     durations_s: dict[str, float] = field(default_factory=dict)
 
     @cached_property
@@ -112,7 +114,7 @@ class Stand:
         shutil.copytree(EXAMPLE, self.folder / "site")
         path = self.folder / "site" / "site.yaml"
         fields = yaml.safe_load(path.read_text())
-        fields["region"] = {"radius_m": 40}
+        fields |= {"region": {"radius_m": 40}, "closed_loop": self.closed_loop}
         fields["traffic"] |= {"duration_s": 2.0, "warmup_s": 5}
         sensor = {"name": "corner", "model": "VLP-16", "columns": 900, "yaw_deg": 135}
         sensor |= {"east_m": 12, "north_m": -12, "height_m": 4.0}

@@ -58,7 +58,7 @@ def test_an_interruption_of_all_at_once_and_twice(
 ) -> None:
     process, out = waited(stand, tmp_path, key)
     assert process.stderr is not None
-    time.sleep(0.3)
+    time.sleep(0.1)
     if to_all:  # what a terminal that closes does, or `timeout`
         os.killpg(process.pid, signal.SIGTERM)
     else:
