@@ -21,6 +21,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import numba
 import typer
 
 ROOT = Path(__file__).parents[2]
@@ -43,6 +44,7 @@ def _begin() -> None:
     sys.modules["tests"] = package
     for name in LATE:
         importlib.import_module(name)
+    numba.njit(lambda number: number)(0)  # what any first call sets up
     # What the options of all commands are is found out once, and not for every bad file.
     typer.main.get_command = cache(typer.main.get_command)
 
