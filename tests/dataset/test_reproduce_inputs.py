@@ -5,7 +5,7 @@ import hashlib
 import pytest
 
 from urbantwin.dataset.reproduction.search import Search
-from urbantwin.twin.sources import rig_and_files, without_secrets
+from urbantwin.twin.provenance import rig_and_files, without_secrets
 
 
 def write(path, text):

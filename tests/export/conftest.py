@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from urbantwin.site import load_site
-from urbantwin.site.init import init_site
+from urbantwin.site.initial_site import init_site
 from urbantwin.traffic.run import demand_of
 from urbantwin.twin import build_twin, load_twin
 

@@ -19,8 +19,8 @@ from urbantwin.reconstruct import Surroundings
 from urbantwin.reconstruct.build import reconstruct
 from urbantwin.reconstruct.formats import read_model
 from urbantwin.reconstruct.georeference.control_points import fit, read_control_points
-from urbantwin.site.document import Document
 from urbantwin.site.geometry import GeometrySource, GeometrySpec, SimilaritySpec
+from urbantwin.site.yaml_document import Document
 
 from ..reconstruct.model_files import BOX, BOX_QUADS
 from ..reconstruct.tile_bytes import Gltf, b3dm, cmpt, i3dm, pnts

@@ -31,9 +31,9 @@ from urbantwin.site import (
     read_extract,
     read_orthophoto,
 )
-from urbantwin.site.document import Document
-from urbantwin.site.init import init_site
+from urbantwin.site.initial_site import init_site
 from urbantwin.site.region import polygon_from_geojson, polygon_in_site, read_geojson
+from urbantwin.site.yaml_document import Document
 
 from .harness import NUMBERS
 from .reader import SHARED_DATA, Reader

@@ -13,8 +13,8 @@ from urbantwin.lidar.returns import ReturnModel
 from urbantwin.lidar.rig import place_rig
 from urbantwin.lidar.scanner import Scanner
 from urbantwin.site.conditions import Conditions
-from urbantwin.site.document import Document
 from urbantwin.site.rig import RigSpec
+from urbantwin.site.yaml_document import Document
 from urbantwin.taxonomy import material_id
 
 NIGHT = Conditions(sun_elevation_deg=-10.0)

@@ -13,7 +13,7 @@ from urbantwin.lidar import Scanner, sensor
 from urbantwin.lidar.rig import place_rig
 from urbantwin.site.rig import RigSpec
 from urbantwin.traffic.assets import asset_mesh
-from urbantwin.twin.sensor_files import kept_rig
+from urbantwin.twin.sensor_files import copy_sensor_files
 
 PERIOD_S = 1.0
 LINES = 3
@@ -122,7 +122,7 @@ def test_a_twin_keeps_the_pattern_too(file, street, tmp_path):
     twin.mkdir()
     one = {"name": "a", "model": "rose.yaml", "east_m": 0.0, "north_m": 0.0, "height_m": 5.0}
     spec = RigSpec.model_validate({"sensors": [one]})
-    kept = RigSpec.model_validate(kept_rig(spec, site / "site.yaml", twin))
+    kept = RigSpec.model_validate(copy_sensor_files(spec, site / "site.yaml", twin))
     shutil.rmtree(site)
     found = place_rig(kept, street, file=twin / "rig.yaml").sensors[0].sensor
     assert found.pattern.sha256 == sensor(file).pattern.sha256

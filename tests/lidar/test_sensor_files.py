@@ -12,7 +12,7 @@ from urbantwin.errors import InputError
 from urbantwin.lidar import beam_directions, sensor
 from urbantwin.lidar.rig import place_rig
 from urbantwin.site.rig import RigSpec
-from urbantwin.twin.sensor_files import kept_rig
+from urbantwin.twin.sensor_files import copy_sensor_files
 
 OUSTER = {  # file, model that lends its ranges, beams leave the axis at (mm)
     "1_14_beta_os1-991937000062-64_legacy.json": ("OS1-64", None),
@@ -108,7 +108,7 @@ def test_a_twin_keeps_the_files_of_its_sensors(tmp_path, shared_data, street):
     spec = RigSpec.model_validate(
         {"sensors": [{"name": f"s{k}", "model": m, **place} for k, m in enumerate(models)]}
     )
-    kept = RigSpec.model_validate(kept_rig(spec, site / "site.yaml", twin))
+    kept = RigSpec.model_validate(copy_sensor_files(spec, site / "site.yaml", twin))
     wanted = [one.sensor for one in place_rig(spec, street, file=site / "site.yaml").sensors]
     shutil.rmtree(site)
     found = [one.sensor for one in place_rig(kept, street, file=twin / "rig.yaml").sensors]

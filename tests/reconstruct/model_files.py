@@ -5,8 +5,8 @@ import shapely
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.reconstruct.formats import read_model
-from urbantwin.site.document import Document
 from urbantwin.site.geometry import GeometrySource, GeometrySpec
+from urbantwin.site.yaml_document import Document
 
 FRAME = SiteFrame(52.01, 4.36)
 REGION = shapely.box(-60, -60, 60, 60)

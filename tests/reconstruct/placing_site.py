@@ -11,8 +11,8 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.reconstruct import ImportedModel, Surroundings, TriangleMesh
 from urbantwin.reconstruct.georeference import Placed, SiteHeights, placed
-from urbantwin.site.document import read_document
 from urbantwin.site.geometry import GeometrySource, GeometrySpec
+from urbantwin.site.yaml_document import read_document
 
 FRAME = SiteFrame(52.0117, 4.3667)
 REGION = shapely.Point(0, 0).buffer(90.0)

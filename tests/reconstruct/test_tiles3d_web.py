@@ -313,10 +313,10 @@ def test_a_cache_that_cannot_be_used_is_one_line(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("spec", "words"),
     [
-        ({"url": "https://h/t.json", "origins": ["h2"]}, "is 'h2', which is no origin"),
-        ({"url": "https://h/t.json", "origins": ["https://h/x"]}, "which is no origin"),
+        ({"url": "https://h/t.json", "origins": ["h2"]}, "is 'h2', which is not an origin"),
+        ({"url": "https://h/t.json", "origins": ["https://h/x"]}, "which is not an origin"),
         ({"url": "https://h/t.json", "origins": ["https://a:b@h"]}, "an address, which is no"),
-        ({"url": "https://h/t.json", "origins": ["ftp://h"]}, "which is no origin"),
+        ({"url": "https://h/t.json", "origins": ["ftp://h"]}, "which is not an origin"),
         ({"url": "https://h/t.json", "origins": ["http://h"]}, "'http://h' of http"),
         ({"file": "a.json", "origins": ["https://h"]}, "has origins without a url"),
     ],

@@ -10,8 +10,8 @@ import shapely
 from urbantwin.geometry import SiteFrame
 from urbantwin.reconstruct.model import ImportedModel
 from urbantwin.reconstruct.tiles3d import read_tiles3d
-from urbantwin.site.document import Document
 from urbantwin.site.geometry import GeometrySource, GeometrySpec
+from urbantwin.site.yaml_document import Document
 
 LATITUDE, LONGITUDE = 40.0425, -75.6121
 FRAME = SiteFrame(LATITUDE, LONGITUDE)

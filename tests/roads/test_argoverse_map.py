@@ -245,17 +245,20 @@ def test_its_name_says_where_on_earth_it_lies(path, tmp_path):
     [
         (lambda data: data.update(lane_segments={}), "has no lane segments"),
         (lambda data: _first(data).update(lane_type="TRAM"), "lane_type 'TRAM' is unknown"),
-        (lambda data: _first(data).update(left_lane_boundary=[]), "left_lane_boundary is no line"),
+        (
+            lambda data: _first(data).update(left_lane_boundary=[]),
+            "left_lane_boundary is not a line",
+        ),
         (
             lambda data: _first(data)["left_lane_boundary"][0].update(x=math.nan),
             "NaN, which is not",
         ),
         (lambda data: _first(data).update(id="a"), "has id 'a'"),
-        (lambda data: _first(data).update(successors=3), "successors are no list"),
-        (lambda data: _first(data)["right_lane_boundary"][0].pop("y"), "is no line"),
+        (lambda data: _first(data).update(successors=3), "successors is not a list"),
+        (lambda data: _first(data)["right_lane_boundary"][0].pop("y"), "is not a line"),
         (lambda data: data.update(drivable_areas=[]), None),
-        (lambda data: data.update(drivable_areas=[1]), "drivable_areas is no object"),
-        (lambda data: _area(data).update(area_boundary=None), "area_boundary is no line"),
+        (lambda data: data.update(drivable_areas=[1]), "drivable_areas is not an object"),
+        (lambda data: _area(data).update(area_boundary=None), "area_boundary is not a line"),
         (lambda data: _area(data)["area_boundary"].__delitem__(slice(2, None)), "fewer than three"),
     ],
 )

@@ -12,7 +12,7 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads, driving_side
 from urbantwin.roads.opendrive import write_opendrive
-from urbantwin.roads.opendrive.handed import right_handed
+from urbantwin.roads.opendrive.writing.left_hand_traffic import as_right_hand_traffic
 from urbantwin.site import read_extract
 
 ROOT = Path(__file__).parents[2]
@@ -57,7 +57,7 @@ def announced(shared_data, tmp_path_factory):
 def test_every_signalised_lane_sees_its_signals_before_the_junction(name, announced):
     model, rows = announced[name]
     expected, seen = {}, {}
-    turned = right_handed(model)
+    turned = as_right_hand_traffic(model)
     stations = {signal.id: signal.s for signal in turned.signals}
     for signal in turned.signals:
         road = turned.road_by_id[signal.road]

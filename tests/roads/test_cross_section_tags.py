@@ -7,7 +7,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from urbantwin.roads.cross_section import cross_section
-from urbantwin.roads.cross_section.quantity import count, metres
+from urbantwin.roads.cross_section.lane_tags import count, metres
 from urbantwin.roads.cross_section.speed import speed_of
 
 MPH = 1609.344 / 3600

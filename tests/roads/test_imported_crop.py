@@ -9,9 +9,9 @@ import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from urbantwin.roads.component import Part, main_component
 from urbantwin.roads.imported.crop import cropped, main_part
-from urbantwin.roads.imported.cut import part_of_road, with_border
+from urbantwin.roads.imported.road_cut import part_of_road, with_border
+from urbantwin.roads.main_component import Part, main_component
 from urbantwin.roads.model import LaneModel, Profile, RoadLink, splined
 
 from . import lane_town

@@ -18,7 +18,7 @@ from urbantwin.roads.imported import (
     prepared_map,
     read_map,
 )
-from urbantwin.roads.imported.propose import busiest_junction, paved_area
+from urbantwin.roads.imported.junction_proposal import busiest_junction, paved_area
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.opendrive import write_opendrive
 from urbantwin.site import load_site

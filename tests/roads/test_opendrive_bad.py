@@ -58,7 +58,7 @@ BAD = {
     "not XML": ("this is no XML", "not XML"),
     "empty": ("", "not XML"),
     "another language": ("<osm/>", "not OpenDRIVE: its root is <osm>"),
-    "cut off": (HEAD + road()[:150], "not whole XML"),
+    "cut off": (HEAD + road()[:150], "not complete XML"),
     "no roads": (HEAD + END, "has no roads"),
     "version 2": ('<OpenDRIVE><header revMajor="2" revMinor="0"/>' + road() + END, "version 2.0"),
     "no reference line": (HEAD + road(plan="") + END, "road 12: has no reference line"),
@@ -67,7 +67,7 @@ BAD = {
         HEAD + road(plan=LINE.replace("100", "1e9"), values='length="1e9"') + END,
         "road 12: has length 1e\\+09",
     ),
-    "deeply nested": (HEAD + "<road>" * 5000, "not whole XML"),
+    "deeply nested": (HEAD + "<road>" * 5000, "not complete XML"),
     "no length": (HEAD + road(values="") + END, "road 12: <road> length is missing"),
     "lengths differ": (HEAD + road(values='length="80"') + END, "road 12: is 80 m long"),
     "negative length": (
@@ -200,7 +200,7 @@ BAD = {
     ),
     "entity without a document type": (
         HEAD.replace("<header", "&x;<header") + road() + END,
-        "not whole XML",
+        "not complete XML",
     ),
     "billion laughs": (
         '<?xml version="1.0"?><!DOCTYPE l [<!ENTITY a0 "lol">'

@@ -15,7 +15,7 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.model import Curve
 from urbantwin.roads.opendrive import placed, read_opendrive, write_opendrive
-from urbantwin.roads.opendrive.clothoid import polynomial_pieces, spiral_pieces
+from urbantwin.roads.opendrive.reading.clothoid import polynomial_pieces, spiral_pieces
 from urbantwin.roads.signals import pose_of
 
 HERE = SiteFrame(48.7, 9.18)

@@ -11,7 +11,7 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.model import LaneModel, Profile
 from urbantwin.roads.opendrive import write_opendrive
-from urbantwin.roads.opendrive.handed import right_handed
+from urbantwin.roads.opendrive.writing.left_hand_traffic import as_right_hand_traffic
 
 HERE = SiteFrame(48.7, 9.18)
 FORMS = [("right", "1.8"), ("right", "1.4"), ("left", "1.8"), ("left", "1.4")]
@@ -211,7 +211,7 @@ def test_kinds_speeds_access_and_heights_are_written(written):
 
 def test_right_hand_form_leaves_right_hand_traffic_alone(town):
     model = town("right")
-    assert right_handed(model) is model
+    assert as_right_hand_traffic(model) is model
 
 
 def test_a_one_way_street_stays_one_road(town):
@@ -227,7 +227,7 @@ def test_a_one_way_street_stays_one_road(town):
     alone = dataclasses.replace(
         street, sections=(dataclasses.replace(section, s=0.0, lanes=lanes),), successor=None
     )
-    result = right_handed(LaneModel("left", (alone,)))
+    result = as_right_hand_traffic(LaneModel("left", (alone,)))
     (road,) = result.roads
     assert [lane.id for lane in road.sections[0].lanes] == [-1, -2, -3, -4, -5, -6]
     kinds = [lane.kind for lane in road.sections[0].lanes]

@@ -14,9 +14,9 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads, driving_side
 from urbantwin.roads.loop import close_loop
-from urbantwin.roads.loop.matching import matched
+from urbantwin.roads.loop.exit_matching import match_exits
 from urbantwin.site import read_extract
-from urbantwin.site.init import init_site
+from urbantwin.site.initial_site import init_site
 from urbantwin.site.site import load_site
 
 HERE = SiteFrame(48.7, 9.18)
@@ -216,7 +216,7 @@ def test_pairs_never_cross_and_leave_nobody_out():
     random = np.random.default_rng(1)
     for exits, entries in ((3, 3), (5, 5), (6, 2), (1, 4), (7, 7)):
         a, b = random.uniform(0, 1000, exits), random.uniform(0, 1000, entries)
-        pairs = matched(a, b, 1000.0)
+        pairs = match_exits(a, b, 1000.0)
         assert {i for i, _ in pairs} == set(range(exits))
         assert {j for _, j in pairs} == set(range(entries))
         assert len(pairs) == max(exits, entries)
@@ -231,4 +231,4 @@ def test_pairs_never_cross_and_leave_nobody_out():
         ]
         for k, chord in enumerate(chords):
             assert not any(chord.crosses(other) for other in chords[:k])
-    assert matched(np.array([1.0]), np.zeros(0), 10.0) == []
+    assert match_exits(np.array([1.0]), np.zeros(0), 10.0) == []

@@ -15,9 +15,9 @@ from scipy.stats import binned_statistic_2d
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads, driving_side
+from urbantwin.roads.grade_separation import Lift
 from urbantwin.roads.heights import RoadSurface, with_heights
 from urbantwin.roads.imported.heights import ModelSurface
-from urbantwin.roads.levels import Lift
 from urbantwin.roads.model import (
     LaneModel,
     LaneSection,

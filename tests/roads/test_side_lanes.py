@@ -10,7 +10,7 @@ import shapely
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads
-from urbantwin.roads.cross_section import MappedStretch, cross_section
+from urbantwin.roads.cross_section import MappedSegment, cross_section
 from urbantwin.roads.model import (
     Connection,
     Curve,
@@ -55,11 +55,11 @@ TWO_WAY = [
 ]  # fmt: skip
 
 
-def stretch(number, tags, points=((0, 0), (100, 0)), side="right"):
+def segment(number, tags, points=((0, 0), (100, 0)), side="right"):
     section = cross_section(
         {"highway": "residential", **tags}, driving_side=side, sidewalks="both", country="DE"
     )
-    return MappedStretch(number, np.array(points, float), section)
+    return MappedSegment(number, np.array(points, float), section)
 
 
 def junctions(*roads):
@@ -124,7 +124,7 @@ def test_parking_lies_between_carriageway_and_sidewalk():
     tags = {"parking:right": "lane", "parking:right:width": "2.2", "parking:left": "lane",
             "parking:left:orientation": "perpendicular"}  # fmt: skip
     model = junctions(road(1, TWO_WAY))
-    done = add_side_lanes(model, [stretch(1, tags)], country="DE")
+    done = add_side_lanes(model, [segment(1, tags)], country="DE")
     item = done.road_by_id[1]
     assert_sound(item)
     middle = item.section_at(50.0)
@@ -147,13 +147,13 @@ def test_parking_lies_between_carriageway_and_sidewalk():
 
 
 def test_a_way_drawn_against_the_road_has_its_sides_swapped():
-    backwards = stretch(1, {"parking:right": "lane"}, ((100, 0), (0, 0)))
+    backwards = segment(1, {"parking:right": "lane"}, ((100, 0), (0, 0)))
     item = add_side_lanes(junctions(road(1, TWO_WAY)), [backwards]).road_by_id[1]
     assert [lane.id for lane in item.section_at(50).lanes if lane.kind == "parking"] == [2]
 
 
 def test_each_way_of_a_road_has_its_own_parking():
-    ways = [stretch(1, {"parking:right": "lane"}, ((0, 0), (60, 0))), stretch(2, {}, ((60, 0),
+    ways = [segment(1, {"parking:right": "lane"}, ((0, 0), (60, 0))), segment(2, {}, ((60, 0),
             (100, 0)))]  # fmt: skip
     item = add_side_lanes(junctions(road(1, TWO_WAY, ways=(1, 2))), ways).road_by_id[1]
     assert_sound(item)
@@ -168,14 +168,14 @@ def test_parking_lies_within_a_cycle_track_and_beyond_a_cycle_lane():
         ("lane", ["driving", "bicycle", "parking", "sidewalk"]),
     ):
         tags = {"parking:right": "lane", "cycleway:right": value}
-        item = add_side_lanes(junctions(road(1, rows)), [stretch(1, tags)]).road_by_id[1]
+        item = add_side_lanes(junctions(road(1, rows)), [segment(1, tags)]).road_by_id[1]
         assert_sound(item)
         assert [lane.kind for lane in item.section_at(50).lanes if lane.id < 0] == expected
 
 
 def test_nobody_parks_at_crossings():
     model = junctions(road(1, TWO_WAY))
-    ways = [stretch(1, {"parking:both": "lane"})]
+    ways = [segment(1, {"parking:both": "lane"})]
     item = add_side_lanes(model, ways, country="DE", crossings=[[40, 0.3]]).road_by_id[1]
     assert_sound(item)
     for s in np.linspace(35.01, 44.99, 9):
@@ -186,7 +186,7 @@ def test_nobody_parks_at_crossings():
 def test_roads_do_not_grow_into_others():
     beside = road(2, TWO_WAY, length=40.0, y=-12.0, x=30.0)
     model = junctions(road(1, TWO_WAY), beside)
-    ways = [stretch(1, {"parking:both": "lane"})]
+    ways = [segment(1, {"parking:both": "lane"})]
     house = shapely.box(60, 6.5, 80, 20)
     item = add_side_lanes(model, ways, obstacles=[house]).road_by_id[1]
     assert_sound(item)
@@ -291,7 +291,7 @@ def test_links_through_junctions_follow_new_ids():
     first = road(1, rows, successor=RoadLink("junction", 9))
     second = road(2, rows, x=104.0, predecessor=RoadLink("junction", 9))
     ways = [
-        MappedStretch(
+        MappedSegment(
             number,
             np.array([[x, 0.0], [x + 100, 0.0]]),
             cross_section(

@@ -14,8 +14,8 @@ from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads, sumo_binary, sumo_environment
 from urbantwin.roads.signals.programs import described_signals, set_programs
 from urbantwin.site import read_extract
-from urbantwin.site.document import read_document
 from urbantwin.site.signals import SignalPlan, SignalSpec
+from urbantwin.site.yaml_document import read_document
 
 HERE = SiteFrame(48.7, 9.18)
 MAIN = {"highway": "primary", "name": "Long Avenue", "lanes": "4", "maxspeed": "50",
@@ -226,7 +226,7 @@ def test_states_are_taken_letter_by_letter(plan):
             "signals[0].junction",
             "(Cross Street / Long Avenue)",
         ),
-        ({"junction": 7, "offset": 1}, "signals[0].junction", "is no signalised junction"),
+        ({"junction": 7, "offset": 1}, "signals[0].junction", "is not a signalised junction"),
         (
             {"junction": {"latitude": 48.71, "longitude": 9.18}, "offset": 1},
             "signals[0].junction",

@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from urbantwin.geometry import SiteFrame
-from urbantwin.scene.furnishing import furnishings
+from urbantwin.scene.map_objects import map_objects
 from urbantwin.site.extract_file import read_extract
 from urbantwin.taxonomy import semantic_id
 
@@ -47,7 +47,7 @@ def built(request, shared_data):
     ]
     road = shapely.union_all(streets)
     start = time.process_time()
-    objects = furnishings(features, [], region=region, ground_height=sloping, carriageway=road)
+    objects = map_objects(features, [], region=region, ground_height=sloping, carriageway=road)
     return objects, road, region, time.process_time() - start
 
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from shapely import LineString, Point, box
 
 from urbantwin.scene.wire import wire_mesh
-from urbantwin.scene.wire.catenary import hanging, parameter_of_sag
+from urbantwin.scene.wire.catenary import catenaries, parameter_of_sag
 from urbantwin.site.extract import OsmFeature
 from urbantwin.taxonomy import semantic_id
 
@@ -33,9 +33,9 @@ def build(*features, ground=flat, road=ROAD, **more):
 def test_a_wire_hangs_as_a_chain_does(span, sag_share, slope):
     """y'' = sqrt(1 + y'^2) / c, whatever the heights of its ends; the sag as asked for."""
     sag = sag_share * span
-    level = hanging([[0, 0, 10]], [[span, 0, 10]], [sag], 400)[0]
+    level = catenaries([[0, 0, 10]], [[span, 0, 10]], [sag], 400)[0]
     assert level[:, 2].min() == pytest.approx(10 - sag, rel=1e-6)
-    points = hanging([[0, 0, 10]], [[span, 0, 10 + slope * span]], [sag], 400)[0]
+    points = catenaries([[0, 0, 10]], [[span, 0, 10 + slope * span]], [sag], 400)[0]
     assert points[0] == pytest.approx([0, 0, 10], abs=1e-6)
     assert points[-1] == pytest.approx([span, 0, 10 + slope * span], abs=1e-6)
     c = float(parameter_of_sag(span, sag))

@@ -145,7 +145,7 @@ BAD_PLACES = {
     "half a place": ({"latitude": 52.5}, "go together"),
     "no latitude": ({"latitude": 95.0, "longitude": 13.4}, "latitude 95 is out of range"),
     "not a number": ({"latitude": float("nan"), "longitude": 13.4}, "out of range"),
-    "no radius": ({"radius_m": 0.0}, "a radius of 0 m; expected 20 to 2000"),
+    "no radius": ({"radius_m": 0.0}, "the radius is 0 m; expected 20 to 2000"),
     "radius nan": ({"radius_m": float("nan")}, "expected 20 to 2000"),
     "huge": ({"radius_m": 1e5}, "expected 20 to 2000"),
 }

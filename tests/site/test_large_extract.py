@@ -133,7 +133,7 @@ def test_a_file_that_unpacks_without_end_is_stopped(
     path.write_bytes(pack((honest if start else head).encode()) + pack(blank) + pack(b"</osm>"))
     assert path.stat().st_size < 1 << 20
     limits = ReadingLimits(memory=8e9, whole=8e9)
-    with pytest.raises(InputError, match="unpacks to far more than a map of its size does"):
+    with pytest.raises(InputError, match="unpacks to far more than its size suggests"):
         read_extract(path, limits=limits)
 
 

@@ -22,8 +22,8 @@ from urbantwin.download import Limits
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.site import Orthophoto, map_tiles, read_orthophoto
-from urbantwin.site.document import Document
 from urbantwin.site.imagery import ImagerySource, ImagerySpec
+from urbantwin.site.yaml_document import Document
 
 AREA = shapely.box(-30.0, -25.0, 30.0, 25.0)
 #: A white line on dark ground: where ``x cos + y sin`` is this, metres.
@@ -245,8 +245,8 @@ def test_a_bad_tile_is_reported_and_the_rest_is_used(tmp_path, server):
     assert problems == sorted(
         [
             "tile 20/{}/{}: not there (status 404)".format(*gone),
-            "tile 20/{}/{}: is no picture".format(*cut),
-            "tile 20/{}/{}: is no picture".format(*page),
+            "tile 20/{}/{}: not an image".format(*cut),
+            "tile 20/{}/{}: not an image".format(*page),
             "tile 20/{}/{}: 5000 x 3 pixels".format(*odd),
         ]
     )
@@ -419,7 +419,7 @@ def test_what_pretends_to_be_a_tile_is_one_line(tmp_path, server, data):
     photo = read_orthophoto([one], frame, AREA, {})
     (problem,) = photo.notes[0]["problems"]
     assert problem.startswith("tile 19/")
-    assert "is no picture" in problem or "pixels" in problem
+    assert "not an image" in problem or "pixels" in problem
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ from urbantwin.artefact import sha256_of, write_json
 from urbantwin.geometry import LabelledMesh
 from urbantwin.ground import Elevation
 from urbantwin.roads import sumo_binary
-from urbantwin.roads.reading import read_sumo_network
+from urbantwin.roads.sumo_network import read_sumo_network
 from urbantwin.taxonomy import material_id, semantic_id
 from urbantwin.twin import Twin, load_twin
 

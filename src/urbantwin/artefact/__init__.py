@@ -1,7 +1,7 @@
 """Artefacts: outputs that appear whole or not at all, their inventories, the documents in them."""
 
 from urbantwin.artefact.checksum import sha256_of
-from urbantwin.artefact.document import read_json, write_json
+from urbantwin.artefact.document import as_json, read_json, write_json
 from urbantwin.artefact.inventory import INVENTORY, Damage, damages, write_inventory
 from urbantwin.artefact.output import (
     KINDS,
@@ -20,6 +20,7 @@ __all__ = [
     "KINDS",
     "Damage",
     "Verified",
+    "as_json",
     "check_file",
     "check_folder",
     "check_room",

@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import json
+import math
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+import numpy as np
+from pydantic import BaseModel
 
 from urbantwin.errors import InputError
 from urbantwin.strict_json import NotJsonError, parse_json
 
-__all__ = ["json_value", "read_bytes", "read_json", "read_json_value", "write_json"]
+__all__ = ["as_json", "json_value", "read_bytes", "read_json", "read_json_value", "write_json"]
 
 #: Larger than any document that a person's machine could hold as Python's objects.
 _MOST_BYTES = 4_000_000_000
@@ -24,6 +29,25 @@ def write_json(path: Path, value: object) -> None:
     scratch = path.with_name(f".{path.name}.part")
     scratch.write_text(json.dumps(value, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
     scratch.replace(path)
+
+
+def as_json(value: object) -> Any:  # noqa: ANN401
+    """Return a value as JSON holds it.
+
+    Tuples and arrays become lists, keys text, NaN null and pydantic models mappings with the names
+    of their file; what JSON has no type for becomes text.
+    """
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, BaseModel):
+        return value.model_dump(mode="json", by_alias=True)
+    if isinstance(value, Mapping):
+        return {str(key): as_json(item) for key, item in value.items()}
+    if isinstance(value, tuple | list):
+        return [as_json(item) for item in value]
+    if isinstance(value, float) and math.isnan(value):
+        return None
+    return value if isinstance(value, str | int | float | bool | None) else str(value)
 
 
 def read_json(path: Path, *, kind: str) -> dict[str, Any]:

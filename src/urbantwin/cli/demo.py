@@ -34,7 +34,7 @@ def demo(
     """Run a real intersection in central Helsinki, map to frames."""
     from urbantwin.artefact import new_folder
     from urbantwin.cli.stages import site_with_known_sensors, whole_line
-    from urbantwin.site.init import init_site
+    from urbantwin.site.initial_site import init_site
 
     console = Console(quiet=quiet, as_json=as_json)
     extract, file = helsinki_extract(), out / "site" / "site.yaml"

@@ -74,7 +74,7 @@ def init(
     from urbantwin.artefact import new_folder
     from urbantwin.cli.summary import summary
     from urbantwin.roads.imported import init_site_of_map
-    from urbantwin.site.init import init_site
+    from urbantwin.site.initial_site import init_site
 
     if out is not None:
         folder, osm, roads = _map_first(folder, out, osm, roads)

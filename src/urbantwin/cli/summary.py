@@ -199,7 +199,7 @@ def _rounded(
 def _yaml(path: Path) -> dict[str, Any]:
     from urbantwin.lidar import load_sensor
     from urbantwin.site import load_rig_spec, load_site
-    from urbantwin.site.document import read_document
+    from urbantwin.site.yaml_document import read_document
 
     fields = read_document(path, kind="a site, a rig or a sensor").value
     if "anchor" in fields:

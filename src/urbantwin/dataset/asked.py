@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from urbantwin.artefact import sha256_of
 from urbantwin.lidar.measured_file import named_background
 from urbantwin.site import RigSpec
-from urbantwin.twin.sources import rig_and_files
+from urbantwin.twin.provenance import rig_and_files
 
 if TYPE_CHECKING:
     from urbantwin.twin import Twin

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
+import numpy as np
 import shapely
 from pydantic import Field
 
@@ -59,7 +60,7 @@ def write_ignore_regions(path: Path, areas: Sequence[IgnoreArea]) -> None:
         {
             "type": "Feature",
             "properties": {"reason": one.reason},
-            "geometry": _plain(shapely.geometry.mapping(shapely.set_precision(one.area, _GRID_M))),
+            "geometry": shapely.geometry.mapping(_rounded(one.area)),
         }
         for one in areas
     ]
@@ -87,10 +88,7 @@ def read_ignore_regions(path: Path) -> list[IgnoreArea]:
     return areas
 
 
-def _plain(value: Any) -> Any:  # noqa: ANN401
-    """Return tuples as lists and numbers in centimetres, as JSON has them."""
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, tuple | list):
-        return [_plain(item) for item in value]
-    return round(value, 2) + 0.0 if isinstance(value, float) else value
+def _rounded(area: shapely.MultiPolygon) -> shapely.MultiPolygon:
+    """Return an area with its coordinates in whole centimetres."""
+    snapped = shapely.set_precision(area, _GRID_M)
+    return shapely.transform(snapped, lambda xy: np.round(xy, 2) + 0.0)

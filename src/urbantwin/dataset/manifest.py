@@ -12,9 +12,9 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import BaseModel
 
 from urbantwin import __version__
+from urbantwin.artefact import as_json
 from urbantwin.dataset.layout import frame_name
 from urbantwin.dataset.pose_matrix import pose_matrix
 from urbantwin.geometry import Pose
@@ -128,8 +128,8 @@ def recipe_of_rig(rig: Rig) -> dict[str, Any]:
             "rate_hz": rig.rate_hz,
             "frame": rig.frame,
             "fused": rig.fused,
-            "conditions": _plain(rig.conditions),
-            "ride": _plain(rig.ride),
+            "conditions": as_json(rig.conditions),
+            "ride": as_json(rig.ride),
             "carrier": rig.carrier,
             "sensors": [_mounted(one) for one in rig.sensors],
         },
@@ -251,20 +251,12 @@ def _mounted(one: MountedSensor) -> dict[str, Any]:
     return {
         "name": values.pop("name"),
         "model": one.sensor.name,
-        **{name: _plain(value) for name, value in values.items()},
+        **{
+            name: pose_matrix(value) if isinstance(value, Pose) else as_json(value)
+            for name, value in values.items()
+        },
         "sensor": _catalogue_entry(one.sensor),
     }
-
-
-def _plain(value: Any) -> Any:  # noqa: ANN401
-    """Return a value as JSON holds it."""
-    if isinstance(value, Pose):
-        return pose_matrix(value)
-    if isinstance(value, BaseModel):
-        return value.model_dump(mode="json", by_alias=True)
-    if isinstance(value, tuple):
-        return [_plain(item) for item in value]
-    return value
 
 
 def _catalogue_entry(sensor: Sensor) -> dict[str, Any]:
@@ -278,10 +270,7 @@ def _catalogue_entry(sensor: Sensor) -> dict[str, Any]:
             "lines": pattern.lines,
             "sha256": pattern.sha256,
         }
-    return {
-        name: value.tolist() if isinstance(value, np.ndarray) else value
-        for name, value in values.items()
-    }
+    return {name: as_json(value) for name, value in values.items()}
 
 
 def _point_cloud_range(entries: Sequence[Mapping[str, Any]]) -> list[float]:

@@ -1,5 +1,6 @@
-"""Frames, poses, boxes, areas in plan and labelled triangle meshes. Knows nothing of cities."""
+"""Frames, poses, angles, boxes, areas in plan and labelled triangle meshes. Knows no cities."""
 
+from urbantwin.geometry.angle import wrapped
 from urbantwin.geometry.area import (
     area_difference,
     area_intersection,
@@ -32,5 +33,6 @@ __all__ = [
     "points_in_box",
     "rotation_from_ypr",
     "stations_of_points",
+    "wrapped",
     "ypr_from_rotation",
 ]

@@ -81,7 +81,8 @@ class Elevation:
         place = data["place"].tolist()
         # Older grids do not say what they were resampled from.
         if len(place) not in (3, 4) or place[2] <= 0 or min(place[3:], default=0) < 0:
-            raise InputError("is none", file=path, place="place", expected=_EXPECTED)
+            problem = "is not the place of a grid"
+            raise InputError(problem, file=path, place="place", expected=_EXPECTED)
         if not data["raw"].size:
             raise InputError("has no heights", file=path, place="raw", expected=_EXPECTED)
         west, south, step, *source = place

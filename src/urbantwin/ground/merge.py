@@ -1,4 +1,4 @@
-"""One elevation from several sources: at every place the finest that knows it."""
+"""One elevation grid from several sources: everywhere the finest one that has data."""
 
 from __future__ import annotations
 
@@ -27,12 +27,11 @@ PAD = 2
 def merged_elevation(
     patches: Sequence[ElevationPatch], region: shapely.Polygon
 ) -> tuple[Elevation, dict[str, float]]:
-    """Merge what sources know of the bare earth into one grid that covers a region.
+    """Merge the bare earth of several sources into one grid that covers a region.
 
-    Where two sources know a place the finer one counts, and within ``BLEND_M`` of its border it
-    gives way to the coarser one smoothly. Holes that no source knows (the ground under buildings)
-    are filled from their rims (GDAL's inverse-distance fill), and what lies beyond all sources
-    takes the nearest height.
+    Where two sources overlap, the finer one counts, blended into the coarser one within ``BLEND_M``
+    of its border. Holes that no source covers (the ground under buildings) are filled from their
+    rims (GDAL's inverse-distance fill), and what lies beyond all sources takes the nearest height.
 
     Args:
         patches: at least one; heights above the anchor's ground.
@@ -68,7 +67,7 @@ def merged_elevation(
         shares[patch.name] = round(float(known[inside].mean()), 4)
     if not shares:
         names = ", ".join(p.name for p in patches)
-        raise InputError(f"no height of the ground within the region is known from {names}")
+        raise InputError(f"{names}: no height of the ground within the region")
     detail = min(p.detail_m for p in patches if p.name in shares)
     west, south = first * step
     return Elevation(float(west), float(south), step, _filled(heights), detail), shares

@@ -1,4 +1,4 @@
-"""A piece of the bare earth as one source has it."""
+"""A patch of the bare earth: the heights that one source gives."""
 
 from __future__ import annotations
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pyproj import CRS, Transformer
 from pyproj.exceptions import ProjError
 
+from urbantwin.artefact import as_json
 from urbantwin.geometry import SiteFrame
 from urbantwin.reconstruct.formats import read_model
 from urbantwin.reconstruct.formats.kind import kind_of
@@ -19,8 +20,8 @@ from urbantwin.reconstruct.georeference.axes import axes_of
 from urbantwin.reconstruct.model import ImportedModel
 from urbantwin.reconstruct.tiles3d import middle_of_tileset
 from urbantwin.site import GeometrySource
-from urbantwin.site.document import Document
 from urbantwin.site.geometry import GeometrySpec, SimilaritySpec
+from urbantwin.site.yaml_document import Document
 
 __all__ = ["describe_geometry"]
 
@@ -83,7 +84,7 @@ def describe_geometry(path: Path) -> dict[str, Any]:
     out["up"] = f"{axes.up} ({axes.up_why})"
     out["unit_m"] = f"{axes.unit_m:.9g} ({axes.unit_why})"
     if model.notes:
-        out["notes"] = _plain(model.notes)
+        out["notes"] = as_json(model.notes)
     out["files"] = len(model.files)
     out["problems"] = list(model.problems[:_MOST])
     if len(model.problems) > _MOST:
@@ -95,15 +96,6 @@ def _kind(path: Path) -> str:
     if path.is_dir():
         return "tiles" if (path / "tileset.json").is_file() else "folder"
     return kind_of(path)
-
-
-def _plain(value: object) -> Any:  # noqa: ANN401
-    """Return notes as JSON has them: keys are text, and what it does not know is text too."""
-    if isinstance(value, dict):
-        return {str(key): _plain(one) for key, one in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(one) for one in value]
-    return value if isinstance(value, str | int | float | bool | None) else str(value)
 
 
 def _counts(model: ImportedModel) -> dict[str, Any]:

@@ -1,9 +1,9 @@
-"""The lane network: netconvert's topology read into our own lane model, with heights."""
+"""The roads of a site: the lane model, from OpenStreetMap or an imported map, with heights."""
 
 from urbantwin.roads.build import BuiltRoads, build_roads
 from urbantwin.roads.driving_side import driving_side
+from urbantwin.roads.grade_separation import Lift
 from urbantwin.roads.heights import RoadSurface
-from urbantwin.roads.levels import Lift
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.netconvert import sumo_binary, sumo_environment, sumo_home
 from urbantwin.roads.network import (

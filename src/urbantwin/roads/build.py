@@ -1,4 +1,4 @@
-"""From the map to the lane network."""
+"""Building the lane network of a region from OpenStreetMap."""
 
 from __future__ import annotations
 
@@ -15,12 +15,9 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.progress import Progress, untold
-from urbantwin.roads.component import LeftOut, Part, main_component
 from urbantwin.roads.cross_section import prepare_ways, write_sumo_edges
 from urbantwin.roads.driving_side import country_of
-from urbantwin.roads.heights import RoadSurface, with_heights
-from urbantwin.roads.heights.tilt import with_tilted_widths
-from urbantwin.roads.levels import (
+from urbantwin.roads.grade_separation import (
     Crossing,
     Lift,
     find_crossings,
@@ -28,28 +25,31 @@ from urbantwin.roads.levels import (
     lift_of_network,
     way_layer,
 )
+from urbantwin.roads.heights import RoadSurface, with_heights
+from urbantwin.roads.heights.banked_widths import with_banked_widths
+from urbantwin.roads.lane_polylines import network_of_model
 from urbantwin.roads.loop import OuterRoads, close_loop
+from urbantwin.roads.main_component import LeftOut, Part, main_component
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.netconvert import sumo_network
 from urbantwin.roads.network import RoadNetwork
-from urbantwin.roads.reading import read_sumo_network
-from urbantwin.roads.redraw import redraw_sumo_network
 from urbantwin.roads.side_lanes import (
     add_side_lanes,
     is_island,
     with_curbs,
     with_island_areas,
 )
-from urbantwin.roads.signals.free_ground import FreeGround
-from urbantwin.roads.signals.heads import stand_signals
-from urbantwin.roads.signals.mapped import mapped_signals
-from urbantwin.roads.signals.practice import practice_of
-from urbantwin.roads.signals.programs import hold_for_walkers, set_programs
-from urbantwin.roads.signals.sign import add_signs
-from urbantwin.roads.streets import furnished, planar_model
-from urbantwin.roads.strips import network_of_model
+from urbantwin.roads.signals.country_practice import practice_of
+from urbantwin.roads.signals.heads import place_heads
+from urbantwin.roads.signals.pole_sites import FreeGround
+from urbantwin.roads.signals.programs import hold_for_pedestrians, set_programs
+from urbantwin.roads.signals.signalised_junctions import mapped_signals
+from urbantwin.roads.signals.signs import add_signs
+from urbantwin.roads.streets import planar_model, with_furniture
+from urbantwin.roads.sumo_geometry import redraw_sumo_network
+from urbantwin.roads.sumo_network import read_sumo_network
 from urbantwin.site.extract import Extract, Way, WayPiece
-from urbantwin.site.junction import way_lanes
+from urbantwin.site.junction_proposal import way_lanes
 from urbantwin.site.signals import SignalPlan
 
 __all__ = ["NETWORK_CLASSES", "BuiltRoads", "build_roads"]
@@ -102,7 +102,7 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
         out: the ``.net.xml`` to write.
         plans: programs of signals to use instead of netconvert's.
         closed_loop: whether outer roads beyond the region lead every way out back to a way in.
-        tell: told the share done (0..1) and what is being done.
+        tell: called with the share done (0..1) and the current task.
 
     Raises:
         InputError: the region holds no roads, or a plan for signals cannot be used.
@@ -170,7 +170,7 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
         )
     tell(0.25, "signals")
     if signals.mid_block:
-        hold_for_walkers(out)
+        hold_for_pedestrians(out)
     planned = set_programs(out, plans, frame)
     raw = read_sumo_network(
         out,
@@ -188,7 +188,7 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
     tell(0.5, "side lanes")
     model = add_side_lanes(
         planar,
-        prepared.stretches,
+        prepared.segments,
         country=country,
         obstacles=_buildings(extract, frame),
         crossings=_crossings(extract, frame, pieces),
@@ -197,13 +197,13 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
     model = with_curbs(model)
     tell(0.6, "heights")
     model, surface = with_heights(model, elevation, lift)
-    model = with_tilted_widths(model)
+    model = with_banked_widths(model)
     tell(0.75, "lanes")
-    model = with_island_areas(furnished(model, raw, surface.height))
+    model = with_island_areas(with_furniture(model, raw, surface.height))
     network = network_of_model(model, raw, surface.height)
     tell(0.87, "signs")
     ground = FreeGround(network)
-    model = stand_signals(model, network, ground, practice_of(country), surface.height)
+    model = place_heads(model, network, ground, practice_of(country), surface.height)
     model, signs = add_signs(model, ground, extract, frame, country)
     redraw_sumo_network(out, network)
     notes: dict[str, object] = {
@@ -232,7 +232,7 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
 def _main_component(
     pieces: Sequence[WayPiece],
 ) -> tuple[tuple[WayPiece, ...], list[LeftOut]]:
-    """Return the ways that the border has not cut off from the rest, and what it has."""
+    """Return the ways of the main component, and what is left out."""
     parts = {
         piece.id: Part(
             piece.tags.get("name", ""),

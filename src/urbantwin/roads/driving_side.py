@@ -1,4 +1,4 @@
-"""Which side of the road people drive on."""
+"""The side of driving of a country."""
 
 from __future__ import annotations
 

@@ -28,7 +28,7 @@ OPTIONS = {
     "offset.disable-normalization": "true",  # keep the site frame
     "precision": "3",
     "geometry.remove": "true",
-    "geometry.max-grade": "1000",  # heights are ours, netconvert sees a flat world
+    "geometry.max-grade": "1000",  # heights are the lane model's; netconvert's network is flat
     "roundabouts.guess": "true",
     "junctions.join": "true",
     "junctions.corner-detail": "5",
@@ -36,7 +36,7 @@ OPTIONS = {
     "tls.join": "true",
     "tls.default-type": "static",
     "tls.left-green.time": "12",
-    "tls.allred.time": "2",  # to clear the junction (RiLSA 2015, 2.5); netconvert's own is none
+    "tls.allred.time": "2",  # to clear the junction (RiLSA 2015, 2.5); by default none
     "osm.sidewalks": "true",
     "osm.turn-lanes": "true",
     "osm.lane-access": "true",
@@ -51,7 +51,7 @@ OPTIONS = {
 }
 #: What netconvert says of a cluster that it does not join because too many roads meet there.
 TOO_MANY = re.compile(r"Not joining junctions ([\w:,#-]+) \(\d+ incoming edges\)")
-#: The edge that an error of netconvert's is about, and how many such edges are put up with.
+#: The edge that an error of netconvert's is about, and how many such edges are accepted.
 EDGE = re.compile(r"edge '([^']+)'")
 MOST_UNKNOWN = 8
 TYPE_FILES = ("osmNetconvert.typ.xml", "osmNetconvertBicycle.typ.xml")
@@ -102,8 +102,8 @@ def sumo_network(
         keep_apart: ids of ways (bridges, outer roads) that stay roads of their own, not joined to
             the next.
         keep_nodes: ids of nodes that are not merged with others into one junction.
-        edges: what netconvert is told of edges that it makes of ways; those that it does not make
-            are taken out of the file.
+        edges: attributes of the edges that it makes of ways; edges that it does not make are taken
+            out of the file.
         out: the ``.net.xml`` to write.
 
     Returns:
@@ -149,7 +149,7 @@ def sumo_network(
 
 
 def _run_with(edges: Path | None, command: list[str], raw: Path) -> list[str]:
-    """Run netconvert, without what it is told of edges that it did not make as expected."""
+    """Run netconvert, leaving out the attributes of edges that it did not make as expected."""
     for _ in range(MOST_UNKNOWN):
         try:
             return run_netconvert(command, raw)

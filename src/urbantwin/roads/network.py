@@ -1,4 +1,4 @@
-"""The lane model: what the mesh, the actors and the pictures are all made from."""
+"""The lane network: the lane model as polylines, for the mesh, the actors and the pictures."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["Junction", "Lane", "Road", "RoadNetwork", "SignalHead", "SignalProgr
 
 #: Kinds of lanes that vehicles drive or stand on, at the height of the carriageway.
 CARRIAGEWAY_KINDS = ("driving", "bus", "bicycle", "parking", "shoulder")
-#: Kinds of lanes for people on foot, raised behind a curb.
+#: Kinds of lanes for pedestrians, raised behind a curb.
 FOOTWAY_KINDS = ("sidewalk", "walkingarea", "curb")
 #: No lane is wider, metres, and no road crosses over more others.
 _WIDEST_M, _HIGHEST = 1000.0, 100
@@ -226,14 +226,17 @@ class RoadNetwork:
         return network
 
     def _check(self, file: Path) -> None:
-        """Refuse what nothing that is made from the network could be made from.
+        """Refuse a network that cannot be used.
 
         Raises:
-            InputError: a name is given twice or is of nothing, or a lane is no strip.
+            InputError: a name is given twice or refers to nothing, or a lane is not valid.
         """
         if self.driving_side not in ("right", "left"):
             raise InputError(
-                "is no side", file=file, place="driving_side", expected="right or left"
+                "is not a side of the road",
+                file=file,
+                place="driving_side",
+                expected="right or left",
             )
         known = self.lane_by_id
         if len(known) < len(self.lanes):
@@ -242,10 +245,12 @@ class RoadNetwork:
             place = f"lanes[{number}]"
             if len(lane.centre) < 2 or len(lane.widths) not in (0, len(lane.centre)):
                 raise InputError(
-                    "is no strip", file=file, place=place, expected="a line with its widths"
+                    "is not a lane", file=file, place=place, expected="a line with its widths"
                 )
             if not 0 <= lane.width <= _WIDEST_M or not 0 <= lane.level <= _HIGHEST:
-                raise InputError("is no strip", file=file, place=place, expected="a width, a level")
+                raise InputError(
+                    "is not a lane", file=file, place=place, expected="a width, a level"
+                )
         named = [(f"roads[{k}].lanes", one.lanes) for k, one in enumerate(self.roads)]
         for place, names in named:
             if not set(names) <= known.keys():

@@ -1,4 +1,4 @@
-"""On which sides of a street there are sidewalks, from its tags and from its neighbours."""
+"""Sides of a street with sidewalks, from its tags and its neighbours."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def sidewalk_sides(
     Mapped sidewalks win (``sidewalk``, ``sidewalk:left|right|both``; one that is mapped as a way
     of its own, ``separate``, is still a sidewalk of this street). Where nothing is mapped, urban
     streets have both, a carriageway of a dual street and a roundabout only the outer one, and roads
-    that people on foot may not use none.
+    that pedestrians may not use none.
 
     Args:
         tags: the way's tags.

@@ -1,4 +1,4 @@
-"""A SUMO network in a file, checked as far as everything that reads it relies on it."""
+"""Checking a SUMO network file as far as its readers rely on it."""
 
 from __future__ import annotations
 
@@ -40,16 +40,16 @@ _OPTIONAL = {"width", "offset", "linkIndex"}
 
 
 def check_sumo_network(path: Path) -> None:
-    """Check a network: its numbers, and that what it names is there.
+    """Check a network: its numbers and its references.
 
     Raises:
-        InputError: missing, not XML, or no sound network; the line is named.
+        InputError: missing, not XML, or not a valid network; the line is named.
     """
     with reading_sumo_network(path):
         parser = etree.XMLParser(resolve_entities=False, no_network=True, remove_comments=True)
         root = etree.parse(str(path), parser).getroot()
         if root.tag != "net" or root.getroottree().docinfo.doctype:
-            raise InputError("is no network", file=path, expected=_EXPECTED)
+            raise InputError("is not a SUMO network", file=path, expected=_EXPECTED)
         for item in root.iter(etree.Element):
             problem = _problem_of(item)
             if problem:
@@ -59,7 +59,7 @@ def check_sumo_network(path: Path) -> None:
 
 @contextmanager
 def reading_sumo_network(path: Path) -> Iterator[None]:
-    """Turn what goes wrong when a network's file is read into one clear line.
+    """Turn errors in reading a network's file into one clear line.
 
     Raises:
         InputError: it did.
@@ -73,7 +73,7 @@ def reading_sumo_network(path: Path) -> Iterator[None]:
         why = error.strerror or "not found"
         raise InputError(f"cannot be read ({why})", file=path, expected=_EXPECTED) from None
     except (KeyError, ValueError, TypeError, IndexError, AttributeError, ArithmeticError) as error:
-        problem = f"is no sound network ({type(error).__name__}: {error})"
+        problem = f"is not a valid network ({type(error).__name__}: {error})"
         raise InputError(problem, file=path, expected=_EXPECTED) from None
 
 
@@ -82,7 +82,7 @@ def _wrong(problem: str, path: Path, item: etree._Element) -> InputError:
 
 
 def _problem_of(item: etree._Element) -> str | None:
-    """Return what is wrong with an element by itself."""
+    """Return the problem of an element, apart from references."""
     tag = item.tag
     for name in _TEXTS.get(tag, ()):
         if not item.get(name) and tag != "request":
@@ -115,7 +115,7 @@ def _is_shape(item: etree._Element) -> bool:
 
 
 def _check_names(root: etree._Element, path: Path) -> None:
-    """Refuse names that are given twice, and names of what is not there."""
+    """Refuse duplicate names and dangling references."""
     edges = _named(root, "edge", path)
     junctions = _named(root, "junction", path)
     logics = _named(root, "tlLogic", path)

@@ -13,10 +13,11 @@ from shapely import Geometry, Polygon
 from urbantwin.geometry import LabelledMesh
 from urbantwin.geometry.manifold import is_closed
 from urbantwin.progress import Progress, between, each, untold
-from urbantwin.scene.body import Body, clean_polygons
 from urbantwin.scene.building_outline import building_footprints, mapped_buildings
+from urbantwin.scene.building_shell import Shell, ShellPlan
 from urbantwin.scene.building_volume import Volume, building_volumes
 from urbantwin.scene.canopy import arcade_columns, canopy_posts
+from urbantwin.scene.extrusion import Body, clean_polygons
 from urbantwin.scene.facade import Front, facade_openings, mapped_doors, mapped_shops
 from urbantwin.scene.face import DOOR, GLASS, ROOF
 from urbantwin.scene.passage import (
@@ -26,7 +27,6 @@ from urbantwin.scene.passage import (
     open_bodies,
     passages_of,
 )
-from urbantwin.scene.shell import Shell, ShellPlan
 from urbantwin.scene.solids import Assembly, GroundHeight, Solid
 from urbantwin.site.extract import OsmFeature
 from urbantwin.taxonomy import material_id
@@ -39,7 +39,7 @@ FOUNDATION_M = 0.5
 #: by more than the given area, square metres.
 KERB_M = 0.3
 OVERLAP_M2 = 1.0
-#: Half the width of a street of walkers, metres.
+#: Half the width of a pedestrian street, metres.
 PROMENADE_M = 2.0
 
 
@@ -76,7 +76,7 @@ def building_mesh(
         carriageway: the carriageways at ground level, site frame.
         without: where imported geometry shows the buildings: those that lie with more than half
             of their area in it are left out.
-        tell: told the share done (0..1) and what is being done.
+        tell: called with the share done (0..1) and the current task.
 
     Returns:
         The mesh, ``part`` 1, 2, ... per building, and counts of what was built and assumed.
@@ -97,7 +97,7 @@ def building_mesh(
         openings = _openings(plan, near, carriageway, ground_height, datum, notes)
         try:
             found = _place(volumes, openings, carriageway, datum)
-        except shapely.GEOSException:  # a plan that cannot be divided: without its slopes it can
+        except shapely.GEOSException:  # The plan cannot be cut along roof slopes.
             notes["roofs drawn level: their plan could not be divided"] += 1
             found = _place([_level(volume) for volume in volumes], openings, carriageway, datum)
         if found is None:
@@ -132,7 +132,7 @@ def building_mesh(
 
 
 def _promenades(features: Sequence[OsmFeature]) -> list[Geometry]:
-    """Return the streets of walkers, where sensors stand as well as on carriageways."""
+    """Return pedestrian streets, where sensors may stand as on carriageways."""
     return [
         feature.geometry.buffer(PROMENADE_M, cap_style="flat")
         for feature in features

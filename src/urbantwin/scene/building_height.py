@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from urbantwin.scene.tag import count_of, length_m_of
+from urbantwin.scene.tag_values import count_of, length_m_of
 
 __all__ = ["LEVEL_M", "ROOF_TYPES", "Rise", "building_materials", "building_rise", "building_type"]
 
@@ -71,14 +71,12 @@ class Rise:
         eaves_m: where the storeys below the roof end, if they are all that is mapped: a sloped
             roof then rises from there, whatever ``high_m`` is.
         storey_m: height of a storey.
-        is_mapped: whether the top is mapped as a height.
     """
 
     low_m: float
     high_m: float
     eaves_m: float | None = None
     storey_m: float = LEVEL_M
-    is_mapped: bool = False
 
 
 def building_type(tags: Mapping[str, str]) -> str:
@@ -103,7 +101,6 @@ def building_rise(
     """
     storey = LEVEL_M
     high = _mapped_height(tags, notes)
-    is_mapped = high is not None
     levels = _mapped_levels(tags)
     eaves: float | None = None
     if high is not None and levels is not None and 2.2 <= high / levels <= 6.0:
@@ -132,7 +129,7 @@ def building_rise(
     if low > high - 0.2:
         notes["min_height not below height, ignored"] += 1
         low = 0.0
-    return Rise(low, high, eaves, storey, is_mapped)
+    return Rise(low, high, eaves, storey)
 
 
 def building_materials(tags: Mapping[str, str], outline_tags: Mapping[str, str]) -> tuple[str, str]:

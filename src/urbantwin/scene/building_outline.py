@@ -1,4 +1,4 @@
-"""Buildings of the map: outlines, the parts that stand in them, and what marks their walls."""
+"""Outlines of mapped buildings, their parts, and entrances and other marks on their walls."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import shapely
 from shapely import Geometry, MultiPolygon, Polygon
 
-from urbantwin.scene.body import clean_polygons
 from urbantwin.scene.building_height import ROOF_TYPES, building_type
+from urbantwin.scene.extrusion import clean_polygons
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["MappedBuilding", "building_footprints", "mapped_buildings"]
@@ -77,7 +77,7 @@ def mapped_buildings(
 
 
 def _is_drawn(tags: dict[str, str], key: str) -> bool:
-    """Tell whether a feature is a building (or a part) that stands above the ground."""
+    """Return whether a feature is a building (or a part) that stands above the ground."""
     if tags.get(key, "no") == "no":
         return False
     if tags.get("location") == "underground" or tags.get("building") == "underground":
@@ -136,7 +136,7 @@ def _without_twins(outlines: list[MappedBuilding], notes: Counter[str]) -> list[
             continue
         shared = filled[first].intersection(filled[second]).area
         if shared > 0.97 * max(filled[first].area, filled[second].area):
-            # The one with courtyards knows more; else the later, for relations come last.
+            # The one with courtyards is preferred; else the later, as relations come last.
             holes = [sum(len(p.interiors) for p in outlines[k].footprints) for k in (first, second)]
             dropped.add(second if holes[0] > holes[1] else first)
             notes["outlines mapped twice, dropped"] += 1

@@ -1,4 +1,4 @@
-"""What the triangles of buildings are to CityGML and CityJSON."""
+"""Semantic surfaces of buildings for CityGML and CityJSON."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ FOOT_M = 0.6
 
 
 def building_surfaces(mesh: LabelledMesh) -> NDArray[np.uint8]:
-    """Return what each triangle of buildings is: (F,) indices of ``SURFACES``.
+    """Classify triangles of buildings: (F,) indices of ``SURFACES``.
 
     Args:
         mesh: triangles of buildings (as ``building_mesh`` makes them, or imported ones), each

@@ -1,4 +1,4 @@
-"""The bodies of a mapped building: its outline and parts with their heights and roofs."""
+"""Volumes of a mapped building: outline and parts with their heights and roofs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from urbantwin.scene.body import Body, clean_polygons
 from urbantwin.scene.building_height import (
     ROOF_TYPES,
     Rise,
@@ -19,8 +18,9 @@ from urbantwin.scene.building_height import (
     building_type,
 )
 from urbantwin.scene.building_outline import MappedBuilding
+from urbantwin.scene.extrusion import Body, clean_polygons
 from urbantwin.scene.roof import RoofTags, roof_facets, roof_span, roof_tags
-from urbantwin.scene.tag import count_of
+from urbantwin.scene.tag_values import count_of
 
 __all__ = ["Volume", "building_volumes"]
 
@@ -34,7 +34,7 @@ LOWEST_STOREY_M, HIGHEST_STOREY_M = 2.2, 6.0
 
 @dataclass(frozen=True)
 class Volume:
-    """A body in heights above the building's lowest ground, and what it is made of.
+    """A body in heights above the building's lowest ground, with its materials.
 
     Attributes:
         body: the body.
@@ -77,7 +77,7 @@ def building_volumes(building: MappedBuilding, notes: Counter[str]) -> list[Volu
     for polygon in building.footprints:
         rest = [polygon]
         if replaced:
-            # Opened by 15 cm: what is left between parts drawn a little apart is no building.
+            # Opened by 15 cm: slits between parts that are drawn a little apart are dropped.
             left = shapely.difference(polygon, shapely.union_all(replaced))
             left = left.buffer(-0.15, join_style="mitre").buffer(0.15, join_style="mitre")
             rest = clean_polygons(left, smallest_m2=2.0, thinnest_m=0.5)
@@ -91,8 +91,8 @@ def building_volumes(building: MappedBuilding, notes: Counter[str]) -> list[Volu
 def _rise_of_rest(rise: Rise, parts: Sequence[Volume], notes: Counter[str]) -> Rise:
     """Return how far an outline rises where none of its parts stands.
 
-    Where one of them is as high as the outline is said to be, that height is the whole
-    building's; the rest is then built as high as most of the parts are.
+    Where one of them is as high as the outline's tags say, that height is the whole building's; the
+    rest is then built as high as most of the parts are.
     """
     tops = np.array([part.body.high for part in parts])
     if tops.max() < rise.high_m - 0.5:

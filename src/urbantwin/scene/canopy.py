@@ -1,4 +1,4 @@
-"""What carries roofs without walls (carports, canopies, petrol stations) and arcades."""
+"""Posts of roofs without walls (carports, canopies, petrol stations) and columns of arcades."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 from shapely import Geometry, LineString, Polygon
 
-from urbantwin.scene.body import Body
+from urbantwin.scene.extrusion import Body
 from urbantwin.scene.solids import Solid, box
 
 __all__ = ["arcade_columns", "canopy_posts"]

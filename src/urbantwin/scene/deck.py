@@ -1,4 +1,4 @@
-"""Decks of roads that cross over others: slabs with parapets on piers, above the ground."""
+"""Decks of roads that cross over others: slabs with parapets on piers."""
 
 from __future__ import annotations
 

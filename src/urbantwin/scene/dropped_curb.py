@@ -1,4 +1,4 @@
-"""Dropped curbs: at crossings the sidewalk comes down nearly to the carriageway."""
+"""Dropped curbs: at crossings the sidewalk slopes down nearly to the carriageway."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from urbantwin.roads.model import CURB_HEIGHT_M
 
 __all__ = ["LIP_M", "DroppedCurbs"]
 
-#: What is left of the curb: high enough for a cane, low enough for wheels (DIN 32984: 3 cm).
+#: Remaining height: detectable by a cane, low enough for wheels (DIN 32984: 3 cm).
 LIP_M = 0.03
 #: From the crossing the sidewalk climbs to its own height over this distance, metres: 8 %, the
 #: steepest that ADA 405.2 (1:12) and the UK's Inclusive Mobility 3.13 (8 %) allow.

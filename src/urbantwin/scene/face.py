@@ -1,4 +1,4 @@
-"""What the faces of a building are."""
+"""Kinds of a building's faces."""
 
 from __future__ import annotations
 

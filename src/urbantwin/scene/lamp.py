@@ -1,4 +1,4 @@
-"""Street lamps: masts with arms over the carriageway, on walls, and seeded along lit streets."""
+"""Street lamps: on masts with arms, on walls, and seeded along lit streets."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Geometry, Polygon
 
-from urbantwin.scene.placement import grounded, toward_carriageway
+from urbantwin.scene.placement import on_ground, toward_carriageway
 from urbantwin.scene.solids import Assembly, GroundHeight, box, columns, rods
-from urbantwin.scene.tag import count_of, length_m_of, yaw_of_direction
+from urbantwin.scene.tag_values import count_of, length_m_of, yaw_of_direction
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["add_lamps", "add_wall_lamps", "seeded_lamps"]
@@ -133,7 +133,7 @@ def add_wall_lamps(
     number, nearest = walls.query_nearest(
         shapely.points(xy), max_distance=NEAREST_WALL_M, all_matches=False
     )
-    feet = grounded(xy, ground_height(xy))
+    feet = on_ground(xy, ground_height(xy))
     for k, wall in zip(number.tolist(), nearest.tolist(), strict=True):
         boundary, spot = buildings[wall].boundary, shapely.Point(xy[k])
         at = boundary.interpolate(boundary.project(spot))
@@ -158,7 +158,7 @@ def add_wall_lamps(
 def seeded_lamps(
     features: Sequence[OsmFeature], region: Polygon, carriageway: Geometry, taken: Geometry
 ) -> NDArray[np.float64]:
-    """Return places (N, 2) of lamps along streets that are said to be lit but have none mapped.
+    """Return places (N, 2) of lamps along streets with ``lit=yes`` but no mapped lamps.
 
     They stand 28 m apart, on one side after the other, 0.6 m behind the curb; along paths that
     are lit and away from streets 1 m beside them.
@@ -222,7 +222,7 @@ def _seed_along(
         if len(mapped.query(spot, predicate="dwithin", distance=MAPPED_M)):
             continue
         if is_path and carriageway.distance(spot) < ARM_REACH_M:
-            continue  # the street's lamps light it
+            continue  # The street's lamps light the path.
         for side in (1.0, -1.0) if k % 2 else (-1.0, 1.0):
             tries = at[k] + side * reach[:, None] * left[k]
             free = ~shapely.contains_xy(blocked, tries[:, 0], tries[:, 1])

@@ -1,4 +1,4 @@
-"""Openings of buildings: mapped passages through them, and carriageways that run into them."""
+"""Passages through buildings: mapped ones, and carriageways that run into footprints."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 import shapely
 from shapely import Geometry, LineString, Polygon
 
-from urbantwin.scene.body import Body, clean_polygons
-from urbantwin.scene.tag import length_m_of
+from urbantwin.scene.extrusion import Body, clean_polygons
+from urbantwin.scene.tag_values import length_m_of
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["ROAD_CLEARANCE_M", "Opening", "Passage", "open_bodies", "passages_of"]

@@ -1,4 +1,4 @@
-"""Where objects may stand: inside the region, clear of carriageways."""
+"""Placing objects: inside the region, clear of carriageways, on the ground."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from urbantwin.site.extract import OsmFeature
 __all__ = [
     "along_nearest",
     "beside_carriageway",
-    "grounded",
-    "left_of_map",
+    "not_imported",
+    "on_ground",
     "toward_carriageway",
 ]
 
@@ -68,7 +68,7 @@ def toward_carriageway(
     return np.where(far, np.nan, np.arctan2(way[:, 1], way[:, 0]))
 
 
-def grounded(xy: NDArray[np.float64], height: NDArray[np.float64]) -> NDArray[np.float64]:
+def on_ground(xy: NDArray[np.float64], height: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return (N, 3) points on the ground; unknown heights become those of the nearest known."""
     z = np.array(height, np.float64)
     unknown = ~np.isfinite(z)
@@ -83,7 +83,7 @@ def grounded(xy: NDArray[np.float64], height: NDArray[np.float64]) -> NDArray[np
     return np.column_stack([xy, z])
 
 
-def left_of_map(features: Sequence[OsmFeature], without: Geometry | None) -> list[OsmFeature]:
+def not_imported(features: Sequence[OsmFeature], without: Geometry | None) -> list[OsmFeature]:
     """Return features without what imported geometry replaces.
 
     Args:

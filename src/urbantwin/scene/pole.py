@@ -15,13 +15,13 @@ from urbantwin.scene.lamp import add_lamps, add_wall_lamps, seeded_lamps
 from urbantwin.scene.placement import (
     along_nearest,
     beside_carriageway,
-    grounded,
-    left_of_map,
+    not_imported,
+    on_ground,
     toward_carriageway,
 )
 from urbantwin.scene.sign_plate import add_plates, stack_m
 from urbantwin.scene.solids import Assembly, GroundHeight, box, columns
-from urbantwin.scene.tag import length_m_of, yaw_of_direction
+from urbantwin.scene.tag_values import length_m_of, yaw_of_direction
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["bollards", "pole_mesh"]
@@ -53,7 +53,7 @@ def pole_mesh(
     decks: Geometry | None = None,
     deck_height: GroundHeight | None = None,
 ) -> tuple[LabelledMesh, dict[str, int]]:
-    """Build what stands on poles, traffic signals apart (``signal_pole``).
+    """Build poles and what they carry, except traffic signals (``signal_pole``).
 
     Plates are class ``traffic-sign``, all else ``pole``. Streets with ``lit=yes`` without a lamp
     in the map get seeded ones.
@@ -73,7 +73,7 @@ def pole_mesh(
     notes: Counter[str] = Counter()
     assembly = Assembly()
     kinds: dict[str, list[OsmFeature]] = {name: [] for name in (*_KINDS, HUNG)}
-    for feature in left_of_map([f for f in features if _kind(f.tags)], without):
+    for feature in not_imported([f for f in features if _kind(f.tags)], without):
         name = _kind(feature.tags)
         if name and isinstance(feature.geometry, Point) and region.covers(feature.geometry):
             kinds[name].append(feature)
@@ -98,7 +98,7 @@ def pole_mesh(
             continue
         on_decks = name in ("street lamps", "traffic signs")
         height = deck_height if on_decks and deck_height else ground_height
-        feet = grounded(xy[keep], height(xy[keep]))
+        feet = on_ground(xy[keep], height(xy[keep]))
         tags = [f.tags for f, kept in zip(found, keep, strict=True) if kept]
         first = assembly.parts + 1
         road = toward_carriageway(feet[:, :2], carriageway, farthest_m=ARM_REACH_M)
@@ -124,7 +124,7 @@ def pole_mesh(
             taken = shapely.union(taken, other)
     lamps = seeded_lamps(features, region, carriageway, taken)
     if len(lamps):
-        feet = grounded(lamps, ground_height(lamps))
+        feet = on_ground(lamps, ground_height(lamps))
         add_lamps(assembly, feet, [{}] * len(feet), carriageway)
         notes["street lamps seeded where lit=yes"] = len(lamps)
     return assembly.mesh(), dict(sorted((k, n) for k, n in notes.items() if n))

@@ -1,4 +1,4 @@
-"""The whole static world as one labelled mesh."""
+"""The static world of a site as one labelled mesh."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from urbantwin.roads.signals import Head
 from urbantwin.scene.building import building_mesh
 from urbantwin.scene.deck import deck_area, deck_height, deck_mesh, deck_pier_mesh
 from urbantwin.scene.dropped_curb import DroppedCurbs
-from urbantwin.scene.furnishing import furnishings
+from urbantwin.scene.map_objects import map_objects
 from urbantwin.scene.surface import PARTS, Spacing, surface_mesh
 from urbantwin.scene.tree import surveyed_tree_mesh
 from urbantwin.scene.water import water_bodies, with_water
@@ -38,7 +38,7 @@ ON_A_PLAIN = Spacing(road=25.0, terrain=10.0)
 
 @dataclass(frozen=True)
 class Scene:
-    """The static world and what was counted and assumed while building it."""
+    """The static world, with counts and assumptions of its build."""
 
     mesh: LabelledMesh
     notes: dict[str, object]
@@ -67,7 +67,7 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
         heads: signals and signs of the lane model, where they are.
         imported: what sources of geometry give; it stands in place of what is mapped there.
         drivable: where a map says that vehicles can drive, beyond its lanes.
-        tell: told the share done (0..1) and what is being done.
+        tell: called with the share done (0..1) and the current task.
     """
     covers = imported.covers if imported else {}
     spacing = ON_A_PLAIN if elevation.is_flat and len(network.levels) == 1 else ON_A_HILL
@@ -102,7 +102,7 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
             without=covers.get("buildings"),
             tell=between(tell, SURFACE, BUILDINGS, "buildings"),
         ),
-        **furnishings(
+        **map_objects(
             features,
             heads,
             region=region,

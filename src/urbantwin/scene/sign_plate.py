@@ -1,4 +1,4 @@
-"""Plates of traffic signs: their shapes by what they say, one below the other."""
+"""Plates of traffic signs, shaped by their meaning, one below the other."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.scene.solids import Assembly, Solid, box, sweep
-from urbantwin.scene.tag import count_of
+from urbantwin.scene.tag_values import count_of
 
 __all__ = ["add_plates", "stack_m"]
 

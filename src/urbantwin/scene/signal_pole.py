@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.roads.signals import Head, plate_of
-from urbantwin.scene.placement import grounded
+from urbantwin.scene.placement import on_ground
 from urbantwin.scene.solids import Assembly, GroundHeight, Solid, box, columns, rods, sweep
 
 __all__ = ["signal_mesh"]
@@ -79,7 +79,7 @@ def signal_mesh(
             pole.over.append(head)
     assembly = Assembly()
     feet = np.array([pole.foot for pole in poles]).reshape(-1, 2)
-    for foot, pole in zip(grounded(feet, ground_height(feet)), poles, strict=True):
+    for foot, pole in zip(on_ground(feet, ground_height(feet)), poles, strict=True):
         _add(assembly, foot, pole, notes)
     return assembly.mesh(), {name: count for name, count in sorted(notes.items()) if count}
 

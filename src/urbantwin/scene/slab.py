@@ -1,4 +1,4 @@
-"""Closed bodies over an area between two surfaces: platforms, decks, basins, ballast."""
+"""Slabs: closed bodies over an area between two surfaces (platforms, decks, basins, ballast)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Primitive solids, and the collector that makes one labelled mesh of many."""
+"""Primitive solids, and assembling them into one labelled mesh."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from urbantwin.taxonomy import material_id, semantic_id
 
 __all__ = ["Assembly", "GroundHeight", "Solid", "box", "columns", "rods", "sweep"]
 
-#: Triangles of less than this area, doubled, are none.
+#: Triangles of less than this area, doubled, are dropped.
 SLIVER_M2 = 1e-7
 
 #: Heights (N,) of the ground, metres, at (N, 2) points of the site frame; nan where unknown.
@@ -163,7 +163,7 @@ def sweep(path: ArrayLike, profile: ArrayLike, *, closed: bool = False) -> Solid
     Args:
         path: (N, 3) points, metres, N >= 2; for a closed path the first is not repeated.
         profile: (P, 2) or (N, P, 2) of (metres to the left of the path, metres above it), a
-            convex outline, counter-clockwise for one who looks along the path.
+            convex outline, counter-clockwise when looking along the path.
         closed: whether the last point is joined to the first.
     """
     points = np.asarray(path, np.float64).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""The ground as one watertight surface: zones triangulated together, steps closed by curbs."""
+"""The ground as one watertight surface: zones triangulated together, joined by curbs."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ BLEND_M = 10.0
 #: How far an edge of a road's triangle may leave the road, and the shortest edge that is still
 #: split for it, metres.
 FIT_M, SHORTEST_M = 0.003, 0.4
-#: Triangles below this area, doubled, are no surface.
+#: Triangles below this area, doubled, are dropped.
 SLIVER_M2 = 1e-9
 #: Rounds of splitting.
 ROUNDS = 10
@@ -83,7 +83,7 @@ def surface_mesh(
         spacing: how fine the triangles are.
         lines: ridges of roads, which triangles do not cross.
         drops: where curbs are low.
-        tell: told the share done (0..1) and what is being done.
+        tell: called with the share done (0..1) and the current task.
     """
     tell(0.0, "borders")
     drops = drops or DroppedCurbs()

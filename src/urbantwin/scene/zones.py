@@ -1,4 +1,4 @@
-"""Which surface lies where: a partition of the ground in plan, without holes or overlaps."""
+"""Ground zones: a partition of the ground in plan by surface, without holes or overlaps."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ __all__ = ["Zone", "deck_zones", "ground_zones"]
 SEAM_M = 0.6
 #: Gaps between carriageways up to this wide are raised medians or islands.
 MEDIAN_M = 8.0
-#: Kinds of lanes that are raised and that nobody walks along.
+#: Kinds of raised lanes without pedestrians.
 RAISED = ("median", "island")
 #: How far terrain goes on beyond the region, so that beams at its border meet ground.
 MARGIN_M = 25.0
 #: How far terrain goes on beside roads outside of that: a bus that turns swings out beyond them.
 VERGE_M = 5.0
-#: Thickness of walls between water and what is paved, metres.
+#: Thickness of walls between water and paved ground, metres.
 WALL_M = 0.4
 
 #: Widths of ways that are paved but not in the lane network, metres, and their surface.
@@ -95,7 +95,7 @@ def ground_zones(
         drivable: where a map says that vehicles can drive. Of gaps between carriageways, what
             lies there is carriageway and no median; beside them it is asphalt flush with the
             terrain.
-        tell: told the share done (0..1) and what is being done.
+        tell: called with the share done (0..1) and the current task.
     """
     tell(0.0, "carriageways")
     drivable = shapely.MultiPolygon() if drivable is None else drivable
@@ -135,7 +135,7 @@ def ground_zones(
         if not free.is_empty:
             kind = "terrain" if semantic == "terrain" else "paved"
             if material == "water":
-                # Beside what is paved it has a wall, or it would slope up to it.
+                # Beside paved ground it has a wall; it would slope up otherwise.
                 kind, wall = "water", area_intersection(free, grown(taken, WALL_M))
                 zones.append(_zone("paved", wall, "other-ground", "concrete"))
                 free = area_difference(free, wall)
@@ -162,7 +162,7 @@ def deck_zones(network: RoadNetwork, level: int) -> list[Zone]:
 
 
 def _raised(network: RoadNetwork, level: int) -> shapely.Geometry:
-    """Return medians and islands in plan, where nobody drives or crosses."""
+    """Return raised medians and islands in plan, outside lanes and crossings."""
     used = network.area_of((*CARRIAGEWAY_KINDS, "connection", "crossing"), level)
     return area_difference(network.area_of(RAISED, level), used)
 
@@ -214,5 +214,5 @@ def _closed(shape: shapely.Geometry, width: float) -> shapely.Geometry:
 
 
 def _opened(shape: shapely.Geometry, width: float) -> shapely.Geometry:
-    """Remove what is narrower than ``width``."""
+    """Remove parts narrower than ``width``."""
     return area_intersection(shape, grown(grown(shape, -width / 2), width / 2))

@@ -1,12 +1,12 @@
-"""What a person says about a place: the site, its rig, its OpenStreetMap extract, its DEM."""
+"""A site as ``site.yaml`` describes it: region, rig, OpenStreetMap extract and elevation model."""
 
 from urbantwin.site.dem import DemGrid, check_dem, grid_step_m, read_heights
 from urbantwin.site.extract import Extract, OsmFeature, Relation, Way, WayPiece
 from urbantwin.site.extract_file import box_around, read_extract
 from urbantwin.site.geometry import GeometrySource, GeometrySpec
 from urbantwin.site.imagery import ImagerySource, ImagerySpec
-from urbantwin.site.init import init_site
-from urbantwin.site.junction import JunctionProposal, propose_junction
+from urbantwin.site.initial_site import init_site
+from urbantwin.site.junction_proposal import JunctionProposal, propose_junction
 from urbantwin.site.orthophoto import Orthophoto, read_orthophoto
 from urbantwin.site.rig import Effects, RigSpec, SensorSpec, load_rig_spec
 from urbantwin.site.site import InputFile, Site, check_extract, load_site

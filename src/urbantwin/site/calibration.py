@@ -1,4 +1,4 @@
-"""What was found of one very sensor, against the datasheet of its model."""
+"""Calibration of one sensor unit: how it differs from the datasheet of its model."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import AfterValidator, Field
 
 from urbantwin.site.conditions import Strict
-from urbantwin.site.document import nearest, wrong
+from urbantwin.site.yaml_document import nearest, wrong
 from urbantwin.taxonomy import materials
 
 __all__ = ["Calibration", "Reflectivities"]
@@ -23,7 +23,7 @@ class Calibration(Strict):
         range_offset_m: added to every range, metres.
         light: times the strength of every echo: a dirty window, an aged laser.
         intensity: times the intensity that it reports.
-        missing: share of beams that return nothing, whatever they meet; part of ``dropout``.
+        missing: share of beams that never return anything; part of ``dropout``.
     """
 
     range_noise: Annotated[float, Field(ge=0.0, le=10.0, allow_inf_nan=False)] = 1.0
@@ -40,5 +40,5 @@ def _of_the_table(value: dict[str, float]) -> dict[str, float]:
     return value
 
 
-#: By material: times what the table says that it sends back.
+#: Factors on the reflectivity of the table of materials, by name of the material.
 Reflectivities = Annotated[dict[str, Factor], AfterValidator(_of_the_table)]

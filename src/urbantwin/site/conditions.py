@@ -1,4 +1,4 @@
-"""What makes a sensor imperfect, and the air and light that it works in."""
+"""Sensor effects that can be switched off, and the weather and sunlight of a recording."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Strict(BaseModel):
 
 
 class Effects(Strict):
-    """What makes a sensor imperfect, each of which can be turned off alone.
+    """Imperfections of a sensor, each of which can be switched off on its own.
 
     With all off, points are the exact geometry at the frame's time, one per ray that hits anything.
     In a file, ``effects: false`` turns all off.
@@ -63,10 +63,10 @@ class Effects(Strict):
 
 
 class Conditions(Strict):
-    """What the air and the light are like while a rig records.
+    """Weather and sunlight while a rig records.
 
     Attributes:
-        weather: what falls or hangs in the air.
+        weather: clear, rain, fog or snow.
         visibility_m: meteorological optical range (contrast falls to 5 %), metres.
         wet_ground: 0 dry to 1 a film of water; ``None``: 1 in rain, else 0.
         sun_elevation_deg: of the sun above the horizon; ``None``: the light that datasheets'

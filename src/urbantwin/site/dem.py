@@ -1,8 +1,8 @@
-"""The elevation model that a person gives: checked, and resampled to the site frame.
+"""The site's digital elevation model (DEM): checked, and resampled to the site frame.
 
 Heights are taken as the file has them: in its own vertical datum, orthometric or ellipsoidal, and
-in metres unless the file says otherwise. Only differences to the anchor's height go on from here;
-the datum is kept, so that other sources of heights can be compared.
+in metres unless the file says otherwise. From here on heights are relative to the anchor's; the
+datum is kept, so that other sources of heights can be compared.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from urbantwin.site.geotiff import opened_geotiff
 __all__ = ["DemGrid", "check_dem", "grid_step_m", "read_heights"]
 
 _EXPECTED = "a DEM as GeoTIFF: one band of heights with a CRS"
-#: More of the region than this without a height is not filled in but refused.
+#: A larger share of the region without heights is refused, not filled in.
 MOST_MISSING = 0.05
-#: Heights beyond these are no heights on land but marks for "none" that the file does not declare:
+#: Values beyond these are undeclared nodata, not heights on land:
 #: the Dead Sea's shore is at -430 m, Mount Everest at 8849 m.
 LOWEST_M, HIGHEST_M = -1000.0, 9500.0
 #: Cells around the area that bilinear resampling may need.
@@ -74,7 +74,7 @@ def check_dem(path: Path, frame: SiteFrame, region: shapely.Polygon) -> None:
 
     Raises:
         InputError: it is no GeoTIFF of heights, has no CRS, does not cover the region, or lacks
-            heights in more than a twentieth of it.
+            heights in more than 5 % of it.
     """
     low, high = shapely.get_coordinates(region).min(axis=0), shapely.get_coordinates(region).max(0)
     read_heights(path, frame, region, max(1.0, float((high - low).max()) / 100.0))
@@ -86,7 +86,7 @@ def read_heights(
     """Resample a DEM (bilinear) to a grid in the site frame that covers ``area`` and the anchor.
 
     The grid's nodes are at multiples of ``step_m``; it reaches two steps beyond ``area``. Holes of
-    up to a twentieth of ``area``, and what lies beyond the raster, take the nearest height.
+    up to 5 % of ``area``, and what lies beyond the raster, take the nearest height.
 
     Args:
         path: a GeoTIFF of one band.
@@ -200,7 +200,7 @@ def _check_cover(raster: Any, path: Path, frame: SiteFrame, area: shapely.Polygo
     share = 0.0
     if np.isfinite(pixels).all():
         shape, box = shapely.Polygon(pixels), shapely.box(0, 0, *size)
-        # Seen from a raster whose cells are as large as countries the region is a point.
+        # In a raster with cells as large as countries, the region is a point.
         share = shapely.intersection(shape.buffer(0), box).area / max(shape.area, 1e-300)
     raise InputError(
         f"covers {math.floor(share * 100)} % of the region",

@@ -9,15 +9,26 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import shapely
 
 from urbantwin.artefact import check_file, replaced_file, sha256_of
 from urbantwin.errors import InputError
-from urbantwin.site.pole import PolePosition
-from urbantwin.site.region import FARTHEST_M
+from urbantwin.geometry import SiteFrame
+from urbantwin.site.pole_site import PolePosition
+from urbantwin.site.region import (
+    FARTHEST_M,
+    circle,
+    polygon_from_geojson,
+    polygon_in_site,
+    read_geojson,
+)
 from urbantwin.site.site import load_site
 from urbantwin.site.traffic import DEFAULT_PER_HOUR
 
-__all__ = ["CARS_PER_LANE", "SiteDraft", "checked_target", "usual_volumes", "write_draft"]
+__all__ = ["RADIUS_M", "GivenPlace", "SiteDraft", "check_target", "usual_volumes", "write_draft"]
+
+#: The usual radius of a region, metres.
+RADIUS_M = 150.0
 
 #: Cars per hour that a lane into the region brings; about a quarter of a signalised lane's capacity
 #: (900 per hour: 1800 per hour of green, Highway Capacity Manual, for half of the time).
@@ -53,14 +64,63 @@ class SiteDraft:
     pole: PolePosition
 
 
-def checked_target(
-    folder: Path, region: Path | None, radius_m: float | None, *, force: bool
-) -> None:
-    """Check where a site is to be written, and that its region is given once.
+@dataclass(frozen=True)
+class GivenPlace:
+    """Where a new site is to be, as far as it was given.
+
+    Attributes:
+        point: latitude and longitude of the anchor, degrees.
+        file: a GeoJSON file with the region's polygon.
+        polygon: that polygon, longitude and latitude.
+        radius_m: radius of a circle in its place.
+    """
+
+    point: tuple[float, float] | None
+    file: Path | None
+    polygon: shapely.Polygon | None
+    radius_m: float | None
+
+    @classmethod
+    def checked(
+        cls,
+        latitude: float | None,
+        longitude: float | None,
+        region: Path | None,
+        radius_m: float | None,
+    ) -> GivenPlace:
+        """Check the given place.
+
+        Raises:
+            InputError: a value is out of range, one of a pair is missing, the region is given twice
+                or its file is wrong.
+        """
+        if region is not None and radius_m is not None:
+            raise InputError("is given with a radius", file=region, expected="one of the two")
+        if radius_m is not None and not 20.0 <= radius_m <= FARTHEST_M:
+            raise InputError(f"the radius is {radius_m:g} m", expected=f"20 to {FARTHEST_M:g} m")
+        polygon = polygon_from_geojson(read_geojson(region), file=region) if region else None
+        if latitude is None and longitude is None:
+            return cls(None, region, polygon, radius_m)
+        if latitude is None or longitude is None:
+            raise InputError("latitude and longitude go together", expected="both or neither")
+        for name, value, most in (("latitude", latitude, 90.0), ("longitude", longitude, 180.0)):
+            if not -most <= value <= most:
+                problem = f"the {name} {value:g} is out of range"
+                raise InputError(problem, expected=f"-{most:g} to {most:g}")
+        return cls((latitude, longitude), region, polygon, radius_m)
+
+    def region(self, frame: SiteFrame, radius_m: float) -> shapely.Polygon:
+        """Return the region in the site frame: the polygon, or a circle of the given radius."""
+        if self.polygon is None or self.file is None:
+            return circle(radius_m)
+        return polygon_in_site(self.polygon, frame, file=self.file)
+
+
+def check_target(folder: Path, *, force: bool) -> None:
+    """Check that a ``site.yaml`` may be written to a folder.
 
     Raises:
-        InputError: there is a ``site.yaml`` already, the folder is none or an artefact, or the
-            region is wrong.
+        InputError: there is one already, or the folder is a file or one of our artefacts.
     """
     target = folder / "site.yaml"
     if target.exists() and not force:
@@ -68,10 +128,6 @@ def checked_target(
     if folder.exists() and not folder.is_dir():
         raise InputError("is a file", file=folder, expected="a folder")
     check_file(target)
-    if region is not None and radius_m is not None:
-        raise InputError("is given with a radius", file=region, expected="one of the two")
-    if radius_m is not None and not 20.0 <= radius_m <= FARTHEST_M:
-        raise InputError(f"a radius of {radius_m:g} m", expected=f"20 to {FARTHEST_M:g} m")
 
 
 def usual_volumes(lanes: float) -> dict[str, int]:

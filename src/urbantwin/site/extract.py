@@ -43,7 +43,7 @@ class Relation:
 
 @dataclass(frozen=True)
 class OsmFeature:
-    """A tagged thing of the map; ``geometry`` in the site frame, metres, never cut."""
+    """A tagged element of the map; ``geometry`` in the site frame, metres, never cut."""
 
     kind: str
     id: int
@@ -72,7 +72,7 @@ class WayPiece:
 
 @dataclass(frozen=True)
 class Extract:
-    """An extract in memory: the whole of it, or what is near the region of a large one.
+    """An extract in memory: whole, or the part of a large one near the region.
 
     Attributes:
         path: the file.
@@ -103,7 +103,7 @@ class Extract:
         return frame.site_from_lonlat([self.nodes[n] for n in way.nodes if n in self.nodes])
 
     def features(self, frame: SiteFrame, area: shapely.Polygon) -> list[OsmFeature]:
-        """Return everything tagged that touches ``area`` (site frame), sorted by kind and id.
+        """Return every tagged element that touches ``area`` (site frame), sorted by kind and id.
 
         Closed ways that describe areas and multipolygon relations become polygons. Members of a
         relation that the extract lacks are left out of it.

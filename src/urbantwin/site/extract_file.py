@@ -1,4 +1,4 @@
-"""Reading OpenStreetMap extracts: small ones whole, of large ones what is near the region."""
+"""Reading OpenStreetMap extracts: small ones whole, large ones near the region."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from urbantwin.errors import InputError, readable
 from urbantwin.geometry import SiteFrame
 from urbantwin.progress import Progress
 from urbantwin.site.extract import Extract, Relation, Way
+from urbantwin.site.large_extract import NearExtract
 from urbantwin.site.map_stream import MapStream, ReadingLimits, map_size
-from urbantwin.site.near_extract import NearExtract
 
 __all__ = ["LonLatBox", "box_around", "read_extract"]
 
@@ -27,7 +27,7 @@ EXPECTED = "an OpenStreetMap extract (.osm, .osm.bz2, .osm.gz or .osm.pbf)"
 #: is near is kept: places of all nodes, nodes of all ways (measured on 200 MB of XML).
 _WHOLE, _NEAR = 2.6, 0.25
 
-#: What lies this far beyond a region may bear on it: where streets lead, crossings, signals.
+#: Margin around a region that affects it: where streets lead, crossings, signals; metres.
 _AROUND_M = 1000.0
 
 #: West, south, east, north, degrees.
@@ -35,7 +35,7 @@ LonLatBox = tuple[float, float, float, float]
 
 
 def box_around(frame: SiteFrame, region: shapely.Polygon) -> LonLatBox:
-    """Return what of a map bears on a region (site frame), in degrees."""
+    """Return the box of the map that affects a region (site frame), in degrees."""
     area = shapely.box(*region.buffer(_AROUND_M, quad_segs=2).bounds)
     lonlat = frame.lonlat_from_site(shapely.get_coordinates(shapely.segmentize(area, _AROUND_M)))
     (west, south), (east, north) = lonlat.min(axis=0).tolist(), lonlat.max(axis=0).tolist()
@@ -55,7 +55,7 @@ def read_extract(
         path: the file.
         near: west, south, east, north in degrees: of a large file only what reaches in there is
             kept, whole. Without it all is, if it fits.
-        progress: told the share done (0..1) and what is being done; not called for small files.
+        progress: called with the share done (0..1) and the current task, not for small files.
         limits: what reading may take.
 
     Raises:
@@ -123,7 +123,7 @@ def _read_whole(path: Path, stream: MapStream) -> Extract:
 
 @contextmanager
 def _no_collecting() -> Iterator[None]:
-    """Look for no garbage meanwhile: millions of tuples are made, and none is thrown away."""
+    """Pause garbage collection: millions of tuples are made, and none is freed."""
     was = gc.isenabled()
     gc.disable()
     try:
@@ -145,6 +145,6 @@ def _check_name(path: Path) -> None:
 
 
 def _advice(path: Path, near: LonLatBox | None) -> str:
-    """Return what to do with a map that is too much."""
+    """Return what to do about a map that is too large."""
     box = ",".join(f"{value:.4f}" for value in near) if near else "WEST,SOUTH,EAST,NORTH"
     return f"a smaller extract: osmium extract -b {box} {path.name} -o map.osm.pbf"

@@ -1,4 +1,4 @@
-"""Imported geometry as people name it in ``site.yaml``: meshes, 3D Tiles, point clouds."""
+"""Sources of imported geometry in ``site.yaml``: meshes, 3D Tiles, point clouds."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from urbantwin.site.document import Document, nearest, wrong
 from urbantwin.site.web_source import OriginText, check_origins
+from urbantwin.site.yaml_document import Document, nearest, wrong
 from urbantwin.taxonomy import material_id, semantic_classes
 
 __all__ = [
@@ -130,11 +130,11 @@ class CleanSpec(_Strict):
     """How a source is cleaned; every step can be left out.
 
     Attributes:
-        shards: drop pieces that float or are too small to be anything.
+        shards: drop pieces that float or are too small to matter.
         smallest_m: pieces whose longest side is below this are shards, metres.
         traffic: find cars and other traffic baked into the surface, and remove them.
         chordal_error_m: how far decimation may move the surface, metres; 0 leaves it as it is.
-            ``None``: what a LiDAR would not see at a triangle's distance to the nearest sensor.
+            ``None``: less than a LiDAR resolves at a triangle's distance to the nearest sensor.
         keep: pieces that stay whatever the rules say.
         remove: pieces that go whatever the rules say.
     """
@@ -154,9 +154,9 @@ class GeometrySpec(_Strict):
         file: its file, relative to ``site.yaml`` (or a folder: a photogrammetry export).
         url: instead of ``file``, the address of a ``tileset.json``.
         key_env: name of the environment variable that holds the address's key.
-        origins: other origins (``https://host:port``) that its tiles may lie at; they are not told
+        origins: other origins (``https://host:port``) that its tiles may lie at; they do not get
             the key.
-        kind: what it is; ``auto`` tells by the file.
+        kind: its format; ``auto`` detects it from the file.
         crs: its coordinate reference system where the file does not say (``EPSG:7415``), vertical
             datum included where heights matter.
         height_offset_m: added to its heights, metres.
@@ -169,8 +169,8 @@ class GeometrySpec(_Strict):
         register_to: registration to the ground and the roads; ``true`` for its defaults.
         provides: what is taken from it; the map's own is left out where it does.
         footprints: outlines of buildings for a point cloud: GeoPackage, GeoJSON, SpatiaLite.
-        semantic: semantic class of all of it; ``auto`` tells its parts apart.
-        material: material of all of it; ``auto`` tells by names and colours.
+        semantic: semantic class of all of it; ``auto`` classifies its parts.
+        material: material of all of it; ``auto`` infers it from names and colours.
         clean: how it is cleaned.
         licence: on what terms it may be used.
         attribution: who made it.

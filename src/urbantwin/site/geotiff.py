@@ -1,4 +1,4 @@
-"""GeoTIFFs that people give, opened with care."""
+"""Opening GeoTIFFs with checks of their size, their CRS and the files beside them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pyproj.exceptions import ProjError
 
 from urbantwin.errors import InputError, readable
 
-__all__ = ["opened_geotiff"]
+__all__ = ["files_beside", "opened_geotiff"]
 
 #: Bytes of pixels that any file may claim, and how many more than it has one may that is packed:
 #: the best that Deflate does is 1032.
@@ -29,7 +29,7 @@ def opened_geotiff(path: Path, expected: str) -> Iterator[Any]:
         expected: what it should be, for error messages.
 
     Raises:
-        InputError: missing, no GeoTIFF, damaged, in a system that nothing is known of, or of a
+        InputError: missing, no GeoTIFF, damaged, in an unknown reference system, or of a
             size that its bytes cannot hold.
     """
     import rasterio
@@ -70,3 +70,18 @@ def _check_size(raster: Any, path: Path, expected: str) -> None:  # noqa: ANN401
             file=path,
             expected=expected,
         )
+
+
+def files_beside(path: Path) -> list[Path]:
+    """Return what GDAL reads with a GeoTIFF (``.tfw``, ``.ovr``, ``.aux.xml``), without itself."""
+    import rasterio
+    from rasterio.errors import NotGeoreferencedWarning, RasterioError
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", NotGeoreferencedWarning)
+            with rasterio.open(path, driver="GTiff") as raster:
+                named = [Path(name) for name in raster.files]
+    except RasterioError:
+        return []  # Reported by whatever reads the heights or the pixels.
+    return sorted(one for one in named if one.name != path.name and one.is_file())

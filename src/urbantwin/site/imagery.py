@@ -1,4 +1,4 @@
-"""Pictures of the ground from above, as people name them in ``site.yaml``: what there is of one."""
+"""Aerial imagery in ``site.yaml``: orthophotos as GeoTIFF, and map tiles."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from urbantwin.download import DownloadError, parse_address
-from urbantwin.site.document import Document, wrong
 from urbantwin.site.web_source import OriginText, check_origins
+from urbantwin.site.yaml_document import Document, wrong
 
 __all__ = ["ImagerySource", "ImagerySpec"]
 
@@ -23,7 +23,7 @@ def _is_web(xyz: str | None) -> bool:
 
 
 class ImagerySpec(BaseModel):
-    """One picture of the ground: a file, or tiles of the web's map grid.
+    """One source of imagery: a GeoTIFF, or tiles of the Web Mercator grid.
 
     Attributes:
         file: a GeoTIFF of three bands (red, green, blue), or four with opacity; relative to
@@ -34,8 +34,8 @@ class ImagerySpec(BaseModel):
         zoom: of the tiles; one pixel of zoom 19 is 0.3 m at the equator.
         key_env: name of the environment variable that holds the address's key. It goes where the
             address says ``{key}``, or else is added as ``key=``.
-        origins: other origins (``https://host:port``) that the address may redirect to; they are
-            not told the key.
+        origins: other origins (``https://host:port``) that the address may redirect to; they do not
+            get the key.
         licence: on what terms it may be used.
         attribution: who made it.
     """
@@ -92,7 +92,7 @@ class ImagerySpec(BaseModel):
 
 @dataclass(frozen=True)
 class ImagerySource:
-    """A picture whose file is known to exist, or tiles.
+    """A GeoTIFF that is known to exist, or tiles.
 
     Attributes:
         spec: what the person wrote.

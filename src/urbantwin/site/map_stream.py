@@ -1,4 +1,4 @@
-"""The bytes of a map on their way to its reader: how much there is, how far it is, how long yet."""
+"""Streaming a large map to its reader: progress, time left, and limits on decompression."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ __all__ = ["MapStream", "ReadingLimits", "map_size"]
 
 #: Files of which less than this is unpacked are read at once, bytes.
 _SMALL = 16 << 20
-#: How much of a packed file tells how far it unpacks, bytes unpacked.
+#: How much of a packed file is unpacked to estimate its size, bytes.
 _SAMPLE = 32 << 20
-#: A map may unpack to this many times what its first bytes promise.
+#: A map may unpack to this many times the size estimated from its first bytes.
 _FARTHER = 4.0
 #: Seconds until the speed of reading is known, and between two looks at the clock.
 _SETTLED_S, _LOOK_S = 3.0, 0.25
-#: Things read between two looks at the clock.
+#: Elements read between two looks at the clock.
 _MANY = 256
 
 _WORKER = Path(__file__).with_name("unpack_worker.py")
@@ -87,7 +87,7 @@ def map_size(path: Path) -> float:
             while unpacked < _SAMPLE and (chunk := cast(IO[bytes], stream).read(1 << 20)):
                 unpacked += len(chunk)
         except (OSError, EOFError, zlib.error):
-            return float(max(size, unpacked))  # its reader says what is wrong with it
+            return float(max(size, unpacked))  # reported by its reader
         return unpacked * max(1.0, size / file.tell())
 
 
@@ -102,7 +102,7 @@ class MapStream:
         size: see `map_size`.
         limits: what reading may take.
         advice: what to do if it is too much.
-        progress: told the share done (0..1), and the seconds left once they are known.
+        progress: called with the share done (0..1), and the seconds left once they are known.
 
     Raises:
         InputError: while reading: it unpacks to too much, or takes too long.
@@ -155,7 +155,7 @@ class MapStream:
         code = self._worker.wait()
         os.close(self._file)
         if code == TOO_MUCH:
-            raise self._too_much("unpacks to far more than a map of its size does") from None
+            raise self._too_much("unpacks to far more than its size suggests") from None
         if code == DAMAGED and kind is None:
             raise RuntimeError("its end is missing or damaged")
 
@@ -173,7 +173,7 @@ class MapStream:
         return osmium.io.Reader(osmium.io.File(path, self._format))
 
     def of(self, things: Iterable[OSMEntity]) -> Iterator[OSMEntity]:
-        """Yield what is read, and tell how far the reading is."""
+        """Yield what is read, and report the progress."""
         if self._file is None:
             yield from things
             return
@@ -192,7 +192,7 @@ class MapStream:
                 seen.popleft()
             recent = (share - seen[0][1]) / (now - seen[0][0]) if len(seen) > 1 else 0.0
             if recent and passed > _SETTLED_S:
-                # Ways take longer than nodes do: what counts is the speed of late.
+                # Ways take longer than nodes: only the recent speed counts.
                 left = (1.0 - share) / recent
                 if left > self._limits.seconds:
                     raise self._too_much(f"would take {left / 60:.0f} minutes to read")
@@ -205,7 +205,7 @@ class MapStream:
 
 
 def _rounded(seconds: float) -> int:
-    """Return seconds as far as an estimate knows them."""
+    """Return seconds, rounded as an estimate deserves."""
     step = 10 if seconds > 30 else 5 if seconds > 10 else 1
     return max(1, step * round(seconds / step))
 
@@ -222,7 +222,7 @@ def _packing(path: Path) -> str:
 
 
 def _free_memory() -> float:
-    """Return the bytes that this process may still take, as far as the system tells."""
+    """Return the bytes of memory that are free for this process, if the system reports it."""
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     most = float("inf") if limit == resource.RLIM_INFINITY else float(limit)
     try:

@@ -1,4 +1,4 @@
-"""Picture tiles of the web's map grid (EPSG:3857): from an address or from files.
+"""Raster tiles of the Web Mercator grid (EPSG:3857), from a URL or from files.
 
 Tile (0, 0) of zoom z is the north-western of 2^z by 2^z (OGC 17-083r2, WebMercatorQuad).
 """
@@ -36,13 +36,13 @@ LIMITS = Limits(MOST_BYTES, 1 << 30, 1800.0)
 AT_ONCE = 4
 #: Problems that are listed one by one.
 LISTED = 10
-#: Of so many tiles one at least must be answered before the others are asked for.
+#: Tiles that are asked for first: one of them at least must be answered.
 TRIED_FIRST = 2
 UNREACHED = "cannot be fetched"
 
 
 class _NoPictureError(Exception):
-    """Why some bytes are no tile."""
+    """Why some bytes are not an image of a tile."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +99,7 @@ def read_tiles(
             with ThreadPoolExecutor(AT_ONCE) as pool:
                 rest = places[TRIED_FIRST:]
                 found += pool.map(lambda place: _tile(source, place, fetch), rest)
-        else:  # nobody answers: it would take minutes to be told so of every tile
+        else:  # The server does not answer: it would take minutes to time out for every tile.
             found += [f"{UNREACHED} either"] * (len(places) - len(found))
     pictures = [one for one in found if not isinstance(one, str)]
     problems = [one for one in found if isinstance(one, str)]
@@ -152,7 +152,7 @@ def _key(source: ImagerySource, environment: Mapping[str, str] | None) -> str:
 def _tile(
     source: ImagerySource, place: tuple[int, int], fetch: Callable[[str], bytes]
 ) -> NDArray[np.uint8] | str:
-    """Return a tile's pixels (S, S, 4), or what is wrong with it.
+    """Return a tile's pixels (S, S, 4), or its problem.
 
     Raises:
         InputError: all that may be downloaded has been.
@@ -191,7 +191,7 @@ def _decoded(data: bytes) -> NDArray[np.uint8]:
         raise
     except Exception:
         # Decoders raise whatever they stumble over: OSError, SyntaxError, struct.error, ...
-        raise _NoPictureError("is no picture") from None
+        raise _NoPictureError("not an image") from None
 
 
 def _from_web(source: ImagerySource, key: str) -> Callable[[str], bytes]:

@@ -1,4 +1,4 @@
-"""Pictures of the ground resampled to a grid in the site frame."""
+"""Orthophotos resampled to a grid in the site frame."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["Orthophoto", "read_orthophoto"]
 _EXPECTED = "a GeoTIFF of red, green and blue (and opacity), 8 bits each, with a CRS"
 #: Cells of the grid, metres: as fine as the picture, within these.
 FINEST_M, COARSEST_M = 0.05, 2.0
-#: Most cells of a grid: 50 MB of colours, and a gigabyte while materials are told.
+#: Most cells of a grid: 50 MB of colours, and a gigabyte while materials are classified.
 MOST_CELLS = 16_000_000
 #: Most pixels of a file that are read at once; of a finer one its overviews are.
 MOST_PIXELS = 64_000_000
@@ -79,8 +79,8 @@ def read_orthophoto(
         environment: where keys are; the process's own when not given.
 
     Raises:
-        InputError: a file that is no picture, has no CRS, is cut short or lies elsewhere; tiles of
-            which none can be read; a key that is not set.
+        InputError: a file that is not an image, has no CRS, is cut short or lies elsewhere; tiles
+            of which none can be read; a key that is not set.
     """
     from rasterio.enums import Resampling
     from rasterio.transform import Affine
@@ -125,7 +125,8 @@ def read_orthophoto(
             "pixel_m": round(raster.cell_m, 3),
             "covers": round(float(new.mean()), 4),
         }
-        if source.path is None:  # many files, or an address: known by what they show
+        # Many files, or an address, are identified by the pixels that they give.
+        if source.path is None:
             note["pixels_sha256"] = hashlib.sha256(raster.pixels.tobytes()).hexdigest()
         if raster.problems:
             note["problems"] = list(raster.problems)
@@ -222,7 +223,7 @@ def _crs(raster: Any, source: ImagerySource, path: Path) -> Any:  # noqa: ANN401
 
     if source.spec.crs is not None:
         try:
-            # GDAL would ask an address, and open a path, for what they hold; PROJ does neither.
+            # GDAL would fetch an address or open a path given as a CRS; PROJ does neither.
             known = pyproj.CRS.from_user_input(source.spec.crs)
             if "/" in source.spec.crs:
                 return CRS.from_wkt(known.to_wkt())

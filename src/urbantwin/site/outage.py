@@ -1,4 +1,4 @@
-"""What of a sensor does not work for a while: a blocked sector, a broken channel, all of it."""
+"""Outages of a sensor: for a time a sector, a channel or the whole of it reports nothing."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from pydantic import Field, field_validator, model_validator
 
 from urbantwin.site.conditions import Angle, Strict
-from urbantwin.site.document import wrong
+from urbantwin.site.yaml_document import wrong
 
 __all__ = ["OutageSpec"]
 
@@ -15,7 +15,7 @@ _MOST_CHANNELS = 65536
 
 
 class OutageSpec(Strict):
-    """Beams that report nothing for a time; where a field is left out, it holds for all.
+    """Beams that report nothing for a time. A field that is left out does not restrict them.
 
     Attributes:
         sector_deg: two azimuths in the sensor's frame, degrees counter-clockwise from x: all beams

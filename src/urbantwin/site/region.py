@@ -12,13 +12,13 @@ import shapely.geometry
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.geometry import SiteFrame
+from urbantwin.geometry import SiteFrame, wrapped
 from urbantwin.strict_json import NotJsonError, parse_json
 
 __all__ = ["FARTHEST_M", "circle", "polygon_from_geojson", "polygon_in_site", "read_geojson"]
 
 #: A region reaches no farther than this from the anchor: beyond it, single-precision rays lose
-#: millimetres and the plane's metres stop being the ground's.
+#: millimetres and the plane departs from the ellipsoid.
 FARTHEST_M = 2000.0
 #: Smaller than this, no junction fits in.
 SMALLEST_M2 = 1000.0
@@ -139,7 +139,7 @@ def _checked_ring(ring: NDArray[np.float64], error: Any) -> NDArray[np.float64]:
         raise error(f"has {len(np.unique(ring, axis=0))} different points", "at least three")
     if shapely.MultiPoint(ring).convex_hull.area < 1e-15:  # square degrees: a square millimetre
         raise error("has all its points on a line", "a polygon with an area")
-    # GeoJSON closes its rings; one that is not closed is understood all the same.
+    # GeoJSON closes its rings; one that is left open is accepted too.
     shape = shapely.Polygon(ring)
     if not shape.is_valid:
         reason, _, where = shapely.is_valid_reason(shape).partition("[")
@@ -168,7 +168,7 @@ def _near(lonlat: NDArray[np.float64], frame: SiteFrame) -> NDArray[np.float64]:
 
     A polygon on another continent keeps its direction and stays far, which is all that counts.
     """
-    east = (lonlat[:, 0] - frame.longitude + 180.0) % 360.0 - 180.0
+    east = wrapped(lonlat[:, 0] - frame.longitude, 360.0)
     offset = np.column_stack([east, lonlat[:, 1] - frame.latitude])
     return np.array([frame.longitude, frame.latitude]) + np.clip(offset, -3.0, 3.0)
 

@@ -1,4 +1,4 @@
-"""The sensor rig as a person writes it: which sensors, where they stand, how they behave."""
+"""The sensor rig of a site: its sensors, their poses, timing and faults."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from pydantic import AfterValidator, Field, ValidationInfo, field_validator, mod
 from urbantwin.geometry import SiteFrame
 from urbantwin.site.calibration import Calibration, Reflectivities
 from urbantwin.site.conditions import Conditions, Effects, Strict
-from urbantwin.site.document import Document, read_document, wrong
 from urbantwin.site.outage import OutageSpec
-from urbantwin.site.sensor_place import FARTHEST_M, SensorPlace
+from urbantwin.site.sensor_pose import FARTHEST_M, SensorPlace
+from urbantwin.site.yaml_document import Document, read_document, wrong
 from urbantwin.taxonomy import ACTOR_CLASSES
 
 __all__ = [
@@ -36,7 +36,7 @@ Rate = Annotated[float, Field(gt=0.0, le=100.0, allow_inf_nan=False)]
 
 
 class SwaySpec(Strict):
-    """How the pole of a sensor swings in the wind.
+    """How the pole of a sensor sways in the wind.
 
     Attributes:
         rms_m: root mean square of the sensor's displacement in each horizontal direction, metres.
@@ -107,8 +107,8 @@ class SensorSpec(SensorPlace, _Named):
         time_jitter_s: standard deviation of a turn's start, seconds.
         latency_s: from a turn's end to when it is at hand.
         dropped_frames: share of frames that never arrive.
-        outages: what of it does not work, and when.
-        calibration: what was found of this very unit.
+        outages: when beams of it report nothing.
+        calibration: how this unit differs from the datasheet.
         sway: of its own pole; ``None``: the rig's.
     """
 
@@ -150,7 +150,7 @@ class RigSpec(Strict):
         fused: the sensors' points in one frame; ``False``: a dataset for each sensor.
         conditions: the weather and the sun.
         reflectivity: times the table of materials, by name.
-        sway: how the sensors' poles swing.
+        sway: how the sensors' poles sway in the wind.
         ride: the actor that carries the rig; ``None``: it stands.
         deskew: whether the points of a rig that rides are moved to where they would have been
             measured at the frame's time.

@@ -9,8 +9,8 @@ from typing import Any
 from urbantwin.errors import InputError
 from urbantwin.number_text import whole_number
 from urbantwin.site.conditions import Conditions, Effects
-from urbantwin.site.document import Document, nearest
 from urbantwin.site.rig import RideSpec, RigSpec
+from urbantwin.site.yaml_document import Document, nearest
 
 __all__ = ["RigChanges"]
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from urbantwin.errors import InputError
-from urbantwin.site.document import Document, wrong
+from urbantwin.site.yaml_document import Document, wrong
 
 __all__ = ["PhaseSpec", "SignalPlan", "SignalSpec", "StateSpec"]
 
@@ -85,7 +85,7 @@ class SignalSpec(_Strict):
     def _junction_is_one(cls, value: Any) -> Any:  # noqa: ANN401
         if isinstance(value, dict):
             if set(value) != set(LIMITS):
-                raise wrong("is no place", "latitude and longitude, degrees")
+                raise wrong("is not a place", "latitude and longitude, degrees")
             for name, limit in LIMITS.items():
                 degrees = value[name]
                 if not isinstance(degrees, int | float) or not abs(degrees) <= limit:

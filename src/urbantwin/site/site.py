@@ -16,7 +16,6 @@ from urbantwin.artefact import sha256_of
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.site.dem import check_dem
-from urbantwin.site.document import Document, read_document, wrong
 from urbantwin.site.extract import Extract
 from urbantwin.site.geometry import GeometrySource, GeometrySpec
 from urbantwin.site.imagery import ImagerySource, ImagerySpec
@@ -30,6 +29,7 @@ from urbantwin.site.region import (
 from urbantwin.site.rig import RigSpec, load_rig_spec, rig_spec_from
 from urbantwin.site.signals import SignalPlan, SignalSpec
 from urbantwin.site.traffic import TrafficSpec
+from urbantwin.site.yaml_document import Document, read_document, wrong
 
 __all__ = ["InputFile", "Site", "check_extract", "load_site"]
 
@@ -161,8 +161,8 @@ class Site:
         radius_m: the region's radius where it is a circle.
         osm: the OpenStreetMap extract; ``None`` only where there is a map of the roads.
         dem: the elevation model, if there is one.
-        driving_side: ``left`` or ``right``, or ``auto`` to tell it by the map of the roads, or else
-            by the place.
+        driving_side: ``left`` or ``right``, or ``auto``: that of the map of the roads, else of the
+            country.
         traffic: how much traffic, for how long.
         rig: the sensors.
         rig_file: the file that the rig was written in.
@@ -172,7 +172,7 @@ class Site:
         roads: a map of the roads, OpenDRIVE or Lanelet2, that is used instead of the extract's.
         anchor_m: that map's own x, y of the anchor, where it has no georeference.
         geometry: meshes, 3D Tiles and point clouds that the scene is made from.
-        imagery: pictures of the ground from above, which tell its materials.
+        imagery: aerial imagery, from which the ground's materials are classified.
         outline: the region's ring as it was given, longitude and latitude; empty for a circle.
     """
 

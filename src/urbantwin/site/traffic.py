@@ -1,4 +1,4 @@
-"""``traffic:`` of a site: how much of it, for how long, how large."""
+"""``traffic:`` of a site: volumes by class, duration, seed, and sizes of actors."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, Field, field_validator
 
 from urbantwin.site.conditions import Strict
-from urbantwin.site.document import nearest, read_document, wrong
+from urbantwin.site.yaml_document import nearest, read_document, wrong
 from urbantwin.taxonomy import ACTOR_CLASSES
 
 __all__ = ["DEFAULT_PER_HOUR", "TrafficSpec", "load_traffic_changes"]

@@ -1,8 +1,8 @@
-"""Unpacks a map from standard input to standard output: run as a script, never imported.
+"""Decompresses a map from standard input to standard output: run as a script, never imported.
 
 The reader of maps holds Python's lock while it waits for bytes, so they come from a process of
 their own. How far that has come, its parent knows from the position of the file that both have
-open. What unpacks to more than it may is not unpacked to its end.
+open. Decompression stops where the output exceeds its limit.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What ``site.yaml`` says of who may be asked over HTTP."""
+"""Origins: which servers ``site.yaml`` allows to be asked over HTTP."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Annotated
 from pydantic import AfterValidator
 
 from urbantwin.download import DownloadError, parse_address, parse_origin
-from urbantwin.site.document import wrong
+from urbantwin.site.yaml_document import wrong
 
 __all__ = ["OriginText", "check_origins"]
 
@@ -18,12 +18,13 @@ def _one_origin(text: str) -> str:
     except DownloadError:
         shown = "an address" if "@" in text else repr(text[:60])
         raise wrong(
-            f"is {shown}, which is no origin", "scheme, host and port: https://tiles.example.org"
+            f"is {shown}, which is not an origin",
+            "scheme, host and port: https://tiles.example.org",
         ) from None
     return text
 
 
-#: ``https://host`` or ``http://host:8080``: who else than the root may be asked.
+#: ``https://host`` or ``http://host:8080``: a further server that may be asked.
 OriginText = Annotated[str, AfterValidator(_one_origin)]
 
 
@@ -31,7 +32,7 @@ def check_origins(url: str | None, origins: list[str], name: str) -> None:
     """Check that origins fit the address whose files they give.
 
     Args:
-        url: the address, or ``None`` where a source is no address.
+        url: the address, or ``None`` where a source is a file.
         origins: as `OriginText`.
         name: of the field that holds the address.
 

@@ -1,4 +1,4 @@
-"""The twin folder: building it from a site, and reading it."""
+"""The twin folder: building it from a site, and opening it."""
 
 from urbantwin.twin.build import build_twin
 from urbantwin.twin.twin import GROUND_CLASSES, Twin, load_twin

@@ -1,4 +1,4 @@
-"""From a site to its twin."""
+"""Building a twin from its site, stage by stage."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ from urbantwin.site import (
     read_extract,
     read_orthophoto,
 )
-from urbantwin.twin.ground import surveyed
-from urbantwin.twin.sensor_files import kept_rig
-from urbantwin.twin.sources import made_from
+from urbantwin.twin.ground import survey_ground
+from urbantwin.twin.provenance import made_from
+from urbantwin.twin.sensor_files import copy_sensor_files
 from urbantwin.twin.twin import Twin, load_twin
 
 __all__ = ["build_twin"]
@@ -59,9 +59,8 @@ def build_twin(
     Args:
         site: the checked site.
         out: the folder to write; an older twin there is replaced.
-        progress: told the share done (0..1) and what is being done.
-        watch: given what the sources of geometry gave, for pictures of how they were placed and
-            cleaned.
+        progress: called with the share done (0..1) and the current task.
+        watch: called with the imported geometry, for pictures of how it was placed and cleaned.
         also: given the whole twin before it appears, for what is to be checked of it and what else
             belongs into its folder: pictures.
 
@@ -77,11 +76,11 @@ def build_twin(
     side = _driving_side(site, imported)
     around = site.region.buffer(PICTURE_MARGIN_M)
     photo = read_orthophoto(site.imagery, site.frame, around) if site.imagery else None
-    # Geometry that somebody surveyed takes as long as all the rest.
+    # Imported geometry takes as long as all the rest.
     surveying = 0.4 if site.geometry else 0.02
     with replaced_folder(out, kind="twin", inputs=site.files()) as folder:
         tell(0.0, "ground")
-        ground = surveyed(
+        ground = survey_ground(
             site,
             features,
             imported.model if imported else None,
@@ -168,7 +167,7 @@ def build_twin(
 def _write_documents(folder: Path, site: Site, told: Mapping[str, object]) -> None:
     """Write the site and its rig as they were resolved, and ``twin.json``."""
     _write_yaml(folder / "site.yaml", {**site.resolved(), "rig": "rig.yaml"})
-    _write_yaml(folder / "rig.yaml", kept_rig(site.rig, site.rig_file, folder))
+    _write_yaml(folder / "rig.yaml", copy_sensor_files(site.rig, site.rig_file, folder))
     write_json(
         folder / "twin.json",
         {
@@ -189,7 +188,7 @@ def _write_documents(folder: Path, site: Site, told: Mapping[str, object]) -> No
 
 
 def _read(site: Site, tell: Progress) -> tuple[Extract | None, Progress]:
-    """Read the map around the region, and return what is told from then on."""
+    """Read the map around the region; return it with the progress of the stages that follow."""
     tell(0.0, "reading the map")
     if site.osm is None:
         return None, tell
@@ -200,7 +199,7 @@ def _read(site: Site, tell: Progress) -> tuple[Extract | None, Progress]:
 
 
 def _features(site: Site, extract: Extract | None) -> list[OsmFeature]:
-    """Return what is mapped in the region besides the roads.
+    """Return the mapped features of the region, roads left out.
 
     Raises:
         InputError: the extract has nothing there.
@@ -220,7 +219,7 @@ def _features(site: Site, extract: Extract | None) -> list[OsmFeature]:
 
 
 def _driving_side(site: Site, imported: ImportedMap | None) -> str:
-    """Return the side that people drive on: as the site says, the map of the roads, or the place.
+    """Return the side of driving: the site's, that of the map of the roads, or the country's.
 
     Raises:
         InputError: the site and the map of the roads say different things.

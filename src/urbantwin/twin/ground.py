@@ -1,4 +1,4 @@
-"""What a site knows of its ground and of what stands on it, before there are roads."""
+"""The ground of a site and the geometry on it, from its DEM and imported sources."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from urbantwin.reconstruct.georeference.heights import SiteHeights
 from urbantwin.roads.model import LaneModel, carriageway_in_plan
 from urbantwin.site import OsmFeature, Site, read_heights
 
-__all__ = ["SurveyedSite", "surveyed"]
+__all__ = ["SurveyedSite", "survey_ground"]
 
 
 @dataclass(frozen=True)
 class SurveyedSite:
-    """The bare earth, and the geometry that people gave.
+    """The bare earth, and the imported geometry.
 
     Attributes:
         elevation: of the bare earth; a level plain where nothing is known.
@@ -32,7 +32,7 @@ class SurveyedSite:
     notes: dict[str, object]
 
 
-def surveyed(
+def survey_ground(
     site: Site,
     features: Sequence[OsmFeature],
     model: LaneModel | None,
@@ -44,7 +44,7 @@ def surveyed(
         site: the site.
         features: what is mapped in the region.
         model: the map of the roads, where there is one.
-        progress: told the share done (0..1) and what is being done.
+        progress: called with the share done (0..1) and the current task.
 
     Raises:
         InputError: the DEM or a source cannot be used.

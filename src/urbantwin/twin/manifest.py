@@ -1,4 +1,4 @@
-"""``twin.json`` and the site kept in a twin: what everything that opens a twin relies on."""
+"""``twin.json`` and ``site.yaml`` of a twin, checked for all that reads a twin."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class TwinManifest(Part):
 
 
 class KeptSite(BaseModel):
-    """What of a twin's ``site.yaml`` is used again: the traffic that it asks for."""
+    """The part of a twin's ``site.yaml`` that later stages read: its traffic."""
 
     model_config = ConfigDict(extra="ignore", frozen=True)
 

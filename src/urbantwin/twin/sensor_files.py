@@ -1,4 +1,4 @@
-"""The files that a rig's sensors are described by, kept in the twin so that it stays whole."""
+"""The sensor files that a rig names, copied into the twin so that it is complete."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import yaml
 
 from urbantwin.site.rig import RigSpec
 
-__all__ = ["kept_rig", "pattern_beside", "sensor_file"]
+__all__ = ["copy_sensor_files", "pattern_beside", "sensor_file"]
 
 _FILES = (".yaml", ".yml", ".json", ".csv")
 
 
-def kept_rig(spec: RigSpec, rig_file: Path, folder: Path) -> dict[str, Any]:
+def copy_sensor_files(spec: RigSpec, rig_file: Path, folder: Path) -> dict[str, Any]:
     """Copy the files that a rig names as its sensors' models, and return the rig that names them.
 
     Args:
@@ -51,7 +51,7 @@ def sensor_file(model: str, folder: Path) -> tuple[str, Path | None]:
         folder: that of the rig's file; a file may also stand in the current folder.
 
     Returns:
-        ``MODEL:`` or nothing, and the path; ``None`` where it is no file that is there.
+        ``MODEL:`` or nothing, and the path; ``None`` where there is no such file.
     """
     # One letter before a colon is a drive.
     before, colon, path = model.partition(":")
@@ -89,5 +89,5 @@ def _read(path: Path) -> dict[str, Any]:
     try:
         value = yaml.safe_load(path.read_text(encoding="utf-8-sig"))
     except (OSError, ValueError, RecursionError, yaml.YAMLError):
-        return {}  # Whoever reads the sensor says what is wrong with it.
+        return {}  # Reported by whatever reads the sensor.
     return value if isinstance(value, dict) else {}

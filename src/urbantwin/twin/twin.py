@@ -1,4 +1,4 @@
-"""The twin folder: what it holds, and reading it."""
+"""The twin folder: its parts, and opening it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from urbantwin.ground import Elevation
 from urbantwin.roads import LaneModel, RoadNetwork
 from urbantwin.roads.sumo_check import check_sumo_network
 from urbantwin.site import RigSpec, load_rig_spec
-from urbantwin.site.document import read_document
+from urbantwin.site.yaml_document import read_document
 from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
 from urbantwin.twin.manifest import KeptSite, TwinManifest, check_region, file_inside
 
@@ -55,7 +55,7 @@ class Twin:
 
     @cached_property
     def ground_mesh(self) -> LabelledMesh:
-        """The triangles that one can stand on: streets, sidewalks, terrain, decks."""
+        """The triangles of the ground: streets, sidewalks, terrain, decks."""
         classes = [semantic_id(name) for name in GROUND_CLASSES]
         level = self.mesh.normals()[:, 2] > 0.1
         return self.mesh.select(np.isin(self.mesh.semantic, classes) & level)

@@ -1,4 +1,4 @@
-"""Where the cities of Argoverse 2 lie: their x, y are metres from an origin in a UTM zone.
+"""Origins of the cities of Argoverse 2: their x, y are metres from an origin in a UTM zone.
 
 Source: argoverse/av2-api, ``src/av2/geometry/utm.py`` (``UTM_ZONE_MAP``,
 ``CITY_ORIGIN_LATLONG_DICT``): city coordinates and the origin's easting and northing add up to
@@ -34,13 +34,13 @@ _NAME = re.compile(r"_([A-Z]{3})(?:_city_[0-9]+)?\.json$")
 
 
 def city_of(path: Path) -> str | None:
-    """Return the city that a map's file name says, ``None`` if it says none that is known."""
+    """Return the city in a map's file name; ``None`` if it names no known city."""
     found = _NAME.search(path.name)
     return found[1] if found and found[1] in CITIES else None
 
 
 def is_placed(path: Path) -> bool:
-    """Whether a map's name says on which part of the earth it lies."""
+    """Whether a map's file name tells its place on Earth."""
     return city_of(path) is not None
 
 

@@ -20,9 +20,9 @@ __all__ = ["EXPECTED", "Crossing", "MapFile", "Segment", "is_argoverse", "places
 
 EXPECTED = "an Argoverse 2 vector map: log_map_archive_....json with lane_segments"
 LANE_TYPES = ("VEHICLE", "BIKE", "BUS")
-#: A file that is larger is no map of a log, bytes.
+#: Largest size of a map of a log, bytes.
 MOST_BYTES = 200_000_000
-#: Coordinates beyond this are no city's, metres.
+#: Largest coordinate in a city, metres.
 FAR_M = 1e6
 
 
@@ -97,12 +97,12 @@ def read_file(path: Path) -> MapFile:
         raise InputError("has no lane segments", file=path, expected=EXPECTED)
     crossings = data.get("pedestrian_crossings") or {}
     if not isinstance(crossings, dict):
-        raise InputError("pedestrian_crossings is no object", file=path, expected=EXPECTED)
+        raise InputError("pedestrian_crossings is not an object", file=path, expected=EXPECTED)
     segments = [_segment(path, key, row) for key, row in rows.items()]
     walks = [_crossing(path, key, row) for key, row in crossings.items()]
     areas = data.get("drivable_areas") or {}
     if not isinstance(areas, dict):
-        raise InputError("drivable_areas is no object", file=path, expected=EXPECTED)
+        raise InputError("drivable_areas is not an object", file=path, expected=EXPECTED)
     drivable = tuple(_outline(path, key, row) for key, row in areas.items())
     found = MapFile(path, {s.id: s for s in segments}, {c.id: c for c in walks}, drivable)
     if len(found.segments) < len(segments) or len(found.crossings) < len(walks):
@@ -125,7 +125,7 @@ def _segment(path: Path, key: str, row: object) -> Segment:
         )
     following = fields.get("successors") or []
     if not isinstance(following, list) or not all(isinstance(i, int) for i in following):
-        raise InputError("successors are no list of ids", file=path, place=place)
+        raise InputError("successors is not a list of ids", file=path, place=place)
     return Segment(
         _id(path, place, fields),
         bool(fields.get("is_intersection")),
@@ -157,7 +157,7 @@ def _outline(path: Path, key: str, row: object) -> NDArray[np.float64]:
 
 def _fields(path: Path, place: str, row: object) -> dict[str, object]:
     if not isinstance(row, dict):
-        raise InputError("is no object", file=path, place=place, expected=EXPECTED)
+        raise InputError("is not an object", file=path, place=place, expected=EXPECTED)
     return row
 
 
@@ -176,7 +176,7 @@ def _line(path: Path, place: str, fields: dict[str, object], name: str) -> NDArr
         line = np.full((2, 3), np.nan)
     if len(line) < 2 or not (np.abs(line) < FAR_M).all():
         raise InputError(
-            f"{name} is no line of finite points",
+            f"{name} is not a line of finite points",
             file=path,
             place=place,
             expected="a list of two or more x, y, z in metres",

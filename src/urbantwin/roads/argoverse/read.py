@@ -1,4 +1,4 @@
-"""From an Argoverse 2 vector map to the lane model, by way of lanelets.
+"""Converting an Argoverse 2 vector map to the lane model, by way of lanelets.
 
 A lane segment is what Lanelet2 calls a lanelet: two bounds in the direction of travel. Boundaries
 that are drawn through the same points are one line, and segments that follow each other share the
@@ -136,7 +136,7 @@ class _Drawn:
         return self._numbers[key]
 
     def _join(self) -> None:
-        """Make one place of ends that segments say follow each other, where rounding parts them."""
+        """Merge the ends of successive segments that rounding has moved apart."""
         segments = self.read.segments
         for one in segments.values():
             for two in (segments[i] for i in one.successors if i in segments):
@@ -146,7 +146,7 @@ class _Drawn:
                         self._numbers.setdefault(key, self._number(a))
 
     def way(self, line: NDArray[np.float64], mark: str) -> int:
-        """Return the way through points, drawn either way round; it keeps the paint that is said.
+        """Return the way through points, drawn either way round; the first mapped paint is kept.
 
         Raises:
             InputError: all points are one.

@@ -1,7 +1,7 @@
-"""Cross sections: what a way's tags say of its lanes, and how the network gets them."""
+"""Cross sections of roads: lanes from a way's tags, and how netconvert is given them."""
 
-from urbantwin.roads.cross_section.interpret import cross_section
-from urbantwin.roads.cross_section.prepare import MappedStretch, PreparedWays, prepare_ways
+from urbantwin.roads.cross_section.from_tags import cross_section
+from urbantwin.roads.cross_section.netconvert_input import MappedSegment, PreparedWays, prepare_ways
 from urbantwin.roads.cross_section.section import (
     CarriagewayLane,
     CrossSection,
@@ -13,7 +13,7 @@ from urbantwin.roads.cross_section.sumo_edges import write_sumo_edges
 __all__ = [
     "CarriagewayLane",
     "CrossSection",
-    "MappedStretch",
+    "MappedSegment",
     "Parking",
     "PreparedWays",
     "Roadside",

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from urbantwin.roads.cross_section.quantity import metres
-from urbantwin.roads.cross_section.standard import Standard
+from urbantwin.roads.cross_section.defaults import Standard
+from urbantwin.roads.cross_section.lane_tags import metres
 
 __all__ = ["Cycleway", "Cycleways", "cycleways"]
 

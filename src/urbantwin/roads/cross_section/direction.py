@@ -1,4 +1,4 @@
-"""Which ways traffic runs on a road, and how many lanes each direction has."""
+"""Directions of traffic on a road, and the number of lanes in each."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from urbantwin.roads.cross_section.quantity import count, lane_list
-from urbantwin.roads.cross_section.standard import default_lanes
+from urbantwin.roads.cross_section.defaults import default_lanes
+from urbantwin.roads.cross_section.lane_tags import count, lane_list
 
 __all__ = ["DirectionTags", "direction_tags", "one_way"]
 
-#: Tags with one value for each lane, the more telling first.
+#: Tags with one value for each lane, the more reliable first.
 LISTS = (
     "turn:lanes",
     "bus:lanes",
@@ -37,7 +37,7 @@ class DirectionTags:
     Attributes:
         slots: how many lanes they count, cycle lanes between motor lanes included.
         motor: how many of these are for motor traffic.
-        lists: tag -> one value for each slot, left to right as people who drive there see it.
+        lists: tag -> one value for each slot, left to right in the direction of travel.
         buses: how many lanes at the curb are for buses, where no list says which.
     """
 
@@ -54,7 +54,7 @@ class DirectionTags:
 def one_way(tags: Mapping[str, str]) -> str:
     """Return ``forward``, ``backward`` or ``both`` (OSM wiki, "Key:oneway").
 
-    Reversible roads are taken as they are drawn: one direction at a time is all that they have.
+    Reversible roads are taken as they are drawn: they carry one direction at a time.
     """
     value = tags.get("oneway", "")
     if value in ("yes", "true", "1", "reversible"):
@@ -158,7 +158,7 @@ def _fitted(
     lists: Mapping[str, list[str]],
     sides: tuple[str, ...],
 ) -> DirectionTags:
-    """Settle how many lanes a direction has; lists that do not fit are dropped.
+    """Decide how many lanes a direction has; lists that do not fit are dropped.
 
     ``sides``: the sides of the road at which it has its curb: both for a one-way road.
     """

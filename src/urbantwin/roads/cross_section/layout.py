@@ -1,4 +1,4 @@
-"""Where the lanes of ways lie in plan: the middle of every stretch of road, moved off its line."""
+"""Layout of lanes in plan: the middle of every segment of road, offset from its mapped line."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from numpy.typing import NDArray
 
 from urbantwin.roads.cross_section.placement import centred_middle
 from urbantwin.roads.cross_section.section import CrossSection
-from urbantwin.roads.cross_section.stretch import Stretch
+from urbantwin.roads.cross_section.segment import Segment
 
 __all__ = ["Middle", "middles_of"]
 
 #: Sharper corners than this are not mitred, as a ratio of the moved corner's distance.
 MITRE = 2.0
-#: An end of a stretch: its index, and whether it is the last node.
+#: An end of a segment: its index, and whether it is the last node.
 End = tuple[int, bool]
 
 
 @dataclass(frozen=True, eq=False)
 class Middle:
-    """Where the middle of the road runs along a stretch.
+    """Where the middle of the road runs along a segment.
 
     Attributes:
         points: (N, 2) the points of the way, site frame.
@@ -40,38 +40,38 @@ class Middle:
         return np.asarray(self.points + (self.offset + distance)[:, None] * self.normal)
 
 
-def middles_of(stretches: Sequence[Stretch], sections: Sequence[CrossSection]) -> list[Middle]:
-    """Return where the middle of the road runs along each stretch.
+def middles_of(segments: Sequence[Segment], sections: Sequence[CrossSection]) -> list[Middle]:
+    """Return where the middle of the road runs along each segment.
 
     Args:
-        stretches: parts of ways.
+        segments: parts of ways.
         sections: their cross sections.
     """
     meeting: dict[int, list[End]] = defaultdict(list)
-    for k, stretch in enumerate(stretches):
-        meeting[stretch.piece.nodes[0]].append((k, False))
-        meeting[stretch.piece.nodes[-1]].append((k, True))
+    for k, segment in enumerate(segments):
+        meeting[segment.piece.nodes[0]].append((k, False))
+        meeting[segment.piece.nodes[-1]].append((k, True))
     result = []
-    for k, stretch in enumerate(stretches):
+    for k, segment in enumerate(segments):
         section = sections[k]
         first, last = (
-            _offset(k, at_end=at_end, stretches=stretches, sections=sections, meeting=meeting)
+            _offset(k, at_end=at_end, segments=segments, sections=sections, meeting=meeting)
             for at_end in (False, True)
         )
         if None not in section.middle:
             # Of a way that is cut in parts every part has its share.
             a, b = float(section.middle[0] or 0.0), float(section.middle[1] or 0.0)
-            first, last = a + (b - a) * stretch.first, a + (b - a) * stretch.last
-        points = stretch.piece.points
+            first, last = a + (b - a) * segment.first, a + (b - a) * segment.last
+        points = segment.piece.points
         steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
         along = np.concatenate([[0.0], np.cumsum(steps)]) / max(float(steps.sum()), 1e-9)
         offset = first + (last - first) * along
         normal = _normals(points)
         for at_end, row in ((False, 0), (True, -1)):
-            other = _continuation(k, at_end, stretches, meeting)
+            other = _continuation(k, at_end, segments, meeting)
             if other is not None:
-                theirs = _end_direction(stretches[other[0]], other[1])
-                mine = _end_direction(stretch, at_end)
+                theirs = _end_direction(segments[other[0]], other[1])
+                mine = _end_direction(segment, at_end)
                 # Both directions lead away from the node; the road goes through it.
                 through = (theirs - mine) if not at_end else (mine - theirs)
                 normal[row] = _mitre(mine if at_end else -mine, through)
@@ -83,7 +83,7 @@ def _offset(
     k: int,
     *,
     at_end: bool,
-    stretches: Sequence[Stretch],
+    segments: Sequence[Segment],
     sections: Sequence[CrossSection],
     meeting: Mapping[int, Sequence[End]],
 ) -> float:
@@ -93,7 +93,7 @@ def _offset(
     usual = centred_middle(section.forward, section.backward, section.outward)
     if own is not None:
         return own
-    other = _continuation(k, at_end, stretches, meeting)
+    other = _continuation(k, at_end, segments, meeting)
     if other is None:
         return usual
     next_section = sections[other[0]]
@@ -119,17 +119,17 @@ def _offset(
 
 
 def _continuation(
-    k: int, at_end: bool, stretches: Sequence[Stretch], meeting: Mapping[int, Sequence[End]]
+    k: int, at_end: bool, segments: Sequence[Segment], meeting: Mapping[int, Sequence[End]]
 ) -> End | None:
-    """Return the one other stretch that meets an end; ``None`` at junctions and dead ends."""
-    node = stretches[k].piece.nodes[-1 if at_end else 0]
+    """Return the one other segment that meets an end; ``None`` at junctions and dead ends."""
+    node = segments[k].piece.nodes[-1 if at_end else 0]
     others = [end for end in meeting[node] if end != (k, at_end)]
     return others[0] if len(others) == 1 else None
 
 
-def _end_direction(stretch: Stretch, at_end: bool) -> NDArray[np.float64]:
-    """Return the direction (2,) towards a stretch's end, unit length."""
-    points = stretch.piece.points
+def _end_direction(segment: Segment, at_end: bool) -> NDArray[np.float64]:
+    """Return the direction (2,) towards a segment's end, unit length."""
+    points = segment.piece.points
     step = points[-1] - points[-2] if at_end else points[0] - points[1]
     return np.asarray(step / max(float(np.linalg.norm(step)), 1e-9))
 

@@ -1,4 +1,4 @@
-"""Where the mapped line lies among the lanes."""
+"""Placement: where the mapped line lies among the lanes."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def _offset(
     ahead = list(forward) if outward < 0 else list(forward)[::-1]
     back = list(backward)[::-1] if outward < 0 else list(backward)
     if key.endswith("backward"):
-        # Numbers count from the left of the people who drive there: from right to left here.
+        # Lanes count from the left in the direction of travel: from right to left here.
         edge = 0.0 if outward < 0 else -sum(lane.width for lane in back)
         position = _along(back[::-1], match[1], number)
         return None if position is None else -(edge + position)

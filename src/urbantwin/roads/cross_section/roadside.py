@@ -1,12 +1,12 @@
-"""What lies beside the lanes: parking, shoulders and sidewalks."""
+"""Parking, shoulders and sidewalks beside the lanes."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 
-from urbantwin.roads.cross_section.quantity import metres
+from urbantwin.roads.cross_section.defaults import Standard
+from urbantwin.roads.cross_section.lane_tags import metres
 from urbantwin.roads.cross_section.section import Parking, Roadside
-from urbantwin.roads.cross_section.standard import Standard
 
 __all__ = ["parking", "roadside"]
 
@@ -32,7 +32,7 @@ NARROWEST_WALK_M, WIDEST_WALK_M = 0.8, 15.0
 def parking(tags: Mapping[str, str], side: str, standard: Standard) -> Parking | None:
     """Return the parking of one side (OSM wiki, "Street parking"), also by the former scheme.
 
-    Parking that is mapped as an area of its own (``separate``) is none of the road's.
+    Parking that is mapped as an area of its own (``separate``) does not belong to the road.
     """
     found = _present(tags, side) or _former(tags, side)
     if found is None:
@@ -57,7 +57,7 @@ def roadside(
     standard: Standard,
     speed: float,
 ) -> Roadside:
-    """Return what lies beside one side of a way.
+    """Return the roadside on one side of a way.
 
     Args:
         tags: the way's tags.

@@ -1,4 +1,4 @@
-"""What a cross section is made of: the lanes of both directions and what lies beside them."""
+"""Cross sections: the lanes of both directions and what lies beside them."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ class Roadside:
 
 @dataclass(frozen=True)
 class CrossSection:
-    """A road's lanes as its tags say.
+    """A road's lanes according to its tags.
 
     Attributes:
         driving_side: ``right`` or ``left``.

@@ -1,4 +1,4 @@
-"""Carriageways side by side: moved apart where their lanes, as mapped, would lie on each other.
+"""Spacing of parallel carriageways: moved apart where their lanes would overlap.
 
 The lines of the map are good to a metre or two, and the default width of a lane may be more than
 what was built. Parallel carriageways share what is missing between them.
@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from urbantwin.roads.cross_section.layout import Middle
 from urbantwin.roads.cross_section.section import CrossSection
-from urbantwin.roads.cross_section.stretch import Stretch
-from urbantwin.roads.levels import way_layer
+from urbantwin.roads.cross_section.segment import Segment
+from urbantwin.roads.grade_separation import way_layer
 
 __all__ = ["spaced"]
 
@@ -33,7 +33,7 @@ ROUNDS = 40
 
 @dataclass(frozen=True)
 class _Pair:
-    """Two stretches side by side.
+    """Two segments side by side.
 
     Attributes:
         a, b: their indices.
@@ -52,14 +52,14 @@ class _Pair:
 
 
 def spaced(
-    stretches: Sequence[Stretch], sections: Sequence[CrossSection], middles: Sequence[Middle]
+    segments: Sequence[Segment], sections: Sequence[CrossSection], middles: Sequence[Middle]
 ) -> list[Middle]:
     """Return the middles of roads with parallel carriageways side by side, not on each other.
 
     A way whose ``placement`` is mapped stays where it is.
 
     Args:
-        stretches: parts of ways.
+        segments: parts of ways.
         sections: their cross sections.
         middles: where the middle of each runs as mapped.
     """
@@ -70,14 +70,14 @@ def spaced(
         )
         half.append((ahead + back) / 2)
         lines.append(middle.beside(section.outward * (ahead - back) / 2))
-    group, sign = _roads(stretches)
-    pairs = _pairs(stretches, lines, half, group)
+    group, sign = _roads(segments)
+    pairs = _pairs(segments, lines, half, group)
     if all(pair.apart >= pair.need for pair in pairs):
         return list(middles)
     fixed = {
         group[k]
-        for k, stretch in enumerate(stretches)
-        if any(key.startswith("placement") for key in stretch.piece.tags)
+        for k, segment in enumerate(segments)
+        if any(key.startswith("placement") for key in segment.piece.tags)
     }
     push: dict[int, float] = dict.fromkeys(group, 0.0)
     for _ in range(ROUNDS):
@@ -100,18 +100,18 @@ def spaced(
     return moved
 
 
-def _roads(stretches: Sequence[Stretch]) -> tuple[list[int], list[int]]:
-    """Return which stretches are parts of one road, and 1 or -1: the way that each is drawn.
+def _roads(segments: Sequence[Segment]) -> tuple[list[int], list[int]]:
+    """Return which segments are parts of one road, and 1 or -1: the way that each is drawn.
 
     A road is all parts of a way, and what goes on from it where nothing else meets it.
     """
     ends: dict[int, list[tuple[int, bool]]] = defaultdict(list)
     beside: dict[int, list[tuple[int, int]]] = defaultdict(list)
     first: dict[int, int] = {}
-    for k, stretch in enumerate(stretches):
-        ends[stretch.piece.nodes[0]].append((k, False))
-        ends[stretch.piece.nodes[-1]].append((k, True))
-        other = first.setdefault(stretch.origin, k)
+    for k, segment in enumerate(segments):
+        ends[segment.piece.nodes[0]].append((k, False))
+        ends[segment.piece.nodes[-1]].append((k, True))
+        other = first.setdefault(segment.origin, k)
         if other != k:
             beside[k].append((other, 1))
             beside[other].append((k, 1))
@@ -121,8 +121,8 @@ def _roads(stretches: Sequence[Stretch]) -> tuple[list[int], list[int]]:
             turn = 1 if a_end != b_end else -1
             beside[a].append((b, turn))
             beside[b].append((a, turn))
-    group, sign = [-1] * len(stretches), [1] * len(stretches)
-    for k in range(len(stretches)):
+    group, sign = [-1] * len(segments), [1] * len(segments)
+    for k in range(len(segments)):
         ahead = [(k, 1)] if group[k] < 0 else []
         while ahead:
             at, way = ahead.pop()
@@ -133,7 +133,7 @@ def _roads(stretches: Sequence[Stretch]) -> tuple[list[int], list[int]]:
 
 
 def _pairs(
-    stretches: Sequence[Stretch],
+    segments: Sequence[Segment],
     lines: Sequence[NDArray[np.float64]],
     half: Sequence[float],
     group: Sequence[int],
@@ -144,7 +144,7 @@ def _pairs(
     tree = shapely.STRtree(bands)
     found = []
     for a, b in tree.query(bands, predicate="intersects").T.tolist():
-        one, other = stretches[a].piece, stretches[b].piece
+        one, other = segments[a].piece, segments[b].piece
         if (
             a >= b
             or group[a] == group[b]

@@ -1,4 +1,4 @@
-"""Speed limits: what ``maxspeed`` says, and the law where it is silent."""
+"""Speed limits: from ``maxspeed``, else the law's default."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""Cross sections in netconvert's words: tags that it reads as meant, and edges with their shapes.
+"""SUMO's edges of cross sections: tags that netconvert reads as meant, and edges' shapes.
 
-netconvert counts lanes, turns and speeds right if the tags leave it no choice. What it does not
-read, or reads differently on the left, it is told of each edge by name: the line that the lanes
-run along (``placement``, roads with more lanes in one direction) and who may use a lane.
+netconvert gets lanes, turns and speeds right if the tags are unambiguous. What it does not read, or
+reads differently for left-hand traffic, is given for each edge by name: the line that the lanes run
+along (``placement``, roads with more lanes in one direction) and who may use a lane.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.cross_section.layout import Middle
 from urbantwin.roads.cross_section.section import CarriagewayLane, CrossSection
-from urbantwin.roads.cross_section.stretch import Stretch
+from urbantwin.roads.cross_section.segment import Segment
 from urbantwin.site.extract import WayPiece
 
 __all__ = ["SumoEdge", "sumo_edges", "sumo_tags", "write_sumo_edges"]
@@ -42,14 +42,14 @@ NOBODY = "authority"
 
 @dataclass(frozen=True, eq=False)
 class SumoEdge:
-    """One direction of a stretch.
+    """One direction of a segment.
 
     Attributes:
         id: its name in SUMO.
         lanes: from lane 0, at the curb, inwards, without the sidewalk.
         sidewalk: width of its sidewalk, which comes before the other lanes; 0 for none.
         shape: (N, 2) the line that lanes are laid along, site frame; empty for the way itself.
-        walkers: whether people walk on its outermost lane, for want of a sidewalk.
+        walkers: whether people walk on its outermost lane because there is no sidewalk.
         spread: ``right`` (lanes lie outwards of the shape) or ``center``.
     """
 
@@ -61,9 +61,9 @@ class SumoEdge:
     spread: str
 
 
-def sumo_tags(stretch: Stretch, section: CrossSection) -> WayPiece:
-    """Return a stretch with the tags that make netconvert build its cross section."""
-    old = stretch.piece.tags
+def sumo_tags(segment: Segment, section: CrossSection) -> WayPiece:
+    """Return a segment with the tags that make netconvert build its cross section."""
+    old = segment.piece.tags
     tags = {key: old[key] for key in KEPT if key in old}
     highway = old.get("highway", "")
     tags["highway"] = CLASSES.get(highway, highway)
@@ -79,7 +79,7 @@ def sumo_tags(stretch: Stretch, section: CrossSection) -> WayPiece:
         tags["oneway"] = "yes" if only else "-1"
         tags["lanes"] = str(len(counted[only]))
     for forward, lanes in counted.items():
-        ends = stretch.last > 1 - 1e-9 if forward else stretch.first < 1e-9
+        ends = segment.last > 1 - 1e-9 if forward else segment.first < 1e-9
         if driven[forward] and ends and any(lane.turns for lane in lanes):
             # On the left, netconvert reads the mirror image: both the order and the arrows.
             mirror = section.driving_side == "left"
@@ -108,14 +108,14 @@ def sumo_tags(stretch: Stretch, section: CrossSection) -> WayPiece:
     if len(speeds) == 2:
         # On a one-way road this tag would make netconvert build the other direction.
         tags["maxspeed:backward"] = f"{max(speeds[False]) * 3.6:.4f}"
-    return replace(stretch.piece, tags=tags)
+    return replace(segment.piece, tags=tags)
 
 
-def sumo_edges(stretch: Stretch, section: CrossSection, middle: Middle) -> list[SumoEdge]:
-    """Return the edges that netconvert makes of a stretch, with what it has to be told.
+def sumo_edges(segment: Segment, section: CrossSection, middle: Middle) -> list[SumoEdge]:
+    """Return the edges that netconvert makes of a segment, with their attributes.
 
     Args:
-        stretch: the part of a way.
+        segment: the part of a way.
         section: its cross section.
         middle: where the middle of the road runs.
     """
@@ -132,7 +132,7 @@ def sumo_edges(stretch: Stretch, section: CrossSection, middle: Middle) -> list[
             spread, beside = "center", section.outward * half * (1 if forward else -1)
             moved = True
         line = middle.beside(beside)[:: 1 if forward else -1]
-        identity = str(stretch.piece.id) if forward else f"-{stretch.piece.id}"
+        identity = str(segment.piece.id) if forward else f"-{segment.piece.id}"
         shape = line if moved else np.zeros((0, 2))
         walkers = any("pedestrian" in lane.allowed for lane in lanes)
         found.append(SumoEdge(identity, tuple(lanes[::-1]), walk, walkers, shape, spread))
@@ -140,7 +140,7 @@ def sumo_edges(stretch: Stretch, section: CrossSection, middle: Middle) -> list[
 
 
 def write_sumo_edges(path: Path, frame: SiteFrame, edges: Sequence[SumoEdge]) -> None:
-    """Write what netconvert is told of edges that it made from ways (``--edge-files``)."""
+    """Write the attributes of edges for netconvert (``--edge-files``)."""
     root = ElementTree.Element("edges")
     for edge in edges:
         element = ElementTree.SubElement(root, "edge", id=edge.id)

@@ -1,6 +1,6 @@
-"""Heights of roads: elevation, superelevation, crown, and the one surface that they lie in."""
+"""Heights of roads: elevation, superelevation, crown, and the common surface of all roads."""
 
-from urbantwin.roads.heights.blend import RoadSurface
 from urbantwin.roads.heights.heights import with_heights
+from urbantwin.roads.heights.surface import RoadSurface
 
 __all__ = ["RoadSurface", "with_heights"]

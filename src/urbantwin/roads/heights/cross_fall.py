@@ -1,4 +1,4 @@
-"""Cross-fall: how carriageways lie across, as measured or as they are usually built."""
+"""Cross-fall of carriageways: measured in the elevation model, else the usual one."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from urbantwin.ground import Elevation
-from urbantwin.roads.heights.limits import Limits
+from urbantwin.roads.heights.design_limits import Limits
 from urbantwin.roads.heights.stations import Stations
 from urbantwin.roads.model import ModelRoad
 
@@ -35,9 +35,9 @@ FINE_M = 2.0
 SIDE_M = 2.0
 #: What is nearer to the edge may be curb, metres.
 EDGE_M = 0.6
-#: Crowns beyond these are something else than a road: a hedge, a wall, a row of parked cars.
+#: Larger crowns are not the road's: a hedge, a wall, a row of parked cars.
 CROWNS = (0.0, 0.05)
-#: Smoothing along the road of what is measured, standard deviation, metres.
+#: Smoothing of measured values along the road, standard deviation, metres.
 ALONG_M = 8.0
 #: Residuals beyond this weigh less in the measurement (Huber, 1964), metres.
 HUBER_M = 0.03

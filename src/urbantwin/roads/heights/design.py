@@ -1,4 +1,4 @@
-"""Design profiles: smooth curves fitted to samples along roads, bounded by design limits."""
+"""Design profiles of streets: smoothing splines through the ground, within design limits."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solveh_banded
 
-from urbantwin.roads.heights.limits import Limits
+from urbantwin.roads.heights.design_limits import Limits
 from urbantwin.roads.heights.stations import Stations
 
-__all__ = ["Pins", "designed", "profile_slopes", "smoothed"]
+__all__ = ["Pins", "design_profiles", "profile_slopes", "smoothed"]
 
 #: Lengths over which profiles are smoothed, one after the other until the limits are met, metres.
 SMOOTHING_LENGTHS_M = (6.0, 12.0, 25.0, 50.0)
 #: How much steeper than the steepest ground along it a street may be.
 GRADE_TOLERANCE = 0.005
-#: Weight of what is pinned, relative to a sample.
+#: Weight of pinned values, relative to a sample.
 PINNED = 1e7
 
 
@@ -84,7 +84,7 @@ def smoothed(
     return z
 
 
-def designed(
+def design_profiles(
     stations: Stations,
     ground: NDArray[np.float64],
     pins: Pins,
@@ -121,7 +121,7 @@ def designed(
                 _largest(stations, bend) / sag,
             ]
         )
-        # A second step must be worth it: where the ground itself is too steep, nothing helps.
+        # Only if it brings more: where the ground itself is too steep, smoothing does not help.
         better = (least > 1.0) & (beyond < 0.98 * least)
         better &= _largest(stations, np.abs(z - ground)) < earthwork
         best = np.where(better[stations.road], z, best)

@@ -1,4 +1,4 @@
-"""The ground as roads see it: heights of the earth under carriageways, smoothed."""
+"""The ground under carriageways: regressed without cars, curbs and noise."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from urbantwin.ground import Elevation
-from urbantwin.roads.levels import Lift
+from urbantwin.roads.grade_separation import Lift
 
 __all__ = ["RoadGround"]
 

@@ -1,4 +1,4 @@
-"""From the ground to the heights of every road."""
+"""Heights of every road from the ground, stage by stage."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.ground import Elevation
-from urbantwin.roads.heights.blend import Base, RoadSurface
-from urbantwin.roads.heights.clash import NO_CLASHES, Clashes, find_clashes
+from urbantwin.roads.grade_separation import Lift
+from urbantwin.roads.heights.connecting_roads import with_fitted_heights
 from urbantwin.roads.heights.cross_fall import (
     FINE_M,
     cross_falls,
@@ -18,14 +18,14 @@ from urbantwin.roads.heights.cross_fall import (
     run_out,
     smooth_step,
 )
-from urbantwin.roads.heights.design import Pins, designed, profile_slopes, smoothed
+from urbantwin.roads.heights.design import Pins, design_profiles, profile_slopes, smoothed
+from urbantwin.roads.heights.design_limits import limits_of
 from urbantwin.roads.heights.ground import RoadGround
-from urbantwin.roads.heights.limits import limits_of
-from urbantwin.roads.heights.mouths import levels_at_ends
+from urbantwin.roads.heights.junction_mouth import levels_at_ends
+from urbantwin.roads.heights.overlap import NO_OVERLAPS, Overlaps, find_overlaps
 from urbantwin.roads.heights.profiles import hermite_profiles
 from urbantwin.roads.heights.stations import SHARPEST, Stations, stations_of
-from urbantwin.roads.heights.through import fitted_ways
-from urbantwin.roads.levels import Lift
+from urbantwin.roads.heights.surface import Base, RoadSurface
 from urbantwin.roads.model import LaneModel, ModelRoad
 
 __all__ = ["with_heights"]
@@ -62,20 +62,20 @@ def with_heights(
     everything = stations_of([*streets, *ways], DENSE_M)
     base = RoadGround(elevation, lift, _carriageway(everything))
     site = _Site(elevation, base, {junction.id: junction.level for junction in model.junctions})
-    risen = _streets(streets, site, NO_CLASHES)
-    clashes = find_clashes(risen, ways, everything)
-    if clashes.calm:
-        again = [k for k, road in enumerate(streets) if road.id in clashes.calm]
-        first = [k for k in again if streets[k].id not in clashes.yielding]
-        _put(risen, first, _streets([streets[k] for k in first], site, clashes))
-        kept = [k for k, road in enumerate(streets) if road.id not in clashes.yielding]
+    risen = _streets(streets, site, NO_OVERLAPS)
+    overlaps = find_overlaps(risen, ways, everything)
+    if overlaps.calm:
+        again = [k for k, road in enumerate(streets) if road.id in overlaps.calm]
+        first = [k for k in again if streets[k].id not in overlaps.yielding]
+        _put(risen, first, _streets([streets[k] for k in first], site, overlaps))
+        kept = [k for k, road in enumerate(streets) if road.id not in overlaps.yielding]
         others = [*(risen[k] for k in kept), *ways]
         kept += range(len(streets), len(streets) + len(ways))
         surface = RoadSurface(model.with_roads(tuple(others)), base, everything.pick(others, kept))
-        last = [k for k in again if streets[k].id in clashes.yielding]
-        _put(risen, last, _streets([streets[k] for k in last], site, clashes, surface))
+        last = [k for k in again if streets[k].id in overlaps.yielding]
+        _put(risen, last, _streets([streets[k] for k in last], site, overlaps, surface))
     surface = RoadSurface(model.with_roads((*risen, *ways)), base, everything)
-    found = {road.id: road for road in (*risen, *fitted_ways(ways, surface))}
+    found = {road.id: road for road in (*risen, *with_fitted_heights(ways, surface))}
     return model.with_roads(tuple(found[road.id] for road in model.roads)), surface
 
 
@@ -108,7 +108,7 @@ def _carriageway(stations: Stations) -> NDArray[np.float64]:
 def _streets(
     streets: Sequence[ModelRoad],
     site: _Site,
-    clashes: Clashes,
+    overlaps: Overlaps,
     surface: RoadSurface | None = None,
 ) -> list[ModelRoad]:
     """Return streets with heights; on a surface of other streets, if there is one."""
@@ -130,7 +130,7 @@ def _streets(
         on = _sampled(stations.beside(t), level, surface.on_streets)
         weight += SHARED_WEIGHT * on
         z = _eased(stations, t, z, weight, on.max(axis=1) > 0.0)
-    share = run_out(stations, clashes.calm)
+    share = run_out(stations, overlaps.calm)
     lifted = _lifted(stations, site.ground)
     cross = cross_falls(stations, t, z, weight, elevation, limits, lifted, share)
     held = np.array([(r.predecessor is not None, r.successor is not None) for r in streets]).T
@@ -143,7 +143,7 @@ def _streets(
     calm = BANK_SMOOTHING_M
     if surface:  # what others do is followed, not smoothed
         earthwork, calm = 0.0, 1.0
-    height = designed(stations, cross.level, along, limits, earthwork)
+    height = design_profiles(stations, cross.level, along, limits, earthwork)
     bank = smoothed(stations, cross.bank, across, np.full(len(streets), calm))
     elevations = hermite_profiles(stations, height, profile_slopes(stations, height, along))
     turn = profile_slopes(stations, bank, across)

@@ -1,4 +1,4 @@
-"""Profiles through values and slopes at the stations of many roads."""
+"""Hermite profiles through values and slopes at the stations of many roads."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def hermite_profiles(
 
     Straight lines are one piece, however long.
     """
-    # Rounding noise of the solvers is no height.
+    # The solvers' rounding noise is removed.
     value, slope = np.round(value, DIGITS) + 0.0, np.round(slope, DIGITS) + 0.0
     inner = np.ones(len(value) - 1, bool)
     inner[stations.edges()[1][:-1]] = False

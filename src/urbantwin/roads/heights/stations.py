@@ -1,4 +1,4 @@
-"""Stations along all roads at once, and how far the carriageway reaches to both sides there."""
+"""Stations along many roads at once, and the extent of the carriageway there."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 import shapely
 from numpy.typing import ArrayLike, NDArray
 
+from urbantwin.geometry import wrapped
 from urbantwin.roads.model import RAISED_KINDS, ModelRoad, Profile
 from urbantwin.roads.model.curve import all_at
 
@@ -151,14 +152,14 @@ def stations_of(roads: Sequence[ModelRoad], step: float, turn: float = math.inf)
     near = [min(NEAR_M, road.length / 50) for road in roads]
     curves = [road.curve for road in roads]
     pose = all_at(curves, s)
-    # Curvature and pace at the ends are told by what lies just inside of them.
+    # Curvature and pace at the ends are measured just inside of them.
     inside = [np.array([d, road.length - d]) for road, d in zip(roads, near, strict=True)]
     ends = pose[np.column_stack([first[:-1], first[1:] - 1])]
     change = (all_at(curves, inside).reshape(-1, 2, 3) - ends) * [[[1.0], [-1.0]]]
     reach = [_reach(road, x) for road, x in zip(roads, s, strict=True)]
     sides = np.concatenate([np.zeros((4, 0)), *reach], axis=1)
     away = np.array(near, np.float64)[:, None]
-    turned = (change[:, :, 2] + np.pi) % (2.0 * np.pi) - np.pi
+    turned = wrapped(change[:, :, 2])
     return Stations(
         tuple(roads),
         first,
@@ -176,7 +177,7 @@ def _turning(road: ModelRoad) -> float:
     pieces = road.curve.pieces
     arcs = sum(abs(piece.curvature) * piece.length for piece in pieces)
     cubics = [piece.heading for piece in pieces if piece.u]
-    return arcs + sum(abs(math.remainder(b - a, math.tau)) for a, b in itertools.pairwise(cubics))
+    return arcs + sum(abs(wrapped(b - a)) for a, b in itertools.pairwise(cubics))
 
 
 def _values(

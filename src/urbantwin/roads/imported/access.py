@@ -1,4 +1,4 @@
-"""Who uses a lane and how fast: as the map says, else as usual."""
+"""Access and speed limits of lanes: the map's, else the usual ones."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ USUAL = {
 }
 #: Where the map states no speed limit: the usual one in towns, and of bicycles, m/s.
 TOWN_MS, BICYCLE_MS, WALKING_MS = 50 / 3.6, 25 / 3.6, 1.39
-#: Streets of more than this are no place for bicycles on the carriageway, m/s.
+#: Largest speed limit of streets with bicycles on the carriageway, m/s.
 FAST_MS = 75 / 3.6
 
 

@@ -1,4 +1,4 @@
-"""From a map that somebody made to the lane network of a site."""
+"""Building the lane network of a site from an imported map."""
 
 from __future__ import annotations
 
@@ -13,8 +13,9 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads.build import BuiltRoads
+from urbantwin.roads.grade_separation import Lift
 from urbantwin.roads.heights import RoadSurface, with_heights
-from urbantwin.roads.imported.closed import closed_model
+from urbantwin.roads.imported.closed_loop import closed_model
 from urbantwin.roads.imported.crop import cropped, has_traffic, main_part
 from urbantwin.roads.imported.heights import (
     ModelSurface,
@@ -24,20 +25,19 @@ from urbantwin.roads.imported.heights import (
     raised,
     with_levels,
 )
-from urbantwin.roads.imported.plain import origin_of
+from urbantwin.roads.imported.plain_xml import origin_of
 from urbantwin.roads.imported.read import ImportedMap
 from urbantwin.roads.imported.sumo import sumo_network_of_model
-from urbantwin.roads.levels import Lift
+from urbantwin.roads.lane_polylines import network_of_model
 from urbantwin.roads.model import LaneModel
-from urbantwin.roads.reading import read_sumo_network
-from urbantwin.roads.redraw import redraw_sumo_network
 from urbantwin.roads.signals.programs import set_programs, with_programs
-from urbantwin.roads.strips import network_of_model
+from urbantwin.roads.sumo_geometry import redraw_sumo_network
+from urbantwin.roads.sumo_network import read_sumo_network
 from urbantwin.site.signals import SignalPlan
 
 __all__ = ["PreparedMap", "build_imported_roads", "check_meets", "prepared_map"]
 
-#: Streets that are cut go on so far beyond the border before they turn round, metres.
+#: Length by which cut streets go on beyond the border before they turn round, metres.
 BEYOND_M = 20.0
 _NOT_LIFTED = Lift(np.zeros((0, 2)), np.zeros(0, np.int64), np.zeros(0))
 
@@ -64,7 +64,7 @@ def prepared_map(
     *,
     closed_loop: bool = False,
 ) -> PreparedMap:
-    """Cut a map to a region, leave out what is not joined to the rest, and settle its heights.
+    """Crop a map to a region and to its main component, and determine its heights.
 
     A map that has heights keeps them, moved up or down as a whole: so that the road nearest to the
     anchor is at zero, or, where there is a DEM, so that the median of roads less ground is zero.

@@ -1,4 +1,4 @@
-"""A lane model cut to the region, and to its main component."""
+"""Cropping a lane model to the region and to its main component."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.roads.component import LeftOut, Part, main_component
-from urbantwin.roads.imported.cut import loosened, part_of_road
 from urbantwin.roads.imported.edges import carries_traffic
+from urbantwin.roads.imported.road_cut import part_of_road, without_links
+from urbantwin.roads.main_component import LeftOut, Part, main_component
 from urbantwin.roads.model import (
     Connection,
     LaneModel,
@@ -225,7 +225,7 @@ def _relinked(
     kept: set[int],
     ways: dict[int, ModelRoad],
 ) -> ModelRoad:
-    """Return a road joined to what is left of its neighbours."""
+    """Return a road linked to its remaining neighbours."""
 
     def link(old: RoadLink | None) -> RoadLink | None:
         if old is None or old.element == "junction":
@@ -238,9 +238,9 @@ def _relinked(
     before, after = link(road.predecessor), link(road.successor)
     sections = list(road.sections)
     if before is None and road.predecessor:
-        sections[0] = loosened(sections[0], "predecessor")
+        sections[0] = without_links(sections[0], "predecessor")
     if after is None and road.successor:
-        sections[-1] = loosened(sections[-1], "successor")
+        sections[-1] = without_links(sections[-1], "successor")
     return dataclasses.replace(road, predecessor=before, successor=after, sections=tuple(sections))
 
 

@@ -1,4 +1,4 @@
-"""Which street a mapped crosswalk crosses, and at which end."""
+"""Crosswalks of a map matched to the street that they cross, and to its end."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def _arms(edges: tuple[Edge, ...], nodes: Nodes) -> list[_Arm]:
     for edge in edges:
         lanes = [edge.lane(index) for index in range(len(edge.lanes))]
         if all("pedestrian" in allowed(lane) for lane in lanes):
-            continue  # who walks there needs no crossing, and netconvert makes none
+            continue  # Pedestrians need no crossing there, and netconvert makes none.
         first, last = edge.sections[0] == 0, edge.sections[-1] == len(edge.road.sections) - 1
         for whole, end in ((first, "start"), (last, "end")):
             node = nodes.of_end[edge.road.id, end]

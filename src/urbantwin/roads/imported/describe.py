@@ -1,4 +1,4 @@
-"""What a map of the roads holds, in a few values."""
+"""Summary of a road map: format, georeference, size and counts."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import numpy as np
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.imported.read import anchor_of, is_placed, map_format, read_map
 from urbantwin.roads.model import LaneModel
-from urbantwin.roads.opendrive.read import read_opendrive
+from urbantwin.roads.opendrive.reading.read import read_opendrive
 
 __all__ = ["describe_map"]
 
 
 def describe_map(path: Path) -> dict[str, object]:
-    """Return a map's format, georeference, size and counts, and what its reader remarked.
+    """Return a map's format, georeference, size and counts, and its reader's remarks.
 
     Raises:
         InputError: it cannot be read.

@@ -1,4 +1,4 @@
-"""Roads of the lane model as the edges that SUMO knows: one direction, the same lanes all along."""
+"""SUMO edges of the lane model: one direction, the same lanes all along."""
 
 from __future__ import annotations
 
@@ -10,8 +10,9 @@ from urbantwin.roads.model import LaneModel, LaneSection, ModelRoad, SectionLane
 
 __all__ = ["TRAFFIC_KINDS", "Edge", "carries_traffic", "edges_of_model", "edges_of_road"]
 
-#: Kinds of lanes that traffic follows, people on foot included, and the least width of a lane of
-#: that kind, metres: what is narrower all along a section is a taper that has not opened yet.
+#: Kinds of lanes that traffic follows, pedestrians included, and the least width of a lane of
+#: that kind, metres: a lane that is narrower all along a section is a taper that has not opened
+#: yet.
 TRAFFIC_KINDS = {"driving": 1.5, "bus": 1.5, "bicycle": 0.5, "sidewalk": 0.5}
 
 
@@ -119,7 +120,7 @@ def _lanes(road: ModelRoad, number: int, side: str, *, forward: bool) -> tuple[i
         lane.id
         for lane in road.sections[number].lanes
         if carries_traffic(road, number, lane)
-        # People on foot walk both ways: a sidewalk belongs to the traffic beside it.
+        # Pedestrians walk both ways: a sidewalk belongs to the traffic beside it.
         and (lane.id * kerb > 0 if lane.kind == "sidewalk" else lane.forward == forward)
     ]
     return tuple(sorted(lanes, key=lambda identity: -kerb * identity))

@@ -1,4 +1,4 @@
-"""The heights that a map brings along: brought to the site, and made into ground between roads."""
+"""Heights of an imported map: shifted to the site, and interpolated to ground between roads."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ __all__ = ["ModelSurface", "elevation_of_model", "is_flat", "on_one_level", "rai
 FLAT_M = 0.05
 #: Spacing of samples along roads, metres.
 STEP_M = 2.0
-#: A road so far above another one passes over it, metres (least clearance that trucks need is 4 m;
-#: maps draw bridges of less).
+#: Least height of a road above another that it passes over, metres (least clearance that trucks
+#: need is 4 m; maps draw bridges of less).
 OVER_M = 2.5
 #: Points so far outside the convex hull of others are beyond it, whatever was rounded, metres.
 HULL_RIM_M = 1e-3
-#: The ground is not drawn up to a bridge this close to what it passes over, metres.
+#: The ground is not raised to a bridge this close to the road below it, metres.
 UNDER_M = 6.0
 #: Cell of the ground's grid, and the most cells that it may have, beyond which cells grow.
 GRID_M, MOST_CELLS = 1.0, 1_500_000
@@ -73,7 +73,7 @@ def on_one_level(model: LaneModel) -> LaneModel:
 
 
 def with_levels(model: LaneModel) -> LaneModel:
-    """Return the model with each road's level: one more than that of what it passes over.
+    """Return the model with each road's level: one more than that of the roads below it.
 
     A way through a junction is on its junction's level, which is that of its lowest way.
     """
@@ -220,7 +220,7 @@ def _samples(road: ModelRoad) -> NDArray[np.float64]:
 
 
 def _joined(model: LaneModel) -> dict[int, set[int]]:
-    """Return each road's neighbours: what it is joined to, and the ways of its own junction."""
+    """Return each road's neighbours: linked roads, and the ways of its own junction."""
     found: dict[int, set[int]] = {road.id: set() for road in model.roads}
     for road in model.roads:
         for link in (road.predecessor, road.successor):

@@ -1,4 +1,4 @@
-"""Where edges meet: junctions of the model, ends of roads that are joined, and section borders."""
+"""SUMO nodes of the lane model: junctions, joined ends of roads, and section borders."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reading a map that somebody made, in any format that we read, into the site frame."""
+"""Reading an imported map, in any of the formats, into the site frame."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads import argoverse, lanelet2
 from urbantwin.roads.model import LaneModel
-from urbantwin.roads.opendrive.placed import placed, shifted
-from urbantwin.roads.opendrive.read import ReadMap, read_opendrive
+from urbantwin.roads.opendrive.reading.placement import placed, shifted
+from urbantwin.roads.opendrive.reading.read import ReadMap, read_opendrive
 
 __all__ = [
     "ImportedMap",
@@ -24,12 +24,12 @@ __all__ = [
     "is_map_of_roads",
     "is_placed",
     "map_format",
+    "naming_file",
     "placed_map",
     "read_map",
-    "said_of",
 ]
 
-#: Endings of the files that we read, and what they hold.
+#: File name extensions and their formats.
 FORMATS = {".xodr": "OpenDRIVE", ".osm": "Lanelet2", ".json": "Argoverse 2"}
 _LANELET = re.compile(rb"""v=["']lanelet["']""")
 EXPECTED = "an OpenDRIVE map (.xodr), a Lanelet2 map (.osm) or one of Argoverse 2 (.json)"
@@ -60,7 +60,7 @@ def map_format(path: Path) -> str:
     """Return ``OpenDRIVE``, ``Lanelet2`` or ``Argoverse 2`` by a file's ending.
 
     Raises:
-        InputError: it is none of them.
+        InputError: it has another ending.
     """
     found = FORMATS.get(path.suffix.lower())
     if found is None:
@@ -122,7 +122,7 @@ def placed_map(
     if read.projection is not None:
         if anchor_m is not None:
             raise _placed_twice(path)
-        with said_of(path):
+        with naming_file(path):
             return ImportedMap(path, placed(read.model, read.projection, frame), notes)
     x, y = anchor_m or (0.0, 0.0)
     notes["georeference"] = f"none in the map: x east, y north, and {x:g}, {y:g} is the anchor"
@@ -130,7 +130,7 @@ def placed_map(
 
 
 @contextmanager
-def said_of(path: Path) -> Iterator[None]:
+def naming_file(path: Path) -> Iterator[None]:
     """Name the file in errors that do not."""
     try:
         yield

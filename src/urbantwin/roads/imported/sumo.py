@@ -1,4 +1,4 @@
-"""SUMO's network of a lane model, by netconvert, and the names that its lanes have there."""
+"""SUMO's network of a lane model, made by netconvert, and its names of the lanes."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from lxml import etree
 
 from urbantwin.roads.imported.crosswalks import Crosswalk, crosswalks_of_model
 from urbantwin.roads.imported.edges import edges_of_model
-from urbantwin.roads.imported.lights import lights_of_model
-from urbantwin.roads.imported.links import Lanes, Place, lane_links
-from urbantwin.roads.imported.loops import without_loops
-from urbantwin.roads.imported.nodes import Nodes
-from urbantwin.roads.imported.plain import OUTER, PlainNetwork, junction_outline, write_plain
-from urbantwin.roads.imported.programs import with_programs
+from urbantwin.roads.imported.lane_links import Lanes, Place, lane_links
+from urbantwin.roads.imported.nodes import Nodes, loops
+from urbantwin.roads.imported.plain_xml import OUTER, PlainNetwork, junction_outline, write_plain
+from urbantwin.roads.imported.road_cut import with_border
+from urbantwin.roads.imported.signal_programs import with_programs
+from urbantwin.roads.imported.traffic_lights import lights_of_model
 from urbantwin.roads.model import LaneModel, ModelRoad
 from urbantwin.roads.netconvert import run_netconvert, write_network
 
@@ -26,7 +26,7 @@ __all__ = ["SumoNetwork", "sumo_network_of_model"]
 OPTIONS = {
     "offset.disable-normalization": "true",  # keep the site frame
     "precision": "3",
-    "geometry.max-grade": "1000",  # heights are ours, netconvert sees a flat world
+    "geometry.max-grade": "1000",  # heights are the lane model's; netconvert's network is flat
     "roundabouts.guess": "true",
     "tls.default-type": "static",
     "tls.left-green.time": "12",
@@ -61,7 +61,7 @@ def sumo_network_of_model(model: LaneModel, out: Path) -> SumoNetwork:
     Raises:
         StageError: netconvert failed.
     """
-    model, borders = without_loops(model)
+    model, borders = _without_loops(model)
     nodes = Nodes(model)
     edges = edges_of_model(model, borders)
     links = lane_links(Lanes(model, edges))
@@ -194,3 +194,19 @@ def _crossing(
     if crosswalk is None:
         return ""
     return crossings.get((crosswalk.node, frozenset(crosswalk.edges)), "")
+
+
+def _without_loops(model: LaneModel) -> tuple[LaneModel, set[tuple[int, int]]]:
+    """Return the model with a section border in the middle of every road that ends where it begins.
+
+    SUMO has no edge from a node to itself. The borders are returned too: (road, section).
+    """
+    wanted = loops(edges_of_model(model), Nodes(model))
+    roads, borders = [], set()
+    for road in model.roads:
+        changed = road
+        if road.id in wanted:
+            changed, number = with_border(road, road.length / 2)
+            borders.add((road.id, number))
+        roads.append(changed)
+    return model.with_roads(tuple(roads)), borders

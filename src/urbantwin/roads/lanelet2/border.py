@@ -1,4 +1,4 @@
-"""Borders of lanes as the map draws them, measured from a reference line."""
+"""Borders of lanes: mapped polylines measured from a reference line."""
 
 from __future__ import annotations
 

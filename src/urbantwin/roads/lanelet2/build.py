@@ -1,4 +1,4 @@
-"""Streets and ways through junctions: planned, built, and planned anew where a street fails."""
+"""Building streets and connecting roads of lanelets, planned again where a street fails."""
 
 from __future__ import annotations
 
@@ -10,33 +10,39 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import StageError
+from urbantwin.roads.lanelet2.connecting_road import (
+    ConnectingRoad,
+    Gate,
+    connecting_road_of,
+    gates_of,
+    routes,
+)
 from urbantwin.roads.lanelet2.group import Member, groups_of
+from urbantwin.roads.lanelet2.lane_sections import Row
 from urbantwin.roads.lanelet2.lanelet import Lanelet
-from urbantwin.roads.lanelet2.passage import Gate, Passage, gates_of, passage_of, routes
-from urbantwin.roads.lanelet2.plan import Chain, Plan, planned
-from urbantwin.roads.lanelet2.profiles import Row
+from urbantwin.roads.lanelet2.plan import Chain, Plan, plan_streets
 from urbantwin.roads.lanelet2.street import Street, StreetTooShort, street_of
 from urbantwin.roads.lanelet2.topology import Topology
 
-__all__ = ["Built", "LaneAt", "built"]
+__all__ = ["BuiltRoads", "LaneAt", "build_streets_and_junctions"]
 
-#: What is lost of a lane is said if it is longer than this, metres.
+#: A longer lost part of a lane is reported, metres.
 LOST_M = 0.01
 #: More plans are not tried; real maps need fewer than ten.
 MOST_PLANS = 400
 #: Road, number of the section, lane.
 LaneAt = tuple[int, int, int]
-#: Lanelets of a chain and what is cut off it -> its street; ``None`` if it makes none.
+#: Lanelets of a chain and its cuts -> its street; ``None`` if it cannot be built.
 Made = dict[tuple[object, ...], Street | None]
 
 
 @dataclass(frozen=True)
-class Built:
+class BuiltRoads:
     """All roads, not yet linked.
 
     Attributes:
         streets: the streets.
-        passages: the ways through junctions.
+        connecting_roads: the ways through junctions.
         topology: what leads where.
         plan: what became of each group of lanelets.
         shortened: lanelets that lead nowhere at a junction whose end lies across: what lies beyond
@@ -46,7 +52,7 @@ class Built:
     """
 
     streets: tuple[Street, ...]
-    passages: tuple[Passage, ...]
+    connecting_roads: tuple[ConnectingRoad, ...]
     topology: Topology
     plan: Plan
     shortened: tuple[int, ...]
@@ -62,10 +68,10 @@ class Built:
                     for group in span:
                         lanelet = track.member(group).lanelet.id
                         found.setdefault(lanelet, []).append((street.road.id, number, identity))
-        for passage in self.passages:
-            for lanelet in passage.lanelets:
-                lane = passage.road.sections[0].lanes[0].id
-                found.setdefault(lanelet, []).append((passage.road.id, 0, lane))
+        for connecting_road in self.connecting_roads:
+            for lanelet in connecting_road.lanelets:
+                lane = connecting_road.road.sections[0].lanes[0].id
+                found.setdefault(lanelet, []).append((connecting_road.road.id, 0, lane))
         return {i: tuple(rows) for i, rows in found.items()}
 
     @cached_property
@@ -81,25 +87,25 @@ class Built:
                     for group in span:
                         lanelet = track.member(group).lanelet.id
                         found.setdefault(lanelet, {})[street.road.id, identity] = None
-        for passage in self.passages:
-            for lanelet in passage.lanelets:
-                gate = passage.start
+        for connecting_road in self.connecting_roads:
+            for lanelet in connecting_road.lanelets:
+                gate = connecting_road.start
                 found.setdefault(lanelet, {})[gate.street.road.id, gate.lane] = None
         return {i: tuple(rows) for i, rows in found.items()}
 
 
-def built(
+def build_streets_and_junctions(
     lanelets: Mapping[int, Lanelet],
     side: str,
-    facts: Callable[[Member], Row],
+    attributes: Callable[[Member], Row],
     ways: Mapping[int, dict[str, str]],
-) -> Built:
+) -> BuiltRoads:
     """Build every street and every way through a junction.
 
     Args:
         lanelets: the map.
         side: on which side people drive.
-        facts: what is known of a lanelet, seen along its road.
+        attributes: what is known of a lanelet, seen along its road.
         ways: tags of the map's ways.
 
     Raises:
@@ -117,12 +123,12 @@ def built(
     for _ in range(most):
         groups = [g for g in groups_of(lanes, apart) if any(m.lanelet.drives for m in g.members)]
         topology = Topology(drives, groups)
-        plan = planned(topology, forced, barred)
+        plan = plan_streets(topology, forced, barred)
         ending = _ending(topology, plan) - apart
         if ending:
             apart |= ending
             continue
-        streets, failed = _streets(topology, plan, side, facts, ways, made)
+        streets, failed = _streets(topology, plan, side, attributes, ways, made)
         lost: frozenset[int] = frozenset()
         for chain in failed:
             ids = frozenset(i for group in chain.groups for i in group.ids)
@@ -136,9 +142,13 @@ def built(
             paths = _paths(streets, topology, plan)
             missed = plan.inner - {i for _, way, _ in paths for i in way}
             if not missed:
-                passages = _passages(paths, len(streets), topology, side, facts, ways)
-                short = _shortened(streets, passages)
-                return Built(tuple(streets), tuple(passages), topology, plan, short, stubs)
+                connecting_roads = _connecting_roads(
+                    paths, len(streets), topology, side, attributes, ways
+                )
+                short = _shortened(streets, connecting_roads)
+                return BuiltRoads(
+                    tuple(streets), tuple(connecting_roads), topology, plan, short, stubs
+                )
             # First what nothing leads to or from: what comes after it may then be reached.
             before = {k for following in topology.successors.values() for k in following}
             ends = {i for i in missed if i not in before or not topology.successors[i]} or missed
@@ -151,8 +161,7 @@ def built(
             lanes = {i: n for i, n in lanes.items() if i not in lost}
             drives = {i: n for i, n in drives.items() if i not in lost}
     raise StageError(
-        "the lanelets cannot be told apart into streets and junctions: "
-        f"{most} plans did not work out"
+        f"the lanelets cannot be divided into streets and junctions: {most} plans did not work out"
     )
 
 
@@ -179,7 +188,7 @@ def _streets(
     topology: Topology,
     plan: Plan,
     side: str,
-    facts: Callable[[Member], Row],
+    attributes: Callable[[Member], Row],
     ways: Mapping[int, dict[str, str]],
     made: Made,
 ) -> tuple[list[Street], list[Chain]]:
@@ -195,7 +204,7 @@ def _streets(
         key = (rows, chain.cuts)
         if key not in made:
             try:
-                made[key] = street_of(1 + number, chain, follows, side, facts, ways)
+                made[key] = street_of(1 + number, chain, follows, side, attributes, ways)
             except StreetTooShort:
                 made[key] = None
         street = made[key]
@@ -212,8 +221,8 @@ def _length(line: NDArray[np.float64]) -> float:
     return float(np.linalg.norm(np.diff(line, axis=0), axis=1).sum())
 
 
-def _shortened(streets: list[Street], passages: list[Passage]) -> tuple[int, ...]:
-    used = {(g.street.road.id, g.end, g.lane) for p in passages for g in (p.start, p.end)}
+def _shortened(streets: list[Street], connecting_roads: list[ConnectingRoad]) -> tuple[int, ...]:
+    used = {(g.street.road.id, g.end, g.lane) for p in connecting_roads for g in (p.start, p.end)}
     return tuple(
         sorted(
             gate.lanelet
@@ -240,17 +249,19 @@ def _paths(
     ]
 
 
-def _passages(
+def _connecting_roads(
     paths: list[tuple[Gate, tuple[int, ...], Gate]],
     streets: int,
     topology: Topology,
     side: str,
-    facts: Callable[[Member], Row],
+    attributes: Callable[[Member], Row],
     ways: Mapping[int, dict[str, str]],
-) -> list[Passage]:
-    passages: list[Passage] = []
+) -> list[ConnectingRoad]:
+    connecting_roads: list[ConnectingRoad] = []
     for start, way, end in paths:
         members = [Member(topology.lanelets[i], forward=True) for i in way]
-        number = 1 + streets + len(passages)
-        passages.append(passage_of(number, start, members, end, side, facts, ways))
-    return passages
+        number = 1 + streets + len(connecting_roads)
+        connecting_roads.append(
+            connecting_road_of(number, start, members, end, side, attributes, ways)
+        )
+    return connecting_roads

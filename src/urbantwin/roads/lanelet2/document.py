@@ -72,7 +72,7 @@ class Document:
 def is_lanelet2(path: Path) -> bool:
     """Return whether a file holds a lanelet: looks for the tag, reads nothing else.
 
-    A missing file, a folder and a packed extract are none.
+    False for a missing file, a folder and a packed extract.
     """
     try:
         with path.open("rb") as file:

@@ -1,4 +1,4 @@
-"""Lanelets side by side: neighbours share the way of a bound."""
+"""Groups of lanelets side by side: neighbours share the way of a bound."""
 
 from __future__ import annotations
 

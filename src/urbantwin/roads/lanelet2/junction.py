@@ -1,4 +1,4 @@
-"""Junctions: ways that meet at an end of a street, or lie over each other."""
+"""Junctions: connecting roads that share the end of a street, or overlap."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import shapely
 
-from urbantwin.roads.lanelet2.passage import Passage
+from urbantwin.roads.lanelet2.connecting_road import ConnectingRoad
 from urbantwin.roads.lanelet2.street import Street
 from urbantwin.roads.model import Connection, ModelJunction, ModelRoad, RoadLink
 
@@ -16,34 +16,37 @@ __all__ = ["junctions_of"]
 
 #: Ways that lie over each other by more than this belong to one junction, square metres.
 OVERLAP_M2 = 0.5
-#: Ways that pass so far above each other do not meet, metres.
+#: Least vertical distance of ways that pass over each other, metres.
 CLEARANCE_M = 2.5
 
 
 def junctions_of(
-    streets: Sequence[Street], passages: Sequence[Passage], first: int
+    streets: Sequence[Street], connecting_roads: Sequence[ConnectingRoad], first: int
 ) -> tuple[tuple[ModelRoad, ...], tuple[ModelJunction, ...]]:
     """Return all roads, linked to each other and to junctions, and the junctions.
 
     Args:
         streets: the streets.
-        passages: the ways through junctions.
+        connecting_roads: the ways through junctions.
         first: id of the first junction.
     """
-    number = _clusters(passages)
+    number = _clusters(connecting_roads)
     identity = {k: first + n for n, k in enumerate(dict.fromkeys(number))}
     at: dict[tuple[int, bool], int] = {}
     rows: dict[int, list[Connection]] = {i: [] for i in identity.values()}
     roads = []
-    for passage, cluster in zip(passages, number, strict=True):
+    for way, cluster in zip(connecting_roads, number, strict=True):
         junction = identity[cluster]
-        for gate in (passage.start, passage.end):
+        for gate in (way.start, way.end):
             at[gate.street.road.id, gate.end] = junction
-        road = replace(passage.road, junction=junction)
+        road = replace(way.road, junction=junction)
         lane = road.sections[0].lanes[0].id
         rows[junction].append(
             Connection(
-                passage.start.street.road.id, road.id, "start", ((passage.start.lane, lane),)
+                way.start.street.road.id,
+                road.id,
+                "start",
+                ((way.start.lane, lane),),
             )
         )
         roads.append(road)
@@ -63,9 +66,9 @@ def _link(junction: int | None) -> RoadLink | None:
     return None if junction is None else RoadLink("junction", junction)
 
 
-def _clusters(passages: Sequence[Passage]) -> list[int]:
+def _clusters(connecting_roads: Sequence[ConnectingRoad]) -> list[int]:
     """Return for each way the number of the first way of its junction."""
-    parent = list(range(len(passages)))
+    parent = list(range(len(connecting_roads)))
 
     def root(k: int) -> int:
         while parent[k] != k:
@@ -77,20 +80,22 @@ def _clusters(passages: Sequence[Passage]) -> list[int]:
         parent[max(a, b)] = min(a, b)
 
     first: dict[tuple[int, bool], int] = {}
-    for k, passage in enumerate(passages):
-        for gate in (passage.start, passage.end):
+    for k, way in enumerate(connecting_roads):
+        for gate in (way.start, way.end):
             join(k, first.setdefault((gate.street.road.id, gate.end), k))
-    areas = np.array([passage.area for passage in passages], object)
+    areas = np.array([way.area for way in connecting_roads], object)
     tree = shapely.STRtree(areas)
     for a, b in zip(*tree.query(areas, predicate="intersects"), strict=True):
         if a < b and root(a) != root(b):
             common = shapely.intersection(areas[a], areas[b])
-            if common.area > OVERLAP_M2 and _level(passages[a], passages[b], common):
+            if common.area > OVERLAP_M2 and _level(
+                connecting_roads[a], connecting_roads[b], common
+            ):
                 join(int(a), int(b))
-    return [root(k) for k in range(len(passages))]
+    return [root(k) for k in range(len(connecting_roads))]
 
 
-def _level(a: Passage, b: Passage, common: shapely.Geometry) -> bool:
+def _level(a: ConnectingRoad, b: ConnectingRoad, common: shapely.Geometry) -> bool:
     point = np.array(common.representative_point().coords)[:, :2]
     heights = []
     for road in (a.road, b.road):

@@ -1,4 +1,4 @@
-"""Lanelets: two bounds that run the same way, what they are for, and who may use them."""
+"""Lanelets: two bounds in the direction of travel, their use, and who may use them."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.roads.lanelet2.document import Document, Relation
-from urbantwin.roads.lanelet2.places import Places
-from urbantwin.roads.lanelet2.rules import allowed_of, kind_of
+from urbantwin.roads.lanelet2.projection import Places
+from urbantwin.roads.lanelet2.traffic_rules import allowed_of, kind_of
 
 __all__ = ["Lanelet", "bounds_of", "lanelets_of"]
 
-#: No lane between two places where lanes meet is longer: a point of it is somewhere else.
+#: No lane between two places where lanes meet is longer: one of its points is misplaced.
 LONGEST_M = 10_000.0
 
 
@@ -46,7 +46,7 @@ class Lanelet:
 
     @cached_property
     def kind(self) -> str:
-        """A kind of lane, ``crosswalk``, or empty for what is no lane."""
+        """The kind of lane, ``crosswalk``, or empty for anything else."""
         return kind_of(self.tags)
 
     @cached_property

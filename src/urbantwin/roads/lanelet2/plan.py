@@ -1,4 +1,4 @@
-"""Which lanelets become streets, and which become ways through junctions.
+"""Dividing lanelets into streets and connecting roads of junctions.
 
 A group of lanelets is a street unless lanes branch, merge or cross on it. Where a group leaves a
 fork, the part of it that still lies over its siblings is cut off and becomes a way through the
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from urbantwin.roads.lanelet2.group import Group
 from urbantwin.roads.lanelet2.topology import End, Topology
 
-__all__ = ["Chain", "Plan", "planned"]
+__all__ = ["Chain", "Plan", "plan_streets"]
 
 #: A way through a junction that is cut off a street is at least so long, metres.
 LEAST_CUT_M = 5.0
@@ -22,7 +22,7 @@ LEAST_CUT_M = 5.0
 LEAST_STREET_M = 10.0
 #: What is left of other streets that are cut, metres, or less where they are short.
 KEPT_M = 5.0
-#: A way through a junction begins so far before the first place where it is crossed, metres.
+#: Distance from the start of a way through a junction to its first crossing, metres.
 CLEAR_M = 3.0
 #: Longer groups stay streets even where others cross them, metres.
 LONGEST_INNER_M = 120.0
@@ -52,8 +52,8 @@ class Plan:
     crossed: tuple[tuple[int, int], ...]
 
 
-def planned(topology: Topology, forced: frozenset[int], barred: frozenset[int]) -> Plan:
-    """Return what becomes of each group.
+def plan_streets(topology: Topology, forced: frozenset[int], barred: frozenset[int]) -> Plan:
+    """Divide groups into streets and lanelets within junctions.
 
     Args:
         topology: what leads where.
@@ -107,7 +107,7 @@ def _crossed_or_tagged(topology: Topology, forced: frozenset[int]) -> set[int]:
 
 
 def _cuts(topology: Topology, inner: set[int]) -> dict[End, float]:
-    """Return what is cut off groups where the next one is no way through a junction either."""
+    """Return lengths to cut off groups that meet without a way through a junction between them."""
     chosen: dict[End, float] = dict.fromkeys(_rings(topology), LEAST_CUT_M)
     links = sorted({(e, f) for e, f, _, _ in topology.links})
     for e, f in links:

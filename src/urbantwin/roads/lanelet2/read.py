@@ -1,4 +1,4 @@
-"""From a Lanelet2 map to the lane model."""
+"""Converting a Lanelet2 map to the lane model."""
 
 from __future__ import annotations
 
@@ -11,17 +11,22 @@ import shapely
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.driving_side import driving_side
-from urbantwin.roads.lanelet2.build import Built, LaneAt, built
+from urbantwin.roads.lanelet2.attributes import attributes_of
+from urbantwin.roads.lanelet2.build import BuiltRoads, LaneAt, build_streets_and_junctions
 from urbantwin.roads.lanelet2.document import Document, read_document
-from urbantwin.roads.lanelet2.facts import facts_of
 from urbantwin.roads.lanelet2.junction import junctions_of
 from urbantwin.roads.lanelet2.lanelet import Lanelet, bounds_of, lanelets_of
-from urbantwin.roads.lanelet2.lights import POSTED, controllers_of, sign_ways, signals_of
-from urbantwin.roads.lanelet2.paint import areas_of, hosts_of, island_ways, stop_lines
-from urbantwin.roads.lanelet2.places import Places, places_of
-from urbantwin.roads.lanelet2.rules import PAINTED
+from urbantwin.roads.lanelet2.markings import BuiltMap, areas_of, hosts_of, island_ways, stop_lines
+from urbantwin.roads.lanelet2.projection import Places, places_of
+from urbantwin.roads.lanelet2.regulatory_elements import (
+    POSTED,
+    controllers_of,
+    sign_ways,
+    signals_of,
+)
+from urbantwin.roads.lanelet2.traffic_rules import PAINTED
 from urbantwin.roads.model import LaneModel, ModelRoad
-from urbantwin.roads.model.marks import marked
+from urbantwin.roads.model.lane_marks import with_lane_marks
 
 __all__ = ["Translation", "read_lanelet2", "translate", "translated"]
 
@@ -75,17 +80,18 @@ def translated(document: Document, frame: SiteFrame) -> Translation:
     ways = {identity: way.tags for identity, way in document.ways.items()}
     if not any(n.drives for n in lanelets.values()):
         raise document.error("has no lanelets that vehicles may use")
-    parts = built(lanelets, side, facts_of(document), ways)
-    first = 1 + len(parts.streets) + len(parts.passages)
-    roads, junctions = junctions_of(parts.streets, parts.passages, first)
+    parts = build_streets_and_junctions(lanelets, side, attributes_of(document), ways)
+    first = 1 + len(parts.streets) + len(parts.connecting_roads)
+    roads, junctions = junctions_of(parts.streets, parts.connecting_roads, first)
     if not any(tags.get("type") in PAINTED for tags in ways.values()):
         roads = tuple(_painted(road) for road in roads)
         notes["lines_between_lanes"] = "assumed: the map has none"
     hosts = hosts_of(roads)
+    on_streets = BuiltMap(document, places, lanelets, parts.approaches, hosts)
     first += len(junctions)
-    areas = areas_of(document, places, lanelets, parts.approaches, hosts, first, notes)
+    areas = areas_of(on_streets, first, notes)
     first += len(areas)
-    signals = signals_of(document, places, lanelets, parts.approaches, hosts, first, notes)
+    signals = signals_of(on_streets, first, notes)
     signals, controllers = controllers_of(signals, hosts, first + len(signals))
     _note(notes, document, lanelets, parts)
     model = LaneModel(side, roads, junctions, areas, signals, controllers)
@@ -129,16 +135,16 @@ def _painted(road: ModelRoad) -> ModelRoad:
     """Return a road with the lines that are usual; none where ways through a junction overlap."""
     if road.junction >= 0:
         return road
-    return replace(road, sections=tuple(marked(section) for section in road.sections))
+    return replace(road, sections=tuple(with_lane_marks(section) for section in road.sections))
 
 
 def _note(
     notes: dict[str, object],
     document: Document,
     lanelets: Mapping[int, Lanelet],
-    parts: Built,
+    parts: BuiltRoads,
 ) -> None:
-    """Count what was read, and what was left out or looks wrong."""
+    """Count what was read, left out or looks wrong."""
     counts: Counter[str] = Counter()
     counts["lanelets"] = len(lanelets)
     for identity, lanelet in lanelets.items():
@@ -162,7 +168,7 @@ def _note(
     counts["lanes_that_end_at_junctions_cut_across"] = len(parts.shortened)
     counts["crossings_without_a_junction"] = len(parts.plan.crossed)
     counts["corners_of_borders_that_turn_back"] = sum(
-        [*(s.dropped for s in parts.streets), *(p.dropped for p in parts.passages)]
+        [*(s.dropped for s in parts.streets), *(p.dropped for p in parts.connecting_roads)]
     )
     notes.update({key: n for key, n in counts.items() if n})
     loose = _loose(parts)
@@ -170,7 +176,7 @@ def _note(
         notes["lanelets_that_end_on_others_without_sharing_points"] = loose
 
 
-def _loose(parts: Built) -> list[int]:
+def _loose(parts: BuiltRoads) -> list[int]:
     """Return lanelets that nothing follows although they end within another one."""
     drives = parts.topology.lanelets
     ids = list(drives)

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from urbantwin.roads.lanelet2.border import Border, Measured
 from urbantwin.roads.lanelet2.group import Group, Member
+from urbantwin.roads.lanelet2.lane_sections import Row, heights_of, section_of
 from urbantwin.roads.lanelet2.plan import Chain
-from urbantwin.roads.lanelet2.profiles import Row, heights_of, section_of
-from urbantwin.roads.lanelet2.reference import Pose, smooth_curve, trimmed
+from urbantwin.roads.lanelet2.reference_line import Pose, smooth_curve, trimmed
 from urbantwin.roads.lanelet2.track import Track, joined, tracks_of
 from urbantwin.roads.model import Curve, LaneSection, ModelRoad, Profile
 
@@ -28,7 +28,7 @@ END_M = 3.0
 
 
 class StreetTooShort(Exception):  # noqa: N818 - not an error: the chain is planned anew
-    """A chain has no station where all its borders are there."""
+    """A chain has no station that all its borders reach."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,6 @@ class Street:
     Attributes:
         road: the road.
         chain: what it was made from.
-        tracks: its lanes.
         lanes: for each section: track -> id of the lane.
         spans: for each section: the groups of the chain that it holds.
         whole: for each track, both borders on the reference line as it was before it was cut.
@@ -48,7 +47,6 @@ class Street:
 
     road: ModelRoad
     chain: Chain
-    tracks: tuple[Track, ...]
     lanes: tuple[dict[Track, int], ...]
     spans: tuple[tuple[int, ...], ...]
     whole: dict[Track, tuple[Measured, Measured]]
@@ -61,7 +59,7 @@ def street_of(
     chain: Chain,
     follows: Callable[[int, int], bool],
     side: str,
-    facts: Callable[[Member], Row],
+    attributes: Callable[[Member], Row],
     ways: Mapping[int, dict[str, str]],
 ) -> Street:
     """Return a chain of groups as a road.
@@ -71,7 +69,7 @@ def street_of(
         chain: the groups.
         follows: whether one lanelet leads to another.
         side: on which side people drive.
-        facts: what is known of a lane.
+        attributes: what is known of a lane.
         ways: tags of the map's ways, for the lines between lanes.
 
     Raises:
@@ -95,7 +93,7 @@ def street_of(
         key: border.window(first - 1.0, last + 1.0).along(curve) for key, border in seen.items()
     }
     measured = {t: (here[t.left.tobytes()], here[t.right.tobytes()]) for t in tracks}
-    spans, stations = _sections(chain, tracks, curve, facts)
+    spans, stations = _sections(chain, tracks, curve, attributes)
     orders = [_across(chain, tracks, span[0], measured) for span in spans]
     elevation, bank = heights_of(curve, stations, orders)
     sections: list[LaneSection] = []
@@ -106,7 +104,7 @@ def street_of(
         split = divider(Group(tuple(track.member(span[0]) for track in row)), side)
         ids = {t: split - j if j < split else split - j - 1 for j, t in enumerate(row)}
         end = stations[len(sections) + 1]
-        rows = [facts(track.member(span[0])) for track in row]
+        rows = [attributes(track.member(span[0])) for track in row]
         section, offset = section_of(
             (start, end), [pair for _, pair in order], split, rows, bank, ways
         )
@@ -132,7 +130,7 @@ def street_of(
         linked,
     )
     dropped = sum(border.dropped for border in here.values())
-    return Street(road, chain, tracks, tuple(lanes), spans, whole, (first, last), dropped)
+    return Street(road, chain, tuple(lanes), spans, whole, (first, last), dropped)
 
 
 def divider(group: Group, side: str) -> int:
@@ -198,7 +196,7 @@ def _reach(
     first = min(starts) if head is None else max(starts) + head
     end = max(ends) if tail is None else min(ends) - tail
     if head is None or tail is None:
-        # There is no other road that could have what is missing.
+        # No other road could contain the missing part.
         short = max(0.0, LEAST_M + 1e-6 - (end - first))
         first, end = (first - short, end) if head is None else (first, end + short)
     return max(float(first), 0.0), min(float(end), next(iter(whole.values()))[0].curve.length)
@@ -208,7 +206,7 @@ def _sections(
     chain: Chain,
     tracks: Sequence[Track],
     curve: Curve,
-    facts: Callable[[Member], Row],
+    attributes: Callable[[Member], Row],
 ) -> tuple[tuple[tuple[int, ...], ...], list[float]]:
     """Return the groups of each lane section, and the stations between them with both ends."""
     spans, stations = [[0]], [0.0]
@@ -216,7 +214,7 @@ def _sections(
         before = [t for t in tracks if t.first <= k - 1 < t.first + len(t.members)]
         after = [t for t in tracks if t.first <= k < t.first + len(t.members)]
         same = len(before) == len(after) and all(t in after for t in before)
-        if same and all(facts(t.member(k - 1)) == facts(t.member(k)) for t in after):
+        if same and all(attributes(t.member(k - 1)) == attributes(t.member(k)) for t in after):
             spans[-1].append(k)
             continue
         seams = [

@@ -1,4 +1,4 @@
-"""Which lanelets follow each other, where groups meet, and where they cross."""
+"""Topology of lanelets: successors, where groups meet, and where they cross."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["End", "Topology"]
 
 #: Number of a group, and which end of it: 0 start, 1 end.
 End = tuple[int, int]
-#: Ways that pass each other at least so far above are on different levels, metres.
+#: Least vertical distance of ways on different levels, metres.
 CLEARANCE_M = 2.5
 
 

@@ -1,4 +1,4 @@
-"""Tracks: lanes that go on through several groups of lanelets."""
+"""Tracks: lanes that continue through several groups of lanelets."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""The closed loop: outer roads that lead every way out of the region back to a way in."""
+"""The closed loop: outer roads that lead every exit of the region back to an entry."""
 
-from urbantwin.roads.loop.bulb import bulb
-from urbantwin.roads.loop.outer import OuterRoads, close_loop
+from urbantwin.roads.loop.dubins import dubins_path
+from urbantwin.roads.loop.outer_roads import OuterRoads, close_loop
 
-__all__ = ["OuterRoads", "bulb", "close_loop"]
+__all__ = ["OuterRoads", "close_loop", "dubins_path"]

@@ -1,113 +1,176 @@
-"""What is taken in plan beyond the region's border, and what is free for outer roads."""
+"""Layout of outer roads: new ways and nodes with ids of their own."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TypeVar
 
 import numpy as np
 import shapely
-from numpy.typing import NDArray
 
-from urbantwin.roads.loop.bulb import Pose2, bulb
+from urbantwin.geometry import stations_of_points
+from urbantwin.roads.loop.dimensions import half_width
+from urbantwin.roads.loop.free_space import FreeSpace, Points, unit
+from urbantwin.roads.loop.road_ends import motor_lanes
+from urbantwin.site import WayPiece
 
-__all__ = ["Ground", "Points", "sampled", "unit"]
+__all__ = ["Gate", "Layout"]
 
-#: Turn between two points of a drawn curve, radians; an arc of 11 m is then left by 2 cm.
-STEP = math.radians(7.0)
-#: Room between two roads round the region, metres.
-RING_GAP_M = 6.0
-#: Room between the straight way out of a street and the middle of any other street, metres.
-WAY_OUT_ROOM_M = 3.0
-#: Farther than any region reaches, metres.
-FAR_M = 5000.0
-
-Points = NDArray[np.float64]
+Choice = TypeVar("Choice")
+#: Smaller overlaps are ignored, square metres.
+ROOM_M2 = 1.0
+#: So many square metres of overlap weigh as much as one of road.
+SIZE_COST = 0.1
 
 
-def unit(heading: float) -> Points:
-    """Return the unit vector (2,) of a heading."""
-    return np.array([math.cos(heading), math.sin(heading)])
+@dataclass(frozen=True, eq=False)
+class Gate:
+    """A place where a one-way outer road begins or ends.
 
-
-def sampled(start: Pose2, end: Pose2, radius: float, turn: str | None = None) -> Points:
-    """Return points (N, 2) of the shortest way from pose to pose, both ends among them."""
-    curve = bulb(start, end, radius=radius, turn=turn)
-    stations = [0.0]
-    for piece, begin in zip(curve.pieces, curve.starts, strict=False):
-        steps = max(1, math.ceil(abs(piece.curvature) * piece.length / STEP))
-        stations += [float(begin) + piece.length * k / steps for k in range(1, steps + 1)]
-    points = curve.at(stations)[:, :2]
-    apart = np.linalg.norm(np.diff(points, axis=0), axis=1) > 0.05
-    return np.asarray(points[np.concatenate([[True], apart])])
-
-
-class Ground:
-    """Streets of the region by their number, and areas beyond it that are taken.
-
-    Args:
-        roads: (N, 2) points of every street.
-        half_widths: how far each reaches to its sides, metres.
+    Attributes:
+        node: id of the node.
+        point: (2,) where it is, site frame.
+        heading: outwards, radians.
+        street: number of the street that ends there; -1 on a turnaround.
+        tags: the street's tags.
+        lanes: how many lanes lead through.
+        lane_m: how wide they are, metres.
+        joints: nodes on the way out, nearest first, where roads of other gates join.
     """
 
-    def __init__(self, roads: Sequence[Points], half_widths: Sequence[float]) -> None:
-        lines = [shapely.LineString(points) for points in roads]
-        self._streets = shapely.buffer(lines, half_widths, quad_segs=16)
-        self._tree = shapely.STRtree(self._streets)
-        self._lines = shapely.STRtree(shapely.buffer(lines, WAY_OUT_ROOM_M, cap_style="flat"))
-        self._taken: list[shapely.Geometry] = []
-        self._reserved: list[shapely.Geometry] = []
-        self.hull = _counter_clockwise(shapely.convex_hull(shapely.union_all(self._streets)))
+    node: int
+    point: Points
+    heading: float
+    street: int
+    tags: dict[str, str]
+    lanes: int
+    lane_m: float
+    joints: list[tuple[int, Points]] = field(default_factory=list)
 
-    def take(self, area: shapely.Geometry) -> None:
-        """Note that an area is taken."""
-        self._taken.append(area)
+    @property
+    def ahead(self) -> Points:
+        """The unit vector (2,) outwards."""
+        return unit(self.heading)
 
-    def reserve(self, area: shapely.Geometry) -> None:
-        """Note that an area is kept free for a road that comes later."""
-        self._reserved.append(area)
 
-    def overlap(self, area: shapely.Geometry, *streets: int, enough: float = math.inf) -> float:
-        """Return how much of an area is taken by others than some streets, square metres.
+class Layout:
+    """Outer roads as they are laid out.
+
+    Args:
+        pieces: the streets of the region.
+        known: ids of nodes that are not free.
+        side: ``right`` or ``left``, the side that traffic keeps to.
+        country: ISO 3166-1 alpha-2; empty if unknown.
+    """
+
+    def __init__(
+        self, pieces: Sequence[WayPiece], known: Iterable[int], side: str, country: str
+    ) -> None:
+        self.pieces, self.side, self.country = list(pieces), side, country
+        self.outer: list[WayPiece] = []
+        self.no_turns: list[tuple[int, int, int]] = []
+        self.nodes: list[int] = []
+        self.overlaps = 0
+        every = [node for piece in pieces for node in piece.nodes]
+        self._next_node = max((*every, *known), default=0) + 1
+        self._next_way = max((piece.id for piece in pieces), default=0) + 1
+        self.lanes = [motor_lanes(piece.tags, side, country) for piece in pieces]
+        widths = [
+            half_width(sum(map(sum, lanes)), piece.tags)
+            for piece, lanes in zip(pieces, self.lanes, strict=True)
+        ]
+        self.space = FreeSpace([piece.points for piece in pieces], widths)
+
+    @property
+    def turn(self) -> str:
+        """The side to which traffic turns round."""
+        return "left" if self.side == "right" else "right"
+
+    def new_node(self) -> int:
+        """Return an id that no node has yet."""
+        self._next_node += 1
+        return self._next_node - 1
+
+    def with_most_room(
+        self, choices: Iterable[Choice], area_of: Callable[[Choice], shapely.Geometry], *own: int
+    ) -> Choice:
+        """Return the first choice that has room, else the one that overlaps least for its size.
 
         Args:
-            area: the area.
-            streets: numbers of the streets that do not count.
-            enough: once the overlap with one of the others is this large, it is returned.
+            choices: where a road could lie, the best first.
+            area_of: the area that it would take.
+            own: streets that it may touch.
         """
-        met = sorted(set(self._tree.query(area, predicate="intersects").tolist()) - set(streets))
-        others = [*(self._streets[k] for k in met), *self._taken, *self._reserved]
-        shapely.prepare(area)
-        parts = []
-        for other in others:
-            if area.intersects(other):
-                parts.append(area.intersection(other))
-                if parts[-1].area > enough:
-                    return float(parts[-1].area)
-        return float(shapely.union_all(parts).area)
+        least = math.inf
+        crowded = True
+        for choice in choices:
+            area = area_of(choice)
+            size = SIZE_COST * area.area
+            overlap = self.space.overlap(area, *own, enough=max(ROOM_M2, least - size))
+            crowded = overlap > ROOM_M2
+            if not crowded or overlap + size < least:
+                best, least = choice, overlap + size
+            if not crowded:
+                break
+        self.overlaps += crowded
+        return best
 
-    def leads_out(self, street: int, point: Points, heading: float) -> bool:
-        """Return whether the straight way on from a street's end leaves all streets behind."""
-        ahead = unit(heading)
-        ray = shapely.LineString([point + ahead * 3.0, point + ahead * FAR_M])
-        return not set(self._lines.query(ray, predicate="intersects").tolist()) - {street}
+    def lengthen(self, street: int, node: int, point: Points, *, at_start: bool) -> None:
+        """Let a street go on to a new node."""
+        piece = self.pieces[street]
+        nodes, points = piece.nodes, piece.points
+        if at_start:
+            nodes, points = (node, *nodes), np.vstack([point, points])
+        else:
+            nodes, points = (*nodes, node), np.vstack([points, point])
+        self.pieces[street] = replace(piece, nodes=nodes, points=points)
 
-    def place(self, point: Points, heading: float) -> float:
-        """Return where a ray leaves the hull of all streets, metres along the hull's border."""
-        return _leaves(self.hull.exterior, point, heading)
+    def add_halves(
+        self,
+        points: Points,
+        tags: dict[str, str],
+        *,
+        first: int,
+        last: int,
+        joints: Mapping[int, int] | None = None,
+    ) -> None:
+        """Add an outer road as two ways that meet halfway; arguments as for ``add``.
 
-    def ring(self, half_width: float) -> shapely.LinearRing:
-        """Return a line round everything, counter-clockwise, with room for a road on it."""
-        everything = shapely.convex_hull(shapely.union_all([self.hull, *self._taken]))
-        return _counter_clockwise(everything.buffer(RING_GAP_M + half_width)).exterior
+        In one piece, netconvert would cut a road off where it comes near its own beginning.
+        """
+        along = stations_of_points(points)
+        half = int(np.abs(along[1:-1] - along[-1] / 2).argmin()) + 1
+        known = dict(joints or {})
+        middle = known.get(half) or self.new_node()
+        before = {k: node for k, node in known.items() if k < half}
+        after = {k - half: node for k, node in known.items() if k > half}
+        self.add(points[: half + 1], tags, first=first, last=middle, joints=before)
+        self.add(points[half:], tags, first=middle, last=last, joints=after)
 
+    def add(
+        self,
+        points: Points,
+        tags: dict[str, str],
+        *,
+        first: int,
+        last: int,
+        joints: Mapping[int, int] | None = None,
+    ) -> int:
+        """Add an outer way and return its id.
 
-def _leaves(border: shapely.LinearRing, point: Points, heading: float) -> float:
-    ray = shapely.LineString([point, point + unit(heading) * FAR_M])
-    meet = shapely.get_coordinates(shapely.intersection(ray, border))
-    far = meet[np.linalg.norm(meet - point, axis=1).argmax()] if len(meet) else point
-    return float(border.project(shapely.Point(far)))
-
-
-def _counter_clockwise(area: shapely.Polygon) -> shapely.Polygon:
-    return shapely.geometry.polygon.orient(area)
+        Args:
+            points: (N, 2) its points.
+            tags: its tags.
+            first: the node at its first point.
+            last: the node at its last.
+            joints: nodes at points between, by the number of the point.
+        """
+        named = {0: first, len(points) - 1: last, **(joints or {})}
+        nodes = tuple(named[k] if k in named else self.new_node() for k in range(len(points)))
+        self.nodes += named.values()
+        way = self._next_way
+        self._next_way += 1
+        self.outer.append(WayPiece(way, 0, nodes, points, tags))
+        return way

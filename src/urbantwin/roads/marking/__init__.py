@@ -1,10 +1,10 @@
-"""Paint on the ground, in plan: what the lane model and the lane network say is marked."""
+"""Road markings in plan, from the lane model and the lane network."""
 
+from urbantwin.roads.marking.give_way import GIVE_WAY
+from urbantwin.roads.marking.lane_turns import turns
 from urbantwin.roads.marking.lines import Line, dashes, lane_marks, stop_lines
 from urbantwin.roads.marking.paint import PAINT_KINDS, Paint, painted
 from urbantwin.roads.marking.turn_arrow import ARROW_M, arrow, arrow_at, turn_arrow
-from urbantwin.roads.marking.turns import turns
-from urbantwin.roads.marking.yielding import GIVE_WAY
 from urbantwin.roads.marking.zebra import zebra
 
 __all__ = [

@@ -1,6 +1,6 @@
-"""Lines that are painted on roads, in plan: between lanes, and where traffic stops.
+"""Painted lines in plan: lane marks and stop lines.
 
-The lane model says it all. Of a twin without one only what the lane network tells is known: lanes
+They follow from the lane model. Without one only the lane network is known: lanes
 side by side, and stop lines where signals stop traffic.
 """
 

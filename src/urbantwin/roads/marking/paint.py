@@ -1,4 +1,4 @@
-"""Everything that is painted on the ground, as quadrilaterals in plan.
+"""All road markings as quadrilaterals in plan.
 
 Widths of lines follow German RMS 1 and US MUTCD 3A.06 and 3B.16 where the map says nothing: lane
 marks 0.15 m, stop lines 0.4 m, give-way teeth 0.5 m wide and 0.7 m long.
@@ -14,16 +14,16 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from urbantwin.roads.marking.give_way import parking_bays, teeth
 from urbantwin.roads.marking.lines import DASH_M, GAP_M, MOTOR, dashes, lane_marks, stop_lines
 from urbantwin.roads.marking.turn_arrow import turn_arrow
-from urbantwin.roads.marking.yielding import parking_bays, teeth
 from urbantwin.roads.marking.zebra import zebra, zebra_of_area
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.network import Lane, RoadNetwork
 
 __all__ = ["PAINT_KINDS", "Paint", "painted"]
 
-#: What there is.
+#: Kinds of markings.
 PAINT_KINDS = ("zebra", "line", "stop", "arrow", "teeth", "bay")
 #: Widths of lane marks, of stop lines and of the lines between parking bays, metres.
 LINE_M, STOP_LINE_M, BAY_LINE_M = 0.15, 0.4, 0.12
@@ -51,7 +51,7 @@ class Paint:
 
 
 def painted(network: RoadNetwork, model: LaneModel | None = None) -> Paint:
-    """Return what is painted.
+    """Return all markings.
 
     Args:
         network: the lanes.

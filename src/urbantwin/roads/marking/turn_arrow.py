@@ -1,4 +1,4 @@
-"""Arrows on lanes: the turns that traffic may take at its stop line."""
+"""Turn arrows on lanes before their stop lines."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from shapely.affinity import affine_transform
 
-from urbantwin.roads.marking.turns import turns
+from urbantwin.roads.marking.lane_turns import turns
 from urbantwin.roads.network import Lane, RoadNetwork
 
 __all__ = ["ARROW_M", "arrow", "arrow_at", "turn_arrow"]

@@ -1,4 +1,4 @@
-"""Zebra crossings: stripes along the way of the traffic that they stop."""
+"""Zebra crossings: stripes parallel to the traffic that they stop."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def zebra(lane: Lane) -> list[NDArray[np.float64]]:
 
 
 def zebra_of_area(model: LaneModel, area: RoadArea) -> list[NDArray[np.float64]]:
-    """Return the stripes of a crosswalk that a map draws where nobody walks, as ``zebra`` does.
+    """Return the stripes of a mapped crosswalk that joins no sidewalks, as ``zebra`` does.
 
     People walk along the longer side of the rectangle around it.
     """

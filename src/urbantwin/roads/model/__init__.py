@@ -4,16 +4,16 @@ from urbantwin.roads.model.carriageway import carriageway_in_plan
 from urbantwin.roads.model.curve import Curve, Piece, all_turned, filleted, splined, turned
 from urbantwin.roads.model.furniture import RoadArea, RoadSignal, SignalController
 from urbantwin.roads.model.junction import Connection, ModelJunction
-from urbantwin.roads.model.model import LaneModel
-from urbantwin.roads.model.profile import Profile, fitted
-from urbantwin.roads.model.road import ModelRoad, RoadLink
-from urbantwin.roads.model.section import (
+from urbantwin.roads.model.lane_section import (
     CURB_HEIGHT_M,
     LANE_KINDS,
     RAISED_KINDS,
     LaneSection,
     SectionLane,
 )
+from urbantwin.roads.model.model import LaneModel
+from urbantwin.roads.model.profile import Profile, fitted
+from urbantwin.roads.model.road import ModelRoad, RoadLink
 
 __all__ = [
     "CURB_HEIGHT_M",

@@ -1,4 +1,4 @@
-"""Where carriageways lie in plan, straight from a lane model."""
+"""Carriageways in plan, from the lane model."""
 
 from __future__ import annotations
 

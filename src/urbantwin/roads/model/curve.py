@@ -20,13 +20,13 @@ __all__ = ["Curve", "Piece", "all_at", "all_turned", "aside", "filleted", "splin
 
 #: How far a fillet may leave the corner that it rounds, metres.
 FILLET_DEVIATION_M = 0.2
-#: Corners blunter than this are no corners, radians.
+#: Smaller changes of heading are not rounded, radians.
 STRAIGHT = 1e-6
 #: Lanes on the inside of a bend keep at least this radius, metres.
 INNER_RADIUS_M = 1.0
 #: Length of the parametric cubics that a spline is written as, metres.
 CUBIC_M = 2.0
-#: Stations are found to this, metres.
+#: Precision of stations, metres.
 LOCATED_M = 1e-7
 #: Spacing of the samples that stations are first looked up by, metres.
 SAMPLE_M = 0.5

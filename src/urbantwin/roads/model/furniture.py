@@ -1,4 +1,4 @@
-"""What stands on and is painted on roads: crosswalks, stop lines, islands, signals, signs."""
+"""Objects and signals of roads: crosswalks, stop lines, islands, signals, signs."""
 
 from __future__ import annotations
 

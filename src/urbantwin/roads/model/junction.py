@@ -1,4 +1,4 @@
-"""Junctions of the lane model: which roads lead through, and what joins what."""
+"""Junctions of the lane model: their connections and connecting roads."""
 
 from __future__ import annotations
 

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
-import numpy as np
-
-from urbantwin.artefact import write_json
+from urbantwin.artefact import as_json, write_json
 from urbantwin.artefact.typed import read_typed
-from urbantwin.roads.model.agreement import check_model
+from urbantwin.roads.model.consistency import check_model
 from urbantwin.roads.model.furniture import RoadArea, RoadSignal, SignalController
 from urbantwin.roads.model.junction import ModelJunction
 from urbantwin.roads.model.road import ModelRoad
@@ -62,7 +59,7 @@ class LaneModel:
 
     def save(self, path: Path) -> None:
         """Write the model as JSON, every number in full."""
-        write_json(path, _plain({"kind": "lane model", **asdict(self)}))
+        write_json(path, as_json({"kind": "lane model", **asdict(self)}))
 
     @classmethod
     def load(cls, path: Path) -> LaneModel:
@@ -74,13 +71,3 @@ class LaneModel:
         model = read_typed(path, cls, "a twin's lane_model.json")
         check_model(model, path)
         return model
-
-
-def _plain(value: object) -> object:
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, tuple | list):
-        return [_plain(item) for item in value]
-    return None if isinstance(value, float) and math.isnan(value) else value

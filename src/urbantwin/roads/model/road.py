@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.roads.model.curve import Curve
+from urbantwin.roads.model.lane_section import LaneSection, SectionLane
 from urbantwin.roads.model.profile import Profile
-from urbantwin.roads.model.section import LaneSection, SectionLane
 
 __all__ = ["ModelRoad", "RoadLink"]
 

@@ -1,4 +1,4 @@
-"""Sums of profiles, and where they are lowest."""
+"""Arithmetic of profiles: sums, and their lowest value."""
 
 from __future__ import annotations
 

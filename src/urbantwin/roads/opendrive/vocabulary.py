@@ -1,4 +1,4 @@
-"""The words of OpenDRIVE and ours: kinds of lanes, classes of actors, units."""
+"""Vocabulary of OpenDRIVE and of the lane model: kinds of lanes, classes of actors, units."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _TYPES = {
     "sidewalk": "sidewalk",
     "curb": "curb",
     "median": "median",
-    # No version has islands; a median is what is raised between lanes.
+    # No version has islands; a median is raised between lanes too.
     "island": "median",
     "none": "none",
 }
@@ -72,7 +72,7 @@ METRES_PER_SECOND = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704, "": 1.0}
 
 
 def usual_users(kind: str) -> tuple[str, ...]:
-    """Return the classes of actors that use a kind of lane where nothing else is said."""
+    """Return the classes of actors that use a kind of lane by default."""
     if kind == "driving":
         return tuple(name for name in ACTOR_CLASSES if name != "pedestrian")
     return {"bus": ("bus",), "bicycle": ("bicycle",), "sidewalk": ("pedestrian",)}.get(kind, ())

@@ -9,21 +9,21 @@ from dataclasses import replace
 import shapely
 from numpy.typing import ArrayLike
 
-from urbantwin.roads.cross_section import MappedStretch
+from urbantwin.roads.cross_section import MappedSegment
 from urbantwin.roads.model import LaneModel, ModelRoad
-from urbantwin.roads.side_lanes.alongside import alongside, by_way
-from urbantwin.roads.side_lanes.beside import lanes_beside
-from urbantwin.roads.side_lanes.insertion import Renumbering, relinked, with_lanes
+from urbantwin.roads.side_lanes.clearance import Clearance
 from urbantwin.roads.side_lanes.island import BEYOND_M, islands_on, moved_aside, stations_on
+from urbantwin.roads.side_lanes.lane_insertion import Renumbering, relinked, with_lanes
+from urbantwin.roads.side_lanes.map_matching import by_way, match_ways
 from urbantwin.roads.side_lanes.median import medians
-from urbantwin.roads.side_lanes.room import Room
+from urbantwin.roads.side_lanes.parking import parking_and_shoulders
 
 __all__ = ["add_side_lanes"]
 
 
 def add_side_lanes(
     model: LaneModel,
-    stretches: Iterable[MappedStretch],
+    segments: Iterable[MappedSegment],
     *,
     country: str = "",
     obstacles: Sequence[shapely.Polygon] = (),
@@ -38,20 +38,20 @@ def add_side_lanes(
 
     Args:
         model: roads in plan, before heights and before anything stands on them.
-        stretches: the ways that streets are made from, with their cross sections.
+        segments: the ways that streets are made from, with their cross sections.
         country: ISO 3166-1 alpha-2, for the law on parking; empty if unknown.
         obstacles: areas that no road may grow into, such as buildings, site frame.
-        crossings: (N, 2) where people cross streets: nobody parks there.
+        crossings: (N, 2) where people cross streets: there is no parking.
         islands: (N, 2) where they cross with a refuge in the middle.
     """
-    ways = by_way(stretches)
+    ways = by_way(segments)
     meeting: dict[int, set[int]] = defaultdict(set)
     streets = [road for road in model.roads if road.junction < 0]
     for road in streets:
         for link in (road.predecessor, road.successor):
             if link is not None and link.element == "junction":
                 meeting[link.id].add(road.id)
-    room = Room(model, obstacles)
+    room = Clearance(model, obstacles)
     between = medians(model, room.footprints)
     changed: dict[int, Renumbering] = {}
     roads: dict[int, ModelRoad] = {}
@@ -65,9 +65,9 @@ def add_side_lanes(
             else:
                 meets[end] = "street"
         refuges = islands_on(road, stations_on(road, islands, beyond=BEYOND_M), room)
-        parts = alongside(road, ways)
+        parts = match_ways(road, ways)
         clear = stations_on(road, crossings)
-        items = lanes_beside(road, parts, meets, clear, room=room, country=country)
+        items = parking_and_shoulders(road, parts, meets, clear, room=room, country=country)
         taken = {item.side for item in items}
         items += [item for item in between.get(road.id, []) if item.side not in taken]
         items += refuges

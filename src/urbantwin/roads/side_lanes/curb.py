@@ -1,4 +1,4 @@
-"""Curbs: the stones between the carriageway and a raised sidewalk, as lanes of their own."""
+"""Curbs between the carriageway and a raised sidewalk, as lanes of their own."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from urbantwin.roads.model import RAISED_KINDS, LaneModel, LaneSection, ModelRoad, Profile
-from urbantwin.roads.side_lanes.insertion import Insertion, Renumbering, relinked, with_lanes
+from urbantwin.roads.side_lanes.lane_insertion import Insertion, Renumbering, relinked, with_lanes
 
 __all__ = ["CURB_WIDTH_M", "with_curbs"]
 
@@ -40,7 +40,7 @@ def _has_sidewalk(road: ModelRoad, side: int) -> bool:
     for section in road.sections:
         lanes = sorted((x for x in section.lanes if x.id * side > 0), key=lambda x: abs(x.id))
         raised = next((lane for lane in lanes if lane.kind in RAISED_KINDS), None)
-        # Ways lead on from a sidewalk that is all there is of a side: it stays where it is.
+        # Connecting roads start at a sidewalk that is the only lane of a side: it stays in place.
         if raised is None or raised.kind != "sidewalk" or abs(raised.id) == 1:
             return False
         ends = [0.0, *raised.width.start]

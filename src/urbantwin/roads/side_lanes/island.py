@@ -18,8 +18,8 @@ from urbantwin.roads.model import (
     RoadArea,
     SectionLane,
 )
-from urbantwin.roads.side_lanes.insertion import Insertion
-from urbantwin.roads.side_lanes.room import Room
+from urbantwin.roads.side_lanes.clearance import Clearance
+from urbantwin.roads.side_lanes.lane_insertion import Insertion
 
 __all__ = ["BEYOND_M", "is_island", "islands_on", "moved_aside", "stations_on", "with_island_areas"]
 
@@ -28,7 +28,7 @@ WIDTH_M = 2.0
 #: How far it reaches to both sides of the crossing, and the part of it over which traffic is led
 #: round it, metres.
 REACH_M, TAPER_M = 12.0, 9.0
-#: An island shorter than this is none; it ends this far before a road does, metres. A crossing at
+#: Shorter islands are left out; it ends this far before a road does, metres. A crossing at
 #: a junction may lie this far beyond the end of the road: the island is then before it.
 SHORTEST_M, CLEAR_M, BEYOND_M = 10.0, 1.0, 8.0
 #: A point of the map further from a street's middle than this is not on it, metres.
@@ -66,7 +66,7 @@ def stations_on(road: ModelRoad, points: ArrayLike, *, beyond: float = 0.0) -> N
 
 
 def islands_on(
-    road: ModelRoad, stations: Sequence[float] | NDArray[np.float64], room: Room
+    road: ModelRoad, stations: Sequence[float] | NDArray[np.float64], room: Clearance
 ) -> list[Insertion]:
     """Return the islands of a street, where there is room for its lanes to go round them.
 

@@ -1,4 +1,4 @@
-"""Medians: what lies between the carriageways of a dual street, half to each of them."""
+"""Medians: the gap between the carriageways of a dual street, half to each of them."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from urbantwin.roads.model import CURB_HEIGHT_M, LaneModel, ModelRoad, fitted
 from urbantwin.roads.model.curve import all_at, aside
-from urbantwin.roads.side_lanes.insertion import Insertion
-from urbantwin.roads.side_lanes.room import STEP_M
+from urbantwin.roads.side_lanes.clearance import STEP_M
+from urbantwin.roads.side_lanes.lane_insertion import Insertion
 
 __all__ = ["medians"]
 
@@ -69,7 +69,7 @@ def _widths(
     streets: Sequence[ModelRoad],
     shapes: Sequence[shapely.Geometry],
 ) -> list[NDArray[np.float64]]:
-    """Return how wide each road's median is (N,) at its stations (N,); nan where there is none."""
+    """Return the width (N,) of each road's median at its stations (N,); nan without one."""
     if not roads:
         return []
     counts = [len(s) for s in stations]
@@ -95,7 +95,7 @@ def _widths(
         k, gap = probe[mine], reach[mine]
         heading = other.curve.at(other.curve.locate(near[k])[0])[:, 2]
         along = np.cos(heading - pose[k, 2])
-        # A carriageway against this one has a median of its own; one beside it has not.
+        # A carriageway in the opposite direction has half of the median; a parallel one has none.
         share = np.where((along < -PARALLEL) & bool(_inner_side(other)), 0.5, 1.0)
         ok = (np.abs(along) > PARALLEL) & (gap > NARROWEST_M) & (gap < WIDEST_M)
         width[k[ok]] = (gap * share)[ok]

@@ -1,4 +1,4 @@
-"""The approaches of a lane model that signals stop, seen by the traffic on them."""
+"""Approaches of signalised junctions, seen by their traffic."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from urbantwin.geometry import wrapped
 from urbantwin.roads.model import (
     LaneModel,
     ModelRoad,
@@ -20,7 +21,7 @@ from urbantwin.roads.model import (
     SignalController,
 )
 
-__all__ = ["Approach", "Exit", "Frame", "Waiting", "approaches_of", "stop_lines_within"]
+__all__ = ["Approach", "Exit", "Frame", "WaitingLane", "approaches_of", "stop_lines_within"]
 
 #: A way through the junction that turns less than this leads straight on, radians.
 STRAIGHT = math.radians(50.0)
@@ -52,7 +53,7 @@ class Frame:
 
 
 @dataclass(frozen=True)
-class Waiting:
+class WaitingLane:
     """A lane that waits at a signal: its signal at the stop line, and where it lies.
 
     Attributes:
@@ -96,7 +97,7 @@ class Approach:
     forward: bool
     frame: Frame
     line: float
-    lanes: tuple[Waiting, ...]
+    lanes: tuple[WaitingLane, ...]
     outward: int
     exit: Exit | None
 
@@ -112,9 +113,9 @@ class Approach:
         return self.road.length if self.forward else 0.0
 
     @cached_property
-    def groups(self) -> list[list[Waiting]]:
+    def groups(self) -> list[list[WaitingLane]]:
         """Lanes that see the same, from the kerb inwards."""
-        found: dict[tuple[str, ...], list[Waiting]] = defaultdict(list)
+        found: dict[tuple[str, ...], list[WaitingLane]] = defaultdict(list)
         for lane in self.lanes:
             found[lane.shown].append(lane)
         return list(found.values())
@@ -227,13 +228,15 @@ def _lane_of(road: ModelRoad, signal: RoadSignal) -> SectionLane:
 
 def _waiting(
     model: LaneModel, frame: Frame, signal: RoadSignal, shows: SignalController | None
-) -> Waiting:
+) -> WaitingLane:
     road = model.road_by_id[signal.road]
     section = road.section_at(min(signal.s, road.length - 1e-6))
     lane = _lane_of(road, signal)
     inner, outer = (float(road.border(section, lane, signal.s, outer=o)[0]) for o in (False, True))
     middle = road.place(signal.s, (inner + outer) / 2)[0, :2]
-    return Waiting(signal, frame.locate(middle)[1], abs(outer - inner) / 2, _shown(signal, shows))
+    return WaitingLane(
+        signal, frame.locate(middle)[1], abs(outer - inner) / 2, _shown(signal, shows)
+    )
 
 
 def _shown(signal: RoadSignal, shows: SignalController | None) -> tuple[str, ...]:
@@ -265,7 +268,7 @@ def _exit(
         at = way.length if connection.contact == "start" else 0.0
         x, y, heading = way.curve.pose(at)
         end = Frame(x, y, heading + (0.0 if at else math.pi))
-        turn = abs(math.remainder(end.heading - frame.heading, 2 * math.pi))
+        turn = abs(wrapped(end.heading - frame.heading))
         u, _ = frame.locate((x, y))
         if turn < STRAIGHT and u > 3.0 and (best is None or turn < best[0] - 1e-6):
             best = (turn, end, way)

@@ -1,4 +1,4 @@
-"""Where signal heads stand: on poles at the kerb and on arms over the lanes, by country."""
+"""Placing signal heads on poles at the kerb and on mast arms, by country."""
 
 from __future__ import annotations
 
@@ -10,20 +10,21 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from urbantwin.geometry import wrapped
+from urbantwin.roads.lane_polylines import SurfaceHeight
 from urbantwin.roads.model import LaneModel, RoadSignal, SignalController
 from urbantwin.roads.network import RoadNetwork
 from urbantwin.roads.signals.approach import (
     Approach,
-    Waiting,
+    WaitingLane,
     approaches_of,
     stop_lines_within,
 )
-from urbantwin.roads.signals.free_ground import CLEARANCE_M, FreeGround
-from urbantwin.roads.signals.practice import Practice
-from urbantwin.roads.signals.walker_heads import walker_heads
-from urbantwin.roads.strips import SurfaceHeight
+from urbantwin.roads.signals.country_practice import Practice
+from urbantwin.roads.signals.pedestrian_heads import pedestrian_heads
+from urbantwin.roads.signals.pole_sites import CLEARANCE_M, FreeGround
 
-__all__ = ["REACH_M", "stand_signals"]
+__all__ = ["REACH_M", "place_heads"]
 
 #: How far outwards a free place for a pole is looked for, metres.
 SEARCH_M = 12.0
@@ -46,7 +47,7 @@ CYCLE_LANE_M = 2.1
 MOST_OVER = 5
 
 
-def stand_signals(
+def place_heads(
     model: LaneModel,
     network: RoadNetwork,
     ground: FreeGround,
@@ -76,7 +77,7 @@ def stand_signals(
         lane = network.lane_by_id.get(signal.strip)
         if signal.dynamic and lane is not None and lane.kind == "crossing":
             replaced.add(signal.id)
-            standing += walker_heads(model, signal, lane.centre, lane.width, ground)
+            standing += pedestrian_heads(model, signal, lane.centre, lane.width, ground)
     standing = _raised(model, standing, height)
     kept = [signal for signal in model.signals if signal.id not in replaced]
     first = model.next_id
@@ -129,7 +130,7 @@ def _heads(approach: Approach, practice: Practice, ground: FreeGround) -> list[R
             found += _over_lanes(approach, far, practice, beyond=True)
         found += _on_pole(approach, far, beyond=True)
     if not found:
-        # Nowhere to stand: over the stop line, as it was.
+        # No free place for a pole: over the stop line, as before.
         found = [replace(lane.signal, z=OVER_M) for lane in approach.lanes]
     return found
 
@@ -137,7 +138,7 @@ def _heads(approach: Approach, practice: Practice, ground: FreeGround) -> list[R
 def _near_pole(approach: Approach, ground: FreeGround) -> NDArray[np.float64] | None:
     """Return u, v of a pole at the kerb beside the stop line."""
     v = approach.kerb + approach.outward * np.arange(CLEARANCE_M, SEARCH_M, 0.2)
-    # Not past the stop line: who waits there must see it.
+    # Not past the stop line: waiting traffic must see it.
     u = approach.line - np.arange(0.0, 8.0, 0.5)
     return ground.nearest(approach.frame, u, v, approach.road.level)
 
@@ -183,7 +184,7 @@ def _over_lanes(
 ) -> list[RoadSignal]:
     """Return a head over each lane that an arm from the pole reaches, at the pole's u."""
     inward = -approach.outward
-    rows: list[tuple[float, list[Waiting]]] = [
+    rows: list[tuple[float, list[WaitingLane]]] = [
         (lane.v, [lane]) for lane in approach.lanes if lane.half > CYCLE_LANE_M / 2
     ]
     if len(rows) > MOST_OVER:
@@ -206,7 +207,7 @@ def _over_lanes(
 
 def _head(
     approach: Approach,
-    lanes: Sequence[Waiting],
+    lanes: Sequence[WaitingLane],
     u: float,
     v: float,
     up: float,
@@ -232,7 +233,7 @@ def _head(
         s = float(np.clip(approach.s + sign * u, 0.0, approach.road.length))
         return replace(common, s=s, t=float(sign * v))
     xy = approach.frame.place(u, v)
-    facing = math.remainder(approach.frame.heading + math.pi, 2 * math.pi)
+    facing = wrapped(approach.frame.heading + math.pi)
     middle = float(np.mean([lane.v for lane in lanes]))
     pose = (float(xy[0, 0]), float(xy[0, 1]), up, facing)
     return replace(common, s=approach.s, t=sign * middle, pose=pose)

@@ -1,4 +1,4 @@
-"""From a plan in words to a program's states, checked for conflicts and too short greens."""
+"""Signal plans in words turned into states of a program, checked for conflicts."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ import math
 from collections.abc import Sequence
 
 from urbantwin.roads.model.furniture import Phase
-from urbantwin.roads.signals.check import (
+from urbantwin.roads.signals.controlled_links import Link, Signalised
+from urbantwin.roads.signals.movements import UnknownMovement, crossings, vehicle_links
+from urbantwin.roads.signals.plan_check import (
     WALK_S,
     check_conflicts,
     check_greens,
     checked_states,
 )
-from urbantwin.roads.signals.layout import Link, Signalised
-from urbantwin.roads.signals.words import UnknownWords, crossings, vehicle_links
 from urbantwin.site.signals import PhaseSpec, SignalPlan
 
-__all__ = ["planned"]
+__all__ = ["plan_phases"]
 
 #: Yellow by speed limit, m/s -> s (RiLSA 2015, 2.4: 3 s at 50 km/h, 4 s at 60, 5 s at 70).
 YELLOW_S = ((52 / 3.6, 3.0), (62 / 3.6, 4.0), (math.inf, 5.0))
@@ -28,7 +28,7 @@ SHORTEST_ALL_RED_S, LONGEST_ALL_RED_S = 1.0, 5.0
 WALK_M_S = 1.2
 
 
-def planned(junction: Signalised, plan: SignalPlan) -> tuple[float, tuple[Phase, ...]]:
+def plan_phases(junction: Signalised, plan: SignalPlan) -> tuple[float, tuple[Phase, ...]]:
     """Return the offset, seconds, and the phases that a plan means at a junction.
 
     Args:
@@ -36,7 +36,7 @@ def planned(junction: Signalised, plan: SignalPlan) -> tuple[float, tuple[Phase,
         plan: what was written.
 
     Raises:
-        InputError: an approach is unknown, greens conflict or are too short, somebody never gets
+        InputError: an approach is unknown, greens conflict or are too short, a movement never gets
             green, or the phases do not last as long as the cycle.
     """
     spec = plan.spec
@@ -101,7 +101,7 @@ def _greens(junction: Signalised, plan: SignalPlan, k: int, spec: PhaseSpec) -> 
     for number, words in enumerate(spec.green):
         try:
             chosen = vehicle_links(junction, words)
-        except UnknownWords as error:
+        except UnknownMovement as error:
             where = ("phases", k, "green", number)
             raise plan.error(error.problem, where, error.expected) from None
         # Links that share an index are switched together.
@@ -119,7 +119,7 @@ def _walks(
             where = ("phases", k, "walk", number)
             try:
                 chosen = crossings(junction, words)
-            except UnknownWords as error:
+            except UnknownMovement as error:
                 raise plan.error(error.problem, where, error.expected) from None
             found |= {link.index: link for link in chosen}
             check_conflicts(junction, [*green, *chosen], plan, where)
@@ -131,7 +131,7 @@ def _walks(
         for link in junction.links
         if link.movement == "walk"
         and all(
-            # A turn that has green by itself is not crossed: its drivers expect nobody.
+            # A protected turn is not crossed: its drivers do not expect pedestrians.
             other.is_turn and (other.road in through or other.road not in has_through)
             for other in green
             if junction.are_foes(link, other)
@@ -177,7 +177,7 @@ def _seconds(plan: SignalPlan, specs: Sequence[PhaseSpec], between: float) -> li
 
 
 def _letters(junction: Signalised, green: Sequence[Link], walks: Sequence[Link]) -> dict[int, str]:
-    """Return index -> ``G``, or ``g`` for who must give way to another green."""
+    """Return index -> ``G``, or ``g`` where it must give way to another green."""
     on = [*green, *walks]
     found = dict.fromkeys([link.index for link in on], "G")
     for link in green:

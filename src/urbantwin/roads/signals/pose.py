@@ -1,4 +1,4 @@
-"""Where signals and signs of a lane model really are, in the site frame."""
+"""Poses of signals and signs of a lane model in the site frame."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["Head", "heads_of", "pose_of"]
 
 @dataclass(frozen=True)
 class Head:
-    """A signal or a sign where it is.
+    """A signal or a sign with its pose.
 
     Attributes:
         signal: what it is.

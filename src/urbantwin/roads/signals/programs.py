@@ -1,4 +1,4 @@
-"""Putting planned signal programs into a SUMO network, and telling what there is to plan."""
+"""Setting planned signal programs in a SUMO network, and describing its programs."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from lxml import etree
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.network import SignalProgram
-from urbantwin.roads.signals.layout import COMPASS, Signalised, signalised_junctions
-from urbantwin.roads.signals.plan import planned
-from urbantwin.roads.signals.words import approaches
+from urbantwin.roads.signals.controlled_links import COMPASS, Signalised, signalised_junctions
+from urbantwin.roads.signals.movements import approaches
+from urbantwin.roads.signals.plan import plan_phases
 from urbantwin.roads.sumo_check import reading_sumo_network
 from urbantwin.site.signals import SignalPlan
 
-__all__ = ["described_signals", "hold_for_walkers", "set_programs", "with_programs"]
+__all__ = ["described_signals", "hold_for_pedestrians", "set_programs", "with_programs"]
 
 #: A place that a person gives may be this far from the junction that is meant, metres.
 NEAREST_M = 100.0
@@ -56,7 +56,7 @@ def set_programs(net: Path, plans: Sequence[SignalPlan], frame: SiteFrame) -> in
                 "each junction once",
             )
         done[junction.program] = number
-        offset, phases = planned(junction, plan)
+        offset, phases = plan_phases(junction, plan)
         logic = logics[junction.program]
         for phase in list(logic.iter("phase")):
             logic.remove(phase)
@@ -70,8 +70,8 @@ def set_programs(net: Path, plans: Sequence[SignalPlan], frame: SiteFrame) -> in
     return len(done)
 
 
-def hold_for_walkers(net: Path) -> None:
-    """Let people cross where netconvert's program stops traffic for nobody.
+def hold_for_pedestrians(net: Path) -> None:
+    """Hold the red of crossings that have signals of their own for the time to cross.
 
     A crossing with signals of its own has no other traffic to give green to; where no sidewalk is
     mapped, the network has no crossing either, and red would last no longer than to clear it.
@@ -115,13 +115,13 @@ def with_programs(model: LaneModel, programs: Sequence[SignalProgram]) -> LaneMo
 
 
 def described_signals(net: Path) -> dict[str, dict[str, Any]]:
-    """Return program -> what it controls and shows, in the words that plans are written in.
+    """Return program -> its controlled movements and phases, in the words of plans.
 
     Args:
         net: the ``.net.xml``.
 
     Raises:
-        InputError: it is no sound network.
+        InputError: it is not a valid network.
     """
     with reading_sumo_network(net):
         junctions = signalised_junctions(etree.parse(net).getroot())
@@ -190,7 +190,7 @@ def _meant(plan: SignalPlan, there: Sequence[Signalised], frame: SiteFrame) -> S
         ]
     if len(found) == 1:
         return found[0]
-    problem = f"{name!r} is no signalised junction"
+    problem = f"{name!r} is not a signalised junction"
     if found:
         problem = f"{name!r} is {len(found)} signalised junctions"
         expected = f"one of the ids {', '.join(item.program for item in found)}"

@@ -1,6 +1,6 @@
-"""From netconvert's network to streets and ways through junctions, and what is on them."""
+"""Streets and connecting roads from netconvert's network, and the objects on them."""
 
-from urbantwin.roads.streets.furniture import furnished
-from urbantwin.roads.streets.planar import planar_model
+from urbantwin.roads.streets.furniture import with_furniture
+from urbantwin.roads.streets.plan_view import planar_model
 
-__all__ = ["furnished", "planar_model"]
+__all__ = ["planar_model", "with_furniture"]

@@ -1,4 +1,4 @@
-"""What is on the roads: crosswalks, stop lines, signals and their controllers."""
+"""Objects on the roads: crosswalks, stop lines, signals and their controllers."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from urbantwin.roads.lane_polylines import SurfaceHeight
 from urbantwin.roads.model import (
     LaneModel,
     LaneSection,
@@ -21,11 +22,10 @@ from urbantwin.roads.model import (
     SignalController,
 )
 from urbantwin.roads.network import Lane, RoadNetwork, SignalHead
-from urbantwin.roads.strips import SurfaceHeight
 
-__all__ = ["furnished"]
+__all__ = ["with_furniture"]
 
-#: Types of signals in OpenDRIVE's own catalogue: three lights for vehicles, two for people on foot.
+#: Types of signals in OpenDRIVE's own catalogue: three lights for vehicles, two for pedestrians.
 VEHICLE_LIGHTS, WALKER_LIGHTS = "1000001", "1000002"
 #: Height of a signal's lights over the road, metres (clearance of US MUTCD 4D.15: 4.6 m and more).
 LIGHTS_M = {VEHICLE_LIGHTS: 5.0, WALKER_LIGHTS: 2.2}
@@ -41,7 +41,7 @@ class _Host:
 
     road: ModelRoad
     junction: int
-    line: shapely.LineString  # in plan, drawn out straight where a crossing may lie beyond the end
+    line: shapely.LineString  # In plan, extended straight where a crossing may lie beyond the end.
 
 
 @dataclass(frozen=True)
@@ -57,7 +57,7 @@ class _Place:
         return self.road.length if self.lane.forward else 0.0
 
 
-def furnished(model: LaneModel, raw: RoadNetwork, height: SurfaceHeight) -> LaneModel:
+def with_furniture(model: LaneModel, raw: RoadNetwork, height: SurfaceHeight) -> LaneModel:
     """Return the lane model with crosswalks, stop lines and signals on it.
 
     Args:
@@ -234,7 +234,7 @@ def _at_stop_line(number: int, place: _Place, head: SignalHead) -> RoadSignal:
 def _within(
     number: int, model: LaneModel, junction: int, head: SignalHead, *, walkers: bool
 ) -> RoadSignal | None:
-    """Place what lies within a junction on the way over it, else on the nearest."""
+    """Place objects within a junction on the way over it, else on the nearest."""
     roads = [road for road in model.roads if road.junction >= 0 and road.junction == junction]
     if not roads:
         return None

@@ -1,4 +1,4 @@
-"""Manoeuvres: every way through a junction from one lane to another, as a curve of its own."""
+"""Manoeuvres: connecting roads through junctions, each with a curve of its own."""
 
 from __future__ import annotations
 
@@ -54,14 +54,12 @@ class Topology:
         routes: ways between their lanes.
         junction: id of a junction of the lane model -> id of the one that stands for its group.
         trims: (edge id, ``start`` or ``end``) -> metres of the edge left to the junction.
-        merges: routes that the lane model lacks: a lane that ends and joins its neighbour's way.
     """
 
     edges: tuple[Road, ...]
     routes: tuple[Route, ...]
     junction: Mapping[str, str]
     trims: Mapping[tuple[str, str], float]
-    merges: int
 
 
 @dataclass(frozen=True)
@@ -120,9 +118,9 @@ def find_topology(network: RoadNetwork) -> Topology:
         for lane in vehicle_lanes(network, edge):
             for route in _routes(network, lane, within, edge_of):
                 routes.setdefault((route.start, route.end), route)
-    merges = _merges(network, edges, routes, border, group)
-    every = tuple(routes.values()) + merges
-    return Topology(edges, every, group, _trims(network, every, edge_of), len(merges))
+    # Lanes that end without a connection join their neighbour's.
+    every = tuple(routes.values()) + _merges(network, edges, routes, border, group)
+    return Topology(edges, every, group, _trims(network, every, edge_of))
 
 
 def _groups(network: RoadNetwork, within: set[str]) -> dict[str, str]:
@@ -222,7 +220,7 @@ def _trims(
         lacking = max(0.0, max(ROOM_M, _room_to_shift(first, last)) - way)
         give = lacking / 2
         if before.id in signalled:
-            # The stop line keeps its place; what it cannot give, the other side gives.
+            # The stop line keeps its place; the other side gives the remaining length.
             give = max(0.0, ROOM_AT_SIGNAL_M - way) / 2
         keys = ((before.id, "end", give, first), (after.id, "start", lacking - give, last))
         for edge, end, want, lane in keys:
@@ -304,12 +302,13 @@ class _Joint:
             pose[:2] = x - strip.t * np.sin(heading), y + strip.t * np.cos(heading)
             pose[2] = heading + (0.0 if strip.forward else np.pi)
         turn = poses[1, 2] - poses[0, 2]
+        # `wrapped`, rounded in the order that the curves of every twin so far were made with.
         poses[1, 2] = poses[0, 2] + (turn + np.pi) % (2 * np.pi) - np.pi
         return poses
 
 
 def _allowed(start: Lane, end: Lane, chain: list[Lane]) -> tuple[str, ...]:
-    """Return who may use all lanes of a way; where nobody may, who may use its first."""
+    """Return the classes that may use all lanes of a way; without any, those of its first lane."""
     common = [name for name in start.allowed if all(name in x.allowed for x in (*chain, end))]
     return tuple(common) or (chain[0] if chain else start).allowed
 

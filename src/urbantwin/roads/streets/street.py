@@ -17,7 +17,7 @@ __all__ = ["Street", "Strip", "build_streets", "vehicle_lanes"]
 
 #: Two directions share a road where their inner borders lie closer than this, metres.
 PAIRED_M = 0.3
-#: Bends of lines that are smaller than this are the mapper's hand, metres.
+#: Smaller bends of lines are inaccuracies of mapping, metres.
 THINNED_M = 0.1
 #: The shortest road that is left where its ends are cut back for the junctions, metres.
 SHORTEST_M = 0.5
@@ -79,7 +79,7 @@ class Street:
 
 
 def vehicle_lanes(network: RoadNetwork, edge: Road) -> list[Lane]:
-    """Return the lanes of an edge that are not for people on foot, from the kerb inwards."""
+    """Return the lanes of an edge that are not for pedestrians, from the kerb inwards."""
     lanes = [network.lane_by_id[name] for name in edge.lanes]
     return [lane for lane in lanes if lane.kind != "sidewalk"] or lanes
 

@@ -1,4 +1,4 @@
-"""Fences that beams pass through: rails, bars, pales, wires and meshes between posts."""
+"""Fences that beams partly penetrate: rails, bars, pales, wires and meshes between posts."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ WIRE_RADIUS_M = 0.012
 
 
 def rectangle(right: float, left: float, low: float, high: float) -> NDArray[np.float64]:
-    """Return a profile: so far to the right and left, between two heights above the path."""
+    """Return a rectangular profile of given extents to the right and left, between two heights."""
     return np.array([(left, low), (-right, low), (-right, high), (left, high)])
 
 

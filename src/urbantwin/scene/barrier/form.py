@@ -1,11 +1,11 @@
-"""What kinds of barriers look like: make, height, thickness, material."""
+"""Forms of barriers by kind: make, height, thickness, material."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from urbantwin.scene.tag import length_m_of
+from urbantwin.scene.tag_values import length_m_of
 
 __all__ = ["Form", "form_of"]
 

@@ -11,9 +11,9 @@ import shapely
 from shapely import Geometry, Point
 
 from urbantwin.scene.barrier import fence
-from urbantwin.scene.placement import along_nearest, grounded
+from urbantwin.scene.placement import along_nearest, on_ground
 from urbantwin.scene.solids import Assembly, GroundHeight, box, rods
-from urbantwin.scene.tag import length_m_of
+from urbantwin.scene.tag_values import length_m_of
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["Opening", "add_openings", "opening_of"]
@@ -94,7 +94,7 @@ def _add_leaf(
 ) -> None:
     ahead = np.array([np.cos(yaw), np.sin(yaw)]) * opening.width_m / 2
     ends = np.array([spot - 0.97 * ahead, spot + 0.97 * ahead])
-    path = grounded(ends, ground_height(ends))
+    path = on_ground(ends, ground_height(ends))
     high = opening.height_m
     part = assembly.new_part()
     for solid in (
@@ -122,7 +122,7 @@ def _add_boom(
     if not free.any():
         notes["gates on carriageways, left open"] += 1
         return
-    foot = grounded(sides[[int(np.argmax(free))]], ground_height(sides[[int(np.argmax(free))]]))[0]
+    foot = on_ground(sides[[int(np.argmax(free))]], ground_height(sides[[int(np.argmax(free))]]))[0]
     part = assembly.new_part()
     assembly.add(box(foot + [0, 0, 0.4], [0.35, 0.3, 1.4], yaw), "fence", "metal-painted", part)
     boom = rods([foot + [0, 0, 1.05]], [foot + [0, 0, 1.05 + BOOM_M]], 0.05, 0.03, 6)

@@ -1,4 +1,4 @@
-"""Safety barriers of roads: steel W-beams on posts, concrete profiles."""
+"""Road restraint systems: steel W-beam guard rails on posts, concrete barriers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bridges of ways that are not in the lane model, and what decks stand on."""
+"""Bridges of ways that are not in the lane model."""
 
 from urbantwin.scene.bridge.decks import Decks
 from urbantwin.scene.bridge.mesh import bridge_mesh

@@ -1,4 +1,4 @@
-"""Where decks are and how high."""
+"""Bridge decks: their place in plan and their heights."""
 
 from __future__ import annotations
 

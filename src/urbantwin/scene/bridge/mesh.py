@@ -15,7 +15,7 @@ from urbantwin.geometry import LabelledMesh
 from urbantwin.scene.barrier import fence
 from urbantwin.scene.bridge.decks import Deck, Decks
 from urbantwin.scene.bridge.profile import WIDTHS_M
-from urbantwin.scene.placement import grounded
+from urbantwin.scene.placement import on_ground
 from urbantwin.scene.slab import plain_polygons, plan_of, slab
 from urbantwin.scene.solids import Assembly, GroundHeight, box
 from urbantwin.site.extract import OsmFeature
@@ -25,7 +25,8 @@ __all__ = ["bridge_mesh"]
 
 #: Railings (EN 1317-6, AASHTO: 1.0 to 1.2 m); none where a deck is lower than this above ground.
 RAILING_M, LOWEST_FALL_M = 1.1, 0.6
-#: Piers stand so far apart, under decks at least so high; they keep off carriageways and tracks.
+#: Spacing of piers, and the least height of decks with piers; they keep off carriageways and
+#: tracks.
 PIER_STEP_M, PIER_M, LOWEST_PIER_M, CLEAR_M = 18.0, 0.8, 2.0, 0.8
 BURIED_M = 0.4
 #: Decks with less room under them are cut away over carriageways, metres.
@@ -115,7 +116,7 @@ def _outlines(features: Sequence[OsmFeature]) -> list[Geometry]:
 def _low_part(deck: Deck, ground_height: GroundHeight) -> Geometry:
     """Return where a deck is so low that nothing drives under it."""
     xy = shapely.get_coordinates(shapely.line_interpolate_point(deck.line, deck.stations))
-    room = deck.heights - deck.thickness - grounded(xy, ground_height(xy))[:, 2]
+    room = deck.heights - deck.thickness - on_ground(xy, ground_height(xy))[:, 2]
     low = np.flatnonzero(np.minimum(room[:-1], room[1:]) < LOWEST_ROOM_M)
     pieces = [
         shapely.ops.substring(deck.line, deck.stations[k], deck.stations[k + 1])
@@ -131,7 +132,7 @@ def _add_slab(
     xy, _, _ = plan_of(fine)
     top = deck.height(xy)
     if deck.is_ramp:
-        ground = grounded(xy, ground_height(xy))[:, 2]
+        ground = on_ground(xy, ground_height(xy))[:, 2]
         top = np.maximum(top, ground + 0.02)
         low = ground - BURIED_M
     else:
@@ -139,7 +140,7 @@ def _add_slab(
     material = {"rail": "gravel", "road": "asphalt"}.get(deck.kind, "paving")
     semantic = {"rail": "other-ground", "road": "road"}.get(deck.kind, "sidewalk")
     body = slab(fine, low, top)
-    # The top is what people walk on; sides and underside are structure.
+    # The top is a footway; sides and underside are structure.
     upper = body.rises() > 0.5
     kinds = np.where(upper, semantic_id(semantic), semantic_id("other-structure"))
     matters = np.where(upper, material_id(material), material_id("concrete"))
@@ -168,7 +169,7 @@ def _add_railings(
                 shapely.segmentize(shapely.remove_repeated_points(piece, 0.3), FINE_M)
             )
             top = deck.height(xy)
-            fall = top - grounded(xy, ground_height(xy))[:, 2]
+            fall = top - on_ground(xy, ground_height(xy))[:, 2]
             for run in np.split(
                 np.arange(len(xy)), np.flatnonzero(np.diff(fall > LOWEST_FALL_M)) + 1
             ):
@@ -202,7 +203,7 @@ def _add_piers(
     behind = shapely.get_coordinates(shapely.line_interpolate_point(deck.line, stations - 0.3))
     way = ahead - behind
     under = deck.height(xy) - deck.thickness
-    ground = grounded(xy, ground_height(xy))[:, 2]
+    ground = on_ground(xy, ground_height(xy))[:, 2]
     free = ~shapely.contains_xy(blocked, xy[:, 0], xy[:, 1])
     free &= shapely.intersects_xy(place, xy[:, 0], xy[:, 1])
     at_end = np.zeros(len(xy), bool)
@@ -241,7 +242,7 @@ def _add_roofs(
     blocked: Geometry,
     ground_height: GroundHeight,
 ) -> int:
-    """Add roofs on posts over ways that are said to be covered, outside of buildings."""
+    """Add roofs on posts over ways with ``covered=yes``, outside of buildings."""
     houses = shapely.union_all(
         [f.geometry for f in features
          if "building" in f.tags and f.geometry.geom_type.endswith("Polygon")]
@@ -277,7 +278,7 @@ def _add_roof(
     for shape in plain_polygons(cover):
         fine = shapely.segmentize(shape, FINE_M)
         xy, _, _ = plan_of(fine)
-        under = grounded(xy, ground_height(xy))[:, 2] + ROOF_M
+        under = on_ground(xy, ground_height(xy))[:, 2] + ROOF_M
         roof = slab(fine, under, under + ROOF_THICK_M)
         assembly.add(roof, "other-structure", "metal-painted", part)
     for side in (1.3, -1.3):
@@ -287,6 +288,6 @@ def _add_roof(
             spots = shapely.get_coordinates(shapely.segmentize(border, ROOF_POST_M))
             spots = spots[~shapely.contains_xy(blocked, spots[:, 0], spots[:, 1])]
             if len(spots):
-                feet = grounded(spots, ground_height(spots))
+                feet = on_ground(spots, ground_height(spots))
                 posts = fence.posts(feet, ROOF_M + 0.05, 0.12)
                 assembly.add(posts, "other-structure", "metal-painted", part)

@@ -1,4 +1,4 @@
-"""How high bridges are: over what they cross, and ramps where the ground does not rise to them."""
+"""Profiles of bridges: clearance over what they cross, and ramps up to them."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from shapely import Geometry, LineString, Polygon
 
 from urbantwin.number_text import whole_number
-from urbantwin.roads.levels import HIGHEST_LAYER
+from urbantwin.roads.grade_separation import HIGHEST_LAYER
 from urbantwin.scene.bridge.decks import Deck, Decks
-from urbantwin.scene.placement import grounded
+from urbantwin.scene.placement import on_ground
 from urbantwin.scene.solids import GroundHeight
-from urbantwin.scene.tag import length_m_of
+from urbantwin.scene.tag_values import length_m_of
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["WIDTHS_M", "bridge_decks"]
@@ -87,7 +87,7 @@ def bridge_decks(
         if lift > LOW_M:
             for end in sorted(end for end, count in uses.items() if count == 1):
                 if not region.covers(shapely.Point(end)):
-                    continue  # what it leads to is not known
+                    continue  # The feature at its end is unknown.
                 ramps = _ramps(end, lift, group[0].kind, walks, ground_height)
                 ramped[end] = bool(ramps)
                 decks += ramps
@@ -114,7 +114,7 @@ def _key(point: Sequence[float]) -> tuple[float, float]:
 def _sorted_ways(
     features: Sequence[OsmFeature], region: Polygon, lane_decks: Geometry, notes: Counter[str]
 ) -> tuple[list[_Way], list[tuple[OsmFeature, int]], dict[tuple[float, float], list[_Way]]]:
-    """Return bridges, what lies beneath bridges with its layer, and other ways by their ends."""
+    """Return bridges, crossed features with their layers, and other ways by their ends."""
     bridges, beneath = [], []
     walks: dict[tuple[float, float], list[_Way]] = defaultdict(list)
     for feature in features:
@@ -193,7 +193,7 @@ def _chord(
     count = max(int(np.ceil(way.line.length / STEP_M)), 1)
     stations = np.linspace(0, way.line.length, count + 1)
     ends = shapely.get_coordinates(way.line)[[0, -1]]
-    low, high = grounded(ends, ground_height(ends))[:, 2]
+    low, high = on_ground(ends, ground_height(ends))[:, 2]
     return stations, low + (high - low) * stations / way.line.length
 
 
@@ -203,7 +203,7 @@ def _lack(
     beneath: Sequence[tuple[OsmFeature, int]],
     ground_height: GroundHeight,
 ) -> tuple[float, NDArray[np.float64]]:
-    """Return by how much a bridge is too low over what it crosses, and where it crosses that."""
+    """Return how much clearance a bridge lacks, and where."""
     worst, where = 0.0, [np.zeros(0)]
     inner = shapely.buffer(way.line, 0.01)
     for other, layer in beneath:
@@ -211,7 +211,7 @@ def _lack(
             continue
         spots = shapely.get_coordinates(shapely.intersection(other.geometry, way.line))
         along = shapely.line_locate_point(way.line, shapely.points(spots))
-        # What meets it at its ends is how one gets onto it.
+        # Ways that meet it at its ends lead onto it.
         spots = spots[(along > 0.5) & (along < way.line.length - 0.5)]
         if not len(spots):
             continue
@@ -220,7 +220,7 @@ def _lack(
             room = OVER_STREET_M - 0.5
         if other.tags.get("railway") in RAILWAYS:
             room = OVER_RAILWAY_M
-        ground = grounded(spots, ground_height(spots))[:, 2]
+        ground = on_ground(spots, ground_height(spots))[:, 2]
         along = shapely.line_locate_point(way.line, shapely.points(spots))
         deck = np.interp(along, *chord)
         worst = max(worst, float((ground + room + THICKNESS_M[way.kind] - deck).max()))
@@ -263,7 +263,7 @@ def _ramps(
                 count = max(int(np.ceil(part.length / STEP_M)), 1)
                 stations = np.linspace(0, part.length, count + 1)
                 xy = shapely.get_coordinates(shapely.line_interpolate_point(part, stations))
-                ground = grounded(xy, ground_height(xy))[:, 2]
+                ground = on_ground(xy, ground_height(xy))[:, 2]
                 heights = ground + np.maximum(left - grade * stations, 0.0)
                 ramp = _Way(way.id, way.kind, part, way.width, way.layer, way.is_steps)
                 found.append(_deck(ramp, stations, heights, is_ramp=True))

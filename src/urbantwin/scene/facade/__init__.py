@@ -1,4 +1,4 @@
-"""Facades: which walls are seen, and the windows and doors that are set back in them."""
+"""Facades: walls visible from the road, with windows and doors set back in them."""
 
 from urbantwin.scene.facade.door import Door, mapped_doors
 from urbantwin.scene.facade.front import Front

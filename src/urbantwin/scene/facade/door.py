@@ -1,4 +1,4 @@
-"""Doors: those of the map, and one for every building that has none."""
+"""Doors: the mapped ones, and one for every building without."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import shapely
 from shapely import Point
 
 from urbantwin.scene.face import DOOR, GLASS
-from urbantwin.scene.tag import length_m_of
+from urbantwin.scene.tag_values import length_m_of
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["Door", "mapped_doors"]

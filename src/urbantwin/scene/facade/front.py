@@ -1,4 +1,4 @@
-"""What a building's facades are made from."""
+"""The walls of one building, as its facade is laid out on them."""
 
 from __future__ import annotations
 

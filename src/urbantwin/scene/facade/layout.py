@@ -1,4 +1,4 @@
-"""Where windows and doors are in the walls of a site's buildings."""
+"""Layout of windows and doors in the walls of a site's buildings."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PIER_M, LINTEL_M, PLINTH_M = 0.25, 0.2, 0.3
 SHOP_REACH_M = 8.0
 #: Entrances lie on their wall, within this, metres.
 ON_WALL_M = 0.6
-#: What stands before a wall this near hides it, metres.
+#: Objects this near in front of a wall hide it, metres.
 HIDDEN_M = 0.4
 SEED = 20_417
 
@@ -97,7 +97,7 @@ def facade_openings(
     seen = np.flatnonzero(np.isfinite(distance))
     if not len(seen):
         return found
-    # A step before the wall, where the ground is not the building's own.
+    # A step in front of the wall, where the ground is not inside the building.
     before = outward[seen] * 0.3
     ground = ground_height(np.concatenate([start[seen] + before, end[seen] + before]))
     ground = ground.reshape(2, -1).T

@@ -1,4 +1,4 @@
-"""What facades look like, by kind of building.
+"""Facade styles by kind of building: sizes and spacing of windows.
 
 Sizes are usual ones: a window of a dwelling is about 1.2 m wide and 1.4 m high over a sill of
 0.9 m (DIN 5034-1 asks for a head at 2.2 m or more and a sill of at most 0.9 m), set back half a

@@ -1,4 +1,4 @@
-"""Which walls can be seen from a carriageway."""
+"""Visibility of walls from a carriageway."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from shapely import Geometry
 
 __all__ = ["REACH_M", "seen_from"]
 
-#: Beyond this the reveal of a window is lost in a LiDAR's spot and noise, metres.
+#: Beyond this range a window's reveal is smaller than a LiDAR's footprint and noise, metres.
 REACH_M = 80.0
 #: Directions in which a wall looks, degrees from square.
 LOOKS_DEG = (-60, -40, -20, 0, 20, 40, 60)

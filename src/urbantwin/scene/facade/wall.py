@@ -1,4 +1,4 @@
-"""One wall with openings that are set back in it."""
+"""A wall with openings that are set back in it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Wall:
         start_xy, end_xy: where they are, metres.
         left, right: heights of the vertices over the start and over the end, rising.
         body: number of the body that it is of.
-        outer: whether nothing of the same building stands beyond it.
+        outer: whether no other part of the building stands behind it.
     """
 
     start: int

@@ -10,9 +10,9 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Geometry, LineString, Point, Polygon
 
-from urbantwin.scene.placement import along_nearest, grounded
+from urbantwin.scene.placement import along_nearest, on_ground
 from urbantwin.scene.solids import Assembly, GroundHeight, box, columns
-from urbantwin.scene.tag import length_m_of
+from urbantwin.scene.tag_values import length_m_of
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["add_gantries"]
@@ -81,7 +81,7 @@ def _add(
     assembly: Assembly, ends: NDArray[np.float64], clear: float, ground_height: GroundHeight
 ) -> None:
     middle = ends.mean(axis=0)[None]
-    feet = grounded(np.concatenate([ends, middle]), ground_height(np.concatenate([ends, middle])))
+    feet = on_ground(np.concatenate([ends, middle]), ground_height(np.concatenate([ends, middle])))
     top = float(feet[:, 2].max()) + clear + BOARD_M[0]
     part = assembly.new_part()
     tall = top + BEAM_M / 2 - feet[:2, 2] + BURIED_M

@@ -1,4 +1,4 @@
-"""Street furniture of the map as one mesh."""
+"""The mesh of all mapped street furniture."""
 
 from __future__ import annotations
 
@@ -12,21 +12,20 @@ from numpy.typing import NDArray
 from shapely import Geometry, LineString, Point, Polygon
 
 from urbantwin.geometry import LabelledMesh
-from urbantwin.scene.furniture.basin import add_basin
 from urbantwin.scene.furniture.gantry import add_gantries
-from urbantwin.scene.furniture.monument import fountain, monument, monument_kind
+from urbantwin.scene.furniture.monument import add_basin, fountain, monument, monument_kind
 from urbantwin.scene.furniture.piece import Piece, add_pieces, moved
 from urbantwin.scene.furniture.shelter import SHELTER_M, cycle_stands, oriented, shelter
 from urbantwin.scene.furniture.street import STREET
 from urbantwin.scene.placement import (
     along_nearest,
     beside_carriageway,
-    grounded,
-    left_of_map,
+    not_imported,
+    on_ground,
     toward_carriageway,
 )
 from urbantwin.scene.solids import Assembly, GroundHeight
-from urbantwin.scene.tag import yaw_of_direction
+from urbantwin.scene.tag_values import yaw_of_direction
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["furniture_mesh"]
@@ -38,7 +37,7 @@ BEHIND_STOP_M = (-1.3, 2.6, 0.0)
 #: Pieces nearer than this to a carriageway face it, those nearer to a way face that, metres.
 ROAD_M, WAY_M = 12.0, 8.0
 INDOORS = ("indoor", "room")
-#: What is mapped without saying what it looks like.
+#: Objects mapped without a shape.
 SHAPELESS = "memorials and artworks of unknown shape, not drawn"
 
 
@@ -75,7 +74,7 @@ def furniture_mesh(
     notes: Counter[str] = Counter()
     assembly = Assembly()
     ways = [f.geometry for f in features if "highway" in f.tags and region.intersects(f.geometry)]
-    mine = left_of_map([f for f in features if _is_furniture(f.tags)], without)
+    mine = not_imported([f for f in features if _is_furniture(f.tags)], without)
     objects = []
     for feature in mine:
         shape = feature.geometry
@@ -91,7 +90,7 @@ def furniture_mesh(
         elif found.pieces:
             objects.append(found)
     _place(assembly, objects, ways, carriageway, ground_height, notes)
-    gantries = left_of_map([f for f in features if f.tags.get("man_made") == "gantry"], without)
+    gantries = not_imported([f for f in features if f.tags.get("man_made") == "gantry"], without)
     add_gantries(
         assembly,
         gantries,
@@ -187,7 +186,7 @@ def _place(
     standing = [o for o, kept in zip(objects, keep, strict=True) if kept]
     if not standing:
         return
-    feet = grounded(xy, ground_height(xy))
+    feet = on_ground(xy, ground_height(xy))
     road = toward_carriageway(xy, carriageway, farthest_m=ROAD_M)
     way = toward_carriageway(xy, shapely.union_all(list(ways)), farthest_m=WAY_M)
     along = along_nearest(xy, ways, farthest_m=WAY_M)

@@ -4,12 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from urbantwin.scene.furniture.piece import Piece, block, drum
-from urbantwin.scene.tag import length_m_of
+import numpy as np
+import shapely
+from shapely import Polygon
 
-__all__ = ["fountain", "monument", "monument_kind"]
+from urbantwin.scene.furniture.piece import Piece, block, drum
+from urbantwin.scene.slab import plain_polygons, slab
+from urbantwin.scene.solids import Assembly, GroundHeight
+from urbantwin.scene.tag_values import length_m_of
+
+__all__ = ["add_basin", "fountain", "monument", "monument_kind"]
 
 BASIN_M = 2.5
+#: Basins of fountains that are mapped as areas.
+RIM_M, RIM_HIGH_M, WATER_BELOW_M, BURIED_M = 0.3, 0.45, 0.12, 0.3
 
 
 def monument_kind(tags: Mapping[str, str]) -> str | None:
@@ -90,3 +98,28 @@ def fountain(tags: Mapping[str, str]) -> list[Piece]:
         drum([0, 0, 0.52], 1.0, 0.14 * radius, "stone", other, 0.1 * radius),
         drum([0, 0, 1.52], 0.15, 0.15 * radius, "stone", other, 0.4 * radius, 14),
     ]
+
+
+def add_basin(assembly: Assembly, area: Polygon, ground_height: GroundHeight) -> bool:
+    """Add the basin of a fountain that is mapped as an area; return whether there is one.
+
+    A rim 0.3 m thick, with the water 0.12 m below its top.
+    """
+    outer = plain_polygons(area.simplify(0.05), smallest_m2=0.5)
+    if not outer:
+        return False
+    ground = ground_height(shapely.get_coordinates(outer))
+    ground = ground[np.isfinite(ground)]
+    level = float(ground.max()) if len(ground) else 0.0
+    low = (float(ground.min()) if len(ground) else 0.0) - BURIED_M
+    part = assembly.new_part()
+    for shape in outer:
+        pools = plain_polygons(shape.buffer(-RIM_M, join_style="mitre"), smallest_m2=0.2)
+        rims = plain_polygons(shapely.difference(shape, shapely.union_all(pools)))
+        for rim in rims:
+            solid = slab(rim, low, level + RIM_HIGH_M)
+            assembly.add(solid, "other-structure", "stone", part)
+        for pool in pools:
+            sheet = slab(pool, low, level + RIM_HIGH_M - WATER_BELOW_M)
+            assembly.add(sheet, "other-ground", "water", part)
+    return True

@@ -1,4 +1,4 @@
-"""Pieces of furniture in a frame of their own: x where they face, z up from the ground."""
+"""Pieces of furniture in a local frame: x where they face, z up from the ground."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from urbantwin.scene.solids import Assembly, Solid, box, columns, rods
 
 __all__ = ["Piece", "add_pieces", "bar", "block", "drum", "moved"]
 
-#: How far what stands on the ground reaches into it, metres.
+#: How far objects reach into the ground, metres.
 BURIED_M = 0.3
 
 
@@ -51,7 +51,7 @@ def drum(
     top: float | None = None,
     sides: int = 10,
 ) -> Piece:
-    """Return an upright cylinder or cone; what stands on the ground reaches into it."""
+    """Return an upright cylinder or cone; if it stands on the ground it reaches into it."""
     x, y, low = np.asarray(foot, np.float64)
     if low <= 0:
         low, height = low - BURIED_M, height + BURIED_M

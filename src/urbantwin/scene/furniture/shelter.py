@@ -1,4 +1,4 @@
-"""Shelters and cycle stands: what has a plan of its own, mapped as a point or as an area."""
+"""Shelters and cycle stands, mapped as a point or as an area."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from shapely import Polygon
 
 from urbantwin.scene.furniture.piece import Piece, block
 from urbantwin.scene.solids import rods
-from urbantwin.scene.tag import count_of, length_m_of
+from urbantwin.scene.tag_values import count_of, length_m_of
 
 __all__ = ["cycle_stands", "oriented", "shelter"]
 

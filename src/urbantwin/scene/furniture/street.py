@@ -1,4 +1,4 @@
-"""What stands along streets: seats, bins, boxes, boards, meters, hydrants.
+"""Furniture along streets: seats, bins, boxes, boards, meters, hydrants.
 
 Sizes are of common products; docs/street_furniture.md lists them.
 """
@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from urbantwin.scene.furniture.piece import Piece, bar, block, drum
-from urbantwin.scene.tag import count_of, length_m_of
+from urbantwin.scene.tag_values import count_of, length_m_of
 
 __all__ = ["STREET", "Build"]
 

@@ -1,4 +1,4 @@
-"""Materials of the ground finer than its triangles: lane paint, and what imagery shows."""
+"""Materials of the ground finer than its triangles: road markings and imagery."""
 
 from urbantwin.scene.ground_material.build import (
     GroundMaterials,

@@ -1,4 +1,4 @@
-"""All that is known of the ground's materials beyond its triangles."""
+"""Building the layers of the ground's materials from the lane model and imagery."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from urbantwin.roads import LaneModel, RoadNetwork
 from urbantwin.scene.ground_material.paint import LevelHeight, paint_layers
 from urbantwin.scene.ground_material.picture import picture_materials
 from urbantwin.scene.ground_material.rasterise import cells_of_layer, layer_of_cells
-from urbantwin.scene.ground_material.seen import ground_heights
+from urbantwin.scene.ground_material.visible_ground import ground_heights
 from urbantwin.site import Orthophoto
 
 __all__ = ["GroundMaterials", "ground_materials", "surface_materials"]
@@ -22,7 +22,7 @@ __all__ = ["GroundMaterials", "ground_materials", "surface_materials"]
 
 @dataclass(frozen=True)
 class GroundMaterials:
-    """Materials on the ground, and what was counted while finding them."""
+    """Materials on the ground, and counts for the manifest."""
 
     surface: SurfaceMaterials
     notes: dict[str, object]
@@ -53,7 +53,7 @@ def ground_materials(
     instead; under trees, vehicles and other things that hide the road the lane model's stays.
 
     Args:
-        model: the lane model; without it little is known of what is painted.
+        model: the lane model; without it only few markings are known.
         network: its lanes.
         region: region of interest, site frame.
         height: of the roads' surface on a level.

@@ -1,4 +1,4 @@
-"""Lane paint of the lane model as layers of the ground's materials."""
+"""Road markings of the lane model as layers of the ground's materials."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def paint_layers(
     """Return one layer of paint per level.
 
     Args:
-        model: the lane model; without it little is known of what is painted.
+        model: the lane model; without it only few markings are known.
         network: its lanes.
         region: region of interest, site frame.
         height: of the roads' surface.

@@ -1,4 +1,4 @@
-"""From a picture of the ground to layers of its materials."""
+"""Classifying imagery into layers of the ground's materials."""
 
 from __future__ import annotations
 
@@ -10,10 +10,14 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_dilation
 
 from urbantwin.geometry import LabelledMesh, MaterialLayer
-from urbantwin.scene.ground_material.cover import covers_in_picture, means
+from urbantwin.scene.ground_material.land_cover import covers_in_picture, means
+from urbantwin.scene.ground_material.paint_in_picture import paint_in_picture
 from urbantwin.scene.ground_material.rasterise import layer_of_cells
-from urbantwin.scene.ground_material.road_paint import paint_in_picture
-from urbantwin.scene.ground_material.seen import CARRIAGEWAY, SeenGround, seen_ground
+from urbantwin.scene.ground_material.visible_ground import (
+    CARRIAGEWAY,
+    VisibleGround,
+    visible_ground,
+)
 from urbantwin.site import Orthophoto
 from urbantwin.taxonomy import material_id, materials
 
@@ -33,7 +37,7 @@ LevelHeight = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
 
 @dataclass(frozen=True, eq=False)
 class PictureMaterials:
-    """What a picture tells.
+    """Materials classified in imagery.
 
     Attributes:
         layers: paint first, then covers.
@@ -82,7 +86,7 @@ def picture_materials(
     photo = _aligned(photo, factor)
     cell_m = factor * photo.cell_m
     shape = (photo.known.shape[0] // factor, photo.known.shape[1] // factor)
-    seen = seen_ground(mesh, photo.x0, photo.y0, cell_m, shape)
+    seen = visible_ground(mesh, photo.x0, photo.y0, cell_m, shape)
     road = _finer(seen.zone == CARRIAGEWAY, factor, photo.known.shape) & photo.known
     found = paint_in_picture(photo.rgb, road, photo.cell_m)
     clear = road & ~found.unclear
@@ -132,7 +136,7 @@ def _compared(
     clear: NDArray[np.bool_],
     modelled: Callable[[NDArray[np.float64]], NDArray[np.bool_]],
 ) -> tuple[bool, dict[str, object]]:
-    """Return whether the picture's paint is to be believed, and how it compares."""
+    """Return whether the picture's paint is plausible, and how it compares to the model's."""
     rows, columns = np.nonzero(clear)
     points = np.column_stack([columns, rows]) + 0.5
     model = int(modelled(points * photo.cell_m + [photo.x0, photo.y0]).sum())
@@ -161,7 +165,7 @@ class _Grid:
     height: LevelHeight
 
     def layers(
-        self, mask: NDArray[np.bool_], name: str, cell_m: float, seen: SeenGround, factor: int
+        self, mask: NDArray[np.bool_], name: str, cell_m: float, seen: VisibleGround, factor: int
     ) -> list[MaterialLayer]:
         """Return one layer per level of the cells of a mask; ``factor`` of them are one of seen's.
 

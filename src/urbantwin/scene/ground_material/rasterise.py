@@ -1,4 +1,4 @@
-"""From areas and from classified cells to the tiles of a layer."""
+"""Rasterising areas and classified cells into the tiles of a layer."""
 
 from __future__ import annotations
 

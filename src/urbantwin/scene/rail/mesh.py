@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shapely import Geometry, Polygon
 
 from urbantwin.geometry import LabelledMesh
-from urbantwin.scene.placement import left_of_map
+from urbantwin.scene.placement import not_imported
 from urbantwin.scene.rail.platform import add_platforms
 from urbantwin.scene.rail.track import HEAD_M, Track, tracks_of
 from urbantwin.scene.solids import Assembly, GroundHeight, Solid, box, sweep
@@ -63,7 +63,7 @@ def rail_mesh(
     )  # fmt: skip
     mine = [f for f in features if "railway" in f.tags or "public_transport" in f.tags
             or f.tags.get("highway") == "platform"]  # fmt: skip
-    mine = left_of_map(mine, without)
+    mine = not_imported(mine, without)
     tracks = tracks_of(mine, region, ride_height or ground_height, carriageway, paved)
     sleepers = 0
     for track in tracks:

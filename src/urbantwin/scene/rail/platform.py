@@ -8,10 +8,10 @@ import numpy as np
 import shapely
 from shapely import Geometry, LineString, Polygon
 
-from urbantwin.scene.placement import grounded
+from urbantwin.scene.placement import on_ground
 from urbantwin.scene.slab import plain_polygons, plan_of, slab
 from urbantwin.scene.solids import Assembly, GroundHeight
-from urbantwin.scene.tag import length_m_of
+from urbantwin.scene.tag_values import length_m_of
 from urbantwin.site.extract import OsmFeature
 from urbantwin.taxonomy import material_id, semantic_id
 
@@ -19,7 +19,7 @@ __all__ = ["add_platforms"]
 
 #: Heights above the rails' ground: trains 0.55 m (TSI PRM: 0.55 or 0.76), trams 0.25 m.
 TRAIN_M, TRAM_M = 0.55, 0.25
-#: Width of platforms that are mapped as a line; and what is kept clear beside a track, metres.
+#: Width of platforms that are mapped as a line; and clearance beside a track, metres.
 WIDTH_M, TRACK_M, KERB_M = 3.0, 1.35, 0.05
 BURIED_M, FINE_M = 0.3, 4.0
 NEAR_TRACK_M = 8.0
@@ -65,7 +65,7 @@ def add_platforms(
         for shape in shapes:
             fine = shapely.segmentize(shape, FINE_M)
             xy, _, _ = plan_of(fine)
-            ground = grounded(xy, ground_height(xy))[:, 2]
+            ground = on_ground(xy, ground_height(xy))[:, 2]
             body = slab(fine, ground - BURIED_M, ground + height)
             top = body.rises() > 0.5
             kinds = np.where(top, semantic_id("sidewalk"), semantic_id("other-structure"))

@@ -1,4 +1,4 @@
-"""Tracks of the map: where they are, their gauge, and how they lie."""
+"""Railway and tram tracks: line, gauge, and height."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from shapely import Geometry, LineString, Polygon
 
 from urbantwin.number_text import whole_number
-from urbantwin.scene.placement import grounded
+from urbantwin.scene.placement import on_ground
 from urbantwin.scene.solids import GroundHeight
 from urbantwin.site.extract import OsmFeature
 
@@ -19,7 +19,7 @@ __all__ = ["HEAD_M", "Track", "tracks_of"]
 
 #: Standard gauge, and the width of a rail's head (EN 13674: 49E1 67 mm, 60E1 72 mm), metres.
 GAUGE_M, HEAD_M = 1.435, 0.07
-#: Rails in a street stand out by this, so that beams see them; wheels do not feel it, metres.
+#: Height of rails above the pavement, so that beams hit them, metres.
 PROUD_M = 0.004
 #: Height of the rails above the ground on ballast, reached over so many metres from a road.
 BALLASTED_M, RISE_M = 0.55, 12.0
@@ -80,7 +80,7 @@ def tracks_of(
             # Tracks on bridges are fixed to the deck.
             if not _is_embedded(tags) and tags.get("bridge", "no") == "no":
                 lift = PROUD_M + BALLASTED_M * np.clip((away - 1.0) / RISE_M, 0, 1)
-            path = grounded(xy, ride_height(xy)) + np.column_stack([np.zeros((len(xy), 2)), lift])
+            path = on_ground(xy, ride_height(xy)) + np.column_stack([np.zeros((len(xy), 2)), lift])
             found += [Track(path, gauge, lift) for gauge in _gauges(tags)]
     return found
 

@@ -1,4 +1,4 @@
-"""Roofs: what the map says of them, and their facets over any footprint."""
+"""Roofs: their tags, and their facets over any footprint."""
 
 from urbantwin.scene.roof.facet import Facet
 from urbantwin.scene.roof.roof import roof_facets, roof_span

@@ -1,4 +1,4 @@
-"""Facets: the pieces of a roof in plan, each with its plane."""
+"""Roof facets: pieces of a roof in plan, each with its plane."""
 
 from __future__ import annotations
 

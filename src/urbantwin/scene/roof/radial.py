@@ -1,4 +1,4 @@
-"""Roofs that rise from the whole outline to one apex."""
+"""Radial roofs, which rise from the whole outline to one apex."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Roofs that are the same along their ridge: one profile carried along a direction."""
+"""Ridged roofs: one profile carried along a direction."""
 
 from __future__ import annotations
 

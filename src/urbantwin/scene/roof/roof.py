@@ -1,4 +1,4 @@
-"""From a roof's shape and a footprint to its facets."""
+"""Building a roof's facets from its shape and its footprint."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Roofs over any outline whose faces all rise from the eaves at one pitch: the straight skeleton.
+"""Straight-skeleton roofs: over any outline, all faces rise from the eaves at one pitch.
 
 The roof over a straight skeleton is the lower envelope of slabs: one plane over every edge of the
 outline, bounded at convex corners by the perpendicular there, and at reflex corners by the track
@@ -200,7 +200,7 @@ def _convex(corners: Points, planes: Points, rising: NDArray[np.int64]) -> list[
 def _cut(
     ring: list[tuple[float, float]], a: float, b: float, c: float
 ) -> list[tuple[float, float]]:
-    """Return what of a convex ring is where a x + b y + c >= 0."""
+    """Return the part of a convex ring where a x + b y + c >= 0."""
     side = [a * x + b * y + c for x, y in ring]
     if min(side) >= -1e-9:
         return ring

@@ -1,4 +1,4 @@
-"""Roofs as the map describes them.
+"""Roof tags of Simple 3D Buildings: shape, height, pitch, direction.
 
 Simple 3D Buildings (https://wiki.openstreetmap.org/wiki/Simple_3D_Buildings): ``roof:shape``,
 ``roof:height``, ``roof:angle``, ``roof:levels``, ``roof:direction`` (where the slope faces) and
@@ -16,7 +16,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from urbantwin.scene.tag import angle_deg_of, count_of, length_m_of, yaw_of_direction
+from urbantwin.scene.tag_values import angle_deg_of, count_of, length_m_of, yaw_of_direction
 
 __all__ = ["SHAPES", "RoofTags", "roof_tags", "roof_yaw"]
 
@@ -63,7 +63,7 @@ WORD_DEG, DEGREES_DEG = 23.0, 6.0
 
 @dataclass(frozen=True)
 class RoofTags:
-    """What tags say of a roof: its shape and, where they say it, height or pitch."""
+    """A roof's tags: its shape and, where it is mapped, height or pitch."""
 
     shape: str
     height_m: float | None
@@ -160,5 +160,5 @@ def _snapped(yaw: float, footprint: Polygon, within: float) -> float:
 
 
 def _plain(text: str) -> str:
-    """Return what of a tag's value may stand in a note."""
+    """Return a tag's value as it may stand in a note."""
     return "".join(c for c in text[:24] if c.isalnum() or c in "_-.")

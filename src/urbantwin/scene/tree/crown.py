@@ -1,4 +1,4 @@
-"""Crowns of trees: clumps of leaves that let some beams through, as foliage does.
+"""Crowns of trees: clumps of leaves with gaps that let some beams through.
 
 A crown is a cloud of triangles: several lobes inside an ellipsoid for broadleaved trees, whorls of
 drooping branches inside a cone for conifers, fronds for palms. Returns come from within the crown
@@ -34,7 +34,7 @@ def crown_clumps(
         diameter: its width both ways, metres.
         low: height of its underside, metres.
         high: height of its top, metres.
-        rng: what makes it unlike its neighbour.
+        rng: of the crown's random shape.
         count: triangles to draw it with, about.
     """
     if form == "palm":

@@ -14,7 +14,7 @@ from shapely import Geometry, Polygon
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.reconstruct import SurveyedTree
-from urbantwin.scene.placement import beside_carriageway, grounded
+from urbantwin.scene.placement import beside_carriageway, on_ground
 from urbantwin.scene.solids import Assembly, GroundHeight, Solid, columns
 from urbantwin.scene.tree.crown import crown_clumps
 from urbantwin.scene.tree.size import TreeSize, surveyed_size
@@ -22,7 +22,7 @@ from urbantwin.taxonomy import material_id
 
 __all__ = ["GrownTree", "grow", "surveyed_tree_mesh"]
 
-#: Crowns of a scene have about so many triangles in all, and each so many at least and at most.
+#: Triangles of all crowns of a scene, about; and of each at least and at most.
 MOST_TRIANGLES, FEWEST_CLUMPS, MOST_CLUMPS = 300_000, 60, 900
 #: Crowns are cut back over carriageways to this height (RASt 06, AASHTO: 4.5 m), metres.
 CLEARANCE_M = 4.5
@@ -50,7 +50,7 @@ def grow(
     if not trees:
         return
     xy = np.array([(tree.x, tree.y) for tree in trees])
-    feet = grounded(xy, ground_height(xy))
+    feet = on_ground(xy, ground_height(xy))
     sizes = [tree.size for tree in trees]
     parts = np.array([assembly.new_part() for _ in trees])
     height, clear, radius = (

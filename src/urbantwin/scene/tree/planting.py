@@ -1,4 +1,4 @@
-"""Where trees, shrubs and woods stand: as mapped, and seeded where the map only says 'wood'."""
+"""Planting trees, shrubs and woods: as mapped, and seeded where only an area is mapped."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from shapely import Geometry, LineString, MultiPolygon, Point, Polygon
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.scene.building import building_footprints
-from urbantwin.scene.placement import beside_carriageway, grounded, left_of_map
+from urbantwin.scene.placement import beside_carriageway, not_imported, on_ground
 from urbantwin.scene.solids import Assembly, GroundHeight
-from urbantwin.scene.tag import length_m_of
+from urbantwin.scene.tag_values import length_m_of
 from urbantwin.scene.tree.growth import GrownTree, grow
 from urbantwin.scene.tree.shrub import bushes
 from urbantwin.scene.tree.size import mapped_size
@@ -32,7 +32,7 @@ ROW_M = 8.0
 WOOD_M = 6.0
 ORCHARD_M = 5.0
 SCRUB_M = 1.6
-#: At most so many trees of woods and bushes are drawn: those nearest to carriageways.
+#: Most trees of woods and most bushes that are drawn: those nearest to carriageways.
 MOST_WOOD_TREES = 400
 MOST_BUSHES = 1500
 #: Seeded trees keep this far from the middle of ways and tracks, metres.
@@ -42,7 +42,7 @@ SCRUBS = {
     "landuse": {"shrubs", "vineyard"},
     "barrier": {"hedge"},
 }
-#: Heights of shrubs that nobody measured, metres.
+#: Heights of shrubs without a mapped height, metres.
 LOW = {"heath": 0.6, "vineyard": 1.8}
 
 
@@ -85,7 +85,7 @@ def tree_mesh(
     blocked = carriageway if decks is None else shapely.union(carriageway, decks)
     taken = _taken(features, region, blocked)
     green = [f for f in features if _is_green(f.tags)]
-    mine = left_of_map(green, without)
+    mine = not_imported(green, without)
     trees = _mapped_trees(mine, region, carriageway, notes)
     trees += _row_trees(mine, region, taken, trees, notes)
     trees += _wood_trees(mine, region, taken, carriageway, notes)
@@ -267,7 +267,7 @@ def _add_scrub(
     notes["bushes"] = len(chosen)
     notes["bushes within scrub, left out"] = len(spots) - len(chosen)
     xy = np.array(spots)[chosen]
-    feet = grounded(xy, ground_height(xy))
+    feet = on_ground(xy, ground_height(xy))
     mine = [owners[k] for k in chosen.tolist()]
     rng = Generator(Philox(key=abs(mine[0].id)))
     tall = np.array([length_m_of(f.tags.get("height")) or _low(f.tags) for f in mine])

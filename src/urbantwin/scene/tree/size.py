@@ -1,4 +1,4 @@
-"""How large a tree is: as mapped or surveyed, and what follows from that for the rest."""
+"""Sizes of trees: mapped or surveyed, with the rest derived."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.random import Generator
 
-from urbantwin.scene.tag import length_m_of
+from urbantwin.scene.tag_values import length_m_of
 from urbantwin.scene.tree.genus import Genus, genus_of
 
 __all__ = ["TreeSize", "mapped_size", "surveyed_size"]
 
-#: Trees whose size nobody mapped are this share of the full-grown height of their genus: most
+#: Trees without a mapped size have this share of the full-grown height of their genus: most
 #: trees of a city are younger, and crowns are kept within the street's width.
 HALF_GROWN = 0.58
 

@@ -1,4 +1,4 @@
-"""How high water lies: level, below the land around it."""
+"""Water levels: level, below the land around."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from shapely import Geometry, Polygon
 from urbantwin.scene.solids import GroundHeight
 from urbantwin.scene.water.plan import WaterBody
 
-__all__ = ["level_of", "with_water"]
+__all__ = ["water_level", "with_water"]
 
 #: Points this near to a body's border are on it: the ground's vertices are snapped, metres.
 SNAP_M = 0.03
-#: An elevation model shows water if it lies so much below the shore there, metres.
+#: An elevation model shows water that lies this far below its shore, metres.
 SHOWN_M = 0.3
 
 
-def level_of(body: WaterBody, region: Polygon, terrain_height: GroundHeight) -> float:
+def water_level(body: WaterBody, region: Polygon, terrain_height: GroundHeight) -> float:
     """Return the height of a body's surface, metres.
 
     Where the elevation model has the water below its shore: its median on the water. Else below
@@ -63,7 +63,7 @@ def with_water(
     areas = [body.area.buffer(SNAP_M) for body in bodies]
     for area in areas:
         shapely.prepare(area)
-    levels = [level_of(body, region, terrain_height) for body in bodies]
+    levels = [water_level(body, region, terrain_height) for body in bodies]
 
     def height(xy: NDArray[np.float64]) -> NDArray[np.float64]:
         z = np.array(terrain_height(xy), np.float64)

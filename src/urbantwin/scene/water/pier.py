@@ -10,10 +10,10 @@ import shapely
 from shapely import Geometry, LineString, Polygon
 
 from urbantwin.geometry import LabelledMesh
-from urbantwin.scene.placement import grounded, left_of_map
+from urbantwin.scene.placement import not_imported, on_ground
 from urbantwin.scene.slab import plain_polygons, slab
 from urbantwin.scene.solids import Assembly, GroundHeight, columns
-from urbantwin.scene.tag import length_m_of
+from urbantwin.scene.tag_values import length_m_of
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["pier_mesh"]
@@ -37,7 +37,7 @@ def pier_mesh(
         features: the map's features, site frame.
         region: piers are cut at its border.
         ground_height: heights of the ground and the water.
-        carriageway: where there is none.
+        carriageway: where no pier is built.
         without: where imported geometry has them.
 
     Returns:
@@ -46,7 +46,7 @@ def pier_mesh(
     notes: Counter[str] = Counter()
     assembly = Assembly()
     mine = [f for f in features if f.tags.get("man_made") in ("pier", "jetty")]
-    for feature in left_of_map(mine, without):
+    for feature in not_imported(mine, without):
         shape = feature.geometry
         if feature.tags.get("layer", "0").startswith("-"):
             continue
@@ -60,7 +60,7 @@ def pier_mesh(
         for deck in plain_polygons(area.simplify(0.05), smallest_m2=1.0):
             part = part or assembly.new_part()
             corners = shapely.get_coordinates(shapely.segmentize(deck.exterior, POST_STEP_M))[:-1]
-            low = grounded(corners, ground_height(corners))[:, 2]
+            low = on_ground(corners, ground_height(corners))[:, 2]
             top = float(low.min()) + ABOVE_M
             body = slab(deck, top - THICK_M, top)
             assembly.add(body, "other-structure", "wood", part)

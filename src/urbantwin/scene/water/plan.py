@@ -1,4 +1,4 @@
-"""Where water is, in plan."""
+"""Areas of water in plan."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import shapely
 from shapely import Geometry, LineString, Polygon
 
 from urbantwin.geometry import area_difference, area_union
-from urbantwin.scene.tag import length_m_of
+from urbantwin.scene.tag_values import length_m_of
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["WaterBody", "water_bodies"]

@@ -1,4 +1,4 @@
-"""Wires overhead: power lines, contact wires of trams and trolleybuses, lamps hung on wires."""
+"""Overhead wires: power lines, contact lines of trams and trolleybuses, lamps on span wires."""
 
 from urbantwin.scene.wire.mesh import wire_mesh
 

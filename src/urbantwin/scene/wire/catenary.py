@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.scene.solids import Solid, rods
 
-__all__ = ["WIRE_M", "hanging", "parameter_of_sag", "wire_solid"]
+__all__ = ["WIRE_M", "catenaries", "parameter_of_sag", "wire_solid"]
 
 #: Radius that wires are drawn with: 12 mm, the copper of trams and the conductors of power lines.
 WIRE_M = 0.012
@@ -31,7 +31,7 @@ def parameter_of_sag(span: ArrayLike, sag: ArrayLike) -> NDArray[np.float64]:
     return np.asarray(c)
 
 
-def hanging(
+def catenaries(
     starts: ArrayLike, ends: ArrayLike, sags: ArrayLike, steps: int = 12
 ) -> NDArray[np.float64]:
     """Return points (N, steps + 1, 3) of wires that hang between points (N, 3) and (N, 3).

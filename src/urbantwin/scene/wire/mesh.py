@@ -1,4 +1,4 @@
-"""All wires of a scene as one mesh."""
+"""The mesh of all overhead wires."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from shapely import Geometry, Polygon
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.scene.solids import Assembly, GroundHeight
-from urbantwin.scene.wire.hung import add_hung
-from urbantwin.scene.wire.overhead import add_overhead
+from urbantwin.scene.wire.contact_line import add_contact_lines
 from urbantwin.scene.wire.power import add_power_lines
+from urbantwin.scene.wire.span_wire import add_span_wires
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["wire_mesh"]
@@ -46,8 +46,8 @@ def wire_mesh(
         place = region.difference(without)
     mine = [f for f in features if _is_mine(f.tags)]
     add_power_lines(assembly, mine, place, ground_height, notes)
-    add_overhead(assembly, mine, place, ride_height or ground_height, carriageway, notes)
-    add_hung(assembly, mine, place, ground_height, notes)
+    add_contact_lines(assembly, mine, place, ride_height or ground_height, carriageway, notes)
+    add_span_wires(assembly, mine, place, ground_height, notes)
     return assembly.mesh(), dict(sorted((k, n) for k, n in notes.items() if n))
 
 

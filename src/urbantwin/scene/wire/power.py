@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from shapely import LineString, Point, Polygon
 
 from urbantwin.number_text import whole_number
-from urbantwin.scene.placement import grounded
+from urbantwin.scene.placement import on_ground
 from urbantwin.scene.solids import Assembly, GroundHeight, Solid, box, columns, rods
-from urbantwin.scene.tag import count_of, length_m_of
-from urbantwin.scene.wire.catenary import hanging, wire_solid
+from urbantwin.scene.tag_values import count_of, length_m_of
+from urbantwin.scene.wire.catenary import catenaries, wire_solid
 from urbantwin.site.extract import OsmFeature
 
 __all__ = ["add_power_lines"]
@@ -57,7 +57,7 @@ def add_power_lines(
         xy = shapely.get_coordinates(shapely.remove_repeated_points(line, 0.5))
         if len(xy) < 2 or line.length < SHORTEST_M:
             continue
-        feet = grounded(xy, ground_height(xy))
+        feet = on_ground(xy, ground_height(xy))
         on_towers = tags["power"] == "line"
         support = [nodes.get((x, y), {}) for x, y in xy.tolist()]
         high = np.array([_height(own, tags, on_towers=on_towers) for own in support])
@@ -144,7 +144,7 @@ def _add_conductors(
     span = np.linalg.norm((ends - starts)[:, :2], axis=1)
     keep = span > 1.0
     sag = (TOWER_SAG if on_towers else POLE_SAG) * span
-    points = hanging(starts[keep], ends[keep], sag[keep], STEPS)
+    points = catenaries(starts[keep], ends[keep], sag[keep], STEPS)
     pieces = np.stack([points[:, :-1], points[:, 1:]], axis=2).reshape(-1, 2, 3)
     inside = _inside(pieces, region)
     if inside.any():

@@ -1,0 +1,226 @@
+"""The cross section of a road from its way's tags."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from urbantwin.roads.cross_section.access import Permission, permission_of
+from urbantwin.roads.cross_section.cycleway import Cycleway, Cycleways, cycleways
+from urbantwin.roads.cross_section.defaults import Standard, standard_of
+from urbantwin.roads.cross_section.direction import (
+    CLOSED,
+    RESERVED,
+    DirectionTags,
+    direction_tags,
+    one_way,
+)
+from urbantwin.roads.cross_section.lane_tags import count, metres
+from urbantwin.roads.cross_section.placement import middle_of_road
+from urbantwin.roads.cross_section.roadside import parking, roadside
+from urbantwin.roads.cross_section.section import CarriagewayLane, CrossSection
+from urbantwin.roads.cross_section.speed import speed_limit, speed_of
+
+__all__ = ["cross_section"]
+
+#: Widths that lanes of motor traffic can have, metres; a width of the whole road that would give
+#: others is taken for something else.
+NARROWEST_M, WIDEST_M = 2.0, 8.0
+#: Half of a road with one lane for both directions, metres.
+HALF_LANE_M = 2.25
+ARROWS = frozenset(
+    "left slight_left sharp_left through right slight_right sharp_right reverse merge_to_left "
+    "merge_to_right".split()
+)
+
+
+def cross_section(
+    tags: Mapping[str, str], *, driving_side: str, sidewalks: str, country: str = ""
+) -> CrossSection:
+    """Return the cross section that a way's tags describe; defaults fill in the rest.
+
+    Nothing in the tags is an error: a value that makes no sense counts as missing.
+
+    Args:
+        tags: the way's tags.
+        driving_side: ``right`` or ``left``.
+        sidewalks: ``both``, ``left``, ``right`` or ``no`` (see ``roads.sidewalk``).
+        country: ISO 3166-1 alpha-2; empty if unknown.
+    """
+    standard = standard_of(country)
+    way = one_way(tags)
+    forward_tags, backward_tags, shared = direction_tags(tags, driving_side)
+    cycles = cycleways(tags, way, driving_side, standard)
+    permission = permission_of(tags, walkers_on_lanes=sidewalks == "no")
+    forward, backward = (
+        _lanes(tags, found, name, driving_side, permission, standard, country)
+        for name, found in (("forward", forward_tags), ("backward", backward_tags))
+    )
+    if shared and forward:
+        turn = "left" if driving_side == "right" else "right"
+        middle = replace(forward[0], kind="driving", turns=(turn,), both_ways=True, listed=False)
+        middle = replace(middle, allowed=permission.motor, width=0.0)
+        forward = [middle] * shared + forward
+    forward, backward = _with_cycleways(tags, way, forward, backward, cycles, country)
+    forward, backward = _with_widths(tags, forward, backward, standard)
+    outward = 1 if driving_side == "left" else -1
+    sides = {}
+    for side in ("left", "right"):
+        against = (side == driving_side) == (way != "backward")
+        sides[side] = roadside(
+            tags,
+            side,
+            sidewalk=sidewalks in (side, "both"),
+            outer=way == "both" or against,
+            standard=standard,
+            speed=speed_limit(tags, "forward", country),
+        )
+    return CrossSection(
+        driving_side,
+        tags.get("highway", ""),
+        tuple(forward),
+        tuple(backward),
+        sides["left"],
+        sides["right"],
+        middle_of_road(tags, forward, backward, outward),
+    )
+
+
+def _lanes(
+    tags: Mapping[str, str],
+    found: DirectionTags | None,
+    name: str,
+    driving_side: str,
+    permission: Permission,
+    standard: Standard,
+    country: str,
+) -> list[CarriagewayLane]:
+    """Return the lanes that the tags count, from the middle outwards; open widths are 0."""
+    if found is None:
+        return []
+    usual = speed_limit(tags, name, country)
+    lanes = []
+    for slot in range(found.slots):
+        kind, allowed = _use(found, slot, permission)
+        speed = speed_of(found.value("maxspeed:lanes", slot), country) or usual
+        turns = tuple(w for w in found.value("turn:lanes", slot).split(";") if w in ARROWS)
+        width = metres(found.value("width:lanes", slot)) or 0.0
+        if kind == "bicycle" and not width:
+            width = standard.cycle_lane
+        lanes.append(CarriagewayLane(kind, min(width, WIDEST_M), speed, allowed, turns))
+    if driving_side == "left":
+        lanes.reverse()
+    if not any(lane.kind == "bus" for lane in lanes):
+        for k in range(len(lanes) - found.buses, len(lanes)):
+            lanes[k] = replace(lanes[k], kind="bus", allowed=permission.bus_lane)
+    return lanes
+
+
+def _use(found: DirectionTags, slot: int, permission: Permission) -> tuple[str, tuple[str, ...]]:
+    """Return the kind of a lane and who may use it."""
+    keys = ("motor_vehicle:lanes", "vehicle:lanes", "access:lanes")
+    access = next((v for key in keys if (v := found.value(key, slot)) not in ("", "yes")), "")
+    bus = {found.value("bus:lanes", slot), found.value("psv:lanes", slot)}
+    bicycle = found.value("bicycle:lanes", slot)
+    closed = access in CLOSED
+    if bicycle in RESERVED and not bus & RESERVED and (closed or found.slots > found.motor):
+        return "bicycle", ("bicycle",)
+    if bus & RESERVED or (closed and "yes" in bus):
+        return "bus", permission.bus_lane
+    if closed:
+        return ("bicycle", ("bicycle",)) if bicycle == "yes" else ("none", ())
+    allowed = permission.motor
+    for key, name in (("motorcycle:lanes", "motorcycle"), ("hgv:lanes", "truck")):
+        if found.value(key, slot) == "no":
+            allowed = tuple(actor for actor in allowed if actor != name)
+    if bicycle == "no":
+        allowed = tuple(actor for actor in allowed if actor != "bicycle")
+    if not permission.cars:
+        return ("bus", allowed) if "bus" in allowed else ("none", ())
+    return "driving", allowed
+
+
+def _with_cycleways(
+    tags: Mapping[str, str],
+    way: str,
+    forward: list[CarriagewayLane],
+    backward: list[CarriagewayLane],
+    cycles: Cycleways,
+    country: str,
+) -> tuple[list[CarriagewayLane], list[CarriagewayLane]]:
+    """Add cycleways to the lanes; cyclists keep to them."""
+
+    def lane(cycleway: Cycleway, direction: str) -> CarriagewayLane:
+        speed = speed_limit(tags, direction, country)
+        return CarriagewayLane(
+            "bicycle", cycleway.width, speed, ("bicycle",), track=cycleway.track, listed=False
+        )
+
+    result = []
+    for name, lanes, outer in (
+        ("forward", forward, cycles.forward),
+        ("backward", backward, cycles.backward),
+    ):
+        found = list(lanes)
+        own = any(item.kind == "bicycle" for item in lanes)
+        if outer is not None and not (own and not outer.track):
+            found.append(lane(outer, name))
+        if cycles.inner is not None and way == name and not own:
+            found.insert(0, lane(cycles.inner, name))
+        if any(item.kind == "bicycle" for item in found):
+            found = [_without_cyclists(item) for item in found]
+        result.append(found)
+    return result[0], result[1]
+
+
+def _without_cyclists(lane: CarriagewayLane) -> CarriagewayLane:
+    if lane.kind == "bicycle":
+        return lane
+    return replace(lane, allowed=tuple(actor for actor in lane.allowed if actor != "bicycle"))
+
+
+def _with_widths(
+    tags: Mapping[str, str],
+    forward: list[CarriagewayLane],
+    backward: list[CarriagewayLane],
+    standard: Standard,
+) -> tuple[list[CarriagewayLane], list[CarriagewayLane]]:
+    """Fill in widths of lanes without a tag of their own."""
+    lanes = [*forward, *backward]
+    open_lanes = sum(not lane.width for lane in lanes)
+    known = sum(lane.width for lane in lanes if not lane.track)
+    each = _share(tags, known, open_lanes, standard) if open_lanes else None
+    highway = tags.get("highway", "")
+    single = one_way(tags) == "both" and count(tags.get("lanes")) == 1
+
+    def width(lane: CarriagewayLane) -> float:
+        if each is not None:
+            return each
+        if single:
+            return HALF_LANE_M
+        return standard.bus if lane.kind == "bus" else standard.lane(highway)
+
+    return (
+        [lane if lane.width else replace(lane, width=width(lane)) for lane in forward],
+        [lane if lane.width else replace(lane, width=width(lane)) for lane in backward],
+    )
+
+
+def _share(
+    tags: Mapping[str, str], known: float, open_lanes: int, standard: Standard
+) -> float | None:
+    """Return the width of a lane that ``width``, from curb to curb, leaves to each."""
+    narrow = metres(tags.get("width:carriageway"))
+    whole = narrow or metres(tags.get("width")) or metres(tags.get("est_width"))
+    if whole is None:
+        return None
+    cars = 0.0
+    for side in ("left", "right"):
+        found = parking(tags, side, standard)
+        if found is not None and found.position in ("lane", "yes", "half_on_kerb"):
+            cars += found.width
+    for beside in (cars, 0.0):
+        each = (whole - known - beside) / open_lanes
+        if NARROWEST_M <= each <= WIDEST_M:
+            return each
+    return None

@@ -1,0 +1,141 @@
+"""Turn lanes reconciled with junctions: no arrow to where no street leads, nor to too few lanes.
+
+netconvert discards the arrows of an approach where one of them leads nowhere or where more
+lanes point to a street than that street has, and then leaves lanes without a connection.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.geometry import wrapped
+from urbantwin.roads.cross_section.section import CarriagewayLane, CrossSection
+from urbantwin.roads.cross_section.segment import Segment
+
+__all__ = ["fitting_turns"]
+
+#: Two nodes where streets meet closer than this may become one junction, where ways lead on that
+#: do not start at the node itself, metres.
+ALONE_M = 40.0
+#: Bends sharper than this are turns, radians.
+TURN = math.radians(45.0)
+#: Directions of arrows.
+DIRECTIONS = {
+    "left": "left", "sharp_left": "left", "slight_left": "left", "through": "through",
+    "right": "right", "sharp_right": "right", "slight_right": "right",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Arm:
+    """A way on from a node: where it leads, and how many lanes cars have on it."""
+
+    heading: float
+    lanes: int
+    segment: int
+
+
+def fitting_turns(
+    segments: Sequence[Segment], sections: Sequence[CrossSection]
+) -> list[CrossSection]:
+    """Return the cross sections with arrows that fit the streets at their ends.
+
+    Where other junctions are near, arrows are left alone: they may be for the far side of one.
+    """
+    arms: dict[int, list[_Arm]] = defaultdict(list)
+    ends: dict[int, int] = defaultdict(int)
+    place: dict[int, NDArray[np.float64]] = {}
+    for k, (segment, section) in enumerate(zip(segments, sections, strict=True)):
+        points = segment.piece.points
+        for node, step, lanes in (
+            (segment.piece.nodes[0], points[1] - points[0], section.forward),
+            (segment.piece.nodes[-1], points[-2] - points[-1], section.backward),
+        ):
+            ends[node] += 1
+            place[node] = points[0] if node == segment.piece.nodes[0] else points[-1]
+            number = sum("car" in lane.allowed for lane in lanes)
+            if number:
+                arms[node].append(_Arm(math.atan2(step[1], step[0]), number, k))
+    junctions = [node for node, number in ends.items() if number > 2]
+    alone = _alone(junctions, place)
+    result = []
+    for k, (segment, section) in enumerate(zip(segments, sections, strict=True)):
+        points, nodes = segment.piece.points, segment.piece.nodes
+        changed = {"forward": section.forward, "backward": section.backward}
+        for name, node, step in (
+            ("forward", nodes[-1], points[-1] - points[-2]),
+            ("backward", nodes[0], points[0] - points[1]),
+        ):
+            lanes = changed[name]
+            if node in alone and any(lane.turns for lane in lanes):
+                heading = math.atan2(step[1], step[0])
+                ways = _ways_on(heading, [arm for arm in arms[node] if arm.segment != k])
+                changed[name] = _fitted(lanes, ways, section.driving_side)
+        result.append(replace(section, forward=changed["forward"], backward=changed["backward"]))
+    return result
+
+
+def _alone(junctions: Sequence[int], place: Mapping[int, NDArray[np.float64]]) -> set[int]:
+    if not junctions:
+        return set()
+    xy = np.array([place[node] for node in junctions])
+    gap = np.linalg.norm(xy[:, None] - xy[None], axis=2)
+    np.fill_diagonal(gap, np.inf)
+    return {node for node, near in zip(junctions, gap.min(axis=1), strict=True) if near > ALONE_M}
+
+
+def _ways_on(heading: float, arms: Sequence[_Arm]) -> dict[str, int] | None:
+    """Return direction -> lanes there; ``None`` where two streets share a direction."""
+    found: dict[str, int] = {}
+    for arm in arms:
+        bend = wrapped(arm.heading - heading)
+        name = "through" if abs(bend) < TURN else ("left" if bend > 0 else "right")
+        if name in found:
+            return None
+        found[name] = arm.lanes
+    return found
+
+
+def _fitted(
+    lanes: Sequence[CarriagewayLane], ways: Mapping[str, int] | None, driving_side: str
+) -> tuple[CarriagewayLane, ...]:
+    if ways is None:
+        return tuple(lanes)
+    cars = [k for k, lane in enumerate(lanes) if "car" in lane.allowed]
+    turns = {k: {DIRECTIONS[turn] for turn in lanes[k].turns if turn in DIRECTIONS} for k in cars}
+    blank = [k for k in cars if not turns[k]]
+    outer = driving_side
+    for k in blank:
+        turns[k] = {"through"}
+    signed = set().union(*turns.values())
+    if blank and cars[-1] in blank and outer not in signed:
+        turns[cars[-1]].add(outer)
+    inner = "left" if driving_side == "right" else "right"
+    if blank and cars[0] in blank and inner not in signed:
+        turns[cars[0]].add(inner)
+    for k in cars:
+        turns[k] &= ways.keys()
+    for name, room in ways.items():
+        users = [k for k in cars if name in turns[k]]
+        # Lanes that have another way on give way first, from the side away from the turn.
+        spare = [k for k in users if len(turns[k]) > 1]
+        spare = spare if name == inner else spare[::-1]
+        for k in spare[: max(0, len(users) - room)]:
+            turns[k].discard(name)
+    lost = [k for k in cars if not turns[k]]
+    if lost:
+        # A lane whose arrows all lead nowhere goes where its neighbour goes.
+        for k in lost:
+            near = min((j for j in cars if turns[j]), key=lambda j: abs(j - k), default=None)
+            turns[k] = set(turns[near]) if near is not None else set()
+    order = ("left", "through", "right")
+    return tuple(
+        replace(lane, turns=tuple(t for t in order if t in turns[k])) if k in turns else lane
+        for k, lane in enumerate(lanes)
+    )

@@ -1,0 +1,228 @@
+"""Grade separation: which roads cross over others, and how high that lifts them.
+
+Only a road that crosses over another road of the network is lifted; a bridge over water or rails
+is level with its approaches. Lifted roads come down to the ground along the network at a
+grade of at most ``RAMP_GRADE``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import dijkstra
+from scipy.spatial import cKDTree
+
+from urbantwin.number_text import finite_number
+
+__all__ = ["Crossing", "Lift", "find_crossings", "lift_of_network", "way_layer"]
+
+#: Height of a road above the one that it crosses: 4.7 m clearance (AASHTO Green Book, minimum
+#: 4.3 to 4.9 m on local to arterial roads) plus the deck.
+CLEARANCE_M = 5.5
+#: Steepest ramp that is assumed where the map only has different layers.
+RAMP_GRADE = 0.06
+#: Spacing of the samples along roads.
+STEP_M = 4.0
+#: Lift between samples is a regression over this many of the nearest, weighted by a Gaussian of
+#: this standard deviation, metres; and how much is known across a line of samples, square metres.
+NEIGHBOURS, SMOOTHING_M, STIFFNESS = 12, 4.0, 0.5
+#: Where roads of different levels meet, as many samples of each count for the other.
+SHARED = 4
+
+
+@dataclass(frozen=True)
+class Crossing:
+    """Way ``upper`` passes over way ``lower`` at ``point`` (2,), site frame."""
+
+    upper: int
+    lower: int
+    point: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Lift:
+    """Samples of the network and how far each stands above the ground.
+
+    Attributes:
+        xy: (N, 2) positions of samples, site frame.
+        level: (N,) level of the sample's road.
+        height: (N,) metres above the ground.
+    """
+
+    xy: NDArray[np.float64]
+    level: NDArray[np.int64]
+    height: NDArray[np.float64]
+
+    def at(self, xy: NDArray[np.float64], level: int) -> NDArray[np.float64]:
+        """Return the lift (M,) at (M, 2) points of a level, by local linear regression."""
+        lift = np.zeros(len(xy))
+        known = self._of_level(level)
+        if known is None or not len(xy):
+            return lift
+        tree, height = known
+        near = np.arange(len(xy))
+        count = min(NEIGHBOURS, len(height))
+        distance, index = tree.query(xy[near], k=np.arange(1, count + 1))
+        risen = height[index].any(axis=1)
+        near, distance, index = near[risen], distance[risen], index[risen]
+        gap = tree.data[index] - xy[near, None]
+        # Weights fall off from the nearest sample on: far away its height is what counts.
+        weight = np.exp(-0.5 * (distance**2 - distance[:, :1] ** 2) / SMOOTHING_M**2)
+        design = np.concatenate([np.ones((*gap.shape[:2], 1)), gap], axis=2)
+        weighted = design * weight[..., None]
+        normal = np.einsum("mki,mkj->mij", weighted, design)
+        # Samples lie along roads: across them nothing is known, and no slope is assumed.
+        normal[:, [1, 2], [1, 2]] += STIFFNESS * weight.sum(axis=1)[:, None]
+        right = np.einsum("mki,mk->mi", weighted, height[index])
+        lift[near] = np.maximum(np.linalg.solve(normal, right[..., None])[:, 0, 0], 0.0)
+        return lift
+
+    def _of_level(self, level: int) -> tuple[cKDTree, NDArray[np.float64]] | None:
+        if level not in self._trees:
+            mine = self.level == level
+            lifted = bool(self.height[mine].any())
+            tree = cKDTree(self.xy[mine]) if lifted else None
+            self._trees[level] = None if tree is None else (tree, self.height[mine])
+        return self._trees[level]
+
+    @cached_property
+    def _trees(self) -> dict[int, tuple[cKDTree, NDArray[np.float64]] | None]:
+        return {}
+
+
+#: Layers run from -5 to 5; larger values are errors or rare interchanges.
+HIGHEST_LAYER = 20
+
+
+def way_layer(tags: Mapping[str, str]) -> int:
+    """Return a way's layer (OSM wiki, "Key:layer"): bridges count as 1, tunnels as -1."""
+    layer = finite_number(tags.get("layer"))
+    if layer is not None and abs(layer) <= HIGHEST_LAYER:
+        return int(layer)
+    if tags.get("bridge") not in (None, "no"):
+        return 1
+    return -1 if tags.get("tunnel") not in (None, "no", "building_passage") else 0
+
+
+def find_crossings(
+    lines: Mapping[int, NDArray[np.float64]],
+    nodes: Mapping[int, frozenset[int]],
+    layers: Mapping[int, int],
+) -> list[Crossing]:
+    """Return where ways of different layers cross without a shared node.
+
+    Args:
+        lines: way -> (N, 2) site-frame points.
+        nodes: way -> ids of its nodes.
+        layers: way -> layer.
+    """
+    ids = sorted(lines)
+    shapes = [shapely.LineString(lines[i]) for i in ids]
+    tree = shapely.STRtree(shapes)
+    found = []
+    for first, second in sorted(map(tuple, tree.query(shapes, predicate="crosses").T.tolist())):
+        lower, upper = ids[first], ids[second]
+        if layers[upper] <= layers[lower] or nodes[upper] & nodes[lower]:
+            continue
+        meet = shapely.get_parts(shapely.intersection(shapes[first], shapes[second]))
+        found += [Crossing(upper, lower, shapely.get_coordinates(part)[0]) for part in meet]
+    return found
+
+
+def levels_of_ways(crossings: list[Crossing]) -> dict[int, int]:
+    """Return the level (1, 2, ...) of each way that crosses over another."""
+    level: dict[int, int] = {}
+    for _ in range(len(crossings)):
+        before = dict(level)
+        for crossing in crossings:
+            beneath = level.get(crossing.lower, 0)
+            level[crossing.upper] = max(level.get(crossing.upper, 0), beneath + 1)
+        if level == before:
+            break
+    return level
+
+
+def lift_of_network(
+    lines: list[tuple[NDArray[np.float64], int, frozenset[int], tuple[str, str]]],
+    crossings: list[Crossing],
+) -> Lift:
+    """Return how far every road stands above the ground.
+
+    Args:
+        lines: per road: (N, 2) centre, level, ids of its ways, ids of its two junctions.
+        crossings: where ways cross over others.
+    """
+    points, levels, links = [], [], []
+    ends: dict[str, list[int]] = {}
+    seeds: dict[int, float] = {}
+    start = 0
+    starts: list[int] = []
+    for centre, level, ways, junctions in lines:
+        line = shapely.LineString(centre)
+        along = np.linspace(0, line.length, max(2, int(line.length / STEP_M) + 1))
+        xy = shapely.get_coordinates(line.interpolate(along))
+        index = start + np.arange(len(xy))
+        links += [
+            (int(a), int(b), float(d))
+            for a, b, d in zip(index[:-1], index[1:], np.diff(along), strict=True)
+        ]
+        ends.setdefault(junctions[0], []).append(start)
+        ends.setdefault(junctions[1], []).append(int(index[-1]))
+        for crossing in crossings:
+            if crossing.upper in ways:
+                gap = np.linalg.norm(xy - crossing.point, axis=1)
+                for near in np.flatnonzero(gap < max(15.0, float(gap.min()) + STEP_M)):
+                    key = int(index[near])
+                    seeds[key] = max(seeds.get(key, 0.0), level * CLEARANCE_M)
+        starts.append(start)
+        points.append(xy)
+        levels.append(np.full(len(xy), level))
+        start += len(xy)
+    if not seeds:
+        return Lift(np.zeros((0, 2)), np.zeros(0, np.int64), np.zeros(0))
+    xy = np.concatenate(points)
+    for samples in ends.values():
+        links += [
+            (a, b, float(np.linalg.norm(xy[a] - xy[b])))
+            for k, a in enumerate(samples)
+            for b in samples[k + 1 :]
+        ]
+    highest = max(seeds.values())
+    # A virtual source tops every seed, so that one shortest-path run gives the envelope
+    # max over seeds of (needed height - grade x distance along the network).
+    links += [(start, seed, (highest - need) / RAMP_GRADE) for seed, need in seeds.items()]
+    rows, columns, costs = (np.array(part) for part in zip(*links, strict=True))
+    graph = coo_matrix((costs + 1e-9, (rows, columns)), shape=(start + 1, start + 1)).tocsr()
+    distance = dijkstra(graph, directed=False, indices=start)[:start]
+    height = np.maximum(0.0, highest - RAMP_GRADE * distance)
+    level_of = np.concatenate(levels)
+    extra = _shared(ends, level_of, starts)
+    index = np.concatenate([np.arange(start), [k for k, _ in extra]]).astype(np.int64)
+    level_of = np.concatenate([level_of, [level for _, level in extra]]).astype(np.int64)
+    return Lift(xy[index], level_of, height[index])
+
+
+def _shared(
+    ends: Mapping[str, list[int]], level: NDArray[np.int64], starts: list[int]
+) -> list[tuple[int, int]]:
+    """Return (sample, level) of samples that count for the level of a road that they lead to."""
+    found = []
+    bounds = [*starts, len(level)]
+    for samples in ends.values():
+        here = {int(level[k]) for k in samples}
+        for k in samples:
+            road = int(np.searchsorted(bounds, k, side="right")) - 1
+            first, last = bounds[road], bounds[road + 1]
+            mine = (
+                range(k, min(k + SHARED, last))
+                if k == first
+                else range(max(first, k - SHARED + 1), k + 1)
+            )
+            found += [(j, other) for other in here - {int(level[k])} for j in mine]
+    return sorted(set(found))

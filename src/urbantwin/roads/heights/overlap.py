@@ -1,0 +1,95 @@
+"""Overlaps: carriageways that meet outside junctions and must share one surface."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.roads.heights.stations import Stations
+from urbantwin.roads.model import ModelRoad
+
+__all__ = ["NO_OVERLAPS", "Overlaps", "find_overlaps"]
+
+#: Carriageways this close together are one area of asphalt, metres.
+SEAM_M = 0.6
+#: Smaller overlaps are where roads touch, square metres.
+LEAST_M2 = 0.1
+#: A difference in height that matters, metres.
+STEP_UP_M = 0.005
+#: How far an overlap affects the profile of a road, metres.
+AROUND_M = 2.0
+
+
+@dataclass(frozen=True)
+class Overlaps:
+    """Where streets must lie as their neighbours do.
+
+    Attributes:
+        calm: id of a street -> stations between which it has no cross-fall of its own.
+        yielding: ids of streets that follow the surface of others.
+    """
+
+    calm: dict[int, list[tuple[float, float]]]
+    yielding: frozenset[int]
+
+
+#: Nothing overlaps.
+NO_OVERLAPS = Overlaps({}, frozenset())
+
+
+def find_overlaps(
+    streets: Sequence[ModelRoad], ways: Sequence[ModelRoad], stations: Stations
+) -> Overlaps:
+    """Return where streets, as they lie now, differ in height from what shares their asphalt.
+
+    Args:
+        streets: streets with heights.
+        ways: ways through junctions, which should not lie on streets, but now and then do.
+        stations: of the streets and of the ways.
+    """
+    roads = [*streets, *ways]
+    areas = stations.areas(grown=np.repeat([SEAM_M / 2, -0.05], [len(streets), len(ways)]))
+    level = np.array([road.level for road in roads])
+    tree = shapely.STRtree(areas[: len(streets)])
+    first, second = tree.query(areas, predicate="intersects")
+    keep = (second < first) & (level[first] == level[second])
+    first, second = first[keep], second[keep]
+    shared = shapely.intersection(areas[first], areas[second])
+    big = shapely.area(shared) > LEAST_M2
+    calm: dict[int, list[tuple[float, float]]] = defaultdict(list)
+    yielding = set()
+    for a, b, area in zip(first[big], second[big], shared[big], strict=True):
+        one, two = roads[a], roads[b]
+        points = shapely.get_coordinates(area)
+        t, u = one.curve.locate(points), two.curve.locate(points)
+        if a >= len(streets):
+            # The way is fitted to the street: the street's crown would be a kink in it.
+            if not (two.crown.is_zero and _falls_little(two)):
+                calm[two.id].append(_interval(u[0]))
+            continue
+        gap = one.heights(np.clip(t[0], 0.0, one.length), t[1])
+        gap = gap - two.heights(np.clip(u[0], 0.0, two.length), u[1])
+        if np.abs(gap).max() > STEP_UP_M:
+            calm[one.id].append(_interval(t[0]))
+            calm[two.id].append(_interval(u[0]))
+            narrow = min((a, b), key=lambda k: (_width(stations, k), roads[k].length, k))
+            yielding.add(roads[narrow].id)
+    return Overlaps(dict(calm), frozenset(yielding))
+
+
+def _falls_little(road: ModelRoad) -> bool:
+    return bool(np.abs(road.bank.at(np.linspace(0.0, road.length, 9))).max() < 1e-3)
+
+
+def _interval(s: NDArray[np.float64]) -> tuple[float, float]:
+    return float(s.min()) - AROUND_M, float(s.max()) + AROUND_M
+
+
+def _width(stations: Stations, k: int) -> float:
+    part = stations.of(k)
+    return round(float((stations.left[part] - stations.right[part]).mean()), 2)

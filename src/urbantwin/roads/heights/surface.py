@@ -1,0 +1,242 @@
+"""The surface of the roads: streets by their profiles, blended over junctions without a step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from urbantwin.roads.heights.junction_mouth import Mouths, levels_at_ends, mouths_of
+from urbantwin.roads.heights.stations import Stations, stations_of
+from urbantwin.roads.model import LaneModel, ModelRoad
+
+__all__ = ["Base", "RoadSurface"]
+
+#: Heights (N,) at points (N, 2) of a level, metres.
+Base = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
+#: How far a street's end reaches into a junction, and how far its side reaches sideways, metres.
+REACH_M, SIDE_REACH_M = 14.0, 6.0
+#: Weight of the ground between the streets: that of a street's end about 4 m away.
+GROUND_WEIGHT = 0.03
+#: Spacing of samples along streets, metres.
+STEP_M = 1.0
+#: As many ends, and samples of sides, are looked at around a point.
+ENDS, SIDES = 12, 6
+#: Borders are as exact as this, metres.
+TOUCH_M = 0.005
+
+
+@dataclass(frozen=True)
+class _Level:
+    """What is asked about one level again and again."""
+
+    streets: tuple[ModelRoad, ...]
+    stations: Stations
+    footprints: shapely.STRtree
+    ways: shapely.STRtree
+    mouths: Mouths
+    mouth_tree: cKDTree
+    widest: float
+    sides: NDArray[np.float64]
+    side_offset: NDArray[np.float64]
+    side_tree: cKDTree
+
+
+class RoadSurface:
+    """Height of the roads' surface anywhere, on every level.
+
+    On a street it is the street's own, to the last digit. Beside and between streets it is the
+    base, corrected so that it meets every street that ends or runs there in height and slope: the
+    corrections are weighted by inverse squared distance within a limited reach (Shepard 1968;
+    Franke & Nielson, "Smooth interpolation of large sets of scattered data", 1980) to the ends of
+    streets, whose surfaces go straight on. Where streets overlap, they fade into each other.
+
+    Args:
+        model: the lanes, with their heights.
+        base: height between the streets.
+        stations: of the model's streets and then its ways through junctions, about a metre apart,
+            if they are known already.
+    """
+
+    def __init__(self, model: LaneModel, base: Base, stations: Stations | None = None) -> None:
+        self._base = base
+        streets = [road for road in model.roads if road.junction < 0]
+        ways = [road for road in model.roads if road.junction >= 0]
+        whole = stations or stations_of([*streets, *ways], STEP_M)
+        stations = whole.pick(streets, range(len(streets)))
+        through = whole.pick(ways, range(len(streets), len(streets) + len(ways))).areas()
+        ends = levels_at_ends(streets, {j.id: j.level for j in model.junctions})
+        #: The ends of all streets, and (id of a street, ``start`` or ``end``) -> index of one.
+        self.mouths = mouths_of(streets, stations, ends)
+        self.mouth_of = {
+            (road.id, contact): side * len(streets) + k
+            for side, contact in enumerate(("start", "end"))
+            for k, road in enumerate(streets)
+        }
+        self._levels = {}
+        for level in sorted({*self.mouths.level.tolist(), *(road.level for road in streets)}):
+            which = [k for k, road in enumerate(streets) if road.level == level]
+            mine = stations.pick([streets[k] for k in which], which)
+            over = shapely.STRtree(
+                [a for a, w in zip(through, ways, strict=True) if w.level == level]
+            )
+            self._levels[level] = self._level(mine, self.mouths.of(level), over, level)
+
+    def height(self, xy: ArrayLike, level: int = 0) -> NDArray[np.float64]:
+        """Return heights (N,) of the carriageway's surface at points (N, 2) of a level, metres."""
+        points = np.asarray(xy, np.float64).reshape(-1, 2)
+        z = np.asarray(self._base(points, level), np.float64).copy()
+        known = self._levels.get(level)
+        if known is None or not len(points):
+            return z
+        on, own = self._on_streets(known, points)
+        rest = np.ones(len(points), bool)
+        rest[on] = False
+        z[rest] += self._correction(known, points[rest], z[rest])
+        z[on] = own
+        return z
+
+    def on_streets(self, xy: ArrayLike, level: int = 0) -> NDArray[np.float64]:
+        """Return 1 for points (N, 2) that lie on a street of a level, else 0."""
+        points = np.asarray(xy, np.float64).reshape(-1, 2)
+        found = np.zeros(len(points))
+        if level in self._levels:
+            found[self._on_streets(self._levels[level], points)[0]] = 1.0
+        return found
+
+    def ridges(self, level: int = 0) -> list[shapely.LineString]:
+        """Return the lines where the surface has a ridge: reference lines of crowned streets."""
+        known = self._levels.get(level)
+        streets = known.streets if known else ()
+        return [road.curve.line.simplify(0.003) for road in streets if not road.crown.is_zero]
+
+    def _level(
+        self, stations: Stations, mouths: Mouths, ways: shapely.STRtree, level: int
+    ) -> _Level:
+        middle = mouths.xy + ((mouths.right + mouths.left) / 2)[:, None] * np.column_stack(
+            [-mouths.ahead[:, 1], mouths.ahead[:, 0]]
+        )
+        outer = np.column_stack([stations.outer_right, stations.outer_left])
+        sides = stations.beside(outer).reshape(-1, 2)
+        z = np.zeros(outer.shape)
+        for k, road in enumerate(stations.roads):
+            part = stations.of(k)
+            s = np.repeat(stations.s[part], 2)
+            z[part] = road.heights(s, outer[part].ravel()).reshape(-1, 2)
+        # Where ways lead over a footway, its border is not felt.
+        free = np.ones(len(sides), bool)
+        free[ways.query(shapely.points(sides), "dwithin", distance=SIDE_REACH_M / 2)[0]] = False
+        sides = sides[free]
+        return _Level(
+            stations.roads,
+            stations,
+            shapely.STRtree(stations.areas(outer=True, grown=0.05)),
+            ways,
+            mouths,
+            cKDTree(middle),
+            float((mouths.left - mouths.right).max(initial=0.0)),
+            sides,
+            z.ravel()[free] - self._base(sides, level),
+            cKDTree(sides),
+        )
+
+    def _on_streets(
+        self, known: _Level, points: NDArray[np.float64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return which points lie on streets, and their heights."""
+        which, street = _inside(known.footprints, points)
+        order = np.argsort(street, kind="stable")
+        which, street = which[order], street[order]
+        bounds = np.searchsorted(street, np.arange(len(known.streets) + 1))
+        total, weight = np.zeros(len(points)), np.zeros(len(points))
+        paved = np.zeros(len(points), bool)
+        found = []
+        for k, road in enumerate(known.streets):
+            mine = which[bounds[k] : bounds[k + 1]]
+            if not len(mine):
+                continue
+            part = known.stations.of(k)
+            s, t = road.curve.locate(points[mine])
+            at = known.stations.s[part]
+            right, left, outer_right, outer_left = (
+                np.interp(s, at, side[part])
+                for side in (
+                    known.stations.right,
+                    known.stations.left,
+                    known.stations.outer_right,
+                    known.stations.outer_left,
+                )
+            )
+            along = np.minimum(s, road.length - s)
+            margin = np.minimum(np.minimum(t - right, left - t), along)
+            outer = np.minimum(np.minimum(t - outer_right, outer_left - t), along)
+            z = road.heights(np.clip(s, 0.0, road.length), t)
+            found.append(np.column_stack([mine, z, margin, outer]))
+            paved[mine[margin >= -TOUCH_M]] = True
+        if found:
+            mine, z, margin, outer = np.concatenate(found).T
+            mine = mine.astype(np.int64)
+            inside = np.where(paved[mine], margin, outer)
+            # A way through a junction that cuts a corner takes precedence over the footway there.
+            bare = np.flatnonzero(~paved[mine])
+            cut = _inside(known.ways, points[mine[bare]])[0]
+            inside[bare[cut]] = -1.0
+            share = np.where(inside >= -TOUCH_M, np.maximum(inside, 1e-4) ** 2, 0.0)
+            np.add.at(total, mine, share * z)
+            np.add.at(weight, mine, share)
+        on = np.flatnonzero(weight > 0.0)
+        return on, total[on] / weight[on]
+
+    def _correction(
+        self, known: _Level, points: NDArray[np.float64], base: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return the correction of the base beside and between streets."""
+        if not len(points):
+            return np.zeros(0)
+        total, weight = np.zeros(len(points)), np.full(len(points), GROUND_WEIGHT)
+        # The end of a street counts, not its middle: half its width is added to the reach.
+        count = max(1, min(ENDS, len(known.mouths.out)))
+        gap, which = known.mouth_tree.query(
+            points, k=np.arange(1, count + 1), distance_upper_bound=REACH_M + known.widest
+        )
+        row, column = np.nonzero(np.isfinite(gap))
+        if len(row):
+            end = which[row, column]
+            u, t = known.mouths.seen_from(end, points[row])
+            distance = known.mouths.distance(end, u, t)
+            share = _fading(distance, REACH_M)
+            offset = known.mouths.extended(end, u, t) - base[row]
+            total += np.bincount(row, share * offset, minlength=len(points))
+            weight += np.bincount(row, share, minlength=len(points))
+        count = max(1, min(SIDES, len(known.sides)))
+        gap, which = known.side_tree.query(
+            points, k=np.arange(1, count + 1), distance_upper_bound=SIDE_REACH_M
+        )
+        row, column = np.nonzero(np.isfinite(gap))
+        share = _fading(gap[row, column], SIDE_REACH_M)
+        total += np.bincount(
+            row, share * known.side_offset[which[row, column]], minlength=len(points)
+        )
+        weight += np.bincount(row, share, minlength=len(points))
+        return np.asarray(total / weight)
+
+
+def _inside(
+    areas: shapely.STRtree, points: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the indices of points (N, 2) and of areas that they lie in."""
+    which, area = areas.query(shapely.points(points))
+    # Prepared areas answer faster than the tree's own predicate.
+    shapely.prepare(areas.geometries)
+    hit = shapely.intersects_xy(areas.geometries[area], points[which])
+    return which[hit], area[hit]
+
+
+def _fading(distance: NDArray[np.float64], reach: float) -> NDArray[np.float64]:
+    """Return weights that grow beyond bounds close by and are 0 from ``reach`` on."""
+    near = np.maximum(distance, 1e-4)
+    return np.asarray((np.maximum(reach - near, 0.0) / (reach * near)) ** 2)

@@ -1,0 +1,184 @@
+"""Proposing the junction of an imported map to twin, and the traffic there."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.geometry import area_union
+from urbantwin.roads.imported.crop import cropped, middle_of_junction
+from urbantwin.roads.model import LaneModel, ModelJunction, ModelRoad
+from urbantwin.site.draft import usual_volumes
+from urbantwin.site.junction_proposal import STREETS
+
+__all__ = ["MapJunction", "busiest_junction", "paved_area", "volumes"]
+
+#: Weight of a street of unknown class; other roads count little.
+UNKNOWN_WEIGHT, OTHER_WEIGHT = 3.0, 0.3
+#: Signals belong to a junction when they are on its ways, or on a street this near to its end, m.
+SIGNAL_M = 40.0
+#: Junctions of fewer arms than three are where streets fork or merge.
+FEW_ARMS = {0: 0.02, 1: 0.05, 2: 0.2}
+#: A region about a junction looks empty where the map ends closer than this, metres.
+RIM_M = 100.0
+MOTOR = ("driving", "bus")
+
+
+@dataclass(frozen=True)
+class MapJunction:
+    """A junction worth twinning.
+
+    Attributes:
+        place: its middle, in the coordinates of the model, metres.
+        names: its streets, the widest first; empty where they have no names.
+        arms: number of streets that meet there.
+        signals: traffic lights that belong to it.
+    """
+
+    place: tuple[float, float]
+    names: tuple[str, ...]
+    arms: int
+    signals: int
+
+
+def busiest_junction(
+    model: LaneModel, within: Callable[[NDArray[np.float64]], bool] | None = None
+) -> MapJunction | None:
+    """Return the junction with the most lanes of important streets, signalised ones before others.
+
+    Without junctions, the middle of the longest street.
+
+    Args:
+        model: the lane model, in any plane coordinates.
+        within: whether a junction with its middle at x, y is considered.
+
+    Returns:
+        The junction; ``None`` where none is considered.
+    """
+    border = _covered(model)
+    signals = _signals_at(model)
+    found = []
+    for junction in model.junctions:
+        place = middle_of_junction(model, junction)
+        if not np.isfinite(place).all():
+            continue
+        if within is not None and not within(place):
+            continue
+        arms = [model.road_by_id[k] for k in sorted(_arms(junction, model))]
+        busy = sum(_weight(road) * _lanes(road) ** 0.5 for road in arms)
+        lights = signals.get(junction.id, 0)
+        score = busy * FEW_ARMS.get(len(arms), 1.0) * (1.0 + 0.1 * min(lights, 8))
+        score *= 2.0 if lights else 1.0
+        # At the map's rim the surroundings are missing.
+        score *= 0.5 + 0.5 * min(1.0, _depth(place, border) / RIM_M)
+        ranked = sorted(arms, key=lambda road: (-_weight(road) * _lanes(road), road.name))
+        names = tuple(dict.fromkeys(road.name for road in ranked if road.name))
+        x, y = (float(v) for v in place)
+        found.append((score, x, y, MapJunction((x, y), names, len(arms), lights)))
+    if found:
+        return max(found, key=lambda item: item[:3])[3]
+    return None if within is not None else _longest_street(model)
+
+
+def paved_area(model: LaneModel) -> shapely.Geometry:
+    """Return what vehicles run on, in plan."""
+    areas = []
+    for road in model.roads:
+        for section, end in zip(road.sections, road.section_ends, strict=True):
+            lanes = [x for x in section.lanes if x.kind not in ("sidewalk", "curb", "none")]
+            if not lanes or end - section.s < 1e-3:
+                continue
+            s = np.linspace(section.s, end, max(2, int((end - section.s) / 2) + 2))
+            borders = np.array(
+                [road.border(section, x, s, outer=outer) for x in lanes for outer in (False, True)]
+            )
+            sides = [road.place(s, t)[:, :2] for t in (borders.max(axis=0), borders.min(axis=0))]
+            areas.append(shapely.make_valid(shapely.Polygon(np.vstack([sides[0], sides[1][::-1]]))))
+    return area_union(areas)
+
+
+def volumes(model: LaneModel, region: shapely.Polygon) -> dict[str, int]:
+    """Return plausible volumes of traffic: by the lanes that lead into a region.
+
+    Nobody walks where there are no sidewalks.
+    """
+    inside = cropped(model, region)
+    lanes = 0
+    walks = False
+    for road in inside.roads:
+        for link, section, leads_in in (
+            (road.predecessor, road.sections[0], True),
+            (road.successor, road.sections[-1], False),
+        ):
+            if link is None and road.junction < 0:
+                lanes += sum(x.kind in MOTOR and x.forward == leads_in for x in section.lanes)
+        walks |= any(x.kind == "sidewalk" for section in road.sections for x in section.lanes)
+    found = usual_volumes(float(lanes))
+    return {name: count for name, count in found.items() if walks or name != "pedestrian"}
+
+
+def _arms(junction: ModelJunction, model: LaneModel) -> set[int]:
+    """Return the streets that meet at a junction."""
+    arms = {c.incoming for c in junction.connections}
+    for connection in junction.connections:
+        road = model.road_by_id.get(connection.connecting)
+        for link in (road.predecessor, road.successor) if road else ():
+            if link and link.element == "road":
+                arms.add(link.id)
+    return {k for k in arms if k in model.road_by_id and model.road_by_id[k].junction < 0}
+
+
+def _weight(road: ModelRoad) -> float:
+    if not road.kind:
+        return UNKNOWN_WEIGHT
+    return STREETS.get(road.kind, (OTHER_WEIGHT, 1))[0]
+
+
+def _lanes(road: ModelRoad) -> float:
+    counts = [sum(lane.kind in MOTOR for lane in section.lanes) for section in road.sections]
+    return float(max(counts, default=0))
+
+
+def _signals_at(model: LaneModel) -> dict[int, int]:
+    found: dict[int, int] = {}
+    for signal in model.signals:
+        road = model.road_by_id.get(signal.road)
+        if not signal.dynamic or road is None:
+            continue
+        if road.junction >= 0:
+            found[road.junction] = found.get(road.junction, 0) + 1
+            continue
+        ends = ((signal.s, road.predecessor), (road.length - signal.s, road.successor))
+        near = [
+            link.id
+            for away, link in sorted(ends, key=lambda item: item[0])
+            if away <= SIGNAL_M and link and link.element == "junction"
+        ]
+        for junction in near[:1]:
+            found[junction] = found.get(junction, 0) + 1
+    for controller in model.controllers:
+        for junction in controller.junctions:
+            found.setdefault(junction, len(controller.signals))
+    return found
+
+
+def _covered(model: LaneModel) -> shapely.Geometry:
+    """Return the area that the map covers."""
+    return shapely.convex_hull(shapely.union_all([road.curve.line for road in model.roads]))
+
+
+def _depth(place: NDArray[np.float64], area: shapely.Geometry) -> float:
+    return float(shapely.distance(shapely.boundary(area), shapely.Point(place)))
+
+
+def _longest_street(model: LaneModel) -> MapJunction | None:
+    streets = [road for road in model.roads if road.junction < 0 and _lanes(road) > 0]
+    if not streets:
+        return None
+    road = max(streets, key=lambda item: (item.length, -item.id))
+    x, y = (float(v) for v in road.curve.at([road.length / 2])[0, :2])
+    return MapJunction((x, y), (road.name,) if road.name else (), 2, 0)

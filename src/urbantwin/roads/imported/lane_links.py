@@ -1,0 +1,248 @@
+"""Lane links: across section borders, from road to road, and through junctions."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from urbantwin.roads.imported.access import allowed
+from urbantwin.roads.imported.edges import Edge, linked
+from urbantwin.roads.model import LaneModel, ModelJunction, ModelRoad, RoadLink, SectionLane
+
+__all__ = ["LaneLink", "Lanes", "lane_links"]
+
+#: Ends of lanes that are this close meet, where the map does not say what a lane leads to, metres.
+MEET_M = 1.0
+
+#: Road, index of the section, id of the lane.
+Place = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class LaneLink:
+    """A way from the end of one lane to the start of another.
+
+    Attributes:
+        start: edge and index of the lane that it leaves.
+        end: edge and index of the lane that it leads to.
+        path: the lanes in between, inside a junction, in the order of travel; empty where the two
+            lanes meet.
+    """
+
+    start: tuple[Edge, int]
+    end: tuple[Edge, int]
+    path: tuple[Place, ...] = ()
+
+
+class Lanes:
+    """The lanes of all edges, found by their place in the model."""
+
+    def __init__(self, model: LaneModel, edges: tuple[Edge, ...]) -> None:
+        self.model, self.edges = model, edges
+        self.at: dict[Place, tuple[Edge, int]] = {
+            (edge.road.id, number, lane[k]): (edge, index)
+            for edge in edges
+            for index, lane in enumerate(edge.lanes)
+            for k, number in enumerate(edge.sections)
+        }
+
+    def at_end(self, road: int, end: str, lane: int) -> tuple[Edge, int] | None:
+        """Return the edge lane that is a lane of a road at its start or end."""
+        found = self.model.road_by_id.get(road)
+        number = 0 if end == "start" or found is None else len(found.sections) - 1
+        return self.at.get((road, number, lane))
+
+
+def lane_links(lanes: Lanes) -> list[LaneLink]:
+    """Return every way from one edge lane to the next, each pair once; not those on foot.
+
+    Pedestrians go from sidewalk to sidewalk over corners and crossings, which netconvert makes.
+    """
+    found: dict[tuple[str, str], LaneLink] = {}
+    model = lanes.model
+    every = [_within(lanes, road) for road in model.roads if road.junction < 0]
+    every += [_between(lanes, road) for road in model.roads if road.junction < 0]
+    every += [_through(lanes, junction) for junction in model.junctions]
+    for links in every:
+        for link in links:
+            (start, i), (end, j) = link.start, link.end
+            if "sidewalk" not in (start.lane(i).kind, end.lane(j).kind):
+                found.setdefault((start.strip(i), end.strip(j)), link)
+    for more in (_of_bicycles, _to_bicycles):
+        for link in list(more(lanes.edges, list(found.values()))):
+            (start, i), (end, j) = link.start, link.end
+            found.setdefault((start.strip(i), end.strip(j)), link)
+    return list(found.values())
+
+
+def _of_bicycles(edges: tuple[Edge, ...], links: list[LaneLink]) -> Iterator[LaneLink]:
+    """Links for bicycle lanes that lead nowhere, as maps draw them: up to a junction, not through.
+
+    Bicycles go on as the traffic beside them does, on a bicycle lane where there is one.
+    """
+    onward: dict[str, list[LaneLink]] = defaultdict(list)
+    for link in links:
+        onward[link.start[0].strip(link.start[1])].append(link)
+    for edge in edges:
+        going = [index for index in range(len(edge.lanes)) if onward[edge.strip(index)]]
+        for index in range(len(edge.lanes)):
+            if not going or index in going or edge.lane(index, -1).kind != "bicycle":
+                continue
+            beside = min(going, key=lambda other: (abs(other - index), other))
+            for link in onward[edge.strip(beside)]:
+                end, lane = link.end
+                own = [k for k in range(len(end.lanes)) if end.lane(k).kind == "bicycle"]
+                yield LaneLink((edge, index), (end, own[0] if own else lane))
+
+
+def _to_bicycles(edges: tuple[Edge, ...], links: list[LaneLink]) -> Iterator[LaneLink]:
+    """Links to bicycle lanes that begin behind a junction: from the lane that bicycles come on."""
+    reached = {link.end[0].strip(link.end[1]) for link in links}
+    into: dict[str, list[LaneLink]] = defaultdict(list)
+    for link in links:
+        into[link.end[0].id].append(link)
+    for edge in edges:
+        for index in range(len(edge.lanes)):
+            if edge.lane(index).kind != "bicycle" or edge.strip(index) in reached:
+                continue
+            come: dict[str, tuple[Edge, int]] = {}
+            for link in into[edge.id]:
+                start, i = link.start
+                ridden = "bicycle" in allowed(start.lane(i, -1))
+                if ridden and i <= come.get(start.id, (start, i))[1]:
+                    come[start.id] = (start, i)
+            yield from (LaneLink(lane, (edge, index)) for lane in come.values())
+
+
+def _within(lanes: Lanes, road: ModelRoad) -> Iterator[LaneLink]:
+    """Links between the stretches of one road."""
+    for number in range(1, len(road.sections)):
+        for before in road.sections[number - 1].lanes:
+            for after in road.sections[number].lanes:
+                a = lanes.at.get((road.id, number - 1, before.id))
+                b = lanes.at.get((road.id, number, after.id))
+                if a and b and a[0] is not b[0] and linked(before, after):
+                    if before.forward and after.forward:
+                        yield LaneLink(a, b)
+                    elif not before.forward and not after.forward:
+                        yield LaneLink(b, a)
+
+
+def _between(lanes: Lanes, road: ModelRoad) -> Iterator[LaneLink]:
+    """Links from a road to the roads that it joins without a junction."""
+    for end, link in (("start", road.predecessor), ("end", road.successor)):
+        if link is None or link.element != "road":
+            continue
+        other = lanes.model.road_by_id.get(link.id)
+        if other is None or other.junction >= 0:
+            continue
+        section = road.sections[-1 if end == "end" else 0]
+        for lane in section.lanes:
+            a = lanes.at_end(road.id, end, lane.id)
+            if a is None or lane.forward != (end == "end"):
+                continue
+            for following in other.sections[-1 if link.contact == "end" else 0].lanes:
+                b = lanes.at_end(other.id, link.contact, following.id)
+                leaves = following.forward == (link.contact == "start")
+                if b and leaves and _joined(lane, end, following, link.contact):
+                    yield LaneLink(a, b)
+
+
+def _joined(lane: SectionLane, end: str, following: SectionLane, contact: str) -> bool:
+    onward = lane.successor if end == "end" else lane.predecessor
+    back = following.successor if contact == "end" else following.predecessor
+    return onward == following.id or back == lane.id
+
+
+def _through(lanes: Lanes, junction: ModelJunction) -> Iterator[LaneLink]:
+    """Links through a junction."""
+    roads = lanes.model.road_by_id
+    for connection in junction.connections:
+        incoming, road = roads.get(connection.incoming), roads.get(connection.connecting)
+        if incoming is None or road is None:
+            continue
+        at = _end_at(incoming, road, connection.contact, junction.id)
+        for first, second in connection.links:
+            start = lanes.at_end(incoming.id, at, first)
+            if start is None or start[0].lane(start[1]).forward != (at == "end"):
+                continue
+            if road.junction < 0:  # a direct junction: the roads meet without a way between
+                end = lanes.at_end(road.id, connection.contact, second)
+                if end and end[0].lane(end[1]).forward == (connection.contact == "start"):
+                    yield LaneLink(start, end)
+                continue
+            path, last = _path(road, connection.contact, second)
+            for end in _ends(lanes, road, connection.contact, path, last):
+                yield LaneLink(start, end, tuple(path))
+
+
+def _end_at(incoming: ModelRoad, road: ModelRoad, contact: str, junction: int) -> str:
+    """Return the end of the incoming road that a way through a junction begins at."""
+    link = road.predecessor if contact == "start" else road.successor
+    if link and link.element == "road" and link.id == incoming.id and link.contact:
+        return link.contact
+    after = incoming.successor
+    return "end" if after and after.element == "junction" and after.id == junction else "start"
+
+
+def _path(road: ModelRoad, contact: str, lane: int) -> tuple[list[Place], int | None]:
+    """Follow a lane along a connecting road; return the lanes and what the last one leads to."""
+    numbers = range(len(road.sections))
+    onward = contact == "start"
+    path: list[Place] = []
+    at: int | None = lane
+    for number in numbers if onward else reversed(numbers):
+        found = road.sections[number].by_id.get(at) if at is not None else None
+        if found is None or found.forward != onward:
+            return [], None
+        path.append((road.id, number, found.id))
+        at = found.successor if onward else found.predecessor
+        last = number == (len(road.sections) - 1 if onward else 0)
+        if at is None and not last:
+            following = road.sections[number + (1 if onward else -1)]
+            back = [
+                x.id for x in following.lanes
+                if (x.predecessor if onward else x.successor) == found.id
+            ]  # fmt: skip
+            at = back[0] if back else None
+    return path, at
+
+
+def _ends(
+    lanes: Lanes, road: ModelRoad, contact: str, path: list[Place], last: int | None
+) -> Iterator[tuple[Edge, int]]:
+    """Return the lane that a way through a junction leads to, if there is one."""
+    link: RoadLink | None = road.successor if contact == "start" else road.predecessor
+    if not path or link is None or link.element != "road":
+        return
+    leaves = link.contact == "start"
+    end = lanes.at_end(link.id, link.contact, last) if last is not None else None
+    if end is None:
+        end = _nearest(lanes, road, path[-1], link, at_end=contact == "start")
+    if end and end[0].lane(end[1]).forward == leaves:
+        yield end
+
+
+def _nearest(
+    lanes: Lanes, road: ModelRoad, place: Place, link: RoadLink, *, at_end: bool
+) -> tuple[Edge, int] | None:
+    """Return the lane of a linked road that begins where a connecting lane ends."""
+    other = lanes.model.road_by_id.get(link.id)
+    if other is None:
+        return None
+    section = road.sections[place[1]]
+    s = road.length if at_end else 0.0
+    here = road.place(s, road.middle(section, section.by_id[place[2]], s))[0, :2]
+    found: list[tuple[float, tuple[Edge, int]]] = []
+    section = other.sections[0 if link.contact == "start" else -1]
+    s = 0.0 if link.contact == "start" else other.length
+    for lane in section.lanes:
+        edge = lanes.at_end(other.id, link.contact, lane.id)
+        if edge and lane.forward == (link.contact == "start") and lane.kind != "sidewalk":
+            there = other.place(s, other.middle(section, lane, s))[0, :2]
+            found.append((float(np.linalg.norm(there - here)), edge))
+    best = min(found, key=lambda item: item[0], default=(np.inf, None))
+    return best[1] if best[0] <= MEET_M else None

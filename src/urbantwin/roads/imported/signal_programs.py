@@ -1,0 +1,261 @@
+"""Signal programs of an imported map, put into SUMO's network and assigned to its signals."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from lxml import etree
+from numpy.typing import NDArray
+
+from urbantwin.roads.imported.nodes import Nodes
+from urbantwin.roads.imported.traffic_lights import node_of_signal
+from urbantwin.roads.model import LaneModel, RoadSignal, SignalController
+
+__all__ = ["with_programs"]
+
+#: Lights for pedestrians (ASAM OpenDRIVE 1.8, signal catalogue of the country ``OpenDRIVE``).
+ON_FOOT = ("1000002",)
+#: A light for pedestrians stands at most this far from the crossing that it is for, metres.
+BESIDE_M = 15.0
+
+
+@dataclass
+class _Light:
+    """A traffic light of the network.
+
+    Attributes:
+        of_lane, of_way, of_crossing: which links each lane, way and crossing has.
+        places: crossing -> its middle line (N, 2).
+        crossed: crossing -> edges that it leads over.
+        from_edge, to_edge: link of vehicles -> the edges that it joins.
+    """
+
+    of_lane: dict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
+    of_way: dict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
+    of_crossing: dict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
+    places: dict[str, NDArray[np.float64]] = field(default_factory=dict)
+    crossed: dict[str, set[str]] = field(default_factory=dict)
+    from_edge: dict[int, str] = field(default_factory=dict)
+    to_edge: dict[int, str] = field(default_factory=dict)
+
+    @property
+    def of_vehicles(self) -> list[int]:
+        return sorted(self.from_edge)
+
+    @property
+    def count(self) -> int:
+        groups = (*self.of_lane.values(), *self.of_crossing.values())
+        return 1 + max((k for group in groups for k in group), default=-1)
+
+
+def with_programs(
+    model: LaneModel, nodes: Nodes, lights: Mapping[str, str], net: Path
+) -> tuple[LaneModel, dict[str, object]]:
+    """Put the map's signal programs into a network, and assign its links to each signal.
+
+    A map's program fits where every link of the network's light is found among its signals' links:
+    links of one lane pair by pair, lights for pedestrians with the nearest crossing. Where
+    one does not fit, netconvert's program stays.
+
+    Args:
+        model: the lane model, its lanes named.
+        nodes: its nodes.
+        lights: node -> id of the traffic light there.
+        net: the ``.net.xml``, rewritten where programs are set.
+
+    Returns:
+        The model with programs, links and strips of its signals, and what was counted.
+    """
+    tree = etree.parse(net)
+    found = _lights(tree.getroot())
+    phases = {item.name: item for item in model.controllers if item.phases}
+    pairs: dict[str, dict[int, int]] = defaultdict(dict)
+    signals = []
+    for signal in model.signals:
+        node = node_of_signal(model, nodes, signal) if signal.dynamic else None
+        program = lights.get(node or "", "")
+        if program not in found:
+            signals.append(signal)
+            continue
+        strip, links = _governed(model, signal, found[program])
+        if len(links) == len(signal.links):
+            pairs[program].update(zip(links, signal.links, strict=True))
+        signals.append(
+            dataclasses.replace(signal, program=program, links=tuple(links), strip=strip)
+        )
+    fitting = [
+        name
+        for name, controller in phases.items()
+        if name in found and _set(tree, name, controller, pairs[name], found[name])
+    ]
+    if fitting:
+        text = etree.tostring(tree.getroot(), xml_declaration=True, encoding="UTF-8")
+        net.write_bytes(text + b"\n")
+    notes: dict[str, object] = {"signal_programs_of_the_map": len(fitting)}
+    unused = sorted(set(phases) - set(fitting))
+    if unused:
+        notes["signal_programs_of_the_map_that_do_not_fit"] = unused
+    controllers = _controllers(model, tree.getroot(), signals, lights, nodes)
+    return dataclasses.replace(model, signals=tuple(signals), controllers=controllers), notes
+
+
+def _lights(root: etree._Element) -> dict[str, _Light]:
+    found: dict[str, _Light] = defaultdict(_Light)
+    for item in root.iterfind("connection"):
+        program = item.get("tl")
+        if program is None:
+            continue
+        light, index = found[program], int(item.get("linkIndex"))
+        if item.get("from").startswith(":"):
+            light.of_crossing[f"{item.get('to')}_{item.get('toLane')}"].append(index)
+            continue
+        light.of_lane[f"{item.get('from')}_{item.get('fromLane')}"].append(index)
+        light.from_edge[index], light.to_edge[index] = item.get("from"), item.get("to")
+        if item.get("via"):
+            light.of_way[item.get("via")].append(index)
+    crossings = {
+        edge.find("lane").get("id"): edge
+        for edge in root.iterfind("edge")
+        if edge.get("function") == "crossing"
+    }
+    for light in found.values():
+        for lane in light.of_crossing:
+            edge = crossings[lane]
+            shape = edge.find("lane").get("shape").split()
+            light.places[lane] = np.array([[float(v) for v in p.split(",")[:2]] for p in shape])
+            light.crossed[lane] = set(edge.get("crossingEdges", "").split())
+        for group in (light.of_lane, light.of_way, light.of_crossing):
+            for links in group.values():
+                links.sort()
+    return dict(found)
+
+
+def _governed(model: LaneModel, signal: RoadSignal, light: _Light) -> tuple[str, list[int]]:
+    """Return the strips that a signal governs, with blanks between, and the links it shows."""
+    road = model.road_by_id[signal.road]
+    if signal.type.replace(".", "") in ON_FOOT:
+        place = road.curve.beside([signal.s], [signal.t])[0]
+        away = {
+            lane: float(np.linalg.norm(points[[0, -1]] - place, axis=1).min())
+            for lane, points in light.places.items()
+        }
+        nearest = min(away, key=lambda lane: (away[lane], lane), default="")
+        if nearest and away[nearest] <= BESIDE_M:
+            return nearest, light.of_crossing[nearest]
+        return "", []
+    if road.junction >= 0:
+        first = [lane.strip.split()[0] for lane in road.sections[0].lanes if lane.strip]
+        ways = [name for name in first if name in light.of_way]
+        return " ".join(ways), _all(light.of_way, ways)
+    onward = signal.orientation == "+" or (
+        signal.orientation not in ("+", "-") and signal.s > road.length / 2
+    )
+    section = road.sections[-1 if onward else 0]
+    lanes = [
+        lane.strip
+        for lane in section.lanes
+        if lane.strip in light.of_lane
+        and lane.forward == onward
+        and (not signal.lanes or lane.id in signal.lanes)
+    ]
+    return " ".join(lanes), _all(light.of_lane, lanes)
+
+
+def _all(links: Mapping[str, list[int]], names: Iterable[str]) -> list[int]:
+    return sorted({k for name in names for k in links[name]})
+
+
+def _set(
+    tree: etree._ElementTree,
+    name: str,
+    controller: SignalController,
+    pairs: Mapping[int, int],
+    light: _Light,
+) -> bool:
+    """Write a program of the map for a light; say whether it fits.
+
+    Crossings that the map has no lights for are green while the street that they cross has red.
+    """
+    logic = next((x for x in tree.getroot().iterfind("tlLogic") if x.get("id") == name), None)
+    if logic is None:
+        return False
+    length, count = min(len(state) for _, state in controller.phases), light.count
+    known = {k: v for k, v in pairs.items() if v < length}
+    if not set(known) >= {k for links in light.of_lane.values() for k in links}:
+        if length != count or any(known.get(k, k) != k for k in range(count)):
+            return False
+        known = {k: k for k in range(count)}
+    for phase in list(logic.iterfind("phase")):
+        logic.remove(phase)
+    logic.set("offset", f"{controller.offset:g}")
+    for seconds, state in controller.phases:
+        shown = {k: state[v] for k, v in known.items()}
+        for crossing, links in light.of_crossing.items():
+            for k in links:
+                if k not in known:
+                    shown |= _walk(light, crossing, k, shown, clearing="y" in state)
+        text = "".join(shown.get(k, "r") for k in range(count))
+        etree.SubElement(logic, "phase", duration=f"{seconds:g}", state=text)
+    etree.indent(logic, space=" ", level=1)
+    return True
+
+
+def _walk(
+    light: _Light, crossing: str, link: int, shown: Mapping[int, str], *, clearing: bool
+) -> dict[int, str]:
+    """Return the states of a crossing and of turns over it: these give way where it is green."""
+    crossed = light.crossed[crossing]
+    before = [k for k in light.of_vehicles if light.from_edge[k] in crossed]
+    over = [k for k in light.of_vehicles if light.to_edge[k] in crossed]
+    if clearing or any(shown.get(k, "r") not in "r" for k in before):
+        return {link: "r"}
+    return {link: "G", **{k: "g" for k in over if shown.get(k) == "G"}}
+
+
+def _controllers(
+    model: LaneModel,
+    root: etree._Element,
+    signals: list[RoadSignal],
+    lights: Mapping[str, str],
+    nodes: Nodes,
+) -> tuple[SignalController, ...]:
+    """Return a controller for each traffic light, with the program that it has in the network.
+
+    A controller of the map without a program is a group of signals that switch together; it goes,
+    for its light's program says more.
+    """
+    of_light: dict[str, list[int]] = defaultdict(list)
+    for signal in signals:
+        if signal.dynamic and signal.program:
+            of_light[signal.program].append(signal.id)
+    at: dict[str, list[int]] = defaultdict(list)
+    for node, program in lights.items():
+        at[program].append(nodes.junctions[node])
+    known = {item.name: item.id for item in model.controllers}
+    number = model.next_id
+    found = []
+    for logic in root.iterfind("tlLogic"):
+        name = logic.get("id")
+        if name not in at:
+            continue
+        identity = known.get(name, number)
+        number += identity == number
+        phases = tuple(
+            (float(x.get("duration")), str(x.get("state"))) for x in logic.iterfind("phase")
+        )
+        found.append(
+            SignalController(
+                identity,
+                name,
+                tuple(of_light[name]),
+                tuple(sorted(at[name])),
+                float(logic.get("offset", 0)),
+                phases,
+            )
+        )
+    return tuple(found)

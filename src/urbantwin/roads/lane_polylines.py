@@ -1,0 +1,283 @@
+"""Polylines of lanes (strips), for traffic to follow and for the mesh."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.roads.model import LaneModel, LaneSection, ModelRoad, SectionLane
+from urbantwin.roads.network import Junction, Lane, RoadNetwork, SignalHead
+
+__all__ = ["SurfaceHeight", "network_of_model"]
+
+#: How far a polyline may leave the curve that it stands for, metres.
+CHORD_M = 0.005
+#: Longest step where heights or widths change, metres.
+STEP_M = 2.0
+#: Footways are drawn on to where netconvert's corners begin, up to this far, metres.
+REACH_M = 8.0
+#: Height of the carriageway (N,) at points (N, 2) of a level.
+SurfaceHeight = Callable[[NDArray[np.float64], int], NDArray[np.float64]]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Run:
+    """A lane along its whole road, in the order of travel: stations, places and widths."""
+
+    road: ModelRoad
+    lane: SectionLane
+    s: NDArray[np.float64]
+    points: NDArray[np.float64]
+    width: NDArray[np.float64]
+
+
+def network_of_model(model: LaneModel, raw: RoadNetwork, height: SurfaceHeight) -> RoadNetwork:
+    """Return the network with every lane where the lane model has it.
+
+    Args:
+        model: the lane model, with heights.
+        raw: the network as netconvert wrote it: topology, crossings, walking areas, programs.
+        height: the surface, for what the lane model does not know: crossings and corners.
+    """
+    known = raw.lane_by_id
+    placed: dict[str, Lane] = {}
+    chains = []
+    for run in sorted(_runs(model), key=_turn):
+        pieces = _named(run, known)
+        chains.append(list(pieces))
+        for name, piece in pieces.items():
+            # Where several ways share a lane, it is the straightest one's.
+            if name not in placed:
+                placed[name] = _lane(name, piece, known.get(name))
+    _join(placed, chains)
+    _draw_to_corners(placed, known, height)
+    outlines = {junction.name: junction.outline for junction in model.junctions}
+    inside = [lane for lane in raw.lanes if lane.id not in placed]
+    ground = dict(zip((lane.id for lane in inside), _on_ground(inside, height), strict=True))
+    lanes = [ground.get(lane.id) or placed.pop(lane.id) for lane in raw.lanes]
+    every = {lane.id: lane for lane in (*lanes, *placed.values())}
+    return dataclasses.replace(
+        raw,
+        lanes=tuple(every.values()),
+        junctions=_outlined(raw.junctions, outlines),
+        signals=tuple(_moved(head, every[head.lane]) for head in raw.signals),
+    )
+
+
+def _turn(run: _Run) -> float:
+    if run.road.junction < 0:
+        return 0.0
+    pieces = run.road.curve.pieces
+    return round(abs(pieces[-1].heading - pieces[0].heading), 3)
+
+
+def _join(placed: dict[str, Lane], chains: list[list[str]]) -> None:
+    """Let lanes begin where those before them end, though another way's curve was taken there."""
+    shared = Counter(name for chain in chains for name in chain)
+    for chain in chains:
+        for before, name in itertools.pairwise(chain):
+            lane = placed[name]
+            gap = placed[before].centre[-1] - lane.centre[0]
+            if shared[name] > 1 or np.linalg.norm(gap) < 1e-3:
+                continue
+            step = np.linalg.norm(np.diff(lane.centre[:, :2], axis=0), axis=1)
+            left = 1.0 - np.concatenate([[0.0], np.cumsum(step)]) / max(step.sum(), 1e-9)
+            placed[name] = dataclasses.replace(lane, centre=lane.centre + left[:, None] * gap)
+
+
+def _outlined(
+    junctions: tuple[Junction, ...], outlines: Mapping[str, NDArray[np.float64]]
+) -> tuple[Junction, ...]:
+    return tuple(
+        dataclasses.replace(junction, outline=outlines[junction.id])
+        if junction.id in outlines
+        else junction
+        for junction in junctions
+    )
+
+
+def _runs(model: LaneModel) -> list[_Run]:
+    """Return every lane of the model, those of one strip joined over the sections of a road."""
+    found: list[_Run] = []
+    for road in model.roads:
+        ends = road.section_ends
+        stations = _stations(road)
+        parts: dict[str, list[_Run]] = {}
+        for k, (section, end) in enumerate(zip(road.sections, ends, strict=True)):
+            inner = stations[(stations > section.s + 1e-6) & (stations < end - 1e-6)]
+            s = np.concatenate([[section.s], inner, [end]])
+            for part in _section_runs(road, k, section, s):
+                parts.setdefault(part.lane.strip, []).append(part)
+        found += [_joined(pieces) for pieces in parts.values()]
+    return found
+
+
+def _section_runs(
+    road: ModelRoad, number: int, section: LaneSection, s: NDArray[np.float64]
+) -> Iterable[_Run]:
+    """Yield the lanes of a section; as ``ModelRoad.place``, for all of them at once."""
+    pose, bank, crown = road.curve.at(s), road.bank.at(s), road.crown.at(s)
+    left = np.column_stack([-np.sin(pose[:, 2]), np.cos(pose[:, 2])]) * np.cos(bank)[:, None]
+    rise, level, offset = np.sin(bank), road.elevation.at(s), road.offset.at(s)
+    for side in (1, -1):
+        edge = offset
+        for lane in sorted((x for x in section.lanes if x.id * side > 0), key=lambda x: abs(x.id)):
+            width = lane.width.at(s - section.s)
+            t, edge = edge + side * width / 2, edge + side * width
+            if lane.kind == "none":
+                continue
+            points = np.empty((len(s), 3))
+            points[:, :2] = pose[:, :2] + t[:, None] * left
+            points[:, 2] = level + t * rise - crown * np.abs(t)
+            named = lane
+            if not lane.strip:
+                named = dataclasses.replace(lane, strip=f"{road.id}:{number}:{lane.id}")
+            yield _Run(road, named, s, points, np.maximum(width, 0.0))
+
+
+def _joined(parts: list[_Run]) -> _Run:
+    first = parts[0]
+    s, points, width = first.s, first.points, first.width
+    if len(parts) > 1:
+        s, points, width = (
+            np.concatenate([getattr(first, key), *(getattr(p, key)[1:] for p in parts[1:])])
+            for key in ("s", "points", "width")
+        )
+    if not first.lane.forward:
+        s, points, width = s[::-1], points[::-1], width[::-1]
+    return _Run(first.road, first.lane, s, points, width)
+
+
+def _stations(road: ModelRoad) -> NDArray[np.float64]:
+    """Return stations close enough that chords between them stay near the road's lines."""
+    curve = road.curve
+    reach = max(
+        sum(float(lane.width.abcd[0, 0]) for lane in section.lanes) for section in road.sections
+    )
+    starts = curve.starts
+    length = np.diff(starts)
+    turn = np.abs([piece.curvature for piece in curve.pieces]) * length
+    if any(piece.u for piece in curve.pieces):
+        middle = starts[:-1] + length / 2
+        s = np.concatenate([starts[:-1] + 1e-9, middle, starts[1:] - 1e-9])
+        heading = np.unwrap(curve.at(s)[:, 2].reshape(3, -1), axis=0)
+        # The tighter half of a piece counts for all of it.
+        turn = 2 * np.abs(np.diff(heading, axis=0)).max(axis=0)
+    radius = length / np.maximum(turn, 1e-9) + reach
+    # The sagitta of a chord over an angle a of a circle is radius x a^2 / 8.
+    steps = np.where(turn > 1e-6, np.ceil(turn * np.sqrt(radius / (8 * CHORD_M))), 1).astype(int)
+    within = np.arange(steps.sum()) - np.repeat(np.cumsum(steps) - steps, steps)
+    stations = [np.repeat(starts[:-1], steps) + within * np.repeat(length / steps, steps), starts]
+    uneven = len(road.elevation.start) > 1 or np.abs(road.elevation.abcd[:, 2:]).max() > 1e-9
+    uneven |= not road.bank.is_zero or len(road.crown.start) > 1 or len(road.offset.start) > 1
+    uneven |= any(
+        len(lane.width.start) > 1 or np.abs(lane.width.abcd[:, 1:]).max() > 1e-9
+        for section in road.sections
+        for lane in section.lanes
+    )
+    if uneven:
+        stations.append(np.linspace(0, curve.length, int(np.ceil(curve.length / STEP_M)) + 1))
+    merged = np.sort(np.concatenate(stations))
+    return np.asarray(merged[np.concatenate([[True], np.diff(merged) > 1e-3])])
+
+
+def _named(run: _Run, known: Mapping[str, Lane]) -> dict[str, _Run]:
+    """Return the run cut into the lanes of the network that it stands for, in their order.
+
+    A way through a junction may be several lanes there, one after another; they share its length
+    as they do in the network.
+    """
+    names = run.lane.strip.split()
+    if len(names) == 1:
+        return {names[0]: run}
+    share = np.cumsum([max(known[name].length, 1e-3) for name in names])
+    cuts = np.concatenate([[0.0], share / share[-1]]) * run.road.length
+    at = run.s if run.lane.forward else run.road.length - run.s
+    found = {}
+    for name, a, b in zip(names, cuts, cuts[1:], strict=False):
+        inner = at[(at > a + 1e-3) & (at < b - 1e-3)]
+        where = np.concatenate([[a], inner, [b]])
+        columns = (run.s, *run.points.T, run.width)
+        s, x, y, z, width = (np.interp(where, at, value) for value in columns)
+        found[name] = _Run(run.road, run.lane, s, np.column_stack([x, y, z]), width)
+    return found
+
+
+def _lane(name: str, run: _Run, raw: Lane | None) -> Lane:
+    centre, widths = run.points, run.width
+    constant = float(np.ptp(widths)) < 1e-3
+    within = run.road.junction >= 0
+    kind = "connection" if within else run.lane.kind
+    return Lane(
+        id=name,
+        road="" if raw is None else raw.road,
+        kind=kind if raw is None else raw.kind,
+        width=float(widths.mean()),
+        speed_limit=run.lane.speed_limit if raw is None else raw.speed_limit,
+        centre=centre,
+        outline=np.zeros((0, 2)),
+        level=run.road.level,
+        allowed=run.lane.allowed if raw is None else raw.allowed,
+        successors=() if raw is None else raw.successors,
+        junction="" if raw is None else raw.junction,
+        widths=np.zeros(0) if constant else widths,
+    )
+
+
+def _draw_to_corners(
+    placed: dict[str, Lane], known: Mapping[str, Lane], height: SurfaceHeight
+) -> None:
+    """Draw footways on to their ends in the network: roads are cut back there, corners are not."""
+    found: dict[int, list[tuple[str, int, NDArray[np.float64]]]] = {}
+    for name, lane in placed.items():
+        if name not in known or known[name].kind != "sidewalk":
+            continue
+        for end, inner in ((0, 1), (-1, -2)):
+            corner, at = known[name].centre[end, :2], lane.centre[end, :2]
+            ahead = (at - lane.centre[inner, :2]) @ (corner - at)
+            if ahead > 0.0 and 0.02 < np.linalg.norm(corner - at) < REACH_M:
+                found.setdefault(lane.level, []).append((name, end, np.array([at, corner])))
+    for level, rows in sorted(found.items()):
+        z = height(np.concatenate([xy for _, _, xy in rows]), level).reshape(-1, 2)
+        # Only the slope is the surface's: a footway ends where it ends, without a step.
+        for (name, end, xy), rise in zip(rows, z[:, 1] - z[:, 0], strict=True):
+            lane = placed[name]
+            point = np.append(xy[1], lane.centre[end, 2] + rise)
+            place = 0 if end == 0 else len(lane.centre)
+            centre = np.insert(lane.centre, place, point, axis=0)
+            widths = lane.widths
+            if len(widths):
+                widths = np.insert(widths, place, widths[end])
+            placed[name] = dataclasses.replace(lane, centre=centre, widths=widths)
+
+
+def _on_ground(lanes: Sequence[Lane], height: SurfaceHeight) -> list[Lane]:
+    """Return lanes that the lane model does not know, laid on the surface."""
+    places = [
+        shapely.get_coordinates(shapely.LineString(lane.centre[:, :2]).segmentize(4.0))
+        for lane in lanes
+    ]
+    result = list(lanes)
+    for level in sorted({lane.level for lane in lanes}):
+        mine = [k for k, lane in enumerate(lanes) if lane.level == level]
+        z = height(np.concatenate([places[k] for k in mine]), level)
+        cuts = np.cumsum([len(places[k]) for k in mine])[:-1]
+        for k, heights in zip(mine, np.split(z, cuts), strict=True):
+            centre = np.column_stack([places[k], heights])
+            result[k] = dataclasses.replace(lanes[k], centre=centre)
+    return result
+
+
+def _moved(head: SignalHead, lane: Lane) -> SignalHead:
+    """Return a signal with its stop line where the lane now ends (or its crossing starts)."""
+    if lane.kind == "crossing":
+        return head
+    before, at = lane.centre[-2, :2], lane.centre[-1, :2]
+    yaw = float(np.arctan2(*(at - before)[::-1]))
+    return dataclasses.replace(head, x=float(at[0]), y=float(at[1]), yaw=yaw)

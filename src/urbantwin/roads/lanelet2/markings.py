@@ -1,0 +1,211 @@
+"""Objects on the road surface: stop lines, crosswalks and traffic islands."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.roads.lanelet2.document import Document, Relation
+from urbantwin.roads.lanelet2.lanelet import Lanelet
+from urbantwin.roads.lanelet2.projection import Places
+from urbantwin.roads.model import ModelRoad, RoadArea
+
+__all__ = ["BuiltMap", "Host", "areas_of", "hosts_of", "island_ways", "stop_lines"]
+
+#: Width of a stop line along the road, metres (German RMS 1; US MUTCD 3B.16: 0.3 to 0.6 m).
+STOP_LINE_M = 0.4
+#: How far beyond the end of a road a crosswalk or a stop line of it may lie, metres.
+REACH_M = 15.0
+#: How far from a road something that lies on it may be, metres.
+NEAR_M = 3.0
+ISLAND_M = 0.15
+
+
+@dataclass(frozen=True)
+class Host:
+    """A street, drawn out straight where it meets a junction."""
+
+    road: ModelRoad
+    area: shapely.Geometry
+    line: shapely.LineString
+
+    def local(self, xyz: NDArray[np.float64], s: float) -> NDArray[np.float64]:
+        """Return points (N, 3) ahead, left and up of the reference line at a station.
+
+        Heights are those of the road's surface below the points.
+        """
+        x, y, heading = self.road.curve.at(s)[0]
+        c, sn = math.cos(heading), math.sin(heading)
+        gap = xyz[:, :2] - [x, y]
+        at, t = self.road.curve.locate(xyz[:, :2])
+        z = self.road.heights(np.clip(at, 0.0, self.road.length), t)
+        up = z - float(self.road.elevation.at(s)[0])
+        return np.column_stack([gap @ [c, sn], gap @ [-sn, c], up])
+
+    def station(self, xy: NDArray[np.float64]) -> float:
+        """Return the station of a point, or of the end that it lies beyond."""
+        return float(np.clip(self.road.curve.locate(xy[None, :2])[0][0], 0.0, self.road.length))
+
+
+def hosts_of(roads: Iterable[ModelRoad]) -> dict[int, Host]:
+    """Return every street as a host of objects, by id."""
+    found = {}
+    for road in roads:
+        if road.junction >= 0:
+            continue
+        s = np.linspace(0.0, road.length, max(4, int(road.length) + 1))
+        edges = []
+        for k in (0, -1):
+            parts = []
+            for section, end in zip(road.sections, road.section_ends, strict=True):
+                here = s[(s >= section.s) & (s <= end)]
+                lane = section.lanes[k]
+                outer = lane.id > 0 if k == 0 else lane.id < 0
+                parts.append(road.curve.beside(here, road.border(section, lane, here, outer=outer)))
+            edges.append(np.vstack(parts))
+        axis = (edges[0] + edges[1]) / 2
+        line = np.vstack([_beyond(axis[0], axis[1]), axis, _beyond(axis[-1], axis[-2])])
+        ring = np.vstack([edges[0], edges[1][::-1]])
+        found[road.id] = Host(
+            road, shapely.make_valid(shapely.Polygon(ring)), shapely.LineString(line)
+        )
+    return found
+
+
+def _beyond(end: NDArray[np.float64], before: NDArray[np.float64]) -> NDArray[np.float64]:
+    step = end - before
+    return np.asarray(end + REACH_M * step / max(float(np.linalg.norm(step)), 1e-9))
+
+
+def stop_lines(document: Document) -> dict[int, tuple[int, ...]]:
+    """Return ways that are stop lines -> the regulatory elements that refer to them."""
+    found: dict[int, list[int]] = {
+        way: [] for way, item in document.ways.items() if item.tags.get("type") == "stop_line"
+    }
+    for identity, relation in document.relations.items():
+        if relation.tags.get("type") == "regulatory_element":
+            for way in relation.of_role("ref_line"):
+                found.setdefault(way, []).append(identity)
+    return {way: tuple(owners) for way, owners in sorted(found.items())}
+
+
+def island_ways(document: Document) -> dict[int, Relation]:
+    """Return the areas that are traffic islands."""
+    return {
+        identity: relation
+        for identity, relation in sorted(document.relations.items())
+        if relation.tags.get("type") == "multipolygon"
+        and relation.tags.get("subtype") == "traffic_island"
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class BuiltMap:
+    """A map with the streets that were built of it.
+
+    Attributes:
+        document: the map.
+        places: where its nodes lie.
+        lanelets: its lanelets.
+        approaches: lanelet -> street and lane that lead to it.
+        hosts: the streets.
+    """
+
+    document: Document
+    places: Places
+    lanelets: Mapping[int, Lanelet]
+    approaches: Mapping[int, Sequence[tuple[int, int]]]
+    hosts: Mapping[int, Host]
+
+    @cached_property
+    def governed(self) -> dict[int, list[int]]:
+        """Regulatory element -> the lanelets that it governs."""
+        found: dict[int, list[int]] = {}
+        for lanelet in self.lanelets.values():
+            for regulation in lanelet.regulations:
+                found.setdefault(regulation, []).append(lanelet.id)
+        return found
+
+
+def areas_of(built: BuiltMap, first: int, notes: dict[str, object]) -> tuple[RoadArea, ...]:
+    """Return stop lines, crosswalks and islands, each on the street that it lies on.
+
+    Args:
+        built: the map and its streets.
+        first: the first free id.
+        notes: takes what found no street.
+    """
+    document, places, hosts = built.document, built.places, built.hosts
+    found: list[RoadArea] = []
+    lost = {"stop_lines": 0, "crosswalks": 0, "traffic_islands": 0}
+
+    def put(kind: str, name: str, host: Host, ring: NDArray[np.float64], height: float) -> None:
+        polygon = shapely.orient_polygons(shapely.Polygon(ring))
+        corners = shapely.get_coordinates(polygon)[:-1]
+        s = host.station(corners.mean(axis=0))
+        local = host.local(np.column_stack([corners, np.zeros(len(corners))]), s)
+        found.append(RoadArea(first + len(found), host.road.id, kind, name, s, local, height))
+
+    for way, owners in stop_lines(document).items():
+        nodes = document.ways[way].nodes
+        line = np.array([places[n][:2] for n in nodes])
+        ids = [i for owner in owners for i in built.governed.get(owner, [])]
+        said = [hosts[road] for i in ids for road, _ in built.approaches.get(i, ())]
+        host = _nearest(line, said or list(hosts.values()), across=True)
+        if host is None or len(set(nodes)) < 2:
+            lost["stop_lines"] += 1
+            continue
+        ring = shapely.LineString(line).buffer(
+            STOP_LINE_M / 2, cap_style="flat", join_style="mitre"
+        )
+        put("roadMark", "StopLine", host, shapely.get_coordinates(ring)[:-1], 0.0)
+    for lanelet in built.lanelets.values():
+        if lanelet.kind != "crosswalk":
+            continue
+        axis = shapely.get_coordinates(lanelet.centre)[[0, -1]]
+        host = _nearest(axis, list(hosts.values()), across=True)
+        if host is None:
+            lost["crosswalks"] += 1
+            continue
+        ring = np.vstack([lanelet.left[:, :2], lanelet.right[::-1, :2]])
+        put("crosswalk", "crosswalk", host, ring, 0.0)
+    for relation in island_ways(document).values():
+        lines = [
+            shapely.LineString([places[n][:2] for n in document.ways[way].nodes])
+            for way in relation.of_role("outer")
+        ]
+        for polygon in shapely.get_parts(shapely.polygonize([shapely.union_all(lines)])):
+            corners = shapely.get_coordinates(polygon)[:-1]
+            host = _nearest(corners, list(hosts.values()), across=False)
+            if host is None:
+                lost["traffic_islands"] += 1
+                continue
+            put("trafficIsland", "island", host, corners, ISLAND_M)
+    notes.update({f"{name}_without_a_street": n for name, n in lost.items() if n})
+    return tuple(found)
+
+
+def _nearest(points: NDArray[np.float64], hosts: Sequence[Host], *, across: bool) -> Host | None:
+    """Return the street that a line lies across, as squarely as possible, or that is nearest."""
+    line = shapely.LineString(points)
+    chord = points[-1] - points[0]
+    best: tuple[float, int] | None = None
+    for k, host in enumerate(hosts):
+        away = float(host.line.distance(line))
+        if away > NEAR_M and float(host.area.distance(line)) > NEAR_M:
+            continue
+        beyond = float(host.area.distance(line))
+        cost = min(away, NEAR_M) + 0.5 * beyond
+        if across:
+            at = host.station(points.mean(axis=0))
+            heading = float(host.road.curve.at(at)[0, 2])
+            cost += 8.0 * (1.0 - abs(math.sin(math.atan2(chord[1], chord[0]) - heading)))
+        if best is None or cost < best[0] - 1e-9:
+            best = cost, k
+    return None if best is None else hosts[best[1]]

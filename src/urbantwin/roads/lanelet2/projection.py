@@ -1,0 +1,115 @@
+"""Projecting the nodes of a Lanelet2 map to the site: degrees, or ``local_x``, ``local_y``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.geometry import SiteFrame
+from urbantwin.number_text import finite_number
+from urbantwin.roads.lanelet2.document import Document, read_document
+
+__all__ = ["Places", "anchor_of", "places_of"]
+
+#: A map that is farther from the anchor than this was not meant for the site, metres.
+FAR_M = 50_000.0
+#: No map has coordinates or heights beyond this, metres.
+LARGEST_M = 1e7
+
+#: Node -> x, y, z in the site frame.
+Places = dict[int, NDArray[np.float64]]
+
+
+def anchor_of(path: Path) -> tuple[float, float]:
+    """Return latitude and longitude of the middle of a map, degrees.
+
+    Raises:
+        InputError: not a Lanelet2 map, or one that does not say where on the Earth it lies.
+    """
+    document = read_document(path)
+    degrees = np.array([(node.latitude, node.longitude) for node in document.nodes.values()])
+    known = degrees[~_unplaced(degrees)]
+    if not len(known):
+        raise document.error("has no latitudes and longitudes")
+    middle = (known.min(axis=0) + known.max(axis=0)) / 2
+    return float(middle[0]), float(middle[1])
+
+
+def places_of(
+    document: Document, frame: SiteFrame, used: Mapping[int, int], notes: dict[str, object]
+) -> Places:
+    """Return where nodes lie.
+
+    Latitude and longitude are used where they are given. Nodes with ``local_x`` and ``local_y``
+    only are placed by those that have both; if there is none, the map has no place on the Earth:
+    its local axes are taken as east and north from the anchor. Heights (``ele``) count from the
+    node that is nearest to the anchor.
+
+    Args:
+        document: the map.
+        frame: the site frame.
+        used: node -> the relation that needs it.
+        notes: takes what was assumed.
+
+    Raises:
+        InputError: a node without a place, or a map far from the anchor.
+    """
+    ids = list(used)
+    nodes = [document.nodes[i] for i in ids]
+    degrees = np.array([(node.latitude, node.longitude) for node in nodes])
+    local = _numbers(((n.tags.get("local_x"), n.tags.get("local_y")) for n in nodes), math.nan)
+    unplaced = _unplaced(degrees)
+    xy = np.full((len(ids), 2), math.nan)
+    if not unplaced.all():
+        xy[~unplaced] = frame.site_from_lonlat(degrees[~unplaced][:, ::-1])
+    if unplaced.any():
+        _fill(xy, local, notes)
+    bad = np.flatnonzero(~np.isfinite(xy).all(axis=1))
+    if len(bad):
+        node = ids[int(bad[0])]
+        raise document.error(f"node {node} has no finite latitude and longitude", used[node])
+    # Heights count from the ground: not from the lamps of traffic lights.
+    ground = [document.relations[used[i]].tags.get("type") == "lanelet" for i in ids]
+    near = int(np.argmin(np.where(ground, np.linalg.norm(xy, axis=1), np.inf)))
+    away = float(np.linalg.norm(xy[near]))
+    if away > FAR_M and not unplaced.all():
+        raise document.error(f"lies {away / 1000:.0f} km from the site's anchor")
+    z = _numbers(((n.tags.get("ele", "0"), "0") for n in nodes), 0.0)[:, 0]
+    if z[near]:
+        notes["heights_count_from_metres"] = round(float(z[near]), 3)
+    z = z - z[near]
+    return {i: np.array([*point, h]) for i, point, h in zip(ids, xy, z, strict=True)}
+
+
+def _unplaced(degrees: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Nodes without degrees; those of maps that never had a place say 0, 0."""
+    return np.asarray(~np.isfinite(degrees).all(axis=1) | (degrees == 0).all(axis=1))
+
+
+def _numbers(rows: Iterable[tuple[str | None, str | None]], missing: float) -> NDArray[np.float64]:
+    def number(text: str | None) -> float:
+        value = finite_number(text)
+        return missing if value is None or abs(value) > LARGEST_M else value
+
+    return np.array([[number(a), number(b)] for a, b in rows]).reshape(-1, 2)
+
+
+def _fill(xy: NDArray[np.float64], local: NDArray[np.float64], notes: dict[str, object]) -> None:
+    """Place nodes that have local coordinates only."""
+    has = np.isfinite(local).all(axis=1)
+    known = np.isfinite(xy).all(axis=1)
+    both, need = has & known, has & ~known
+    if both.sum() >= 2:
+        # A turn, a scale and a shift as one complex factor and summand.
+        a = np.column_stack([local[both] @ [1, 1j], np.ones(both.sum())])
+        factor, shift = np.linalg.lstsq(a, xy[both] @ np.array([1, 1j]), rcond=None)[0]
+        put = local[need] @ np.array([1, 1j]) * factor + shift
+        xy[need] = np.column_stack([put.real, put.imag])
+        notes["nodes_placed_by_local_coordinates"] = int(need.sum())
+    elif need.any() and not known.any():
+        xy[need] = local[need]
+        notes["map_without_a_place_on_earth"] = "its origin lies at the anchor"

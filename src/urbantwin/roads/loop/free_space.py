@@ -1,0 +1,113 @@
+"""Free space for outer roads beyond the region's border."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.roads.loop.dubins import Pose2, dubins_path
+
+__all__ = ["FreeSpace", "Points", "dubins_points", "unit"]
+
+#: Turn between two points of a drawn curve, radians; an arc of 11 m is then left by 2 cm.
+STEP = math.radians(7.0)
+#: Room between two roads round the region, metres.
+RING_GAP_M = 6.0
+#: Room between the straight way out of a street and the middle of any other street, metres.
+WAY_OUT_ROOM_M = 3.0
+#: Farther than any region reaches, metres.
+FAR_M = 5000.0
+
+Points = NDArray[np.float64]
+
+
+def unit(heading: float) -> Points:
+    """Return the unit vector (2,) of a heading."""
+    return np.array([math.cos(heading), math.sin(heading)])
+
+
+def dubins_points(start: Pose2, end: Pose2, radius: float, turn: str | None = None) -> Points:
+    """Return points (N, 2) of the Dubins path from pose to pose, both ends included."""
+    curve = dubins_path(start, end, radius=radius, turn=turn)
+    stations = [0.0]
+    for piece, begin in zip(curve.pieces, curve.starts, strict=False):
+        steps = max(1, math.ceil(abs(piece.curvature) * piece.length / STEP))
+        stations += [float(begin) + piece.length * k / steps for k in range(1, steps + 1)]
+    points = curve.at(stations)[:, :2]
+    apart = np.linalg.norm(np.diff(points, axis=0), axis=1) > 0.05
+    return np.asarray(points[np.concatenate([[True], apart])])
+
+
+class FreeSpace:
+    """Streets of the region by their number, and areas beyond it that are taken.
+
+    Args:
+        roads: (N, 2) points of every street.
+        half_widths: how far each reaches to its sides, metres.
+    """
+
+    def __init__(self, roads: Sequence[Points], half_widths: Sequence[float]) -> None:
+        lines = [shapely.LineString(points) for points in roads]
+        self._streets = shapely.buffer(lines, half_widths, quad_segs=16)
+        self._tree = shapely.STRtree(self._streets)
+        self._lines = shapely.STRtree(shapely.buffer(lines, WAY_OUT_ROOM_M, cap_style="flat"))
+        self._taken: list[shapely.Geometry] = []
+        self._reserved: list[shapely.Geometry] = []
+        self.hull = _counter_clockwise(shapely.convex_hull(shapely.union_all(self._streets)))
+
+    def take(self, area: shapely.Geometry) -> None:
+        """Note that an area is taken."""
+        self._taken.append(area)
+
+    def reserve(self, area: shapely.Geometry) -> None:
+        """Note that an area is kept free for a road that comes later."""
+        self._reserved.append(area)
+
+    def overlap(self, area: shapely.Geometry, *streets: int, enough: float = math.inf) -> float:
+        """Return how much of an area is taken by others than some streets, square metres.
+
+        Args:
+            area: the area.
+            streets: numbers of the streets that do not count.
+            enough: once the overlap with one of the others is this large, it is returned.
+        """
+        met = sorted(set(self._tree.query(area, predicate="intersects").tolist()) - set(streets))
+        others = [*(self._streets[k] for k in met), *self._taken, *self._reserved]
+        shapely.prepare(area)
+        parts = []
+        for other in others:
+            if area.intersects(other):
+                parts.append(area.intersection(other))
+                if parts[-1].area > enough:
+                    return float(parts[-1].area)
+        return float(shapely.union_all(parts).area)
+
+    def leads_out(self, street: int, point: Points, heading: float) -> bool:
+        """Return whether the straight way on from a street's end leaves all streets behind."""
+        ahead = unit(heading)
+        ray = shapely.LineString([point + ahead * 3.0, point + ahead * FAR_M])
+        return not set(self._lines.query(ray, predicate="intersects").tolist()) - {street}
+
+    def place(self, point: Points, heading: float) -> float:
+        """Return where a ray leaves the hull of all streets, metres along the hull's border."""
+        return _leaves(self.hull.exterior, point, heading)
+
+    def ring(self, half_width: float) -> shapely.LinearRing:
+        """Return a line round everything, counter-clockwise, with room for a road on it."""
+        everything = shapely.convex_hull(shapely.union_all([self.hull, *self._taken]))
+        return _counter_clockwise(everything.buffer(RING_GAP_M + half_width)).exterior
+
+
+def _leaves(border: shapely.LinearRing, point: Points, heading: float) -> float:
+    ray = shapely.LineString([point, point + unit(heading) * FAR_M])
+    meet = shapely.get_coordinates(shapely.intersection(ray, border))
+    far = meet[np.linalg.norm(meet - point, axis=1).argmax()] if len(meet) else point
+    return float(border.project(shapely.Point(far)))
+
+
+def _counter_clockwise(area: shapely.Polygon) -> shapely.Polygon:
+    return shapely.geometry.polygon.orient(area)

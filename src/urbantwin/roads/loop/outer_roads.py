@@ -1,0 +1,165 @@
+"""Outer roads: beyond the region every exit leads back to an entry.
+
+A two-way street that the border cuts goes on for a few metres to a turnaround. One-way
+exits lead to one-way entries: the two carriageways of a street directly, others round the region.
+Outer roads are ordinary one-way roads with the lanes, cycle lanes and sidewalks of the streets
+that they join, so that all that holds for a street holds for them.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import shapely
+
+from urbantwin.roads.loop.dimensions import half_width
+from urbantwin.roads.loop.layout import Gate, Layout
+from urbantwin.roads.loop.ring_road import WAY_OUT_M, add_ring_roads
+from urbantwin.roads.loop.road_ends import LooseEnd, loose_ends
+from urbantwin.roads.loop.turnaround import BENDS, add_turnaround, join_carriageways, near_pairs
+from urbantwin.roads.sidewalk import sidewalk_sides
+from urbantwin.site import WayPiece
+
+__all__ = ["OuterRoads", "close_loop"]
+
+
+@dataclass(frozen=True, eq=False)
+class OuterRoads:
+    """The network with outer roads.
+
+    Attributes:
+        pieces: all ways: the region's, some made longer, and the outer ones, whose ``way`` is 0.
+        no_turns: turns that are forbidden: from a way, over a node, to a way.
+        nodes: ids of the nodes at which outer roads begin and end.
+        notes: how many streets turn round, how many roads join others, what was cut back, what
+            remains open, how many roads found no room of their own.
+    """
+
+    pieces: tuple[WayPiece, ...]
+    no_turns: tuple[tuple[int, int, int], ...] = ()
+    nodes: tuple[int, ...] = ()
+    notes: dict[str, int] = field(default_factory=dict)
+
+    @property
+    def outer(self) -> tuple[WayPiece, ...]:
+        """The outer ways."""
+        return tuple(piece for piece in self.pieces if piece.way == 0)
+
+
+def close_loop(
+    pieces: Sequence[WayPiece], known: Iterable[int], *, driving_side: str, country: str = ""
+) -> OuterRoads:
+    """Join every end of a street at the region's border to another, or to itself.
+
+    Cul-de-sacs within the region stay: vehicles turn round at their end. A one-way
+    street that ends within the region, where nothing leads on, is cut back to its last junction.
+
+    Args:
+        pieces: the ways of the network, cut to the region.
+        known: ids of the nodes of the map; others are where the border cut a way.
+        driving_side: ``right`` or ``left``.
+        country: ISO 3166-1 alpha-2; empty if unknown.
+    """
+    of_map = frozenset(known)
+    layout = Layout(_with_sidewalks(pieces, driving_side), of_map, driving_side, country)
+    cut_back = 0
+    while blind := _blind_ends(layout, of_map):
+        layout = Layout(_cut_back(layout.pieces, blind), of_map, driving_side, country)
+        cut_back += len(blind)
+    number = {piece.id: k for k, piece in enumerate(layout.pieces)}
+    turning: list[LooseEnd] = []
+    exits: list[Gate] = []
+    entries: list[Gate] = []
+    for end in loose_ends(layout.pieces, of_map, layout.lanes):
+        street = number[end.piece.id]
+        out = _way_out(layout, end, street)
+        lanes = max(end.leaves, end.enters)
+        if end.leaves and end.enters:
+            if end.cut or (out is not None and lanes > 1):
+                turning.append(end)
+        elif out is not None:
+            gate = Gate(end.node, end.point, out, street, end.piece.tags, lanes, end.lane_m)
+            (exits if end.leaves else entries).append(gate)
+    near = near_pairs(exits, entries)
+    exits = [gate for gate in exits if all(gate is not a for a, _ in near)]
+    entries = [gate for gate in entries if all(gate is not b for _, b in near)]
+    for gate in (*exits, *entries):
+        way_out = shapely.LineString([gate.point + gate.ahead, gate.point + gate.ahead * WAY_OUT_M])
+        layout.space.reserve(
+            way_out.buffer(half_width(gate.lanes * gate.lane_m, gate.tags), cap_style="flat")
+        )
+    for exit_, entry in near:
+        join_carriageways(layout, exit_, entry)
+    tips = [add_turnaround(layout, end, number[end.piece.id]) for end in turning]
+    led, still_open = add_ring_roads(layout, exits, entries, tips)
+    notes = {
+        "turning_drops": len(turning),
+        "carriageways_joined": len(near),
+        "roads_round_the_region": led,
+        "dead_ends_cut_back": cut_back,
+        "open_ends": still_open,
+        "outer_roads_without_room": layout.overlaps,
+    }
+    tags = {piece.id: piece.tags for piece in pieces}
+    streets = [replace(piece, tags=tags[piece.id]) for piece in layout.pieces]
+    return OuterRoads(
+        (*streets, *layout.outer),
+        tuple(layout.no_turns),
+        tuple(sorted(set(layout.nodes))),
+        notes,
+    )
+
+
+def _with_sidewalks(pieces: Sequence[WayPiece], side: str) -> list[WayPiece]:
+    """Return ways whose tag ``sidewalk`` says on which sides they have sidewalks."""
+    one_way = ("yes", "1", "true")
+    others = [
+        shapely.LineString(piece.points) for piece in pieces if piece.tags.get("oneway") in one_way
+    ]
+    return [
+        replace(
+            piece,
+            tags={
+                **piece.tags,
+                "sidewalk": sidewalk_sides(piece.tags, piece.points, others, side=side),
+            },
+        )
+        for piece in pieces
+    ]
+
+
+def _blind_ends(layout: Layout, known: frozenset[int]) -> list[LooseEnd]:
+    """Return the one-way exits that end within the region, where no outer road reaches them."""
+    number = {piece.id: k for k, piece in enumerate(layout.pieces)}
+    return [
+        end
+        for end in loose_ends(layout.pieces, known, layout.lanes)
+        if not end.enters and _way_out(layout, end, number[end.piece.id]) is None
+    ]
+
+
+def _way_out(layout: Layout, end: LooseEnd, street: int) -> float | None:
+    """Return the heading of a straight way from an end past all streets; ``None`` without one."""
+    headings = (end.heading + bend for bend in BENDS)
+    free = (h for h in headings if layout.space.leads_out(street, end.point, h))
+    return next(free, None)
+
+
+def _cut_back(pieces: Sequence[WayPiece], ends: Sequence[LooseEnd]) -> list[WayPiece]:
+    """Return the ways without what lies between some ends and the last junction before each."""
+    uses = Counter(node for piece in pieces for node in piece.nodes)
+    found = {piece.id: piece for piece in pieces}
+    for end in ends:
+        piece = found.pop(end.piece.id, None)
+        if piece is None:
+            continue
+        shared = [k for k, node in enumerate(piece.nodes) if uses[node] > 1]
+        if end.at_start:
+            kept = slice(shared[0], None) if shared else slice(0)
+        else:
+            kept = slice(0, shared[-1] + 1) if shared else slice(0)
+        if len(piece.nodes[kept]) > 1:
+            found[piece.id] = replace(piece, nodes=piece.nodes[kept], points=piece.points[kept])
+    return [found[piece.id] for piece in pieces if piece.id in found]

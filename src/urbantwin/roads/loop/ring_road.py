@@ -1,0 +1,149 @@
+"""Ring roads: outer roads round the region from one-way exits to distant one-way entries."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+import numpy as np
+import shapely
+
+from urbantwin.roads.loop.dimensions import CLEARANCE_M, half_width, outer_tags
+from urbantwin.roads.loop.dubins import Pose2
+from urbantwin.roads.loop.exit_matching import match_exits, ring_distance
+from urbantwin.roads.loop.free_space import Points, dubins_points, unit
+from urbantwin.roads.loop.layout import Gate, Layout
+
+__all__ = ["WAY_OUT_M", "add_ring_roads"]
+
+#: Radius of the bends, metres, and the speed on them, km/h: 2.8 m/s^2 to the side.
+RADIUS_M, KMH = 25.0, 30
+#: Spacing of points along a road, metres.
+STEP_M = 8.0
+#: So much of the straight way out of a gate is kept free for its road, metres.
+WAY_OUT_M = 130.0
+
+
+def add_ring_roads(
+    layout: Layout, exits: list[Gate], entries: list[Gate], tips: list[Gate]
+) -> tuple[int, int]:
+    """Join exits to entries; return how many roads that made and how many gates remain open.
+
+    Where there are exits only or entries only, the far points of turnarounds stand in for the
+    others.
+    """
+    if not (exits or entries):
+        return 0, 0
+    starts, ends = exits or tips, entries or tips
+    if not (starts and ends):
+        return 0, len(exits) + len(entries)
+    hull = layout.space.hull
+    length = float(hull.exterior.length)
+    at = [
+        np.array([layout.space.place(gate.point, gate.heading) for gate in gates])
+        for gates in (starts, ends)
+    ]
+    apart = ring_distance(at[0], at[1], length)
+    if exits and entries:
+        pairs = match_exits(at[0], at[1], length)
+    elif exits:
+        pairs = [(k, int(row.argmin())) for k, row in enumerate(apart)]
+    else:
+        pairs = [(int(column.argmin()), k) for k, column in enumerate(apart.T)]
+    # The shortest first: what lies under a longer road must be there before it.
+    pairs.sort(key=lambda pair: (float(apart[pair]), pair))
+    leave, arrive = Counter(i for i, _ in pairs), Counter(j for _, j in pairs)
+    for i, j in pairs:
+        leave[i] -= 1
+        arrive[j] -= 1
+        forward = (at[1][j] - at[0][i]) % length <= length / 2
+        _road(layout, starts[i], ends[j], forward, leave[i] > 0, arrive[j] > 0)
+    return len(pairs), 0
+
+
+def _road(
+    layout: Layout,
+    exit_: Gate,
+    entry: Gate,
+    forward: bool,
+    more_leave: bool,
+    more_arrive: bool,
+) -> None:
+    """Lead one road round the region.
+
+    Of roads that share a gate, the outermost goes straight on into it; those within join it from
+    the side.
+    """
+    street = exit_ if exit_.street >= 0 else entry
+    lanes = entry.lanes if entry.street >= 0 else exit_.lanes
+    lane_m = max(exit_.lane_m, entry.lane_m)
+    tags = outer_tags(street.tags, lanes, lane_m, side=layout.side, kmh=KMH, sidewalks="both")
+    half = half_width(lanes * lane_m, tags)
+    ring = layout.space.ring(half)
+    a, b = (_station(ring, gate) for gate in (exit_, entry))
+    line: list[Points] = []
+    joints: dict[int, int] = {}
+    first, last = exit_.node, entry.node
+    start, end = _pose(ring, a, exit_.heading), _pose(ring, b, entry.heading + math.pi)
+    sense = 1.0 if forward else -1.0
+    if more_leave:
+        first, start = layout.new_node(), _pose(ring, a, _course(ring, a, sense))
+        exit_.joints.append((first, np.array(start[:2])))
+    else:
+        line.append(exit_.point)
+        for node, point in exit_.joints:
+            joints[len(line)] = node
+            line.append(point)
+    if more_arrive:
+        last, end = layout.new_node(), _pose(ring, b, _course(ring, b, sense))
+    line += list(_between(ring, start, end, a, b, sense))
+    if more_arrive:
+        entry.joints.append((last, np.array(end[:2])))
+    else:
+        for node, point in reversed(entry.joints):
+            joints[len(line)] = node
+            line.append(point)
+        line.append(entry.point)
+    points = np.array(line)
+    layout.space.take(shapely.LineString(points).buffer(half + CLEARANCE_M))
+    layout.add_halves(points, tags, first=first, last=last, joints=joints)
+
+
+def _between(
+    ring: shapely.LinearRing, start: Pose2, end: Pose2, a: float, b: float, sense: float
+) -> Points:
+    """Return points (N, 2) from pose to pose, along the ring where they lie far apart on it."""
+    length = float(ring.length)
+    way = (sense * (b - a)) % length
+    bend = 2.5 * RADIUS_M
+    if way < 3 * bend:
+        return dubins_points(start, end, RADIUS_M)
+    stations = a + sense * np.linspace(bend, way - bend, max(2, int((way - 2 * bend) / STEP_M) + 1))
+    points = shapely.get_coordinates(ring.interpolate(stations % length))
+    on, off = (
+        (float(x), float(y), _course(ring, float(s), sense))
+        for (x, y), s in ((points[0], stations[0]), (points[-1], stations[-1]))
+    )
+    return np.vstack(
+        [dubins_points(start, on, RADIUS_M), points[1:-1], dubins_points(off, end, RADIUS_M)]
+    )
+
+
+def _station(ring: shapely.LinearRing, gate: Gate) -> float:
+    """Return where the straight way out of a gate crosses the ring."""
+    ray = shapely.LineString([gate.point, gate.point + unit(gate.heading) * float(ring.length)])
+    meet = shapely.get_coordinates(shapely.intersection(ray, ring))
+    return float(ring.project(shapely.Point(meet[0] if len(meet) else gate.point)))
+
+
+def _pose(ring: shapely.LinearRing, station: float, heading: float) -> Pose2:
+    point = ring.interpolate(station % float(ring.length))
+    return float(point.x), float(point.y), heading
+
+
+def _course(ring: shapely.LinearRing, station: float, sense: float) -> float:
+    """Return the heading along the ring at a station."""
+    length = float(ring.length)
+    near = [(station + sense * d) % length for d in (-1.0, 1.0)]
+    (x0, y0), (x1, y1) = shapely.get_coordinates(ring.interpolate(near))
+    return math.atan2(y1 - y0, x1 - x0)

@@ -1,0 +1,120 @@
+"""Loose ends of streets: cut by the region's border, or dead ends of the map."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.roads.cross_section import cross_section
+from urbantwin.site import WayPiece
+
+__all__ = ["LooseEnd", "loose_ends", "motor_lanes"]
+
+#: The heading of an end is that of its last stretch of this length, metres.
+HEADING_M = 8.0
+
+
+@dataclass(frozen=True, eq=False)
+class LooseEnd:
+    """An end of a piece of a way, at a node that leads nowhere else.
+
+    Attributes:
+        piece: the piece.
+        node: the node.
+        at_start: whether it is the piece's first node, else its last.
+        point: (2,) where it is, site frame.
+        heading: from the street outwards, radians.
+        leaves: lanes on which traffic comes out of the street here.
+        enters: lanes on which traffic could go in.
+        lane_m: width of the widest of these lanes, metres.
+        cut: whether the region's border cut it, so that the street goes on in the map.
+    """
+
+    piece: WayPiece
+    node: int
+    at_start: bool
+    point: NDArray[np.float64]
+    heading: float
+    leaves: int
+    enters: int
+    lane_m: float
+    cut: bool
+
+    @property
+    def ahead(self) -> NDArray[np.float64]:
+        """The unit vector (2,) outwards."""
+        return np.array([math.cos(self.heading), math.sin(self.heading)])
+
+
+def motor_lanes(
+    tags: Mapping[str, str], side: str, country: str
+) -> tuple[list[float], list[float]]:
+    """Return the widths of the lanes of motor traffic along a way and against it, metres.
+
+    Args:
+        tags: the way's tags, ``sidewalk`` filled in.
+        side: ``right`` or ``left``, the side that traffic keeps to.
+        country: ISO 3166-1 alpha-2; empty if unknown.
+    """
+    walks = tags.get("sidewalk", "no")
+    section = cross_section(tags, driving_side=side, sidewalks=walks, country=country)
+    forward, backward = (
+        [lane.width for lane in lanes if lane.kind != "bicycle" and not lane.both_ways]
+        for lanes in (section.forward, section.backward)
+    )
+    return forward, backward
+
+
+def loose_ends(
+    pieces: Sequence[WayPiece],
+    known: Iterable[int],
+    lanes: Sequence[tuple[list[float], list[float]]],
+) -> list[LooseEnd]:
+    """Return the ends at nodes that no other piece of a way has, in the order of the pieces.
+
+    Args:
+        pieces: the ways of the network, cut to the region.
+        known: ids of the nodes of the map; others are where the border cut a way.
+        lanes: of each piece, the widths of its lanes along it and against it, metres.
+    """
+    arms: dict[int, int] = defaultdict(int)
+    for piece in pieces:
+        for k, node in enumerate(piece.nodes):
+            arms[node] += 1 if k in (0, len(piece.nodes) - 1) else 2
+    of_map = frozenset(known)
+    found = []
+    for piece, (along, against) in zip(pieces, lanes, strict=True):
+        for at_start in (True, False):
+            node = piece.nodes[0 if at_start else -1]
+            if arms[node] != 1:
+                continue
+            points = piece.points if at_start else piece.points[::-1]
+            leaves, enters = (against, along) if at_start else (along, against)
+            found.append(
+                LooseEnd(
+                    piece,
+                    node,
+                    at_start,
+                    points[0],
+                    _outward(points),
+                    len(leaves),
+                    len(enters),
+                    max((*leaves, *enters), default=0.0),
+                    node not in of_map,
+                )
+            )
+    return found
+
+
+def _outward(points: NDArray[np.float64]) -> float:
+    """Return the heading from inside a polyline to its first point."""
+    away = np.linalg.norm(points - points[0], axis=1)
+    far = np.flatnonzero(away >= HEADING_M)
+    other = points[far[0]] if len(far) else points[int(np.argmax(away))]
+    dx, dy = points[0] - other
+    return math.atan2(dy, dx)

@@ -1,0 +1,133 @@
+"""Turnarounds of streets just beyond the border."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import shapely
+
+from urbantwin.roads.loop.dimensions import CLEARANCE_M, half_width, outer_tags, turning_radius
+from urbantwin.roads.loop.free_space import Points, dubins_points, unit
+from urbantwin.roads.loop.layout import Gate, Layout
+from urbantwin.roads.loop.road_ends import LooseEnd
+
+__all__ = ["BENDS", "NEAR_M", "add_turnaround", "join_carriageways", "near_pairs"]
+
+#: Half of the angle between the two legs of a turnaround at the end of a street, radians.
+SPLAY = math.radians(35.0)
+#: Streets go on straight for so long before they turn round, so that no junction reaches back
+#: into the region; the first length is taken at which there is room, metres.
+STEMS_M = (14.0, 22.0, 32.0, 44.0, 58.0, 75.0, 95.0, 120.0)
+#: How far a street may bend aside at the border to find room, radians.
+BENDS = tuple(math.radians(angle) for angle in (0, 15, -15, 30, -30, 45, -45, 60, -60))
+#: Two carriageways nearer than this to each other, and cut not farther apart along the street,
+#: turn into each other directly, metres.
+NEAR_M, NEAR_AHEAD_M = 45.0, 120.0
+#: Their legs run straight for so long, metres, and then apart by the first angle that has room.
+LEG_M = 4.0
+SPLAYS = tuple(math.radians(angle) for angle in (0, 15, 30, 45, 55))
+#: Speed on a turnaround, km/h: about 2.8 m/s^2 to the side at the usual radius of 11 m.
+DROP_KMH = 20
+
+
+def add_turnaround(layout: Layout, end: LooseEnd, street: int) -> Gate:
+    """Extend a two-way street to a turnaround, and return the turnaround's far point."""
+    lanes, width = end.enters, end.enters * end.lane_m
+    tags = _tags(layout, end.piece.tags, lanes, end.lane_m)
+    half, radius = half_width(width, tags) + CLEARANCE_M, turning_radius(width)
+    stem_half = half_width((end.leaves + end.enters) * end.lane_m, end.piece.tags)
+
+    def choice(stem: float, bend: float) -> tuple[float, Points, shapely.Geometry]:
+        heading = end.heading + bend
+        tip = end.point + unit(heading) * stem
+        line = _turnaround_line(tip, heading, radius, layout.turn)
+        road = shapely.LineString([end.point + unit(heading), tip])
+        area = road.buffer(stem_half, cap_style="flat").union(shapely.Polygon(line).buffer(half))
+        return heading, line, area
+
+    places = (choice(stem, bend) for stem in STEMS_M for bend in BENDS)
+    heading, line, area = layout.with_most_room(places, lambda place: place[2], street)
+    layout.space.take(area)
+    node, far, middle = layout.new_node(), layout.new_node(), len(line) // 2
+    layout.lengthen(street, node, line[0], at_start=end.at_start)
+    out = layout.add(line[: middle + 1], tags, first=node, last=far)
+    back = layout.add(line[middle:], tags, first=far, last=node)
+    layout.no_turns.append((back, node, out))
+    return Gate(far, line[middle], heading, -1, end.piece.tags, lanes, end.lane_m)
+
+
+def near_pairs(exits: list[Gate], entries: list[Gate]) -> list[tuple[Gate, Gate]]:
+    """Return exits and entries beside each other, the nearest first: two carriageways each."""
+    pairs = sorted(
+        (_apart(a, b), i, j)
+        for i, a in enumerate(exits)
+        for j, b in enumerate(entries)
+        if math.cos(a.heading - b.heading) > 0.5
+        and float(np.linalg.norm(a.point - b.point)) < NEAR_AHEAD_M
+    )
+    found: list[tuple[Gate, Gate]] = []
+    for distance, i, j in pairs:
+        taken = any(exits[i] is a or entries[j] is b for a, b in found)
+        if distance < NEAR_M and not taken:
+            found.append((exits[i], entries[j]))
+    return found
+
+
+def join_carriageways(layout: Layout, exit_: Gate, entry: Gate) -> None:
+    """Join the two carriageways of a street by a turnaround."""
+    lane_m = max(exit_.lane_m, entry.lane_m)
+    width = entry.lanes * lane_m
+    tags = _tags(layout, exit_.tags, entry.lanes, lane_m)
+    half, radius = half_width(width, tags) + CLEARANCE_M, turning_radius(width)
+    ahead = exit_.ahead + entry.ahead
+    ahead /= np.linalg.norm(ahead)
+    across = entry.point - exit_.point
+    side = 1.0 if ahead[0] * across[1] - ahead[1] * across[0] > 0 else -1.0
+    # Both begin to turn at the same distance outwards.
+    front = max(float(exit_.point @ ahead), float(entry.point @ ahead))
+
+    def turnaround_line(stem: float, splay: float) -> Points:
+        """The legs run straight to the front, then apart by the splay, then into each other."""
+        poses = []
+        for gate, aside in ((exit_, -side * splay), (entry, side * splay)):
+            step = front - float(gate.point @ ahead) + LEG_M
+            knee = gate.point + gate.ahead * step / float(gate.ahead @ ahead)
+            tip = knee + unit(gate.heading + aside) * (stem - LEG_M) / math.cos(splay)
+            poses.append((knee, tip, gate.heading + aside))
+        (knee, tip, course), (last_knee, last_tip, last_course) = poses
+        start = (float(tip[0]), float(tip[1]), course)
+        end = (float(last_tip[0]), float(last_tip[1]), last_course + math.pi)
+        turn = "left" if side > 0 else "right"
+        return np.vstack(
+            [exit_.point, knee, dubins_points(start, end, radius, turn), last_knee, entry.point]
+        )
+
+    def area_of(line: Points) -> shapely.Polygon:
+        return shapely.LineString(line).buffer(half, cap_style="flat")
+
+    lines = (turnaround_line(stem, splay) for stem in STEMS_M for splay in SPLAYS)
+    line = layout.with_most_room(lines, area_of, exit_.street, entry.street)
+    layout.space.take(area_of(line))
+    layout.add_halves(line, tags, first=exit_.node, last=entry.node)
+
+
+def _apart(gate: Gate, other: Gate) -> float:
+    """Return how far a gate lies to the side of another, metres."""
+    ahead = gate.ahead + other.ahead
+    gap = other.point - gate.point
+    return abs(float(ahead[0] * gap[1] - ahead[1] * gap[0])) / float(np.linalg.norm(ahead))
+
+
+def _tags(layout: Layout, street: dict[str, str], lanes: int, lane_m: float) -> dict[str, str]:
+    """Return the tags of a road that turns round; people walk on its outer side."""
+    side = layout.side
+    return outer_tags(street, lanes, lane_m, side=side, kmh=DROP_KMH, sidewalks=side)
+
+
+def _turnaround_line(tip: Points, heading: float, radius: float, turn: str) -> Points:
+    """Return the turnaround (N, 2) of a street, from its end and back to it."""
+    aside = SPLAY if turn == "left" else -SPLAY
+    x, y = (float(v) for v in tip)
+    start, end = (x, y, heading - aside), (x, y, heading + math.pi + aside)
+    return dubins_points(start, end, radius, turn)

@@ -1,0 +1,82 @@
+"""Give-way lines (teeth) and lines between parking bays, which the lane model implies."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.roads.marking.lines import MOTOR
+from urbantwin.roads.model import LaneModel, LaneSection, ModelRoad, SectionLane
+
+__all__ = ["GIVE_WAY", "parking_bays", "teeth"]
+
+#: Numbers of the give-way sign in the catalogues of Germany and the USA, and in Vienna's.
+GIVE_WAY = frozenset({"205", "R1-2", "B1"})
+#: Teeth: width, length, from one to the next, and how far before the end of the road, metres
+#: (US MUTCD 3B.16: 0.3 to 0.6 m wide, half as long again, 0.1 to 0.3 m apart).
+TOOTH_M, LONG_M, EVERY_M, BEFORE_M = 0.5, 0.7, 0.75, 0.6
+#: A parking lane at least this wide has bays across the road, metres (German RASt 06, 6.1.5).
+ACROSS_M = 3.5
+#: Length along the road of a bay along it and of one across it, metres; narrower lanes have none.
+BAY_ALONG_M, BAY_ACROSS_M, NARROWEST_M = 6.0, 2.5, 1.6
+
+
+def teeth(model: LaneModel) -> Iterator[tuple[int, list[NDArray[np.float64]]]]:
+    """Yield level and triangles (4, 2) of every give-way line, pointing at the waiting traffic."""
+    for sign in model.signals:
+        road = model.road_by_id.get(sign.road)
+        if sign.dynamic or sign.type not in GIVE_WAY or road is None or road.length < 4 * LONG_M:
+            continue
+        forward = sign.orientation != "-"
+        ahead = 1.0 if forward else -1.0
+        base = road.length - BEFORE_M if forward else BEFORE_M
+        section = road.section_at(base)
+        for lane in section.lanes:
+            asked = not sign.lanes or lane.id in sign.lanes
+            if asked and lane.kind in MOTOR and lane.forward == forward:
+                yield road.level, _row(road, section, lane, base, ahead)
+
+
+def _row(
+    road: ModelRoad, section: LaneSection, lane: SectionLane, base: float, ahead: float
+) -> list[NDArray[np.float64]]:
+    ends = [float(road.border(section, lane, base, outer=outer)[0]) for outer in (False, True)]
+    low, high = min(ends), max(ends)
+    count = max(1, int((high - low - TOOTH_M) // EVERY_M) + 1)
+    middle = (low + high) / 2 + EVERY_M * (np.arange(count) - (count - 1) / 2)
+    s = np.tile([base, base, base - ahead * LONG_M], count)
+    t = (middle[:, None] + np.array([-0.5, 0.5, 0.0]) * TOOTH_M).ravel()
+    corners = road.place(s, t)[:, :2].reshape(count, 3, 2)
+    return list(corners[:, [0, 1, 2, 2]] if ahead < 0 else corners[:, [1, 0, 2, 2]])
+
+
+def parking_bays(model: LaneModel) -> Iterator[tuple[int, NDArray[np.float64]]]:
+    """Yield level and ends (2, 2) of every line between two bays."""
+    for road in model.roads:
+        if road.junction >= 0:
+            continue
+        for section, end in zip(road.sections, road.section_ends, strict=True):
+            for lane in section.lanes:
+                if lane.kind == "parking":
+                    for line in _bays(road, section, lane, end):
+                        yield road.level, line
+
+
+def _bays(
+    road: ModelRoad, section: LaneSection, lane: SectionLane, end: float
+) -> NDArray[np.float64]:
+    """Return the ends (N, 2, 2) of the lines across a parking lane, evenly along it."""
+    fine = np.arange(section.s, end, 0.5)
+    wide = lane.width.at(fine - section.s) >= NARROWEST_M
+    if not wide.any():
+        return np.zeros((0, 2, 2))
+    first, last = fine[wide][0], fine[wide][-1]
+    widest = float(lane.width.at(fine - section.s).max())
+    length = BAY_ACROSS_M if widest >= ACROSS_M else BAY_ALONG_M
+    count = int((last - first) // length)
+    s = (first + last) / 2 + length * (np.arange(count + 1) - count / 2)
+    s = s[lane.width.at(s - section.s) >= NARROWEST_M]
+    sides = [road.border(section, lane, s, outer=outer) for outer in (False, True)]
+    return np.stack([road.place(s, t)[:, :2] for t in sides], axis=1)

@@ -1,0 +1,111 @@
+"""Streaming the elements of an untrusted OpenDRIVE file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from xml.parsers import expat
+
+from lxml import etree
+
+from urbantwin.errors import InputError
+
+__all__ = ["top_elements"]
+
+#: The largest file that is read, bytes (26,000 roads in 53 MB take 17 s and 0.4 GB).
+LARGEST = 200_000_000
+#: The elements that are yielded.
+_TOP = ("header", "road", "junction", "controller", "junctionGroup", "station")
+#: How much of a file is looked at for its first element at a time, bytes.
+CHUNK = 65536
+
+
+class _RootSeen(Exception):  # noqa: N818 - it ends a search and is not an error
+    pass
+
+
+def top_elements(path: Path) -> Iterator[etree._Element]:
+    """Yield the elements right under ``<OpenDRIVE>``, each whole, names without namespaces.
+
+    Only one element is kept in memory at a time. Document types, and with them every entity, are
+    refused before anything is expanded, and nothing is fetched.
+
+    Raises:
+        InputError: the file cannot be read, is too large, is not XML or not OpenDRIVE, has a
+            document type, or is cut off.
+    """
+    root = _root_name(path)
+    if root != "OpenDRIVE":
+        raise InputError(
+            f"is not OpenDRIVE: its root is <{root[:40]}>", file=path, expected="<OpenDRIVE>"
+        )
+    try:
+        with path.open("rb") as stream:
+            parser = etree.iterparse(
+                stream,
+                events=("end",),
+                tag=[f"{{*}}{name}" for name in _TOP],
+                resolve_entities=False,
+                no_network=True,
+                load_dtd=False,
+                remove_comments=True,
+                remove_pis=True,
+            )
+            yield from _whole_elements(parser)
+    except etree.XMLSyntaxError as error:
+        raise InputError(f"is not complete XML ({error.msg})", file=path) from None
+
+
+def _whole_elements(parser: etree.iterparse) -> Iterator[etree._Element]:
+    for _, item in parser:
+        root = item.getparent()
+        if root is None or root.getparent() is not None:
+            continue  # a junction has controllers too
+        if "{" in item.tag:
+            for element in item.iter("{*}*"):
+                element.tag = etree.QName(element).localname
+        yield item
+        item.clear(keep_tail=False)
+        while item.getprevious() is not None:
+            del root[0]
+
+
+def _root_name(path: Path) -> str:
+    """Return the name of the first element, and refuse what comes before it."""
+    found: list[str] = []
+
+    def begin(name: str, _: object) -> None:
+        found.append(name.rpartition(":")[2])
+        raise _RootSeen
+
+    def doctype(*_: object) -> None:
+        raise InputError(
+            "has a document type (<!DOCTYPE>), which may hold entities: it is not read",
+            file=path,
+            expected="OpenDRIVE without one",
+        )
+
+    parser = expat.ParserCreate()
+    parser.StartElementHandler = begin
+    parser.StartDoctypeDeclHandler = doctype
+    try:
+        size = path.stat().st_size
+        if size > LARGEST:
+            raise InputError(
+                f"is {size / 1e6:.0f} MB large",
+                file=path,
+                expected=f"{LARGEST / 1e6:.0f} MB or less",
+            )
+        with path.open("rb") as stream:
+            while chunk := stream.read(CHUNK):
+                parser.Parse(chunk)
+        parser.Parse(b"", True)
+    except _RootSeen:
+        return found[0]
+    except expat.ExpatError as error:
+        raise InputError(f"is not XML ({error})", file=path, expected="OpenDRIVE") from None
+    except (ValueError, LookupError) as error:
+        raise InputError(f"is not XML that can be read ({error})", file=path) from None
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})", file=path) from None
+    raise InputError("is not XML: it has no element", file=path, expected="OpenDRIVE")

@@ -1,0 +1,92 @@
+"""Assigning ids of the lane model to areas, signals and controllers of a file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+
+from urbantwin.roads.model import ModelRoad, RoadArea, RoadSignal, SignalController
+from urbantwin.roads.opendrive.reading.objects import Outline
+from urbantwin.roads.opendrive.reading.parsing import Log, id_number
+from urbantwin.roads.opendrive.reading.signals import Program, Sign
+
+__all__ = ["with_model_ids"]
+
+
+class _Ids:
+    """Gives ids: the file's where they are free whole numbers, else new ones."""
+
+    def __init__(self, texts: Sequence[str]) -> None:
+        known = [id_number(text) for text in texts]
+        self.free = 1 + max((k for k in known if k is not None), default=0)
+        self.used: set[int] = set()
+
+    def give(self, text: str) -> int:
+        wanted = id_number(text)
+        if wanted is None or wanted in self.used:
+            wanted = self.free
+            self.free += 1
+        self.used.add(wanted)
+        return wanted
+
+
+def with_model_ids(
+    roads: Mapping[str, ModelRoad],
+    outlines: Sequence[tuple[str, Outline]],
+    signs: Sequence[tuple[str, Sign]],
+    programs: Mapping[str, Program],
+    junctions: Mapping[str, tuple[int, ...]],
+    log: Log,
+) -> tuple[tuple[RoadArea, ...], tuple[RoadSignal, ...], tuple[SignalController, ...]]:
+    """Return areas, signals and controllers.
+
+    Args:
+        roads: id in the file -> road.
+        outlines: road and area.
+        signs: road and signal.
+        programs: id in the file -> controller.
+        junctions: controller -> the junctions that name it.
+        log: the file.
+
+    Raises:
+        InputError: a controller switches a signal that does not exist, or that is there twice; a
+            junction names a controller that does not exist.
+    """
+    ids = _Ids([*(e.id for _, e in signs), *programs, *(e.id for _, e in outlines)])
+    number: dict[str, int] = {}
+    program_of = {signal: p.name for p in programs.values() for signal in p.signals}
+    signals = []
+    for road, sign in signs:
+        spot = log.at(f"road {road}, signal {sign.id}")
+        if sign.id in number:
+            if sign.id in program_of:
+                raise spot.error("is there twice", expected="each id once")
+            spot.remark("signals of the same id: they are numbered")
+        number[sign.id] = ids.give(sign.id)
+        values = {**asdict(sign), "id": number[sign.id], "road": roads[road].id}
+        del values["turned"]
+        signals.append(RoadSignal(**values, program=program_of.get(sign.id, "")))
+    controllers = []
+    for key, program in programs.items():
+        spot = log.at(f"controller {key}")
+        for signal in program.signals:
+            if signal not in number:
+                raise spot.error(f"switches signal {signal}, which does not exist")
+        controllers.append(
+            SignalController(
+                ids.give(key),
+                program.name,
+                tuple(number[signal] for signal in program.signals),
+                junctions.get(key, ()),
+                program.offset,
+                program.phases,
+            )
+        )
+    for key in junctions:
+        if key not in programs:
+            log.at(f"controller {key}").remark("controllers of junctions that do not exist")
+    areas = tuple(
+        RoadArea(ids.give(e.id), roads[road].id, e.kind, e.name, e.s, e.corners, e.height)
+        for road, e in outlines
+    )
+    return areas, tuple(signals), tuple(controllers)

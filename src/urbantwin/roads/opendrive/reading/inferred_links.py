@@ -1,0 +1,190 @@
+"""Links missing in a file, inferred from where roads and lanes meet."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+
+from urbantwin.roads.model import LaneSection, ModelJunction, ModelRoad, RoadLink, SectionLane
+from urbantwin.roads.opendrive.cubics import value
+from urbantwin.roads.opendrive.reading.parsing import Spot
+from urbantwin.roads.opendrive.reading.road_ends import Poses, end_section, middles
+from urbantwin.roads.opendrive.vocabulary import DRIVEN
+
+__all__ = ["with_inferred_ends", "with_inferred_lanes"]
+
+#: Lanes of a road and a street that lie nearer are taken to meet, metres; and linked lanes.
+ROADS_M, LANES_M = 1.0, 0.3
+#: A lane narrower than this ends there, metres.
+NO_WIDTH_M = 1e-3
+
+_Lane = tuple[SectionLane, tuple[float, float]]
+
+
+def with_inferred_ends(
+    by_id: dict[int, ModelRoad],
+    junctions: Iterable[ModelJunction],
+    poses: Poses,
+    spots: Mapping[int, Spot],
+) -> None:
+    """Link roads through junctions, where they are not, to the streets whose ends they meet.
+
+    And streets to the junctions.
+
+    Args:
+        by_id: roads by their ids, changed in place.
+        junctions: the junctions.
+        poses: where roads start and end.
+        spots: roads, for errors.
+
+    Raises:
+        InputError: a road through a junction that traffic drives on leads nowhere.
+    """
+    _link_streets(by_id, spots)
+    ends: dict[int, set[tuple[int, str]]] = {junction.id: set() for junction in junctions}
+    for road in by_id.values():
+        for end, link in (("start", road.predecessor), ("end", road.successor)):
+            if link is not None and link.element == "junction" and link.id in ends:
+                ends[link.id].add((road.id, end))
+    for road in list(by_id.values()):
+        if road.junction < 0:
+            continue
+        changes: dict[str, RoadLink] = {}
+        for tag, end in (("predecessor", "start"), ("successor", "end")):
+            if getattr(road, tag) is not None:
+                continue
+            mine = _at(road, end, poses, outwards=end == "end")
+            near = [
+                (gap, other, contact)
+                for other, contact in ends.get(road.junction, ())
+                if (gap := _gap(mine, by_id[other], contact, poses)) < ROADS_M
+            ]
+            if near:
+                _, other, contact = min(near)
+                changes[tag] = RoadLink("road", other, contact)
+                spots[road.id].remark(
+                    "roads through junctions without links: what they meet is taken"
+                )
+            elif any(lane.kind in DRIVEN for lane in end_section(road, end).lanes):
+                raise spots[road.id].error(
+                    f"leads through a junction, but has no {tag}", expected="a road at both ends"
+                )
+        if changes:
+            by_id[road.id] = replace(
+                road,
+                predecessor=changes.get("predecessor", road.predecessor),
+                successor=changes.get("successor", road.successor),
+            )
+
+
+def _link_streets(by_id: dict[int, ModelRoad], spots: Mapping[int, Spot]) -> None:
+    """Link streets to the junctions whose roads say that they begin or end at them."""
+    for road in list(by_id.values()):
+        if road.junction < 0:
+            continue
+        for link in (road.predecessor, road.successor):
+            if link is None or link.element != "road":
+                continue
+            street = by_id[link.id]
+            told = street.predecessor if link.contact == "start" else street.successor
+            if street.junction >= 0 or told is not None:
+                continue
+            spots[street.id].remark("streets that are not linked to the junction that they meet")
+            there = RoadLink("junction", road.junction)
+            by_id[street.id] = (
+                replace(street, predecessor=there)
+                if link.contact == "start"
+                else replace(street, successor=there)
+            )
+
+
+def with_inferred_lanes(
+    road: ModelRoad, by_id: Mapping[int, ModelRoad], poses: Poses, spot: Spot
+) -> ModelRoad:
+    """Link continuing lanes that a file leaves unlinked to the lanes whose ends they meet."""
+    sections = list(road.sections)
+    for k in range(len(sections) - 1):
+        before = _within(road, sections[k], road.section_ends[k])
+        after = _within(road, sections[k + 1], sections[k + 1].s)
+        sections[k] = _found(sections[k], "successor", before, after, spot)
+        sections[k + 1] = _found(sections[k + 1], "predecessor", after, before, spot)
+    for tag, end, k in (("predecessor", "start", 0), ("successor", "end", -1)):
+        link = getattr(road, tag)
+        if link is None or link.element != "road" or _is_linked(sections[k], tag):
+            continue
+        other = by_id[link.id]
+        mine = _at(replace(road, sections=tuple(sections)), end, poses, outwards=end == "end")
+        theirs = _at(other, link.contact, poses, outwards=link.contact == "start")
+        sections[k] = _found(sections[k], tag, mine, theirs, spot)
+    return replace(road, sections=tuple(sections))
+
+
+def _is_linked(section: LaneSection, tag: str) -> bool:
+    return any(getattr(lane, tag) is not None for lane in section.lanes)
+
+
+def _within(road: ModelRoad, section: LaneSection, s: float) -> dict[int, _Lane]:
+    """Return the lanes of a section that are open at a station, with their middles across."""
+    found = {}
+    for sign in (1, -1):
+        t = value(road.offset, s)
+        for number in range(1, len(section.lanes) + 1):
+            lane = section.by_id.get(sign * number)
+            if lane is None:
+                break
+            width = value(lane.width, s - section.s)
+            if lane.kind in DRIVEN and width > NO_WIDTH_M:
+                along = 1.0 if lane.forward else -1.0
+                # Lanes of different directions must not meet: they are kept 100 m apart.
+                found[lane.id] = (lane, (t + sign * width / 2, 100.0 * along))
+            t += sign * width
+    return found
+
+
+def _at(road: ModelRoad, end: str, poses: Poses, *, outwards: bool) -> dict[int, _Lane]:
+    """Return driven lanes at an end of a road; those that are not ``outwards`` lie far off."""
+    places = middles(road, end, poses)
+    found = {}
+    for lane in end_section(road, end).lanes:
+        x, y = places[lane.id]
+        if lane.kind in DRIVEN:
+            found[lane.id] = (lane, (x + (0.0 if lane.forward == outwards else 1e7), y))
+    return found
+
+
+def _gap(mine: Mapping[int, _Lane], other: ModelRoad, contact: str, poses: Poses) -> float:
+    """Return how far lanes lie from the nearest lanes of a road that they could go on as."""
+    theirs = _at(other, contact, poses, outwards=contact == "start")
+    return min(
+        (math.dist(a, b) for _, a in mine.values() for _, b in theirs.values()), default=math.inf
+    )
+
+
+def _found(
+    section: LaneSection,
+    tag: str,
+    mine: Mapping[int, _Lane],
+    theirs: Mapping[int, _Lane],
+    spot: Spot,
+) -> LaneSection:
+    """Return a section whose lanes are linked to those that they meet, if none is linked."""
+    if _is_linked(section, tag) or not mine or not theirs:
+        return section
+    links: dict[int, int] = {}
+    for identity, (_, place) in mine.items():
+        gap, other = min((math.dist(place, there), key) for key, (_, there) in theirs.items())
+        if gap < LANES_M:
+            links[identity] = other
+    if not links:
+        return section
+    spot.remark("lanes without links: they go on as the lanes that they meet")
+    lanes = tuple(
+        replace(
+            lane,
+            predecessor=links.get(lane.id) if tag == "predecessor" else lane.predecessor,
+            successor=links.get(lane.id) if tag == "successor" else lane.successor,
+        )
+        for lane in section.lanes
+    )
+    return replace(section, lanes=lanes)

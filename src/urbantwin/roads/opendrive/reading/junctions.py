@@ -1,0 +1,252 @@
+"""Reading junctions: connecting roads, and the roads and lanes that they join."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from lxml import etree
+
+from urbantwin.roads.model import Connection, LaneSection, ModelRoad, RoadLink, SectionLane
+from urbantwin.roads.opendrive.reading.parsing import Log, Spot
+from urbantwin.roads.opendrive.reading.road_ends import Poses, end_section
+
+__all__ = ["Node", "read_connections", "read_node"]
+
+
+@dataclass(frozen=True)
+class Node:
+    """A junction as written: its connections as elements."""
+
+    id: str
+    name: str
+    kind: str
+    connections: tuple[etree._Element, ...]
+    controllers: tuple[str, ...]
+
+    @property
+    def is_midway(self) -> bool:
+        """Whether it lies beside a road that goes on: nothing ends there."""
+        return self.kind in ("virtual", "crossing")
+
+
+def read_node(item: etree._Element) -> Node:
+    """Return a junction as written."""
+    return Node(
+        item.get("id", ""),
+        item.get("name") or "",
+        item.get("type") or "default",
+        tuple(item.findall("connection")),
+        tuple(e.get("id", "") for e in item.findall("controller")),
+    )
+
+
+def read_connections(
+    node: Node,
+    junction: int,
+    roads: Mapping[str, ModelRoad],
+    by_id: dict[int, ModelRoad],
+    poses: Poses,
+    log: Log,
+) -> tuple[Connection, ...]:
+    """Return the connections of a junction.
+
+    A road through it that does not say what it is linked to gets the link that its connection
+    tells, in ``by_id``. In a direct junction (1.7 on) the connecting road is the continuation of
+    the other road: there is no road between them.
+
+    Args:
+        node: the junction as written.
+        junction: its id in the model.
+        roads: id in the file -> road.
+        by_id: id in the model -> road.
+        poses: where roads start and end.
+        log: the file.
+
+    Raises:
+        InputError: a road or a lane that is joined does not exist, or a road is joined to itself.
+    """
+    spot = log.at(f"junction {node.id}")
+    direct = node.kind == "direct"
+    if direct:
+        spot.remark("direct junctions: roads are joined there without a road between them")
+    found = []
+    for item in node.connections:
+        here = spot.within(f"connection {item.get('id', '')}")
+        names = _names(item, roads, here, direct=direct)
+        incoming, connecting = (by_id[roads[name].id] for name in names)
+        contact = item.get("contactPoint", "")
+        if contact not in ("start", "end"):
+            contact = _contact(incoming, connecting, poses)
+        end = (
+            _end_at(incoming, junction)
+            if direct
+            else _end_of_incoming((incoming, connecting), contact, by_id, poses, here)
+        )
+        first, second = end_section(incoming, end), end_section(connecting, contact)
+        pairs = _lane_links(item, names, (first, second), here)
+        if not pairs:
+            pairs = _usual_links(first, second, contact)
+            here.remark("connections without links of lanes: what lanes say themselves is taken")
+        found.append(Connection(incoming.id, connecting.id, contact, tuple(pairs)))
+    if direct:
+        return _direct_by_direction(found, by_id, junction)
+    return _by_direction(found, by_id, spot)
+
+
+def _by_direction(
+    connections: Sequence[Connection], by_id: Mapping[int, ModelRoad], spot: Spot
+) -> tuple[Connection, ...]:
+    """Return connections with links of lanes that lead into the junction only.
+
+    Some tools link both directions of a road through the junction from one side. Lanes that lead
+    out there lead in at the other end of the road: there they are linked, if they are not yet.
+    """
+    table: dict[tuple[int, int, str], list[tuple[int, int]]] = {}
+    for connection in connections:
+        road = by_id[connection.connecting]
+        section = end_section(road, connection.contact)
+        key = (connection.incoming, connection.connecting, connection.contact)
+        table.setdefault(key, [])
+        for first, second in connection.links:
+            if section.by_id[second].forward == (connection.contact == "start"):
+                table[key].append((first, second))
+                continue
+            spot.remark("lanes that are linked where they lead out of the junction")
+            other = "end" if connection.contact == "start" else "start"
+            link = road.successor if other == "end" else road.predecessor
+            lane = _at_other_end(road, second, other)
+            if link is None or link.element != "road" or lane is None:
+                continue
+            before = lane.successor if other == "end" else lane.predecessor
+            incoming = end_section(by_id[link.id], link.contact)
+            if before is not None and before in incoming.by_id:
+                key_there = (link.id, connection.connecting, other)
+                table.setdefault(key_there, []).append((before, lane.id))
+    return tuple(
+        Connection(*key, tuple(dict.fromkeys(links))) for key, links in table.items() if links
+    )
+
+
+def _direct_by_direction(
+    connections: Sequence[Connection], by_id: Mapping[int, ModelRoad], junction: int
+) -> tuple[Connection, ...]:
+    """Return connections of a direct junction, each from the road that its lanes come from."""
+    table: dict[tuple[int, int, str], list[tuple[int, int]]] = {}
+    for connection in connections:
+        incoming = by_id[connection.incoming]
+        end = _end_at(incoming, junction)
+        section = end_section(incoming, end)
+        for first, second in connection.links:
+            if section.by_id[first].forward == (end == "end"):
+                key = (connection.incoming, connection.connecting, connection.contact)
+                table.setdefault(key, []).append((first, second))
+            else:
+                key = (connection.connecting, connection.incoming, end)
+                table.setdefault(key, []).append((second, first))
+    return tuple(Connection(*key, tuple(dict.fromkeys(links))) for key, links in table.items())
+
+
+def _at_other_end(road: ModelRoad, lane: int, end: str) -> SectionLane | None:
+    """Return what a lane of a road becomes at its other end, following its sections."""
+    sections = road.sections if end == "end" else road.sections[::-1]
+    for k, section in enumerate(sections):
+        found = section.by_id.get(lane)
+        if found is None or k == len(sections) - 1:
+            return found
+        there = found.successor if end == "end" else found.predecessor
+        if there is None:
+            return None
+        lane = there
+    return None
+
+
+def _names(
+    item: etree._Element, roads: Mapping[str, ModelRoad], spot: Spot, *, direct: bool
+) -> tuple[str, str]:
+    """Return the roads that a connection joins, by their ids in the file."""
+    found = []
+    for key in ("incomingRoad", "linkedRoad" if direct else "connectingRoad"):
+        name = item.get(key)
+        if name is None or name not in roads:
+            raise spot.error(f"has the {key} {name}, which does not exist")
+        found.append(name)
+    if found[0] == found[1]:
+        raise spot.error(f"joins road {found[0]} to itself", expected="two roads")
+    return found[0], found[1]
+
+
+def _end_of_incoming(
+    roads: tuple[ModelRoad, ModelRoad],
+    contact: str,
+    by_id: dict[int, ModelRoad],
+    poses: Poses,
+    spot: Spot,
+) -> str:
+    """Return which end of the incoming road (the first) meets the connecting road."""
+    incoming, connecting = roads
+    link = connecting.predecessor if contact == "start" else connecting.successor
+    if link is not None and link.id == incoming.id and link.element == "road":
+        return link.contact
+    end = poses.nearer(connecting, contact, incoming)
+    if link is None and connecting.junction >= 0:
+        spot.remark("roads through junctions without links: they are taken from connections")
+        told = RoadLink("road", incoming.id, end)
+        if contact == "start":
+            by_id[connecting.id] = replace(connecting, predecessor=told)
+        else:
+            by_id[connecting.id] = replace(connecting, successor=told)
+    else:
+        spot.remark("connections whose road is not linked to the road that comes in")
+    return end
+
+
+def _lane_links(
+    item: etree._Element,
+    names: tuple[str, str],
+    sections: tuple[LaneSection, LaneSection],
+    spot: Spot,
+) -> list[tuple[int, int]]:
+    found = []
+    for lane_link in item.findall("laneLink"):
+        pair = spot.whole(lane_link, "from"), spot.whole(lane_link, "to")
+        if 0 in pair:
+            continue  # some tools link the centre lane too
+        for lane, section, name in zip(pair, sections, names, strict=True):
+            if lane not in section.by_id:
+                raise spot.error(f"links lane {lane} of road {name}, which does not exist")
+        found.append(pair)
+    return found
+
+
+def _usual_links(
+    incoming: LaneSection, connecting: LaneSection, contact: str
+) -> list[tuple[int, int]]:
+    """Return links by what the lanes of the connecting road say of themselves."""
+    found = []
+    for lane in connecting.lanes:
+        other = lane.predecessor if contact == "start" else lane.successor
+        if other is not None and other in incoming.by_id:
+            found.append((other, lane.id))
+    return found
+
+
+def _contact(incoming: ModelRoad, connecting: ModelRoad, poses: Poses) -> str:
+    """Return which end of a connecting road meets the incoming one, where it is not given."""
+    for end, link in (("start", connecting.predecessor), ("end", connecting.successor)):
+        if link is not None and link.element == "road" and link.id == incoming.id:
+            return end
+    return min(
+        ("start", "end"),
+        key=lambda end: poses.gap(
+            connecting, end, incoming, poses.nearer(connecting, end, incoming)
+        ),
+    )
+
+
+def _end_at(road: ModelRoad, junction: int) -> str:
+    """Return which end of a road lies at a junction."""
+    for end, link in (("start", road.predecessor), ("end", road.successor)):
+        if link is not None and link.element == "junction" and link.id == junction:
+            return end
+    return "end"

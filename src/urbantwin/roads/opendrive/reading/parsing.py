@@ -1,0 +1,130 @@
+"""Parsing numbers and words of an OpenDRIVE file, with errors and remarks by place."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from lxml import etree
+
+from urbantwin.errors import InputError
+from urbantwin.number_text import finite_number, plain_number, whole_number
+from urbantwin.roads.model import Profile
+
+__all__ = ["Log", "Spot", "id_number"]
+
+#: Larger numbers are invalid on a map.
+LARGEST = 1e12
+#: Places that a remark lists before it only counts.
+LISTED = 5
+
+
+@dataclass
+class Log:
+    """Remarks on a file.
+
+    Attributes:
+        path: the file.
+        remarks: what was assumed or left out -> where.
+    """
+
+    path: Path
+    remarks: dict[str, list[str]] = field(default_factory=dict)
+
+    def at(self, place: str) -> Spot:
+        """Return a spot in the file, for errors and remarks."""
+        return Spot(self, place)
+
+    def lines(self) -> list[str]:
+        """Return the remarks, each with the first places that it holds for."""
+        found = []
+        for text, places in self.remarks.items():
+            unique = list(dict.fromkeys(place for place in places if place))
+            listed = ", ".join(unique[:LISTED])
+            if len(unique) > LISTED:
+                listed += f" and {len(unique) - LISTED} more"
+            found.append(f"{text} ({listed})" if listed else text)
+        return found
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A spot in a file: ``road 12``, ``road 12, lane -1``."""
+
+    log: Log
+    place: str
+
+    def within(self, part: str) -> Spot:
+        """Return a spot within this one."""
+        return Spot(self.log, f"{self.place}, {part}")
+
+    def error(self, problem: str, expected: str | None = None) -> InputError:
+        """Return an error at this spot."""
+        return InputError(problem, file=self.log.path, place=self.place, expected=expected)
+
+    def remark(self, text: str) -> None:
+        """Note what the user of the map should know."""
+        self.log.remarks.setdefault(text, []).append(self.place.partition(",")[0])
+
+    def number(self, item: etree._Element, key: str, default: float | None = None) -> float:
+        """Return an attribute as a number.
+
+        Raises:
+            InputError: it is missing and has no default, or is not a finite number of a map.
+        """
+        text = item.get(key)
+        if text is None and default is not None:
+            return default
+        value = finite_number(text)
+        if value is None or abs(value) > LARGEST:
+            name = f"<{item.tag}> {key}"
+            problem = f"{name} is missing" if text is None else f"{name} is {text[:40]!r}"
+            raise self.error(problem, expected="a number")
+        return value
+
+    def whole(self, item: etree._Element, key: str) -> int:
+        """Return an attribute as a whole number.
+
+        Raises:
+            InputError: it is missing or not a whole number.
+        """
+        text = item.get(key)
+        value = whole_number(text)
+        if value is None:
+            problem = f"<{item.tag}> {key} is {'missing' if text is None else repr(text[:40])}"
+            raise self.error(problem, expected="a whole number")
+        return value
+
+    def profile(self, items: Sequence[etree._Element], key: str = "s") -> Profile:
+        """Return records of cubics as a profile, zero if there are none.
+
+        Args:
+            items: elements with ``a``, ``b``, ``c``, ``d``.
+            key: the attribute that says where each begins: ``s``, ``sOffset``, or ``t`` across.
+        """
+        if not items:
+            return Profile.constant(0.0)
+        rows: dict[float, list[float]] = {}
+        for item in items:
+            try:
+                row = [plain_number(item.get(k)) for k in (key, *"abcd")]
+            except (TypeError, ValueError):
+                row = [math.nan]
+            if not all(-LARGEST <= value <= LARGEST for value in row):
+                row = [self.number(item, k) for k in (key, *"abcd")]
+            rows[row[0]] = row[1:]
+        starts = np.array(sorted(rows))
+        table = np.array([rows[s] for s in starts])
+        if starts[0] > 1e-6 and key != "t":
+            # Before the first record the standard says nothing: its value holds.
+            starts = np.concatenate([[0.0], starts])
+            table = np.vstack([[table[0, 0], 0.0, 0.0, 0.0], table])
+        return Profile(starts, table)
+
+
+def id_number(text: str) -> int | None:
+    """Return an id as a whole number, or ``None`` if it is not one (or too large)."""
+    return int(text) if text.isascii() and text.isdecimal() and len(text) < 16 else None

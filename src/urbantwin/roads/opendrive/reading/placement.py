@@ -1,0 +1,216 @@
+"""Transforming a lane model from a map's coordinates to the site frame."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from pyproj import CRS, Transformer
+from pyproj.exceptions import CRSError, ProjError
+
+from urbantwin.errors import InputError
+from urbantwin.geometry import SiteFrame
+from urbantwin.roads.model import (
+    Curve,
+    LaneModel,
+    LaneSection,
+    ModelJunction,
+    ModelRoad,
+    Piece,
+    Profile,
+    RoadArea,
+    RoadSignal,
+)
+
+__all__ = ["Similarity", "crs_of", "placed", "shifted"]
+
+#: A scale that moves nothing further than this over the whole map is dropped, metres.
+SCALE_M = 0.002
+#: Places that a similarity is fitted to, at most.
+PLACES = 4000
+#: Parts of PROJ strings about heights, which are not transformed.
+_VERTICAL = re.compile(r"\+(geoidgrids|vunits|vto_meter|geoid_crs|nadgrids=@null)(=\S+)?")
+
+
+@dataclass(frozen=True)
+class Similarity:
+    """Rotation by ``angle``, scale and translation: lines, arcs and cubics keep their kind."""
+
+    scale: float
+    angle: float
+    x: float
+    y: float
+
+    def apply(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return points (N, 2) where they are moved to."""
+        c, s = self.scale * math.cos(self.angle), self.scale * math.sin(self.angle)
+        return np.column_stack(
+            [self.x + c * xy[:, 0] - s * xy[:, 1], self.y + s * xy[:, 0] + c * xy[:, 1]]
+        )
+
+
+def placed(model: LaneModel, projection: str, frame: SiteFrame) -> LaneModel:
+    """Return a lane model in the site frame.
+
+    Both planes are conformal, so that a similarity takes one to the other: over a few kilometres to
+    millimetres. It is fitted to the reference lines. Heights stay as they are.
+
+    Args:
+        model: the lane model, in a map's coordinates.
+        projection: what they are, as PROJ or WKT.
+        frame: the site frame.
+
+    Raises:
+        InputError: the projection is not understood, or the map lies where it does not hold.
+    """
+    crs = crs_of(projection)
+    xy = np.vstack([_samples(road.curve) for road in model.roads])
+    xy = xy[:: max(1, len(xy) // PLACES)]
+    middle = xy.mean(axis=0)
+    around = middle + np.array([[0.0, 0], [10, 0], [0, 10], [-10, 0], [0, -10]])
+    try:
+        transformer = Transformer.from_crs(crs, CRS(frame.proj_with_datum), always_xy=True)
+        xy = np.vstack([xy, around])
+        there = np.column_stack(transformer.transform(xy[:, 0], xy[:, 1]))
+    except ProjError as error:
+        raise InputError(
+            f"the map's georeference cannot be used ({error})", place="geoReference"
+        ) from None
+    if not np.isfinite(there).all():
+        raise InputError("the map lies where its georeference does not hold", place="geoReference")
+    return _moved(model, _fitted(xy, there))
+
+
+def crs_of(projection: str) -> CRS:
+    """Return the projected CRS of a map.
+
+    Raises:
+        InputError: it is not understood, or is not a projected CRS.
+    """
+    try:
+        crs = CRS(_VERTICAL.sub("", projection) if "+proj" in projection else projection)
+    except CRSError:
+        raise InputError(
+            f"the map's georeference {projection[:80]!r} is not understood",
+            place="geoReference",
+            expected="PROJ or WKT",
+        ) from None
+    if crs.is_geographic:
+        raise InputError(
+            "the map's georeference gives degrees, not metres",
+            place="geoReference",
+            expected="a projection",
+        )
+    return crs
+
+
+def shifted(model: LaneModel, offset: tuple[float, float, float, float]) -> LaneModel:
+    """Return a lane model moved by a header's offset: turned by its heading, then moved."""
+    if not any(offset):
+        return model
+    x, y, z, heading = offset
+    model = _moved(model, Similarity(1.0, heading, x, y)) if (x, y, heading) != (0, 0, 0) else model
+    if not z:
+        return model
+    up = np.array([z, 0.0, 0.0, 0.0])
+    roads = tuple(
+        replace(road, elevation=Profile(road.elevation.start, road.elevation.abcd + up))
+        for road in model.roads
+    )
+    signals = tuple(
+        replace(signal, pose=(*signal.pose[:2], signal.pose[2] + z, signal.pose[3]))
+        if signal.pose
+        else signal
+        for signal in model.signals
+    )
+    return replace(model, roads=roads, signals=signals)
+
+
+def _samples(curve: Curve) -> NDArray[np.float64]:
+    count = max(2, int(curve.length / 20))
+    return curve.at(np.linspace(0.0, curve.length, count))[:, :2]
+
+
+def _fitted(xy: NDArray[np.float64], there: NDArray[np.float64]) -> Similarity:
+    """Return the similarity that takes points nearest to others (Umeyama 1991, in the plane)."""
+    a, b = xy.mean(axis=0), there.mean(axis=0)
+    p, q = (xy - a) @ [1, 1j], (there - b) @ [1, 1j]
+    turn = np.vdot(p, q) / np.vdot(p, p).real
+    scale = float(np.abs(turn))
+    if abs(scale - 1) * float(np.abs(p).max()) < SCALE_M:
+        scale = 1.0
+    angle = float(np.angle(turn))
+    c, s = scale * math.cos(angle), scale * math.sin(angle)
+    x, y = b - [c * a[0] - s * a[1], s * a[0] + c * a[1]]
+    return Similarity(scale, angle, float(x), float(y))
+
+
+def _moved(model: LaneModel, how: Similarity) -> LaneModel:
+    return replace(
+        model,
+        roads=tuple(_road(road, how) for road in model.roads),
+        junctions=tuple(_junction(junction, how) for junction in model.junctions),
+        areas=tuple(_area(area, how.scale) for area in model.areas),
+        signals=tuple(_signal(signal, how) for signal in model.signals),
+    )
+
+
+def _road(road: ModelRoad, how: Similarity) -> ModelRoad:
+    xy = how.apply(np.array([(piece.x, piece.y) for piece in road.curve.pieces]))
+    k = how.scale
+    pieces = tuple(
+        Piece(
+            float(x),
+            float(y),
+            piece.heading + how.angle,
+            piece.length * k,
+            piece.curvature / k,
+            tuple(value * k for value in piece.u),
+            tuple(value * k for value in piece.v),
+        )
+        for piece, (x, y) in zip(road.curve.pieces, xy, strict=True)
+    )
+    moved = replace(road, curve=Curve(pieces))
+    if k == 1.0:
+        return moved
+    return replace(
+        moved,
+        offset=_scaled(road.offset, k, k),
+        elevation=_scaled(road.elevation, k),
+        bank=_scaled(road.bank, k),
+        crown=_scaled(road.crown, k),
+        sections=tuple(_section(section, k) for section in road.sections),
+    )
+
+
+def _scaled(profile: Profile, k: float, value: float = 1.0) -> Profile:
+    """Return a profile over stations that are ``k`` times as long, its values times ``value``."""
+    return Profile(profile.start * k, profile.abcd * value / k ** np.arange(4))
+
+
+def _section(section: LaneSection, k: float) -> LaneSection:
+    lanes = tuple(replace(lane, width=_scaled(lane.width, k, k)) for lane in section.lanes)
+    return replace(section, s=section.s * k, lanes=lanes)
+
+
+def _junction(junction: ModelJunction, how: Similarity) -> ModelJunction:
+    return replace(junction, outline=how.apply(junction.outline.reshape(-1, 2)))
+
+
+def _area(area: RoadArea, k: float) -> RoadArea:
+    if k == 1.0:
+        return area
+    return replace(area, s=area.s * k, corners=area.corners * [k, k, 1.0])
+
+
+def _signal(signal: RoadSignal, how: Similarity) -> RoadSignal:
+    k = how.scale
+    if signal.pose:
+        x, y, z, heading = signal.pose
+        there = how.apply(np.array([[x, y]]))[0]
+        pose = (float(there[0]), float(there[1]), z, heading + how.angle)
+        signal = replace(signal, pose=pose)
+    return signal if k == 1.0 else replace(signal, s=signal.s * k, t=signal.t * k)

@@ -1,0 +1,154 @@
+"""Writing the OpenDRIVE document in the element order of ASAM's schema (1.8) or of 1.4H."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+
+import numpy as np
+from lxml import etree
+
+from urbantwin.geometry import SiteFrame
+from urbantwin.roads.model import LaneModel, ModelJunction, ModelRoad, RoadSignal
+from urbantwin.roads.opendrive.vocabulary import ROAD_TYPES
+from urbantwin.roads.opendrive.writing.lane_sections import lane_links, write_lanes
+from urbantwin.roads.opendrive.writing.number_format import number, numbers, xml_text
+from urbantwin.roads.opendrive.writing.objects import write_controller, write_objects, write_signals
+from urbantwin.roads.opendrive.writing.plan_view import write_plan, write_profiles
+from urbantwin.roads.opendrive.writing.signal_references import with_signal_references
+
+__all__ = ["document"]
+
+#: The day that the standard's version 1.8 was released: files are the same on every day.
+DATE = "2023-11-22T00:00:00"
+
+
+def document(model: LaneModel, frame: SiteFrame, *, version: str, name: str) -> bytes:
+    """Return a whole OpenDRIVE file.
+
+    Args:
+        model: the lane model; for version 1.4, of right-hand traffic.
+        frame: the site frame.
+        version: ``1.8`` or ``1.4``.
+        name: the map's name.
+    """
+    root = etree.Element("OpenDRIVE")
+    _header(root, model, frame, version, name)
+    referred: tuple[RoadSignal, ...] = ()
+    if version == "1.4":
+        model, referred = with_signal_references(model)
+    areas, signals, references = defaultdict(list), defaultdict(list), defaultdict(list)
+    for area in model.areas:
+        areas[area.road].append(area)
+    for signal in model.signals:
+        signals[signal.road].append(signal)
+    for signal in referred:
+        references[signal.road].append(signal)
+    for road in model.roads:
+        item = _road(root, road, model, version)
+        write_plan(item, road.curve)
+        write_profiles(item, road, version)
+        write_lanes(item, model, road, version)
+        write_objects(item, road, areas[road.id], version)
+        write_signals(item, road, signals[road.id], references[road.id], version)
+        _notes(item, road)
+    for controller in model.controllers:
+        if controller.signals:
+            write_controller(root, controller)
+    for junction in model.junctions:
+        _junction(root, junction, model, version)
+    etree.indent(root, space=" ")
+    return bytes(etree.tostring(root, xml_declaration=True, encoding="UTF-8")) + b"\n"
+
+
+def _header(
+    root: etree._Element, model: LaneModel, frame: SiteFrame, version: str, name: str
+) -> None:
+    xy = np.vstack([road.curve.at(np.linspace(0, road.length, 20))[:, :2] for road in model.roads])
+    west, south = np.floor(xy.min(axis=0)) - 20
+    east, north = np.ceil(xy.max(axis=0)) + 20
+    header = etree.SubElement(
+        root,
+        "header",
+        revMajor="1",
+        revMinor=version.split(".")[1],
+        name=xml_text(name),
+        version="1.00",
+        date=DATE,
+        **numbers(north=north, south=south, east=east, west=west),
+        vendor="UrbanTwin",
+    )
+    etree.SubElement(header, "geoReference").text = etree.CDATA(frame.proj)
+    if version != "1.4":
+        etree.SubElement(header, "offset", **numbers(x=0, y=0, z=0, hdg=0))
+
+
+def _road(root: etree._Element, road: ModelRoad, model: LaneModel, version: str) -> etree._Element:
+    item = etree.SubElement(
+        root,
+        "road",
+        name=xml_text(road.name),
+        length=number(road.length),
+        id=str(road.id),
+        junction=str(road.junction),
+    )
+    if version != "1.4":
+        item.set("rule", "LHT" if model.driving_side == "left" else "RHT")
+    links = [
+        (tag, link)
+        for tag, link in (("predecessor", road.predecessor), ("successor", road.successor))
+        if link is not None
+    ]
+    if links:
+        parent = etree.SubElement(item, "link")
+        for tag, link in links:
+            there = etree.SubElement(parent, tag, elementType=link.element, elementId=str(link.id))
+            if link.element == "road":
+                there.set("contactPoint", link.contact)
+    kind = etree.SubElement(item, "type", s="0", type=ROAD_TYPES.get(road.kind, "town"))
+    speed = max((lane.speed_limit for s in road.sections for lane in s.lanes), default=0.0)
+    if speed > 0:
+        # 1.4H has whole numbers here.
+        etree.SubElement(kind, "speed", max=str(round(speed * 3.6)), unit="km/h")
+    return item
+
+
+def _notes(item: etree._Element, road: ModelRoad) -> None:
+    """Write what the standard has no element for: class, ways and level of a street."""
+    if road.kind:
+        etree.SubElement(item, "userData", code="class", value=xml_text(road.kind))
+    if road.ways:
+        etree.SubElement(item, "userData", code="ways", value=" ".join(map(str, road.ways)))
+    if road.level:
+        etree.SubElement(item, "userData", code="level", value=str(road.level))
+
+
+def _junction(
+    root: etree._Element, junction: ModelJunction, model: LaneModel, version: str
+) -> None:
+    roads = model.road_by_id
+    through = [roads[c.connecting].junction == junction.id for c in junction.connections]
+    # 1.7 on: roads that are joined without a road between them.
+    direct = version != "1.4" and bool(through) and not any(through)
+    item = etree.SubElement(root, "junction", name=xml_text(junction.name), id=str(junction.id))
+    if direct:
+        item.set("type", "direct")
+    for index, connection in enumerate(junction.connections):
+        child = etree.SubElement(
+            item,
+            "connection",
+            {
+                "id": str(index),
+                "incomingRoad": str(connection.incoming),
+                "linkedRoad" if direct else "connectingRoad": str(connection.connecting),
+                "contactPoint": connection.contact,
+            },
+        )
+        is_open = lane_links(
+            roads[connection.incoming], roads[connection.connecting], connection.contact
+        )
+        for first, second in connection.links:
+            if is_open.get((first, second), True):
+                etree.SubElement(child, "laneLink", {"from": str(first), "to": str(second)})
+    for controller in model.controllers:
+        if controller.signals and junction.id in controller.junctions:
+            etree.SubElement(item, "controller", id=str(controller.id), type="0")

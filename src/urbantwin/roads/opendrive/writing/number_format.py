@@ -1,0 +1,81 @@
+"""Formatting numbers and names, the same on every machine, and cubics as records."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Iterator, Sequence
+
+from urbantwin.roads.model import Profile
+
+__all__ = ["abcd", "number", "numbers", "records", "xml_text"]
+
+#: Coefficients that differ less than this count as equal for ASAM's checker.
+SAME = 1e-6
+#: How far a profile may move where a record is left out as redundant, metres or radians.
+LEFT_OUT = 2e-5
+#: Where along a record two cubics are compared.
+SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+#: What XML 1.0 cannot hold: control characters and halves of pairs.
+_NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+def xml_text(text: str) -> str:
+    """Return a name without the characters that XML cannot hold."""
+    return _NOT_XML.sub("", text)
+
+
+def number(value: float) -> str:
+    """Return a number with 12 digits, and no minus before zero."""
+    return format(float(value) if abs(value) > 1e-13 else 0.0, ".12g")
+
+
+def numbers(**values: float) -> dict[str, str]:
+    """Return attributes of an element."""
+    return {key: number(value) for key, value in values.items()}
+
+
+def abcd(values: Iterable[float]) -> dict[str, str]:
+    """Return the four coefficients of a cubic as attributes."""
+    return {letter: number(value) for letter, value in zip("abcd", values, strict=True)}
+
+
+def records(profile: Profile, length: float) -> Iterator[tuple[float, list[float]]]:
+    """Return start and coefficients of every record that a profile needs over a length.
+
+    Records beyond the end, and those that only go on with the cubic before them, are left out
+    (ASAM's rule ``performance.avoid_redundant_info``). The rule compares coefficients about station
+    0, to 1e-6: cubics that it would merge although they differ by more than rounding are made
+    distinct by two micrometres.
+    """
+    starts, rows = profile.start.tolist(), profile.abcd.tolist()
+    ends = [*starts[1:], max(length, starts[-1] + 1e-3)]
+    kept: tuple[float, list[float]] | None = None
+    for start, row, end in zip(starts, rows, ends, strict=True):
+        told = row
+        if kept is not None:
+            if start >= length - 1e-9:
+                continue
+            before = _moved(kept[1], start - kept[0])
+            gap = [a - b for a, b in zip(before, row, strict=True)]
+            away = max(abs(_moved(gap, share * (end - start))[0]) for share in SHARES)
+            pairs = zip(_moved(kept[1], -kept[0]), _moved(row, -start), strict=True)
+            apart = [a - b for a, b in pairs]
+            same = max(map(abs, apart)) < SAME
+            if away <= LEFT_OUT and (same or away < 1e-9):
+                continue
+            if same:
+                told = [row[0] - math.copysign(2 * SAME, apart[0]), *row[1:]]
+        kept = (start, told)
+        yield kept
+
+
+def _moved(row: Sequence[float], by: float) -> list[float]:
+    """Return the coefficients of a cubic about a place that lies ``by`` ahead."""
+    a, b, c, d = row
+    return [
+        a + by * (b + by * (c + by * d)),
+        b + by * (2 * c + 3 * d * by),
+        c + 3 * d * by,
+        d,
+    ]

@@ -1,0 +1,205 @@
+"""Inserting lanes into a road: new lane sections, renumbered ids, links kept."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from urbantwin.roads.model import (
+    RAISED_KINDS,
+    LaneModel,
+    LaneSection,
+    ModelRoad,
+    Profile,
+    RoadLink,
+    SectionLane,
+)
+from urbantwin.roads.model.lane_marks import with_lane_marks
+
+__all__ = ["Insertion", "Renumbering", "relinked", "with_lanes"]
+
+#: Section borders closer than this are one, metres.
+SLIVER_M = 0.05
+#: Which lane something is within a road: (section, id) of the road before, or ("new", number).
+Key = tuple[str, int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class Insertion:
+    """A lane to be put into a road.
+
+    Attributes:
+        side: 1 to the left of the reference line, -1 to its right.
+        place: ``reference``: next to the reference line; ``outer``: beyond the outermost lane of
+            the carriageway; ``before_track``: the same, but within a cycle track there.
+        kind: kind of the lane.
+        first: station where it begins.
+        last: station where it ends.
+        width: metres over the distance from ``first``.
+        height: how far it stands above the carriageway, metres.
+    """
+
+    side: int
+    place: str
+    kind: str
+    first: float
+    last: float
+    width: Profile
+    height: float = 0.0
+
+
+@dataclass(frozen=True)
+class Renumbering:
+    """Old id -> new id of the lanes at a road's start and at its end."""
+
+    start: Mapping[int, int]
+    end: Mapping[int, int]
+
+    def at(self, contact: str) -> Mapping[int, int]:
+        """Return the ids at one end, ``start`` or ``end``."""
+        return self.start if contact == "start" else self.end
+
+
+def with_lanes(road: ModelRoad, insertions: Sequence[Insertion]) -> tuple[ModelRoad, Renumbering]:
+    """Return a road with more lanes.
+
+    Lanes further out move outwards and get new ids; they keep their strips. Each new lane is a
+    strip of its own, ``"<road>:<section>:<lane>"``, by the section where it begins.
+
+    Args:
+        road: the road.
+        insertions: what to put in; of two at one place, the first is the inner one.
+    """
+    borders = [section.s for section in road.sections]
+    for item in insertions:
+        borders += [item.first, item.last]
+    cuts = _distinct(borders, road.length)
+    starts = [section.s for section in road.sections]
+    parts: list[dict[Key, SectionLane]] = []
+    bases: list[int] = []
+    strips: dict[int, str] = {}
+    for number, (a, b) in enumerate(zip(cuts, [*cuts[1:], road.length], strict=True)):
+        base = max(k for k, start in enumerate(starts) if start < a + SLIVER_M)
+        lanes: dict[Key, SectionLane] = {}
+        for side in (1, -1):
+            active = [
+                (k, item)
+                for k, item in enumerate(insertions)
+                if item.side == side and item.first < (a + b) / 2 < item.last
+            ]
+            row = _row(road, base, side, active)
+            for place, (key, lane, start) in enumerate(row, start=1):
+                strip = lane.strip
+                if key[0] == "new":
+                    strip = strips.setdefault(key[1], f"{road.id}:{number}:{side * place}")
+                width = lane.width.between(max(a - start, 0.0), b - start)
+                lanes[key] = replace(lane, id=side * place, width=width, strip=strip)
+        parts.append(lanes)
+        bases.append(base)
+    linked = [_linked(road, parts, bases, k) for k in range(len(parts))]
+    sections = tuple(
+        with_lane_marks(LaneSection(a, tuple(sorted(lanes, key=lambda lane: -lane.id))))
+        for a, lanes in zip(cuts, linked, strict=True)
+    )
+    ends = [{key[2]: lane.id for key, lane in parts[k].items() if key[0] == "old"} for k in (0, -1)]
+    return replace(road, sections=sections), Renumbering(*ends)
+
+
+def relinked(model: LaneModel, changed: Mapping[int, Renumbering]) -> LaneModel:
+    """Return the model with the links of lanes whose neighbours have new ids set right."""
+    roads = []
+    for road in model.roads:
+        before, after = (_ids(link, changed) for link in (road.predecessor, road.successor))
+        sections = list(road.sections)
+        sections[0] = _linked_to(sections[0], "predecessor", before)
+        sections[-1] = _linked_to(sections[-1], "successor", after)
+        same = sections[0] is road.sections[0] and sections[-1] is road.sections[-1]
+        roads.append(road if same else replace(road, sections=tuple(sections)))
+    by_id = model.road_by_id
+    junctions = []
+    for junction in model.junctions:
+        connections = []
+        for item in junction.connections:
+            connecting = by_id[item.connecting]
+            link = connecting.predecessor if item.contact == "start" else connecting.successor
+            ids = _ids(link, changed)
+            links = tuple((ids.get(a, a), b) for a, b in item.links)
+            connections.append(replace(item, links=links) if ids else item)
+        junctions.append(replace(junction, connections=tuple(connections)))
+    return replace(model, roads=tuple(roads), junctions=tuple(junctions))
+
+
+def _ids(link: RoadLink | None, changed: Mapping[int, Renumbering]) -> Mapping[int, int]:
+    if link is None or link.element != "road" or link.id not in changed:
+        return {}
+    return changed[link.id].at(link.contact)
+
+
+def _linked_to(section: LaneSection, end: str, ids: Mapping[int, int]) -> LaneSection:
+    """Return a section whose lanes follow their neighbours at one end to their new ids."""
+    old = [getattr(lane, end) for lane in section.lanes]
+    if all(ids.get(link, link) == link for link in old):
+        return section
+    lanes = (
+        replace(lane, **{end: ids.get(link, link)})
+        for lane, link in zip(section.lanes, old, strict=True)
+    )
+    return replace(section, lanes=tuple(lanes))
+
+
+def _distinct(borders: Sequence[float], length: float) -> list[float]:
+    found = [0.0]
+    for s in sorted(borders):
+        if s > found[-1] + SLIVER_M and s < length - SLIVER_M:
+            found.append(float(s))
+    return found
+
+
+def _row(
+    road: ModelRoad, base: int, side: int, active: Sequence[tuple[int, Insertion]]
+) -> list[tuple[Key, SectionLane, float]]:
+    """Return the lanes of one side from the reference line outwards, and where each begins."""
+    section = road.sections[base]
+    old = sorted((x for x in section.lanes if x.id * side > 0), key=lambda x: abs(x.id))
+    row: list[tuple[Key, SectionLane, float]] = [
+        (("old", base, lane.id), lane, section.s) for lane in old
+    ]
+    flat = next((k for k, x in enumerate(old) if x.kind in RAISED_KINDS), len(old))
+    inside = flat - 1 if flat and old[flat - 1].kind == "bicycle" else flat
+    at = {"reference": 0, "outer": flat, "before_track": inside, "before_raised": flat}
+    forward = old[0].forward if old else any(x.forward for x in section.lanes)
+    # From the outermost place inwards, so that places counted before stay right.
+    for k, item in sorted(active, key=lambda pair: (-at[pair[1].place], -pair[0])):
+        lane = SectionLane(side, item.kind, item.width, forward, height=item.height)
+        row.insert(at[item.place], (("new", k, 0), lane, item.first))
+    return row
+
+
+def _linked(
+    road: ModelRoad, parts: Sequence[Mapping[Key, SectionLane]], bases: Sequence[int], k: int
+) -> list[SectionLane]:
+    found = []
+    for key, lane in parts[k].items():
+        before, after = lane.predecessor, lane.successor
+        if k > 0:
+            before = _neighbour(key, lane.predecessor, bases[k - 1] - bases[k], parts[k - 1])
+        elif key[0] == "new":
+            before = None
+        if k < len(parts) - 1:
+            after = _neighbour(key, lane.successor, bases[k + 1] - bases[k], parts[k + 1])
+        elif key[0] == "new":
+            after = None
+        same = (before, after) == (lane.predecessor, lane.successor)
+        found.append(lane if same else replace(lane, predecessor=before, successor=after))
+    return found
+
+
+def _neighbour(
+    key: Key, link: int | None, step: int, other: Mapping[Key, SectionLane]
+) -> int | None:
+    if key[0] == "old" and step:
+        if link is None:
+            return None
+        key = ("old", key[1] + step, link)
+    lane = other.get(key)
+    return None if lane is None else lane.id

@@ -1,0 +1,284 @@
+"""Controlled links of each signal program: their approaches and conflicts."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from lxml import etree
+from numpy.typing import NDArray
+
+from urbantwin.geometry import stations_of_points, wrapped
+from urbantwin.roads.model.furniture import Phase
+
+__all__ = ["COMPASS", "Link", "Signalised", "signalised_junctions"]
+
+#: Names of directions and their bearings, degrees clockwise from north.
+COMPASS = {
+    name: 45.0 * k
+    for k, name in enumerate(
+        "north northeast east southeast south southwest west northwest".split()
+    )
+}
+#: SUMO's letters for the direction of a connection.
+MOVEMENTS = {
+    "s": "through",
+    "l": "left",
+    "L": "left",
+    "r": "right",
+    "R": "right",
+    "t": "u-turn",
+}
+#: The approach's direction is measured over this much of its end, metres.
+APPROACH_M = 25.0
+
+
+@dataclass(frozen=True)
+class Link:
+    """One connection that a program gives green to.
+
+    Attributes:
+        index: its place in the program's states.
+        junction: the junction that it leads through.
+        row: its row in the junction's table of conflicts.
+        lane: the lane that waits; of a crossing, the crossing.
+        road: the SUMO edge of that lane.
+        street: the street's name.
+        movement: left, through, right, u-turn; ``walk`` for a crossing.
+        bearing: direction from the junction to the arm that it comes from, or, for a crossing,
+            that it lies across; degrees clockwise from north.
+        length: of the way through the junction, or across the road, metres.
+        speed: the speed limit there, m/s.
+    """
+
+    index: int
+    junction: str
+    row: int
+    lane: str
+    road: str
+    street: str
+    movement: str
+    bearing: float
+    length: float
+    speed: float
+
+    @property
+    def arm(self) -> str:
+        """The arm's name: one of ``COMPASS``."""
+        return min(COMPASS, key=lambda name: turn_between(COMPASS[name], self.bearing))
+
+    @property
+    def is_turn(self) -> bool:
+        """Whether it leaves the approach's own direction."""
+        return self.movement in ("left", "right", "u-turn")
+
+
+@dataclass(frozen=True)
+class Signalised:
+    """What one signal program controls.
+
+    Attributes:
+        program: the program's id.
+        junctions: ids of the junctions.
+        streets: names of the streets that meet there, in the order of the compass.
+        xy: (2,) its middle, site frame, metres.
+        links: every link, in the order of its index; one index may have several.
+        foes: pairs of rows of one junction whose ways cross or merge: (junction, row, row).
+        yields: (junction, row, row): the former gives way to the latter.
+        offset: seconds by which the program starts late.
+        phases: what it shows.
+    """
+
+    program: str
+    junctions: tuple[str, ...]
+    streets: tuple[str, ...]
+    xy: NDArray[np.float64]
+    links: tuple[Link, ...]
+    foes: frozenset[tuple[str, int, int]]
+    yields: frozenset[tuple[str, int, int]]
+    offset: float
+    phases: tuple[Phase, ...]
+
+    @property
+    def size(self) -> int:
+        """How many letters a state has."""
+        return 1 + max((link.index for link in self.links), default=-1)
+
+    @property
+    def cycle(self) -> float:
+        """Seconds that the program lasts."""
+        return sum(seconds for seconds, _ in self.phases)
+
+    @cached_property
+    def of_index(self) -> Mapping[int, tuple[Link, ...]]:
+        """Links by index."""
+        found: dict[int, list[Link]] = defaultdict(list)
+        for link in self.links:
+            found[link.index].append(link)
+        return {index: tuple(links) for index, links in found.items()}
+
+    def are_foes(self, a: Link, b: Link) -> bool:
+        """Whether two links' ways cross or merge."""
+        return a.junction == b.junction and (a.junction, a.row, b.row) in self.foes
+
+    def gives_way(self, a: Link, b: Link) -> bool:
+        """Whether the former waits for the latter where both may go."""
+        return a.junction == b.junction and (a.junction, a.row, b.row) in self.yields
+
+
+def turn_between(a: float, b: float) -> float:
+    """Return the angle between two bearings, degrees, 0 to 180."""
+    return abs(wrapped(a - b, 360.0))
+
+
+def signalised_junctions(root: etree._Element) -> list[Signalised]:
+    """Read what the programs of a ``.net.xml`` control, sorted by program.
+
+    Args:
+        root: the network.
+    """
+    edges = {edge.get("id"): edge for edge in root.iter("edge")}
+    lanes = {lane.get("id"): lane for lane in root.iter("lane")}
+    outgoing: dict[str, list[etree._Element]] = defaultdict(list)
+    for item in root.iter("connection"):
+        outgoing[f"{item.get('from')}_{item.get('fromLane')}"].append(item)
+    links: dict[str, list[Link]] = defaultdict(list)
+    foes: dict[str, set[tuple[str, int, int]]] = defaultdict(set)
+    yields: dict[str, set[tuple[str, int, int]]] = defaultdict(set)
+    at: dict[str, list[etree._Element]] = defaultdict(list)
+    streets_at = _streets(edges.values())
+    for junction in root.iter("junction"):
+        if junction.get("type") == "internal":
+            continue
+        name = junction.get("id")
+        # The table of conflicts leaves out the ways between sidewalks and corners.
+        rows = [
+            item
+            for lane in junction.get("incLanes", "").split()
+            for item in outgoing[lane]
+            if edges[item.get("to")].get("function") in (None, "crossing")
+            and edges[item.get("from")].get("function") in (None, "walkingarea")
+            and (":" in item.get("to") or ":" not in item.get("from"))
+        ]
+        programs = {item.get("tl") for item in rows} - {None}
+        for program in programs:
+            at[program].append(junction)
+        for row, item in enumerate(rows):
+            if item.get("tl"):
+                links[item.get("tl")].append(_link(item, name, row, edges, lanes))
+        for request in junction.iter("request"):
+            row = int(request.get("index"))
+            for key, table in (("foes", foes), ("response", yields)):
+                others = request.get(key)[::-1]
+                for program in programs:
+                    table[program] |= {
+                        (name, row, other) for other, bit in enumerate(others) if bit == "1"
+                    }
+    found = []
+    for logic in sorted(root.iter("tlLogic"), key=lambda item: str(item.get("id"))):
+        program = logic.get("id")
+        if not links[program]:
+            continue
+        middles = [[float(j.get("x")), float(j.get("y"))] for j in at[program]]
+        names = [pair for j in at[program] for pair in streets_at[j.get("id")]]
+        found.append(
+            Signalised(
+                program,
+                tuple(sorted(j.get("id") for j in at[program])),
+                tuple(dict.fromkeys(name for _, name in sorted(names))),
+                np.mean(middles, axis=0),
+                tuple(sorted(links[program], key=lambda link: (link.index, link.lane))),
+                frozenset(foes[program]),
+                frozenset(yields[program]),
+                float(logic.get("offset", 0)),
+                tuple((float(p.get("duration")), p.get("state")) for p in logic.iter("phase")),
+            )
+        )
+    return found
+
+
+def _shape(lane: etree._Element) -> NDArray[np.float64]:
+    return np.array([[float(v) for v in p.split(",")[:2]] for p in lane.get("shape").split()])
+
+
+def _streets(edges: Iterable[etree._Element]) -> dict[str, list[tuple[float, str]]]:
+    """Return junction -> (bearing, name) of its streets."""
+    found: dict[str, list[tuple[float, str]]] = defaultdict(list)
+    for edge in edges:
+        if edge.get("function") or not edge.get("name"):
+            continue
+        shape = _shape(edge.find("lane"))
+        found[edge.get("to")].append((round(_bearing(shape[::-1])), edge.get("name")))
+        found[edge.get("from")].append((round(_bearing(shape)), edge.get("name")))
+    return found
+
+
+def _bearing(shape: NDArray[np.float64]) -> float:
+    """Return the direction in which a line leaves its first point, degrees from north."""
+    along = stations_of_points(shape)
+    reach = min(APPROACH_M, float(along[-1]))
+    dx, dy = (np.interp(reach, along, shape[:, k]) - shape[0, k] for k in (0, 1))
+    return math.degrees(math.atan2(dx, dy)) % 360.0
+
+
+def _link(
+    item: etree._Element,
+    junction: str,
+    row: int,
+    edges: Mapping[str, etree._Element],
+    lanes: Mapping[str, etree._Element],
+) -> Link:
+    start, end = (f"{item.get(k)}_{item.get(k + 'Lane')}" for k in ("from", "to"))
+    if item.get("from").startswith(":"):
+        # On foot: from a corner over a crossing.
+        crossing = edges[item.get("to")]
+        crossed = [edges[name] for name in crossing.get("crossingEdges", "").split()]
+        bearing = _mean([_arm(edge, junction) for edge in crossed])
+        names = [edge.get("name", "") for edge in crossed]
+        length = float(lanes[end].get("length"))
+        return Link(
+            int(item.get("linkIndex")),
+            junction,
+            row,
+            end,
+            item.get("to"),
+            next((name for name in names if name), ""),
+            "walk",
+            bearing,
+            length,
+            float(lanes[end].get("speed")),
+        )
+    edge = edges[item.get("from")]
+    via = lanes.get(item.get("via", ""))
+    # A way that waits halfway has a second part; its length is made up by the straight distance.
+    gap = _shape(lanes[end])[0] - _shape(lanes[start])[-1]
+    length = max(float(np.hypot(*gap)), float(via.get("length")) if via is not None else 0.0)
+    return Link(
+        int(item.get("linkIndex")),
+        junction,
+        row,
+        start,
+        item.get("from"),
+        edge.get("name", ""),
+        MOVEMENTS.get(item.get("dir"), "through"),
+        _arm(edge, junction),
+        length,
+        float(lanes[start].get("speed")),
+    )
+
+
+def _arm(edge: etree._Element, junction: str) -> float:
+    """Return the direction from a junction along one of its roads, degrees from north."""
+    shape = _shape(edge.find("lane"))
+    return _bearing(shape[::-1] if edge.get("to") == junction else shape)
+
+
+def _mean(bearings: list[float]) -> float:
+    if not bearings:
+        return 0.0
+    angles = np.radians(bearings)
+    return math.degrees(math.atan2(np.sin(angles).sum(), np.cos(angles).sum())) % 360.0

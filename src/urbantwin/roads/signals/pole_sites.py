@@ -1,0 +1,136 @@
+"""Free places for poles, clear of all carriageways."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+import shapely
+from numpy.typing import ArrayLike, NDArray
+
+from urbantwin.geometry import area_difference, area_union
+from urbantwin.roads.network import CARRIAGEWAY_KINDS, Junction, Lane, RoadNetwork
+from urbantwin.roads.signals.approach import Frame
+
+__all__ = ["CLEARANCE_M", "FreeGround"]
+
+#: Distance of a pole's middle from the carriageway's edge (MUTCD 2009, 4D.16 and 2A.19: 0.6 m).
+CLEARANCE_M = 0.6
+#: Places that are tried first; twice as many each time that none is free.
+FEW = 16
+DRIVEN = (*CARRIAGEWAY_KINDS, "connection", "crossing")
+
+
+class FreeGround:
+    """Finds free places by their distance from lanes, without merging the lanes to one area."""
+
+    def __init__(self, network: RoadNetwork) -> None:
+        self._network = network
+        lanes: dict[int, list[Lane]] = defaultdict(list)
+        for lane in network.lanes:
+            if lane.kind in DRIVEN:
+                lanes[lane.level].append(lane)
+        self._lanes = {level: _near_lanes(found) for level, found in lanes.items()}
+        junctions: dict[int, list[Junction]] = defaultdict(list)
+        for junction in network.junctions:
+            if not junction.polygon.is_empty:
+                junctions[junction.level].append(junction)
+        self._junctions = {
+            level: (_Near([junction.polygon for junction in found], CLEARANCE_M - 0.05), found)
+            for level, found in junctions.items()
+        }
+        self._cores: dict[str, shapely.Geometry] = {}
+
+    @cached_property
+    def _corners(self) -> dict[str, list[shapely.Geometry]]:
+        """Where people wait, by junction."""
+        found: dict[str, list[shapely.Geometry]] = defaultdict(list)
+        for lane in self._network.lanes:
+            if lane.kind == "walkingarea":
+                found[lane.junction].append(lane.polygon)
+        return found
+
+    def _core(self, junction: Junction) -> shapely.Geometry:
+        """Return a junction less the corners where people wait."""
+        if junction.id not in self._cores:
+            corners = area_union(self._corners[junction.id])
+            self._cores[junction.id] = area_difference(junction.polygon, corners)
+            shapely.prepare(self._cores[junction.id])
+        return self._cores[junction.id]
+
+    def free(self, xy: NDArray[np.float64], level: int) -> NDArray[np.bool_]:
+        """Return which of points (N, 2) are free on a level."""
+        points = shapely.points(xy)
+        taken = np.zeros(len(xy), bool)
+        if level in self._lanes:
+            taken[self._lanes[level].pairs(points)[0]] = True
+        if level in self._junctions:
+            near_junctions, junctions = self._junctions[level]
+            k, j = near_junctions.pairs(points)
+            for number in np.unique(j[~taken[k]]).tolist():
+                near = k[j == number]
+                core = self._core(junctions[number])
+                taken[near] |= shapely.dwithin(core, points[near], CLEARANCE_M - 0.05)
+        return np.asarray(~taken)
+
+    def cheapest(
+        self, xy: NDArray[np.float64], cost: NDArray[np.float64], level: int
+    ) -> int | None:
+        """Return which of points (N, 2) is the free one of least cost (N,), if any is free."""
+        order = np.argsort(cost, kind="stable")
+        for part in np.split(order, FEW * np.array([1, 3, 7, 15])):
+            free = self.free(xy[part], level)
+            if free.any():
+                return int(part[np.argmax(free)])
+        return None
+
+    def nearest(
+        self, frame: Frame, u: NDArray[np.float64], v: NDArray[np.float64], level: int
+    ) -> NDArray[np.float64] | None:
+        """Return the free u, v of a frame that is nearest to the first of some u and of some v.
+
+        Args:
+            frame: where u and v are measured.
+            u: ahead, away from the first.
+            v: to the left, away from the first.
+            level: of the roads.
+        """
+        first = self.free(frame.place(u[0], v), level)
+        if first[: max(1, len(v) // 4)].any():
+            return np.array([u[0], v[np.argmax(first)]])
+        grid = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
+        # A step along the street costs a little more than one away from it.
+        cost = np.abs(grid[:, 1] - v[0]) + 1.01 * np.abs(grid[:, 0] - u[0])
+        found = self.cheapest(frame.place(grid[:, 0], grid[:, 1]), cost, level)
+        return None if found is None else np.asarray(grid[found])
+
+
+def _near_lanes(lanes: Sequence[Lane]) -> _Near:
+    """Return the middles of lanes, each near at half its width and a pole's clearance."""
+    owner = np.repeat(np.arange(len(lanes)), [len(lane.centre) for lane in lanes])
+    lines = shapely.linestrings(
+        np.concatenate([lane.centre[:, :2] for lane in lanes]), indices=owner
+    )
+    half = np.array([max(lane.width, *lane.widths, 0.0) / 2 for lane in lanes])
+    return _Near(lines, half + CLEARANCE_M - 0.05)
+
+
+class _Near:
+    """Shapes, each with a distance at which points are near to it."""
+
+    def __init__(self, shapes: Sequence[shapely.Geometry], reach: ArrayLike) -> None:
+        self.shapes = np.asarray(shapes, object)
+        self.reach = np.broadcast_to(np.asarray(reach, np.float64), len(shapes))
+        low_x, low_y, high_x, high_y = shapely.bounds(shapes).T
+        more = self.reach + 0.01
+        boxes = shapely.box(low_x - more, low_y - more, high_x + more, high_y + more)
+        self.tree = shapely.STRtree(boxes)
+        shapely.prepare(self.shapes)
+
+    def pairs(self, points: NDArray[np.object_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the indices of points and of the shapes that they are near to."""
+        k, j = self.tree.query(points)
+        close = shapely.dwithin(self.shapes[j], points[k], self.reach[j])
+        return k[close], j[close]

@@ -1,0 +1,209 @@
+"""Signalised junctions as far as the map has them.
+
+Mappers put ``highway=traffic_signals`` on the junction's own node, or at each stop line, up to
+tens of metres before the junction (OSM wiki, "Tag:highway=traffic_signals"). netconvert signalises
+nodes, so each signal is followed along its street to the node where streets meet.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from urbantwin.geometry import SiteFrame
+from urbantwin.site.extract import Extract, Way
+
+__all__ = ["MappedSignals", "mapped_signals"]
+
+#: How far before its junction a signal may be mapped, and how far from one a signalised crossing
+#: may lie, metres along the street.
+SIGNAL_M = 40.0
+CROSSING_M = 20.0
+#: Least distance of a signalised crossing from any junction and from the streets' ends, metres:
+#: netconvert joins nearer ones.
+ALONE_M = 30.0
+#: Streets that meet this close to each other are one junction: what runs between is within it.
+WITHIN_M = 28.0
+ONE_WAY = {"yes": 1, "1": 1, "true": 1, "-1": -1, "reverse": -1}
+SIGNALISED = {("highway", "traffic_signals"), ("crossing", "traffic_signals")}
+WALKED = frozenset("footway path cycleway pedestrian steps bridleway".split())
+
+
+@dataclass(frozen=True)
+class MappedSignals:
+    """The signalised junctions and crossings that netconvert is given.
+
+    Attributes:
+        tags: node -> tags that netconvert reads instead of its own.
+        junctions: nodes that get signals.
+        inferred: those that get them from what is mapped on their arms.
+        mid_block: signalised crossings away from any junction, which get signals of their own.
+        left_out: signalised crossings too close to a junction that has no signals.
+    """
+
+    tags: dict[int, dict[str, str]]
+    junctions: tuple[int, ...]
+    inferred: tuple[int, ...]
+    mid_block: tuple[int, ...]
+    left_out: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class _Leg:
+    """One step along a street: the next node, metres, along the way or not, open to traffic."""
+
+    to: int
+    length: float
+    forward: bool
+    open: bool
+
+
+Legs = Mapping[int, list[_Leg]]
+
+
+def mapped_signals(extract: Extract, ways: Iterable[Way], frame: SiteFrame) -> MappedSignals:
+    """Find the junctions and crossings that mapped signals belong to.
+
+    A node where streets meet gets signals if it has them itself; if a signal stands before it on
+    an arm (``traffic_signals:direction`` is heeded) with no crossing between, which the signal
+    might be there for alone; or if signals, or at least two signalised crossings, lie on half of
+    the arms that traffic comes from.
+
+    Args:
+        extract: the map.
+        ways: the ways that become roads.
+        frame: the site frame.
+    """
+    legs = _legs(extract, ways, frame)
+    meeting = {node for node, out in legs.items() if len({leg.to for leg in out}) >= 3}
+    walked = {
+        node
+        for way in extract.highways()
+        if way.tags["highway"] in WALKED
+        for node in way.nodes
+        if node in legs
+    }
+    crossings = walked | {n for n in legs if "crossing" in extract.node_tags.get(n, {})}
+    own: set[int] = set()
+    bare: set[int] = set()  # junctions with a signal on an arm, no crossing between
+    arms: dict[int, set[int]] = defaultdict(set)  # junction -> arms with a signal
+    crossed_arms: dict[int, set[int]] = defaultdict(set)  # junction -> arms with a crossing's
+    ends: dict[int, set[int]] = {}  # signal or crossing -> the junction that it may belong to
+    for node in sorted(legs):
+        tags = extract.node_tags.get(node, {})
+        signal = tags.get("highway") == "traffic_signals"
+        if not signal and tags.get("crossing") != "traffic_signals":
+            continue
+        ends[node] = set()
+        if node in meeting:
+            own.add(node)
+            ends[node].add(node)
+            continue
+        wanted = tags.get("traffic_signals:direction", "")
+        for junction, arm, crossed in _reached(
+            node, legs, meeting, crossings, wanted, signal=signal
+        ):
+            ends[node].add(junction)
+            (arms if signal else crossed_arms)[junction].add(arm)
+            if signal and not crossed:
+                bare.add(junction)
+    on = own | bare
+    for node in sorted({*arms, *crossed_arms} - on):
+        found = len(arms[node] | crossed_arms[node])
+        if 2 * found >= _entries(node, legs, meeting) and (arms[node] or found > 1):
+            on.add(node)
+    told = {node: _cleared(extract.node_tags[node]) for node in ends}
+    for node in on:
+        cleared = _cleared(extract.node_tags.get(node, {}))
+        told[node] = {**cleared, "highway": "traffic_signals"}
+    alone = [node for node, found in ends.items() if not on & found]
+    mid_block = [node for node in alone if node in crossings and _is_alone(node, legs, meeting)]
+    for node in mid_block:
+        told[node]["highway"] = "traffic_signals"
+    left_out = [node for node in alone if node not in mid_block and node in crossings]
+    return MappedSignals(
+        told, tuple(sorted(on)), tuple(sorted(on - own)), tuple(mid_block), tuple(left_out)
+    )
+
+
+def _is_alone(node: int, legs: Legs, meeting: set[int]) -> bool:
+    """Whether a street goes on from a node both ways without a junction close by."""
+    if len(legs[node]) != 2:
+        return False
+    for leg in legs[node]:
+        way, before, at = leg.length, node, leg.to
+        while way <= ALONE_M:
+            onward = [other for other in legs[at] if other.to != before]
+            if at in meeting or len(onward) != 1:
+                return False
+            way, before, at = way + onward[0].length, at, onward[0].to
+    return True
+
+
+def _cleared(tags: Mapping[str, str]) -> dict[str, str]:
+    """Return a node's tags without what makes netconvert put a signal there."""
+    return {key: value for key, value in tags.items() if (key, value) not in SIGNALISED}
+
+
+def _legs(extract: Extract, ways: Iterable[Way], frame: SiteFrame) -> Legs:
+    legs: dict[int, list[_Leg]] = defaultdict(list)
+    for way in ways:
+        known = [node for node in way.nodes if node in extract.nodes]
+        xy = frame.site_from_lonlat([extract.nodes[node] for node in known])
+        steps = np.linalg.norm(np.diff(xy, axis=0), axis=1)
+        ring = way.tags.get("junction") in ("roundabout", "circular")
+        one_way = ONE_WAY.get(way.tags.get("oneway", ""), 1 if ring else 0)
+        for (a, b), step in zip(pairwise(known), steps, strict=True):
+            legs[a].append(_Leg(b, float(step), True, one_way >= 0))
+            legs[b].append(_Leg(a, float(step), False, one_way <= 0))
+    return dict(legs)
+
+
+def _reached(
+    node: int, legs: Legs, meeting: set[int], crossings: set[int], wanted: str, *, signal: bool
+) -> list[tuple[int, int, bool]]:
+    """Return junction, last node before it, and whether a crossing lies between.
+
+    A signal is for the junction that its traffic comes to; a signalised crossing may lie on a
+    junction's exit as well. Between two junctions, the nearer one counts.
+    """
+    found: list[tuple[float, int, int, bool]] = []
+    forward = [leg.forward for leg in legs[node]]
+    told = signal and wanted in ("forward", "backward") and sorted(forward) == [False, True]
+    for leg in legs[node]:
+        if signal and (not leg.open or (told and leg.forward != (wanted == "forward"))):
+            continue
+        way, before, at = leg.length, node, leg.to
+        crossing = way if node in crossings else 0.0
+        while way <= SIGNAL_M and at not in meeting:
+            onward = [other for other in legs[at] if other.to != before]
+            if len(onward) != 1:
+                break
+            if at in crossings or crossing:
+                crossing += onward[0].length
+            way, before, at = way + onward[0].length, at, onward[0].to
+        if at in meeting and way <= (SIGNAL_M if signal else CROSSING_M) and crossing <= CROSSING_M:
+            found.append((way, at, before, crossing > 0))
+    if signal and wanted == "both":
+        return [item[1:] for item in found]
+    return [item[1:] for item in sorted(found)[:1]]
+
+
+def _entries(node: int, legs: Legs, meeting: set[int]) -> int:
+    """Return how many arms bring traffic to a junction from outside it."""
+    count = 0
+    for leg in legs[node]:
+        way, before, at = leg.length, node, leg.to
+        while way <= WITHIN_M and at not in meeting:
+            onward = [other for other in legs[at] if other.to != before]
+            if len(onward) != 1:
+                break
+            way, before, at = way + onward[0].length, at, onward[0].to
+        within = at in meeting and way <= WITHIN_M
+        back = next(other for other in legs[leg.to] if other.to == node)
+        count += back.open and not within
+    return max(count, 1)

@@ -1,0 +1,50 @@
+"""SUMO's network with the lane model's geometry; topology and signals stay its own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from lxml import etree
+
+from urbantwin.roads.network import Lane, RoadNetwork
+
+__all__ = ["redraw_sumo_network"]
+
+#: The shortest lane that SUMO drives on, metres.
+SHORTEST_M = 0.1
+
+
+def redraw_sumo_network(path: Path, network: RoadNetwork) -> None:
+    """Give every lane of a ``.net.xml`` the shape that the lane model has for it.
+
+    Lengths follow: all lanes of an edge have one, the mean over those that are driven on, as
+    netconvert sets it. Crossings and walking areas stay.
+
+    Args:
+        path: the network, rewritten in place.
+        network: the lanes, by their ids in the file.
+    """
+    tree = etree.parse(path, etree.XMLParser(remove_blank_text=False))
+    for edge in tree.getroot().iterfind("edge"):
+        if edge.get("function") in ("crossing", "walkingarea"):
+            continue
+        rows = [
+            (item, network.lane_by_id.get(item.get("id", ""))) for item in edge.iterfind("lane")
+        ]
+        drawn = [lane for _, lane in rows if lane is not None]
+        driven = [lane for lane in drawn if lane.kind != "sidewalk"] or drawn
+        if not driven:
+            continue
+        length = max(float(np.mean([lane.length for lane in driven])), SHORTEST_M)
+        if edge.get("shape"):
+            del edge.attrib["shape"]
+        for item, lane in rows:
+            item.set("length", f"{length:.3f}")
+            if lane is not None:
+                item.set("shape", _shape(lane))
+    tree.write(path, encoding="UTF-8", xml_declaration=True)
+
+
+def _shape(lane: Lane) -> str:
+    return " ".join([f"{x:.3f},{y:.3f}" for x, y in lane.centre[:, :2].tolist()])

@@ -1,0 +1,197 @@
+"""Reading a SUMO network as a lane network."""
+
+from __future__ import annotations
+
+import math
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+from lxml import etree
+from numpy.typing import NDArray
+
+from urbantwin.roads.network import Junction, Lane, Road, RoadNetwork, SignalHead, SignalProgram
+
+__all__ = ["read_sumo_network"]
+
+#: SUMO's vehicle classes of our classes of actors.
+VEHICLE_CLASSES = {
+    "car": "passenger",
+    "truck": "truck",
+    "bus": "bus",
+    "motorcycle": "motorcycle",
+    "bicycle": "bicycle",
+    "pedestrian": "pedestrian",
+}
+MINIMAL_LENGTH = 1e-3  # metres; a line needs two places
+DEFAULT_WIDTH = 3.2  # SUMO's own, where a lane states none
+
+
+def read_sumo_network(
+    path: Path, *, driving_side: str, level_of_way: dict[int, int], origin: dict[int, int]
+) -> RoadNetwork:
+    """Read ``.net.xml``; heights are left at zero.
+
+    Args:
+        path: the network, coordinates in the site frame.
+        driving_side: ``right`` or ``left``.
+        level_of_way: way -> level, for ways that cross over others.
+        origin: id of a cut piece -> id of the way of the map.
+    """
+    root = etree.parse(path).getroot()
+    levels = {
+        edge.get("id"): _edge_level(edge, level_of_way, origin)
+        for edge in root.findall("edge")
+        if edge.get("function") is None
+    }
+    junction_level = _junction_levels(root, levels)
+    successors, heads = _connections(root)
+    lanes, roads = [], []
+    for edge in root.findall("edge"):
+        function = edge.get("function")
+        inside = edge.get("id")[1:].rsplit("_", 1)[0] if function else ""
+        level = junction_level.get(inside, 0) if function else levels[edge.get("id")]
+        rows = [_lane(item, edge, function, level, inside) for item in edge.findall("lane")]
+        for row in rows:
+            row["successors"] = tuple(successors.get(str(row["id"]), ()))
+        lanes += [Lane(**row) for row in rows]  # type: ignore[arg-type]
+        if not function:
+            roads.append(
+                Road(
+                    id=edge.get("id"),
+                    name=edge.get("name", ""),
+                    ways=_ways(edge, origin),
+                    kind=edge.get("type", "").split("|")[-1].removeprefix("highway."),
+                    lanes=tuple(str(row["id"]) for row in rows),
+                    from_junction=edge.get("from"),
+                    to_junction=edge.get("to"),
+                )
+            )
+    junctions = tuple(
+        Junction(
+            item.get("id"), item.get("type"), _shape(item), junction_level.get(item.get("id"), 0)
+        )
+        for item in root.findall("junction")
+        if item.get("type") != "internal"
+    )
+    programs = tuple(
+        SignalProgram(
+            item.get("id"),
+            float(item.get("offset", 0)),
+            tuple((float(p.get("duration")), str(p.get("state"))) for p in item.findall("phase")),
+        )
+        for item in root.findall("tlLogic")
+    )
+    by_id = {lane.id: lane for lane in lanes}
+    signals = tuple(
+        _head(program, by_id[lane], links)
+        for (program, lane), links in sorted(heads.items())
+        if lane in by_id
+    )
+    return RoadNetwork(driving_side, tuple(roads), tuple(lanes), junctions, signals, programs)
+
+
+def _shape(item: etree._Element) -> NDArray[np.float64]:
+    text = item.get("shape") or ""
+    return np.array([[float(v) for v in p.split(",")[:2]] for p in text.split()]).reshape(-1, 2)
+
+
+def _ways(edge: etree._Element, origin: dict[int, int]) -> tuple[int, ...]:
+    found: set[int] = set()
+    for item in edge.iter("param"):
+        if item.get("key") == "origId":
+            for word in item.get("value").split():
+                if word.lstrip("-").isdigit():
+                    piece = abs(int(word))
+                    found.add(origin.get(piece, piece))
+    found.discard(0)  # what the map does not have
+    return tuple(sorted(found))
+
+
+def _edge_level(edge: etree._Element, level_of_way: dict[int, int], origin: dict[int, int]) -> int:
+    return min((level_of_way.get(way, 0) for way in _ways(edge, origin)), default=0)
+
+
+def _junction_levels(root: etree._Element, levels: dict[str, int]) -> dict[str, int]:
+    """A junction is as high as its lowest road."""
+    found: dict[str, int] = {}
+    for edge in root.findall("edge"):
+        if edge.get("function") is None:
+            for end in (edge.get("from"), edge.get("to")):
+                level = levels[edge.get("id")]
+                found[end] = min(found.get(end, level), level)
+    return found
+
+
+def _connections(
+    root: etree._Element,
+) -> tuple[dict[str, list[str]], dict[tuple[str, str], list[int]]]:
+    successors: dict[str, list[str]] = defaultdict(list)
+    heads: dict[tuple[str, str], list[int]] = defaultdict(list)
+    for item in root.findall("connection"):
+        start = f"{item.get('from')}_{item.get('fromLane')}"
+        end = f"{item.get('to')}_{item.get('toLane')}"
+        via = item.get("via") or end
+        if via not in successors[start]:
+            successors[start].append(via)
+        if item.get("tl"):
+            # A pedestrian link governs the crossing, not the corner that it starts from.
+            governed = end if start.startswith(":") else start
+            heads[item.get("tl"), governed].append(int(item.get("linkIndex")))
+    return successors, heads
+
+
+def _lane(
+    item: etree._Element, edge: etree._Element, function: str | None, level: int, inside: str
+) -> dict[str, object]:
+    shape = _shape(item)
+    allowed = _allowed(item)
+    outline = np.zeros((0, 2))
+    if function == "walkingarea":
+        outline = shape
+    if np.ptp(shape, axis=0).max() < MINIMAL_LENGTH:
+        # A connection straight across a mere border between two roads has no length.
+        shape = np.vstack([shape[:1], shape[:1] + [MINIMAL_LENGTH, 0.0]])
+    return {
+        "id": item.get("id"),
+        "road": "" if function else edge.get("id"),
+        "kind": _kind(function, allowed),
+        "width": float(item.get("width", DEFAULT_WIDTH)),
+        "speed_limit": float(item.get("speed")),
+        "centre": np.column_stack([shape, np.zeros(len(shape))]),
+        "outline": outline,
+        "level": level,
+        "allowed": allowed,
+        "junction": inside,
+    }
+
+
+def _allowed(item: etree._Element) -> tuple[str, ...]:
+    allow, disallow = item.get("allow"), item.get("disallow")
+    words = set((allow or disallow or "").split())
+    if allow:
+        return tuple(n for n, c in VEHICLE_CLASSES.items() if c in words or "all" in words)
+    return tuple(n for n, c in VEHICLE_CLASSES.items() if c not in words and "all" not in words)
+
+
+def _kind(function: str | None, allowed: tuple[str, ...]) -> str:
+    if function in ("crossing", "walkingarea"):
+        return function
+    if function:
+        return "connection"
+    if "car" in allowed:
+        return "driving"
+    if "bus" in allowed:
+        return "bus"
+    if "bicycle" in allowed:
+        return "bicycle"
+    return "sidewalk" if "pedestrian" in allowed else "driving"
+
+
+def _head(program: str, lane: Lane, links: list[int]) -> SignalHead:
+    """Vehicles: the lane's end, where the stop line is. On foot: the crossing's start."""
+    xy = lane.centre[:, :2]
+    a, b = (xy[0], xy[1]) if lane.kind == "crossing" else (xy[-2], xy[-1])
+    at = a if lane.kind == "crossing" else b
+    yaw = math.atan2(*(b - a)[::-1])
+    return SignalHead(program, tuple(sorted(links)), lane.id, float(at[0]), float(at[1]), yaw)

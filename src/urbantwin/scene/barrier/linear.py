@@ -1,0 +1,216 @@
+"""Linear barriers: walls, fences, guard rails, kerb stones, hedges."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from shapely import Geometry, LineString, Point, Polygon
+
+from urbantwin.geometry import LabelledMesh
+from urbantwin.scene.barrier import fence
+from urbantwin.scene.barrier.form import Form, form_of
+from urbantwin.scene.barrier.gate import Opening, add_openings, opening_of
+from urbantwin.scene.barrier.guard_rail import concrete_barrier, w_beam
+from urbantwin.scene.barrier.point import add_point_barriers
+from urbantwin.scene.placement import not_imported, on_ground
+from urbantwin.scene.pole import bollards
+from urbantwin.scene.solids import Assembly, GroundHeight, Solid, sweep
+from urbantwin.scene.tree.shrub import hedge
+from urbantwin.site.extract import OsmFeature
+
+__all__ = ["barrier_mesh"]
+
+#: Barriers are cut this far from carriageways, metres.
+KERB_M = 0.25
+BURIED_M = 0.3
+#: The ground is asked at least this often along a barrier; posts stand this far apart, metres.
+STEP_M = 2.5
+GUARD_STEP_M = 2.0
+BOLLARDS_M = 1.5
+SHORTEST_M = 0.5
+#: Kerb stones this near to a carriageway are the lane model's own curbs, metres.
+OWN_KERB_M = 2.5
+LOWEST_KERB_M = 0.02
+#: A line that turns by more than this is two barriers that meet, radians.
+SHARPEST = np.radians(100)
+
+
+@dataclass(frozen=True)
+class _Site:
+    kept: Geometry
+    openings: Sequence[Opening]
+    near: shapely.STRtree
+    ground_height: GroundHeight
+    carriageway: Geometry
+
+
+def barrier_mesh(
+    features: Sequence[OsmFeature],
+    *,
+    region: Polygon,
+    ground_height: GroundHeight,
+    carriageway: Geometry,
+    without: Geometry | None = None,
+) -> tuple[LabelledMesh, dict[str, int]]:
+    """Build the barriers inside the region, following the ground.
+
+    Walls are solid; fences are posts with rails, bars, wires or a mesh, so that beams pass.
+    Barriers are interrupted where a carriageway crosses and at mapped gates and entrances; gates
+    of barriers are drawn shut, where no carriageway is.
+
+    Args:
+        features: the map's features, site frame.
+        region: barriers are cut at its border.
+        ground_height: heights of the ground.
+        carriageway: where no barrier may stand.
+        without: where imported geometry has the barriers.
+
+    Returns:
+        The mesh, ``part`` 1, 2, ... per piece, and counts of what was built.
+    """
+    notes: Counter[str] = Counter()
+    assembly = Assembly()
+    mine = not_imported([f for f in features if _may_bar(f)], without)
+    kept: Geometry = region
+    if not carriageway.is_empty:
+        kept = shapely.difference(region, carriageway.buffer(KERB_M))
+    shapely.prepare(kept)
+    openings = [o for o in map(opening_of, mine) if o is not None]
+    near = shapely.STRtree([opening.spot for opening in openings])
+    site = _Site(kept, openings, near, ground_height, carriageway)
+    for feature in mine:
+        form = form_of(feature.tags)
+        if form is None or isinstance(feature.geometry, Point):
+            continue
+        if form.make == "hedge" and isinstance(feature.geometry, Polygon | shapely.MultiPolygon):
+            continue  # an area of shrubs: see tree_mesh
+        pieces = _pieces(feature.geometry, form, site)
+        for piece in pieces:
+            _add_line(assembly, piece, form, feature, site)
+        notes[feature.tags["barrier"]] += bool(pieces)
+    lines = [f for f in mine if not isinstance(f.geometry, Point)]
+    ways = [f.geometry for f in features if "highway" in f.tags and region.intersects(f.geometry)]
+    add_openings(assembly, openings, lines, ways, site.kept, ground_height, notes)
+    add_point_barriers(assembly, mine, ways, site.kept, ground_height, notes)
+    return assembly.mesh(), dict(sorted((k, n) for k, n in notes.items() if n))
+
+
+def _may_bar(feature: OsmFeature) -> bool:
+    tags = feature.tags
+    if "building" in tags or tags.get("layer", "0").startswith("-"):
+        return False
+    if tags.get("location") == "underground" or tags.get("tunnel", "no") not in ("no",):
+        return False
+    return "barrier" in tags or tags.get("entrance", "no") != "no" or tags.get("natural") == "stone"
+
+
+def _pieces(geometry: Geometry, form: Form, site: _Site) -> list[LineString]:
+    """Return the pieces of a barrier outside its gaps, split at hairpins."""
+    if form.make == "kerb" and form.height_m < LOWEST_KERB_M:
+        return []
+    line = geometry.boundary if geometry.geom_type.endswith("Polygon") else geometry
+    kept = site.kept
+    if form.make == "kerb" and not site.carriageway.is_empty:
+        kept = shapely.difference(kept, site.carriageway.buffer(OWN_KERB_M))
+    line = shapely.intersection(line, kept)
+    for k in sorted(site.near.query(line, predicate="dwithin", distance=0.3).tolist()):
+        opening = site.openings[k]
+        line = shapely.difference(line, opening.spot.buffer(opening.width_m / 2))
+    if isinstance(line, shapely.MultiLineString):
+        line = shapely.line_merge(line)
+    step = GUARD_STEP_M if form.make == "guard" else 0.7 if form.make == "hedge" else STEP_M
+    closest = max(0.05, form.thickness_m / 2)
+    found = []
+    for part in shapely.get_parts(line):
+        if not isinstance(part, LineString):
+            continue
+        whole = [piece for piece in _unbent(part, closest) if piece.length >= SHORTEST_M]
+        found += [shapely.segmentize(piece, step) for piece in whole]
+    return found
+
+
+def _unbent(line: LineString, closest: float) -> list[LineString]:
+    """Split a line where it turns sharply; drop points that are closer than that to the last."""
+    closed = line.is_closed
+    line = shapely.remove_repeated_points(line.simplify(closest / 10), closest)
+    xy = shapely.get_coordinates(line)
+    if len(xy) < 2 or line.length < closest:
+        return []
+    way = np.diff(xy, axis=0)
+    yaw = np.arctan2(way[:, 1], way[:, 0])
+    turn = np.abs(np.angle(np.exp(1j * np.diff(yaw))))
+    sharp = np.flatnonzero(turn > SHARPEST) + 1
+    if not len(sharp):
+        ends = abs(np.angle(np.exp(1j * (yaw[0] - yaw[-1])))) if closed else 0.0
+        return [line] if ends <= SHARPEST else [LineString(xy[:2]), LineString(xy[1:])]
+    cuts = [0, *sharp.tolist(), len(xy) - 1]
+    return [LineString(xy[a : b + 1]) for a, b in pairwise(cuts)]
+
+
+def _add_line(
+    assembly: Assembly, line: LineString, form: Form, feature: OsmFeature, site: _Site
+) -> None:
+    """Add one piece of a barrier."""
+    if form.make == "bollards":
+        count = max(int(line.length / BOLLARDS_M), 1)
+        spots = line.interpolate((np.arange(count) + 0.5) / count, normalized=True)
+        xy = shapely.get_coordinates(spots)
+        feet = on_ground(xy, site.ground_height(xy))
+        bollards(assembly, feet, np.full(count, form.height_m))
+        return
+    xy = shapely.get_coordinates(line)
+    closed = len(xy) > 3 and bool(np.allclose(xy[0], xy[-1]))
+    if closed:
+        xy = xy[:-1]
+    path = on_ground(xy, site.ground_height(xy))
+    part = assembly.new_part()
+    half, height = form.thickness_m / 2, form.height_m
+    make = form.make
+    if make == "hedge":
+        solids = [hedge(path, height, form.thickness_m, feature.id, closed=closed)]
+    elif make in ("solid", "kerb"):
+        profile = fence.rectangle(half, half, -BURIED_M, height)
+        solids = [sweep(path, profile, closed=closed)]
+    elif make == "jersey":
+        solids = [concrete_barrier(path, form.thickness_m, height, closed=closed)]
+    elif make == "guard":
+        solids = w_beam(path, height, site.carriageway, closed=closed)
+    elif make == "handrail":
+        solids = [
+            fence.strip(path, 0.025, height - 0.05, height, closed=closed),
+            fence.posts(path, height),
+        ]
+    else:
+        solids = _fence(path, make, height, closed=closed)
+    for solid in solids:
+        assembly.add(solid, form.semantic, form.material, part)
+
+
+def _fence(path: NDArray[np.float64], make: str, height: float, *, closed: bool) -> list[Solid]:
+    """Return posts and the fence between them."""
+    top = fence.strip(path, 0.02, height - 0.04, height, closed=closed)
+    if make == "mesh":
+        filling = [top, fence.lattice(path, 0.05, height - 0.04, closed=closed)]
+    elif make == "bars":
+        foot = fence.strip(path, 0.02, 0.1, 0.14, closed=closed)
+        filling = [top, foot, fence.bars(path, 0.12, height - 0.02, closed=closed)]
+    elif make == "pales":
+        rails = [fence.strip(path, 0.02, u * height, u * height + 0.06, closed=closed)
+                 for u in (0.25, 0.75)]  # fmt: skip
+        filling = [*rails, fence.pales(path, 0.05, height, closed=closed)]
+    elif make == "wires":
+        filling = [fence.wires(path, np.array([0.3, 0.55, 0.8, 0.98]) * height, closed=closed)]
+    elif make == "chain":
+        filling = [fence.chain(path, 0.95 * height, closed=closed)]
+    else:
+        filling = [
+            fence.strip(path, 0.02, up - 0.04, up + 0.04, closed=closed)
+            for up in (0.15 * height, 0.55 * height, height - 0.04)
+        ]
+    return [*filling, fence.posts(path, height)]

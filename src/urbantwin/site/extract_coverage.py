@@ -1,0 +1,87 @@
+"""The area in which an extract is complete: what was downloaded, without ways that stick out."""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from urbantwin.geometry import SiteFrame
+from urbantwin.site.extract import Extract
+
+__all__ = ["clusters", "local_frame", "mapped_area", "small_features"]
+
+#: A longer way may have been included for one of its ends only, metres.
+SMALL_M = 60.0
+#: Small features farther apart than this belong to different downloads, metres.
+_GAP_M = 120.0
+#: How far the area reaches beyond the outermost small feature, metres.
+_RIM_M = 10.0
+
+
+def local_frame(extract: Extract) -> SiteFrame:
+    """Return a frame in the middle of an extract's data, to work in before there is an anchor."""
+    used = [node for way in extract.highways() for node in way.nodes if node in extract.nodes]
+    lonlat = np.array([extract.nodes[node] for node in used or extract.nodes])
+    longitude, latitude = np.median(lonlat, axis=0)
+    return SiteFrame(round(float(latitude), 6), round(float(longitude), 6))
+
+
+def clusters(points: NDArray[np.float64], gap_m: float) -> NDArray[np.int64]:
+    """Return (N,) numbers of the clusters of points that are at most ``gap_m`` apart."""
+    pairs = cKDTree(points).query_pairs(gap_m, output_type="ndarray")
+    shape = (len(points), len(points))
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=shape)
+    return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
+
+
+def small_features(extract: Extract, frame: SiteFrame) -> NDArray[np.float64]:
+    """Return (N, 2) places of features too small to reach beyond the downloaded area.
+
+    Downloads keep ways whole, so a long way says little about where the download ends. A tagged
+    node that belongs to no way, and a way that is small, are there or are not.
+    """
+    in_ways = {node for way in extract.ways.values() for node in way.nodes}
+    found = [
+        extract.nodes[node] for node in sorted(extract.node_tags.keys() - in_ways)
+        if not extract.node_tags[node].keys() & {"place", "boundary"}
+    ]  # fmt: skip
+    lonlat = np.array(found, dtype=np.float64).reshape(-1, 2)
+    middles = []
+    for _, way in sorted(extract.ways.items()):
+        nodes = np.array([extract.nodes[node] for node in way.nodes if node in extract.nodes])
+        if len(nodes) >= 2 and way.tags:
+            low, high = nodes.min(axis=0), nodes.max(axis=0)
+            scale = 111_320.0 * np.array([np.cos(np.radians(low[1])), 1.0])
+            if np.linalg.norm((high - low) * scale) <= SMALL_M:
+                middles.append((low + high) / 2)
+    lonlat = np.vstack([lonlat, np.array(middles).reshape(-1, 2)])
+    near = np.abs(lonlat - [frame.longitude, frame.latitude]).max(axis=1) < 1.0
+    return frame.site_from_lonlat(lonlat[near])
+
+
+def mapped_area(extract: Extract, frame: SiteFrame) -> shapely.Polygon:
+    """Return the area, site frame, in which an extract can be taken to be complete.
+
+    It is the bounds that the file declares, or else the convex hull of the largest cluster of
+    small things (see `small_features`), or else that of the nodes of its roads.
+    """
+    roads = [node for way in extract.highways() for node in way.nodes if node in extract.nodes]
+    lonlat = np.array([extract.nodes[node] for node in roads or extract.nodes])
+    if extract.bounds:
+        west, south, east, north = extract.bounds
+        inside = ((lonlat >= [west, south]) & (lonlat <= [east, north])).all(axis=1)
+        if inside.any() and east - west < 1.0 and north - south < 1.0:
+            corners = [[west, south], [east, south], [east, north], [west, north]]
+            return shapely.Polygon(frame.site_from_lonlat(corners))
+    places = small_features(extract, frame)
+    if len(places) >= 5:
+        numbers = clusters(places, _GAP_M)
+        places = places[numbers == np.argmax(np.bincount(numbers))]
+    if len(places) < 5:
+        near = np.abs(lonlat - [frame.longitude, frame.latitude]).max(axis=1) < 1.0
+        places = frame.site_from_lonlat(lonlat[near])
+    return shapely.MultiPoint(places).convex_hull.buffer(_RIM_M, quad_segs=4)

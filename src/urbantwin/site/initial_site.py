@@ -1,0 +1,167 @@
+"""A first ``site.yaml`` for an extract: commented, and complete enough to run as it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import shapely
+from pyproj import Geod
+
+from urbantwin.errors import InputError
+from urbantwin.geometry import SiteFrame
+from urbantwin.progress import Progress, between, untold
+from urbantwin.site.draft import (
+    RADIUS_M,
+    GivenPlace,
+    SiteDraft,
+    check_target,
+    usual_volumes,
+    write_draft,
+)
+from urbantwin.site.extract import Extract
+from urbantwin.site.extract_coverage import mapped_area
+from urbantwin.site.extract_file import LonLatBox, box_around, read_extract
+from urbantwin.site.junction_proposal import STREETS, propose_junction, way_lanes
+from urbantwin.site.pole_site import propose_pole
+from urbantwin.site.region import circle
+
+__all__ = ["init_site"]
+
+#: The least radius of a region that leaves room for traffic to queue, metres.
+LEAST_RADIUS_M = 100.0
+#: A region whose circle is mapped to less than this is made smaller.
+_MAPPED_SHARE = 0.6
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where the anchor is and how it came to be there."""
+
+    latitude: float
+    longitude: float
+    title: str
+    why: str
+
+
+def init_site(
+    folder: Path,
+    osm: Path,
+    *,
+    latitude: float | None = None,
+    longitude: float | None = None,
+    region: Path | None = None,
+    radius_m: float | None = None,
+    force: bool = False,
+    progress: Progress | None = None,
+) -> Path:
+    """Write a commented ``site.yaml`` for an OpenStreetMap extract and return its path.
+
+    Files that lie outside ``folder`` are copied into it, so that the folder can be passed on.
+
+    Args:
+        folder: where to write; made if it is not there.
+        osm: the extract.
+        latitude: of the anchor, degrees; without it the busiest signalised junction is proposed.
+        longitude: of the anchor, degrees.
+        region: a GeoJSON polygon; without it a circle.
+        radius_m: radius of the circle; without it 150 m, or less where the extract ends before.
+        force: replace a ``site.yaml`` that is there.
+        progress: called with the share done (0..1) and the current task.
+
+    Raises:
+        InputError: the extract or the region is wrong, the place is not in the extract, or there
+            is a ``site.yaml`` already.
+    """
+    check_target(folder, force=force)
+    given = GivenPlace.checked(latitude, longitude, region, radius_m)
+    tell = progress or untold
+    near = _near(given)
+    extract = read_extract(osm, near, progress=between(tell, 0.0, 0.8))
+    tell(0.8, "looking for the place")
+    place = _place(extract, given)
+    frame = SiteFrame(place.latitude, place.longitude)
+    radius = radius_m
+    if radius is None:
+        radius = RADIUS_M if region else _radius(extract, frame)
+    draft = SiteDraft(
+        title=place.title,
+        why=place.why,
+        latitude=place.latitude,
+        longitude=place.longitude,
+        region=radius if region is None else region,
+        osm=osm,
+        roads=None,
+        anchor_m=None,
+        per_hour=_per_hour(extract, frame, given.region(frame, radius)),
+        pole=propose_pole(extract, frame),
+    )
+    return write_draft(folder, draft, force=force)
+
+
+def _near(given: GivenPlace) -> LonLatBox | None:
+    """Return the box in degrees that is looked at, if it is known before the map is read."""
+    if given.point is not None:
+        # Too near to a pole for a box about a point.
+        if abs(given.point[0]) > 89.0:
+            return None
+        return box_around(SiteFrame(*given.point), circle(given.radius_m or RADIUS_M))
+    if given.polygon is None:
+        return None
+    middle = given.polygon.centroid
+    frame = SiteFrame(middle.y, middle.x)
+    return box_around(frame, given.region(frame, RADIUS_M))
+
+
+def _place(extract: Extract, given: GivenPlace) -> _Place:
+    if given.point is None:
+        found = propose_junction(extract, given.polygon)
+        kind = "signalised " if found.signalised else ""
+        lights = (
+            f"{found.signals} mapped signals" if found.signals else "no signals in this extract"
+        )
+        why = f"The busiest {kind}junction that is mapped all around: {found.arms} arms, {lights}."
+        title = " / ".join(found.names[:2]) or "Junction"
+        return _Place(found.latitude, found.longitude, title, why)
+    latitude, longitude = given.point
+    nodes = np.array(list(extract.nodes.values()))
+    if not len(nodes):
+        raise InputError(
+            f"has nothing near {latitude:g}, {longitude:g}",
+            file=extract.path,
+            expected="an extract around there",
+        )
+    here = np.broadcast_to([longitude, latitude], nodes.shape)
+    away = float(np.min(Geod(ellps="WGS84").inv(*here.T, *nodes.T)[2]))
+    if away > RADIUS_M:
+        low, high = np.percentile(nodes, [5, 95], axis=0)
+        shown = f"{away / 1000:.0f} km" if away >= 10_000 else f"{away:.0f} m"
+        raise InputError(
+            f"{latitude:g}, {longitude:g} is {shown} from the extract",
+            file=extract.path,
+            expected=f"latitude {low[1]:.4f} to {high[1]:.4f}, "
+            f"longitude {low[0]:.4f} to {high[0]:.4f}",
+        )
+    return _Place(latitude, longitude, extract.path.name.split(".")[0], "As given.")
+
+
+def _radius(extract: Extract, frame: SiteFrame) -> float:
+    """Return the usual radius, or less where the extract ends before."""
+    area = mapped_area(extract, frame)
+    for radius in np.arange(RADIUS_M, LEAST_RADIUS_M, -10.0):
+        disc = circle(float(radius))
+        if shapely.intersection(area, disc).area >= _MAPPED_SHARE * disc.area:
+            return float(radius)
+    return LEAST_RADIUS_M
+
+
+def _per_hour(extract: Extract, frame: SiteFrame, region: shapely.Polygon) -> dict[str, int]:
+    """Return plausible volumes: cars by the lanes that lead in, the rest in usual proportions."""
+    lanes = 0.0
+    for way in extract.highways():
+        line = extract.way_line(way, frame)
+        if way.tags["highway"] in STREETS and len(line) >= 2:
+            crossed = shapely.intersection(shapely.LineString(line), region.exterior)
+            lanes += way_lanes(way) / 2 * len(shapely.get_coordinates(crossed))
+    return usual_volumes(lanes)

@@ -1,0 +1,276 @@
+"""Proposing the junction of an extract to twin: the busiest one that is well mapped."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from urbantwin.errors import InputError
+from urbantwin.geometry import SiteFrame, wrapped
+from urbantwin.number_text import finite_number
+from urbantwin.site.extract import Extract, Way
+from urbantwin.site.extract_coverage import clusters, local_frame, mapped_area, small_features
+
+__all__ = ["STREETS", "JunctionProposal", "meeting_nodes", "propose_junction", "way_lanes"]
+
+#: Weight of a street's class in how busy a junction is, and its usual lanes in one direction.
+#: Motorways count little: people twin junctions, not ramps.
+STREETS: dict[str, tuple[float, int]] = {
+    "motorway": (1.0, 3), "motorway_link": (1.0, 1), "trunk": (6.0, 2), "trunk_link": (2.0, 1),
+    "primary": (6.0, 2), "primary_link": (2.0, 1), "secondary": (4.5, 1),
+    "secondary_link": (2.0, 1), "tertiary": (3.0, 1), "tertiary_link": (1.5, 1),
+    "unclassified": (1.5, 1),
+    "residential": (1.5, 1), "living_street": (0.7, 1), "road": (1.0, 1),
+}  # fmt: skip
+
+#: Nodes where streets meet belong to one junction when they are this close, metres.
+_LINK_M = 28.0
+#: A signal controls a junction when it is this close to where its streets meet, metres.
+_SIGNAL_M = 40.0
+#: Where the arms of a junction are counted: this far from its middle, or beyond its nodes, metres.
+_RING_M = 30.0
+#: Streets that leave within this angle are one arm (two carriageways), degrees.
+_ARM_DEG = 30.0
+
+
+@dataclass(frozen=True)
+class JunctionProposal:
+    """A junction worth twinning.
+
+    Attributes:
+        latitude: of its middle, degrees, WGS84.
+        longitude: of its middle, degrees, WGS84.
+        names: its streets, the most important first; empty where they have no names.
+        signals: mapped traffic signals that belong to it; 0 means that the extract has no
+            signalised junction and this is its busiest plain one.
+        arms: number of directions in which streets leave.
+    """
+
+    latitude: float
+    longitude: float
+    names: tuple[str, ...]
+    signals: int
+    arms: int
+
+    @property
+    def signalised(self) -> bool:
+        """Whether traffic signals are mapped there."""
+        return self.signals > 0
+
+
+@dataclass(frozen=True)
+class _Arm:
+    angle_deg: float
+    weight: float
+    lanes: float
+    name: str
+
+
+def way_lanes(way: Way) -> float:
+    """Return a street's number of lanes, both directions together, as mapped or as usual."""
+    one_way = way.tags.get("oneway") in ("yes", "1", "-1", "true")
+    usual = STREETS.get(way.tags.get("highway", ""), (0.0, 1))[1] * (1 if one_way else 2)
+    said = finite_number(way.tags.get("lanes"))
+    # Without a tag the usual number is kept within the same bounds.
+    return min(max(float(usual) if said is None else said, 1.0), 12.0)
+
+
+def meeting_nodes(extract: Extract, streets: Iterable[Way]) -> list[int]:
+    """Return the nodes from which streets lead in three directions or more, sorted."""
+    neighbours: dict[int, set[int]] = defaultdict(set)
+    for way in streets:
+        for a, b in pairwise([node for node in way.nodes if node in extract.nodes]):
+            neighbours[a].add(b)
+            neighbours[b].add(a)
+    return sorted(node for node, others in neighbours.items() if len(others) >= 3)
+
+
+def propose_junction(extract: Extract, within: shapely.Polygon | None = None) -> JunctionProposal:
+    """Return the busiest signalised junction of an extract that is mapped all around.
+
+    Streets meet at nodes; nodes that are close are one junction. Each junction's arms are counted
+    with their class and lanes. What lies at the rim of the data, or outside, counts less: there
+    cross streets and buildings are missing.
+
+    Args:
+        extract: the extract.
+        within: only junctions in here are considered; longitude and latitude, degrees.
+
+    Raises:
+        InputError: the extract has no streets, or none meet in ``within``.
+    """
+    if not extract.highways():
+        raise InputError("holds no roads", file=extract.path, expected="ways with a highway tag")
+    streets = [way for way in extract.highways() if way.tags["highway"] in STREETS]
+    frame = local_frame(extract)
+    streets = [way for way in streets if _is_near(extract, way, frame)]
+    if not streets:
+        raise InputError(
+            "holds paths and service roads but no streets",
+            file=extract.path,
+            expected="ways with a highway tag from residential to motorway",
+        )
+    return _Junctions(extract, frame, streets).best(within)
+
+
+def _is_near(extract: Extract, way: Way, frame: SiteFrame) -> bool:
+    nodes = np.array([extract.nodes[node] for node in way.nodes if node in extract.nodes])
+    middle = [frame.longitude, frame.latitude]
+    return len(nodes) >= 2 and bool(np.abs(nodes - middle).max() < 1.0)
+
+
+class _Junctions:
+    """The junctions of an extract's streets, to be compared."""
+
+    def __init__(self, extract: Extract, frame: SiteFrame, streets: list[Way]) -> None:
+        self.extract, self.frame, self.streets = extract, frame, streets
+        self.lines = [shapely.LineString(extract.way_line(way, frame)) for way in streets]
+        self.tree = shapely.STRtree(self.lines)
+        self.area = mapped_area(extract, frame)
+        self.things = cKDTree(np.vstack([small_features(extract, frame), [[0.0, 0.0]]]))
+        self.ways_at: dict[int, list[Way]] = defaultdict(list)
+        for way in streets:
+            for node in dict.fromkeys(node for node in way.nodes if node in extract.nodes):
+                self.ways_at[node].append(way)
+        self.cores = meeting_nodes(extract, streets)
+        tags = extract.node_tags
+        self.signals = self._places(
+            [n for n in sorted(self.ways_at) if tags.get(n, {}).get("highway") == "traffic_signals"]
+        )
+        self.crossings = self._places(
+            [
+                n
+                for n in sorted(self.ways_at)
+                if tags.get(n, {}).get("crossing") == "traffic_signals"
+            ]
+        )
+
+    def best(self, within: shapely.Polygon | None) -> JunctionProposal:
+        if not self.cores and within is None:
+            return self._longest_street()
+        if within is not None:
+            places = np.array([self.extract.nodes[node] for node in self.cores]).reshape(-1, 2)
+            inside = shapely.contains_xy(within, places[:, 0], places[:, 1])
+            self.cores = [node for node, keep in zip(self.cores, inside, strict=True) if keep]
+            if not self.cores:
+                raise InputError(
+                    "has no junction in the region",
+                    file=self.extract.path,
+                    expected="streets that meet there, or a latitude and longitude",
+                )
+        points = self._places(self.cores)
+        numbers = clusters(points, _LINK_M)
+        candidates = [np.flatnonzero(numbers == n) for n in range(int(numbers.max()) + 1)]
+        scored = [self._scored(members, points) for members in candidates]
+        signalised = [item for item in scored if item[1].signals > 0]
+        # Equal scores are settled by place, so that the choice does not hang on the file's order.
+        return max(
+            signalised or scored, key=lambda item: (item[0], item[1].latitude, item[1].longitude)
+        )[1]
+
+    def _scored(
+        self, members: NDArray[np.int64], points: NDArray[np.float64]
+    ) -> tuple[float, JunctionProposal]:
+        strength = np.array([self._strength(self.cores[member]) for member in members])
+        main = strength >= 0.6 * strength.max()
+        middle = points[members[main]].mean(axis=0)
+        reach = float(np.linalg.norm(points[members] - middle, axis=1).max())
+        arms = self._arms(middle, min(reach, 40.0) + _RING_M)
+        busy = sum(arm.weight * arm.lanes**0.5 for arm in arms)
+        shape = {0: 0.05, 1: 0.1, 2: 0.3}.get(len(arms), 1.0)
+        signals = self._count(self.signals, points[members])
+        crossings = self._count(self.crossings, points[members])
+        lights = 1.0 + 0.1 * min(signals, 8) if signals else 0.6
+        score = busy * shape * lights * self._completeness(middle)
+        longitude, latitude = self.frame.lonlat_from_site(middle)[0]
+        return score, JunctionProposal(
+            round(float(latitude), 7),
+            round(float(longitude), 7),
+            _street_names(arms),
+            signals or crossings,
+            len(arms),
+        )
+
+    def _strength(self, node: int) -> float:
+        """Return the weight of the second street at a node: which makes it a crossing."""
+        best: dict[str, float] = {}
+        for number, way in enumerate(self.ways_at[node]):
+            name = way.tags.get("name") or f"#{number}"
+            best[name] = max(best.get(name, 0.0), STREETS[way.tags["highway"]][0])
+        return sorted(best.values())[-2] if len(best) > 1 else 0.5 * max(best.values())
+
+    def _arms(self, middle: NDArray[np.float64], radius: float) -> list[_Arm]:
+        """Return the arms that cross a circle, streets of nearly the same direction as one."""
+        ring = shapely.Point(middle).buffer(radius, quad_segs=16).exterior
+        crossings = []
+        for index in np.sort(self.tree.query(ring, predicate="intersects")):
+            way = self.streets[index]
+            for x, y in shapely.get_coordinates(shapely.intersection(self.lines[index], ring)):
+                angle = float(np.degrees(np.arctan2(y - middle[1], x - middle[0])))
+                weight = STREETS[way.tags["highway"]][0]
+                crossings.append(_Arm(angle, weight, way_lanes(way), way.tags.get("name", "")))
+        crossings.sort(key=lambda arm: (arm.angle_deg, arm.name))
+        arms: list[list[_Arm]] = []
+        for arm in crossings:
+            if arms and arm.angle_deg - arms[-1][-1].angle_deg < _ARM_DEG:
+                arms[-1].append(arm)
+            else:
+                arms.append([arm])
+        if len(arms) > 1 and arms[0][0].angle_deg + 360.0 - arms[-1][-1].angle_deg < _ARM_DEG:
+            arms[0] = arms.pop() + arms[0]
+        merged = []
+        for group in arms:
+            main = max(group, key=lambda arm: (arm.weight, arm.lanes, arm.name))
+            lanes = sum(arm.lanes for arm in group)
+            merged.append(_Arm(main.angle_deg, main.weight, lanes, main.name))
+        return merged
+
+    def _completeness(self, middle: NDArray[np.float64]) -> float:
+        """Return 0..1: how well the surroundings are mapped."""
+        point = shapely.Point(middle)
+        if not self.area.contains(point):
+            depth = 0.3 * float(np.exp(-shapely.distance(self.area, point) / 20.0))
+        else:
+            rim = float(shapely.distance(self.area.exterior, point))
+            depth = 0.5 + 0.5 * min(1.0, rim / 150.0)
+        things = len(self.things.query_ball_point(middle, 100.0))
+        return depth * (0.4 + 0.6 * min(1.0, things / 25.0))
+
+    def _longest_street(self) -> JunctionProposal:
+        """Return the middle of the longest street: all there is where no streets meet."""
+        index = int(np.argmax([line.length for line in self.lines]))
+        middle = shapely.get_coordinates(self.lines[index].interpolate(0.5, normalized=True))[0]
+        longitude, latitude = self.frame.lonlat_from_site(middle)[0]
+        name = self.streets[index].tags.get("name")
+        signals = self._count(self.signals, middle[None])
+        place = round(float(latitude), 7), round(float(longitude), 7)
+        return JunctionProposal(*place, (name,) if name else (), signals, 2)
+
+    def _places(self, nodes: list[int]) -> NDArray[np.float64]:
+        return self.frame.site_from_lonlat([self.extract.nodes[node] for node in nodes])
+
+    @staticmethod
+    def _count(signals: NDArray[np.float64], points: NDArray[np.float64]) -> int:
+        if not len(signals):
+            return 0
+        return int((cKDTree(points).query(signals)[0] <= _SIGNAL_M).sum())
+
+
+def _street_names(arms: list[_Arm]) -> tuple[str, ...]:
+    """Return the streets' names, the most important first, then what crosses it, then the rest."""
+    ranked = sorted((arm for arm in arms if arm.name), key=lambda arm: (-arm.weight, arm.name))
+    if not ranked:
+        return ()
+    straight_on = ranked[0].angle_deg + 180.0
+    ranked[1:] = sorted(
+        ranked[1:],
+        key=lambda arm: abs(wrapped(arm.angle_deg - straight_on, 360.0)) < 40.0,
+    )
+    return tuple(dict.fromkeys(arm.name for arm in ranked))

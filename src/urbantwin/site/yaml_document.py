@@ -1,0 +1,297 @@
+"""YAML files that people write: read strictly, with every error reported in one line."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails, PydanticCustomError
+
+from urbantwin.errors import InputError
+
+__all__ = ["Document", "field_path", "nearest", "read_document", "wrong"]
+
+Model = TypeVar("Model", bound=BaseModel)
+Location = Sequence[int | str]
+
+
+class _StrictLoader(yaml.SafeLoader):
+    """The safe loader, which also refuses a key that is written twice in one mapping."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Hashable, Any]:
+        seen: set[str] = set()
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode):
+                if key.value in seen:
+                    raise yaml.constructor.ConstructorError(
+                        None, None, f"{key.value!r} is given twice", key.start_mark
+                    )
+                seen.add(key.value)
+        return super().construct_mapping(node, deep=deep)
+
+
+# YAML 1.1, which PyYAML follows, takes "1e3" for text; YAML 1.2 and every reader take it for 1000.
+_StrictLoader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"^[-+]?[0-9]+(\.[0-9]*)?[eE][-+]?[0-9]+$"),
+    list("-+0123456789"),
+)
+
+
+@dataclass(frozen=True)
+class Document:
+    """A mapping read from a file, or a part of one, that knows where each value stands.
+
+    Args:
+        file: the file, for error messages.
+        value: the mapping.
+        root: the YAML node of ``value``, or ``None`` where it was not read from YAML.
+        prefix: where in the file ``value`` stands: ``("rig",)`` for a site's inline rig.
+    """
+
+    file: Path
+    value: Mapping[str, Any]
+    root: yaml.Node | None = None
+    prefix: tuple[int | str, ...] = ()
+
+    def part(self, key: str) -> Document:
+        """Return the mapping at ``key`` as a document of its own."""
+        return Document(self.file, self.value[key], _entry(self.root, key)[1], (*self.prefix, key))
+
+    def place(self, location: Location) -> str:
+        """Return ``field.path[0].name (line 7)`` for a location below this document."""
+        path = field_path((*self.prefix, *location))
+        node = self._node(location)
+        if node is None or (node is self.root and not self.prefix):
+            return path
+        return f"{path} (line {node.start_mark.line + 1})"
+
+    def error(self, problem: str, location: Location, expected: str | None = None) -> InputError:
+        """Return the error to raise for the value at ``location``."""
+        return InputError(
+            problem, file=self.file, place=self.place(location) or None, expected=expected
+        )
+
+    def validated(self, model: type[Model], context: Mapping[str, Any] | None = None) -> Model:
+        """Return the mapping as a ``model``.
+
+        Raises:
+            InputError: a field is unknown, missing or wrong; the first such field is named.
+        """
+        try:
+            return model.model_validate(dict(self.value), context=dict(context or {}), strict=True)
+        except ValidationError as error:
+            details = error.errors(include_url=False)
+        # A misspelt field is reported twice, as unknown and as missing; the former says more.
+        first = next((item for item in details if item["type"] == "extra_forbidden"), details[0])
+        place = self._written(first)
+        # Of a field with alternatives, the one that validated furthest was meant.
+        for item in details:
+            at = self._written(item)
+            further = len(at) > len(place) or (
+                first["type"] in _TYPES and item["type"] not in _TYPES
+            )
+            if further and at[: len(place)] == place:
+                first, place = item, at
+        problem, expected = _in_words(first, model)
+        raise self.error(problem, place, expected)
+
+    def _written(self, item: ErrorDetails) -> tuple[int | str, ...]:
+        """Return an error's location without the names of alternatives: ``str``, ``literal[...]``.
+
+        The file does not contain those steps.
+        """
+        here: Any = self.value
+        steps: list[int | str] = []
+        for number, step in enumerate(item["loc"]):
+            last = number == len(item["loc"]) - 1
+            if isinstance(here, Mapping) and (step in here or (last and item["type"] == "missing")):
+                here = here.get(step)
+            elif isinstance(here, list) and isinstance(step, int) and step < len(here):
+                here = here[step]
+            elif step != "[key]":
+                continue
+            steps.append(step)
+        return tuple(steps)
+
+    def _node(self, location: Location) -> yaml.Node | None:
+        """Return the node to point at for ``location``: its key, or the deepest one above it."""
+        at = below = self.root
+        for step in location:
+            key, value = _entry(below, step)
+            if key is None:
+                break
+            # A block's value starts on the line after its key, which is the line to name.
+            at, below = key, value
+        return at
+
+
+def _entry(node: yaml.Node | None, step: int | str) -> tuple[yaml.Node | None, yaml.Node | None]:
+    """Return the nodes of the key and of the value at ``step`` of a mapping or a sequence."""
+    if isinstance(node, yaml.MappingNode):
+        for key, value in node.value:
+            if key.value == step:
+                return key, value
+    elif isinstance(node, yaml.SequenceNode) and isinstance(step, int) and step < len(node.value):
+        return node.value[step], node.value[step]
+    return None, None
+
+
+def wrong(problem: str, expected: str) -> PydanticCustomError:
+    """Return the error of a validator that tells what is wrong and what was expected."""
+    escaped = problem.replace("{", "(").replace("}", ")")
+    return PydanticCustomError("wrong", escaped, {"expected": expected})
+
+
+def field_path(location: Location) -> str:
+    """Return ``rig.sensors[0].model`` for ``("rig", "sensors", 0, "model")``."""
+    text = ""
+    for step in location:
+        if isinstance(step, int):
+            text += f"[{step}]"
+        elif step != "[key]":
+            text += f".{step}" if text else step
+    return text
+
+
+def read_document(path: Path, *, kind: str) -> Document:
+    """Read a YAML file that holds a mapping.
+
+    Args:
+        path: the file.
+        kind: what it should be, for error messages: ``"a site"``.
+
+    Raises:
+        InputError: the file is missing, is not text, is not YAML, gives a key twice, or
+            holds something other than a mapping.
+    """
+    expected = f"{kind} as YAML"
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except FileNotFoundError:
+        raise InputError("not found", file=path, expected=expected) from None
+    except IsADirectoryError:
+        raise InputError("is a folder", file=path, expected=f"a file: {expected}") from None
+    except OSError as error:
+        raise InputError(f"cannot be read ({error.strerror})", file=path) from None
+    except UnicodeDecodeError:
+        raise InputError("is not text", file=path, expected=expected) from None
+    try:
+        loader = _StrictLoader(text)
+        root = loader.get_single_node()
+        value = None if root is None else loader.construct_document(root)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        place = f"line {mark.line + 1}" if mark else None
+        if error.problem and error.problem.endswith("given twice"):
+            raise InputError(error.problem, file=path, place=place, expected="it once") from None
+        problem = f"is not YAML ({error.problem or error.context})"
+        raise InputError(problem, file=path, place=place, expected=expected) from None
+    except RecursionError:
+        raise InputError("is nested too deep", file=path, expected=expected) from None
+    except (yaml.YAMLError, ValueError):
+        # ReaderError: control characters; ValueError: a date such as 2024-99-99.
+        raise InputError("is not YAML", file=path, expected=expected) from None
+    if value is None:
+        raise InputError("is empty", file=path, expected=expected)
+    if not isinstance(value, dict):
+        kind_found = "a list" if isinstance(value, list) else "a single value"
+        raise InputError(f"holds {kind_found}", file=path, expected=f"{kind}: a mapping of fields")
+    if not all(isinstance(key, str) for key in value):
+        raise InputError("has a field whose name is not text", file=path, expected=kind)
+    return Document(path, value, root)
+
+
+def _model_at(model: type[BaseModel], location: Location) -> type[BaseModel] | None:
+    """Return the model that stands at ``location`` in ``model``."""
+    here: type[BaseModel] | None = model
+    for step in location:
+        if here is not None and isinstance(step, str) and step in here.model_fields:
+            here = _model_in(here.model_fields[step].annotation)
+    return here
+
+
+def _model_in(annotation: object) -> type[BaseModel] | None:
+    """Return the first model named in an annotation such as ``list[SensorSpec] | None``."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    for argument in getattr(annotation, "__args__", ()):
+        if (found := _model_in(argument)) is not None:
+            return found
+    return None
+
+
+def nearest(name: str, known: Sequence[str]) -> str:
+    """Return what ``name`` was probably meant to be, or everything that it could have been."""
+    close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+    return f"{close[0]!r}" if close else "one of " + ", ".join(known)
+
+
+def _names(model: type[BaseModel] | None) -> list[str]:
+    """Return the names of a model's fields, those that only files use included."""
+    if model is None:
+        return []
+    return [*model.model_fields, *getattr(model, "also_written_as", ())]
+
+
+_TYPES = {
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "string_type": "text",
+    "bool_type": "true or false",
+    "list_type": "a list",
+    "dict_type": "a mapping of fields",
+    "model_type": "a mapping of fields",
+    "model_attributes_type": "a mapping of fields",
+    "finite_number": "a finite number",
+}
+_BOUNDS = {
+    "greater_than": ("gt", "more than"),
+    "greater_than_equal": ("ge", "at least"),
+    "less_than": ("lt", "less than"),
+    "less_than_equal": ("le", "at most"),
+}
+
+
+def _in_words(error: ErrorDetails, model: type[BaseModel]) -> tuple[str, str | None]:
+    """Return what is wrong and what was expected, of one of pydantic's errors about ``model``."""
+    kind, context = error["type"], error.get("ctx", {})
+    problem, expected = f"is {_shown(error['input'])}", None
+    if kind == "wrong":
+        problem, expected = error["msg"], str(context["expected"])
+    elif kind in ("missing", "extra_forbidden"):
+        parent, name = _model_at(model, error["loc"][:-1]), str(error["loc"][-1])
+        if kind == "missing":
+            field = parent.model_fields.get(name) if parent else None
+            problem, expected = "is missing", field.description if field else None
+        else:
+            problem, expected = "is not a field that is known here", nearest(name, _names(parent))
+    elif kind in _TYPES:
+        expected = _TYPES[kind]
+    elif kind in _BOUNDS:
+        key, words = _BOUNDS[kind]
+        expected = f"{words} {context[key]:g}"
+    elif kind == "literal_error":
+        expected = str(context["expected"])
+    elif kind in ("too_short", "string_too_short"):
+        problem, expected = "is empty", "at least one"
+    else:
+        problem += f": {error['msg']}"
+    return problem, expected
+
+
+def _shown(value: object) -> str:
+    """Return a value as a person wrote it, or near enough, and never long."""
+    if isinstance(value, Mapping | list):
+        return "a mapping" if isinstance(value, Mapping) else "a list"
+    if value is None:
+        return "empty"
+    text = repr(value).lower() if isinstance(value, bool) else repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
