@@ -8,9 +8,10 @@ BIN    := $(VENV)/bin
 # The judges of exported OpenDRIVE: ASAM's checker and CARLA's map. The checker needs numpy 1.
 JUDGES := .venv-judges
 
-# Tests that call nearly all that numba compiles and keeps: 40 s on one core, seconds from then on.
+# Tests that call nearly all that numba compiles and keeps: 50 s on one core, ten from then on.
 COMPILING := tests/lidar/test_scanner.py tests/lidar/test_coverage.py \
-  tests/dataset/test_record_options.py tests/fidelity/test_measures.py
+  tests/dataset/test_record_options.py tests/fidelity/test_measures.py \
+  tests/cli/test_background_command.py
 
 INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
