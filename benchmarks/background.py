@@ -27,9 +27,9 @@ import numpy as np
 from urbantwin.artefact import sha256_of
 from urbantwin.dataset import record
 from urbantwin.fidelity import compare
-from urbantwin.fidelity.background import Background
-from urbantwin.fidelity.measured_background import measure_recording
-from urbantwin.fidelity.on_beams import beams_of_rig
+from urbantwin.fidelity.background_estimation import measure_recording
+from urbantwin.fidelity.background_subtraction import Background
+from urbantwin.fidelity.beam_assignment import beams_of_rig
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar import Rig, place_rig

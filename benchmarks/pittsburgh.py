@@ -30,10 +30,17 @@ from pittsburgh_actors import SweepRays, mended
 from pittsburgh_background import GEOMETRY, write_background
 from pittsburgh_twin import RADIUS_M, Place, elsewhere, motion_of, write_site
 from urbantwin.dataset import record
-from urbantwin.fidelity import Cloud, RealSurface, divergences, histograms_of, p95_hausdorff
-from urbantwin.fidelity.closest import NearestTriangle
+from urbantwin.fidelity import (
+    Cloud,
+    P95Hausdorff,
+    RealSurface,
+    divergences,
+    histograms_of,
+    nearest_distances,
+)
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.histograms import Histograms
+from urbantwin.fidelity.nearest_triangle import NearestTriangle
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.geometry import DownwardProbe
 from urbantwin.site import load_site
@@ -100,7 +107,7 @@ class Yardstick:
 
     def measured(self, other: Points) -> dict[str, Any]:
         """P95 Hausdorff, Jensen-Shannon and point-to-mesh of other points."""
-        far = p95_hausdorff(self._real.xyz, other.xyz)
+        far = P95Hausdorff.of(nearest_distances(self._real.xyz, other.xyz))
         plain = self._rebuilt.distances_of(other.xyz)
         mean, median = plain.mean, plain.median
         if self._road is not None:

@@ -13,7 +13,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from argoverse_log import SENSORS, Log
-from urbantwin.fidelity.surface import rebuild_surface
+from urbantwin.fidelity.rebuilt_surface import rebuild_surface
 from urbantwin.geometry import Pose
 
 __all__ = ["GEOMETRY", "write_background"]

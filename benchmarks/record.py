@@ -21,7 +21,7 @@ import pyarrow as pa
 
 from urbantwin.artefact import sha256_of, write_json
 from urbantwin.dataset import record
-from urbantwin.dataset.moment import posed_actors, rows_at
+from urbantwin.dataset.motion_interpolation import posed_actors, rows_at
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar import Rig, beam_directions, place_rig
 from urbantwin.site.rig import RigSpec, SensorSpec

@@ -25,7 +25,7 @@ from urbantwin.artefact import (
     write_inventory,
     write_json,
 )
-from urbantwin.artefact.room import says_no_room
+from urbantwin.artefact.disk_space import says_no_room
 from urbantwin.errors import InputError, StageError
 
 KEY = "0123456789abcdef"
@@ -179,8 +179,8 @@ def test_long_names_of_outputs_have_scratch(tmp_path):
         ({"twin.json": "{}"}, "holds other files"),
         ({"twin.json": "not JSON"}, "holds other files"),
         ({"twin.json": '{"kind": "motion"}'}, "holds other files"),
-        ({"twin.json": '{"kind": "twin"}', "thesis.tex": ""}, "inventory is no help"),
-        ({"twin.json": '{"kind": "twin"}', "SHA256SUMS": "?"}, "inventory is no help"),
+        ({"twin.json": '{"kind": "twin"}', "thesis.tex": ""}, "inventory cannot be used"),
+        ({"twin.json": '{"kind": "twin"}', "SHA256SUMS": "?"}, "inventory cannot be used"),
         ({"twin.json": '{"kind": "twin"}', "SHA256SUMS": ""}, r"would be lost \(twin.json\)"),
     ],
 )
@@ -228,13 +228,13 @@ def test_a_damaged_older_one_may_be_replaced(tmp_path):
 @pytest.mark.parametrize(
     ("target", "inputs", "problem"),
     [
-        ("twin", ["twin"], "is an input"),
+        ("twin", ["twin"], "is also an input"),
         ("twin/dataset", [], "is inside a twin"),
         ("twin/deep/dataset", [], "is inside a twin"),
         ("real/dataset", ["real"], "is inside an input"),
         ("way/dataset", ["real"], "is inside an input"),
         (".", ["map.osm"], "holds an input"),
-        ("map.osm", ["map.osm"], "is an input"),
+        ("map.osm", ["map.osm"], "is also an input"),
     ],
 )
 def test_outputs_are_beside_inputs(tmp_path, target, inputs, problem):

@@ -7,8 +7,14 @@
 from __future__ import annotations
 
 import math
+import warnings
+from typing import TYPE_CHECKING
 
-__all__ = ["finite_number", "plain_number", "whole_number"]
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+__all__ = ["finite_number", "leading_numbers", "plain_number", "whole_number"]
 
 #: Longer texts are no number of anything.
 _LONGEST = 400
@@ -43,3 +49,24 @@ def whole_number(text: str | None) -> int | None:
         return int(text or "")
     except ValueError:  # more than one sign
         return None
+
+
+def leading_numbers(text: bytes) -> NDArray[np.float64]:
+    """Return the numbers (N,) of a text that blanks part, up to the first word that is none."""
+    import numpy as np
+
+    if text.isspace() or not text:
+        return np.zeros(0)  # numpy takes blanks for a number
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)
+        try:
+            return np.asarray(np.fromstring(text, sep=" "))
+        except (ValueError, DeprecationWarning):
+            pass
+    good: list[float] = []
+    for word in text.split():
+        try:
+            good.append(plain_number(word.decode("ascii", "replace")))
+        except ValueError:
+            break
+    return np.asarray(good, np.float64)

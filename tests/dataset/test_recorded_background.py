@@ -8,8 +8,8 @@ import pytest
 from urbantwin.artefact import sha256_of, write_json
 from urbantwin.cli import main
 from urbantwin.dataset import record
-from urbantwin.fidelity.measured_background import measure_recording
-from urbantwin.fidelity.on_beams import beams_of_rig
+from urbantwin.fidelity.background_estimation import measure_recording
+from urbantwin.fidelity.beam_assignment import beams_of_rig
 from urbantwin.lidar import place_rig
 from urbantwin.lidar.measured_file import load_backgrounds, rig_with_backgrounds
 from urbantwin.taxonomy import semantic_id

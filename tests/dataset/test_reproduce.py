@@ -204,7 +204,7 @@ def test_what_cannot_be_made_again_is_refused(made, copy, tmp_path):
         plan_of(copy, motion=other)
     with pytest.raises(InputError, match="is inside an input"):
         make_again(plan_of(copy, inputs=[made / "elsewhere"]), stage=silent, out=copy / "again")
-    with pytest.raises(InputError, match="is an input"):
+    with pytest.raises(InputError, match="is also an input"):
         make_again(plan_of(copy, inputs=[made / "elsewhere"]), stage=silent, out=copy.parent)
 
 

@@ -14,7 +14,7 @@ from urbantwin.errors import InputError
 from urbantwin.export import export_twin
 from urbantwin.view.pictures import title_of
 from urbantwin.view.plan import plan_figure
-from urbantwin.view.plan_look import PAPER
+from urbantwin.view.plan_style import PAPER
 
 
 def figure_of(twin):

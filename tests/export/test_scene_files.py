@@ -13,7 +13,7 @@ from pyproj import Transformer
 from urbantwin.errors import InputError
 from urbantwin.export import export_twin
 from urbantwin.export.mesh import blender_python
-from urbantwin.export.scene.planes import flat_faces
+from urbantwin.export.scene.coplanar import flat_faces
 from urbantwin.reconstruct.formats.cityjson import read_cityjson
 from urbantwin.reconstruct.formats.fbx import read_fbx
 from urbantwin.taxonomy import materials, semantic_classes, semantic_id

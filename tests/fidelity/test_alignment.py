@@ -19,9 +19,9 @@ from urbantwin.fidelity.alignment import (
     ground_plane,
     write_aligned_rig,
 )
-from urbantwin.fidelity.alignment.average import averaged
 from urbantwin.fidelity.alignment.curbs import curbs_of
-from urbantwin.fidelity.alignment.marks import bright_spots_of, mark_lines
+from urbantwin.fidelity.alignment.lane_markings import bright_spots_of, mark_lines
+from urbantwin.fidelity.alignment.pose_average import averaged
 from urbantwin.fidelity.alignment.road_edges import road_edges
 from urbantwin.fidelity.frame import Frame
 from urbantwin.geometry import LabelledMesh, MaterialLayer, Pose, SurfaceMaterials

@@ -11,7 +11,7 @@ from urbantwin.dataset.manifest import recipe_of_rig
 from urbantwin.dataset.rig_of_manifest import rig_of_manifest
 from urbantwin.fidelity import compare
 from urbantwin.fidelity.arbitrary import arbitrary_recording
-from urbantwin.fidelity.arbitrary.kept import kept
+from urbantwin.fidelity.arbitrary.cache import kept
 from urbantwin.fidelity.arbitrary.rig import likely_rig, standing
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.geometry import LabelledMesh
@@ -109,7 +109,7 @@ def test_the_sensor_of_other_peoples_frames(shared_data):
     cropped = open_recording(shared_data / "lidar/kitti/000008.bin").read(0)
     spec, told = likely_rig(cropped)
     assert spec["sensors"][0]["model"] == "OS1-128"
-    assert "nothing tells the sensor" in told
+    assert "the sensor is unknown" in told
 
 
 def test_what_is_made_is_kept(tmp_path):

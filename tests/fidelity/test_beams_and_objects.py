@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from urbantwin.fidelity.background import Background
+from urbantwin.fidelity.background_subtraction import Background
 from urbantwin.fidelity.beams import beam_agreement, beams_are_known
 from urbantwin.fidelity.frame import Boxes, Frame
-from urbantwin.fidelity.objects import ObjectStatistics, object_differences
+from urbantwin.fidelity.object_statistics import ObjectStatistics, object_differences
 
 
 def turn(distance, *, columns=True, place=(0.0, 0.0, 0.0)):

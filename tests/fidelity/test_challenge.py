@@ -227,9 +227,9 @@ def test_the_protocol_in_a_report(tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("[1]", "no map"),
+        ("[1]", "not a JSON object of frames"),
         ("{", "not JSON"),
-        ('{"1": {}}', "no list"),
+        ('{"1": {}}', "not a list"),
         ('{"1": [{"box": [1], "score": 1, "class": "Car"}]}', "7 numbers"),
         ('{"1": [{"box": [0,0,0,1,1,0,0], "score": 1, "class": "Car"}]}', "extent"),
         ('{"1": [{"box": [0,0,0,1,1,NaN,0], "score": 1, "class": "Car"}]}', "not a finite"),

@@ -162,6 +162,16 @@ def test_arrays_that_are_no_clouds(tmp_path, array, problem):
         read_cloud(tmp_path / "a.npy")
 
 
+def test_ply_with_faces_before_and_after_its_vertices(tmp_path):
+    (tmp_path / "a.ply").write_text(
+        "ply\nformat ascii 1.0\nelement strip 2\nproperty list uchar int row\n"
+        "element vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
+        "element face 9\nproperty list uchar int vertex_indices\nend_header\n"
+        "3 0 1 1\n1 0\n1 2 3\n4 5 6\n3 0 1 1\n"
+    )
+    assert read_cloud(tmp_path / "a.ply").points.tolist() == [[1, 2, 3], [4, 5, 6]]
+
+
 def test_ply_without_z(tmp_path):
     (tmp_path / "a.ply").write_text(
         "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"

@@ -143,7 +143,7 @@ def test_a_bad_frame_is_named_and_the_rest_compared(tmp_path):
     np.save(synthetic / "frame_0.npy", np.zeros((5, 4), np.float32))
     with pytest.raises(InputError, match="no pair"):
         compare(real, synthetic, tmp_path / "none", arbitrary=None)
-    with pytest.raises(InputError, match="is an input, too"):
+    with pytest.raises(InputError, match="is also an input"):
         compare(real, real, real, arbitrary=None)
     assert sorted(tmp_path.rglob("*")) == before
 

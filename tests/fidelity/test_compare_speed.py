@@ -19,7 +19,7 @@ import urbantwin
 from urbantwin.errors import StageError
 from urbantwin.fidelity import compare
 from urbantwin.fidelity.findings import Findings, report_of
-from urbantwin.fidelity.nearest import PointTree, nearest_distances
+from urbantwin.fidelity.nearest_point import PointTree, nearest_distances
 from urbantwin.fidelity.pairs import Pairs, measured_pairs
 from urbantwin.fidelity.sides import Side, open_side, survey
 from urbantwin.processes import worker_pool

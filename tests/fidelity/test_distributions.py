@@ -10,7 +10,7 @@ from urbantwin.fidelity.chamfer import chamfer, chamfer_squared, density_chamfer
 from urbantwin.fidelity.earth_mover import earth_mover, sliced_earth_mover
 from urbantwin.fidelity.frechet import frechet, frechet_places, frechet_shapes, shape_features
 from urbantwin.fidelity.mean_discrepancy import mean_discrepancy
-from urbantwin.fidelity.nearest import nearest_distances
+from urbantwin.fidelity.nearest_point import nearest_distances
 
 
 def cloud(seed=0, count=800, spread=(20.0, 20.0, 3.0)):

@@ -9,15 +9,16 @@ from scipy.spatial.distance import jensenshannon
 
 from urbantwin.fidelity import (
     Cloud,
+    P95Hausdorff,
     RealSurface,
     divergences,
     histograms_of,
     jensen_shannon,
-    p95_hausdorff,
+    nearest_distances,
     rebuild_surface,
 )
-from urbantwin.fidelity.closest import NearestTriangle, triangle_distances
 from urbantwin.fidelity.histograms import full_scale
+from urbantwin.fidelity.nearest_triangle import NearestTriangle
 from urbantwin.fidelity.point_to_mesh import MAX_POINTS
 
 
@@ -28,17 +29,17 @@ def grid_plane(height, size=20.0, step=0.1):
 
 def test_hausdorff_of_shifted_planes_is_the_shift():
     a, b = grid_plane(0.0), grid_plane(0.07)
-    found = p95_hausdorff(a, b)
+    found = P95Hausdorff.of(nearest_distances(a, b))
     assert found.real_to_synthetic == pytest.approx(0.07)
     assert found.both == pytest.approx(0.07)
-    assert p95_hausdorff(a, a).both == 0
+    assert P95Hausdorff.of(nearest_distances(a, a)).both == 0
 
 
 def test_hausdorff_directions_and_quantile():
     # 100 real points; the synthetic cloud lacks the last 10, which lie 1, 2, ... 10 m away.
     real = np.zeros((100, 3))
     real[90:, 0] = np.arange(1, 11)
-    found = p95_hausdorff(real, real[:90])
+    found = P95Hausdorff.of(nearest_distances(real, real[:90]))
     # Of the sorted distances 0 (90 times), 1, ..., 10, the 95th percentile is at 0.95 * 99 = 94.05.
     assert found.real_to_synthetic == pytest.approx(5.05)
     assert found.synthetic_to_real == 0
@@ -118,15 +119,31 @@ def test_full_scale(largest, scale):
     ],
 )
 def test_point_and_triangle(point, distance):
-    zero, x, y = np.zeros((1, 3)), np.array([[1.0, 0, 0]]), np.array([[0, 1.0, 0]])
-    assert triangle_distances(np.array([point]), zero, x, y)[0] == pytest.approx(distance)
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+    found = NearestTriangle(corners, np.array([[0, 1, 2]])).distances(np.array([point]))
+    assert found[0] == pytest.approx(distance)
 
 
 def test_triangles_without_area():
-    points = np.array([[0.5, 3.0, 4.0], [0.5, 3.0, 4.0]])
-    zero, x = np.zeros((2, 3)), np.array([[1.0, 0, 0], [0, 0, 0]])
-    found = triangle_distances(points, zero, x, x * [[2.0], [0]])
-    assert found == pytest.approx([5, np.sqrt(25.25)])
+    point = np.array([[0.5, 3.0, 4.0]])
+    for corners, distance in (([0, 1, 2], 5.0), ([0, 0, 0], np.sqrt(25.25))):
+        vertices = np.array(corners)[:, None] * [1.0, 0, 0]
+        found = NearestTriangle(vertices, np.array([[0, 1, 2]])).distances(point)
+        assert found[0] == pytest.approx(distance)
+
+
+def distance_to_triangle(point, corners):
+    """Return it from the signs of the point's turn about each edge, and from the edges."""
+    edges = np.roll(corners, -1, axis=0) - corners
+    normal = np.cross(edges[0], edges[1])
+    to_point = point - corners
+    length = np.maximum((edges**2).sum(axis=1), 1e-300)
+    along = np.clip((to_point * edges).sum(axis=1) / length, 0, 1)[:, None]
+    found = np.linalg.norm(to_point - along * edges, axis=1).min()
+    area = np.linalg.norm(normal)
+    if area > 1e-9 and (np.cross(edges, to_point) @ normal >= 0).all():
+        found = min(found, abs(to_point[0] @ normal) / area)
+    return found
 
 
 @settings(max_examples=25, deadline=None)
@@ -141,15 +158,7 @@ def test_nearest_triangle_is_exact(seed, size, count):
     points = rng.uniform(-6, 14, (60, 3))
     vertices, faces = corners.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3)
     found = NearestTriangle(vertices, faces).distances(points)
-    each = [
-        triangle_distances(
-            np.repeat(p[None], count, 0),
-            corners[:, 0],
-            corners[:, 1] - corners[:, 0],
-            corners[:, 2] - corners[:, 0],
-        ).min()
-        for p in points
-    ]
+    each = [min(distance_to_triangle(p, triangle) for triangle in corners) for p in points]
     np.testing.assert_allclose(found, each, atol=1e-9)
 
 

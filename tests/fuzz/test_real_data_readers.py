@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from scipy.io import savemat
 
-from urbantwin.fidelity.matlab import read_matlab
-from urbantwin.fidelity.on_beams import beams_of_model
-from urbantwin.fidelity.range_matrix import measure_matrix
+from urbantwin.fidelity.beam_assignment import beams_of_model
+from urbantwin.fidelity.range_matrix import measure_matrix, read_matlab
 from urbantwin.fidelity.readers import open_recording
 from urbantwin.lidar.scan_pattern import load_scan_pattern
 

@@ -6,7 +6,7 @@ import pyarrow.parquet as pq
 import pytest
 import shapely
 
-from urbantwin.dataset.boxes import write_boxes
+from urbantwin.dataset.box_table import write_boxes
 from urbantwin.dataset.layout import FOLDERS, write_frame
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar import PosedActor

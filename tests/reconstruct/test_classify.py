@@ -1,4 +1,4 @@
-"""Meshes told apart: against scenes whose truth is known, and against a city model's own names."""
+"""Classification of meshes, against scenes whose truth is known and a city model's own names."""
 
 from __future__ import annotations
 

@@ -11,7 +11,7 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.reconstruct import ImportedModel, PointCloud
 from urbantwin.reconstruct.georeference import SiteHeights
-from urbantwin.reconstruct.georeference.heights import (
+from urbantwin.reconstruct.georeference.height_system import (
     HeightSystem,
     NoGridError,
     geoid_height,

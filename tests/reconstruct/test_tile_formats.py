@@ -10,9 +10,9 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from urbantwin.reconstruct.gltf.malformed import MalformedError
+from urbantwin.reconstruct.gltf.untrusted_values import MalformedError
 from urbantwin.reconstruct.tiles3d.content import Context
-from urbantwin.reconstruct.tiles3d.formats import read_content
+from urbantwin.reconstruct.tiles3d.content_format import read_content
 from urbantwin.reconstruct.tiles3d.subtree import morton
 
 from .tile_bytes import Gltf, b3dm, cmpt, i3dm, pnts

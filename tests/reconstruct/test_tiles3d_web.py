@@ -328,7 +328,9 @@ def test_origins_that_are_none(spec, words):
 
 def test_a_token_that_is_no_header_is_refused(monkeypatch):
     monkeypatch.setenv("ION_TOKEN", f"{KEY}\r\nHost: other")
-    with pytest.raises(InputError, match="ION_TOKEN holds what no header may") as caught:
+    with pytest.raises(
+        InputError, match="ION_TOKEN holds characters that an HTTP header must not have"
+    ) as caught:
         read("http://127.0.0.1:9/t.json", key_env="ION_TOKEN")
     assert KEY not in str(caught.value)
 

@@ -18,12 +18,12 @@ from urbantwin.roads import build_roads, sumo_binary
 from urbantwin.site import read_extract
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import asset, asset_names
-from urbantwin.traffic.calibration import calibrate
 from urbantwin.traffic.circuit import Circuit
 from urbantwin.traffic.circulation import Circulation
+from urbantwin.traffic.flow_calibration import calibrate
 from urbantwin.traffic.network import StreetNetwork
+from urbantwin.traffic.routing_graph import driven_graph, walked_graph
 from urbantwin.traffic.simulation import observe, sumo_options, write_routes
-from urbantwin.traffic.way_graph import driven_graph, walked_graph
 
 SECONDS = 1500
 PER_HOUR = {"car": 500.0, "truck": 40.0, "bus": 30.0, "motorcycle": 40.0, "bicycle": 80.0}

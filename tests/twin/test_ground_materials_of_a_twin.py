@@ -18,7 +18,7 @@ from urbantwin.roads.marking import painted
 from urbantwin.site import load_site
 from urbantwin.taxonomy import material_id, materials
 from urbantwin.twin import build_twin, load_twin
-from urbantwin.view.ground_picture import ground_picture, materials_from_above
+from urbantwin.view.ground_materials import ground_picture, materials_from_above
 
 LATITUDE, LONGITUDE = 48.7, 9.18
 PAINT = material_id("road-paint")

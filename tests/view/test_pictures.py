@@ -23,16 +23,14 @@ from urbantwin.view.histogram import histogram
 from urbantwin.view.labelled_frame import (
     LabelledPoints,
     SensorPlace,
-    busiest_frame,
     read_labelled_points,
 )
 from urbantwin.view.markings import markings
 from urbantwin.view.pictures import pictures_of_dataset
 from urbantwin.view.plan import plan, plan_figure
-from urbantwin.view.plan_look import DARK
+from urbantwin.view.plan_style import DARK
 from urbantwin.view.range_image import range_image, spread_rays
 from urbantwin.view.scene import Camera, render, scene_picture
-from urbantwin.view.sequence import sequence
 
 COLUMNS = 90
 ELEVATION_DEG = np.array([-30.0, -10.0, -20.0, 0.0])  # channels not in the order of their height
@@ -431,7 +429,6 @@ def write_dataset(folder, frames):
 def test_pictures_of_a_dataset_come_out_the_same(tmp_path):
     quiet = frame_of_one_car(name="000000", box_points=np.array([0]))
     write_dataset(tmp_path / "set", [quiet, frame_of_one_car()])
-    assert busiest_frame(tmp_path / "set") == "000003"
     frame = read_labelled_points(tmp_path / "set")
     assert (frame.name, frame.time_s, frame.classes) == ("000003", 0.3, ("car",))
     assert np.unique(frame.instance).tolist() == [0, 5]
@@ -459,11 +456,3 @@ def test_scene_and_plan_come_out_the_same(tmp_path):
         region = shapely.Point(0, 0).buffer(50)
         pairs.append([scene.read_bytes(), plan(street(), region, tmp_path / "p.png").read_bytes()])
     assert pairs[0] == pairs[1]
-
-
-def test_sequence_has_a_picture_per_frame(tmp_path):
-    frames = [frame_of_one_car(), frame_of_one_car(boxes=np.array([[0, -9, 1, 4, 2, 1.5, 0.0]]))]
-    path = sequence(frames, tmp_path / "a.gif", dpi=30, seconds_per_frame=0.2)
-    with Image.open(path) as moving:
-        assert moving.n_frames == 2
-        assert moving.info["duration"] == 200

@@ -23,7 +23,7 @@ from urbantwin.roads.model import (
 )
 from urbantwin.taxonomy import material_id, semantic_id
 from urbantwin.view.markings import markings
-from urbantwin.view.road_lines import islands, signs
+from urbantwin.view.road_furniture import islands, signs
 
 WAYS = ("left", "through", "right", "around")
 ZERO = Profile.constant(0.0)

@@ -1,6 +1,7 @@
-"""Artefacts: outputs that appear whole or not at all, their inventories, the documents in them."""
+"""Artefacts: outputs that are written atomically, their inventories and documents."""
 
 from urbantwin.artefact.checksum import sha256_of
+from urbantwin.artefact.disk_space import check_room
 from urbantwin.artefact.document import as_json, read_json, write_json
 from urbantwin.artefact.inventory import INVENTORY, Damage, damages, write_inventory
 from urbantwin.artefact.output import (
@@ -11,7 +12,6 @@ from urbantwin.artefact.output import (
     replaced_file,
     replaced_folder,
 )
-from urbantwin.artefact.room import check_room
 from urbantwin.artefact.scratch import claimed, new_folder, passing_folder, remove_dead
 from urbantwin.artefact.verify import Verified, verify
 

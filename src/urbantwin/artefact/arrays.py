@@ -1,4 +1,4 @@
-"""NumPy's files, read so that a damaged or a hostile one is one clear line.
+"""Validated reading of NumPy's files: a damaged or hostile one is one clear line.
 
 What a file says of itself (members, shapes) is checked against its size before anything is
 allocated, pickles are never read, and whatever zipfile, zlib and NumPy raise becomes InputError.
@@ -80,11 +80,17 @@ def read_arrays(
             if form is not None and name not in form:
                 continue
             if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-                raise InputError("is packed as none of ours is", file=path, expected=expected)
+                raise InputError(
+                    "is compressed by a method that NumPy does not use",
+                    file=path,
+                    expected=expected,
+                )
             with packed.open(member) as stream:
                 size = _header(stream)
             if size != member.file_size:
-                raise InputError("has another size than it says", file=path, place=name)
+                raise InputError(
+                    "does not have the size that its header says", file=path, place=name
+                )
             with packed.open(member) as stream:
                 arrays[name] = np.lib.format.read_array(stream, allow_pickle=False)
     if form is not None:
@@ -105,7 +111,7 @@ def read_array(path: Path, expected: str, form: ArrayOf | None = None) -> NDArra
         size = _header(stream)
         have = path.stat().st_size
         if size > have:
-            raise InputError(f"is cut: {have} bytes of {size}", file=path, expected=expected)
+            raise InputError(f"is truncated: {have} bytes of {size}", file=path, expected=expected)
         stream.seek(0)
         array: NDArray[Any] = np.lib.format.read_array(stream, allow_pickle=False)
     if form is not None:

@@ -1,4 +1,4 @@
-"""JSON documents: manifests and what else artefacts hold as text."""
+"""JSON documents of artefacts: manifests and others."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def json_value(text: bytes | str, *, file: str | Path, expected: str, once: bool
 
     Raises:
         InputError: it is not JSON, is nested too deep, or has a number that is not finite or
-            letters that are none; the line is named where it is known.
+            unpaired surrogates; the line is named where it is known.
     """
     try:
         value = parse_json(text, once=once)
@@ -118,7 +118,9 @@ def json_value(text: bytes | str, *, file: str | Path, expected: str, once: bool
         problem = f"is not JSON ({error.problem})"
         raise InputError(problem, file=file, place=error.place, expected=expected) from None
     except UnicodeError:
-        raise InputError("has text of half letters", file=file, expected=expected) from None
+        raise InputError(
+            "has text with unpaired surrogates", file=file, expected=expected
+        ) from None
     except MemoryError:
         raise InputError("is too large for the memory", file=file, expected=expected) from None
     return value

@@ -89,7 +89,7 @@ def read_inventory(folder: Path) -> dict[str, str]:
 def foreign_entry(folder: Path, named: Mapping[str, str]) -> str | None:
     """Return the first entry of a folder that an inventory does not name, or ``None``.
 
-    Folders count: one that is no part of the way to a file that is named is somebody's own.
+    Folders count: one that is not a parent of a listed file is foreign.
     """
     ways = {"/".join(name.split("/")[:k]) for name in named for k in range(1, name.count("/") + 1)}
     for name, entry in _entries(folder):

@@ -1,4 +1,4 @@
-"""Outputs: folders and files that appear whole or not at all, in place of nothing but their own."""
+"""Outputs: folders and files written atomically, which replace only their own kind."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from filecmp import cmp
 from pathlib import Path
 
+from urbantwin.artefact.disk_space import says_no_room
 from urbantwin.artefact.document import read_json
 from urbantwin.artefact.inventory import (
     INVENTORY,
@@ -15,7 +16,6 @@ from urbantwin.artefact.inventory import (
     read_inventory,
     write_inventory,
 )
-from urbantwin.artefact.room import says_no_room
 from urbantwin.artefact.scratch import claimed, put_in_place, refuse_if_written
 from urbantwin.errors import InputError
 from urbantwin.interruption import deferred
@@ -56,7 +56,7 @@ def check_folder(target: Path, *, kind: str, inputs: Sequence[Path | None] = ())
 
     Raises:
         InputError: it is a file, a folder that holds something else, inside another artefact or an
-            input, has an input inside, is being written by another run, or nobody may write there.
+            input, has an input inside, is being written by another run, or is not writable.
     """
     real = _real(target)
     _check_place(target, real, inputs)
@@ -76,7 +76,7 @@ def check_file(
 
     Raises:
         InputError: it is a folder, an input, inside an artefact or an input, is being written by
-            another run, or nobody may write there.
+            another run, or is not writable.
     """
     real = _real(target)
     if real.is_dir():
@@ -137,7 +137,7 @@ def replaced_file(
         replaces: an input that it may replace.
 
     Raises:
-        InputError: see `check_file`; or what comes along would replace somebody's file.
+        InputError: see `check_file`; or what comes along would replace a foreign file.
         StageError: the disk is full.
     """
     check_file(target, inputs=inputs, replaces=replaces)
@@ -180,7 +180,7 @@ def _check_place(target: Path, real: Path, inputs: Sequence[Path | None]) -> Non
             continue
         path = Path(os.path.realpath(given))
         if real == path:
-            raise InputError("is an input, too", file=target, expected="another output")
+            raise InputError("is also an input", file=target, expected="another output")
         if path.is_dir() and real.is_relative_to(path):
             raise InputError(
                 f"is inside an input ({given})", file=target, expected="an output beside it"
@@ -227,8 +227,8 @@ def _check_replaceable(target: Path, real: Path, kind: str) -> None:
         named = read_inventory(real)
     except InputError as error:
         raise InputError(
-            f"holds a {kind} whose inventory is no help ({error.file}: {error.problem}), and maybe "
-            "other files, which would be lost",
+            f"holds a {kind} whose inventory cannot be used ({error.file}: {error.problem}), and "
+            "maybe other files, which would be lost",
             file=target,
             expected=expected,
         ) from None

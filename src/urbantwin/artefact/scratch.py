@@ -3,7 +3,7 @@
 ``.NAME.PROCESS.urbantwin-new`` holds what a run is writing, ``.NAME.PROCESS.KEY.urbantwin-partial``
 what a run can go on from, and ``.NAME.PROCESS.urbantwin-old`` what has just been replaced. A run
 holds a lock (``flock``) on its own folder; the kernel takes the lock from a process that dies, so
-nothing stays locked, and the next run on the same output tells what is dead and removes it.
+nothing stays locked, and the next run on the same output recognises dead scratch and removes it.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def claimed(target: Path, *, key: str | None = None) -> Iterator[Scratch]:
         key: 16 hexadecimal digits that say what is made.
 
     Raises:
-        InputError: another run is writing it, or nobody may write there.
+        InputError: another run is writing it, or is not writable.
     """
     target = Path(os.path.realpath(target))
     lock: int | None = None
@@ -123,7 +123,7 @@ def refuse_if_written(target: Path) -> None:
 
 @contextmanager
 def new_folder(folder: Path) -> Iterator[None]:
-    """Make a folder for somebody to write to; take it away again if the block leaves it empty.
+    """Make a folder to write to; remove it again if the block leaves it empty.
 
     Raises:
         InputError: it cannot be made.
@@ -300,7 +300,7 @@ def _alone(folder: Path) -> Iterator[None]:
     """Let runs look at what is in a folder one after the other."""
     lock = os.open(folder, os.O_RDONLY)
     try:
-        if _identity(lock) not in _held:  # in a scratch of our own nobody else looks
+        if _identity(lock) not in _held:  # a scratch of our own is private
             try:
                 fcntl.flock(lock, fcntl.LOCK_EX)
             except OSError as error:

@@ -1,4 +1,4 @@
-"""Tables of columns, Parquet and Feather, read so that a damaged one is one clear line."""
+"""Validated reading of Parquet and Feather tables: a damaged one is one clear line."""
 
 from __future__ import annotations
 
@@ -48,7 +48,9 @@ def read_parquet(
                 or min((group.num_rows for group in groups), default=0) < 0
                 or not may_unpack(max(unpacked, rows * max(told.num_columns, 1)), size)
             ):
-                raise InputError("has other rows than it says", file=path, expected=expected)
+                raise InputError(
+                    "does not have the rows that its header says", file=path, expected=expected
+                )
             found = file.schema_arrow
             if schema is not None and not found.equals(schema, check_metadata=False):
                 raise InputError(

@@ -1,4 +1,4 @@
-"""Whether artefacts are what was written: every file there, unchanged, and nothing else."""
+"""Verification of artefacts: every file present and unchanged, and nothing else."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def verify(path: Path, *, workers: int = 1, progress: Progress | None = None) ->
     found = list(_artefacts(path))
     if not found:
         raise InputError(
-            "is no artefact, and holds none",
+            "is not an artefact and contains none",
             file=path,
             expected=f"a folder that urbantwin wrote: {', '.join(KINDS)}",
         )

@@ -74,8 +74,8 @@ def background(
     """Measure the static world beam by beam from unlabelled frames, for `record --background`."""
     from urbantwin.artefact import check_file
     from urbantwin.cli.stages import rig_on
-    from urbantwin.fidelity.measured_background import measure_recording
-    from urbantwin.fidelity.on_beams import beams_of_model, beams_of_rig
+    from urbantwin.fidelity.background_estimation import measure_recording
+    from urbantwin.fidelity.beam_assignment import beams_of_model, beams_of_rig
     from urbantwin.fidelity.range_matrix import is_matrix, measure_matrix
     from urbantwin.twin import load_twin
 

@@ -82,7 +82,7 @@ def read_ignore_regions(path: Path) -> list[IgnoreArea]:
             area = shapely.MultiPolygon(shapely.get_parts(shape).tolist())
         except (ValueError, shapely.errors.ShapelyError) as error:
             raise InputError(
-                f"is no polygon ({one_line(error)})", file=path, place=f"features[{number}]"
+                f"is not a polygon ({one_line(error)})", file=path, place=f"features[{number}]"
             ) from None
         areas.append(IgnoreArea(one.properties.reason, area))
     return areas

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact.document import read_json_value
 from urbantwin.errors import InputError
+from urbantwin.geometry import wrapped
 from urbantwin.lidar import BoxLabel, LabelledFrame
 
 __all__ = ["FOLDERS", "RAY_TYPE", "frame_name", "label_lines", "write_frame"]
@@ -120,7 +121,7 @@ def _write_all(stream: io.RawIOBase, part: bytes | memoryview) -> None:
 
 @contextmanager
 def _named(path: Path) -> Iterator[None]:
-    """Say in the system's errors which file they are about."""
+    """Add the file's name to errors of the system."""
     try:
         yield
     except OSError as error:
@@ -128,7 +129,7 @@ def _named(path: Path) -> Iterator[None]:
 
 
 def read_json_or_none(path: Path) -> Any:  # noqa: ANN401
-    """Return what a JSON file holds, or ``None`` if it is missing, cut short or damaged."""
+    """Return what a JSON file holds, or ``None`` if it is missing, truncated or damaged."""
     try:
         return read_json_value(path, "what a frame holds")
     except InputError:
@@ -166,7 +167,7 @@ BOX_FIELDS = ("x", "y", "z", "length", "width", "height", "yaw")
 
 def _normal(box: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the box with its yaw in [-pi, pi)."""
-    return np.append(box[:6], (box[6] + np.pi) % (2 * np.pi) - np.pi)
+    return np.append(box[:6], wrapped(box[6:]))
 
 
 def _plain(value: float) -> float:

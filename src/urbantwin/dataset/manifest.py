@@ -16,7 +16,7 @@ import numpy as np
 from urbantwin import __version__
 from urbantwin.artefact import as_json
 from urbantwin.dataset.layout import frame_name
-from urbantwin.dataset.pose_matrix import pose_matrix
+from urbantwin.dataset.manifest_schema import pose_matrix
 from urbantwin.geometry import Pose
 from urbantwin.lidar import MountedSensor, Rig, Sensor
 from urbantwin.taxonomy import ACTOR_CLASSES, semantic_classes
@@ -80,7 +80,7 @@ def recipe_of(
         seed: of all random numbers.
         times_s: number of each frame -> its time.
         backend: what casts the rays, see `lidar.Scanner`.
-        asked: what the rig was placed from, see `asked.asked_of`.
+        asked: what the rig was placed from, see `provenance.asked_of`.
     """
     times = list(times_s.values())
     return {
@@ -119,7 +119,7 @@ def versions_here(backend: str) -> dict[str, Any]:
 
 
 def recipe_of_rig(rig: Rig) -> dict[str, Any]:
-    """Return the part of a recipe that tells of the sensors."""
+    """Return the part of a recipe that describes the sensors."""
     return {
         "frame": rig.frame,
         # Of a rig that rides, each of the frames has its own.

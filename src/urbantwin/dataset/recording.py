@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -16,11 +17,10 @@ from urbantwin.artefact import (
     write_inventory,
     write_json,
 )
-from urbantwin.dataset.frame_times import frame_times
+from urbantwin.dataset.dataset_writer import MARKS, checksums, finish_dataset, record_dataset
 from urbantwin.dataset.layout import RAY_TYPE
 from urbantwin.dataset.manifest import manifest_of_parts, recipe_key, recipe_of, recipe_of_rig
-from urbantwin.dataset.moment import FASTEST_M_S
-from urbantwin.dataset.one_dataset import MARKS, checksums, finish_dataset, record_dataset
+from urbantwin.dataset.motion_interpolation import FASTEST_M_S, SAME_TIME_S
 from urbantwin.errors import InputError
 from urbantwin.lidar import Rig
 from urbantwin.lidar.casting.backend import layers_on
@@ -83,7 +83,7 @@ def record(  # noqa: PLR0913 - every one is a person's choice
             rig's.
         also: called with the folder of the whole dataset before it appears, for what else belongs
             into it: pictures.
-        progress: called with the share that is done and what is being done.
+        progress: called with the fraction done and what is being done.
 
     Raises:
         InputError: a backend that this machine lacks, a motion on another twin, a negative
@@ -163,3 +163,36 @@ def _check_room(
         rays = sum(one.sensor.channels * one.columns for one in part.sensors)
         needed += (len(times_s) - done) * rays * LEAST_RETURNED * BYTES_PER_POINT
     check_room(out, needed, f"a dataset of {len(times_s)} frames")
+
+
+def frame_times(
+    rate_hz: float,
+    start_s: float,
+    stop_s: float | None,
+    steps_s: Any,  # noqa: ANN401
+) -> dict[int, float]:
+    """Return the number of each frame and its time: the multiples of 1 / rate within the span.
+
+    Raises:
+        InputError: the span is empty or leaves the motion.
+    """
+    if not len(steps_s):
+        raise InputError("the motion has no steps", expected="a motion with traffic")
+    first, last = float(steps_s[0]), float(steps_s[-1])
+    stop = last if stop_s is None else stop_s
+    span = f"a span within the motion's {first:g} to {last:g} s"
+    if not (math.isfinite(start_s) and math.isfinite(stop)):
+        raise InputError(f"{start_s} to {stop} s is not a span", place="start_s", expected=span)
+    if start_s < first - SAME_TIME_S:
+        raise InputError(f"{start_s:g} s is before the motion", place="start_s", expected=span)
+    if stop > last + SAME_TIME_S:
+        raise InputError(f"{stop:g} s is after the motion", place="stop_s", expected=span)
+    low = math.ceil((start_s - SAME_TIME_S) * rate_hz)
+    high = math.floor((stop + SAME_TIME_S) * rate_hz)
+    if high < low:
+        raise InputError(
+            f"no frame at {rate_hz:g} Hz lies in {start_s:g} to {stop:g} s",
+            place="stop_s",
+            expected=span,
+        )
+    return {index: index / rate_hz for index in range(low, high + 1)}

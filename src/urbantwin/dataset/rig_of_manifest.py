@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import BaseModel, Field, ValidationError
 
 from urbantwin.artefact.manifest import Part
-from urbantwin.dataset.manifest_form import pose_of_matrix
+from urbantwin.dataset.manifest_schema import pose_of_matrix
 from urbantwin.lidar import MountedSensor, Rig, Sensor
 from urbantwin.lidar.mounted import Returns
 from urbantwin.site.rig import Calibration, Conditions, Effects, OutageSpec, RideSpec, SwaySpec
@@ -92,7 +92,7 @@ def _check_numbers(value: object) -> None:
         for one in value.values() if isinstance(value, dict) else value:
             _check_numbers(one)
     elif isinstance(value, int | float) and not abs(value) <= _LARGEST:
-        raise ValueError(f"{value!r:.40} is no figure of a sensor")
+        raise ValueError(f"{value!r:.40} is not a value that a sensor has")
 
 
 def _mounted(entry: Mapping[str, Any]) -> MountedSensor:

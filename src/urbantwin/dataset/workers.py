@@ -12,11 +12,11 @@ from pathlib import Path
 
 import shapely
 
-from urbantwin.dataset.course import Course
+from urbantwin.dataset.frame_motion import FrameMotion
 from urbantwin.dataset.layout import frame_name, write_frame
-from urbantwin.dataset.moment import posed_actors
-from urbantwin.dataset.pose_matrix import pose_matrix
-from urbantwin.dataset.sweeps import sweep_rows
+from urbantwin.dataset.manifest_schema import pose_matrix
+from urbantwin.dataset.motion_interpolation import posed_actors
+from urbantwin.dataset.sweep_table import sweep_rows
 from urbantwin.errors import StageError
 from urbantwin.geometry import LabelledMesh, SurfaceMaterials
 from urbantwin.lidar import Rig, Scanner
@@ -34,7 +34,7 @@ class Task:
     """One frame to record: its number, and the actors at its time and around it."""
 
     index: int
-    course: Course
+    motion: FrameMotion
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,7 @@ class _Recorder:
 
     def record(self, task: Task) -> int:
         rig = self._recipe.rig
-        actors = posed_actors(task.course.rows, task.course.paths())
+        actors = posed_actors(task.motion.rows, task.motion.paths())
         frame = self._scanner.scan(task.index, actors)
         entry = write_frame(self._recipe.folder, task.index, frame)
         carrier = next((one.way for one in actors if one.track == rig.carrier), None)
@@ -127,7 +127,7 @@ def record_frames(recipe: Recipe, tasks: Iterable[Task], workers: int) -> Iterat
                     yield future.result()
     except BrokenProcessPool:
         raise StageError(
-            "a worker was stopped from outside (out of memory?); what is finished is kept: "
+            "a worker was killed (out of memory?); what is finished is kept: "
             "give the same command again, with fewer workers"
         ) from None
 

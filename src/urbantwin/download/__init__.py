@@ -1,4 +1,4 @@
-"""What comes over HTTP: one client, which asks only where the person said, within limits."""
+"""Downloads over HTTP: one client, which asks only permitted origins, within limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One client of HTTP: it asks the root's origin and listed ones, and tells its key to the root's.
+"""The HTTP client: it asks the root's origin and listed ones, and sends its key to the root's.
 
 Written on ``http.client`` because a client above it (urllib, urllib3, requests) looks a name up
 again after we have judged its numbers, and times each read instead of the whole answer.
@@ -19,12 +19,12 @@ from functools import cached_property
 from urllib.parse import quote, urlencode, urljoin
 
 from urbantwin import __version__
-from urbantwin.download.body import read_body
 from urbantwin.download.connection import Pace, open_connection, proxy_for, secure_context
 from urbantwin.download.failure import DownloadError
-from urbantwin.download.internet import Place, is_public, literal_address, located
+from urbantwin.download.host_addresses import Place, is_public, literal_address, located
 from urbantwin.download.origin import Address, Origin, parse_address
-from urbantwin.download.secrets import Secrets
+from urbantwin.download.redaction import Secrets
+from urbantwin.download.response_body import read_body
 
 __all__ = ["Client", "Limits"]
 
@@ -167,7 +167,7 @@ class Client:
         except DownloadError as error:
             failure = error
         except (http.client.HTTPException, OSError, ValueError) as error:
-            # What went wrong may name the address, and the key with it: its kind alone is told.
+            # What went wrong may name the address, and the key with it: only its kind is reported.
             why = f"cannot be fetched ({type(error).__name__})"
             failure = DownloadError(why, unanswered=True, may_pass=True)
         else:

@@ -1,4 +1,4 @@
-"""Connections to addresses that were judged before, which no server holds up for ever."""
+"""Connections to checked addresses, with limits on how long a server may take."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 from urllib.parse import unquote, urlsplit
 
 from urbantwin.download.failure import DownloadError
-from urbantwin.download.internet import Place, literal_address, located
+from urbantwin.download.host_addresses import Place, literal_address, located
 from urbantwin.download.origin import Address, Origin
 
 __all__ = ["Pace", "Proxy", "open_connection", "proxy_for", "secure_context"]
@@ -92,7 +92,7 @@ class Proxy:
     Attributes:
         host: of the proxy.
         port: of the proxy.
-        headers: what tells the proxy who we are.
+        headers: credentials for the proxy.
     """
 
     host: str
@@ -149,7 +149,7 @@ def open_connection(
         The connection, the target to ask for on it, and headers that it needs.
 
     Raises:
-        OSError: nobody is there.
+        OSError: there is no answer.
     """
     origin = address.origin
     if context is not None:

@@ -1,4 +1,4 @@
-"""Why something could not be downloaded."""
+"""The error of a download."""
 
 from __future__ import annotations
 

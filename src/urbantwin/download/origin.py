@@ -1,4 +1,4 @@
-"""Addresses of HTTP taken apart once: where a request goes, and what it asks for there."""
+"""HTTP addresses parsed once: the origin that a request goes to, and its path."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def parse_address(text: str) -> Address:
     """Return an address of HTTP or HTTPS, taken apart.
 
     Raises:
-        DownloadError: it is none, or it holds a name or a password.
+        DownloadError: it is not such an address, or it holds a name or a password.
     """
     try:
         parts = urlsplit(text.strip())
@@ -96,7 +96,7 @@ def parse_origin(text: str) -> Origin:
     """Return an origin that a person wrote: ``https://host`` or ``http://host:8080``.
 
     Raises:
-        DownloadError: it is none, or says more than scheme, host and port.
+        DownloadError: it is not an origin, or has more than scheme, host and port.
     """
     if not re.fullmatch(r"[A-Za-z]+://[^/?#@\s]+/?", text):
         raise DownloadError("is not an origin")

@@ -11,7 +11,7 @@ from urbantwin.artefact import check_file, check_folder
 from urbantwin.errors import InputError
 from urbantwin.export.carla import write_carla
 from urbantwin.export.geojson import write_geojson
-from urbantwin.export.plan import write_plan
+from urbantwin.export.plan_sheet import write_plan
 from urbantwin.export.scene import write_scene
 from urbantwin.export.sumo import write_sumo
 from urbantwin.roads.opendrive import VERSIONS, write_opendrive
@@ -89,7 +89,7 @@ def format_named(name: str) -> Format:
     """Return a format.
 
     Raises:
-        InputError: there is none of that name.
+        InputError: there is no such name.
     """
     if name not in FORMATS:
         raise InputError(

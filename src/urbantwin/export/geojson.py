@@ -17,7 +17,7 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.roads import Lane
 from urbantwin.roads.marking import stop_lines, turns
 from urbantwin.twin import Twin
-from urbantwin.view.road_lines import heads, islands, signs
+from urbantwin.view.road_furniture import heads, islands, signs
 
 __all__ = ["LAYERS", "write_geojson"]
 

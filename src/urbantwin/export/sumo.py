@@ -1,4 +1,4 @@
-"""The twin as SUMO opens it: network, vehicle types, routes, buildings, a run that is set up."""
+"""The twin as a SUMO scenario: network, vehicle types, routes, buildings, configuration."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Measures between real and synthetic frames of one place, and the report about them."""
 
-from urbantwin.fidelity.background import Background
+from urbantwin.fidelity.background_subtraction import Background
 from urbantwin.fidelity.beams import BeamAgreement, beam_agreement
 from urbantwin.fidelity.chamfer import chamfer, chamfer_squared, density_chamfer
 from urbantwin.fidelity.clouds import Cloud, cloud_files, read_cloud
@@ -10,14 +10,14 @@ from urbantwin.fidelity.divergence import jensen_shannon
 from urbantwin.fidelity.earth_mover import earth_mover, sliced_earth_mover
 from urbantwin.fidelity.frame import Boxes, Frame
 from urbantwin.fidelity.frechet import frechet, frechet_places, frechet_shapes
-from urbantwin.fidelity.hausdorff import P95Hausdorff, p95_hausdorff
+from urbantwin.fidelity.hausdorff import P95Hausdorff
 from urbantwin.fidelity.histograms import Histograms, divergences, histograms_of
 from urbantwin.fidelity.mean_discrepancy import mean_discrepancy
-from urbantwin.fidelity.nearest import NearestDistances, nearest_distances
-from urbantwin.fidelity.objects import ObjectStatistics, object_differences
+from urbantwin.fidelity.nearest_point import NearestDistances, nearest_distances
+from urbantwin.fidelity.object_statistics import ObjectStatistics, object_differences
 from urbantwin.fidelity.point_to_mesh import RealSurface, Spread
+from urbantwin.fidelity.rebuilt_surface import Surface, rebuild_surface
 from urbantwin.fidelity.report import Report
-from urbantwin.fidelity.surface import Surface, rebuild_surface
 
 __all__ = [
     "MEASURES",
@@ -50,7 +50,6 @@ __all__ = [
     "mean_discrepancy",
     "nearest_distances",
     "object_differences",
-    "p95_hausdorff",
     "read_cloud",
     "rebuild_surface",
     "sliced_earth_mover",

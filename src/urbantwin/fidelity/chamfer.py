@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.fidelity.nearest import NearestDistances, PointTree
+from urbantwin.fidelity.nearest_point import NearestDistances, PointTree
 from urbantwin.fidelity.sampling import sample_rows
 
 __all__ = ["DENSITY_POINTS", "DENSITY_SCALE_M", "chamfer", "chamfer_squared", "density_chamfer"]

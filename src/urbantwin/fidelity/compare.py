@@ -100,10 +100,10 @@ def compare(  # noqa: PLR0913 - every one is a person's choice
 
 def _draw(report: Report, found: Findings, folder: Path) -> None:
     """Write the pictures and the page."""
-    from urbantwin.fidelity.figure import draw_report
-    from urbantwin.fidelity.object_views import draw_objects
-    from urbantwin.fidelity.page import Pictures, write_page
-    from urbantwin.fidelity.views import draw_missing, draw_pair
+    from urbantwin.fidelity.object_figure import draw_objects
+    from urbantwin.fidelity.pair_figure import draw_missing, draw_pair
+    from urbantwin.fidelity.report_figure import draw_report
+    from urbantwin.fidelity.report_page import Pictures, write_page
 
     origin = found.pairs.origin
     draw_report(report, found.pooled, folder / "report.png")
@@ -188,7 +188,7 @@ def _origin(real: Side, given: ArrayLike | None) -> NDArray[np.float64]:
         place = np.asarray(given, np.float64).reshape(3)
         if not (np.abs(place) < 1e7).all():  # nor NaN
             raise InputError(
-                f"{' '.join(f'{one:g}' for one in place)} is no place",
+                f"{' '.join(f'{one:g}' for one in place)} is not a point",
                 place="origin",
                 expected="x, y and z in metres in the frame of the clouds",
             )
@@ -198,7 +198,7 @@ def _origin(real: Side, given: ArrayLike | None) -> NDArray[np.float64]:
 
 
 def _split(sides: dict[str, Side]) -> str | None:
-    """Return how foreground is told from background, the same way on both sides."""
+    """Return how foreground is separated from background, the same way on both sides."""
     pair = (sides["real"], sides["synthetic"])
     if all(side.labelled for side in pair):
         return LABELS

@@ -1,4 +1,4 @@
-"""Whether two frames can be of one place, in one frame of reference, by one sensor."""
+"""Consistency of two frames: one place, one frame of reference, one kind of sensor."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from urbantwin.fidelity.plan_match import (
     standing,
 )
 from urbantwin.fidelity.sensor_match import doubts_about_sensors
+from urbantwin.geometry import wrapped
 
 __all__ = ["doubts_about"]
 
@@ -75,10 +76,10 @@ _ALIGN = "or run `urbantwin align` and record again"
 def doubts_about(real: Frame, other: Frame) -> list[str]:
     """Return what looks wrong about comparing two frames, one sentence each.
 
-    Said is another unit; height along another axis; a tilt; frames that look turned by any angle,
-    mirrored, shifted in plan or in height, or of another place altogether; and another sensor
-    (`sensor_match`). Places are told by what stands above the ground (`plan_match`); of frames in
-    which hardly anything stands nothing is said.
+    Detected are another unit; height along another axis; a tilt; frames that look rotated,
+    mirrored, shifted in plan or in height, or of another place; and another sensor
+    (`sensor_match`). Places are recognised by what stands above the ground (`plan_match`), so
+    frames in which hardly anything stands raise no doubts.
     """
     if min(len(real.points), len(other.points)) < _LEAST:
         return []
@@ -123,7 +124,7 @@ class _Upright:
 
     @classmethod
     def of(cls, points: Array) -> _Upright:
-        """Take some points of a frame; z stays upward unless the ground says otherwise loudly."""
+        """Take some points of a frame; z stays upward unless the ground clearly contradicts."""
         if len(points) > _MOST:
             points = points[:: -(-len(points) // _MOST)]
         some = points[:: -(-len(points) // _OF_GROUND)]
@@ -271,7 +272,7 @@ def _mirror_said(degrees: float, motion: PlanMotion) -> str:
         90: "(x and y exchanged): exchange them",
         270: "(x and y exchanged, with signs): take x = -y and y = -x",
     }[nearest]
-    if abs((degrees - nearest + 180) % 360 - 180) > _TURN_DEG:
+    if abs(wrapped(degrees - nearest, 360.0)) > _TURN_DEG:
         what = f"and rotated: multiply y by -1, then turn by {degrees:.0f} degrees about z"
     return f"The real frames look mirrored {what}."
 
@@ -294,7 +295,7 @@ def _axes_said(mine: _Upright, its: _Upright, placed: _Placed) -> list[str]:
             turn[:2, :2] = placed.motion.matrix
             left = np.degrees(placed.motion.yaw)
             nearest = np.round(turn @ axes)
-            if abs((left + 45) % 90 - 45) < _TURN_DEG:
+            if abs(wrapped(float(left), 90.0)) < _TURN_DEG:
                 how = f"take {_named(nearest)}"
             else:
                 how = f"take {_named(axes)}, then turn by {left:.0f} degrees about z"
@@ -328,7 +329,7 @@ class _Level:
 
 
 def _level(placed: _Placed) -> _Level:
-    """Return it where both frames have ground: a plane through the differences, L1."""
+    """Return how the grounds differ, by a plane fitted in L1, where both frames have ground."""
     mine, its = placed.mine.moved(placed.motion).ground, placed.its.ground
     theirs = {tuple(key): z for key, z in zip(_cells(its), its[:, 2], strict=True)}
     rows = [
@@ -371,7 +372,7 @@ def _level_said(level: _Level) -> list[str]:
 
 
 def _is_far(placed: _Placed, level: _Level) -> bool:
-    """Return whether the real frame is shifted: where its sensor is, nothing tells then."""
+    """Return whether the real frame is shifted: where its sensor is, is then unknown."""
     return float(np.hypot(*placed.motion.shift)) > _SHIFT_M or abs(level.height_m) > _HEIGHT_M
 
 

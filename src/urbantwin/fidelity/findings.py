@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.fidelity import histograms as bins
-from urbantwin.fidelity import surface
+from urbantwin.fidelity import rebuilt_surface
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.measure import BACKGROUND, FOREGROUND
 from urbantwin.fidelity.missing import NEAR_M, SPACING_SHARE, MissingPlaces
-from urbantwin.fidelity.objects import object_differences
+from urbantwin.fidelity.object_statistics import object_differences
 from urbantwin.fidelity.pairs import MeasuredPair, Pairs
 from urbantwin.fidelity.point_to_mesh import MAX_POINTS
 from urbantwin.fidelity.report import Anchored, FrameFigures, Report, anchored
@@ -124,10 +124,10 @@ def _parameters(origin: NDArray[np.float64]) -> dict[str, Any]:
             "density_m": _bins(bins.DENSITY_EDGES_M),
         },
         "surface": {
-            "max_edge_m": surface.MAX_EDGE_M,
-            "max_angle_deg": surface.MAX_ANGLE_DEG,
-            "min_grazing_deg": surface.MIN_GRAZING_DEG,
-            "level_deg": surface.LEVEL_DEG,
+            "max_edge_m": rebuilt_surface.MAX_EDGE_M,
+            "max_angle_deg": rebuilt_surface.MAX_ANGLE_DEG,
+            "min_grazing_deg": rebuilt_surface.MIN_GRAZING_DEG,
+            "level_deg": rebuilt_surface.LEVEL_DEG,
             "max_points": MAX_POINTS,
         },
         "missing": {"farther_than_m": NEAR_M, "or_share_of_range": SPACING_SHARE},
@@ -139,15 +139,15 @@ def _bins(edges: NDArray[np.float64]) -> dict[str, Any]:
 
 
 def _notes(found: Findings, doubts: list[str]) -> list[str]:
-    """Say what a reader of the figures must know about the input."""
+    """Return what a reader of the figures must know about the input."""
     sides, split_by, frames = found.pairs.sides, found.pairs.split_by, found.frames
     pairs, anchors = len(found.pairs), len(found.pairs.anchors)
     notes = ["Frames are paired in the order of their names: the i-th with the i-th."]
     notes += doubts
     notes.append(
-        f"Foreground and background are told apart by {split_by}."
+        f"Foreground and background are separated by {split_by}."
         if split_by
-        else "Foreground and background are not told apart: labels are not on both sides, and "
+        else "Foreground and background are not separated: labels are not on both sides, and "
         "there are too few frames of a sensor that stands still."
     )
     for name, side in sides.items():

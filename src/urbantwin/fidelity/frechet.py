@@ -11,7 +11,6 @@ from urbantwin.processes import threads
 
 __all__ = [
     "NEIGHBOURS",
-    "SHAPE_FEATURES",
     "SHAPE_POINTS",
     "frechet",
     "frechet_places",
@@ -22,7 +21,6 @@ __all__ = [
 #: Points whose surroundings are described, and how many neighbours describe them.
 SHAPE_POINTS = 3_000
 NEIGHBOURS = 16
-SHAPE_FEATURES = ("linearity", "planarity", "scattering", "verticality", "spacing")
 
 
 def frechet(

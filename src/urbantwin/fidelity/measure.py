@@ -14,7 +14,7 @@ from urbantwin.fidelity.clouds import Cloud
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.hausdorff import P95Hausdorff
 from urbantwin.fidelity.histograms import Histograms, divergences, histograms_of
-from urbantwin.fidelity.nearest import NearestDistances, PointTree, nearest_distances
+from urbantwin.fidelity.nearest_point import NearestDistances, PointTree, nearest_distances
 from urbantwin.fidelity.point_to_mesh import RealSurface, Spread
 
 __all__ = ["BACKGROUND", "FOREGROUND", "Figures", "Measured", "RealFrame"]

@@ -1,4 +1,4 @@
-"""What to mend next: places where real points have nothing of the twin near them."""
+"""What the twin lacks: places where real points have nothing of the twin near them."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ class Pairs:
     Attributes:
         sides: "real", "synthetic" and, with a control, "arbitrary".
         origin: (3,) the sensor's place in the frame of the points, metres.
-        split_by: how foreground is told from background (`Side.foreground`).
+        split_by: how foreground is separated from background (`Side.foreground`).
     """
 
     sides: dict[str, Side]
@@ -138,7 +138,7 @@ def measured_pairs(pairs: Pairs, workers: int | None) -> Iterator[MeasuredPair |
                 yield future.result()
     except BrokenProcessPool:
         raise StageError(
-            "a worker was stopped from outside (out of memory?): try it with fewer workers"
+            "a worker was killed (out of memory?): try it with fewer workers"
         ) from None
 
 

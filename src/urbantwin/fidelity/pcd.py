@@ -44,7 +44,7 @@ def read_pcd(path: Path) -> dict[str, NDArray[np.float64]]:
             raise ValueError
     except (KeyError, ValueError, IndexError, TypeError):
         raise InputError(
-            "the header is not right", file=path, expected="a PCD 0.7 header"
+            "the header is not valid", file=path, expected="a PCD 0.7 header"
         ) from None
 
     if encoding == "ascii":
@@ -107,7 +107,7 @@ def _ascii(
     except ValueError as error:
         why = str(error).partition(";")[0]
         raise InputError(
-            f"has a line that is not right ({why})", file=path, expected=f"{sum(counts)} numbers"
+            f"has a line that is not valid ({why})", file=path, expected=f"{sum(counts)} numbers"
         ) from None
     if len(table) < points:
         raise InputError(f"is truncated: {len(table)} points", file=path, expected=f"{points}")

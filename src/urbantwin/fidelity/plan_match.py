@@ -1,4 +1,4 @@
-"""How one frame would have to be turned, mirrored and moved in plan to show what another shows.
+"""Matching two frames in plan: the rotation, mirroring and shift that bring one onto the other.
 
 What stands above the ground is drawn from above, a picture for each band of height; both frames'
 pictures are correlated by FFT at every heading. Pictures are high-passed, so that edges count and
@@ -84,7 +84,7 @@ class Standing:
     ground: Array
 
     def moved(self, motion: PlanMotion) -> Standing:
-        """Return it in another place."""
+        """Return it moved in plan."""
         return Standing(
             np.column_stack([motion.apply(self.points[:, :2]), self.points[:, 2]]),
             motion.apply(self.middle[None])[0],

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from urbantwin.fidelity.closest import NearestTriangle
+from urbantwin.fidelity.nearest_triangle import NearestTriangle
+from urbantwin.fidelity.rebuilt_surface import Surface, rebuild_surface
 from urbantwin.fidelity.sampling import sample_rows
-from urbantwin.fidelity.surface import Surface, rebuild_surface
 
 __all__ = ["MAX_POINTS", "RealSurface", "Spread"]
 
@@ -42,12 +42,12 @@ class RealSurface:
 
     Cloud-to-surface distance as in Metro (Cignoni, Rocchini, Scopigno 1998, "Metro: measuring
     error on simplified surfaces"), one way: from the synthetic points to the real surface. The
-    tenth that was kept out shows how far real points themselves lie from it (``rebuild_error``):
-    no figure below that says anything about the twin.
+    tenth that was held out shows how far real points themselves lie from it (``rebuild_error``):
+    figures below it say nothing about the twin.
 
     Attributes:
-        surface: the triangles (see ``surface.py``).
-        rebuild_error: distances of the real points that were kept out; None for fewer than two
+        surface: the triangles (see ``rebuilt_surface.py``).
+        rebuild_error: distances of the real points that were held out; None for fewer than two
             points.
     """
 

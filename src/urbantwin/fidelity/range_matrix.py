@@ -1,8 +1,9 @@
-"""A background that somebody else measured: a matrix of ranges, beams by steps of azimuth."""
+"""A background from elsewhere: a matrix of ranges, beams by steps of azimuth."""
 
 from __future__ import annotations
 
 import io
+import math
 import warnings
 from pathlib import Path
 from typing import Any
@@ -10,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.artefact.arrays import one_line, read_array
+from urbantwin.artefact.arrays import may_unpack, one_line, read_array
 from urbantwin.artefact.document import read_bytes
 from urbantwin.errors import InputError
-from urbantwin.fidelity.measured_background import described
-from urbantwin.fidelity.on_beams import BeamsOf
+from urbantwin.fidelity.background_estimation import described
+from urbantwin.fidelity.beam_assignment import BeamsOf
 from urbantwin.lidar.measured import MeasuredBackground
 from urbantwin.lidar.measured_file import save_backgrounds
 
@@ -23,6 +24,11 @@ __all__ = ["is_matrix", "measure_matrix"]
 _ENDINGS = (".mat", ".npy", ".csv", ".txt")
 #: A channel's row is the one whose elevation is nearest, within this, degrees.
 _SAME_DEG = 0.5
+#: MATLAB's classes of numbers. Cells, structs and texts are no matrices; they are not even read.
+_MATLAB_CLASSES = {
+    *("double", "single", "int8", "int16", "int32", "int64"),
+    *("uint8", "uint16", "uint32", "uint64"),
+}
 
 
 def is_matrix(path: Path) -> bool:
@@ -47,14 +53,14 @@ def measure_matrix(
             the sensor's channels if not given.
 
     Returns:
-        What `measured_background.described` does.
+        What `background_estimation.described` does.
 
     Raises:
-        InputError: a file is none such, or its rows are not the sensor's channels.
+        InputError: a file is not such a matrix, or its rows are not the sensor's channels.
     """
     ranges = _read(real)
     if ranges.ndim != 2 or min(ranges.shape) < 2:
-        raise InputError("is no matrix", file=real, expected="ranges, beams by steps of azimuth")
+        raise InputError("is not a matrix", file=real, expected="ranges, beams by steps of azimuth")
     ranges = np.where(np.isfinite(ranges) & (ranges > 0), ranges, 0.0)
     up = beams.sensor.elevation_deg
     if elevations is not None:
@@ -105,15 +111,13 @@ def _read(path: Path) -> NDArray[np.float64]:
     if kind == ".npy":
         return _numbers(read_array(path, expected), path, expected)
     if kind == ".mat":
-        from urbantwin.fidelity.matlab import read_matlab
-
         tables = read_matlab(path, expected)
         return _numbers(max(tables.values(), key=np.size), path, expected)
     text = read_bytes(path, expected)
     comma = "," if b"," in text[:10_000] else None
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of a file without a number, which is told below
+            warnings.simplefilter("ignore")  # of a file without a number, which is an error below
             return np.loadtxt(io.BytesIO(text), np.float64, delimiter=comma)
     except (ValueError, OverflowError, MemoryError) as error:
         problem = f"is not readable ({one_line(error)})"
@@ -124,3 +128,37 @@ def _numbers(array: NDArray[Any], path: Path, expected: str) -> NDArray[np.float
     if array.dtype.kind not in "fiu":
         raise InputError(f"holds {array.dtype}", file=path, expected=expected)
     return array.astype(np.float64)
+
+
+def read_matlab(path: Path, expected: str) -> dict[str, NDArray[Any]]:
+    """Return the matrices of numbers in a file by their names.
+
+    Raises:
+        InputError: missing, damaged, without a matrix, or with one that the file cannot hold.
+    """
+    from scipy.io import loadmat, whosmat
+
+    try:
+        size = path.stat().st_size
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of names that are given twice
+            sizes = {
+                name: shape
+                for name, shape, kind in whosmat(path, appendmat=False)
+                if kind in _MATLAB_CLASSES
+            }
+            # Eight bytes hold any of these numbers.
+            if any(min(one, default=0) < 0 for one in sizes.values()) or not may_unpack(
+                sum(8 * math.prod(one) for one in sizes.values()), size
+            ):
+                raise ValueError("its matrices are larger than it can hold")
+            read = loadmat(path, appendmat=False, variable_names=list(sizes)) if sizes else {}
+        found = {name: np.asarray(read[name]) for name in sizes if name in read}
+    except FileNotFoundError:
+        raise InputError("not found", file=path, expected=expected) from None
+    except Exception as error:  # scipy's parser raises what it likes
+        problem = f"is not readable ({one_line(error)})"
+        raise InputError(problem, file=path, expected=expected) from None
+    if not found:
+        raise InputError("holds no matrix of numbers", file=path, expected=expected)
+    return found

@@ -1,4 +1,4 @@
-"""At which ranges the static world stands in a direction, from many looks along it."""
+"""Modes of range: where the static world stands in a direction, from many looks along it."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _GAP_M = 0.25
 _LEAST_LOOKS, _LEAST_SHARE = 2, 0.05
 #: What stands before something else has this share: in the same lane, cars come by at one range.
 _LEAST_BEFORE = 0.3
-#: What comes and goes by chance alternates this often, of what independent looks would.
+#: What comes and goes at random alternates this often, of what independent looks would.
 _ALTERNATES = 0.7
 #: Candidates that are looked at in one direction.
 _TRIES = 6
@@ -37,7 +37,7 @@ class RangeModes:
         sigma_m: (C, 3) float32, standard deviation, metres.
         share: (C, 3) float32, of the looks that nothing passing by obstructs, those that came
             back from there. Their sum is below 1 where looks are lost.
-        intensity: (C, 3) float32, mean; nan where nobody knows.
+        intensity: (C, 3) float32, mean; nan where unknown.
         looks: (C,) int32, frames in which nothing stood before the nearest of them.
     """
 

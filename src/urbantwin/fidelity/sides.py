@@ -1,4 +1,4 @@
-"""The sides of a comparison: real, synthetic, arbitrary; read, checked and told apart."""
+"""The sides of a comparison: real, synthetic, arbitrary; read, checked, split."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.fidelity.background import LEAST_FRAMES, Background
+from urbantwin.fidelity.background_subtraction import LEAST_FRAMES, Background
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.histograms import full_scale
-from urbantwin.fidelity.objects import ObjectStatistics
+from urbantwin.fidelity.object_statistics import ObjectStatistics
 from urbantwin.fidelity.readers import Recording, open_recording
 from urbantwin.fidelity.sampling import evenly
 from urbantwin.processes import threads
 
 __all__ = ["LABELS", "MODEL", "Side", "model_background", "open_side", "survey"]
 
-#: How foreground is told from background.
+#: How foreground is separated from background.
 LABELS, MODEL = "labels", "background model"
 #: Frames that a background model is made of; of more, so many that are spread evenly.
 _MODEL_FRAMES = 60

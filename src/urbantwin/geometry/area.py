@@ -1,4 +1,4 @@
-"""Set operations on areas in plan that cannot fail and leave nothing but areas behind.
+"""Robust set operations on areas in plan, which return areas alone.
 
 Borders of lanes, junctions and footprints nearly coincide everywhere. Exact floating-point set
 operations fail on that now and then (GEOS: "side location conflict"); snapped to a grid of a

@@ -1,4 +1,4 @@
-"""Surfaces that touch themselves, made such that every edge has two faces."""
+"""Repair of surfaces that touch themselves, so that every edge has two faces."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Triangles = tuple[NDArray[np.float64], NDArray[np.int32]]
 
 
 def is_closed(faces: NDArray[np.int32]) -> bool:
-    """Tell whether every edge of triangles (F, 3) runs once each way: watertight and oriented."""
+    """Return whether every edge of triangles (F, 3) runs once each way: watertight and oriented."""
     start, end = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel().astype(np.int64)
     size = int(faces.max(initial=0)) + 1
     there, back = start * size + end, end * size + start

@@ -166,7 +166,7 @@ def checked_mesh(arrays: dict[str, NDArray[Any]], file: Path, expected: str) -> 
         strange = set(np.flatnonzero(np.bincount(arrays[name])).tolist()) - numbers
         if strange:
             raise InputError(
-                f"has the number {min(strange)}, which is none",
+                f"holds {min(strange)}, which is not in its table",
                 file=file,
                 place=name,
                 expected=expected,

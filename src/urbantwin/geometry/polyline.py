@@ -1,4 +1,4 @@
-"""Polylines: how far along each of their points lies."""
+"""Stationing of polylines: the distance along them of each point."""
 
 from __future__ import annotations
 

@@ -180,7 +180,9 @@ class SurfaceMaterials:
             raise InputError("is not of its tiles", file=path, place="count", expected=_EXPECTED)
         known = {entry.id for entry in materials().values()}
         if not set(data["material"].tolist()) <= known:
-            raise InputError("is none", file=path, place="material", expected="known materials")
+            raise InputError(
+                "names an unknown material", file=path, place="material", expected="known materials"
+            )
         ends = np.cumsum(counts)
         parts = [
             np.split(data[name], ends[:-1]) if len(ends) else []

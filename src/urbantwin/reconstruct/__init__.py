@@ -1,8 +1,8 @@
 """Imported geometry: meshes, 3D Tiles and point clouds, placed on the site, cleaned, labelled."""
 
 from urbantwin.reconstruct.model import Geotag, ImportedModel, PointCloud, TriangleMesh
-from urbantwin.reconstruct.outcome import outcome
 from urbantwin.reconstruct.reconstruction import Reconstruction, SourceFigures, SurveyedTree
+from urbantwin.reconstruct.source_summary import outcome
 from urbantwin.reconstruct.surroundings import Surroundings, surroundings_of
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""From sources of geometry to what they give to a scene: read, place, clean, tell apart."""
+"""The pipeline of imported geometry: read, georeference, clean, classify."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from urbantwin.reconstruct.cleaning import CleaningPicture, cleaned, cleaned_clo
 from urbantwin.reconstruct.formats import read_model
 from urbantwin.reconstruct.georeference import SiteHeights, placed
 from urbantwin.reconstruct.model import ImportedModel, PointCloud
-from urbantwin.reconstruct.plausible import implausible_size, refuse_upside_down
+from urbantwin.reconstruct.plausibility import implausible_size, refuse_upside_down
 from urbantwin.reconstruct.reconstruction import Reconstruction, SourceFigures, SurveyedTree
 from urbantwin.reconstruct.surroundings import Surroundings
 from urbantwin.site import GeometrySource
@@ -62,7 +62,7 @@ def reconstruct(
     heights: SiteHeights | None = None,
     progress: Progress | None = None,
 ) -> Reconstruction:
-    """Read every source, lay it on its place, clean it, and tell ground from what stands on it.
+    """Read every source, georeference it, clean it, and separate the ground from objects on it.
 
     Sources are taken in their order; one that gives the ground helps to place those after it.
     Clouds of which ``site.yaml`` says the same are one survey.
@@ -73,7 +73,7 @@ def reconstruct(
         surroundings: the region, and what the map knows there.
         dem: the elevation model, where there is one.
         heights: what the anchor's ground is in the DEM's heights.
-        progress: told the share done (0..1) and what is being done.
+        progress: called with the fraction done (0..1) and what is being done.
 
     Raises:
         InputError: a source cannot be read or placed, or nothing of it lies in the region.
@@ -141,7 +141,7 @@ def _survey_of(source: GeometrySource) -> str:
 
 
 def _part_of(tell: Progress, number: int, count: int, name: str) -> Progress:
-    """Return what tells of one of several sources."""
+    """Return the progress of one of several sources."""
     return lambda share, text: tell((number + share) / count, f"{name}: {text}")
 
 

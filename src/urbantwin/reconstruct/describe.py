@@ -15,7 +15,7 @@ from pyproj.exceptions import ProjError
 from urbantwin.artefact import as_json
 from urbantwin.geometry import SiteFrame
 from urbantwin.reconstruct.formats import read_model
-from urbantwin.reconstruct.formats.kind import kind_of
+from urbantwin.reconstruct.formats.file_type import kind_of
 from urbantwin.reconstruct.georeference.axes import axes_of
 from urbantwin.reconstruct.model import ImportedModel
 from urbantwin.reconstruct.tiles3d import middle_of_tileset
@@ -27,7 +27,7 @@ __all__ = ["describe_geometry"]
 
 #: Of a tileset so much around its middle is read, metres.
 _AROUND_M = 500.0
-#: So many names and problems are told.
+#: So many names and problems are listed.
 _MOST = 8
 _DEGREES = CRS.from_epsg(4979)
 _NOT_SAID = "not said"

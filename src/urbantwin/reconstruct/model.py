@@ -1,4 +1,4 @@
-"""A model as it was read: triangles and points in its own frame, and what its file says of it."""
+"""An imported model: triangles and points in its own frame, and what its file says of it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What imported geometry gives to a scene."""
+"""The result of a reconstruction: what imported geometry contributes to a scene."""
 
 from __future__ import annotations
 

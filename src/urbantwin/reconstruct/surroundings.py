@@ -1,4 +1,4 @@
-"""What is known of a site before geometry is imported: what imports are fitted and compared to."""
+"""What is known of a site before import: the reference that imports are fitted and compared to."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ import shapely
 from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.artefact import write_json
-from urbantwin.artefact.typed import Numbers, Pairs, Triples, read_typed
+from urbantwin.artefact.typed_document import Numbers, Pairs, Triples, read_typed
 from urbantwin.errors import InputError
 from urbantwin.geometry import area_difference, area_union, stations_of_points
 

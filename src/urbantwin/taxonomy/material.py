@@ -2,7 +2,7 @@
 
 Between the three wavelengths of the table reflectivity is interpolated along a straight line.
 Spectra of plants and wet surfaces are no straight lines between 905 and 1550 nm (water absorbs
-about 970, 1200 and 1450 nm), so a sensor at 1064 nm is told only roughly; there is none in the
+about 970, 1200 and 1450 nm), so a sensor at 1064 nm is modelled only roughly; there is none in the
 catalogue.
 """
 

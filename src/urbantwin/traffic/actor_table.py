@@ -1,4 +1,4 @@
-"""From what SUMO saw to the table of actors: smoothed, walking, standing on our ground."""
+"""The table of actors from SUMO's output: smoothed, with gait, standing on our ground."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def actor_table(
     asset: Callable[[str], Asset],
     tell: Progress = untold,
 ) -> tuple[pa.Table, int]:
-    """Return the table of actors and how many poses were left out for want of ground.
+    """Return the table of actors and how many poses were left out because there is no ground.
 
     Tracks are numbered in the order of setting out.
 
@@ -44,7 +44,7 @@ def actor_table(
         steps: how many steps the motion has; steps before and after them only shape the paths.
         step_s: time between steps.
         asset: an asset's dimensions and contacts by name.
-        tell: told the share done (0..1) and what is being done.
+        tell: called with the fraction done (0..1) and what is being done.
     """
     smoothing, standing = between(tell, 0.0, 0.4), between(tell, 0.5, 0.9)
     columns = _poses(simulated, demand, steps=steps, step_s=step_s, asset=asset, tell=smoothing)

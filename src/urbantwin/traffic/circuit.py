@@ -1,7 +1,7 @@
-"""Circuits: the endless ways of those who never leave a closed network.
+"""Circuits: endless routes for actors that never leave a closed network.
 
 A *passage* leads from one gate to the next. Which gate is next is drawn by its traffic, less where
-the way is a detour; nobody returns to where they came from while there is another way.
+the way is a detour; no actor returns to where it came from while there is another way.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import scipy.sparse
 import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
-from urbantwin.traffic.way_graph import WayGraph
+from urbantwin.traffic.routing_graph import WayGraph
 
 __all__ = ["Circuit"]
 

@@ -1,4 +1,4 @@
-"""Circulation: a population that stays, each of whom goes from passage to passage for hours.
+"""Circulation: a constant population of actors that pass through the region again and again.
 
 How many there are of a class follows from how many shall pass per hour (Little's law: those on
 their way are the rate times the time for the way round).
@@ -12,11 +12,11 @@ from collections.abc import Callable, Mapping, Set
 import numpy as np
 
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.actor_kind import ACTOR_KINDS
 from urbantwin.traffic.circuit import Circuit
 from urbantwin.traffic.demand import Demand, LeftOut, Population, Trip, systematic
 from urbantwin.traffic.network import StreetNetwork
-from urbantwin.traffic.way_graph import driven_graph, walked_graph
+from urbantwin.traffic.routing_graph import driven_graph, walked_graph
+from urbantwin.traffic.vehicle_types import ACTOR_KINDS
 
 __all__ = ["Circulation"]
 

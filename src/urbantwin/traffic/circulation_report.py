@@ -1,4 +1,4 @@
-"""What a closed loop did: whether everybody was there all the time, moved, and passed as asked."""
+"""The report of a closed loop: population, halts and achieved flow."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Demand: who sets out, when, from where to where, so that the site's shares come out."""
+"""Demand: trips with departure times and routes that yield the site's flows."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.actor_kind import ACTOR_KINDS
 from urbantwin.traffic.network import StreetNetwork, Streets
+from urbantwin.traffic.vehicle_types import ACTOR_KINDS
 
 __all__ = [
     "Demand",

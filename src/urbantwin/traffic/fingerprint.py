@@ -1,4 +1,4 @@
-"""What a motion holds as short hashes, which do not depend on how files pack it."""
+"""Fingerprints of a motion: hashes of its values, whatever the files' compression."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ from urbantwin.geometry import LabelledMesh
 from urbantwin.geometry.mesh import MESH_FORM
 from urbantwin.progress import Progress, each, untold
 from urbantwin.traffic.assets import asset_mesh
-from urbantwin.traffic.motion_check import (
+from urbantwin.traffic.motion_validity import (
     MeshKey,
     MotionManifest,
     MotionReport,
@@ -147,7 +147,7 @@ class Motion:
         """Return the motion with the mesh of every asset and phase that its actors show.
 
         Args:
-            tell: told the share done (0..1) and what is being done.
+            tell: called with the fraction done (0..1) and what is being done.
         """
         shown = self.actors.select(["asset", "phase"]).group_by(["asset", "phase"]).aggregate([])
         keys = sorted(zip(shown["asset"].to_pylist(), shown["phase"].to_pylist(), strict=True))
@@ -206,7 +206,7 @@ def step_times(steps: int, step_s: float) -> NDArray[np.float64]:
 
 
 def describe(folder: Path) -> dict[str, Any]:
-    """Say what a motion folder holds, for ``urbantwin inspect``.
+    """Return a summary of a motion folder, for ``urbantwin inspect``.
 
     Raises:
         InputError: it is not a motion.

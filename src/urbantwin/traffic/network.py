@@ -1,4 +1,4 @@
-"""The streets as one class of actors may use them: where it comes in, where it leaves, the ways.
+"""The street network as one class of actors may use it: entries, exits and routes.
 
 A SUMO network is a graph of edges. Here it becomes, for one of SUMO's vehicle classes, a sparse
 matrix of travel times from edge to edge and a list of *gates*: edges over which traffic enters or
@@ -170,7 +170,7 @@ class StreetNetwork:
         )
 
     def walked(self) -> Streets | None:
-        """Return the ways of pedestrians, both directions; ``None`` where nobody can walk.
+        """Return the ways of pedestrians, both directions; ``None`` where walking is impossible.
 
         Gates are the ends of sidewalks and footways at nodes that have a single neighbour.
         """
@@ -268,7 +268,7 @@ def _matrix(arcs: dict[tuple[int, int], float], count: int) -> scipy.sparse.csr_
 
 
 def has_walkway(edge: Edge) -> bool:
-    """Say whether some lane of an edge is for people on foot and not for cars."""
+    """Return whether some lane of an edge is for people on foot and not for cars."""
     return any(
         lane.allows("pedestrian") and not lane.allows("passenger") for lane in edge.getLanes()
     )

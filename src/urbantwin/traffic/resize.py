@@ -1,4 +1,4 @@
-"""Actors larger or smaller than the catalogue has them."""
+"""Scaling of actors relative to the catalogue."""
 
 from __future__ import annotations
 

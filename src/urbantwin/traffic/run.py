@@ -18,11 +18,11 @@ from urbantwin.progress import between, untold
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.actor_table import actor_table
 from urbantwin.traffic.assets import asset, asset_names
-from urbantwin.traffic.calibration import calibrate
 from urbantwin.traffic.circulation import Circulation
 from urbantwin.traffic.circulation_report import circulation_report
 from urbantwin.traffic.demand import Demand, plan_demand
 from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
+from urbantwin.traffic.flow_calibration import calibrate
 from urbantwin.traffic.motion import MOTION_VERSION, Motion
 from urbantwin.traffic.network import StreetNetwork
 from urbantwin.traffic.placement import Ground
@@ -158,7 +158,7 @@ def demand_of(
     """Return who sets out in a twin, as its site (or ``asked``) wants, over warm-up and duration.
 
     In a closed loop everybody comes in during the warm-up and stays. How many that takes is found
-    by pilot simulations (``calibration``). Elsewhere traffic passes through.
+    by pilot simulations (``flow_calibration``). Elsewhere traffic passes through.
 
     Raises:
         StageError: SUMO failed.

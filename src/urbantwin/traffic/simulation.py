@@ -1,4 +1,4 @@
-"""SUMO's side of the traffic: its input files, its process, and what came out of it."""
+"""Running SUMO: its input files, its process and its output."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from urbantwin.artefact import passing_folder
 from urbantwin.errors import InputError, StageError
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.actor_kind import ACTOR_KINDS
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand import Demand
+from urbantwin.traffic.vehicle_types import ACTOR_KINDS
 
 __all__ = [
     "STUCK_S",
@@ -190,7 +190,7 @@ def _worked(
     scratch: Path | None,
     progress: Callable[[float, str], None] | None,
 ) -> Simulated:
-    """Let the worker do a job."""
+    """Run a job in the worker process."""
     own = passing_folder("urbantwin-sumo") if scratch is None else _folder_in(scratch)
     with own as made:
         folder = made.resolve()
@@ -242,7 +242,7 @@ def sumo_options(sumo_step_ms: int, seed: int, *, circulates: bool = False) -> d
     Args:
         sumo_step_ms: SUMO's own step.
         seed: of SUMO's random choices.
-        circulates: whether everybody stays: then nobody is taken out, however long they wait.
+        circulates: whether everybody stays: then no actor is removed, however long it waits.
     """
     waits = {"time-to-teleport": _STUCK_S}
     if circulates:

@@ -1,4 +1,4 @@
-"""Trajectories: SUMO's points, which jump where lanes meet, made into paths that bodies can follow.
+"""Trajectories: SUMO's positions, which jump where lanes meet, smoothed into drivable paths.
 
 SUMO moves an actor along the centre lines of lanes. Where two lines meet they need not touch nor
 have their drawn length, so the drawn position can leap by a metre in a step while the simulated

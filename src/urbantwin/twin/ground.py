@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from urbantwin.ground import Elevation, ElevationPatch, merged_elevation
 from urbantwin.progress import Progress
 from urbantwin.reconstruct import Reconstruction, surroundings_of
-from urbantwin.reconstruct.georeference.heights import SiteHeights
+from urbantwin.reconstruct.georeference.height_system import SiteHeights
 from urbantwin.roads.model import LaneModel, carriageway_in_plan
 from urbantwin.site import OsmFeature, Site, read_heights
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from urbantwin.reconstruct import PointCloud, TriangleMesh
 from urbantwin.reconstruct.cleaning import CleaningPicture, Removal
-from urbantwin.reconstruct.cleaning.grid import Grid
+from urbantwin.reconstruct.cleaning.height_grid import Grid
 from urbantwin.reconstruct.cleaning.rays import Rays
 from urbantwin.view import style
 

@@ -1,4 +1,4 @@
-"""Where a rig sees how much, from above."""
+"""Maps of a rig's coverage, from above."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from urbantwin.roads import RoadNetwork
 from urbantwin.view import style
 from urbantwin.view.footprint import footprints
 from urbantwin.view.plan_ground import draw_ground, fill
-from urbantwin.view.plan_look import DARK
+from urbantwin.view.plan_style import DARK
 
 __all__ = ["coverage_figure", "coverage_picture"]
 
@@ -94,7 +94,7 @@ def coverage_figure(
     figure = style.new_figure(width, height)
     shown = _shown(coverage)
     places = list(sensors)
-    # Without its darkest part, which would not be told from the ground.
+    # Without its darkest part, which would look like the ground.
     colours = ListedColormap(mpl.colormaps["viridis"](np.linspace(0.12, 1.0, 256))).with_extremes(
         bad=(0, 0, 0, 0), under=(0, 0, 0, 0)
     )

@@ -1,4 +1,4 @@
-"""What stands on the ground as areas in plan: buildings, plants."""
+"""Footprints of objects in plan: buildings, plants."""
 
 from __future__ import annotations
 

@@ -16,11 +16,11 @@ from urbantwin.artefact.arrays import ArrayOf, read_array
 from urbantwin.artefact.tables import columns_of, read_parquet
 from urbantwin.dataset.frame_files import read_labels, read_rays
 from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, read_ignore_regions
-from urbantwin.dataset.manifest_form import pose_of_matrix, read_manifest
+from urbantwin.dataset.manifest_schema import pose_of_matrix, read_manifest
 from urbantwin.errors import InputError
 from urbantwin.geometry import Pose
 
-__all__ = ["LabelledPoints", "SensorPlace", "busiest_frame", "read_labelled_points"]
+__all__ = ["LabelledPoints", "SensorPlace", "read_labelled_points"]
 
 _POINTS = "the points of a frame"
 _BOX = ("x", "y", "z", "length", "width", "height", "yaw")
@@ -146,16 +146,8 @@ def read_labelled_points(dataset: Path, name: str | None = None) -> LabelledPoin
     )
 
 
-def busiest_frame(dataset: Path) -> str:
-    """Return the frame in which the most actors have points; the first of equals.
-
-    Raises:
-        InputError: there is no dataset, or its table of boxes is not right.
-    """
-    return _busiest([frame["name"] for frame in _manifest(dataset)["frames"]], _boxes(dataset))
-
-
 def _busiest(names: Sequence[str], table: Mapping[str, NDArray[Any]]) -> str:
+    """Return the frame in which the most actors have points; the first of equals."""
     seen = Counter(table["frame"][table["num_points"] > 0].tolist())
     return max(names, key=lambda name: seen[name])
 

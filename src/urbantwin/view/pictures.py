@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from urbantwin.dataset import parts_of
-from urbantwin.dataset.manifest_form import read_manifest
-from urbantwin.dataset.moment import Rows, rows_at
+from urbantwin.dataset.manifest_schema import read_manifest
+from urbantwin.dataset.motion_interpolation import Rows, rows_at
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar import Rig
 from urbantwin.lidar.coverage import Coverage
@@ -17,7 +17,7 @@ from urbantwin.traffic.assets import asset_mesh
 from urbantwin.twin import Twin
 from urbantwin.view.birdseye import birdseye
 from urbantwin.view.coverage import coverage_picture
-from urbantwin.view.ground_picture import ground_picture
+from urbantwin.view.ground_materials import ground_picture
 from urbantwin.view.histogram import histogram
 from urbantwin.view.labelled_frame import read_labelled_points
 from urbantwin.view.plan import plan

@@ -21,9 +21,9 @@ from urbantwin.roads.model import LaneModel
 from urbantwin.view import style
 from urbantwin.view.plan_ground import draw_ground, draw_surfaces, fill
 from urbantwin.view.plan_labels import draw_labels, street_labels
-from urbantwin.view.plan_look import DARK, LANE_NAMES, Look
 from urbantwin.view.plan_marks import draw_marks, draw_signals
-from urbantwin.view.road_lines import islands, signs
+from urbantwin.view.plan_style import DARK, LANE_NAMES, Look
+from urbantwin.view.road_furniture import islands, signs
 
 __all__ = ["plan", "plan_figure"]
 

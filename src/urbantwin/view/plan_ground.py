@@ -16,8 +16,8 @@ from urbantwin.geometry import LabelledMesh
 from urbantwin.roads import RoadNetwork
 from urbantwin.roads.model import LaneModel
 from urbantwin.view.footprint import footprints
-from urbantwin.view.plan_look import Look
-from urbantwin.view.road_lines import islands
+from urbantwin.view.plan_style import Look
+from urbantwin.view.road_furniture import islands
 
 __all__ = ["draw_ground", "draw_surfaces", "fill"]
 

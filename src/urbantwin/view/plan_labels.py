@@ -1,4 +1,4 @@
-"""Names on a plan, where they hide neither lanes nor each other."""
+"""Labels of a plan, placed so that they hide neither lanes nor each other."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from shapely.affinity import rotate, translate
 
 from urbantwin.roads import RoadNetwork
 from urbantwin.view import style
-from urbantwin.view.plan_look import Look
+from urbantwin.view.plan_style import Look
 
 __all__ = ["Label", "draw_labels", "street_labels"]
 
@@ -145,7 +145,7 @@ def _candidates(
         )
         way = b - a
         heading = float(np.arctan2(way[1], way[0]))
-        angle = (np.degrees(heading) + 90) % 180 - 90
+        angle = (np.degrees(heading) + 90) % 180 - 90  # readable from below or from the right
         normal = np.array([-np.sin(heading), np.cos(heading)])
         middle = (a + b) / 2
         flat = shapely.box(-length / 2, -height / 2, length / 2, height / 2)

@@ -25,8 +25,8 @@ from urbantwin.roads.marking import (
 )
 from urbantwin.roads.model import LaneModel
 from urbantwin.view.plan_ground import fill
-from urbantwin.view.plan_look import Look
-from urbantwin.view.road_lines import Sign, heads, signs
+from urbantwin.view.plan_style import Look
+from urbantwin.view.road_furniture import Sign, heads, signs
 
 __all__ = ["draw_marks", "draw_signals"]
 

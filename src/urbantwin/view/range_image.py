@@ -118,7 +118,9 @@ def spread_rays(frame: LabelledPoints, sensor: int = 0) -> RangeImage:
     """
     if not 0 <= sensor < len(frame.sensors):
         raise InputError(
-            f"has no sensor {sensor}", place=frame.name, expected=f"0 to {len(frame.sensors) - 1}"
+            f"the dataset has no sensor {sensor}",
+            place=frame.name,
+            expected=f"0 to {len(frame.sensors) - 1}",
         )
     place = frame.sensors[sensor]
     mine = np.arange(len(frame.points))

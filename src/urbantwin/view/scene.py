@@ -1,4 +1,4 @@
-"""A picture of the twin from a height: rays into the mesh, sun, shadow and ambient light.
+"""A perspective picture of the twin: ray-cast mesh with sun, shadow and ambient light.
 
 No window and no graphics card: Embree casts one ray per sub-pixel, from what it hit one more
 towards the sun, and one into the open, at random about the surface's normal: the share of those

@@ -1,4 +1,4 @@
-"""A dataset made again from its manifest: what it needs, what differs, and why."""
+"""Reproducing a dataset from its manifest: what it needs, what differs, and why."""
 
 from urbantwin.dataset.reproduction.reproduce import Plan, make_again, plan_of
 

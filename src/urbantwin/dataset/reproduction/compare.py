@@ -1,4 +1,4 @@
-"""Whether a dataset that was made again has the same bytes, and if not, where and why."""
+"""Comparing a reproduced dataset with the original: whether bytes differ, where and why."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from urbantwin.artefact import INVENTORY, damages, sha256_of
 from urbantwin.artefact.inventory import read_inventory
 from urbantwin.dataset.layout import FOLDERS
 from urbantwin.dataset.manifest import versions_here
-from urbantwin.dataset.reproduction.told import Told
+from urbantwin.dataset.reproduction.source_manifest import SourceManifest
 
 __all__ = ["Given", "compared", "given_files", "other_versions"]
 
 PICTURES = "pictures"
-#: Stages in their order, and what of a manifest tells of them.
+#: Stages in their order, and the fields of a manifest that depend on them.
 _STAGES = (
     ("inputs", ("inputs",)),
     ("scene", ("scene_sha256",)),
@@ -28,7 +28,7 @@ _STAGES = (
     ("meshes", ("meshes_sha256",)),
     ("rig", ("rig", "frame", "dataset_SE3_site")),
 )
-#: So many names of files are told.
+#: So many names of files are listed.
 MOST_NAMES = 20
 
 
@@ -49,16 +49,16 @@ class Given:
     pictures: bool
 
 
-def given_files(told: Told) -> Given:
+def given_files(source: SourceManifest) -> Given:
     """Return what is known of a dataset's bytes: by its files, its inventory or its manifest.
 
     Raises:
         InputError: its inventory is damaged.
     """
-    folder = told.file.parent
-    whole = folder.parent if _is_part(told) else folder
+    folder = source.file.parent
+    whole = folder.parent if _is_part(source) else folder
     inside = f"{folder.name}/" if whole != folder else ""
-    names = tuple(told.dataset.datasets_sha256) or FOLDERS
+    names = tuple(source.dataset.datasets_sha256) or FOLDERS
     recorded = any((folder / name).is_dir() for name in names)
     if (whole / INVENTORY).is_file():
         named = read_inventory(whole)
@@ -69,7 +69,7 @@ def given_files(told: Told) -> Given:
             wrong = {
                 one.name.removeprefix(inside): one.problem for one in damages(whole, below=below)[1]
             }
-        elif sums.get("dataset.json") != sha256_of(told.file):
+        elif sums.get("dataset.json") != sha256_of(source.file):
             wrong = {"dataset.json": "damaged"}
         wrong = {name: problem for name, problem in wrong.items() if problem != "foreign"}
         return Given(sums | wrong, wrong, alone=False, pictures=_has_pictures(sums))
@@ -77,18 +77,21 @@ def given_files(told: Told) -> Given:
         files = [path for path in folder.rglob("*") if path.is_file()]
         sums = {path.relative_to(folder).as_posix(): sha256_of(path) for path in sorted(files)}
         return Given(sums, {}, alone=False, pictures=_has_pictures(sums))
-    return Given(_told_sums(told.document, told.file), {}, alone=True, pictures=False)
+    return Given(_told_sums(source.document, source.file), {}, alone=True, pictures=False)
 
 
-def other_versions(told: Told) -> list[dict[str, str]]:
+def other_versions(source: SourceManifest) -> list[dict[str, str]]:
     """Return what of the programs and the machine is other than when a dataset was made."""
-    now = versions_here(told.dataset.backend)
-    then = told.dataset
+    now = versions_here(source.dataset.backend)
+    then = source.dataset
     pairs = [
         ("urbantwin", then.urbantwin, __version__),
         *(
             (f"urbantwin of the {name}", version, __version__)
-            for name, version in (("twin", told.twin.version), ("motion", told.motion.urbantwin))
+            for name, version in (
+                ("twin", source.twin.version),
+                ("motion", source.motion.urbantwin),
+            )
             if version != then.urbantwin
         ),
         ("python", then.python, now["python"]),
@@ -101,11 +104,13 @@ def other_versions(told: Told) -> list[dict[str, str]]:
     return [{"of": name, "then": old[:60], "now": new} for name, old, new in pairs if old != new]
 
 
-def compared(told: Told, given: Given, again: Path, reasons: list[str]) -> dict[str, Any]:
+def compared(
+    source: SourceManifest, given: Given, again: Path, reasons: list[str]
+) -> dict[str, Any]:
     """Compare a dataset with the same made again.
 
     Args:
-        told: its manifest.
+        source: its manifest.
         given: what is known of its bytes.
         again: the folder of the one that was made.
         reasons: what is known to be other than it was.
@@ -114,13 +119,13 @@ def compared(told: Told, given: Given, again: Path, reasons: list[str]) -> dict[
         ``same``, ``files``, and where they differ ``differing``, ``first`` of them, ``by_folder``,
         ``earliest`` (the first stage that differs) and ``why``; ``pictures``, apart.
     """
-    inside = f"{told.part}/" if told.part else ""
+    inside = f"{source.part}/" if source.part else ""
     now = {
         name.removeprefix(inside): digest
         for name, digest in read_inventory(again).items()
         if name.startswith(inside) and name != INVENTORY
     }
-    mine = again / told.part if told.part else again
+    mine = again / source.part if source.part else again
     files = sum(not _is_picture(name) for name in now)
     manifest = json.loads((mine / "dataset.json").read_text())
     if given.alone:
@@ -136,7 +141,7 @@ def compared(told: Told, given: Given, again: Path, reasons: list[str]) -> dict[
     if not data:
         return report
     first = next(
-        (stage for stage, keys in _STAGES if _differs(told.document, manifest, keys)), None
+        (stage for stage, keys in _STAGES if _differs(source.document, manifest, keys)), None
     )
     if first is None:
         first = "manifest" if data == ["dataset.json"] else "frames"
@@ -147,12 +152,16 @@ def compared(told: Told, given: Given, again: Path, reasons: list[str]) -> dict[
         "first": data[:MOST_NAMES],
         "by_folder": dict(sorted(folders.items())),
         "earliest": first,
-        "why": _why(told, given, manifest, reasons, data),
+        "why": _why(source, given, manifest, reasons, data),
     }
 
 
 def _why(
-    told: Told, given: Given, manifest: Mapping[str, Any], reasons: list[str], data: list[str]
+    source: SourceManifest,
+    given: Given,
+    manifest: Mapping[str, Any],
+    reasons: list[str],
+    data: list[str],
 ) -> list[str]:
     hurt = [name for name in data if name in given.damaged]
     if hurt == data == ["dataset.json"] and reasons:
@@ -165,7 +174,7 @@ def _why(
         if hurt == data:
             return [*why, "what was made again is what was written"]
     why += reasons
-    then, now = told.document.get("made_from"), manifest["made_from"]
+    then, now = source.document.get("made_from"), manifest["made_from"]
     why += _other_sources(then, now)
     return why or [
         "the same versions and inputs: the processor, a library that is not listed, or a defect"
@@ -174,7 +183,7 @@ def _why(
 
 def _other_sources(then: Any, now: Any) -> list[str]:  # noqa: ANN401
     """Return which inputs were read otherwise: addresses, tiles, files beside."""
-    told = []
+    named = []
     files = [part["twin"]["made_from"]["files"] for part in (then, now)]
     new = {tuple(one["at"]): one for one in files[1]}
     for old in files[0]:
@@ -186,8 +195,8 @@ def _other_sources(then: Any, now: Any) -> list[str]:  # noqa: ANN401
             )
             what = f"{names[0]} of {old['name']}" if names else old["name"]
             more = f", and {len(names) - 1} more of its files" if len(names) > 1 else ""
-            told.append(f"{what} was read with other content, or not at all{more}")
-    return told
+            named.append(f"{what} was read with other content, or not at all{more}")
+    return named
 
 
 def _told_sums(document: Mapping[str, Any], file: Path) -> dict[str, str]:
@@ -204,10 +213,10 @@ def _differs(then: Mapping[str, Any], now: Mapping[str, Any], keys: tuple[str, .
     return any(then.get(key) != now.get(key) for key in keys)
 
 
-def _is_part(told: Told) -> bool:
+def _is_part(source: SourceManifest) -> bool:
     """Return whether a dataset lies in the folder with one for each sensor that it is part of."""
-    folder = told.file.parent
-    if not told.part or folder.name != told.part or (folder / INVENTORY).is_file():
+    folder = source.file.parent
+    if not source.part or folder.name != source.part or (folder / INVENTORY).is_file():
         return False
     return (folder.parent / INVENTORY).is_file() and (folder.parent / "dataset.json").is_file()
 

@@ -1,4 +1,4 @@
-"""The inputs of a dataset: what is needed, where it lies here, and what is missing."""
+"""The inputs of a dataset: which are needed, where they are found, which are missing."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from urbantwin.dataset.reproduction.named_files import NamedFile, value_at
 from urbantwin.dataset.reproduction.search import Search
-from urbantwin.dataset.reproduction.told import Told
+from urbantwin.dataset.reproduction.source_manifest import SourceManifest
 from urbantwin.site import ImagerySpec
 
 __all__ = ["Found", "found_inputs", "places_to_look"]
@@ -50,7 +50,7 @@ class Found:
     remark: str | None = None
 
     def told(self) -> dict[str, Any]:
-        """Return it as JSON holds it."""
+        """Return the JSON object."""
         values = {
             "kind": self.kind,
             "name": self.name,
@@ -63,9 +63,9 @@ class Found:
         return {key: value for key, value in values.items() if value}
 
 
-def places_to_look(told: Told, given: Sequence[Path]) -> Search:
+def places_to_look(source: SourceManifest, given: Sequence[Path]) -> Search:
     """Return where inputs are looked for: what a person named, around the dataset, and here."""
-    folder = told.file.parent.resolve()
+    folder = source.file.parent.resolve()
     around = [folder, *folder.parents[:2]]
     beside = [one / "site" for one in around]
     return Search(
@@ -73,19 +73,19 @@ def places_to_look(told: Told, given: Sequence[Path]) -> Search:
     )
 
 
-def found_inputs(told: Told, search: Search, *, twin_given: bool) -> list[Found]:
+def found_inputs(source: SourceManifest, search: Search, *, twin_given: bool) -> list[Found]:
     """Look for everything that a dataset is made from.
 
     Args:
-        told: the dataset's manifest.
+        source: the dataset's manifest.
         search: where to look.
         twin_given: the twin is there, so that what it was made from is not needed.
     """
     found = []
     if not twin_given:
-        sources = told.twin.made_from
+        sources = source.twin.made_from
         found += [_found(search, one, "site", sources.site) for one in sources.files]
-    record = told.record
+    record = source.record
     found += [_found(search, one, "rig", record.rig) for one in record.files if one.of is None]
     for number, one in enumerate(record.background):
         path, other = search.file(one.name, one.sha256)
@@ -156,7 +156,7 @@ def _tiles(
         first = str(entry.get("zoom", ImagerySpec.model_fields["zoom"].default))
     for folder in search.named(first):
         if folder.is_dir():
-            remark = "a pattern of tiles, which are told by what they show once they are read"
+            remark = "a pattern of tiles, which are compared by their pixels once they are read"
             return _absolute(folder.parent / one.name), None, remark
     return None, "is not found", None
 

@@ -1,4 +1,4 @@
-"""Making a dataset again from its manifest and its inputs."""
+"""Reproducing a dataset from its manifest and its inputs."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from typing import Any
 import yaml
 
 from urbantwin.artefact import check_folder, claimed, new_folder, passing_folder
-from urbantwin.dataset.asked import asked_of
+from urbantwin.dataset.provenance import asked_of
 from urbantwin.dataset.recording import record
 from urbantwin.dataset.reproduction.compare import Given, compared, given_files, other_versions
 from urbantwin.dataset.reproduction.inputs import Found, found_inputs, places_to_look
 from urbantwin.dataset.reproduction.named_files import NamedFile, set_at, value_at
-from urbantwin.dataset.reproduction.told import Told, read_told
+from urbantwin.dataset.reproduction.source_manifest import SourceManifest, read_source_manifest
 from urbantwin.errors import InputError
 from urbantwin.lidar import place_rig
 from urbantwin.lidar.casting.backend import layers_on
@@ -42,7 +42,7 @@ class Plan:
     """What is known before a dataset is made again.
 
     Attributes:
-        told: its manifest.
+        source: its manifest.
         given: its bytes.
         versions: what of the programs and the machine is other now: ``of``, ``then``, ``now``.
         inputs: every input, and where it lies.
@@ -50,7 +50,7 @@ class Plan:
         motion: a motion to take instead of simulating it.
     """
 
-    told: Told
+    source: SourceManifest
     given: Given
     versions: list[dict[str, str]]
     inputs: list[Found]
@@ -80,7 +80,7 @@ class Plan:
         more = f"; {len(self.missing) - 1} more cannot be used" if len(self.missing) > 1 else ""
         raise InputError(
             f"the input {one.name} ({terms}) {one.problem}{more}",
-            file=self.told.file,
+            file=self.source.file,
             expected="it in a folder given by --inputs, around the dataset, or in the current one",
         )
 
@@ -108,25 +108,25 @@ def plan_of(
         motion: its motion, if that is not to be simulated again.
 
     Raises:
-        InputError: it is no dataset, or one that does not tell what it was made from; a folder is
+        InputError: it is not a dataset, or does not say what it was made from; a folder is
             none; the twin or the motion is another.
     """
     for folder in inputs:
         if not folder.is_dir():
             raise InputError("is not a folder", file=folder, expected="a folder with inputs")
-    told = read_told(path / "dataset.json" if path.is_dir() else path)
-    layers_on(told.dataset.backend)  # Is it there?
-    if twin is not None and mesh_sha256(load_twin(twin).mesh) != told.dataset.scene_sha256:
+    source = read_source_manifest(path / "dataset.json" if path.is_dir() else path)
+    layers_on(source.dataset.backend)  # Is it there?
+    if twin is not None and mesh_sha256(load_twin(twin).mesh) != source.dataset.scene_sha256:
         raise InputError("has another scene", file=twin, expected="the twin of the dataset")
     if motion is not None:
         taken = Motion.load(motion)
         made = (table_sha256(taken.actors), meshes_sha256(taken.meshes))
-        if made != (told.dataset.motion_sha256, told.dataset.meshes_sha256):
+        if made != (source.dataset.motion_sha256, source.dataset.meshes_sha256):
             raise InputError(
                 "has other actors", file=motion, expected="the motion of the dataset, as it was"
             )
-    found = found_inputs(told, places_to_look(told, inputs), twin_given=twin is not None)
-    return Plan(told, given_files(told), other_versions(told), found, twin, motion)
+    found = found_inputs(source, places_to_look(source, inputs), twin_given=twin is not None)
+    return Plan(source, given_files(source), other_versions(source), found, twin, motion)
 
 
 def make_again(
@@ -155,13 +155,13 @@ def make_again(
         StageError: a tool failed, or the disk is full.
     """
     plan.refuse_missing()
-    told = plan.told
-    taken = [told.file if plan.given.alone else _whole(told), plan.twin, plan.motion]
+    source = plan.source
+    taken = [source.file if plan.given.alone else _whole(source), plan.twin, plan.motion]
     taken += [Path(one.path) for one in plan.inputs if one.path and Path(one.path).exists()]
     if out is not None:
         for kind in ("twin", "motion", "dataset"):
             check_folder(out / kind, kind=kind, inputs=taken)
-    with _place(out, _whole(told)) as (place, scratch):
+    with _place(out, _whole(source)) as (place, scratch):
         if plan.twin is not None:
             twin = load_twin(plan.twin)
         else:
@@ -173,12 +173,12 @@ def make_again(
         else:
             with stage("traffic") as progress:
                 motion = run_traffic(
-                    twin, place / "motion", changes=told.motion.asked, progress=progress
+                    twin, place / "motion", changes=source.motion.asked, progress=progress
                 )
         again = place / "dataset"
         with stage("record") as progress:
             _recorded(plan, twin, motion, again, scratch, workers, progress, draw)
-        return compared(told, plan.given, again, plan.reasons())
+        return compared(source, plan.given, again, plan.reasons())
 
 
 def _recorded(
@@ -191,16 +191,16 @@ def _recorded(
     progress: Progress,
     draw: Draw | None,
 ) -> None:
-    told = plan.told
+    source = plan.source
     file = _written(scratch / "rig.yaml", _with_files(plan, "rig", twin.folder))
     spec = load_rig_spec(file, twin.frame)
     rig = place_rig(spec, twin.mesh, file=file, anchor_height_m=twin.anchor_height_m)
     files = [one.path for one in plan.inputs if one.document == "background"]
     background = [
         str(path) if one.sensor is None else f"{one.sensor}={path}"
-        for one, path in zip(told.record.background, files, strict=True)
+        for one, path in zip(source.record.background, files, strict=True)
     ]
-    fuse = told.record.fuse
+    fuse = source.record.fuse
     pictures = plan.given.pictures and draw is not None
 
     def also(folder: Path) -> None:
@@ -213,11 +213,11 @@ def _recorded(
         rig_with_backgrounds(rig, background, fused=fuse),
         again,
         workers=workers,
-        seed=told.dataset.seeds["record"],
-        start_s=told.record.span_s[0],
-        stop_s=told.record.span_s[1],
+        seed=source.dataset.seeds["record"],
+        start_s=source.record.span_s[0],
+        stop_s=source.record.span_s[1],
         rig_file=file,
-        backend=told.dataset.backend,
+        backend=source.dataset.backend,
         asked=asked_of(spec, file, twin, background=background, fuse=fuse),
         inputs=[] if plan.motion is None else [plan.motion],
         also=also if pictures else None,
@@ -227,13 +227,13 @@ def _recorded(
 
 def _with_files(plan: Plan, document: str, twin: Path | None = None) -> Mapping[str, Any]:
     """Return the site or the rig, naming files where they lie here."""
-    told = plan.told
-    value = copy.deepcopy(told.twin.made_from.site if document == "site" else told.record.rig)
+    source = plan.source
+    value = copy.deepcopy(source.twin.made_from.site if document == "site" else source.record.rig)
     for one in plan.inputs:
         if one.document == document and one.path is not None:
             _name(value, one.at, one.path)
     if twin is not None:
-        for own in told.record.files:
+        for own in source.record.files:
             if own.of == "twin":
                 _name(value, tuple(own.at), str(_of_twin(twin, own)))
     return value
@@ -258,16 +258,16 @@ def _written(file: Path, value: Mapping[str, Any]) -> Path:
     return file
 
 
-def _whole(told: Told) -> Path:
+def _whole(source: SourceManifest) -> Path:
     """Return the folder of the whole dataset, of which a sensor's is a part."""
-    folder = told.file.parent.resolve()
-    is_inside = told.part == folder.name and (folder.parent / "dataset.json").is_file()
-    return folder.parent if told.part and is_inside else folder
+    folder = source.file.parent.resolve()
+    is_inside = source.part == folder.name and (folder.parent / "dataset.json").is_file()
+    return folder.parent if source.part and is_inside else folder
 
 
 @contextmanager
 def _place(out: Path | None, dataset: Path) -> Iterator[tuple[Path, Path]]:
-    """Yield the folder to make everything in, and one for what nobody needs afterwards."""
+    """Yield the folder to make everything in, and one for temporary files."""
     if out is not None:
         with new_folder(out), passing_folder("urbantwin-reproduce") as scratch:
             yield out, scratch

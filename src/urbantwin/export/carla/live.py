@@ -1,7 +1,7 @@
 """A running CARLA server, driven with a package: its traffic by ``traffic.json``, its rig recorded.
 
 What of this was tested: that transforms, attributes and points are what CARLA's own classes make
-of them, and that a server that is not there is told in one line. **Nothing here was run against a
+of them, and that a missing server is reported in one line. **Nothing here was run against a
 live server**; the sequence of calls follows CARLA's documentation and examples.
 """
 
@@ -23,7 +23,7 @@ from urbantwin.artefact import replaced_folder, write_json
 from urbantwin.artefact.document import read_bytes
 from urbantwin.errors import InputError, StageError
 from urbantwin.export.carla.frame import carla_points, pose_of_carla
-from urbantwin.export.carla.plan import read_plan
+from urbantwin.export.carla.package_documents import read_plan
 from urbantwin.export.carla.rig import SEMANTIC
 from urbantwin.progress import Progress, untold
 

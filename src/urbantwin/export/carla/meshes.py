@@ -69,7 +69,7 @@ def _kinds(mesh: LabelledMesh) -> NDArray[np.str_]:
         table[number] = _OBJECT_OF.get(name, "Static")
     kinds = table[mesh.semantic]
     # Flush sides of sidewalks are curbs; low raised ground between lanes is a curb all over, so
-    # that CARLA lets nobody walk along it.
+    # that CARLA lets no pedestrian walk along it.
     sides = np.abs(mesh.normals()[:, 2]) < _UPRIGHT
     kinds[(kinds == "Road_Sidewalk") & sides] = "Road_Curb"
     # A pole with lamps or with a plate goes with them: CARLA sets up both from the OpenDRIVE.

@@ -1,4 +1,4 @@
-"""Names by which CARLA sorts meshes, and names of maps that do not get in the way.
+"""Names of meshes by which CARLA tags them, and safe names of maps.
 
 ``make import`` calls every mesh of a map ``<map>_<object>`` and sorts by what that name contains
 (carla 0.9.16, ``MoveAssetsCommandlet.cpp`` and ``SSTags.h``; the names are RoadRunner's). Unreal

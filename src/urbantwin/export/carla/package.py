@@ -1,19 +1,20 @@
-"""The package: map mesh, OpenDRIVE, what to set down where, and how to import it."""
+"""The CARLA package: map mesh, OpenDRIVE, spawn points, traffic, rig and how to import it."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from urbantwin.artefact import replaced_folder, write_json
-from urbantwin.export.carla.looks import looks_of
 from urbantwin.export.carla.meshes import named_objects
-from urbantwin.export.carla.names import map_name
-from urbantwin.export.carla.readme import readme
+from urbantwin.export.carla.names import OBJECTS, folder_of, map_name
 from urbantwin.export.carla.rig import carla_rig
 from urbantwin.export.carla.spawn_points import spawn_points
 from urbantwin.export.carla.traffic import carla_traffic
 from urbantwin.export.mesh import (
     HOW_TO_GET_FBX,
+    Look,
+    MeshObject,
     blender_python,
     write_fbx,
     write_glb,
@@ -25,6 +26,27 @@ from urbantwin.twin import Twin
 from urbantwin.view.markings import markings
 
 __all__ = ["write_carla"]
+
+#: Colours of materials by what their names contain, linear RGB.
+_COLOURS = (
+    ("LaneMarking", (0.85, 0.85, 0.85)),
+    ("Asphalt", (0.10, 0.10, 0.11)),
+    ("asphalt", (0.10, 0.10, 0.11)),
+    ("Sidewalk", (0.42, 0.40, 0.37)),
+    ("Concrete", (0.45, 0.45, 0.43)),
+    ("Grass", (0.14, 0.28, 0.09)),
+    ("Rural", (0.25, 0.20, 0.13)),
+    ("Apartment", (0.30, 0.28, 0.26)),
+    ("foliage", (0.07, 0.22, 0.05)),
+    ("bark", (0.16, 0.11, 0.07)),
+    ("wood", (0.30, 0.20, 0.11)),
+    ("brick", (0.38, 0.15, 0.10)),
+    ("roofing", (0.22, 0.12, 0.10)),
+    ("glass", (0.15, 0.20, 0.24)),
+    ("metal", (0.28, 0.29, 0.31)),
+    ("plaster", (0.62, 0.58, 0.50)),
+)
+_GREY = (0.5, 0.5, 0.5)
 
 
 def write_carla(twin: Twin, folder: Path) -> list[str]:
@@ -109,3 +131,60 @@ def write_carla(twin: Twin, folder: Path) -> list[str]:
             },
         )
     return notes
+
+
+def colour_of(material: str) -> tuple[float, float, float]:
+    """Return a material's colour, linear RGB from 0 to 1."""
+    return next((colour for key, colour in _COLOURS if key in material), _GREY)
+
+
+def looks_of(objects: Sequence[MeshObject]) -> dict[str, Look]:
+    """Return how every material of the objects looks."""
+    return {name: Look(colour_of(name)) for one in objects for name in one.materials}
+
+
+def readme(title: str, package: str, name: str, *, fbx: bool) -> str:
+    """Return how to import a package, in some twenty lines.
+
+    Args:
+        title: the twin's name.
+        package: name of the package.
+        name: of the map.
+        fbx: whether the mesh is there as FBX.
+    """
+    by_hand = ", ".join(
+        kind
+        for kind, folder in OBJECTS.items()
+        if folder_of(f"{name}_{kind}_0") not in (folder, None)
+    )
+    missing = (
+        f"   There is no {name}.fbx yet: {HOW_TO_GET_FBX};",
+        "   or make it from the .glb with a tool of yours (centimetres, y north, z up).",
+    )
+    lines = [
+        f"{title}: a map for CARLA 0.9.16, made by UrbanTwin",
+        "",
+        f"Package: {package}",
+        f"Map: {name}",
+        "",
+        "You need CARLA built from source (with CARLA's Unreal Engine 4.26).",
+        "1. Copy the package's folder, and nothing else of this one, to carla/Import/: there,",
+        "   make import takes every .json for a package.",
+        *(() if fbx else missing),
+        "2. In carla/: make import. Then make launch; the map is in Content/<package>/Maps.",
+        f'3. For a packaged CARLA: make package ARGS="--packages={package}";',
+        "   put the archive into its Import folder and run ImportAssets.sh there.",
+        "4. In Python: client.load_world(<map>). Without the mesh:",
+        "   client.generate_opendrive_world(open('<map>.xodr').read())",
+        "",
+        "Semantic tags: make import moves Road_Road, Road_Marking, Road_Sidewalk, Road_Curb and",
+        "Terrain meshes to the folders of their tags and all others to Terrain. In the editor's",
+        "Content Browser move these on from Static/Terrain/<map> to Static/<name>/<map>:",
+        f"{by_hand}.",
+        "TrafficLight and TrafficSign meshes are not placed: CARLA sets up its own by the .xodr.",
+        "",
+        "Frame: x east, y south, z up, metres from the anchor, as in carla.Map. The FBX has",
+        "centimetres and y north; Unreal mirrors y as it imports.",
+        "traffic.json, spawn_points.json and rig.json are what urbantwin carla sets up.",
+    ]
+    return "\n".join(lines) + "\n"

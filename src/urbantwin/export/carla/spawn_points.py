@@ -1,4 +1,4 @@
-"""Where vehicles can be set down: on driving lanes, outside junctions, apart from each other."""
+"""Spawn points of vehicles: on driving lanes, outside junctions, apart from each other."""
 
 from __future__ import annotations
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from pyproj import Transformer
 
 from urbantwin.errors import InputError
+from urbantwin.export.scene.coplanar import flat_faces
 from urbantwin.export.scene.georeference import utm_code
-from urbantwin.export.scene.planes import flat_faces
 from urbantwin.geometry import LabelledMesh, SiteFrame
 from urbantwin.scene import FIRST_OBJECT
 from urbantwin.scene.building_surface import SURFACES, building_surfaces
@@ -28,7 +28,7 @@ _SCALE = 0.001
 def write_cityjson(twin: Twin, path: Path) -> list[str]:
     """Write every building as a ``MultiSurface``.
 
-    Triangles that lie in one plane are one surface. Which it is, is told by its normal: roof,
+    Triangles that lie in one plane are one surface. Its type follows from its normal: roof,
     wall, ground or outer ceiling; panes of glass in walls are windows, wood in them doors.
     Coordinates are in the UTM zone of WGS 84 at the site; heights are the DEM's, or without one
     metres above the anchor's ground.

@@ -1,4 +1,4 @@
-"""Where a scene is, for formats that have no coordinate system of their own."""
+"""The georeference of a scene, for formats that have no coordinate system of their own."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.export.mesh import Look, MeshObject
-from urbantwin.export.scene.looks import look_of
+from urbantwin.export.scene.materials import look_of
 from urbantwin.geometry import LabelledMesh
 from urbantwin.scene import FIRST_OBJECT
 from urbantwin.scene.surface import PARTS

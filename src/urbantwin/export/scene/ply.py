@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from urbantwin.export.scene.looks import look_of
+from urbantwin.export.scene.materials import look_of
 from urbantwin.geometry import LabelledMesh
 from urbantwin.taxonomy import materials, semantic_classes
 

@@ -1,9 +1,9 @@
-"""Finding a sensor's pose in the twin from what it really saw."""
+"""Alignment: a sensor's pose in the twin, estimated from its real frames."""
 
 from urbantwin.fidelity.alignment.align import Alignment, Guess, align
 from urbantwin.fidelity.alignment.ground_plane import GroundPlane, ground_plane
-from urbantwin.fidelity.alignment.of_rig import Wish, align_rig, frame_numbers
 from urbantwin.fidelity.alignment.picture import draw_alignment
+from urbantwin.fidelity.alignment.rig_alignment import Wish, align_rig, frame_numbers
 from urbantwin.fidelity.alignment.rig_file import aligned_poses, write_aligned_rig
 
 __all__ = [

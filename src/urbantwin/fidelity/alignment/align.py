@@ -1,4 +1,4 @@
-"""The pose of a sensor in the twin, found from one real frame."""
+"""Estimating the pose of a sensor in the twin from one real frame."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
+from urbantwin.fidelity.alignment.frame_features import FrameFeatures
 from urbantwin.fidelity.alignment.ground_plane import GroundPlane, ground_plane
-from urbantwin.fidelity.alignment.register import Registered, registered
+from urbantwin.fidelity.alignment.pose_search import Found, PoseSearch, SearchSpan
+from urbantwin.fidelity.alignment.registration import Registered, registered
 from urbantwin.fidelity.alignment.scene_points import ScenePoints
-from urbantwin.fidelity.alignment.search import Found, PoseSearch, SearchSpan
-from urbantwin.fidelity.alignment.sight import Sight
 from urbantwin.fidelity.frame import Frame
 from urbantwin.geometry import LabelledMesh, Pose, SurfaceMaterials, ypr_from_rotation
 from urbantwin.progress import Progress, untold
@@ -39,7 +39,7 @@ _FEWEST_CURBS, _FEWEST_RAISED = 4, 50
 
 @dataclass(frozen=True)
 class Guess:
-    """Roughly where the sensor is.
+    """An initial guess of where the sensor is.
 
     Attributes:
         east_m: metres east of the anchor.
@@ -58,7 +58,7 @@ class Guess:
 
 @dataclass(frozen=True, eq=False)
 class Alignment:
-    """The pose of a frame in the twin, and how far it can be trusted.
+    """The pose of a frame in the twin, and its uncertainty.
 
     Attributes:
         pose: ``site_SE3_frame``: takes the frame's points to the site.
@@ -144,7 +144,7 @@ def align(
         surface: paint on the twin's roads.
         seed: of the ground planes that are tried.
         file: where the frame is from, for errors.
-        progress: told the share done (0..1) and what is being done.
+        progress: called with the fraction done (0..1) and what is being done.
 
     Raises:
         InputError: no ground in the frame, or at the guess in the twin; nothing that holds the
@@ -171,21 +171,21 @@ def align(
             file=file,
             expected="metres, z roughly upward, and part of a street in view",
         )
-    sight = Sight.of(frame.only(kept), sensor, plane)
+    features = FrameFeatures.of(frame.only(kept), sensor, plane)
     span = _span(guess, region, mesh)
     tell(0.1, "reading the scene")
     scene = ScenePoints(mesh, span.middle, span.reach_m + _REACH_M, surface)
     if not len(scene.points):
         raise _no_ground(guess, file)
     tell(0.3, "searching the place")
-    search = PoseSearch(scene, sight, plane)
+    search = PoseSearch(scene, features, plane)
     candidates = search.run(span, _CANDIDATES)
     if not candidates:
         raise _no_ground(guess, file)
     tell(0.6, "registering")
-    best, second = _best(scene, sight.thinned(_SPARSE_M), candidates)
+    best, second = _best(scene, features.thinned(_SPARSE_M), candidates)
     tell(0.8, "registering")
-    found = None if best is None else registered(scene, sight.thinned(_THINNED_M), best[1].pose)
+    found = None if best is None else registered(scene, features.thinned(_THINNED_M), best[1].pose)
     if best is None or found is None:
         raise InputError(
             "does not fit the twin anywhere there",
@@ -194,13 +194,13 @@ def align(
         )
     if found.sigma_m.max() > _MOST_SIGMA_M or found.sigma_deg.max() > _MOST_SIGMA_DEG:
         raise InputError(
-            f"holds the place to no better than {found.sigma_m.max():.2f} m and "
+            f"determines the pose to no better than {found.sigma_m.max():.2f} m and "
             f"{found.sigma_deg.max():.1f} degrees (standard deviation)",
             file=file,
             expected="a twin with walls, poles or curbs that the sensor sees",
         )
-    curbs = found.curbs_explained * len(sight.curbs)
-    raised = found.explained * sight.thinned(_THINNED_M).raised.sum()
+    curbs = found.curbs_explained * len(features.curbs)
+    raised = found.explained * features.thinned(_THINNED_M).raised.sum()
     if curbs < _FEWEST_CURBS and raised < _FEWEST_RAISED:
         raise InputError(
             f"shows nothing of the twin but ground ({curbs:.0f} curbs, {raised:.0f} other points)",
@@ -229,10 +229,10 @@ def _of_frame(pose: Pose, sensor: NDArray[np.float64]) -> Pose:
 
 
 def _best(
-    scene: ScenePoints, sight: Sight, candidates: list[Found]
+    scene: ScenePoints, features: FrameFeatures, candidates: list[Found]
 ) -> tuple[tuple[Found, Registered] | None, tuple[Found, Registered] | None]:
     """Register the candidates; return the best, and the best that is another place."""
-    done = [(one, registered(scene, sight, one.pose, rough=True)) for one in candidates]
+    done = [(one, registered(scene, features, one.pose, rough=True)) for one in candidates]
     fits = [(one, found) for one, found in done if found is not None]
     if not fits:
         return None, None

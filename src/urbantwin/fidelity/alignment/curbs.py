@@ -62,7 +62,7 @@ def curbs_of(
     car's roof: at 15 m a ring needs 1.5 m to climb 15 cm.
 
     Args:
-        points: (N, 3) of one sensor, which is at their origin, in the order of no matter what.
+        points: (N, 3) of one sensor, which is at their origin, in any order.
         up: (3,) unit vector away from the ground, in the frame of the points.
         ring: (N,) beam of each point; else points of like elevation are taken for one ring's.
     """

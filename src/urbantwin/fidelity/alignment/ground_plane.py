@@ -1,4 +1,4 @@
-"""The ground as one frame shows it: how high above it the sensor is, and how it is tilted."""
+"""The ground plane of one frame: the sensor's height above it, and its tilt."""
 
 from __future__ import annotations
 

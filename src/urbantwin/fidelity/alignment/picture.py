@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from urbantwin.artefact import replaced_file
 from urbantwin.fidelity.alignment.align import Alignment
 from urbantwin.fidelity.alignment.ground_plane import thinned
-from urbantwin.fidelity.alignment.marks import mark_lines
+from urbantwin.fidelity.alignment.lane_markings import mark_lines
 from urbantwin.fidelity.alignment.road_edges import road_edges
-from urbantwin.fidelity.closest import NearestTriangle
-from urbantwin.fidelity.drawing import INK, blank, from_above, save
 from urbantwin.fidelity.frame import Frame
+from urbantwin.fidelity.nearest_triangle import NearestTriangle
+from urbantwin.fidelity.report_style import INK, blank, from_above, save
 from urbantwin.twin import Twin
 
 __all__ = ["draw_alignment"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.fidelity.alignment.marks import mark_lines
+from urbantwin.fidelity.alignment.lane_markings import mark_lines
 from urbantwin.fidelity.alignment.road_edges import road_edges
 from urbantwin.geometry import DownwardProbe, LabelledMesh, SurfaceMaterials
 from urbantwin.lidar.casting import EmbreeCaster
@@ -90,7 +90,7 @@ class ScenePoints:
 
 
 def _strewn(mesh: LabelledMesh) -> NDArray[np.int64]:
-    """Return the triangle of each point: as many as its area asks for, the rest by chance."""
+    """Return the triangle of each point: by area, and the remainder at random."""
     ground = np.isin(mesh.semantic, _GROUND)
     spacing = np.where(ground, GROUND_SPACING_M, OTHER_SPACING_M)
     wanted = mesh.areas() / spacing**2

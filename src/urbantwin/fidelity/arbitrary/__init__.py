@@ -1,4 +1,4 @@
-"""The control of a comparison: an arbitrary site through the same pipeline as the twin."""
+"""The control of a comparison: an arbitrary site, made by the same pipeline as the twin."""
 
 from urbantwin.fidelity.arbitrary.recording import arbitrary_recording
 

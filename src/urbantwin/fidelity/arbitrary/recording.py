@@ -19,7 +19,7 @@ from urbantwin.artefact import read_json
 from urbantwin.dataset import record
 from urbantwin.dataset.rig_of_manifest import rig_of_manifest
 from urbantwin.errors import InputError
-from urbantwin.fidelity.arbitrary.kept import kept
+from urbantwin.fidelity.arbitrary.cache import kept
 from urbantwin.fidelity.arbitrary.rig import level_frame, likely_rig, riding, standing
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.readers import Recording, open_recording
@@ -61,7 +61,7 @@ def arbitrary_recording(
     Args:
         twin: the synthetic frames.
         frames: how many are needed; at most ``MOST_FRAMES`` are recorded.
-        scratch: a folder, not there yet, to record in where nobody can write to the cache.
+        scratch: a folder, not there yet, to record in where the cache is not writable.
         progress: called with the fraction done and what is being done.
         cache: a folder in place of the user's cache.
 

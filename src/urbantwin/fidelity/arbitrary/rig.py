@@ -22,7 +22,7 @@ from urbantwin.taxonomy import semantic_id
 
 __all__ = ["level_frame", "likely_rig", "riding", "standing"]
 
-#: What is taken where nothing tells the sensor, and how high it then stands, metres.
+#: What is taken where the sensor is unknown, and how high it then stands, metres.
 _MODEL, _HEIGHT_M = "OS1-128", 5.0
 #: Where a rig of unknown place stands: at the south-eastern corner, towards the middle.
 _CORNER_M, _HEADING_DEG = (17.0, -19.0), 135.0
@@ -103,7 +103,7 @@ def likely_rig(frame: Frame) -> tuple[dict[str, Any], str]:
     plane = ground_plane(seen)
     height_m = _HEIGHT_M if plane is None else float(np.clip(plane.height_m, 1.0, 30.0))
     chosen = sensor(_MODEL) if model is None else model
-    why = "taken because nothing tells the sensor" if model is None else "the nearest to its rings"
+    why = "taken because the sensor is unknown" if model is None else "the nearest to its rings"
     told = f"one {chosen.name}, {why}"
     told += f", {height_m:.1f} m above the ground"
     told += ", taken because no ground is seen" if plane is None else ""

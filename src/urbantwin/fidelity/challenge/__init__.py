@@ -1,12 +1,12 @@
 """The published challenge's protocol: realism, detection, and a submission's rules."""
 
-from urbantwin.fidelity.challenge.detections import read_detections
-from urbantwin.fidelity.challenge.precision import (
+from urbantwin.fidelity.challenge.average_precision import (
     Box,
     average_precision,
     box_ious,
     mean_precision,
 )
+from urbantwin.fidelity.challenge.detections import read_detections
 from urbantwin.fidelity.challenge.protocol import (
     CLASSES,
     CROP_M,

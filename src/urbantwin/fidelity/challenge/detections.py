@@ -9,7 +9,7 @@ import numpy as np
 
 from urbantwin.artefact.document import read_json_value
 from urbantwin.errors import InputError
-from urbantwin.fidelity.challenge.precision import Box
+from urbantwin.fidelity.challenge.average_precision import Box
 from urbantwin.fidelity.challenge.protocol import CLASSES
 
 __all__ = ["read_detections"]
@@ -31,13 +31,13 @@ def read_detections(path: Path) -> dict[str, list[Box]]:
     """
     read = read_json_value(path, _EXPECTED)
     if not isinstance(read, dict):
-        raise InputError("is no map of frames", file=path, expected=_EXPECTED)
+        raise InputError("is not a JSON object of frames", file=path, expected=_EXPECTED)
     return {str(frame): _boxes(path, str(frame), rows) for frame, rows in read.items()}
 
 
 def _boxes(path: Path, frame: str, rows: Any) -> list[Box]:  # noqa: ANN401
     if not isinstance(rows, list):
-        raise InputError("is no list", file=path, place=frame, expected=_EXPECTED)
+        raise InputError("is not a list", file=path, place=frame, expected=_EXPECTED)
     found = []
     for index, row in enumerate(rows):
         place = f"{frame}[{index}]"

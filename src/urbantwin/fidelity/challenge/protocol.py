@@ -83,7 +83,7 @@ def check_protocol(name: str) -> None:
     """Refuse the name of a protocol that we do not have.
 
     Raises:
-        InputError: there is none of that name.
+        InputError: there is no such name.
     """
     if name != NAME:
         raise InputError(f"{name!r} is not a protocol", place="--protocol", expected=NAME)

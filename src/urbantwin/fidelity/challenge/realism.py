@@ -12,7 +12,7 @@ from urbantwin.fidelity.chamfer import chamfer_squared
 from urbantwin.fidelity.earth_mover import earth_mover
 from urbantwin.fidelity.frechet import frechet_places
 from urbantwin.fidelity.mean_discrepancy import mean_discrepancy
-from urbantwin.fidelity.nearest import nearest_distances
+from urbantwin.fidelity.nearest_point import nearest_distances
 from urbantwin.fidelity.sampling import sampled
 
 __all__ = ["EMD_POINTS", "POINTS", "SEED", "MomentFit", "fit_moments", "realism"]

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
+from urbantwin.fidelity.challenge.average_precision import Box, mean_precision
 from urbantwin.fidelity.challenge.detections import read_detections
-from urbantwin.fidelity.challenge.precision import Box, mean_precision
 from urbantwin.fidelity.challenge.protocol import (
     CLASSES,
     CROP_M,
@@ -38,13 +38,14 @@ def score_clouds(
 ) -> dict[str, Any]:
     """Score frames against real ones that nothing was fitted to.
 
-    The first half of the real frames is there to fit to; all scores are against the second
-    half, which the fit never sees. Halves, and not every other frame: neighbours in time are
-    nearly the same frame.
+    The first half of the real frames is there to fit to; scored are the frames of the second half
+    against the real frames of the same numbers, which the fit never sees: an exact copy differs
+    by nothing. Halves, and not every other frame: neighbours in time are nearly the same frame.
 
     Args:
         real: (N, 3) cropped points of each frame, at least one frame.
-        others: the same by name ("twin", "arbitrary").
+        others: the same by name ("twin", "arbitrary"); where one has no more frames than the half,
+            all of them are scored.
         precision: mean average precision of a detector in the real frames.
 
     Returns:
@@ -53,10 +54,11 @@ def score_clouds(
     """
     half = len(real) // 2
     training, held_out = real[:half], real[half:]
-    rows = {name: _row(held_out, clouds, precision) for name, clouds in others.items()}
+    scored = {name: clouds[half:] or clouds for name, clouds in others.items()}
+    rows = {name: _row(held_out, clouds, precision) for name, clouds in scored.items()}
     if training:
         target = np.concatenate(list(training))
-        for name, clouds in others.items():
+        for name, clouds in scored.items():
             fit = fit_moments(np.concatenate(list(clouds)), target)
             moved = [cropped(fit.apply(points)) for points in clouds]
             rows[f"{name}_fitted"] = _row(held_out, moved, precision)

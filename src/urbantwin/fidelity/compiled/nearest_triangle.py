@@ -1,11 +1,11 @@
-"""The distance of points to triangles, and to the nearest triangle of a tree."""
+"""The distance of points to the nearest triangle of a tree."""
 
 import numpy as np
 from numba import njit
 
 from urbantwin.fidelity.compiled.box_tree import run_of
 
-__all__ = ["nearest_squares", "triangle_squares"]
+__all__ = ["nearest_squares"]
 
 _STACK = 128
 #: A triangle whose sine of an angle is below this is its edges.
@@ -25,7 +25,12 @@ def _edge_square(px, py, pz, ex, ey, ez):
 
 @njit(cache=True, nogil=True)
 def _triangle_square(point, corner, side1, side2):
-    """Return the squared distance of a point (3,) to a triangle: a corner and two sides (3,)."""
+    """Return the squared distance of a point (3,) to a triangle: a corner and two sides (3,).
+
+    The nearest point is the projection onto its plane where that falls inside (barycentric
+    coordinates, Ericson 2005, "Real-time collision detection", 3.4), else the nearest of the three
+    edges. A triangle without area is its edges, or one point.
+    """
     px, py, pz = point[0] - corner[0], point[1] - corner[1], point[2] - corner[2]
     ux, uy, uz = side1[0], side1[1], side1[2]
     vx, vy, vz = side2[0], side2[1], side2[2]
@@ -44,15 +49,6 @@ def _triangle_square(point, corner, side1, side2):
     second = _edge_square(px, py, pz, vx, vy, vz)
     third = _edge_square(px - ux, py - uy, pz - uz, vx - ux, vy - uy, vz - uz)
     return min(first, second, third)
-
-
-@njit(cache=True, nogil=True)
-def triangle_squares(points, corner, side1, side2):
-    """Return the squared distance (N,) of each of (N, 3) points to its own triangle."""
-    found = np.empty(len(points))
-    for row in range(len(points)):
-        found[row] = _triangle_square(points[row], corner[row], side1[row], side2[row])
-    return found
 
 
 @njit(cache=True, nogil=True)

@@ -1,4 +1,4 @@
-"""Readers of what real sensors recorded, in the layouts of the datasets that people have."""
+"""Readers of real recordings, in the layouts of published datasets and sensors."""
 
 from urbantwin.fidelity.readers.layouts import LAYOUTS, Layout, open_recording
 from urbantwin.fidelity.readers.recording import Recording

@@ -17,8 +17,8 @@ from urbantwin.artefact.tables import read_feather
 from urbantwin.errors import InputError
 from urbantwin.fidelity.clouds import counting_order
 from urbantwin.fidelity.frame import Boxes, Frame
-from urbantwin.fidelity.readers.assembled import frame_of
 from urbantwin.fidelity.readers.documents import laid_out
+from urbantwin.fidelity.readers.frame_assembly import frame_of
 from urbantwin.fidelity.readers.labels import (
     LabelledBox,
     boxes_of,
@@ -60,7 +60,7 @@ def open_argoverse(path: Path) -> Recording:
     def read(index: int) -> Frame:
         file = files[index]
         if not file.stem.isdigit():
-            raise InputError("has no time for a name", file=file, expected="nanoseconds")
+            raise InputError("is not named by its time", file=file, expected="nanoseconds")
         time_ns = int(file.stem)
         fields = _table(file)
         assert fields is not None
@@ -116,7 +116,7 @@ def _boxes_at(path: Path, annotations: Columns, time_ns: int) -> Boxes | None:
     with laid_out(path / "annotations.feather", _EXPECTED):
         rows = np.flatnonzero(annotations["timestamp_ns"] == time_ns)
         if not len(rows):
-            return None  # not a labelled sweep: of a street without objects nobody can tell
+            return None  # not a labelled sweep: an empty street looks the same
         labelled = []
         for row in rows:
             pose = _row_pose(annotations, int(row))

@@ -1,4 +1,4 @@
-"""JSON, YAML and lines of numbers of datasets: read, or one clear line."""
+"""JSON, YAML and text files of datasets, read with one clear line for what is wrong."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def finite_numbers(words: Iterable[str]) -> list[float]:
     for word in words:
         value = finite_number(word)
         if value is None:
-            raise ValueError(f"{word[:40]!r} is no number")
+            raise ValueError(f"{word[:40]!r} is not a number")
         found.append(value)
     return found
 

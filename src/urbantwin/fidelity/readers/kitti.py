@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.fidelity.cloud_fields import read_fields
+from urbantwin.fidelity.cloud_formats import read_fields
 from urbantwin.fidelity.frame import Boxes, Frame
-from urbantwin.fidelity.readers.assembled import frame_of
 from urbantwin.fidelity.readers.documents import finite_numbers, laid_out, read_lines
+from urbantwin.fidelity.readers.frame_assembly import frame_of
 from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of, checked_pose
 from urbantwin.fidelity.readers.plain import clouds_in
 from urbantwin.fidelity.readers.recording import Recording
@@ -81,7 +81,10 @@ def _read_boxes(path: Path, camera_SE3_lidar: Pose) -> Boxes:
                 raise ValueError
         except ValueError:
             raise InputError(
-                "is no label", file=path, place=f"line {number}", expected="15 values of KITTI"
+                "is not a KITTI label",
+                file=path,
+                place=f"line {number}",
+                expected="15 values of KITTI",
             ) from None
         labelled.append(LabelledBox(_box(values, lidar_SE3_camera), words[0]))
     return boxes_of(labelled)

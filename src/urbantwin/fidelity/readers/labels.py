@@ -44,7 +44,7 @@ _CLASS_OF = {name: ours for ours, names in _CALLED.items() for name in names.spl
 
 
 def actor_class(source_name: str) -> str:
-    """Return our class for a dataset's name of one, ``other`` where it is none of ours."""
+    """Return our class for a dataset's name of one, ``other`` where we have no such class."""
     return _CLASS_OF.get(re.sub(r"[^a-z]", "", source_name.lower()), "other")
 
 
@@ -62,9 +62,9 @@ class LabelledBox:
     track: int = -1
 
     def __post_init__(self) -> None:
-        """Refuse a track that is no number of 64 bits: a reader turns ValueError into a line."""
+        """Refuse a track that is not a number of 64 bits: a reader turns ValueError into a line."""
         if not -(2**63) <= self.track < 2**63:
-            raise ValueError(f"{str(self.track)[:40]} is no track")
+            raise ValueError(f"{str(self.track)[:40]} is not a track")
 
 
 def boxes_of(labelled: Sequence[LabelledBox]) -> Boxes:
@@ -87,7 +87,7 @@ def pose_of_quaternion(w: float, x: float, y: float, z: float, place: ArrayLike)
     quaternion = np.array([w, x, y, z], np.float64)
     length = np.linalg.norm(quaternion)
     if not np.isfinite(length) or length < 1e-9:
-        raise ValueError(f"({w:g}, {x:g}, {y:g}, {z:g}) is no rotation")
+        raise ValueError(f"({w:g}, {x:g}, {y:g}, {z:g}) is not a rotation")
     w, x, y, z = quaternion / length
     rotation = np.array(
         [
@@ -103,18 +103,18 @@ def checked_pose(rotation: ArrayLike, place: ArrayLike) -> Pose:
     """Return the pose of a rotation (3, 3) and a place (3,) in metres.
 
     Raises:
-        ValueError: the first is no rotation, or a number is not finite.
+        ValueError: the first is not a rotation, or a number is not finite.
     """
     turn, at = np.asarray(rotation, np.float64), np.asarray(place, np.float64)
     if turn.size != 9 or at.size != 3:
-        raise ValueError(f"{turn.size} and {at.size} numbers are no pose")
+        raise ValueError(f"{turn.size} and {at.size} numbers are not a pose")
     turn, at = turn.reshape(3, 3), at.reshape(3)
     if not np.isfinite(at).all() or np.abs(at).max() > _FURTHEST_M:
         raise ValueError("a place that is not finite, or too far away")
     with np.errstate(over="ignore", invalid="ignore"):
         off = np.abs(turn @ turn.T - np.eye(3)).max()
     if not off < _ROUND or np.linalg.det(turn) < 0:
-        raise ValueError("a matrix that is no rotation")
+        raise ValueError("a matrix that is not a rotation")
     return Pose(turn, at)
 
 

@@ -1,4 +1,4 @@
-"""Which dataset a folder is of, found by what is in it."""
+"""Detection of the dataset layout of a folder by its content."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from functools import partial
 from pathlib import Path
 
 from urbantwin.errors import InputError
-from urbantwin.fidelity.cloud_fields import FORMATS
+from urbantwin.fidelity.cloud_formats import FORMATS
 from urbantwin.fidelity.readers.argoverse import is_argoverse, open_argoverse
-from urbantwin.fidelity.readers.dair import is_dair, open_dair
+from urbantwin.fidelity.readers.dair_v2x import is_dair, open_dair
 from urbantwin.fidelity.readers.kitti import is_kitti, open_kitti
 from urbantwin.fidelity.readers.lumpi import is_lumpi, open_lumpi
 from urbantwin.fidelity.readers.nuscenes import is_nuscenes, open_nuscenes

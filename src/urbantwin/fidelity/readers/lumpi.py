@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.fidelity.cloud_fields import read_fields
+from urbantwin.fidelity.cloud_formats import read_fields
 from urbantwin.fidelity.frame import Frame
-from urbantwin.fidelity.readers.assembled import frame_of
 from urbantwin.fidelity.readers.documents import finite_numbers, laid_out, read_lines
+from urbantwin.fidelity.readers.frame_assembly import frame_of
 from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of
 from urbantwin.fidelity.readers.plain import clouds_in
 from urbantwin.fidelity.readers.recording import Recording
@@ -120,7 +120,7 @@ def _read_labels(path: Path) -> dict[int, list[LabelledBox]]:
                     raise ValueError
             except ValueError:
                 raise InputError(
-                    "is no label",
+                    "is not a LUMPI label",
                     file=path,
                     place=f"line {number}",
                     expected=expected,
@@ -143,7 +143,7 @@ def _rows(path: Path, expected: str) -> Iterator[list[str]]:
     try:
         yield from csv.reader(read_lines(path, expected))
     except csv.Error as error:
-        raise InputError(f"is no table ({error})", file=path, expected=expected) from None
+        raise InputError(f"is not a table ({error})", file=path, expected=expected) from None
 
 
 def _is_number(text: str) -> bool:

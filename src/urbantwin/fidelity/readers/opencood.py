@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.fidelity.cloud_fields import read_fields
+from urbantwin.fidelity.cloud_formats import read_fields
 from urbantwin.fidelity.frame import Boxes, Frame
-from urbantwin.fidelity.readers.assembled import frame_of
 from urbantwin.fidelity.readers.documents import laid_out, read_yaml_document
+from urbantwin.fidelity.readers.frame_assembly import frame_of
 from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of, heading
 from urbantwin.fidelity.readers.plain import clouds_in
 from urbantwin.fidelity.readers.recording import Recording

@@ -10,7 +10,7 @@ import numpy as np
 
 from urbantwin.errors import InputError
 from urbantwin.fidelity.frame import Frame
-from urbantwin.fidelity.readers.assembled import frame_of
+from urbantwin.fidelity.readers.frame_assembly import frame_of
 from urbantwin.fidelity.readers.ouster_packets import OusterFormat, read_ouster_format
 from urbantwin.fidelity.readers.pcap import Datagram, datagrams_in
 from urbantwin.fidelity.readers.recording import Recording
@@ -38,7 +38,7 @@ def open_ouster(path: Path) -> Recording:
 
     Raises:
         InputError: there are several captures, no metadata beside it, no packet of this sensor,
-            or the file is no pcap.
+            or the file is not a pcap.
     """
     captures = _captures(path)
     if len(captures) != 1:

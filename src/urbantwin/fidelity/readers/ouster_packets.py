@@ -203,7 +203,7 @@ def read_ouster_format(path: Path) -> OusterFormat:
     """Read a unit's metadata, of any firmware.
 
     Raises:
-        InputError: it is none, or of a profile that is unknown.
+        InputError: it is not such metadata, or of an unknown profile.
     """
     document = read_json_document(path, _EXPECTED)
     with laid_out(path, _EXPECTED):

@@ -14,12 +14,12 @@ from urbantwin.artefact.manifest import validated
 from urbantwin.artefact.tables import read_parquet
 from urbantwin.dataset import parts_of
 from urbantwin.dataset.frame_files import read_rays
-from urbantwin.dataset.manifest_form import FramePoses, pose_of_matrix
+from urbantwin.dataset.manifest_schema import FramePoses, pose_of_matrix
 from urbantwin.errors import InputError
-from urbantwin.fidelity.cloud_fields import read_fields
+from urbantwin.fidelity.cloud_formats import read_fields
 from urbantwin.fidelity.frame import Boxes, Frame
-from urbantwin.fidelity.readers.assembled import frame_of
 from urbantwin.fidelity.readers.documents import finite_numbers, laid_out, read_lines
+from urbantwin.fidelity.readers.frame_assembly import frame_of
 from urbantwin.fidelity.readers.labels import LabelledBox, boxes_of
 from urbantwin.fidelity.readers.plain import clouds_in
 from urbantwin.fidelity.readers.recording import Recording
@@ -101,7 +101,7 @@ def read_label_lines(path: Path) -> Boxes | None:
     """Return the boxes of an OpenPCDet label, ``x y z dx dy dz heading class`` a line, or None.
 
     Raises:
-        InputError: a line is none such.
+        InputError: a line is not such a label.
     """
     if not path.is_file():
         return None
@@ -115,7 +115,7 @@ def read_label_lines(path: Path) -> Boxes | None:
             name = words[7]
         except (ValueError, IndexError):
             raise InputError(
-                "is no label",
+                "is not an OpenPCDet label",
                 file=path,
                 place=f"line {number}",
                 expected="x y z dx dy dz heading class",

@@ -52,17 +52,17 @@ def datagrams_in(path: Path, data: memoryview) -> Iterator[Datagram]:
         data: the file's bytes.
 
     Raises:
-        InputError: no pcap file, or one of a link that is unknown.
+        InputError: not a pcap file, or one of an unknown link type.
     """
     if bytes(data[:4]) == _PCAPNG:
         raise InputError(
-            "is of the newer kind, pcapng",
+            "is a pcapng file",
             file=path,
             expected=f"{_EXPECTED} (editcap -F pcap IN OUT writes one)",
         )
     order = _MAGIC.get(bytes(data[:4]))
     if order is None or len(data) < 24:
-        raise InputError("is none", file=path, expected=_EXPECTED)
+        raise InputError("is not a pcap file", file=path, expected=_EXPECTED)
     link = struct.unpack_from(order + "I", data, 20)[0] & 0xFFFF
     if link not in _LINKS:
         raise InputError(f"is of link type {link}", file=path, expected="Ethernet or raw IP")

@@ -6,10 +6,10 @@ from collections import Counter
 from pathlib import Path
 
 from urbantwin.errors import InputError
-from urbantwin.fidelity.cloud_fields import FORMATS, is_cloud, read_fields
+from urbantwin.fidelity.cloud_formats import FORMATS, is_cloud, read_fields
 from urbantwin.fidelity.clouds import counting_order
 from urbantwin.fidelity.frame import Frame
-from urbantwin.fidelity.readers.assembled import frame_of
+from urbantwin.fidelity.readers.frame_assembly import frame_of
 from urbantwin.fidelity.readers.recording import Recording
 
 __all__ = ["clouds_in", "is_plain", "open_plain"]

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.artefact.document import read_bytes
-from urbantwin.fidelity.cloud_fields import read_fields
+from urbantwin.fidelity.cloud_formats import read_fields
 from urbantwin.fidelity.frame import Frame
-from urbantwin.fidelity.readers.assembled import frame_of
 from urbantwin.fidelity.readers.documents import finite_numbers, laid_out, read_lines
+from urbantwin.fidelity.readers.frame_assembly import frame_of
 from urbantwin.fidelity.readers.labels import checked_pose
 from urbantwin.fidelity.readers.plain import clouds_in
 from urbantwin.fidelity.readers.recording import Recording
@@ -26,7 +26,7 @@ from urbantwin.taxonomy import semantic_classes, semantic_id
 
 __all__ = ["is_semantic_kitti", "open_semantic_kitti"]
 
-#: Classes of theirs that are none of ours -> the nearest of ours (semantic-kitti.yaml): bicycles
+#: Classes of theirs that we do not have -> the nearest of ours (semantic-kitti.yaml): bicycles
 #: that stand and moving people and vehicles among them.
 _NEAREST = {
     11: "other-object", 13: "bus", 16: "other-object", 20: "truck", 60: "road",

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 
 from urbantwin.errors import InputError
-from urbantwin.fidelity.cloud_fields import read_fields
+from urbantwin.fidelity.cloud_formats import read_fields
 from urbantwin.fidelity.frame import Boxes, Frame
-from urbantwin.fidelity.readers.assembled import frame_of
 from urbantwin.fidelity.readers.documents import laid_out, read_json_document
+from urbantwin.fidelity.readers.frame_assembly import frame_of
 from urbantwin.fidelity.readers.labels import (
     LabelledBox,
     boxes_of,

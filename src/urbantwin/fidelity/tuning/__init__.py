@@ -1,4 +1,4 @@
-"""Fitting what is uncertain of a rig and its traffic to unlabelled real frames."""
+"""Tuning: fitting uncertain parameters of a rig and its traffic to unlabelled real frames."""
 
 from urbantwin.fidelity.tuning.knobs import GROUPS, groups_of
 from urbantwin.fidelity.tuning.split import Split, split_in_time

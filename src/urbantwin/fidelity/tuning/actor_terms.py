@@ -1,4 +1,4 @@
-"""How many actors there are and how large, from points that move and nothing else."""
+"""Terms of the actors: how many there are and how large, from moving points alone."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from urbantwin.fidelity.background import LEAST_FRAMES, Background
+from urbantwin.fidelity.background_subtraction import LEAST_FRAMES, Background
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.tuning.knobs import Knob, Values
 from urbantwin.fidelity.tuning.loss import SECTORS, Loss
@@ -22,7 +22,7 @@ from urbantwin.taxonomy import ACTOR_CLASSES
 
 __all__ = ["KINDS", "ActorTerms", "Clusters", "actor_changes", "actor_knobs", "clusters_of"]
 
-#: What clusters can be told apart as, and the classes whose actors they are.
+#: What clusters are classified as, and the classes whose actors they are.
 KINDS = {
     "vehicles": ("car", "truck", "bus"),
     "small": ("motorcycle", "bicycle", "pedestrian"),
@@ -49,12 +49,12 @@ _SIZED = {
 
 @dataclass(frozen=True, eq=False)
 class Clusters:
-    """Moving things of some frames, without names.
+    """Clusters of moving points in some frames, without classes.
 
     Attributes:
         size: (N, 3) long side, short side in plan, height above the ground, metres.
         time: (N,) in which of `SECTORS` equal spans of time it was seen: an actor is there for
-            many frames, so its clusters in one span are no independent ones.
+            many frames, so its clusters in one span are not independent.
         vehicle: (N,) whether it is one by its size.
         frames: how many frames they are of.
     """

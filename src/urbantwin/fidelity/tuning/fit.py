@@ -1,4 +1,4 @@
-"""The fit of a rig: group after group, each with what the ones before found."""
+"""The fit of a rig: group after group, each with the values that the earlier ones found."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def fit_rig(
         validation: of those that decide whether a group's fit is kept; ``None``: too few frames.
         groups: what may be fitted.
         searching: how.
-        tell: told what is being done.
+        tell: called with what is being done.
     """
     rig = training.rig
     fit = RigFit()
@@ -124,7 +124,7 @@ def fit_rig(
     if wanted and not spins:
         fit.notes.append(
             f"Not fitted: {', '.join(wanted)}. A sensor draws a pattern that does not repeat, so "
-            "its beams cannot be told apart."
+            "its beams cannot be distinguished."
         )
     elif wanted:
         tell("casting the beams")

@@ -52,11 +52,11 @@ def fit_actors(
         return None
     real = real_clusters(training, fit)
     if real is None:
-        fit.notes.append("Actors are kept: too few frames to tell what moves.")
+        fit.notes.append("Actors are kept: too few frames to detect what moves.")
         return None
     fit.simulated = _simulated(training, fit, motion)
     if fit.simulated is None:
-        fit.notes.append("Actors are kept: the motion is too short to tell what moves.")
+        fit.notes.append("Actors are kept: the motion is too short to detect what moves.")
         return None
     terms = ActorTerms(real, fit.simulated)
     for kind in KINDS:

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from urbantwin.dataset.frame_files import read_rays
 from urbantwin.errors import InputError
-from urbantwin.fidelity.cloud_fields import read_fields
+from urbantwin.fidelity.cloud_formats import read_fields
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.histograms import full_scale
 from urbantwin.fidelity.readers import Recording, open_recording
-from urbantwin.fidelity.readers.assembled import frame_of
+from urbantwin.fidelity.readers.frame_assembly import frame_of
 from urbantwin.fidelity.sampling import evenly
 
 __all__ = ["MOST_FRAMES", "Looks", "looks_of", "open_unlabelled"]

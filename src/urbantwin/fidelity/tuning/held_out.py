@@ -1,4 +1,4 @@
-"""The frames that nothing was fitted to: is the twin nearer to them than before?"""
+"""Evaluation of a fit on the held-out frames."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every trial gave, on disk: an interrupted fit goes on where it stopped."""
+"""The journal of trials on disk, from which an interrupted fit resumes."""
 
 from __future__ import annotations
 

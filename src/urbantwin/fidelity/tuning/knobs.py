@@ -1,4 +1,4 @@
-"""What may be fitted, between which bounds, and where each value is written."""
+"""The knobs: the parameters that may be fitted, with their bounds and where they are written."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Values = Mapping[str, float]
 
 @dataclass(frozen=True)
 class Knob:
-    """One number that is not known.
+    """One uncertain parameter.
 
     Attributes:
         name: unique; what it is in the file that it is written to.
@@ -67,7 +67,7 @@ def groups_of(text: str) -> tuple[str, ...]:
     for one in sorted(named - set(GROUPS)):
         raise InputError(f"{one!r:.40} cannot be fitted", place="--fit", expected=", ".join(GROUPS))
     if not named:
-        raise InputError("names nothing", place="--fit", expected=", ".join(GROUPS))
+        raise InputError("no group is named", place="--fit", expected=", ".join(GROUPS))
     return tuple(one for one in GROUPS if one in named)
 
 

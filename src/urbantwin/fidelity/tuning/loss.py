@@ -1,4 +1,4 @@
-"""What a term of the fit gives back: losses of parts of the view that know little of each other."""
+"""Losses of the fit by sector of the view; sectors are nearly independent."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a pose must explain: where real points lie on the twin's surfaces."""
+"""The term of the pose: distances of real points from the twin's surfaces."""
 
 from __future__ import annotations
 

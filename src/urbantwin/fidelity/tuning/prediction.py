@@ -1,4 +1,4 @@
-"""What a sensor would report of the static world, beam by beam, for any calibration."""
+"""Predicted returns of a sensor from the static world, beam by beam, for any calibration."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["Answers", "BeamView", "beam_view"]
 
 @dataclass(frozen=True, eq=False)
 class Answers:
-    """What N beams report.
+    """The predicted returns of N beams.
 
     Attributes:
         share: (N,) probability of a return.

@@ -1,4 +1,4 @@
-"""A fit as JSON: where every knob began, where it ended, and how sharply it is known."""
+"""A fit as JSON: every knob's start, fitted value and standard error."""
 
 from __future__ import annotations
 

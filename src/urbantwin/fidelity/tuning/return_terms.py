@@ -1,4 +1,4 @@
-"""What returns tell of a sensor where twin and data share a surface: loss, noise, intensity."""
+"""Terms of the returns where twin and data share a surface: drop-out, noise, intensity."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class _Cells:
         material: (C,) of all of their beams, -1 where they differ.
         looks: (C,) how often a beam looked, while no traffic hid the surface.
         returns: (C,) how often it came back.
-        scatter: (C,) pooled variance of the ranges, m^2; NaN where it cannot be told.
+        scatter: (C,) pooled variance of the ranges, m^2; NaN where it is not known.
         freedom: (C,) degrees of freedom of that.
         intensity: (C,) mean of the returns, 0..1; NaN without.
     """

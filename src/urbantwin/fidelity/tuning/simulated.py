@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from urbantwin.dataset.course import Courses
-from urbantwin.dataset.moment import posed_actors
+from urbantwin.dataset.frame_motion import FrameMotions
+from urbantwin.dataset.motion_interpolation import posed_actors
 from urbantwin.fidelity.frame import Frame
 from urbantwin.fidelity.tuning.tuned_rig import PointsIn, frame_of_points
 from urbantwin.lidar import PosedActor, Rig, Scanner
@@ -44,7 +44,7 @@ class SimulatedFrames:
             surface=twin.surface_materials,
             region=twin.region,
         )
-        self._courses = None if motion is None else Courses(motion)
+        self._motions = None if motion is None else FrameMotions(motion)
         #: How many frames the motion lasts; as many as one likes without one.
         self.count: int | None = None
         if motion is not None:
@@ -53,11 +53,11 @@ class SimulatedFrames:
     def frame(self, number: int) -> Frame:
         """Return a frame; beyond the motion's end it begins again."""
         actors: list[PosedActor] = []
-        if self._courses is not None and self.count is not None:
+        if self._motions is not None and self.count is not None:
             number %= self.count
             span = span_of(self._rig.sensors, number, self._seed)
-            course = self._courses.around(number / self._rig.rate_hz, *span)
-            actors = posed_actors(course.rows, course.paths())
+            moving = self._motions.around(number / self._rig.rate_hz, *span)
+            actors = posed_actors(moving.rows, moving.paths())
         found = self._scanner.scan(number, actors)
         places = np.array([one.site_SE3_sensor.translation for one in self._rig.sensors])
         return Frame(

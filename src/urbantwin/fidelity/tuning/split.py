@@ -1,4 +1,4 @@
-"""Which frames of a recording are fitted to, and which are kept to judge the fit."""
+"""The split of a recording into training, validation and held-out frames."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Split:
         training: what is fitted to.
         validation: what decides whether a fit is kept; empty where there are too few frames.
         gap: what belongs to no part.
-        held_out: what nobody looks at before the fit is written.
+        held_out: what is not read before the fit is written.
     """
 
     training: tuple[int, ...]
@@ -51,7 +51,8 @@ def split_in_time(count: int, held_out: float = 0.3) -> Split:
         )
     if count < 2:
         raise InputError(
-            f"holds {count} frame", expected="two at least: to fit to, and to judge the fit by"
+            f"the recording holds {count} frame",
+            expected="two at least: to fit to, and to judge the fit by",
         )
     last = min(count - 1, max(1, round(held_out * count)))
     before = count - last

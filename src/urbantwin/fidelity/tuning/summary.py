@@ -1,4 +1,4 @@
-"""The few lines of a tuning that a person reads first."""
+"""The summary of a tuning, for people."""
 
 from __future__ import annotations
 

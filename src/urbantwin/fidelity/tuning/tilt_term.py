@@ -1,4 +1,4 @@
-"""Pitch and roll of a sensor whose points were levelled: its rings still show them."""
+"""The term of the tilt: pitch and roll of a sensor whose points were levelled, from its rings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``tune``: what is uncertain of a rig and its traffic, fitted to unlabelled real frames."""
+"""``tune``: uncertain parameters of a rig and its traffic, fitted to unlabelled real frames."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def tune(
     tuning: Tuning | None = None,
     progress: Progress | None = None,
 ) -> dict[str, Any]:
-    """Fit what is uncertain to the first part of a recording, and judge it by the last.
+    """Fit a rig and its traffic to the first part of a recording, and evaluate them on the last.
 
     ``rig.yaml`` and ``tuning.json`` are written when the fit is done. Only then is the first frame
     of the held-out part opened, and ``held_out.json`` and ``report.html`` follow. Labels are never
@@ -83,7 +83,7 @@ def tune(
         out: the folder to write; an older tuning there is replaced.
         motion: traffic of the twin, for its actors.
         tuning: how.
-        progress: told the share done (0..1) and what is being done.
+        progress: called with the fraction done (0..1) and what is being done.
 
     Returns:
         What ``tuning.json`` and ``held_out.json`` hold.

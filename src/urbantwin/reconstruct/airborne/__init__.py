@@ -1,4 +1,4 @@
-"""Surveys from the air: bare earth, buildings with the planes of their roofs, trees."""
+"""Airborne surveys: bare earth, buildings with roof planes, trees."""
 
 from urbantwin.reconstruct.airborne.footprints import read_footprints
 from urbantwin.reconstruct.airborne.model import AirborneModel, from_airborne

@@ -24,7 +24,7 @@ _MARGIN_M = 25.0
 def levelled_water(points: NDArray[np.float64], water: NDArray[np.bool_]) -> NDArray[np.float64]:
     """Return the points with each sheet of water at one height: the median of its points.
 
-    A sheet is what hangs together within 6 m: few pulses come back from water.
+    A sheet is connected within 6 m: few pulses come back from water.
     """
     if not water.any():
         return points

@@ -1,4 +1,4 @@
-"""One building: its roof's planes over its outline, down to its foundation."""
+"""One building as a solid: roof planes over its outline, walls down to its foundation."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ _CELL_M, _SLOPE, _WINDOW_M, _HEIGHT_M, _SCALING = 1.0, 0.15, 30.0, 0.4, 1.25
 
 
 def has_ground_class(cloud: PointCloud) -> bool:
-    """Tell whether a survey says which of its points are ground: at least one in 200."""
+    """Return whether a survey says which of its points are ground: at least one in 200."""
     if cloud.classification is None or not len(cloud.points):
         return False
     return bool((cloud.classification == GROUND).mean() > 0.005)
@@ -38,7 +38,7 @@ def has_ground_class(cloud: PointCloud) -> bool:
 def ground_by_filter(
     points: NDArray[np.float64], footprints: Sequence[shapely.Polygon] = ()
 ) -> NDArray[np.bool_]:
-    """Tell (N,) which points are bare earth by SMRF.
+    """Return which (N,) points are bare earth by SMRF.
 
     Args:
         points: (N, 3) without noise, metres.
@@ -74,7 +74,7 @@ def ground_by_filter(
 
 
 def inside_any(footprints: Sequence[shapely.Polygon], xy: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tell (N,) which points lie in any of the outlines."""
+    """Return which (N,) points lie in any of the outlines."""
     if not len(footprints):
         return np.zeros(len(xy), bool)
     area = shapely.union_all(list(footprints))

@@ -1,4 +1,4 @@
-"""A survey from the air made into ground, buildings and trees."""
+"""Ground, buildings and trees extracted from an airborne survey."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ _UNKNOWN = (0, 1)
 
 @dataclass(frozen=True, eq=False)
 class AirborneModel:
-    """What a survey from the air gives, site frame.
+    """What an airborne survey yields, site frame.
 
     Attributes:
         ground: the bare earth.
@@ -80,7 +80,7 @@ def from_airborne(
     wall_material: str = "brick",
     roof_material: str = "roofing",
 ) -> AirborneModel:
-    """Make ground, buildings and trees of a survey from the air.
+    """Extract ground, buildings and trees from an airborne survey.
 
     Where the survey is classified its classes are used; what it does not say is found: the ground
     by a morphological filter, buildings as high plane areas, trees as high rough ones.
@@ -201,7 +201,7 @@ class _Survey:
         return [*self.footprints, *found]
 
     def _roof_points(self) -> NDArray[np.bool_]:
-        """Tell (N,) which points may be of roofs."""
+        """Return which (N,) points may be of roofs."""
         high = self.above > LOWEST_ROOF_M
         if (self.classes == _BUILDING).any():
             return np.asarray((self.classes == _BUILDING) & (self.above > 0.5))

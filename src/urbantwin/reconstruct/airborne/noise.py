@@ -1,4 +1,4 @@
-"""Points to leave out: noise that is marked or alone, and more of them than shapes need."""
+"""Noise removal and thinning of a survey's points."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _DEEP_M = 1.5
 
 
 def is_noise(cloud: PointCloud) -> NDArray[np.bool_]:
-    """Tell (N,) which points are noise: classes 7 and 18, not finite, alone, or deep below."""
+    """Return which (N,) points are noise: classes 7 and 18, not finite, isolated, or far below."""
     points = cloud.points
     noise = np.asarray(~np.isfinite(points).all(axis=1))
     if cloud.classification is not None:
@@ -67,7 +67,7 @@ def thinned(cloud: PointCloud) -> PointCloud:
 
 
 def _few_around(points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tell which points have few others in the 27 voxels around theirs."""
+    """Return which points have few others in the 27 voxels around theirs."""
     voxel = np.floor((points - points.min(axis=0)) / _VOXEL_M).astype(np.int64) + 1
     sizes = voxel.max(axis=0) + 2
     key = (voxel[:, 0] * sizes[1] + voxel[:, 1]) * sizes[2] + voxel[:, 2]
@@ -83,7 +83,7 @@ def _few_around(points: NDArray[np.float64]) -> NDArray[np.bool_]:
 
 
 def _deep(points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tell which points lie far below the lowest points of the cells around."""
+    """Return which points lie far below the lowest points of the cells around."""
     grid = Raster.over(points.min(axis=0), points.max(axis=0), 2.0)
     lowest = filled(grid.extreme(points))
     usual = median_filter(lowest, size=7)

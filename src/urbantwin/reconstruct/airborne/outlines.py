@@ -1,4 +1,4 @@
-"""Outlines of buildings that no map has, from the points of their roofs.
+"""Outlines of unmapped buildings, from their roof points.
 
 Cells of a fine grid that roofs cover are joined; their border is simplified, turned to the
 building's own directions and moved to its outermost points (after Awrangjeb and Fraser 2014,
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import binary_closing, binary_opening, label
 from scipy.spatial import cKDTree
 
+from urbantwin.geometry import wrapped
 from urbantwin.reconstruct.airborne.raster import Raster
 
 __all__ = ["SMALLEST_M2", "cut_blocks", "find_outlines", "is_plane_like"]
@@ -34,7 +35,7 @@ _TURN_DEG = 22.0
 
 
 def is_plane_like(points: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Tell (N,) which points lie in a plane that is no wall: roofs, not crowns of trees."""
+    """Return which (N,) points lie in a plane other than a wall: roofs, not tree crowns."""
     if len(points) < 10:
         return np.zeros(len(points), bool)
     result = np.zeros(len(points), bool)
@@ -92,7 +93,7 @@ def find_outlines(points: NDArray[np.float64]) -> list[shapely.Polygon]:
 def cut_blocks(
     outlines: list[shapely.Polygon], points: NDArray[np.float64]
 ) -> list[shapely.Polygon]:
-    """Cut outlines of whole blocks across, where roofs differ most, until each is of a house.
+    """Split outlines of whole blocks where roofs differ most, until each is one house.
 
     Args:
         outlines: as found.
@@ -116,7 +117,7 @@ def cut_blocks(
 
 
 def _halves(outline: shapely.Polygon, points: NDArray[np.float64]) -> list[shapely.Polygon]:
-    """Cut an outline across its longer extent, near the middle, where heights change most."""
+    """Split an outline across its longer extent, near the middle, where heights change most."""
     angle = _direction(outline)
     along = np.array([np.cos(angle), np.sin(angle)])
     ring = np.asarray(outline.exterior.coords)[:, :2]
@@ -204,7 +205,7 @@ def _squared(
         band = beside & (np.abs(out) < 1.6 * step)
         reach = np.percentile(out[band], 95) + 0.3 * spacing if band.sum() > 5 else 0.0
         offset = float(middle[k] @ normal + reach)
-        turn = (direction[k] - lines[-1][0] + np.pi) % (2 * np.pi) - np.pi if lines else 1.0
+        turn = wrapped(direction[k] - lines[-1][0]) if lines else 1.0
         if lines and abs(turn) < 1e-3 and abs(lines[-1][1] - offset) < 1.5 * step:
             continue
         lines.append((float(direction[k]), offset))

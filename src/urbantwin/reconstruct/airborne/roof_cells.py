@@ -1,4 +1,4 @@
-"""A roof's plan cut into cells by lines, and the plane over each cell chosen.
+"""A roof partitioned in plan into cells by lines, and the roof plane chosen for each cell.
 
 The choice minimises misfit of the points plus the length of borders between planes, a Potts energy
 (Boykov, Veksler and Zabih 2001), by moving single cells and whole patches while that helps.
@@ -55,7 +55,7 @@ def roof_patches(
 
     Args:
         outline: of the building.
-        lines: that may part it.
+        lines: that may divide it.
         points: (N, 3) of the roof, walls left out.
         label: (N,) number of each point's plane, -1 for none.
         planes: (P, 3) a, b, c.

@@ -1,4 +1,4 @@
-"""Lines that part a roof in plan: where planes meet, and where heights jump."""
+"""Lines that divide a roof in plan: creases where planes meet, and steps in height."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ import shapely
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 from scipy.spatial import cKDTree
+
+from urbantwin.geometry import wrapped
 
 __all__ = ["RoofLine", "main_directions", "roof_lines"]
 
@@ -54,7 +56,7 @@ def main_directions(outline: shapely.Polygon) -> NDArray[np.float64]:
     weights: list[float] = []
     for k in np.argsort(-length, kind="stable").tolist():
         for j, other in enumerate(chosen):
-            turn = (angle[k] - other + np.pi / 2) % np.pi - np.pi / 2
+            turn = wrapped(angle[k] - other, np.pi)
             if abs(turn) < np.radians(4.0):
                 weights[j] += length[k]
                 break
@@ -220,7 +222,7 @@ def _along_any(
     starts: NDArray[np.float64],
     ends: NDArray[np.float64],
 ) -> bool:
-    """Tell whether a line lies along one of others (K, 2), over nearly all its length."""
+    """Return whether a line lies along one of others (K, 2), over nearly all its length."""
     own = end - start
     size = float(np.hypot(own[0], own[1]))
     if size < 1e-6:

@@ -69,7 +69,7 @@ def roof_solid(
 
 
 def _even(faces: NDArray[np.int32]) -> bool:
-    """Tell whether every edge runs as often one way as the other."""
+    """Return whether every edge runs as often one way as the other."""
     start, end = faces.ravel().astype(np.int64), np.roll(faces, -1, axis=1).ravel().astype(np.int64)
     size = int(faces.max(initial=0)) + 1
     return bool(np.array_equal(np.sort(start * size + end), np.sort(end * size + start)))

@@ -57,7 +57,7 @@ def find_trees(
         above: (N,) heights above the ground, metres.
         last: (N,) whether a point is its pulse's last return, if known.
         vegetation: (N,) which points the survey says are vegetation; ``None`` where it does not
-            say, and trees are told by their rough surface and their several returns.
+            say, and trees are recognised by their rough surface and their several returns.
 
     Returns:
         Trees from west to east.
@@ -213,7 +213,7 @@ def _tree(
 
 
 def _leafy(upper: NDArray[np.float64], through: NDArray[np.bool_] | None) -> bool:
-    """Tell whether a crown's points are thick, let light through and are no plane."""
+    """Return whether a crown's points are thick, let light through and are no plane."""
     low, high = np.percentile(upper[:, 2], [10, 90])
     thick = high - low >= _THINNEST_M
     lets_through = through is None or through.mean() >= _THROUGH
@@ -221,7 +221,7 @@ def _leafy(upper: NDArray[np.float64], through: NDArray[np.bool_] | None) -> boo
 
 
 def _flat(points: NDArray[np.float64]) -> bool:
-    """Tell whether points lie in one plane: a roof that no map has."""
+    """Return whether points lie in one plane: a roof that no map has."""
     spread = points - points.mean(axis=0)
     values = np.linalg.eigvalsh(spread.T @ spread / len(points))
     return bool(np.sqrt(max(values[0], 0.0)) < 0.15)

@@ -1,4 +1,4 @@
-"""Vector files that GDAL may open: such as hold everything themselves.
+"""Vector files that are safe for GDAL to open: those that refer to nothing else.
 
 GDAL tells formats by content, not by name, and some of them (VRT, WFS, GDALG) are orders to fetch
 something from anywhere. It also downloads the CRS that a GeoJSON of before RFC 7946 links to.
@@ -19,7 +19,6 @@ __all__ = ["check_vector_file"]
 _BINARY = (b"SQLite format 3\0", b"\0\0\x27\x0a", b"fgb\x03")
 #: What a link to a CRS cannot do without, unless its letters are written as numbers.
 _MAY_LINK = re.compile(rb"[\"'](link|url)[\"']|\\u00[4-7]", re.IGNORECASE)
-_ANOTHER = "cannot be read: its format is another"
 
 
 def check_vector_file(path: Path, expected: str) -> None:
@@ -58,7 +57,7 @@ def check_vector_file(path: Path, expected: str) -> None:
 
 
 def _links(text: bytes) -> bool:
-    """Return whether any ``crs`` of a GeoJSON is a link, or that cannot be told."""
+    """Return whether any ``crs`` of a GeoJSON is a link, or may be one."""
     try:
         # Of a name given twice some readers take the first value, and others the last.
         waiting = [json.loads(text.decode("utf-8-sig"), object_pairs_hook=tuple)]

@@ -1,4 +1,4 @@
-"""Meshes told apart: ground, buildings, vegetation, poles and other things, and materials."""
+"""Classification of meshes: ground, buildings, vegetation, poles, other; and materials."""
 
 from urbantwin.reconstruct.classify.classify import Classified, classified
 

@@ -1,4 +1,4 @@
-"""A cleaned mesh told apart: the ground as a patch, what stands on it with class and material."""
+"""Classification of a cleaned mesh: ground as an elevation patch, objects by class and material."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from urbantwin.reconstruct.classify.colours import default_material, material_of
 from urbantwin.reconstruct.classify.names import labels_of_names
 from urbantwin.reconstruct.classify.shape import classes_by_shape
 from urbantwin.reconstruct.classify.terrain import STEP_M, Terrain, terrain_of
-from urbantwin.reconstruct.cleaning.connected import pieces_of
+from urbantwin.reconstruct.cleaning.connected_components import pieces_of
 from urbantwin.reconstruct.cleaning.rays import Rays
 from urbantwin.reconstruct.cleaning.weld import selected, welded
 from urbantwin.reconstruct.model import TriangleMesh
@@ -62,10 +62,10 @@ def classified(
     roads: shapely.Geometry | None = None,
     name: str = "",
 ) -> Classified:
-    """Tell a mesh's triangles apart, and give each a class and a material.
+    """Classify the triangles of a mesh, and give each a material.
 
     What a file says of its triangles goes first, then the names of its objects and materials,
-    then shape and colour: the lowest surface that hangs together is the ground, faces that look
+    then shape and colour: the lowest connected surface is the ground, faces that look
     every way are plants, what is high and wide is a building.
 
     Args:

@@ -1,4 +1,4 @@
-"""What names of objects and materials say of them (table: ``words.csv``)."""
+"""Classes and materials from the names of objects and materials (table: ``words.csv``)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Buildings, plants, poles and other things told apart by their shape and colour."""
+"""Classification by shape and colour: buildings, plants, poles, other objects."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from urbantwin.reconstruct.classify.colours import is_green
 from urbantwin.reconstruct.classify.terrain import Terrain
-from urbantwin.reconstruct.cleaning.connected import Pieces, pieces_of
+from urbantwin.reconstruct.cleaning.connected_components import Pieces, pieces_of
 from urbantwin.reconstruct.cleaning.weld import selected
 from urbantwin.reconstruct.model import TriangleMesh
 from urbantwin.taxonomy import semantic_id
@@ -20,7 +20,6 @@ __all__ = ["classes_by_shape"]
 _COLUMN_M = 2.5
 #: Share of the area that faces in the three commonest of 26 directions: walls and roofs have
 #: nearly all of it there, a sphere about 0.35, leaves less.
-_PLANAR = 0.55
 _ROUGH = 0.45
 #: Buildings are at least this high and this wide.
 _HOUSE_HEIGHT_M, _HOUSE_AREA_M2 = 2.2, 6.0

@@ -1,4 +1,4 @@
-"""The ground of a mesh: the lowest surface that hangs together, buildings and plants cut off."""
+"""The ground of a mesh: its lowest connected surface, without buildings and plants."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy.sparse.csgraph import connected_components
 
 from urbantwin.ground import Elevation
 from urbantwin.reconstruct.cleaning.bare_earth import bare_earth
-from urbantwin.reconstruct.cleaning.grid import Grid, filled
+from urbantwin.reconstruct.cleaning.height_grid import Grid, filled
 from urbantwin.reconstruct.cleaning.rays import Rays
 from urbantwin.reconstruct.model import TriangleMesh
 
@@ -65,7 +65,7 @@ def terrain_of(
     said_other: NDArray[np.bool_],
     elevation: Elevation | None,
 ) -> Terrain:
-    """Tell the ground of a mesh from what stands on it.
+    """Separate the ground of a mesh from what stands on it.
 
     Args:
         mesh: welded, site frame, metres.
@@ -108,7 +108,7 @@ def terrain_of(
 
 
 def _near_ground(mesh: TriangleMesh, grid: Grid, height: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which triangles (F,) lie on the ground and are no feet of walls."""
+    """Return which triangles (F,) lie on the ground and are not the feet of walls."""
     under = height[grid.cells(mesh.vertices[:, :2])]
     over = mesh.vertices[:, 2] - under
     corner = over[mesh.faces]
@@ -121,7 +121,7 @@ def _near_ground(mesh: TriangleMesh, grid: Grid, height: NDArray[np.float64]) ->
     length = np.maximum(np.linalg.norm(cross, axis=1), 1e-12)
     steep = np.abs(cross[:, 2]) < _STEEP * length
     near &= ~steep | (corner.max(axis=1) < _NEAR_M)
-    # Steep faces that hang together and rise higher than a curb are one wall, feet and all.
+    # Connected steep faces that rise higher than a curb are one wall, feet and all.
     walls = np.flatnonzero(steep)
     if len(walls):
         first, second = edges_between(mesh.faces[walls])

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import grey_opening, median_filter
 
-from urbantwin.reconstruct.cleaning.grid import filled
+from urbantwin.reconstruct.cleaning.height_grid import filled
 
 __all__ = ["bare_earth", "bare_street"]
 

@@ -1,4 +1,4 @@
-"""A mesh or a point cloud that somebody made, made fit for a static world."""
+"""Cleaning of an imported mesh or point cloud for use in a static world."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.reconstruct.cleaning.clip import clipped
-from urbantwin.reconstruct.cleaning.connected import pieces_of
-from urbantwin.reconstruct.cleaning.corner import bounds_of_faces
+from urbantwin.reconstruct.cleaning.connected_components import pieces_of
 from urbantwin.reconstruct.cleaning.decimate import decimated
 from urbantwin.reconstruct.cleaning.picture import CleaningPicture
 from urbantwin.reconstruct.cleaning.removal import Removal, Spots, measures
 from urbantwin.reconstruct.cleaning.shards import find_shards
 from urbantwin.reconstruct.cleaning.traffic import without_traffic
+from urbantwin.reconstruct.cleaning.triangle_corners import bounds_of_faces
 from urbantwin.reconstruct.cleaning.weld import cleared, selected
 from urbantwin.reconstruct.model import TriangleMesh
 from urbantwin.site.geometry import CleanSpec

@@ -8,7 +8,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.reconstruct.cleaning.corner import bounds_of_faces, some_corner
+from urbantwin.reconstruct.cleaning.triangle_corners import bounds_of_faces, some_corner
 from urbantwin.reconstruct.cleaning.weld import selected
 from urbantwin.reconstruct.model import TriangleMesh
 

@@ -1,4 +1,4 @@
-"""A point cloud of a survey made fit: cropped, without noise, stray points and traffic."""
+"""Cleaning of a survey's point cloud: crop, noise, isolated points, traffic."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from urbantwin.geometry import SiteFrame
 from urbantwin.reconstruct.cleaning.picture import CleaningPicture
 from urbantwin.reconstruct.cleaning.removal import Removal, Spots
-from urbantwin.reconstruct.cleaning.street import STREET_CELL_M, Street, street_of_points
+from urbantwin.reconstruct.cleaning.street_surface import STREET_CELL_M, Street, street_of_points
 from urbantwin.reconstruct.cleaning.vehicle import Blob, find_blobs, vehicle_kind
 from urbantwin.reconstruct.model import PointCloud
 from urbantwin.site.geometry import CleanSpec

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter
 from scipy.spatial import cKDTree
 
-from urbantwin.reconstruct.cleaning.connected import Pieces
-from urbantwin.reconstruct.cleaning.corner import bounds_of_faces
-from urbantwin.reconstruct.cleaning.grid import Grid
+from urbantwin.reconstruct.cleaning.connected_components import Pieces
+from urbantwin.reconstruct.cleaning.height_grid import Grid
 from urbantwin.reconstruct.cleaning.rays import Rays
+from urbantwin.reconstruct.cleaning.triangle_corners import bounds_of_faces
 from urbantwin.reconstruct.model import TriangleMesh
 
 __all__ = ["Contacts"]
@@ -29,7 +29,7 @@ _LEAVES = 12
 _LEAVES_WITHIN_M = 1.5
 #: Points worked on at once.
 _AT_ONCE = 200_000
-#: Cells of the grid of heights that tells what flies above everything, metres.
+#: Cells of the grid of heights that shows what floats above everything, metres.
 _CELL_M = 1.0
 _AXES = np.array([[0, 0, -1], [0, 0, 1], [1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]], np.float32)
 

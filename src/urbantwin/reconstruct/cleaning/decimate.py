@@ -1,4 +1,4 @@
-"""Fewer triangles within an error that a LiDAR would not see."""
+"""Decimation within an error that a LiDAR does not resolve."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import fast_simplification
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.reconstruct.cleaning.corner import some_corner
 from urbantwin.reconstruct.cleaning.deviation import Deviation, Surface, deviation, normals_of
+from urbantwin.reconstruct.cleaning.triangle_corners import some_corner
 from urbantwin.reconstruct.cleaning.weld import areas_of_faces, selected
 from urbantwin.reconstruct.model import TriangleMesh
 

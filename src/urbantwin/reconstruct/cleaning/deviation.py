@@ -1,4 +1,4 @@
-"""How far two surfaces are apart, measured both ways."""
+"""The deviation between two surfaces, measured both ways."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Deviation:
 
     @classmethod
     def none(cls, count: int) -> Deviation:
-        """Return that of a mesh and itself."""
+        """Return the deviation of a mesh from itself: zero."""
         zero = np.zeros(count)
         return cls(0.0, 0.0, zero, zero, np.arange(count), np.arange(count))
 

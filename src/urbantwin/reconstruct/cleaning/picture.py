@@ -1,4 +1,4 @@
-"""What a picture of cleaning shows."""
+"""The data of a picture of cleaning."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class CleaningPicture:
         after: as it is now.
         removed: what was taken out.
         kept: what an override kept.
-        passed: things on the carriageway that are no vehicles by the rules.
+        passed: objects on the carriageway that do not qualify as vehicles.
         region: of interest.
         roads: carriageways, may be empty.
     """

@@ -10,9 +10,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from urbantwin.reconstruct.cleaning.bare_earth import bare_earth
-from urbantwin.reconstruct.cleaning.connected import Pieces
+from urbantwin.reconstruct.cleaning.connected_components import Pieces
 from urbantwin.reconstruct.cleaning.contact import Contacts
-from urbantwin.reconstruct.cleaning.grid import Grid, filled
+from urbantwin.reconstruct.cleaning.height_grid import Grid, filled
 from urbantwin.reconstruct.cleaning.rays import Rays
 from urbantwin.reconstruct.cleaning.removal import Removal, Spots
 from urbantwin.reconstruct.model import TriangleMesh
@@ -187,7 +187,7 @@ def _crowns_and_wires(
 
 
 def _reached(pairs: NDArray[np.int64], start: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return which of K things hang together with one of ``start`` (K,) by pairs."""
+    """Return which of K things are connected to one of ``start`` (K,) by pairs."""
     count = len(start)
     # One more thing that all of the start are tied to.
     rows = np.concatenate([pairs[:, 0], np.flatnonzero(start)])

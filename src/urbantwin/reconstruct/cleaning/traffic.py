@@ -1,4 +1,4 @@
-"""Traffic baked into a mesh: found, cut out, the surface closed again."""
+"""Vehicles baked into a mesh: detected, cut out, the holes filled."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from urbantwin.reconstruct.cleaning.clip import cut_along
-from urbantwin.reconstruct.cleaning.close_surface import Outline, fill, outline_of
-from urbantwin.reconstruct.cleaning.connected import pieces_of
-from urbantwin.reconstruct.cleaning.corner import bounds_of_faces, some_corner
-from urbantwin.reconstruct.cleaning.grid import Grid
+from urbantwin.reconstruct.cleaning.connected_components import pieces_of
+from urbantwin.reconstruct.cleaning.height_grid import Grid
+from urbantwin.reconstruct.cleaning.hole_filling import Outline, fill, outline_of
 from urbantwin.reconstruct.cleaning.rays import Rays
 from urbantwin.reconstruct.cleaning.removal import Removal, Spots
-from urbantwin.reconstruct.cleaning.street import REACH_M, WIDEST_M, Street, street_of_mesh
+from urbantwin.reconstruct.cleaning.street_surface import REACH_M, WIDEST_M, Street, street_of_mesh
+from urbantwin.reconstruct.cleaning.triangle_corners import bounds_of_faces, some_corner
 from urbantwin.reconstruct.cleaning.vehicle import Blob, find_blobs, vehicle_kind
 from urbantwin.reconstruct.cleaning.weld import selected
 from urbantwin.reconstruct.model import TriangleMesh
@@ -43,7 +43,7 @@ class Untrafficked:
         mesh: the mesh, its surface closed.
         removed: what was taken out.
         kept: vehicles that an override kept.
-        passed: things on the carriageway that are no vehicles by the rules, and why.
+        passed: objects on the carriageway that do not qualify as vehicles, and why.
     """
 
     mesh: TriangleMesh

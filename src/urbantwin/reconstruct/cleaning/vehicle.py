@@ -1,4 +1,4 @@
-"""Vehicles among what stands on a street: told by size, shape and place."""
+"""Vehicles among the objects on a street, recognised by size, shape and place."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import shapely
 from numpy.typing import NDArray
 from scipy.ndimage import binary_opening, find_objects, label, maximum_filter
 
-from urbantwin.reconstruct.cleaning.street import REACH_M, Street
+from urbantwin.reconstruct.cleaning.street_surface import REACH_M, Street
 
 __all__ = ["Blob", "find_blobs", "vehicle_kind"]
 
@@ -178,11 +178,11 @@ _ANYWHERE = (_Kind("car", (3.0, 5.8), (1.4, 2.5), (1.1, 2.2), full=0.7),)
 
 
 def vehicle_kind(blob: Blob, *, roads_known: bool) -> tuple[str, str]:
-    """Return what vehicle a blob is and why, or an empty kind and why it is none.
+    """Return what vehicle a blob is and why, or an empty kind and why it is not one.
 
     Args:
         blob: what stands there.
-        roads_known: whether the carriageways are known; if not, only cars are told.
+        roads_known: whether the carriageways are known; if not, only cars are recognised.
     """
     said = f"{blob.length:.1f} x {blob.width:.1f} x {blob.height:.1f} m"
     if roads_known:

@@ -1,4 +1,4 @@
-"""Vertices at one place made one; triangles that are none left out."""
+"""Welding: coincident vertices merged, degenerate and duplicate triangles removed."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.reconstruct.cleaning.corner import every_corner
+from urbantwin.reconstruct.cleaning.triangle_corners import every_corner
 from urbantwin.reconstruct.model import TriangleMesh
 
 __all__ = ["WELD_M", "areas_of_faces", "cleared", "selected", "welded"]
@@ -19,7 +19,7 @@ _NO_AREA_M2 = 1e-9
 
 
 def welded(mesh: TriangleMesh) -> TriangleMesh:
-    """Return the mesh with vertices at one place made one; files repeat them for textures.
+    """Return the mesh with coincident vertices merged; files repeat them for textures.
 
     Args:
         mesh: site frame, metres, without nan.
@@ -43,7 +43,7 @@ def welded(mesh: TriangleMesh) -> TriangleMesh:
 
 
 def cleared(mesh: TriangleMesh) -> tuple[TriangleMesh, dict[str, int]]:
-    """Return the mesh welded, without triangles that are none, and how many of each were left out.
+    """Return the mesh welded without invalid triangles, and how many of each kind were removed.
 
     Args:
         mesh: site frame, metres.

@@ -1,4 +1,4 @@
-"""Files that people have: meshes, city models and point clouds, read as they are."""
+"""Readers of meshes, city models and point clouds, which give what the files hold."""
 
 from urbantwin.reconstruct.formats.photogrammetry import holds_model
 from urbantwin.reconstruct.formats.read import read_model

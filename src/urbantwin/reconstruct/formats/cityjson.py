@@ -15,8 +15,8 @@ from urbantwin.errors import InputError
 from urbantwin.reconstruct.formats.cityjson_geometry import Surface, surfaces_of
 from urbantwin.reconstruct.formats.cityjson_semantics import semantic_number
 from urbantwin.reconstruct.formats.coordinate_system import crs_of
-from urbantwin.reconstruct.formats.polygons import cut_polygons
-from urbantwin.reconstruct.formats.sound import content_of, sound_faces, sound_points
+from urbantwin.reconstruct.formats.triangulation import triangulated
+from urbantwin.reconstruct.formats.validity import check_coordinates, content_of, valid_faces
 from urbantwin.reconstruct.model import ImportedModel, TriangleMesh
 from urbantwin.strict_json import parse_json
 
@@ -156,7 +156,7 @@ def _array(value: object, path: Path, place: str) -> NDArray[np.float64]:
         raise InputError(
             "are not triples of numbers", file=path, place=place, expected="[[x, y, z], ...]"
         ) from None
-    sound_points(points, path)
+    check_coordinates(points, path)
     return points
 
 
@@ -262,9 +262,9 @@ def _material_colours(document: dict[str, Any]) -> list[tuple[int, int, int] | N
 
 def _mesh(found: _Gathered, path: Path) -> tuple[TriangleMesh, int]:
     points = np.concatenate(found.points)
-    triangles, owner = cut_polygons(points, np.concatenate(found.ring), np.array(found.polygon))
+    triangles, owner = triangulated(points, np.concatenate(found.ring), np.array(found.polygon))
     vertices, index = np.unique(points + 0.0, axis=0, return_inverse=True)
-    faces, kept = sound_faces(index.ravel()[triangles], len(vertices), path)
+    faces, kept = valid_faces(index.ravel()[triangles], len(vertices), path)
     if not len(faces):
         raise InputError("holds no surface with an area", file=path, expected="CityJSON surfaces")
     owner = owner[kept]

@@ -100,5 +100,5 @@ def _walk(
 def _points(vertices: NDArray[np.float64], ring: list[int]) -> NDArray[np.float64]:
     index = np.array(ring)
     if index.dtype.kind not in "iu" or index.ndim != 1 or (index < 0).any():
-        raise ValueError("a ring that is no list of vertices")
+        raise ValueError("a ring that is not a list of vertices")
     return np.asarray(vertices[index])

@@ -15,7 +15,12 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.number_text import plain_number
-from urbantwin.reconstruct.formats.sound import MOST_POINTS, content_of, count_within, sound_points
+from urbantwin.reconstruct.formats.validity import (
+    MOST_POINTS,
+    check_coordinates,
+    content_of,
+    count_within,
+)
 from urbantwin.reconstruct.model import ImportedModel, PointCloud
 
 __all__ = ["camera_centres", "read_sparse_points", "sparse_folder"]
@@ -50,7 +55,7 @@ def read_sparse_points(folder: Path) -> ImportedModel:
         points, colour = _text_points(path)
     if not len(points):
         raise InputError("holds no point", file=path, expected="a sparse model")
-    sound_points(points, path, "point")
+    check_coordinates(points, path, "point")
     cloud = PointCloud(points, colour)
     return ImportedModel(cloud=cloud, notes={"points": len(points)}, files=content_of(path))
 
@@ -68,7 +73,7 @@ def camera_centres(folder: Path) -> dict[str, NDArray[np.float64]]:
     try:
         rows = _binary_images(binary) if binary.is_file() else _text_images(path)
     except (struct.error, ValueError, IndexError, UnicodeDecodeError):
-        raise InputError("is cut short or wrong", file=path, expected="COLMAP's images") from None
+        raise InputError("is truncated or damaged", file=path, expected="COLMAP's images") from None
     return {name: -_rotation(values[:4]).T @ values[4:7] for name, values in rows}
 
 
@@ -78,7 +83,7 @@ def _binary_points(path: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
     count_within(count, MOST_POINTS, "points", path)
     starts = np.zeros(count, np.int64)
     if count * 51 > len(data) or _starts(data, starts) < count:
-        raise InputError("is cut short", file=path, expected=f"{count:,} points")
+        raise InputError("is truncated", file=path, expected=f"{count:,} points")
     row = np.dtype([("xyz", "<f8", 3), ("rgb", "u1", 3)])
     taken = data[starts[:, None] + 8 + np.arange(row.itemsize)]
     rows = np.frombuffer(taken.tobytes(), row)

@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact import passing_folder
 from urbantwin.errors import InputError
-from urbantwin.reconstruct.formats.polygons import cut_polygons
-from urbantwin.reconstruct.formats.sound import (
+from urbantwin.reconstruct.formats.texture import beside, picture_of, texture_colours
+from urbantwin.reconstruct.formats.triangulation import triangulated
+from urbantwin.reconstruct.formats.validity import (
     MOST_TRIANGLES,
+    check_coordinates,
     content_of,
     count_within,
-    sound_faces,
-    sound_points,
+    valid_faces,
 )
-from urbantwin.reconstruct.formats.texture import beside, picture_of, texture_colours
 from urbantwin.reconstruct.model import ImportedModel, TriangleMesh
 
 __all__ = ["read_fbx"]
@@ -98,7 +98,7 @@ def _node(
 ) -> tuple[TriangleMesh | None, int]:
     matrix = own["matrix"]
     vertices = own["vertices"] @ matrix[:, :3].T + matrix[:, 3]
-    sound_points(vertices, path, f"{node['name']}: vertex")
+    check_coordinates(vertices, path, f"{node['name']}: vertex")
     large = own["faces"][:, 1] >= 3
     begin, size = own["faces"][large].T
     where = np.repeat(begin - (np.cumsum(size) - size), size) + np.arange(int(size.sum()))
@@ -107,8 +107,8 @@ def _node(
     if not len(corner) or not len(vertices):
         return None, 0
     inside = np.clip(corner, 0, len(vertices) - 1)
-    index, face = cut_polygons(vertices[inside], ring, np.arange(len(size)))
-    faces, kept = sound_faces(corner[index], len(vertices), path)
+    index, face = triangulated(vertices[inside], ring, np.arange(len(size)))
+    faces, kept = valid_faces(corner[index], len(vertices), path)
     if np.linalg.det(matrix[:, :3]) < 0:
         faces = faces[:, ::-1]
     face, index = face[kept], where[index[kept]]

@@ -7,15 +7,14 @@ from pathlib import Path
 import laspy
 import numpy as np
 import shapely
-from pyproj import CRS
-from pyproj.exceptions import CRSError
+from pyproj import CRS, Transformer
+from pyproj.exceptions import CRSError, ProjError
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.reconstruct.formats.coordinate_system import compound
 from urbantwin.reconstruct.formats.las_sizes import checked_sizes
-from urbantwin.reconstruct.formats.region_bounds import bounds_in
-from urbantwin.reconstruct.formats.sound import FARTHEST, MOST_POINTS, content_of, count_within
+from urbantwin.reconstruct.formats.validity import FARTHEST, MOST_POINTS, content_of, count_within
 from urbantwin.reconstruct.model import ImportedModel, PointCloud
 
 __all__ = ["read_las"]
@@ -24,6 +23,8 @@ __all__ = ["read_las"]
 PIECE, _PIECE_BYTES = 1_000_000, 1 << 28
 _GEO_KEYS, _VERTICAL = 34735, 4096
 _WITHHELD = "withheld"
+#: Kept around the region, metres.
+MARGIN_M = 25.0
 
 
 def read_las(
@@ -47,7 +48,7 @@ def read_las(
         crop: whether its coordinates lie in that system.
 
     Raises:
-        InputError: it is no LAS, is cut short, has nothing there or too much.
+        InputError: it is not LAS, is truncated, has nothing there or too much.
     """
     sizes = checked_sizes(path)
     record = sizes.record if sizes else 0
@@ -69,7 +70,7 @@ def read_las(
         if not header.point_count:
             raise InputError("holds no point", file=path, expected="a survey")
         if not all(np.isfinite([*header.scales, *header.offsets])) or not all(header.scales):
-            raise InputError("has a scale or an offset that is no number", file=path)
+            raise InputError("has a scale or an offset that is not a number", file=path)
         found = _points(reader, path, bounds, piece)
     cloud, read = found
     notes: dict[str, object] = {"points_in_file": int(header.point_count), "points": read}
@@ -115,7 +116,7 @@ def _points(
         total = -1
     if total != reader.header.point_count:
         raise InputError(
-            f"is cut short: its {reader.header.point_count:,} points cannot all be read",
+            f"is truncated: its {reader.header.point_count:,} points cannot all be read",
             file=path,
             expected="the whole file",
         )
@@ -183,3 +184,27 @@ def _vertical_code(header: laspy.LasHeader) -> int | None:
                 if key.id == _VERTICAL and key.tiff_tag_location == 0 and key.value_offset < 32767:
                     return int(key.value_offset)
     return None
+
+
+def bounds_in(
+    crs: CRS, frame: SiteFrame, region: shapely.Polygon
+) -> tuple[float, float, float, float] | None:
+    """Return west, south, east, north of the region in a system, ``None`` for geocentric ones.
+
+    Args:
+        crs: the system, x east and y north (longitude first where it is geographic).
+        frame: the site frame.
+        region: the region, site frame.
+    """
+    if crs.is_geocentric:
+        return None
+    around = region.buffer(MARGIN_M).envelope.segmentize(50.0)
+    lonlat = frame.lonlat_from_site(shapely.get_coordinates(around))
+    try:
+        transform = Transformer.from_crs("EPSG:4326", crs.to_2d(), always_xy=True)
+        x, y = transform.transform(lonlat[:, 0], lonlat[:, 1])
+    except ProjError:
+        return None
+    if not (np.isfinite(x).all() and np.isfinite(y).all()):
+        return None
+    return float(min(x)), float(min(y)), float(max(x)), float(max(y))

@@ -1,4 +1,4 @@
-"""Sizes and counts of a LAS or LAZ, held against the file before anything is reserved for them.
+"""Sizes and counts of a LAS or LAZ, checked against the file before memory is allocated.
 
 laspy and its decompressor believe them: a few bytes changed in a small file ask for gigabytes, and
 the decompressor ends the process when it does not get them. Sources: LAS 1.4 R15, tables 3, 5 and

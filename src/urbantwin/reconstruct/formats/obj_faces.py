@@ -27,7 +27,7 @@ def face_corners(
         number of corners of each line.
 
     Raises:
-        ValueError: a corner is no number; its argument is the index among the lines.
+        ValueError: a corner is not a number; its argument is the index among the lines.
     """
     # A corner takes two bytes at least: a digit and what parts it from the next.
     vertex = np.zeros(len(body) // 2 + 1, np.int64)

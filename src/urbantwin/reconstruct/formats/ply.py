@@ -1,57 +1,33 @@
-"""PLY, ASCII and binary: meshes and point clouds (Turk, "The PLY Polygon File Format", 1994)."""
+"""Meshes and point clouds of a PLY, with their colours."""
 
 from __future__ import annotations
 
-import re
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.reconstruct.formats.ply_rows import Element, Table, ascii_tables, binary_tables
-from urbantwin.reconstruct.formats.polygons import cut_polygons
-from urbantwin.reconstruct.formats.sound import (
+from urbantwin.geometry.ply import Table, read_header, read_tables
+from urbantwin.reconstruct.formats.texture import beside, picture_of, texture_colours
+from urbantwin.reconstruct.formats.triangulation import triangulated
+from urbantwin.reconstruct.formats.validity import (
     MOST_POINTS,
     MOST_TRIANGLES,
+    check_coordinates,
     content_of,
     count_within,
-    sound_faces,
-    sound_points,
+    valid_faces,
 )
-from urbantwin.reconstruct.formats.texture import beside, picture_of, texture_colours
 from urbantwin.reconstruct.model import ImportedModel, PointCloud, TriangleMesh
 
 __all__ = ["read_ply"]
 
-#: A header is not longer than this, bytes.
-LONGEST_HEADER = 1 << 20
-_TYPES = {
-    **dict.fromkeys(("char", "int8"), "i1"),
-    **dict.fromkeys(("uchar", "uint8"), "u1"),
-    **dict.fromkeys(("short", "int16"), "i2"),
-    **dict.fromkeys(("ushort", "uint16"), "u2"),
-    **dict.fromkeys(("int", "int32"), "i4"),
-    **dict.fromkeys(("uint", "uint32"), "u4"),
-    **dict.fromkeys(("float", "float32"), "f4"),
-    **dict.fromkeys(("double", "float64"), "f8"),
-    **dict.fromkeys(("int64", "long"), "i8"),
-    **dict.fromkeys(("uint64", "ulong"), "u8"),
-}
 _COLOURS = (
     ("red", "green", "blue"),
     ("diffuse_red", "diffuse_green", "diffuse_blue"),
     ("r", "g", "b"),
 )
-
-
-@dataclass
-class _Header:
-    encoding: str
-    elements: list[Element]
-    comments: list[str]
-    length: int
 
 
 def read_ply(path: Path) -> ImportedModel:
@@ -62,26 +38,22 @@ def read_ply(path: Path) -> ImportedModel:
     axes.
 
     Raises:
-        InputError: the header is wrong, the file is cut short or holds nothing.
+        InputError: the header is wrong, the file is truncated or holds nothing.
     """
-    header = _header(path)
+    header = read_header(path)
     limits = {"vertex": MOST_POINTS, "face": MOST_TRIANGLES}
     for element in header.elements:
         count_within(
             element.count, limits.get(element.name, MOST_POINTS), f"of {element.name}", path
         )
-    if header.encoding == "ascii":
-        tables = ascii_tables(path, header.length, header.elements)
-    else:
-        order = "<" if header.encoding == "binary_little_endian" else ">"
-        tables = binary_tables(path, header.length, header.elements, order)
+    tables = read_tables(path, header)
     vertex = tables.get("vertex")
     if vertex is None or not vertex.count:
         raise InputError("holds no vertex", file=path, expected="a PLY model")
     if not {"x", "y", "z"} <= vertex.columns.keys():
         raise InputError("has vertices without x, y and z", file=path, expected="them")
     points = np.column_stack([vertex.columns[name].astype(np.float64) for name in "xyz"])
-    sound_points(points, path)
+    check_coordinates(points, path)
     painted = _painted(vertex)
     face = tables.get("face")
     files = content_of(path)
@@ -96,41 +68,6 @@ def read_ply(path: Path) -> ImportedModel:
         "faces_without_area_dropped": int((~kept).sum()),
     }
     return ImportedModel(mesh, problems=tuple(problems), notes=notes, files={**files, **more})
-
-
-def _header(path: Path) -> _Header:
-    with path.open("rb") as stream:
-        start = stream.read(LONGEST_HEADER)
-    end = re.search(rb"\nend_header[ \t]*\r?\n", start)
-    if not re.match(rb"ply\s", start) or end is None:
-        what = "has a header without an end" if start.startswith(b"ply") else "is not a PLY"
-        raise InputError(what, file=path, expected="ply ... end_header")
-    encoding, elements, comments = "", [], []
-    for number, line in enumerate(start[: end.start()].decode("latin-1").splitlines(), 1):
-        words = line.split()
-        try:
-            match words:
-                case ["format", name, _]:
-                    encoding = name
-                case ["comment" | "obj_info", *_]:
-                    comments.append(line.partition(" ")[2].strip())
-                case ["element", name, count]:
-                    elements.append(Element(name, int(count), []))
-                case ["property", "list", size, kind, name]:
-                    elements[-1].properties.append((name, _TYPES[kind], _TYPES[size]))
-                case ["property", kind, name]:
-                    elements[-1].properties.append((name, _TYPES[kind], None))
-                case ["ply"] | []:
-                    pass
-                case _:
-                    raise ValueError
-        except (ValueError, KeyError, IndexError):
-            raise InputError(
-                f"has {line[:40]!r}", file=path, place=f"line {number}", expected="a PLY header"
-            ) from None
-    if encoding not in ("ascii", "binary_little_endian", "binary_big_endian"):
-        raise InputError(f"has format {encoding!r}", file=path, expected="ascii or binary_*_endian")
-    return _Header(encoding, elements, comments, end.end())
 
 
 def _painted(table: Table) -> NDArray[np.uint8] | None:
@@ -168,9 +105,9 @@ def _mesh(
         inside = np.clip(corner[used], 0, len(points) - 1)
         _, ring = np.unique(owner_of[used], return_inverse=True)
         which = np.flatnonzero(large)
-        index, owner = cut_polygons(points[inside], ring, np.arange(len(which)))
+        index, owner = triangulated(points[inside], ring, np.arange(len(which)))
         index, owner = used[index], which[owner]
-    faces, kept = sound_faces(corner[index], len(points), path)
+    faces, kept = valid_faces(corner[index], len(points), path)
     if not len(faces):
         raise InputError("holds no triangle", file=path, expected="a PLY model")
     owner = owner[kept]

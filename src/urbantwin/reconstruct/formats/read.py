@@ -1,4 +1,4 @@
-"""A source of geometry as its files have it: the reader for what it is."""
+"""Reading a source of geometry with the reader for its file type."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ from urbantwin.reconstruct.formats.cityjson import read_cityjson
 from urbantwin.reconstruct.formats.colmap import camera_centres, read_sparse_points, sparse_folder
 from urbantwin.reconstruct.formats.coordinate_system import crs_of
 from urbantwin.reconstruct.formats.fbx import read_fbx
+from urbantwin.reconstruct.formats.file_type import kind_of
 from urbantwin.reconstruct.formats.geotagged_images import fitted_places, image_places
-from urbantwin.reconstruct.formats.joined import joined, moved, point_sample
-from urbantwin.reconstruct.formats.kind import kind_of
 from urbantwin.reconstruct.formats.las import read_las
+from urbantwin.reconstruct.formats.merging import joined, moved, point_sample
 from urbantwin.reconstruct.formats.photogrammetry import model_files
 from urbantwin.reconstruct.formats.ply import read_ply
 from urbantwin.reconstruct.formats.reality_capture import info_beside, reading_at
 from urbantwin.reconstruct.formats.sidecar import placement_beside
-from urbantwin.reconstruct.formats.sound import content_of
 from urbantwin.reconstruct.formats.stl import read_stl
 from urbantwin.reconstruct.formats.text_points import read_text_points
 from urbantwin.reconstruct.formats.texture import beside
+from urbantwin.reconstruct.formats.validity import content_of
 from urbantwin.reconstruct.formats.wavefront import read_obj
 from urbantwin.reconstruct.gltf import read_gltf
 from urbantwin.reconstruct.model import ImportedModel, PointCloud
@@ -47,15 +47,15 @@ def read_model(
 ) -> ImportedModel:
     """Read a source: 3D Tiles, a model, a city model, a point cloud or an exported folder.
 
-    What it is, is told by its first bytes, then by its ending, unless ``kind`` says so. Files
-    beside a model that say where it is (``sidecar.py``, ``reality_capture.py``) are heeded: then
+    Its type is detected by its first bytes, then by its ending, unless ``kind`` is given. Files
+    beside a model that say where it is (``sidecar.py``, ``reality_capture.py``) are applied: then
     the model comes in their system.
 
     Args:
         source: what ``site.yaml`` names.
         frame: the site frame.
         region: the region, site frame: what is read of tiles and of large clouds.
-        progress: told the share done (0..1) and what is being done.
+        progress: called with the fraction done (0..1) and what is being done.
 
     Raises:
         InputError: nothing of it can be read.
@@ -134,7 +134,7 @@ def _gltf(path: Path) -> ImportedModel:
 def _placed_by_files(
     path: Path, source: GeometrySource, frame: SiteFrame, region: shapely.Polygon
 ) -> ImportedModel:
-    """Read a file and heed what files beside it say of its place."""
+    """Read a file and apply what files beside it say of its place."""
     model = _file(path, source, frame, region)
     if model.crs is not None or _placed_by_hand(source):
         return model

@@ -5,7 +5,7 @@ It holds several XML elements one after the other. ``Model`` names the project's
 and ``transformToModel``, 16 numbers in rows, each either as an attribute or as a child element;
 ``exportCoordinateSystemType`` 3 means that the vertices are geocentric, whatever is named. What
 the matrix is from and to differs between versions and settings, so every reading of it is tried
-and the one that leads to the site is taken; where none does, that is told.
+and the one that leads to the site is taken; where none does, that is reported.
 """
 
 from __future__ import annotations

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.reconstruct.formats.sound import (
+from urbantwin.reconstruct.formats.text_lines import TextLines, text_chunks
+from urbantwin.reconstruct.formats.validity import (
     MOST_TRIANGLES,
+    check_coordinates,
     content_of,
     count_within,
-    sound_faces,
-    sound_points,
+    valid_faces,
 )
-from urbantwin.reconstruct.formats.text_lines import TextLines, text_chunks
 from urbantwin.reconstruct.model import ImportedModel, TriangleMesh
 
 __all__ = ["read_stl"]
@@ -28,7 +28,7 @@ def read_stl(path: Path) -> ImportedModel:
     """Read an STL; corners at one place become one vertex. It knows no units, axes or colours.
 
     Raises:
-        InputError: it is cut short, wrong, or holds nothing.
+        InputError: it is truncated, wrong, or holds nothing.
     """
     size = path.stat().st_size
     with path.open("rb") as stream:
@@ -45,9 +45,9 @@ def read_stl(path: Path) -> ImportedModel:
         )
     if not len(corners):
         raise InputError("holds no triangle", file=path, expected="an STL model")
-    sound_points(corners.reshape(-1, 3), path, "corner")
+    check_coordinates(corners.reshape(-1, 3), path, "corner")
     vertices, index = np.unique(corners.reshape(-1, 3) + 0.0, axis=0, return_inverse=True)
-    faces, kept = sound_faces(index.reshape(-1, 3).astype(np.int64), len(vertices), path)
+    faces, kept = valid_faces(index.reshape(-1, 3).astype(np.int64), len(vertices), path)
     if not len(faces):
         raise InputError("holds no triangle with an area", file=path, expected="an STL model")
     mesh = TriangleMesh(vertices, faces, None, solid[kept].astype(np.int32), names)

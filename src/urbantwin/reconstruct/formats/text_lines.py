@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.number_text import plain_number
+from urbantwin.number_text import leading_numbers
 
-__all__ = ["TextLines", "numbers_of", "text_chunks"]
+__all__ = ["TextLines", "text_chunks"]
 
 #: Bytes that are looked at together.
 CHUNK = 1 << 24
@@ -115,7 +114,7 @@ class TextLines:
         if not len(body):
             return np.zeros(0), np.zeros(0, np.int64)
         counts = np.add.reduceat(_token_starts(body).astype(np.int64), starts)
-        values = numbers_of(body.tobytes())
+        values = leading_numbers(body.tobytes())
         if len(values) != counts.sum():
             bad = int(np.searchsorted(np.cumsum(counts), len(values), side="right"))
             raise ValueError(min(bad, len(counts) - 1))
@@ -127,22 +126,3 @@ def _token_starts(body: NDArray[np.uint8]) -> NDArray[np.bool_]:
     started = visible.copy()
     started[1:] &= ~visible[:-1]
     return started
-
-
-def numbers_of(text: bytes, dtype: type = np.float64) -> NDArray[np.float64]:
-    """Return the numbers of a text up to the first thing that is none."""
-    if text.isspace() or not text:
-        return np.zeros(0, dtype)  # numpy takes blanks for a number
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)
-        try:
-            return np.asarray(np.fromstring(text, dtype=dtype, sep=" "))
-        except (ValueError, DeprecationWarning):
-            pass
-    good: list[float] = []
-    for word in text.split():
-        try:
-            good.append(plain_number(word.decode("ascii", "replace")))
-        except ValueError:
-            break
-    return np.asarray(good, dtype)

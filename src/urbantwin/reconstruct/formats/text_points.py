@@ -7,8 +7,13 @@ from pathlib import Path
 import numpy as np
 
 from urbantwin.errors import InputError
-from urbantwin.reconstruct.formats.sound import MOST_POINTS, content_of, count_within, sound_points
 from urbantwin.reconstruct.formats.text_lines import TextLines, text_chunks
+from urbantwin.reconstruct.formats.validity import (
+    MOST_POINTS,
+    check_coordinates,
+    content_of,
+    count_within,
+)
 from urbantwin.reconstruct.model import ImportedModel, PointCloud
 
 __all__ = ["read_text_points"]
@@ -17,7 +22,7 @@ __all__ = ["read_text_points"]
 def read_text_points(path: Path) -> ImportedModel:
     """Read points, a line each: x y z, x y z r g b, or x y z intensity r g b (as PTS has it).
 
-    Numbers are parted by blanks, tabs, commas or semicolons. Lines that start with anything but a
+    Numbers are separated by blanks, tabs, commas or semicolons. Lines that start without a
     number, and PTS's counts (a number alone on its line), are passed over.
 
     Raises:
@@ -52,7 +57,7 @@ def read_text_points(path: Path) -> ImportedModel:
     if not total:
         raise InputError("holds no point", file=path, expected="lines of x y z")
     points = np.concatenate(pieces)
-    sound_points(points, path, "point")
+    check_coordinates(points, path, "point")
     colour = None
     if colours:
         values = np.concatenate(colours)

@@ -42,7 +42,7 @@ def beside(folder: Path, name: str) -> Path | None:
 
 
 def picture_of(source: Path | bytes) -> NDArray[np.uint8] | None:
-    """Return a picture as (H, W, 3) sRGB, at most ``FINEST`` wide, or ``None`` if it is none."""
+    """Return a picture as (H, W, 3) sRGB, at most ``FINEST`` wide; ``None`` if unreadable."""
     most = Image.MAX_IMAGE_PIXELS
     try:
         Image.MAX_IMAGE_PIXELS = None  # the limit here is our own, on the size that is declared

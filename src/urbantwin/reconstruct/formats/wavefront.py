@@ -12,17 +12,17 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.reconstruct.formats.material_library import MtlMaterial, read_materials
 from urbantwin.reconstruct.formats.obj_faces import face_corners
-from urbantwin.reconstruct.formats.polygons import cut_polygons
-from urbantwin.reconstruct.formats.sound import (
-    MOST_POINTS,
-    MOST_TRIANGLES,
-    content_of,
-    count_within,
-    sound_faces,
-    sound_points,
-)
 from urbantwin.reconstruct.formats.text_lines import TextLines, text_chunks
 from urbantwin.reconstruct.formats.texture import beside, picture_of, texture_colours
+from urbantwin.reconstruct.formats.triangulation import triangulated
+from urbantwin.reconstruct.formats.validity import (
+    MOST_POINTS,
+    MOST_TRIANGLES,
+    check_coordinates,
+    content_of,
+    count_within,
+    valid_faces,
+)
 from urbantwin.reconstruct.model import ImportedModel, PointCloud, TriangleMesh
 
 __all__ = ["read_obj"]
@@ -67,7 +67,7 @@ def read_obj(path: Path) -> ImportedModel:
     for data, line in text_chunks(path):
         _take(TextLines(data), line, found)
     vertices = np.concatenate(found.vertices) if found.vertices else np.zeros((0, 3))
-    sound_points(vertices, path)
+    check_coordinates(vertices, path)
     files = content_of(path)
     coloured = bool(found.colours) and len(found.colours) == len(found.vertices)
     painted = _eight_bit(np.concatenate(found.colours)) if coloured else None
@@ -77,7 +77,7 @@ def read_obj(path: Path) -> ImportedModel:
         cloud = PointCloud(vertices, painted)
         return ImportedModel(cloud=cloud, notes={"points": len(vertices)}, files=files)
     corners, face, texture = _triangles(vertices, found)
-    faces, kept = sound_faces(corners, len(vertices), path)
+    faces, kept = valid_faces(corners, len(vertices), path)
     if not len(faces):
         raise InputError("holds no triangle", file=path, expected="an OBJ model")
     number = np.concatenate(found.objects)[face[kept]]
@@ -203,7 +203,7 @@ def _triangles(
         return corner.reshape(-1, 3), np.arange(len(sizes)), texture.reshape(-1, 3)
     face = np.repeat(np.arange(len(sizes)), sizes)
     inside = np.clip(corner, 0, len(vertices) - 1)
-    index, owner = cut_polygons(vertices[inside], face, np.arange(len(sizes)))
+    index, owner = triangulated(vertices[inside], face, np.arange(len(sizes)))
     return corner[index], owner, texture[index]
 
 
@@ -215,7 +215,7 @@ def _fitting(numbers: NDArray[np.int64]) -> NDArray[np.int32]:
 def _library(
     found: _Gathered, problems: list[str]
 ) -> tuple[dict[str, MtlMaterial], dict[str, str]]:
-    """Read the libraries that the file names; one that is missing is told."""
+    """Read the libraries that the file names; one that is missing is a problem."""
     library: dict[str, MtlMaterial] = {}
     files: dict[str, str] = {}
     for name in dict.fromkeys(found.libraries):

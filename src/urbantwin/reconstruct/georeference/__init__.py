@@ -1,7 +1,7 @@
-"""Models on their place: by CRS, control points, similarity, geotag or registration."""
+"""Georeferencing of models: by CRS, control points, similarity, geotag or registration."""
 
-from urbantwin.reconstruct.georeference.heights import SiteHeights
-from urbantwin.reconstruct.georeference.placed import Placed, placed
-from urbantwin.reconstruct.georeference.register import Registration
+from urbantwin.reconstruct.georeference.height_system import SiteHeights
+from urbantwin.reconstruct.georeference.placement import Placed, placed
+from urbantwin.reconstruct.georeference.registration import Registration
 
 __all__ = ["Placed", "Registration", "SiteHeights", "placed"]

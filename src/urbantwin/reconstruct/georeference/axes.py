@@ -1,4 +1,4 @@
-"""Which axis of a model points up and how long its unit is: said, or found."""
+"""A model's up axis and unit: as stated, or estimated."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Axes:
         return Similarity.of_axes(self.up, self.unit_m)
 
     def as_report(self) -> dict[str, object]:
-        """Return it for a report."""
+        """Return the entry of a report."""
         return {
             "up": self.up,
             "up_why": self.up_why,
@@ -110,7 +110,7 @@ def _found_unit(model: ImportedModel, up: str) -> tuple[float, str]:
     extent = float((high - low).max())
     if extent <= 0 or 20.0 <= extent <= 5000.0:
         return 1.0, f"found: {extent:.4g} across are metres, as of a place in a town"
-    # Feet cannot be told from metres by an extent: only what is far off is taken for another unit.
+    # An extent does not distinguish feet from metres: only what is far off is another unit.
     for unit, name in ((0.001, "millimetres"), (0.01, "centimetres"), (1000.0, "kilometres")):
         if 30.0 <= extent * unit <= 3000.0:
             return unit, f"found: {extent:.4g} across are taken for {name}"

@@ -1,4 +1,4 @@
-"""Points that are known in a model and on site: read, checked, and a similarity fitted to them."""
+"""Control points, known in a model and on site: read, checked, and a similarity fitted to them."""
 
 from __future__ import annotations
 

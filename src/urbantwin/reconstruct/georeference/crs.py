@@ -12,8 +12,8 @@ from pyproj.exceptions import CRSError, ProjError
 from pyproj.transformer import AreaOfInterest, TransformerGroup
 
 from urbantwin.geometry import SiteFrame
-from urbantwin.reconstruct.georeference.complaint import complaint
-from urbantwin.reconstruct.georeference.heights import area_of
+from urbantwin.reconstruct.georeference.height_system import area_of
+from urbantwin.reconstruct.georeference.source_error import source_error
 from urbantwin.site.geometry import GeometrySource
 
 __all__ = ["InPlan", "crs_from_text", "in_plan", "lengths_of"]
@@ -52,7 +52,7 @@ def crs_from_text(text: str, source: GeometrySource) -> CRS:
     try:
         return CRS.from_user_input(text)
     except CRSError:
-        raise complaint(
+        raise source_error(
             source,
             f"has the crs {text[:60]!r}, which PROJ does not know",
             "crs",
@@ -92,7 +92,7 @@ def in_plan(
         plan = crs.to_2d()
     if (crs.is_vertical and not crs.is_compound) or crs.is_engineering or plan.is_engineering:
         kind = "engineering" if crs.is_engineering or plan.is_engineering else "vertical"
-        raise complaint(
+        raise source_error(
             source,
             f"has the {kind} CRS {crs.name!r}, which has no known place on Earth",
             expected="crs, control_points, similarity, origin or register in site.yaml",
@@ -104,10 +104,10 @@ def in_plan(
         try:
             group = _group(plan, target, here)
             if not group.transformers and not group.unavailable_operations:
-                # Of another part of the world: how far off is told in the end.
+                # Of another part of the world: the distance is reported in the end.
                 group = _group(plan, target, None)
         except (CRSError, ProjError) as error:
-            raise complaint(
+            raise source_error(
                 source,
                 f"has the CRS {crs.name!r}, which cannot be transformed ({str(error)[:120]})",
             ) from None
@@ -121,7 +121,7 @@ def in_plan(
     )
     if not group.transformers:
         why = f"needs PROJ's grid {', '.join(missing)}, which is not installed"
-        raise complaint(
+        raise source_error(
             source,
             f"has the CRS {crs.name!r}, from which no transformation to WGS 84 is known"
             if not missing
@@ -138,7 +138,7 @@ def in_plan(
         xy[good] = frame.site_from_lonlat(lonlat[good])
     if not np.isfinite(xy).all():
         share = 1.0 - np.isfinite(xy).all(axis=1).mean()
-        raise complaint(
+        raise source_error(
             source,
             f"has {share:.0%} of its points where its CRS {crs.name!r} does not hold",
             expected="coordinates of that CRS, east before north",

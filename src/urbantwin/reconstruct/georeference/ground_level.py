@@ -1,4 +1,4 @@
-"""The lowest surface of a model: what its ground is, and how far it lies from another's."""
+"""The ground level of a model, and its offset from another's."""
 
 from __future__ import annotations
 

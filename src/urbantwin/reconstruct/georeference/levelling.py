@@ -1,4 +1,4 @@
-"""The upright of a model, and its ground laid on the site's."""
+"""Levelling of a model, and the fit of its ground to the site's."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def fit_ground(
 ) -> GroundFit | None:
     """Lay ground points (G, 3), placed in plan, on the site's ground.
 
-    Least squares that let go of what is far off (Tukey's biweight).
+    Robust least squares (Tukey's biweight).
 
     Args:
         ground: points of the model's ground, site frame in plan.

@@ -1,4 +1,4 @@
-"""Walls of a model fitted to the outlines of mapped buildings in plan, to a part of a cell."""
+"""Refinement in plan: a model's walls fitted to the outlines of mapped buildings."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def fit_outlines(
     """Refine a candidate: every wall to the line of the outline nearest to it, again and again.
 
     Point-to-line ICP (Y. Chen, G. Medioni, "Object modelling by registration of multiple range
-    images", 1992) with weights that let go of what is far (Geman-McClure).
+    images", 1992) with robust weights (Geman-McClure).
 
     Args:
         features: the model.
@@ -144,7 +144,7 @@ def fit_outlines(
             terms.append(np.einsum("ij,ij->i", n, arm))
         matrix = np.column_stack(terms)
         normal = matrix.T @ (matrix * weight[:, None])
-        # Outlines that all run one way leave a shift along them open: it is not made up.
+        # Outlines that all run one way leave a shift along them open: it is not guessed.
         normal += 1e-6 * np.trace(normal) * np.diag([1.0, 1.0, *[100.0] * (len(terms) - 2)])
         change = np.linalg.solve(normal, matrix.T @ (error * weight))
         at = replace(

@@ -1,4 +1,4 @@
-"""What of a model can be recognised on a map: walls, what stands high, and the ground."""
+"""Features of a model in plan that a map shows too: walls, tall objects and the ground."""
 
 from __future__ import annotations
 

@@ -8,7 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.reconstruct.gltf.buffers import Buffers
-from urbantwin.reconstruct.gltf.malformed import MalformedError, flag, items, table, text, whole
+from urbantwin.reconstruct.gltf.untrusted_values import (
+    MalformedError,
+    flag,
+    items,
+    table,
+    text,
+    whole,
+)
 
 __all__ = ["LARGEST_COUNT", "Accessors"]
 

@@ -10,7 +10,7 @@ from urllib.parse import unquote_to_bytes
 
 from meshopt import decode_gltf_buffer
 
-from urbantwin.reconstruct.gltf.malformed import MalformedError, items, table, text, whole
+from urbantwin.reconstruct.gltf.untrusted_values import MalformedError, items, table, text, whole
 
 __all__ = ["Buffers", "data_uri"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from typing import Any
 
-from urbantwin.reconstruct.gltf.malformed import MalformedError, parse_json, table, text
+from urbantwin.reconstruct.gltf.untrusted_values import MalformedError, parse_json, table, text
 from urbantwin.reconstruct.gltf.version1 import upgraded
 
 __all__ = ["open_container"]

@@ -1,4 +1,4 @@
-"""Meshes and points packed with Draco."""
+"""Draco-compressed meshes and points."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.reconstruct.gltf.accessors import LARGEST_COUNT
-from urbantwin.reconstruct.gltf.malformed import MalformedError
+from urbantwin.reconstruct.gltf.untrusted_values import MalformedError
 
 __all__ = ["unpack_draco"]
 

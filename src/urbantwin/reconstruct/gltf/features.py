@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.reconstruct.gltf.buffers import Buffers
-from urbantwin.reconstruct.gltf.malformed import MalformedError, items, table, text, whole
+from urbantwin.reconstruct.gltf.untrusted_values import MalformedError, items, table, text, whole
 
 __all__ = ["FeatureSet", "feature_set", "property_names"]
 

@@ -9,8 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from urbantwin.reconstruct.gltf.buffers import Buffers
-from urbantwin.reconstruct.gltf.malformed import MalformedError, items, numbers, table, text, whole
 from urbantwin.reconstruct.gltf.texture import Texture, open_image
+from urbantwin.reconstruct.gltf.untrusted_values import (
+    MalformedError,
+    items,
+    numbers,
+    table,
+    text,
+    whole,
+)
 
 __all__ = ["Material", "Materials"]
 

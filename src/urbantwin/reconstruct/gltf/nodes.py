@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from urbantwin.reconstruct.gltf.accessors import Accessors
-from urbantwin.reconstruct.gltf.malformed import (
+from urbantwin.reconstruct.gltf.untrusted_values import (
     MalformedError,
     items,
     matrix,

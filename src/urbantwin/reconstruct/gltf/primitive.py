@@ -1,4 +1,4 @@
-"""Primitives of meshes: their triangles or points, coloured, with the features that they are of."""
+"""Primitives of meshes: triangles or points with their colours and feature ids."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from urbantwin.reconstruct.gltf.accessors import Accessors, fractions
 from urbantwin.reconstruct.gltf.buffers import Buffers
 from urbantwin.reconstruct.gltf.draco import unpack_draco
 from urbantwin.reconstruct.gltf.features import FeatureSet, feature_set, property_names
-from urbantwin.reconstruct.gltf.malformed import MalformedError, flag, table, whole
 from urbantwin.reconstruct.gltf.material import Material, Materials
 from urbantwin.reconstruct.gltf.texture import srgb_from_linear
+from urbantwin.reconstruct.gltf.untrusted_values import MalformedError, flag, table, whole
 
 __all__ = ["FARTHEST", "Primitive", "PrimitiveReader"]
 

@@ -2,7 +2,7 @@
 
 The reading is our own and not trimesh's: trimesh keeps no feature ids, ignores
 ``KHR_mesh_quantization``, meshopt and ``CESIUM_RTC``, believes every count that a file claims, and
-tells what is wrong by tracebacks. It judges ours in the tests.
+reports errors by tracebacks. Tests compare ours with it.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import numpy as np
 from pyproj import CRS
 
 from urbantwin.errors import InputError
-from urbantwin.reconstruct.gltf.malformed import MalformedError
 from urbantwin.reconstruct.gltf.scene import Scene, read_scene
+from urbantwin.reconstruct.gltf.untrusted_values import MalformedError
 from urbantwin.reconstruct.model import ImportedModel, PointCloud, TriangleMesh
 
 __all__ = ["Y_UP_TO_Z_UP", "joined_clouds", "read_gltf"]

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.reconstruct.gltf.buffers import Buffers
 from urbantwin.reconstruct.gltf.container import open_container
-from urbantwin.reconstruct.gltf.malformed import MalformedError, items, numbers, table, text
 from urbantwin.reconstruct.gltf.nodes import PlacedMesh, placed_meshes
 from urbantwin.reconstruct.gltf.primitive import FARTHEST, Primitive, PrimitiveReader
+from urbantwin.reconstruct.gltf.untrusted_values import MalformedError, items, numbers, table, text
 from urbantwin.reconstruct.model import PointCloud, TriangleMesh
 
 __all__ = ["MOST_TRIANGLES", "Scene", "read_scene", "shown"]

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from urbantwin.reconstruct.gltf.malformed import MalformedError, items, table
+from urbantwin.reconstruct.gltf.untrusted_values import MalformedError, items, table
 
 __all__ = ["upgraded"]
 

@@ -1,4 +1,4 @@
-"""A folder of tiles that were fetched before, shared by all runs that name it."""
+"""The cache of fetched tiles: a folder shared by all runs that name it."""
 
 from __future__ import annotations
 

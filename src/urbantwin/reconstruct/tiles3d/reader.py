@@ -14,17 +14,21 @@ from pyproj.exceptions import CRSError
 from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.progress import Progress, untold
-from urbantwin.reconstruct.gltf.malformed import MalformedError
 from urbantwin.reconstruct.gltf.reader import Y_UP_TO_Z_UP, joined_clouds
+from urbantwin.reconstruct.gltf.untrusted_values import MalformedError
 from urbantwin.reconstruct.model import ImportedModel, PointCloud, TriangleMesh
-from urbantwin.reconstruct.tiles3d.files import TileFiles
-from urbantwin.reconstruct.tiles3d.interest import Interest, is_on_earth, site_from_tileset
-from urbantwin.reconstruct.tiles3d.reading import Reading
+from urbantwin.reconstruct.tiles3d.bounding_volume import Volume, geodetic_from_ecef
+from urbantwin.reconstruct.tiles3d.fetching import TileFiles
+from urbantwin.reconstruct.tiles3d.region_of_interest import (
+    Interest,
+    is_on_earth,
+    site_from_tileset,
+)
 from urbantwin.reconstruct.tiles3d.store import Archive, Folder, Store
 from urbantwin.reconstruct.tiles3d.tile import ContentLink, Tile, Tileset
+from urbantwin.reconstruct.tiles3d.tile_loading import Reading
 from urbantwin.reconstruct.tiles3d.tileset import is_tileset, read_tileset
 from urbantwin.reconstruct.tiles3d.traversal import Traversal
-from urbantwin.reconstruct.tiles3d.volume import Volume, geodetic_from_ecef
 from urbantwin.reconstruct.tiles3d.web import open_web
 from urbantwin.site.geometry import GeometrySource
 
@@ -49,7 +53,7 @@ def read_tiles3d(
         frame: the site frame.
         region: what is of interest, site frame, metres; tiles are tested against it, and not cut
             along it.
-        progress: told the share done (0..1) and what is being done.
+        progress: called with the fraction done (0..1) and what is being done.
 
     Returns:
         Meshes and clouds in EPSG:4978 where the tileset lies on the ellipsoid; otherwise in the

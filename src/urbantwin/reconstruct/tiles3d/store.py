@@ -1,4 +1,4 @@
-"""Where tiles lie: a folder or an archive, which no address climbs out of."""
+"""Stores of tiles: a folder or an archive, which no path leads out of."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Protocol
 from urllib.parse import unquote, urlsplit
 
 from urbantwin.errors import InputError
-from urbantwin.reconstruct.gltf.malformed import MalformedError
+from urbantwin.reconstruct.gltf.untrusted_values import MalformedError
 
 __all__ = ["LARGEST_TILE", "Archive", "Folder", "Store", "local_path", "unzipped"]
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from urbantwin.reconstruct.gltf.malformed import (
+from urbantwin.reconstruct.gltf.untrusted_values import (
     MalformedError,
     items,
     parse_json,

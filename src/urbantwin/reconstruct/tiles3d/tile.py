@@ -9,8 +9,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.reconstruct.gltf.malformed import MalformedError
-from urbantwin.reconstruct.tiles3d.volume import Volume
+from urbantwin.reconstruct.gltf.untrusted_values import MalformedError
+from urbantwin.reconstruct.tiles3d.bounding_volume import Volume
 
 __all__ = ["Below", "ContentLink", "Tile", "Tileset"]
 

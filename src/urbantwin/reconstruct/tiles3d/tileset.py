@@ -8,7 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.reconstruct.gltf.malformed import (
+from urbantwin.reconstruct.gltf.primitive import FARTHEST
+from urbantwin.reconstruct.gltf.reader import Y_UP_TO_Z_UP
+from urbantwin.reconstruct.gltf.untrusted_values import (
     MalformedError,
     items,
     matrix,
@@ -17,11 +19,9 @@ from urbantwin.reconstruct.gltf.malformed import (
     table,
     text,
 )
-from urbantwin.reconstruct.gltf.primitive import FARTHEST
-from urbantwin.reconstruct.gltf.reader import Y_UP_TO_Z_UP
-from urbantwin.reconstruct.tiles3d.implicit import implicit_tiling
+from urbantwin.reconstruct.tiles3d.bounding_volume import read_volume
+from urbantwin.reconstruct.tiles3d.implicit_tiling import implicit_tiling
 from urbantwin.reconstruct.tiles3d.tile import ContentLink, Tile, Tileset
-from urbantwin.reconstruct.tiles3d.volume import read_volume
 
 __all__ = ["is_tileset", "read_tileset"]
 

@@ -1,15 +1,15 @@
-"""The walk down a tileset: which tiles are wanted, and what stands in for those that fail."""
+"""The traversal of a tileset: which tiles are selected, and what replaces those that fail."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
 from urbantwin.errors import InputError
-from urbantwin.reconstruct.gltf.malformed import MalformedError
 from urbantwin.reconstruct.gltf.scene import shown
-from urbantwin.reconstruct.tiles3d.files import TileFiles
-from urbantwin.reconstruct.tiles3d.implicit import SubtreeLink
-from urbantwin.reconstruct.tiles3d.interest import Interest
+from urbantwin.reconstruct.gltf.untrusted_values import MalformedError
+from urbantwin.reconstruct.tiles3d.fetching import TileFiles
+from urbantwin.reconstruct.tiles3d.implicit_tiling import SubtreeLink
+from urbantwin.reconstruct.tiles3d.region_of_interest import Interest
 from urbantwin.reconstruct.tiles3d.subtree import read_subtree
 from urbantwin.reconstruct.tiles3d.tile import ContentLink, Tile
 from urbantwin.reconstruct.tiles3d.tileset import read_tileset

@@ -1,4 +1,4 @@
-"""Tiles fetched over HTTP, with a key that goes nowhere else."""
+"""Tiles fetched over HTTP, with a key that is sent to their server alone."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from urllib.parse import parse_qsl, quote, urlencode, urljoin, urlsplit, urlunsp
 
 from urbantwin.download import Client, DownloadError, Limits, Origin, parse_address, parse_origin
 from urbantwin.errors import InputError
-from urbantwin.reconstruct.gltf.malformed import MalformedError
+from urbantwin.reconstruct.gltf.untrusted_values import MalformedError
 from urbantwin.reconstruct.tiles3d.cache import CACHE, keep_bytes, kept_bytes
 from urbantwin.reconstruct.tiles3d.store import LARGEST_TILE
 from urbantwin.site.geometry import GeometrySource
@@ -53,7 +53,8 @@ def open_web(source: GeometrySource, environment: Mapping[str, str] | None = Non
             key = value
     if bearer is not None and not (bearer.isascii() and bearer.isprintable()):
         raise InputError(
-            f"the environment variable {spec.key_env} holds what no header may",
+            f"the environment variable {spec.key_env} holds characters that an HTTP header must "
+            "not have",
             file=source.document.file,
             place=source.place("key_env"),
             expected="a token of printable ASCII",

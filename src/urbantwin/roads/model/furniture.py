@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from urbantwin.artefact.typed import Said, Triples
+from urbantwin.artefact.typed_document import Said, Triples
 
 __all__ = ["Phase", "RoadArea", "RoadSignal", "SignalController"]
 

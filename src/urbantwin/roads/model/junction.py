@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from urbantwin.artefact.typed import Pairs
+from urbantwin.artefact.typed_document import Pairs
 
 __all__ = ["Connection", "ModelJunction"]
 

@@ -7,7 +7,7 @@ from functools import cached_property
 from pathlib import Path
 
 from urbantwin.artefact import as_json, write_json
-from urbantwin.artefact.typed import read_typed
+from urbantwin.artefact.typed_document import read_typed
 from urbantwin.roads.model.consistency import check_model
 from urbantwin.roads.model.furniture import RoadArea, RoadSignal, SignalController
 from urbantwin.roads.model.junction import ModelJunction

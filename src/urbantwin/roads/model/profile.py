@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from urbantwin.artefact.typed import Numbers, Quads
+from urbantwin.artefact.typed_document import Numbers, Quads
 
 __all__ = ["Profile", "fitted"]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
@@ -14,10 +15,10 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
 from urbantwin.taxonomy import ACTOR_CLASSES, ACTOR_SEMANTICS, semantic_id
-from urbantwin.traffic.assets.car import car, contact_points
+from urbantwin.traffic.assets.car import axle_wheels, body, car, contact_points, plates, seats
 from urbantwin.traffic.assets.coat import COATED_CLASSES, bare_name, coated_mesh
 from urbantwin.traffic.assets.gait import GAIT_PHASES, stride_length, walker
-from urbantwin.traffic.assets.heavy import bus, truck
+from urbantwin.traffic.assets.parts import parts
 from urbantwin.traffic.assets.person import Figure
 from urbantwin.traffic.assets.solid import Solid, fitted, labelled
 from urbantwin.traffic.assets.two_wheeler import PEDAL_PHASES, hub_contacts, two_wheeler
@@ -186,3 +187,22 @@ def _entry(name: str) -> dict[str, Any]:
         raise InputError(
             f"unknown asset '{name}'", expected=f"one of {', '.join(_entries())}"
         ) from None
+
+
+def bus(entry: Mapping[str, Any]) -> list[Solid]:
+    """Return the solids of a bus of the catalogue."""
+    solids, outline = body(entry)
+    solids += axle_wheels(entry)
+    solids += plates(entry, outline, plate_z=(0.5, 0.7))
+    return solids + parts(entry) + seats(entry)
+
+
+def truck(entry: Mapping[str, Any]) -> list[Solid]:
+    """Return the solids of a truck of the catalogue: a cab's shell and parts behind it."""
+    wheels = entry["wheels"]
+    cab = {**entry["cab"], "wheels": {**wheels, "axles": wheels["axles"][:1]}}
+    shell, outline = body(cab)
+    front_plate = plates(cab, outline, plate_z=(0.52, 1.2))[:1]
+    ahead = [(entry["size"][0] - cab["size"][0]) / 2, 0.0, 0.0]
+    solids = [solid.moved(ahead) for solid in [*shell, *front_plate, *seats(cab)]]
+    return solids + axle_wheels(entry) + parts(entry)

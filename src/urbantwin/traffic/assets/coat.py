@@ -1,4 +1,4 @@
-"""Coats: what a vehicle is painted with, which a LiDAR sees more of than of its shape.
+"""Coats: a vehicle's paint, which decides its returns more than its shape does.
 
 An asset with a coat is named ``car-sedan_black``. Of 19 cars that two VLP-32C (903 nm) saw in the
 Argoverse 2 log of Pittsburgh, 4 gave back 38 to 76 % (median of a car), 6 gave 8 to 20 %, and 9

@@ -1,4 +1,4 @@
-"""Walking: the posture of a figure at a part of its gait cycle."""
+"""Gait: the posture of a walking figure at a fraction of its gait cycle."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ def _curves() -> CubicSpline:
 
 
 def joint_angles(part: float) -> NDArray[np.float64]:
-    """Return thigh angle, knee flexion and dorsiflexion (3,), rad, at a part 0..1 of the cycle."""
+    """Return thigh angle, knee flexion and dorsiflexion (3,), rad, at 0..1 of the cycle."""
     return np.asarray(_curves()(part % 1.0))
 
 
 def walking(figure: Figure, part: float) -> Posture:
-    """Return the posture at a part 0..1 of the gait cycle: 0 is the left heel's contact.
+    """Return the posture at a fraction 0..1 of the gait cycle: 0 is the left heel's contact.
 
     The pelvis stands over x = y = 0; the lower foot's sole is near z = 0.
     """

@@ -1,4 +1,4 @@
-"""A clothed human figure on a posture: tapered capsules for limbs, lofts for trunk and shoes."""
+"""A clothed human figure in a posture: tapered capsules for limbs, lofts for trunk and shoes."""
 
 from __future__ import annotations
 

@@ -1,0 +1,111 @@
+"""Disk space: checked before long work, and the error when it runs out."""
+
+from __future__ import annotations
+
+import errno
+import re
+import resource
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from urbantwin.errors import InputError, StageError
+
+__all__ = ["check_room", "says_no_room"]
+
+_FULL = {
+    errno.ENOSPC: "there is no room left on its disk",
+    errno.EDQUOT: "the quota of its disk is used up",
+    errno.EFBIG: "files may not be so large here (ulimit -f)",
+}
+#: What numpy says of an array that was written in part.
+_CUT = re.compile(r"\d+ requested and \d+ written")
+#: With less than this free, what failed without a reason failed for want of room, bytes.
+_NOTHING = 1 << 16
+
+
+def check_room(folder: Path, needed: float, what: str) -> None:
+    """Refuse work whose result will not fit.
+
+    Args:
+        folder: where it will be, or where a folder for it will be made.
+        needed: bytes, at least.
+        what: that needs them.
+
+    Raises:
+        InputError: fewer are free.
+    """
+    there = next(one for one in (folder, *folder.absolute().parents) if one.is_dir())
+    free = shutil.disk_usage(there).free
+    if needed > free:
+        raise InputError(
+            f"{what} needs about {_size(needed)}, and {_size(free)} are free on the disk",
+            file=folder,
+            expected="more room, another disk, or less to write",
+        )
+
+
+@contextmanager
+def says_no_room(target: Path, scratch: Path, *, goes_on: bool = False) -> Iterator[None]:
+    """Turn what a full disk makes of the block into one line that says what to do.
+
+    Libraries and programs that write say it in many ways, or only fail.
+
+    Args:
+        target: what is being made.
+        scratch: where it is written.
+        goes_on: whether what was made is kept.
+
+    Raises:
+        StageError: in place of what the block raised, if there is no room.
+    """
+    try:
+        yield
+    except Exception as error:
+        why, file = _reason(error, scratch)
+        if why is None:
+            raise
+        then = "make room and give the same command again"
+        if goes_on:
+            then += ": it goes on from what was made"
+        name = target if file is None else target / _within(file, scratch)
+        raise StageError(f"{name}: {why}; {then}") from error
+
+
+def _reason(error: BaseException, scratch: Path) -> tuple[str | None, str | None]:
+    """Return why there is no room, and the file that had none, if that is what happened."""
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, OSError) and cause.errno in _FULL:
+            return _FULL[cause.errno], cause.filename
+        cause = cause.__cause__ or cause.__context__
+    if isinstance(error, InputError) and not (error.file and _is_in(error.file, scratch)):
+        return None, None  # what a person gave is wrong all the same
+    said = str(error)
+    for number, why in _FULL.items():
+        if f"Errno {number}]" in said or (number == errno.EFBIG and "SIGXFSZ" in said):
+            return why, None
+    if _CUT.search(said):
+        limited = resource.getrlimit(resource.RLIMIT_FSIZE)[0] != resource.RLIM_INFINITY
+        return _FULL[errno.EFBIG if limited else errno.ENOSPC], None
+    if scratch.exists() and shutil.disk_usage(scratch).free < _NOTHING:
+        return _FULL[errno.ENOSPC], None
+    return None, None
+
+
+def _is_in(file: str, scratch: Path) -> bool:
+    return Path(file).is_relative_to(scratch)
+
+
+def _within(file: str, scratch: Path) -> str:
+    path = Path(str(file))
+    return str(path.relative_to(scratch)) if _is_in(file, scratch) else path.name
+
+
+def _size(size: float) -> str:
+    for unit in ("B", "kB", "MB", "GB"):
+        if size < 1000:
+            return f"{size:.3g} {unit}"
+        size /= 1000
+    return f"{size:.3g} TB"

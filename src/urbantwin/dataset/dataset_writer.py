@@ -1,0 +1,130 @@
+"""Writing one dataset: frames and tables, resumed where an interrupted run stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from urbantwin.artefact import sha256_of, write_json
+from urbantwin.dataset.box_table import write_boxes
+from urbantwin.dataset.frame_motion import FrameMotions
+from urbantwin.dataset.ignore_regions import IGNORE_REGIONS, write_ignore_regions
+from urbantwin.dataset.layout import FOLDERS, frame_name, read_json_or_none
+from urbantwin.dataset.manifest import manifest_of
+from urbantwin.dataset.split import split_frames
+from urbantwin.dataset.sweep_table import write_sweeps
+from urbantwin.dataset.workers import Recipe, Task, record_frames
+from urbantwin.lidar import Rig
+from urbantwin.lidar.coverage import IgnoreArea
+from urbantwin.lidar.timing import span_of
+from urbantwin.processes import usable_processors
+
+if TYPE_CHECKING:
+    from urbantwin.traffic import Motion
+    from urbantwin.twin import Twin
+
+__all__ = ["MARKS", "checksums", "finish_dataset", "record_dataset"]
+
+#: Folder of the marks of finished frames; no part of the dataset.
+MARKS = "done"
+TABLES = ("boxes.parquet", "sweeps.parquet")
+
+Entries = list[dict[str, Any]]
+
+
+def record_dataset(  # noqa: PLR0913 - every one is a choice of `recording.record`
+    twin: Twin,
+    motion: Motion,
+    rig: Rig,
+    folder: Path,
+    *,
+    seed: int,
+    times_s: Mapping[int, float],
+    workers: int | None,
+    backend: str,
+    progress: Callable[[int], None],
+) -> Entries:
+    """Record the frames that a folder does not have yet, and return what all of them hold.
+
+    Args:
+        twin: the twin.
+        motion: a motion on it.
+        rig: the sensors; one that rides has boarded.
+        folder: where the files go; made if it is not there.
+        seed: of all random numbers.
+        times_s: number of each frame -> its time.
+        workers: number of processes; as many as there are processors when not given.
+        backend: what casts the rays, see `lidar.Scanner`.
+        progress: called with the number of frames that are there, after each.
+
+    Returns:
+        What ``layout.write_frame`` returned for each frame, and its sweeps.
+    """
+    done = folder / MARKS
+    for name in (MARKS, *FOLDERS):
+        (folder / name).mkdir(parents=True, exist_ok=True)
+    missing = [index for index in times_s if read_json_or_none(_mark(done, index)) is None]
+
+    def tasks() -> Iterator[Task]:
+        motions = FrameMotions(motion)
+        for index in missing:
+            span = span_of(rig.sensors, index, seed)
+            yield Task(index, motions.around(times_s[index], *span))
+
+    count = min(usable_processors() if workers is None else workers, max(1, len(missing)))
+    recipe = Recipe(
+        twin.mesh,
+        rig,
+        seed,
+        folder,
+        done,
+        motion.meshes,
+        twin.surface_materials,
+        twin.region,
+        backend,
+    )
+    if missing:
+        there = len(times_s) - len(missing)
+        for number, _ in enumerate(record_frames(recipe, tasks(), count), start=there + 1):
+            progress(number)
+    return [read_json_or_none(_mark(done, index)) for index in times_s]
+
+
+def finish_dataset(
+    folder: Path,
+    recipe: Mapping[str, Any],
+    times_s: Mapping[int, float],
+    entries: Sequence[Mapping[str, Any]],
+    ignored: Sequence[IgnoreArea],
+) -> None:
+    """Write what needs all frames: the split, the tables, the areas and ``dataset.json``."""
+    train, validate = split_frames([frame_name(index) for index in times_s])
+    (folder / "ImageSets").mkdir(exist_ok=True)
+    for name, frames in (("train", train), ("val", validate)):
+        text = "".join(f"{frame}\n" for frame in frames)
+        (folder / "ImageSets" / f"{name}.txt").write_text(text)
+    boxes, sweeps = (folder / name for name in TABLES)
+    write_boxes(boxes, times_s, entries)
+    write_ignore_regions(folder / IGNORE_REGIONS, ignored)
+    write_sweeps(sweeps, list(times_s), entries)
+    tables = {
+        name: sha256_of(folder / name)
+        for name in (*TABLES, IGNORE_REGIONS, "ImageSets/train.txt", "ImageSets/val.txt")
+    }
+    manifest = manifest_of(recipe, times_s, entries, (train, validate), tables)
+    write_json(folder / "dataset.json", manifest)
+
+
+def checksums(entries: Mapping[str, Entries]) -> dict[str, str]:
+    """Return the SHA-256 of every frame's files, by dataset and name."""
+    return {
+        f"{name}/{file}" if name else file: digest
+        for name, own in entries.items()
+        for entry in own
+        for file, digest in entry["sha256"].items()
+    }
+
+
+def _mark(done: Path, index: int) -> Path:
+    return done / f"{frame_name(index)}.json"

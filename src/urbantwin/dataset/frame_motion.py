@@ -1,0 +1,156 @@
+"""Where every actor goes during a frame: the steps of the motion around it.
+
+A turning sensor sees each actor where it is when a ray meets it. So a frame needs more than the
+poses at its own time: the steps from the first firing of its sensors to the last.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.dataset.motion_interpolation import (
+    FASTEST_M_S,
+    SAME_TIME_S,
+    MotionTable,
+    Rows,
+    interpolated,
+)
+from urbantwin.geometry import rotation_from_ypr
+from urbantwin.lidar.actor_path import ActorPath
+
+__all__ = ["FrameMotion", "FrameMotions"]
+
+_POSE = ("x", "y", "z", "yaw", "pitch", "roll")
+#: Steps that are kept because the next frame needs them too.
+_KEPT_STEPS = 64
+
+
+@dataclass(frozen=True, eq=False)
+class FrameMotion:
+    """The actors at a frame's time, and where they are around it.
+
+    Attributes:
+        rows: (A,) the actors at the frame's time, as rows of the motion's table.
+        time_s: (S,) float64 ascending, seconds from the frame's time, which is one of them.
+        poses: (S, A, 6) float64, x, y, z, yaw, pitch, roll at these times; NaN where an actor is
+            not there, or was put there without driving.
+    """
+
+    rows: Rows
+    time_s: NDArray[np.float64]
+    poses: NDArray[np.float64]
+
+    def paths(self) -> list[ActorPath | None]:
+        """Return the path of each actor; ``None`` where only one pose of it is known."""
+        there = ~np.isnan(self.poses[:, :, 0])
+        count = there.sum(axis=0)
+        first = there.argmax(axis=0)
+        turns = rotation_from_ypr(*np.nan_to_num(self.poses[:, :, 3:]).transpose(2, 1, 0))
+        places = np.ascontiguousarray(self.poses[:, :, :3].transpose(1, 0, 2))
+        return [
+            ActorPath(self.time_s[a:b], turns[actor, a:b], places[actor, a:b])
+            if b - a > 1
+            else None
+            for actor, (a, b) in enumerate(zip(first, first + count, strict=True))
+        ]
+
+
+class FrameMotions:
+    """What moves during each frame of a motion; frames taken in order share the steps they need."""
+
+    def __init__(self, motion: MotionTable) -> None:
+        self._motion = motion
+        self._times = motion.times()
+        self._steps: OrderedDict[int, Rows] = OrderedDict()
+
+    def around(self, time_s: float, start_s: float = 0.0, stop_s: float = 0.0) -> FrameMotion:
+        """Return where the actors of a time go.
+
+        Between steps they go straight. An actor that is in one of the two steps around the time
+        only is absent. Before the motion's first step and after its last, where nothing is known,
+        the two steps next to it are there to go on from.
+
+        Args:
+            time_s: the frame's, within the motion's first and last step.
+            start_s: the earliest time that is asked for, seconds from ``time_s``.
+            stop_s: the latest.
+
+        Raises:
+            ValueError: the time is outside the motion.
+        """
+        times = self._times
+        if not times[0] - SAME_TIME_S <= time_s <= times[-1] + SAME_TIME_S:
+            raise ValueError(f"{time_s} s is outside the motion")
+        nearest = int(np.abs(times - time_s).argmin())
+        on_step = bool(abs(times[nearest] - time_s) <= SAME_TIME_S)
+        before = nearest if on_step else int(np.searchsorted(times, time_s)) - 1
+        after = nearest if on_step else before + 1
+        low, high = self._span(time_s, before, after, min(start_s, 0.0), max(stop_s, 0.0))
+
+        numbers = np.arange(low, high + 1)
+        known = times[numbers] - time_s
+        if on_step:
+            rows = self._step(nearest)
+            known[nearest - low] = 0.0
+        else:
+            step_s = float(times[after] - times[before])
+            share = float(time_s - times[before]) / step_s
+            rows = interpolated(self._step(before), self._step(after), share, step_s)
+        poses = np.stack([_poses_of(rows, self._step(int(number))) for number in numbers])
+        if not on_step:
+            known = np.insert(known, after - low, 0.0)
+            own = np.stack([rows[name] for name in _POSE], axis=-1)
+            poses = np.insert(poses, after - low, own, axis=0)
+        _cut_where_put(known, poses)
+        return FrameMotion(rows, known, poses)
+
+    def _span(
+        self, time_s: float, before: int, after: int, start_s: float, stop_s: float
+    ) -> tuple[int, int]:
+        """Return the first and the last step that a `FrameMotion` holds."""
+        times = self._times
+        if stop_s - start_s <= SAME_TIME_S:
+            return before, after
+        low = int(np.searchsorted(times, time_s + start_s + SAME_TIME_S, side="right")) - 1
+        high = int(np.searchsorted(times, time_s + stop_s - SAME_TIME_S))
+        # Beyond the motion's ends: one step more, to know where an actor goes on to.
+        if high >= len(times):
+            low = min(low, len(times) - 2)
+        if low < 0:
+            high = max(high, 1)
+        return max(min(low, before), 0), min(max(high, after), len(times) - 1)
+
+    def _step(self, number: int) -> Rows:
+        if number not in self._steps:
+            self._steps[number] = self._motion.at(float(self._times[number]))
+            while len(self._steps) > _KEPT_STEPS:
+                self._steps.popitem(last=False)
+        return self._steps[number]
+
+
+def _poses_of(rows: Rows, step: Rows) -> NDArray[np.float64]:
+    """Return the poses (A, 6) that the actors of some rows have in a step; NaN where absent."""
+    poses = np.full((len(rows), len(_POSE)), np.nan)
+    _, ours, theirs = np.intersect1d(
+        rows["track"], step["track"], assume_unique=True, return_indices=True
+    )
+    for axis, name in enumerate(_POSE):
+        poses[ours, axis] = step[name][theirs]
+    return poses
+
+
+def _cut_where_put(time_s: NDArray[np.float64], poses: NDArray[np.float64]) -> None:
+    """Take away the poses that an actor did not drive to from its pose at time 0."""
+    own = int(np.flatnonzero(time_s == 0.0)[0])
+    step_s = np.diff(time_s)[:, None]
+    moved = np.linalg.norm(np.diff(poses[:, :, :3], axis=0), axis=2)
+    # Absent in one of two steps: not a number, so not driven either.
+    drove = moved <= FASTEST_M_S * step_s
+    for step in range(own + 1, len(time_s)):
+        poses[step, ~drove[own:step].all(axis=0)] = np.nan
+    for step in range(own):
+        poses[step, ~drove[step:own].all(axis=0)] = np.nan

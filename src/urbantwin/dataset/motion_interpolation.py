@@ -1,0 +1,114 @@
+"""Interpolation of the motion: where every actor is at a step, or between two of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.geometry import Pose, rotation_from_ypr, wrapped
+from urbantwin.lidar import PosedActor
+from urbantwin.lidar.actor_path import ActorPath
+
+__all__ = ["MotionTable", "Rows", "interpolated", "posed_actors", "rows_at"]
+
+#: Rows of the motion's table of actors at one time, one per actor, sorted by track.
+Rows = NDArray[np.void]
+
+#: Two times that differ by less are the same step: steps are whole milliseconds.
+SAME_TIME_S = 1e-6
+#: An actor that moved faster than this between two steps was put elsewhere and did not drive.
+FASTEST_M_S = 70.0
+
+_LINEAR = ("x", "y", "z", "pitch", "roll", "length", "width", "height", "speed")
+
+
+class MotionTable(Protocol):
+    """What recording needs of a motion."""
+
+    def times(self) -> NDArray[np.float64]:
+        """Return the times of the steps, seconds, ascending."""
+
+    def at(self, time_s: float) -> Rows:
+        """Return the rows of the step at that time."""
+
+
+def rows_at(motion: MotionTable, time_s: float) -> Rows:
+    """Return the actors at a time that need not be a step's.
+
+    At a step they are the step's own rows. Between two steps they are interpolated, and an actor
+    that is in one of the two only is absent.
+
+    Args:
+        motion: the motion.
+        time_s: within the motion's first and last step.
+    """
+    times = motion.times()
+    after = int(np.searchsorted(times, time_s - SAME_TIME_S))
+    if after < len(times) and abs(times[after] - time_s) <= SAME_TIME_S:
+        return motion.at(float(times[after]))
+    if after in (0, len(times)):
+        raise ValueError(f"{time_s} s is outside the motion")
+    start, end = float(times[after - 1]), float(times[after])
+    share = (time_s - start) / (end - start)
+    return interpolated(motion.at(start), motion.at(end), share, end - start)
+
+
+def interpolated(before: Rows, after: Rows, share: float, step_s: float) -> Rows:
+    """Return the actors that are in both of two steps, between them.
+
+    Positions and angles go straight (yaw the short way round); what cannot be mixed (asset,
+    gait phase, lane) is that of the nearer step.
+
+    Args:
+        before: rows of the earlier step.
+        after: rows of the later step.
+        share: 0 at the earlier step, 1 at the later.
+        step_s: time between the two, seconds.
+    """
+    _, first, last = np.intersect1d(before["track"], after["track"], return_indices=True)
+    a, b = before[first], after[last]
+    jump = np.sqrt(sum((b[axis] - a[axis]) ** 2 for axis in ("x", "y", "z")))
+    drove = np.asarray(jump <= FASTEST_M_S * step_s)
+    a, b = a[drove], b[drove]
+    rows: Rows = (a if share < 0.5 else b).copy()
+    for name in _LINEAR:
+        rows[name] = a[name] + share * (b[name] - a[name])
+    turn = wrapped(b["yaw"] - a["yaw"])
+    rows["yaw"] = a["yaw"] + share * turn
+    return rows
+
+
+def posed_actors(rows: Rows, paths: Sequence[ActorPath | None] | None = None) -> list[PosedActor]:
+    """Return rows of the motion as the scanner takes them.
+
+    The velocity is that of the path: labels say how an actor moves where the rays see it. Without
+    a path it is the speed along the heading, up or down the road's grade.
+
+    Args:
+        rows: the actors.
+        paths: how each moves around the time of the rows; straight on when not given.
+    """
+    ways = [None] * len(rows) if paths is None else paths
+    rotations = rotation_from_ypr(rows["yaw"], rows["pitch"], rows["roll"])
+    translations = np.column_stack([rows["x"], rows["y"], rows["z"]])
+    velocities = rows["speed"][:, None] * rotations[:, :, 0]
+    return [
+        PosedActor(int(track), str(kind), str(asset), int(phase), Pose(turn, place), velocity, path)
+        for track, kind, asset, phase, turn, place, velocity, path in zip(
+            rows["track"],
+            rows["class"],
+            rows["asset"],
+            rows["phase"],
+            rotations,
+            translations,
+            (
+                velocity if way is None else way.velocity_at(0.0)
+                for velocity, way in zip(velocities, ways, strict=True)
+            ),
+            ways,
+            strict=True,
+        )
+    ]

@@ -1,0 +1,194 @@
+"""Correspondences of a frame's points in the scene: planes, road edges, painted lines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from urbantwin.fidelity.alignment.frame_features import FrameFeatures
+from urbantwin.fidelity.alignment.scene_points import ScenePoints
+from urbantwin.geometry import Pose
+
+__all__ = [
+    "ALIKE_M",
+    "EDGES",
+    "GROUND",
+    "LINES",
+    "NOISE_M",
+    "RAISED",
+    "Correspondences",
+    "Residuals",
+]
+
+RAISED, GROUND, EDGES, LINES = range(4)
+#: Points this near to each other err alike, metres.
+ALIKE_M = 4.0
+#: How far single points scatter, by kind, metres.
+NOISE_M = (0.03, 0.03, 0.05, 0.05)
+#: Edges and lines farther above or below a point are of another street, metres.
+_STOREY_M = 1.5
+
+#: The columns of `Residuals`.
+_Part = tuple[Any, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """Residuals of the points that have a correspondence.
+
+    Attributes:
+        at: (P, 3) where they are, site frame.
+        aim: (P, 3) unit vectors along which the error is measured.
+        error: (P,) by how much, metres.
+        weight: (P,) per square metre.
+        kind: (P,) what they lie on: `RAISED`, `GROUND`, `EDGES` or `LINES`.
+        cluster: (P,) of points whose errors are correlated.
+        number: (P,) of the point, curb or spot in its features.
+    """
+
+    at: NDArray[np.float64]
+    aim: NDArray[np.float64]
+    error: NDArray[np.float64]
+    weight: NDArray[np.float64]
+    kind: NDArray[np.int64]
+    cluster: NDArray[np.int64]
+    number: NDArray[np.int64]
+
+
+class Correspondences:
+    """One frame against what of the scene can be seen from about where it is.
+
+    Args:
+        scene: the static world as points.
+        features: what the frame shows.
+        start: about where it is.
+        reach_m: nothing farther away is a correspondence.
+    """
+
+    def __init__(
+        self, scene: ScenePoints, features: FrameFeatures, start: Pose, reach_m: float
+    ) -> None:
+        self._features = features
+        self._reach = reach_m
+        seen = scene.seen_from(start.translation)
+        self.surface, normal = scene.points[seen], scene.normals[seen]
+        facing = ((start.translation - self.surface) * normal).sum(axis=1)
+        normal = normal * np.where(facing < 0, -1.0, 1.0)[:, None]
+        ground = scene.is_ground[seen]
+        self._targets = []
+        for mine, theirs in (
+            (~features.raised, np.ones(len(ground), bool)),
+            (features.raised, ~ground),
+        ):
+            places = self.surface[theirs]
+            tree = cKDTree(places) if len(places) else None
+            chosen = np.flatnonzero(mine)
+            self._targets.append((chosen, places, normal[theirs], ground[theirs], tree))
+        self._edges, self._edge_normal = scene.edges, scene.edge_normal
+        self._lines, self._line_normal = scene.lines, scene.line_normal
+        self._trees = [
+            cKDTree(places) if len(places) else None
+            for places in (self._edges[:, :2], self._lines[:, :2])
+        ]
+        self._clusters = [
+            _clusters(places) for places in (features.points, features.curbs, features.spots)
+        ]
+
+    def residuals(
+        self,
+        pose: Pose,
+        offsets: NDArray[np.float64],
+        wrong: NDArray[np.float64],
+        scale: NDArray[np.float64],
+    ) -> Residuals:
+        """Return the residuals of the frame in a pose.
+
+        Args:
+            pose: ``site_SE3_frame``.
+            offsets: (2,) how far surfaces off the ground, and edges, are before the real ones.
+            wrong: (4,) how far the scene is wrong over `ALIKE_M`, by kind, metres.
+            scale: (4,) the distance at which a point counts a quarter, by kind, metres.
+        """
+        parts = [*self._surfaces(pose), self._curbs(pose), self._spots(pose)]
+        at, aim, error, weight, kind, cluster, number = (
+            np.concatenate(column) for column in zip(*parts, strict=True)
+        )
+        error = error - offsets[0] * (kind == RAISED) - offsets[1] * (kind == EDGES)
+        # Many points of one spot are no better than the scene is there.
+        group = cluster * 4 + kind
+        many = np.bincount(group, weight)[group] if len(group) else weight
+        weight = weight / (many * wrong[kind] ** 2 + np.array(NOISE_M)[kind] ** 2)
+        weight = weight / (1.0 + (error / scale[kind]) ** 2) ** 2
+        return Residuals(at, aim, error, weight, kind, cluster, number)
+
+    def _surfaces(self, pose: Pose) -> list[_Part]:
+        """Match points of the ground to any surface, and others to those off the ground.
+
+        What rises from the ground is not the ground below it: cars, hedges, people.
+        """
+        found = []
+        for chosen, places, normal, ground, tree in self._targets:
+            if tree is None or not len(chosen):
+                continue
+            at = pose.apply(self._features.points[chosen])
+            distance, nearest = tree.query(at, distance_upper_bound=self._reach)
+            near = np.flatnonzero(np.isfinite(distance))
+            nearest, at, mine = nearest[near], at[near], chosen[near]
+            error = ((at - places[nearest]) * normal[nearest]).sum(axis=1)
+            kind = np.where(ground[nearest], GROUND, RAISED)
+            weight = np.ones(len(near))
+            found.append((at, normal[nearest], error, weight, kind, self._clusters[0][mine], mine))
+        return found
+
+    def _curbs(self, pose: Pose) -> _Part:
+        at = pose.apply(self._features.curbs)
+        road = self._features.curb_road @ pose.rotation.T
+        found = self._beside(0, at, self._edges, self._edge_normal, EDGES)
+        # The road must be on the same side of both.
+        fits = (road[found[-1]] * found[1]).sum(axis=1) > 0.0
+        return tuple(column[fits] for column in found)
+
+    def _spots(self, pose: Pose) -> _Part:
+        at = pose.apply(self._features.spots)
+        found = self._beside(1, at, self._lines, self._line_normal, LINES)
+        return (*found[:3], self._features.spot_weight[found[-1]], *found[4:])
+
+    def _beside(
+        self,
+        which: int,
+        at: NDArray[np.float64],
+        places: NDArray[np.float64],
+        normal: NDArray[np.float64],
+        kind: int,
+    ) -> _Part:
+        """Match points to edges or lines in plan: heights say nothing about them."""
+        tree = self._trees[which]
+        if tree is None or not len(at):
+            nothing = np.zeros(0, np.int64)
+            return np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0), *[nothing] * 3
+        distance, nearest = tree.query(at[:, :2], distance_upper_bound=self._reach)
+        near = np.flatnonzero(np.isfinite(distance))
+        near = near[np.abs(at[near, 2] - places[nearest[near], 2]) < _STOREY_M]
+        nearest = nearest[near]
+        aim = normal[nearest]
+        error = ((at[near] - places[nearest]) * aim).sum(axis=1)
+        kinds = np.full(len(near), kind)
+        return (
+            at[near],
+            aim,
+            error,
+            np.ones(len(near)),
+            kinds,
+            self._clusters[which + 1][near],
+            near,
+        )
+
+
+def _clusters(places: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the cube (N,) that each place lies in."""
+    cell = np.floor(places / ALIKE_M).astype(np.int64)
+    return np.unique(cell, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)

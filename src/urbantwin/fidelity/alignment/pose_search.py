@@ -1,0 +1,250 @@
+"""Exhaustive search of a sensor's place and heading that bring its points onto the scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.fidelity.alignment.distance_maps import HIGHEST_M, Plan, Space
+from urbantwin.fidelity.alignment.frame_features import FrameFeatures
+from urbantwin.fidelity.alignment.ground_plane import GroundPlane, leveling, thinned
+from urbantwin.fidelity.alignment.scene_points import ScenePoints
+from urbantwin.geometry import Pose
+
+__all__ = ["Found", "PoseSearch", "SearchSpan"]
+
+#: A point of the ground this far above or below the twin's tells nothing, metres.
+_FAR_UP_M = 0.4
+#: What the ground counts, surfaces off it, edges of carriageways, lines. The ground looks alike
+#: everywhere, and much that is bright is no line.
+_WEIGHTS = (0.2, 0.8, 0.8, 0.3)
+_GROUND, _RAISED, _EDGES, _LINES = range(4)
+_MOST_POINTS = 1500
+#: Of many poses, every so many points look first.
+_MANY_POSES, _FIRST_LOOK = 5000, 6
+#: Poses nearer to each other than this are one.
+_SAME_M, _SAME_RAD = 1.5, np.radians(8.0)
+
+
+@dataclass(frozen=True, eq=False)
+class SearchSpan:
+    """Where the sensor may be.
+
+    Attributes:
+        middle: (2,) east and north, metres.
+        reach_m: how far from there, east and north.
+        yaw: middle heading of the frame's x axis, radians counter-clockwise from east.
+        reach_rad: how far from it, either way; pi: any.
+    """
+
+    middle: NDArray[np.float64]
+    reach_m: float
+    yaw: float
+    reach_rad: float
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A pose of the sensor and how well it fits.
+
+    Attributes:
+        pose: ``site_SE3_frame``.
+        score: 0 to 1, the share of what the points could explain.
+        yaw: its heading, radians.
+    """
+
+    pose: Pose
+    score: float
+    yaw: float
+
+
+class PoseSearch:
+    """Tries poses at which the sensor stands on the twin's ground as it does on its own.
+
+    Args:
+        scene: the static world as points.
+        features: what one frame shows.
+        plane: the ground in that frame.
+    """
+
+    def __init__(self, scene: ScenePoints, features: FrameFeatures, plane: GroundPlane) -> None:
+        self._scene, self._plane = scene, plane
+        self._level = leveling(plane.normal)
+        raised = scene.points[~scene.is_ground]
+        self._space = Space.around(raised)
+        low, high = scene.points[:, :2].min(axis=0), scene.points[:, :2].max(axis=0)
+        self._plan = Plan.over(scene, low - 2.0, high + 2.0)
+        self._points, self._kind, self._weight = self._chosen(features, len(raised) > 0)
+
+    def _chosen(
+        self, features: FrameFeatures, any_raised: bool
+    ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+        """Return points in the level frame, what they are looked up as, and their weights."""
+        kept = thinned(features.points, 0.5)
+        level, raised = features.points[kept] @ self._level.T, features.raised[kept]
+        above = level[:, 2] + self._plane.height_m
+        near = above < HIGHEST_M
+        parts = [level[~raised & near], level[raised & near][: len(level) * any_raised]]
+        parts.append((features.curbs @ self._level.T)[: len(features.curbs) * self._plan.any_edges])
+        parts.append((features.spots @ self._level.T)[: len(features.spots) * self._plan.any_lines])
+        generator = np.random.default_rng(len(level))
+        points, kinds, weights = [], [], []
+        for kind, part in enumerate(parts):
+            chosen = generator.permutation(len(part))[: _MOST_POINTS // 3]
+            share = features.spot_weight[chosen] if kind == _LINES else np.ones(len(chosen))
+            points.append(part[chosen])
+            kinds.append(np.full(len(chosen), kind))
+            weights.append(_WEIGHTS[kind] * share / max(share.sum(), 1e-9))
+        # All kinds mixed, so that every so many points are a fair sample.
+        order = generator.permutation(sum(len(part) for part in points))
+        weight = np.concatenate(weights)[order]
+        return (
+            np.concatenate(points)[order],
+            np.concatenate(kinds)[order],
+            weight / max(weight.sum(), 1e-9),
+        )
+
+    def run(self, span: SearchSpan, most: int = 5) -> list[Found]:
+        """Return the best poses, best first; empty where no ground was found in the span."""
+        step = float(np.clip(span.reach_m / 6, 0.5, 2.0))
+        turn = np.radians(1.5 if span.reach_rad < 0.5 else 4.0)
+        offsets = np.arange(-np.floor(span.reach_m / step), span.reach_m / step + 0.5) * step
+        xy = np.stack(np.meshgrid(*(span.middle[:, None] + offsets)), -1).reshape(-1, 2)
+        yaws = self._yaws(span, turn)
+        many = len(xy) * len(yaws) > _MANY_POSES
+        found = self._best(xy, yaws, 8 * most, _FIRST_LOOK if many else 1)
+        while step > 0.2:
+            step, turn = step / 2, turn / 2
+            near = np.stack(np.meshgrid([-step, 0, step], [-step, 0, step]), -1).reshape(-1, 2)
+            refined = []
+            for one in found:
+                xy = one.pose.translation[:2] + near
+                refined += self._best(xy, one.yaw + np.array([-turn, 0.0, turn]), 1, 1)
+            found = _distinct(refined, 2 * most)
+        return found[:most]
+
+    @staticmethod
+    def _yaws(span: SearchSpan, turn: float) -> NDArray[np.float64]:
+        if span.reach_rad >= np.pi:
+            count = int(np.ceil(2 * np.pi / turn))
+            return span.yaw + 2 * np.pi * np.arange(count) / count
+        steps = int(np.ceil(span.reach_rad / turn))
+        return np.asarray(span.yaw + np.arange(-steps, steps + 1) * turn)
+
+    def standing(self, xy: NDArray[np.float64], yaw: float) -> Pose:
+        """Return the pose of the frame at a place (2,) with a heading."""
+        up, place = self._stands(xy[None])
+        return self._pose(up[0], place[0], yaw)
+
+    def _pose(self, up: NDArray[np.float64], place: NDArray[np.float64], yaw: float) -> Pose:
+        turned = leveling(up).T @ Pose.from_ypr(np.zeros(3), yaw).rotation @ self._level
+        return Pose(turned, place)
+
+    def _stands(self, xy: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the ground's normals (P, 3) around places (P, 2), and the frame's origins."""
+        around = np.array([[8.0 * np.cos(a), 8.0 * np.sin(a)] for a in np.arange(8) * np.pi / 4])
+        heights = self._scene.ground_at((xy[:, None] + around).reshape(-1, 2)).reshape(-1, 8)
+        middle = self._scene.ground_at(xy)
+        known = np.isfinite(heights)
+        rise = np.where(known, heights - middle[:, None], 0.0)
+        count = np.maximum(known.sum(axis=1), 1)[:, None]
+        slope = 2.0 * (rise @ around) / 64.0 / count
+        slope[known.sum(axis=1) < 8] = 0.0
+        up = np.column_stack([-slope, np.ones(len(xy))])
+        up /= np.linalg.norm(up, axis=1)[:, None]
+        ground = np.column_stack([xy, middle])
+        return up, ground + self._plane.height_m * np.array([0.0, 0.0, 1.0])
+
+    def _best(
+        self, xy: NDArray[np.float64], yaws: NDArray[np.float64], most: int, every: int
+    ) -> list[Found]:
+        up, place = self._stands(xy)
+        there = np.isfinite(place[:, 2])
+        up, place = up[there], place[there]
+        if not len(place):
+            return []
+        turned = np.stack([leveling(one).T for one in up])
+        headings = np.stack([Pose.from_ypr(np.zeros(3), yaw).rotation for yaw in yaws])
+        scores = _scores(
+            self._points[::every],
+            self._kind[::every],
+            self._weight[::every] / max(float(self._weight[::every].sum()), 1e-9),
+            turned,
+            place,
+            headings,
+            self._space,
+            self._plan,
+        )
+        flat = scores.ravel()
+        high = np.partition(flat, -min(50 * most, len(flat)))[-min(50 * most, len(flat))]
+        order = np.flatnonzero(flat >= high)
+        order = order[np.argsort(-flat[order], kind="stable")][: 50 * most]
+        ranked = []
+        for n in order:
+            k, m = np.unravel_index(n, scores.shape)
+            pose = self._pose(up[k], place[k], float(yaws[m]))
+            ranked.append(Found(pose, float(scores[k, m]), float(yaws[m])))
+        return _distinct(ranked, most)
+
+
+def _distinct(ranked: list[Found], most: int) -> list[Found]:
+    """Return the best of each neighbourhood, best first."""
+    kept: list[Found] = []
+    for one in sorted(ranked, key=lambda found: -found.score):
+        for other in kept:
+            apart = np.hypot(*(one.pose.translation - other.pose.translation)[:2])
+            turn = abs(np.angle(np.exp(1j * (one.yaw - other.yaw))))
+            if apart < _SAME_M and turn < _SAME_RAD:
+                break
+        else:
+            kept.append(one)
+        if len(kept) == most:
+            break
+    return kept
+
+
+@numba.njit(cache=True)
+def _scores(
+    points: NDArray[np.float64],
+    kind: NDArray[np.int64],
+    weight: NDArray[np.float64],
+    turned: NDArray[np.float64],
+    place: NDArray[np.float64],
+    headings: NDArray[np.float64],
+    space: Space,
+    plan: Plan,
+) -> NDArray[np.float64]:
+    """Return the weighted gain (P, Y) of points (N, 3) at every place and heading."""
+    out = np.zeros((len(place), len(headings)))
+    for k in range(len(place)):
+        for m in range(len(headings)):
+            r = np.ascontiguousarray(turned[k]) @ np.ascontiguousarray(headings[m])
+            total = 0.0
+            for n in range(len(points)):
+                p = points[n]
+                x = r[0, 0] * p[0] + r[0, 1] * p[1] + r[0, 2] * p[2] + place[k, 0]
+                y = r[1, 0] * p[0] + r[1, 1] * p[1] + r[1, 2] * p[2] + place[k, 1]
+                z = r[2, 0] * p[0] + r[2, 1] * p[1] + r[2, 2] * p[2] + place[k, 2]
+                if kind[n] == _RAISED:
+                    a = int(np.floor((x - space.low[0]) / space.cell_m))
+                    b = int(np.floor((y - space.low[1]) / space.cell_m))
+                    c = int(np.floor((z - space.low[2]) / space.cell_m))
+                    inside = 0 <= a < space.gain.shape[0] and 0 <= b < space.gain.shape[1]
+                    if inside and 0 <= c < space.gain.shape[2]:
+                        total += weight[n] * space.gain[a, b, c]
+                    continue
+                i = int(np.floor((x - plan.low[0]) / plan.cell_m))
+                j = int(np.floor((y - plan.low[1]) / plan.cell_m))
+                if not (0 <= i < plan.height.shape[0] and 0 <= j < plan.height.shape[1]):
+                    continue
+                if kind[n] == _GROUND:
+                    off = abs(z - plan.height[i, j]) / _FAR_UP_M
+                    if off < 1.0:  # false where the ground is unknown
+                        total += weight[n] * (1.0 - off)
+                else:
+                    total += weight[n] * plan.gain[kind[n] - _EDGES, i, j]
+            out[k, m] = total
+    return out

@@ -1,0 +1,243 @@
+"""Registration of a frame to the scene: points to planes, curbs to edges, paint to lines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from urbantwin.fidelity.alignment.correspondences import (
+    EDGES,
+    GROUND,
+    LINES,
+    RAISED,
+    Correspondences,
+    Residuals,
+)
+from urbantwin.fidelity.alignment.frame_features import FrameFeatures
+from urbantwin.fidelity.alignment.scene_points import ScenePoints
+from urbantwin.geometry import Pose
+
+__all__ = ["Registered", "registered"]
+
+#: Points farther than this from every visible surface are of something that the scene has not:
+#: at first, and in the end, metres.
+_REACHES_M = (1.5, 0.7)
+#: Distance at which a point counts a quarter, by kind, at first and in the end, metres.
+_SCALES_M = np.array([[0.2, 0.2, 0.5, 0.4], [0.2, 0.1, 0.25, 0.2]])
+#: Nearer to its plane, edge or line than this a point is explained, metres.
+EXPLAINED_M, _EDGE_EXPLAINED_M = 0.15, 0.25
+_STEPS = 40
+#: How far the scene is wrong over `ALIKE_M`, by kind, until it is measured; metres.
+_WRONG_M = (0.05, 0.05, 0.10, 0.10)
+_LEAST_WRONG_M = 0.01
+_LEAST_POINTS = 50
+#: Belief that nothing stands proud, and that edges are where curbs are: standard deviation, metres.
+_OFFSET_SIGMA_M = 0.3
+#: Parts of the surroundings that are left out in turn, to see what hangs on each.
+_SECTORS = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Registered:
+    """Where a frame was found to lie.
+
+    Attributes:
+        pose: ``site_SE3_frame``.
+        explained: share of the points off the ground that have a surface within 0.15 m.
+        curbs_explained: share of the curbs that have an edge of carriageway within 0.25 m.
+        marks_explained: share of the bright spots that have a line within 0.15 m.
+        residual_m: median distance of points from the planes of their surfaces.
+        surface_offset_m: how far real surfaces off the ground lie behind the scene's (negative)
+            or before them, on average.
+        edge_offset_m: how far real curbs lie outside (negative) or inside of the carriageway's.
+        sigma_m: (3,) standard deviations of the place, metres.
+        sigma_deg: (3,) of turns about the site's axes, degrees.
+        points: how many points had a surface.
+    """
+
+    pose: Pose
+    explained: float
+    curbs_explained: float
+    marks_explained: float
+    residual_m: float
+    surface_offset_m: float
+    edge_offset_m: float
+    sigma_m: NDArray[np.float64]
+    sigma_deg: NDArray[np.float64]
+    points: int
+
+    @property
+    def support(self) -> float:
+        """How much of what holds a place is explained, to tell places apart."""
+        return self.explained + self.curbs_explained + 0.3 * self.marks_explained
+
+
+def registered(
+    scene: ScenePoints, features: FrameFeatures, start: Pose, *, rough: bool = False
+) -> Registered | None:
+    """Move a frame so that what it shows lies on what the scene has.
+
+    Point-to-plane ICP (Chen and Medioni 1992) with the weights of Geman and
+    McClure; the foot of curbs is drawn to the edges of carriageways and bright spots of the road
+    to its lines in the same way, in plan. Three things differ from what registration libraries
+    offer. The planes are the scene's own triangles, not fits to neighbouring points, which fail
+    along the rings of a LiDAR. Points within 4 m weigh together no more than the scene is right
+    there, which is measured: ten thousand points of a road whose heights are 5 cm off must not
+    outvote twenty curbs. And beside the pose two more numbers are found: how far surfaces off
+    the ground stand proud of the real ones on average, and how far edges lie from the curbs.
+    Outlines of buildings include their eaves, and meshes of cars fill their boxes; without that
+    number, such a scene pushes the sensor to the side where it is emptier.
+
+    Standard deviations are the larger of two: of the delete-a-group jackknife over sectors around
+    the sensor (what hangs on one part of the surroundings, where the scene is wrong in one piece),
+    and what the normal equations say with the errors measured.
+
+    Args:
+        scene: the static world as points.
+        features: thinned; the sensor is at its origin.
+        start: the pose to begin with.
+        rough: only well enough to tell which of several places it is.
+
+    Returns:
+        ``None`` where too few points have a surface near, or too few directions are held.
+    """
+    pose, offsets = start, np.zeros(2)
+    wrong, solved = np.array(_WRONG_M), None
+    for reach, scale in list(zip(_REACHES_M, _SCALES_M, strict=True))[: 1 if rough else 2]:
+        correspondences = Correspondences(scene, features, pose, reach)
+        if len(correspondences.surface) < _LEAST_POINTS:
+            return None
+        for _ in range(1 if rough else 2):
+            solved = _solved(correspondences, pose, offsets, wrong, scale)
+            if solved is None:
+                return None
+            pose, offsets, residuals = solved.pose, solved.offsets, solved.residuals
+            wrong = _wrong(residuals)
+    assert solved is not None
+    matrix, spread = solved.matrix, _jackknife(solved)
+    sigma = np.sqrt(np.maximum(np.diag(np.linalg.inv(matrix))[:6], spread))
+    sigma[3:] = np.hypot(sigma[3:], _LEAST_WRONG_M)  # what is wrong everywhere alike
+    surfaces = residuals.kind <= GROUND
+    return Registered(
+        pose=pose,
+        explained=_explained(features, pose, scene, residuals),
+        curbs_explained=_share(residuals, EDGES, _EDGE_EXPLAINED_M, len(features.curbs)),
+        marks_explained=_share(residuals, LINES, EXPLAINED_M, len(features.spots)),
+        residual_m=float(np.median(np.abs(residuals.error[surfaces]))),
+        surface_offset_m=float(offsets[0]),
+        edge_offset_m=float(offsets[1]),
+        sigma_m=sigma[3:6],
+        sigma_deg=np.degrees(sigma[:3]),
+        points=int(surfaces.sum()),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """Where a frame came to rest: its pose, the offsets, and the last step's equations."""
+
+    pose: Pose
+    offsets: NDArray[np.float64]
+    residuals: Residuals
+    jacobian: NDArray[np.float64]
+    matrix: NDArray[np.float64]
+
+
+def _solved(
+    correspondences: Correspondences,
+    pose: Pose,
+    offsets: NDArray[np.float64],
+    wrong: NDArray[np.float64],
+    scale: NDArray[np.float64],
+) -> _Solved | None:
+    """Gauss and Newton's steps; None where a direction is not held."""
+    for _ in range(_STEPS):
+        residuals = correspondences.residuals(pose, offsets, wrong, scale)
+        if len(residuals.at) < _LEAST_POINTS:
+            return None
+        jacobian = np.column_stack(
+            [
+                np.cross(residuals.at - pose.translation, residuals.aim),
+                residuals.aim,
+                -1.0 * (residuals.kind == RAISED),
+                -1.0 * (residuals.kind == EDGES),
+            ]
+        )
+        weighted = jacobian * residuals.weight[:, None]
+        matrix, gradient = weighted.T @ jacobian, weighted.T @ residuals.error
+        matrix[[6, 7], [6, 7]] += _OFFSET_SIGMA_M**-2
+        gradient[6:] += offsets * _OFFSET_SIGMA_M**-2
+        if np.linalg.cond(matrix) > 1e12:
+            return None
+        step = -np.linalg.solve(matrix, gradient)
+        pose = Pose(
+            Rotation.from_rotvec(step[:3]).as_matrix() @ pose.rotation,
+            pose.translation + step[3:6],
+        )
+        offsets = offsets + step[6:]
+        if np.abs(step[3:6]).max() < 5e-4 and np.abs(step[:3]).max() < 3e-5:
+            break
+    return _Solved(pose, offsets, residuals, jacobian, matrix)
+
+
+def _wrong(residuals: Residuals) -> NDArray[np.float64]:
+    """Return how far each kind is wrong over one cluster: the scatter of clusters' means."""
+    found = np.array(_WRONG_M)
+    for kind in range(4):
+        mine = residuals.kind == kind
+        cluster, weight = residuals.cluster[mine], residuals.weight[mine]
+        total = np.bincount(cluster, weight)
+        mean = np.bincount(cluster, weight * residuals.error[mine])
+        held = np.bincount(cluster) >= (3 if kind <= GROUND else 1)
+        held = held & (total > 0)
+        if held.sum() >= 6:
+            off = mean[held] / total[held]
+            found[kind] = max(_LEAST_WRONG_M, 1.4826 * float(np.median(np.abs(off))))
+    return found
+
+
+def _jackknife(solved: _Solved) -> NDArray[np.float64]:
+    """Return the variances (6,) of turns and place by leaving out sectors in turn.
+
+    One step from the solution with the correspondences as they are.
+    """
+    residuals, jacobian, matrix, pose = (
+        solved.residuals,
+        solved.jacobian,
+        solved.matrix,
+        solved.pose,
+    )
+    x, y = (residuals.at - pose.translation)[:, :2].T
+    sector = np.floor((np.arctan2(y, x) / (2 * np.pi)) % 1.0 * _SECTORS)
+    moved = []
+    for number in np.unique(sector):
+        mine = sector == number
+        weighted = jacobian[mine] * residuals.weight[mine, None]
+        rest = matrix - weighted.T @ jacobian[mine]
+        if np.linalg.cond(rest) > 1e12:
+            return np.full(6, np.inf)
+        moved.append(np.linalg.solve(rest, weighted.T @ residuals.error[mine])[:6])
+    places = np.array(moved)
+    count = len(places)
+    return np.asarray((count - 1) / count * ((places - places.mean(axis=0)) ** 2).sum(axis=0))
+
+
+def _share(residuals: Residuals, kind: int, within: float, of: int) -> float:
+    near = (residuals.kind == kind) & (np.abs(residuals.error) < within)
+    return float(near.sum() / max(of, 1))
+
+
+def _explained(
+    features: FrameFeatures, pose: Pose, scene: ScenePoints, residuals: Residuals
+) -> float:
+    """Return the share of the points off the ground that lie on a surface off the ground."""
+    at = pose.apply(features.points)
+    height = at[:, 2] - scene.ground_at(at[:, :2])
+    off = ~(height < 0.3)  # also where the ground is unknown
+    on = np.zeros(len(at), np.bool_)
+    close = (residuals.kind == RAISED) & (np.abs(residuals.error) < EXPLAINED_M)
+    on[residuals.number[close]] = True
+    return float((on & off).sum() / max(off.sum(), 1))

@@ -1,0 +1,171 @@
+"""Estimating the static background from frames of sensors that do not move."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+from urbantwin.fidelity.beam_assignment import BeamsOf
+from urbantwin.fidelity.frame import Frame
+from urbantwin.fidelity.histograms import full_scale
+from urbantwin.fidelity.range_modes import RangeModes, range_modes
+from urbantwin.fidelity.readers import open_recording
+from urbantwin.fidelity.sampling import evenly
+from urbantwin.lidar.measured import MeasuredBackground
+from urbantwin.lidar.measured_file import save_backgrounds
+from urbantwin.progress import Progress, untold
+
+__all__ = ["measure_recording", "measured_backgrounds"]
+
+#: Looks of a sensor that are kept at a time; of longer recordings, frames spread evenly.
+_MOST_LOOKS = 30_000_000
+#: Fewer points than this share on a sensor's beams: it is another sensor, or another frame.
+_LEAST_ON = 0.5
+
+
+def measured_backgrounds(
+    frames: Iterable[Frame],
+    sensors: Sequence[BeamsOf],
+    *,
+    intensity_scale: float | None = None,
+    file: Path | None = None,
+) -> list[MeasuredBackground]:
+    """Return per-beam statistics of what stands still, for each sensor.
+
+    The ranges of a beam are those of `range_modes.range_modes`: what frames see beyond is not
+    background, however long it stood there.
+
+    Args:
+        frames: in the order of time; two looks of one beam in a frame count once.
+        sensors: that they are of.
+        intensity_scale: what the data call full scale; guessed if not given.
+        file: for errors.
+
+    Raises:
+        InputError: no frame, or most points lie on no beam of the sensors.
+    """
+    looks: list[list[tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]]] = [
+        [] for _ in sensors
+    ]
+    count, points, brightest = 0, 0, 0.0
+    for frame in frames:
+        light = np.full(len(frame.points), np.nan) if frame.intensity is None else frame.intensity
+        brightest = max(brightest, float(np.nan_to_num(light).max(initial=0)))
+        count, points = count + 1, points + len(frame.points)
+        for kept, one in zip(looks, sensors, strict=True):
+            rows, beam, range_m = one.of(frame)
+            found = (range_m[rows].astype(np.float32), light[rows].astype(np.float32))
+            kept.append((beam.astype(np.int32), *found))
+    on = sum(len(beam) for kept in looks for beam, *_ in kept)
+    if on < max(1, _LEAST_ON * points):
+        names = ", ".join(one.sensor.name for one in sensors)
+        raise InputError(
+            f"{on} of {points} points lie on beams of {names}",
+            file=file,
+            expected="frames of that sensor in its own frame, or its pose in theirs",
+        )
+    scale = full_scale(brightest) if intensity_scale is None else intensity_scale
+    return [_background(one, _modes(one, looks.pop(0), count), scale) for one in tuple(sensors)]
+
+
+def measure_recording(
+    real: Path,
+    sensors: Sequence[BeamsOf],
+    out: Path,
+    *,
+    intensity_scale: float | None = None,
+    progress: Progress | None = None,
+) -> dict[str, Any]:
+    """Measure the static world from a recording and write it.
+
+    Args:
+        real: a recording that `readers.open_recording` takes, of sensors that stand still.
+        sensors: that it is of.
+        out: the ``.npz`` to write.
+        intensity_scale: what the data call full scale; guessed if not given.
+        progress: called with the fraction done and what is being done.
+
+    Returns:
+        How many frames were read, and for each sensor how many beams there are, have a
+        background and have several ranges, and how much of the looks at it came back.
+
+    Raises:
+        InputError: the recording or the scale is not what it should be.
+    """
+    if intensity_scale is not None and not intensity_scale > 0:
+        raise InputError(f"the intensity scale is {intensity_scale:g}", expected="more than 0")
+    recording = open_recording(real)
+    say = progress or untold
+    most = max(1, _MOST_LOOKS // sum(one.count for one in sensors))
+    used = evenly(len(recording), most)
+    problems = []
+
+    def frames() -> Iterable[Frame]:
+        for done, number in enumerate(used):
+            say(0.8 * done / len(used), f"frame {done + 1} of {len(used)}")
+            try:
+                yield recording.read(number)
+            except InputError as error:
+                problems.append(str(error))
+                if len(problems) == len(used):
+                    raise
+
+    found = measured_backgrounds(frames(), sensors, intensity_scale=intensity_scale, file=real)
+    save_backgrounds(out, found)
+    say(1.0, "done")
+    return {
+        "frames": len(used) - len(problems),
+        "of": len(recording),
+        "sensors": [described(one) for one in found],
+        **({"problems": problems} if problems else {}),
+    }
+
+
+def described(one: MeasuredBackground) -> dict[str, Any]:
+    """Return what a person wants to know of a background."""
+    known = one.known
+    returned = one.returned[known]
+    told = np.isfinite(returned)
+    return {
+        **({"name": one.name} if one.name else {}),
+        "model": one.model,
+        "beams": int(known.size),
+        "with_background": int(known.sum()),
+        "with_several_ranges": int(((one.share > 0).sum(axis=0) > 1).sum()),
+        "returned": round(float(returned[told].mean()), 4) if told.any() else None,
+    }
+
+
+def _modes(
+    one: BeamsOf,
+    looks: list[tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]],
+    frames: int,
+) -> RangeModes:
+    """Return the ranges of a sensor's beams; empties the looks."""
+    number = np.repeat(np.arange(frames, dtype=np.int32), [len(beam) for beam, *_ in looks])
+    beam, range_m, light = (np.concatenate(part) for part in zip(*looks, strict=True))
+    looks.clear()
+    return range_modes(beam, number, range_m, light, cells=one.count, frames=frames)
+
+
+def _background(one: BeamsOf, modes: RangeModes, scale: float) -> MeasuredBackground:
+    shape = (one.sensor.channels, one.columns)
+
+    def images(values: NDArray[np.float32]) -> NDArray[np.float32]:
+        return np.ascontiguousarray(values.T).reshape(-1, *shape)
+
+    return MeasuredBackground(
+        images(modes.range_m),
+        images(modes.sigma_m),
+        images(modes.share),
+        images(np.where(modes.share > 0, modes.intensity / np.float32(scale), np.nan).clip(0, 1)),
+        modes.looks.reshape(shape),
+        one.sensor.name,
+        one.turns_per_second,
+        one.name,
+    )

@@ -1,0 +1,131 @@
+"""Background subtraction: foreground and background of frames without labels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from urbantwin.fidelity.compiled.static_points import stand_still
+from urbantwin.fidelity.frame import Frame
+from urbantwin.fidelity.range_modes import range_modes
+
+__all__ = ["LEAST_FRAMES", "Background"]
+
+#: Fewer frames than this tell nothing apart.
+LEAST_FRAMES = 5
+#: Edge of the cells of directions, degrees.
+_CELL_DEG = 0.4
+#: Rings whose points lie within this in a cell are rings of a turning sensor, degrees.
+_LEVEL_DEG = 0.4
+#: A point is of a static range within this, three standard deviations and a share of the range.
+_NEAR_M, _NEAR_SHARE = 0.2, 0.003
+#: A point that moves has another within this and a share of its range: else it is noise.
+_ALONE_M, _ALONE_SHARE = 0.5, 0.01
+_SIDE = 1 << 16
+
+
+class Background:
+    """The ranges at which something always stands, by direction from a fixed sensor.
+
+    Directions are those of ring and column where every frame has them, else cells of 0.4 degrees
+    of ring and azimuth or of elevation and azimuth. What stands in each is found by
+    `range_modes`: it needs a look beyond what waits, so a car that is parked all the time is
+    background, and so is one that waits at a red light from the first frame to the last.
+
+    Args:
+        frames: of a sensor that stands still, in the order of time, in one frame of reference.
+
+    Raises:
+        ValueError: fewer than ``LEAST_FRAMES`` frames.
+    """
+
+    def __init__(self, frames: Iterable[Frame]) -> None:
+        known = list(frames)
+        if len(known) < LEAST_FRAMES:
+            raise ValueError(f"{len(known)} frames: at least {LEAST_FRAMES} are needed")
+        self._columns = 0
+        self._rings = all(one.ring is not None for one in known) and _turns(known[:2])
+        columns = [int(one.column.max()) for one in known if one.column is not None]
+        if self._rings and len(columns) == len(known):
+            self._columns = 1 + max(columns)
+        placed = [self._placed(one) for one in known]
+        cell, range_m = (np.concatenate(parts) for parts in zip(*placed, strict=True))
+        number = np.repeat(np.arange(len(known)), [len(one.points) for one in known])
+        self._names, cell = np.unique(cell, return_inverse=True)
+        found = range_modes(
+            cell,
+            number,
+            range_m.astype(np.float32),
+            np.full(len(cell), np.nan, np.float32),
+            cells=len(self._names),
+            frames=len(known),
+        )
+        self._stands = found.share > 0
+        self._range_m = found.range_m
+        self._reach_m = np.maximum(_NEAR_M, 3 * found.sigma_m) + _NEAR_SHARE * found.range_m
+
+    def foreground(self, frame: Frame) -> NDArray[np.bool_]:
+        """Return which points (N,) of a frame stand where nothing always does.
+
+        What lies beyond everything static in its direction is background: it was hidden.
+        """
+        name, range_m = self._placed(frame)
+        still = stand_still(
+            name,
+            range_m,
+            self._names,
+            self._stands,
+            self._range_m,
+            self._reach_m,
+            _SIDE,
+            self._columns or round(360 / _CELL_DEG),
+            0 if self._rings else 1,  # noise carries points across the edges of cells
+        )
+        moves = np.flatnonzero(~still)
+        if len(moves):
+            points = frame.points[moves]
+            away = cKDTree(points).query(points, k=2)[0][:, 1]
+            still[moves[away > _ALONE_M + _ALONE_SHARE * range_m[moves]]] = True
+        return np.asarray(~still)
+
+    def _placed(self, frame: Frame) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+        """Return cell and range (N,) of each point."""
+        sensor, range_m, elevation, azimuth = _seen(frame)
+        column = np.floor(azimuth / _CELL_DEG).astype(np.int64)
+        if self._columns and frame.column is not None:
+            column = frame.column
+        row = np.floor((elevation + 90) / _CELL_DEG).astype(np.int64) + 1
+        if self._rings and frame.ring is not None:
+            row = frame.ring + 1
+        return (sensor * _SIDE + row) * _SIDE + column, range_m
+
+
+def _seen(
+    frame: Frame,
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return sensor, range, elevation and azimuth (N,) of points as their sensors see them."""
+    sensor = np.zeros(len(frame.points), np.int64)
+    if frame.sensor is not None and len(frame.sensor_places) > 1:
+        sensor = frame.sensor.clip(0, len(frame.sensor_places) - 1)
+    away = frame.points - frame.sensor_places[sensor]
+    range_m: NDArray[np.float64] = np.linalg.norm(away, axis=1)
+    up = np.degrees(np.arcsin(away[:, 2] / np.maximum(range_m, 1e-9)))
+    around = np.degrees(np.arctan2(away[:, 1], away[:, 0])) % 360
+    return sensor, range_m, up, around
+
+
+def _turns(frames: list[Frame]) -> bool:
+    """Return whether rings are rings: of a sensor that draws patterns, their elevations are not."""
+    names, elevations = [], []
+    for frame in frames:
+        sensor, _, up, around = _seen(frame)
+        column = np.floor(around / _CELL_DEG).astype(np.int64)
+        names.append((sensor * _SIDE + np.asarray(frame.ring)) * _SIDE + column)
+        elevations.append(up)
+    name, up = np.concatenate(names), np.concatenate(elevations)
+    order = np.lexsort((up, name))
+    same = np.diff(name[order]) == 0
+    return bool(same.any() and np.percentile(np.diff(up[order])[same], 90) < _LEVEL_DEG)

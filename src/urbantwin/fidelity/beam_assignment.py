@@ -1,0 +1,197 @@
+"""Assigning the points of a frame to the beams of a known sensor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from urbantwin.errors import InputError
+from urbantwin.fidelity.frame import Frame
+from urbantwin.geometry import Pose
+from urbantwin.lidar import Rig, beam_directions
+from urbantwin.lidar import sensor as model_of
+from urbantwin.lidar.mounted import dataset_frame
+from urbantwin.lidar.pattern import beam_azimuths
+from urbantwin.lidar.sensor import Sensor
+
+__all__ = ["BeamsOf", "beams_of_model", "beams_of_rig"]
+
+#: A point farther from every beam than this share of the beams' distance is not theirs.
+_ASIDE = 1.0
+#: Units of a model are built so alike, degrees of elevation.
+_UNIT_DEG = 0.5
+_FRAMES: dict[str, Literal["sensor", "level", "site"]] = {
+    "sensor": "sensor",
+    "level": "level",
+    "site": "site",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class BeamsOf:
+    """The beams of one sensor in the frame of a recording's points.
+
+    Attributes:
+        name: of the sensor in its rig.
+        sensor: its model.
+        columns: per turn.
+        turns_per_second: of its head.
+        points_SE3_sensor: where it is in the frame of the points.
+        rolling: channels that fire later look farther on.
+        number: of its points where frames tell sensors apart; ``None``: all points are its.
+    """
+
+    name: str
+    sensor: Sensor
+    columns: int
+    turns_per_second: float
+    points_SE3_sensor: Pose  # noqa: N815
+    rolling: bool = True
+    number: int | None = None
+    _found: dict[str, cKDTree] = field(default_factory=dict, init=False, repr=False)
+
+    @property
+    def count(self) -> int:
+        """How many beams there are."""
+        return self.sensor.channels * self.columns
+
+    @property
+    def directions(self) -> NDArray[np.float64]:
+        """Unit vectors (C, K, 3) of the beams, sensor frame."""
+        return beam_directions(self.sensor, self.columns, turns_per_second=self._turning)
+
+    @property
+    def _turning(self) -> float:
+        return self.turns_per_second if self.rolling else 0.0
+
+    def of(self, frame: Frame) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+        """Return points (M,) on beams, each beam once, those beams (M,), and all ranges (N,).
+
+        By ring, where the rings of the frame are the sensor's channels, in the order of their
+        elevation or as its maker numbers them: units differ a little from their model. Else by
+        the nearest direction.
+        """
+        away = self.points_SE3_sensor.inverse().apply(frame.points)
+        range_m: NDArray[np.float64] = np.linalg.norm(away, axis=1)
+        aim = away / np.maximum(range_m, 1e-9)[:, None]
+        channel = self._channels(frame, aim)
+        if channel is None:
+            beam, on = self._nearest(aim)
+        else:
+            first = beam_azimuths(self.sensor, self.columns, turns_per_second=self._turning)[:, 0]
+            turned = np.arctan2(aim[:, 1], aim[:, 0]) - first[channel]
+            if self.sensor.spin == "cw":
+                turned = -turned
+            column = np.rint(turned * self.columns / (2 * np.pi)).astype(np.int64) % self.columns
+            beam, on = channel * self.columns + column, np.ones(len(aim), np.bool_)
+        if self.number is not None and frame.sensor is not None:
+            on = on & (frame.sensor == self.number)
+        rows = np.flatnonzero(on)
+        rows = rows[np.unique(beam[rows], return_index=True)[1]]
+        return rows, beam[rows], range_m
+
+    def _channels(self, frame: Frame, aim: NDArray[np.float64]) -> NDArray[np.int64] | None:
+        if frame.ring is None:
+            return None
+        table = self.sensor.elevation_deg
+        rising = np.argsort(table, kind="stable")
+        least, most = int(frame.ring.min()), int(frame.ring.max())
+        if least < 0 or most >= len(table):
+            return None
+        up = np.degrees(np.arcsin(np.clip(aim[:, 2], -1, 1)))
+        numbered = (np.arange(len(table)), rising, rising[::-1])
+        off = [float(np.percentile(np.abs(up - table[one[frame.ring]]), 90)) for one in numbered]
+        best = int(np.argmin(off))
+        return np.asarray(numbered[best][frame.ring]) if off[best] <= _UNIT_DEG else None
+
+    def _nearest(self, aim: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+        if "tree" not in self._found:
+            self._found["tree"] = cKDTree(self.directions.reshape(-1, 3))
+        tree = self._found["tree"]
+        near, _ = tree.query(tree.data[:: max(1, tree.n // 5000)], k=2)
+        aside, beam = tree.query(aim)
+        return beam, aside <= _ASIDE * max(float(np.median(near[:, 1])), 2e-3)
+
+
+def beams_of_model(
+    model: str,
+    *,
+    columns: int | None = None,
+    turns_per_second: float | None = None,
+    pose: tuple[float, float, float, float, float, float] | None = None,
+) -> BeamsOf:
+    """Return the beams of a model of the catalogue, or of a sensor's file.
+
+    Args:
+        model: its name or file.
+        columns: per turn; the model's default if not given.
+        turns_per_second: of its head; the model's default if not given.
+        pose: x, y, z in metres and yaw, pitch, roll in degrees in the frame of the points.
+
+    Raises:
+        InputError: no such model, it has no such columns, or it scans a pattern.
+    """
+    sensor = model_of(model)
+    if sensor.pattern is not None:
+        raise InputError(f"{sensor.name} scans a pattern", expected="a sensor with channels")
+    if columns is not None and columns not in sensor.columns_options:
+        offered = ", ".join(map(str, sensor.columns_options))
+        raise InputError(f"{sensor.name} has no {columns} columns", expected=f"one of {offered}")
+    x, y, z, *angles = pose or (0.0,) * 6
+    return BeamsOf(
+        "",
+        sensor,
+        columns or sensor.columns,
+        turns_per_second or sensor.rate_hz,
+        Pose.from_ypr(np.array([x, y, z]), *np.radians(angles)),
+    )
+
+
+def beams_of_rig(
+    rig: Rig,
+    *,
+    only: str | None = None,
+    frame: str | None = None,
+) -> list[BeamsOf]:
+    """Return the beams of a rig's sensors, or of one of them that recorded alone.
+
+    Args:
+        rig: placed on its twin.
+        only: the name of the sensor that the recording is of; all of the rig's if not given.
+        frame: that the points are in: ``sensor`` or ``level``, of the recording's first sensor, or
+            ``site``; as the rig says if not given.
+
+    Raises:
+        InputError: it rides, it has no such sensor, a sensor that moves or scans a pattern, or
+            there is no such frame.
+    """
+    points_in = _FRAMES.get(frame or rig.frame)
+    if points_in is None:
+        raise InputError(f"there is no frame {frame!r}", expected="sensor, level or site")
+    names = ", ".join(one.name for one in rig.sensors)
+    sensors = [one for one in rig.sensors if only in (None, one.name)]
+    if not sensors:
+        raise InputError(f"the rig has no sensor {only!r}", expected=f"one of {names}")
+    if rig.ride is not None:
+        raise InputError("the rig rides", expected="a rig that stands")
+    site_SE3_points = dataset_frame(points_in, sensors[0].site_SE3_sensor)
+    found = []
+    for one in sensors:
+        if one.sway is not None or one.sensor.pattern is not None:
+            raise InputError(f"{one.name} sways or scans a pattern", expected="beams that repeat")
+        found.append(
+            BeamsOf(
+                one.name,
+                one.sensor,
+                one.columns,
+                one.turns_per_second,
+                site_SE3_points.inverse() @ one.site_SE3_sensor,
+                one.effects.rolling_shutter,
+                one.number if len(sensors) > 1 else None,
+            )
+        )
+    return found

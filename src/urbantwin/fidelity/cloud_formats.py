@@ -1,0 +1,198 @@
+"""Formats of point cloud files: the fields of one file as arrays by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.artefact.arrays import may_unpack, one_line, read_array
+from urbantwin.errors import InputError
+from urbantwin.fidelity.pcd import read_pcd
+
+__all__ = ["FORMATS", "Fields", "is_cloud", "position_and_intensity", "read_fields"]
+
+Fields = dict[str, NDArray[np.generic]]
+
+FORMATS = (".npy", ".bin", ".pcd", ".ply", ".las", ".laz")
+#: Names that writers give to intensity, in lower case, the likelier first.
+_INTENSITY = ("intensity", "scalar_intensity", "i", "reflectivity", "reflectance", "remission")
+#: nuScenes' rows: x, y, z, intensity and the ring, in files that end so.
+_NUSCENES = ".pcd.bin"
+#: Rows of ``.npy`` have no more values than this; of ``.bin`` as many as these.
+_WIDEST = 64
+_WIDTHS = (3, 4, 5, 6)
+#: The least number of values that determine the width, and the share of variance that does.
+_TELLING, _EXPLAINED = 300, 0.05
+#: Bytes of a chunk of a LAZ that is not unpacked side by side with others.
+_LARGE_CHUNK = 64_000_000
+
+
+def is_cloud(path: Path) -> bool:
+    """Return whether a path is a file of points by its name."""
+    if path.suffix.lower() not in FORMATS or path.name.startswith("."):
+        return False
+    # A link that leads nowhere is a frame that cannot be read, not one that was never there.
+    return path.is_file() or (path.is_symlink() and not path.is_dir())
+
+
+def read_fields(path: Path, columns: int | None = None) -> Fields:
+    """Read the fields of one file of points by their names in lower case.
+
+    ``.npy``: (N, 3 or more), x, y, z and, if there is a fourth column, intensity; or a structured
+    array. ``.bin``: float32 rows, KITTI's x, y, z, intensity, and nuScenes' with the ring as the
+    fifth where the name ends in ``.pcd.bin``; ``columns`` says how many values a row has, otherwise
+    4, or 3, 5 or 6 where the values say so (`_width`). ``.pcd``, ``.ply``, ``.las``, ``.laz``: all
+    fields of one value per point, coordinates of the last two with scale and offset.
+
+    Args:
+        path: the file.
+        columns: values per row of a ``.bin``; the others say it themselves.
+
+    Raises:
+        InputError: missing, not readable as what its name says, or truncated.
+    """
+    if not path.is_file():
+        raise InputError("not found", file=path, expected="a cloud")
+    kind = path.suffix.lower()
+    if kind == ".npy":
+        return _from_npy(path)
+    if kind == ".bin":
+        return _from_bin(path, columns)
+    if kind in (".pcd", ".ply"):
+        fields = read_pcd(path) if kind == ".pcd" else _from_ply(path)
+        return {name.lower(): values for name, values in fields.items()}
+    if kind in (".las", ".laz"):
+        return _from_las(path)
+    raise InputError(f"{kind} is unknown", file=path, expected=", ".join(FORMATS))
+
+
+def position_and_intensity(
+    path: Path, fields: Mapping[str, NDArray[np.generic]]
+) -> tuple[NDArray[np.float64], NDArray[np.float64] | None]:
+    """Return x, y, z (N, 3) and intensity (N,), None without such a field.
+
+    Raises:
+        InputError: x, y or z is missing.
+    """
+    missing = [name for name in "xyz" if name not in fields]
+    if missing:
+        raise InputError(
+            f"has no field {', '.join(missing)}",
+            file=path,
+            expected=f"x, y, z among {', '.join(fields) or 'its fields'}",
+        )
+    found = [fields[name] for name in _INTENSITY if name in fields]
+    for values in (*(fields[name] for name in "xyz"), *found[:1]):
+        if values.dtype.kind not in "fiu":
+            raise InputError(f"has values of {values.dtype}", file=path, expected="numbers")
+        if values.shape != (len(fields["x"]),):
+            raise InputError("has several values of x, y or z in one point", file=path)
+    table = np.column_stack([fields[name].astype(np.float64) for name in "xyz"])
+    intensity = found[0].astype(np.float64) if found else None
+    if intensity is not None and not np.isfinite(intensity).any():
+        intensity = None  # an empty field
+    return table, intensity
+
+
+def _from_npy(path: Path) -> Fields:
+    array = read_array(path, "a .npy array")
+    if array.dtype.names:
+        return {name.lower(): array[name].ravel() for name in array.dtype.names}
+    if array.ndim != 2 or not 3 <= array.shape[1] <= _WIDEST or array.dtype.kind not in "fiu":
+        raise InputError(
+            f"is an array of {array.dtype} of shape {array.shape}",
+            file=path,
+            expected=f"numbers of shape (N, 3 to {_WIDEST})",
+        )
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _columns(array.astype(np.float64))
+
+
+def _from_bin(path: Path, columns: int | None) -> Fields:
+    size = path.stat().st_size
+    if columns is not None and columns < 3:
+        raise InputError(f"{columns} columns", file=path, expected="at least 3: x, y, z")
+    named = path.name.lower().endswith(_NUSCENES)
+    with np.errstate(invalid="ignore"):  # of bits that are no number: they become NaN
+        values = np.fromfile(path, "<f4", count=size // 4).astype(np.float64)
+    width = columns or (5 if named else _width(values))
+    if size % (4 * width):
+        raise InputError(
+            f"is truncated, or has other columns: {size} bytes",
+            file=path,
+            expected=f"a multiple of {4 * width} (rows of {width} float32)",
+        )
+    table = values.reshape(-1, width)
+    fields = _columns(table)
+    if width == 5 and named:
+        fields["ring"] = table[:, 4]
+    return fields
+
+
+def _width(values: NDArray[np.float64]) -> int:
+    """Return how many values a row of a ``.bin`` has: 4, unless the values say otherwise.
+
+    Values of one column are alike in size, those of a row are not (plan, height, intensity):
+    with the right width the columns explain much of the variance of their sizes, with another
+    none of it.
+    """
+    with np.errstate(over="ignore", invalid="ignore"):
+        sizes = np.log1p(np.minimum(np.abs(np.nan_to_num(values)), 1e6))
+    total = float(sizes.var()) if len(sizes) else 0.0
+    if total and len(sizes) >= _TELLING:
+        share = {}
+        for width in _WIDTHS:
+            rows = sizes[: len(sizes) // width * width].reshape(-1, width)
+            share[width] = float(rows.mean(axis=0).var()) / total
+        best = max(share.values())
+        if share[4] >= 0.5 * best > 0.5 * _EXPLAINED:
+            return 4
+        if best > _EXPLAINED:
+            return next(width for width in _WIDTHS if share[width] >= 0.95 * best)
+    return 3 if len(sizes) % 4 and not len(sizes) % 3 else 4
+
+
+def _columns(table: NDArray[np.float64]) -> Fields:
+    return {
+        name: table[:, k] for k, name in enumerate(("x", "y", "z", "intensity")[: len(table.T)])
+    }
+
+
+def _from_ply(path: Path) -> dict[str, NDArray[np.float64]]:
+    from urbantwin.geometry.ply import read_header, read_tables
+
+    vertex = read_tables(path, read_header(path), last="vertex").get("vertex")
+    if vertex is None:
+        raise InputError("has no element vertex", file=path, expected="a PLY cloud")
+    with np.errstate(invalid="ignore"):  # of bits that are no number: they become NaN
+        return {name: values.astype(np.float64) for name, values in vertex.columns.items()}
+
+
+def _from_las(path: Path) -> Fields:
+    import laspy
+
+    from urbantwin.reconstruct.formats.las_sizes import checked_sizes
+
+    sizes = checked_sizes(path)
+    if sizes is None:
+        raise InputError("is not readable", file=path, expected="a LAS file")
+    if not may_unpack(sizes.points * sizes.record, path.stat().st_size):
+        raise InputError("is truncated, or its header is damaged", file=path, expected="a LAS file")
+    # Side by side, whole chunks are unpacked at once; one that is huge goes piece by piece.
+    slow = sizes.chunk * sizes.record > _LARGE_CHUNK
+    try:
+        cloud = laspy.read(path, laz_backend=laspy.LazBackend.Lazrs if slow else None)
+        fields: Fields = {axis: np.asarray(getattr(cloud, axis), np.float64) for axis in "xyz"}
+        for name in cloud.point_format.dimension_names:
+            values = np.asarray(cloud[name])
+            if name.lower() not in fields and values.ndim == 1 and name not in ("X", "Y", "Z"):
+                fields[name.lower()] = values
+    except (KeyboardInterrupt, SystemExit):
+        raise
+    except BaseException as error:  # laspy, and its decoder, whose panics are no Exception
+        problem = f"is not readable ({one_line(error)})"
+        raise InputError(problem, file=path, expected="a LAS file") from None
+    return fields

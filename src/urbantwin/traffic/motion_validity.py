@@ -1,0 +1,113 @@
+"""Validity of a motion's folder, so that whatever records from it can rely on it."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from pydantic import Field
+
+from urbantwin.artefact.arrays import checked_arrays, read_arrays
+from urbantwin.artefact.manifest import Part
+from urbantwin.errors import InputError
+from urbantwin.geometry import LabelledMesh
+from urbantwin.geometry.mesh import MESH_FORM, checked_mesh
+from urbantwin.taxonomy import ACTOR_CLASSES
+
+__all__ = ["MeshKey", "MotionManifest", "MotionReport", "check_motion", "read_meshes"]
+
+#: Name of an asset and its phase.
+MeshKey = tuple[str, int]
+
+#: Columns of numbers -> the largest there is, metres, radians or m/s: what leaves it is no actor.
+_MOST = {
+    **dict.fromkeys(("x", "y", "z"), 1e6),
+    **dict.fromkeys(("yaw", "pitch", "roll"), 1e3),
+    **dict.fromkeys(("length", "width", "height"), 1e3),
+    "speed": 1e3,
+}
+_MESHES = "the meshes of the motion"
+_PHASE = re.compile("[0-9]{1,5}")
+_Count = Annotated[int, Field(ge=0, lt=2**53)]
+
+
+class MotionManifest(Part):
+    """What of ``motion.json`` everything that uses a motion relies on."""
+
+    twin_sha256: str
+    seed: Annotated[int, Field(ge=0, lt=2**63)]
+    step_s: Annotated[float, Field(ge=1e-3, le=86400)]
+    steps: Annotated[int, Field(ge=1, le=10_000_000)]
+
+
+class MotionReport(MotionManifest):
+    """What ``motion.json`` says to people besides."""
+
+    duration_s: Annotated[float, Field(ge=0, le=1e6)]
+    left_out: list[dict[str, Any]]
+    teleports: _Count
+    collisions: _Count
+
+
+def check_motion(actors: pa.Table, signals: pa.Table, until_s: float, folder: Path) -> None:
+    """Refuse tables that are not sorted, or with actors that cannot be.
+
+    Args:
+        actors: by their schema, nothing missing, all finite.
+        signals: the same.
+        until_s: no step is later, seconds.
+        folder: the motion's, for errors.
+
+    Raises:
+        InputError: a row is wrong; the file and the column are named.
+    """
+    file = folder / "actors.parquet"
+    for table, path in ((actors, file), (signals, folder / "signals.parquet")):
+        times = table["time_s"].to_numpy()
+        if (np.diff(times) < 0).any():
+            raise InputError("is not sorted", file=path, place="time_s", expected="ascending times")
+        if len(times) and not -1e-6 <= times[0] <= times[-1] <= until_s + 1e-6:
+            problem = f"goes from {times[0]:g} to {times[-1]:g} s"
+            expected = f"0 to {until_s:g} s, as motion.json says"
+            raise InputError(problem, file=path, place="time_s", expected=expected)
+    for name, most in _MOST.items():
+        values = actors[name].to_numpy()
+        if len(values) and np.abs(values).max() > most:
+            raise InputError("is out of range", file=file, place=name, expected=f"up to {most:g}")
+    for name in ("length", "width", "height"):
+        if len(actors) and actors[name].to_numpy().min() < 0:
+            raise InputError("is out of range", file=file, place=name, expected="0 or more")
+    if len(actors) and actors["track"].to_numpy().min() < 0:
+        raise InputError("is out of range", file=file, place="track", expected="0 or more")
+    strange = set(pc.unique(actors["class"]).to_pylist()) - set(ACTOR_CLASSES)
+    if strange:
+        raise InputError(
+            f"names {min(strange)[:40]!r}",
+            file=file,
+            place="class",
+            expected=", ".join(ACTOR_CLASSES),
+        )
+
+
+def read_meshes(path: Path) -> dict[MeshKey, LabelledMesh]:
+    """Read the meshes of a motion's actors, by asset and phase.
+
+    Raises:
+        InputError: missing, damaged, or no meshes.
+    """
+    parts: dict[MeshKey, dict[str, Any]] = {}
+    for name, array in read_arrays(path, _MESHES).items():
+        asset, number, field = ("", "", *name.rsplit("/", 2))[-3:]
+        if field not in MESH_FORM or not _PHASE.fullmatch(number):
+            raise InputError(f"holds {name[:60]!r}", file=path, expected=_MESHES)
+        parts.setdefault((asset, int(number)), {})[field] = array
+    meshes = {}
+    for (asset, phase), arrays in parts.items():
+        within = f"{asset}/{phase}/"
+        checked_arrays(arrays, MESH_FORM, file=path, expected=_MESHES, within=within)
+        meshes[asset, phase] = LabelledMesh(**checked_mesh(arrays, path, _MESHES))
+    return meshes

@@ -1,0 +1,65 @@
+"""SUMO's vehicle class and type of each class of actors, where not SUMO's defaults."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from urbantwin.taxonomy import ACTOR_CLASSES
+
+__all__ = ["ACTOR_KINDS", "ActorKind"]
+
+
+@dataclass(frozen=True)
+class ActorKind:
+    """A class of actors in SUMO's terms.
+
+    Attributes:
+        vclass: SUMO's vehicle class, which decides where the actor may go.
+        parameters: attributes of the SUMO vehicle type. What is not named keeps SUMO's default
+            for the vehicle class (https://sumo.dlr.de/docs/Vehicle_Type_Parameter_Defaults.html).
+    """
+
+    vclass: str
+    parameters: Mapping[str, str] = field(default_factory=dict)
+
+
+# Desired speeds scatter about the limit and are cut at 1.2 of it. Two-wheelers keep to no lane
+# centre: bicycles ride on the kerb's side, motorcycles wherever there is room.
+# Nobody slides sideways on the spot: sideways speed is at most a quarter of the speed ahead.
+_STEERING = {"lcMaxSpeedLatStanding": "0", "lcMaxSpeedLatFactor": "0.25"}
+_DRIVER = {
+    "speedFactor": "normc(1.00,0.10,0.70,1.20)",
+    "sigma": "0.3",
+    "minGapLat": "0.4",
+    **_STEERING,
+}
+_HEAVY = {**_DRIVER, "speedFactor": "normc(0.93,0.05,0.70,1.05)"}
+
+ACTOR_KINDS: dict[str, ActorKind] = {
+    "car": ActorKind("passenger", {**_DRIVER, "minGap": "2.0", "latAlignment": "center"}),
+    "truck": ActorKind("truck", {**_HEAVY, "latAlignment": "center"}),
+    "bus": ActorKind("bus", {**_HEAVY, "latAlignment": "center"}),
+    "motorcycle": ActorKind(
+        "motorcycle",
+        {**_DRIVER, "accel": "3.5", "minGap": "1.5", "minGapLat": "0.3", "latAlignment": "nice"},
+    ),
+    # Free-riding bicycles: mean 5.0 m/s (Parkin and Rotheram, Transport Policy 17, 2010).
+    "bicycle": ActorKind(
+        "bicycle",
+        {
+            "maxSpeed": "6.5",
+            "desiredMaxSpeed": "5.0",
+            "speedFactor": "normc(1.00,0.15,0.60,1.30)",
+            "minGap": "0.8",
+            "minGapLat": "0.3",
+            "latAlignment": "right",
+            **_STEERING,
+        },
+    ),
+    # Free walking: mean 1.34 m/s, standard deviation 0.26 (Weidmann, ETH IVT 90, 1993).
+    "pedestrian": ActorKind(
+        "pedestrian", {"desiredMaxSpeed": "1.34", "speedFactor": "normc(1.00,0.19,0.50,1.60)"}
+    ),
+}
+assert tuple(ACTOR_KINDS) == ACTOR_CLASSES
