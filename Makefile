@@ -8,6 +8,11 @@ BIN    := $(VENV)/bin
 # The judges of exported OpenDRIVE: ASAM's checker and CARLA's map. The checker needs numpy 1.
 JUDGES := .venv-judges
 
+# Tests that call nearly all that numba compiles and keeps: 50 s on one core, ten from then on.
+COMPILING := tests/lidar/test_scanner.py tests/lidar/test_coverage.py \
+  tests/dataset/test_record_options.py tests/fidelity/test_measures.py \
+  tests/cli/test_background_command.py
+
 INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 RUNTIME     := $(VENV)/.runtime-installed
@@ -16,7 +21,7 @@ DEVELOPMENT := $(VENV)/.development-installed
 # What the wheels of SUMO link to and do not carry (README, "Debian packages").
 DEBIAN_PACKAGES := libatomic1 libexpat1 libgl1 libxext6 libxrender1
 
-.PHONY: demo test fuzz kills lint bench judges lock clean help
+.PHONY: demo test compiled fuzz kills lint bench judges lock clean help
 
 help:
 	@echo "make demo    create .venv, install, run the demo (writes urbantwin-demo/)"
@@ -32,13 +37,17 @@ help:
 demo: $(RUNTIME)
 	$(BIN)/urbantwin demo -o urbantwin-demo
 
-# Types are checked while the judges are downloaded.
+# Types are checked while the judges are downloaded and numba compiles: once, for all workers.
 test: $(DEVELOPMENT)
-	@$(MAKE) --no-print-directory -j2 lint judges
-	$(BIN)/pytest -n auto --dist loadfile
+	@$(MAKE) --no-print-directory -j2 lint judges compiled
+	$(BIN)/pytest -n auto --dist worksteal
 
 fuzz: $(DEVELOPMENT)
 	$(BIN)/pytest -n auto --dist loadgroup -m fuzz tests/fuzz
+
+compiled: $(DEVELOPMENT)
+	@$(BIN)/pytest --quiet --no-header -p no:cacheprovider $(COMPILING) >/dev/null \
+	  || [ $$? -eq 1 ]  # a test that fails is told of below
 
 lint: $(DEVELOPMENT)
 	$(BIN)/ruff check

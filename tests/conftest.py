@@ -1,19 +1,39 @@
 """Fixtures shared by every test."""
 
+import fcntl
 import math
 import os
-from collections.abc import Callable
+import shutil
+import sys
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import pytest
 from hypothesis import settings
 
-SHARED_DATA = Path(__file__).parents[2] / "shared" / "data"
+if TYPE_CHECKING:
+    from urbantwin.twin import Twin
+
+ROOT = Path(__file__).parents[1]
+SHARED_DATA = ROOT.parent / "shared" / "data"
+
+# Hundreds of processes import the same modules: Python compiles them once, whatever it was told.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # The same examples in every run; HYPOTHESIS_PROFILE=default looks for new ones.
 settings.register_profile("seeded", derandomize=True, database=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "seeded"))
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what reads real inputs."""
+    for item in items:
+        if "shared_data" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.real)
 
 
 @pytest.fixture(scope="session")
@@ -24,6 +44,59 @@ def shared_data() -> Path:
             pytest.fail(f"{SHARED_DATA} is missing")
         pytest.skip(f"real inputs are not here ({SHARED_DATA})")
     return SHARED_DATA
+
+
+def _changes(folder: Path) -> dict[Path, tuple[int, int]]:
+    """Return the size of every file of a folder and when it was last written."""
+    return {
+        path: (path.stat().st_size, path.stat().st_mtime_ns)
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
+
+
+@pytest.fixture(scope="session")
+def made_once(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> Iterator[Callable[[str, Callable[[Path], object]], Path]]:
+    """Return what makes a folder once in a run of the tests, for all workers of it.
+
+    ``made_once(name, make)`` calls ``make(folder)`` unless a worker did; the others wait for it.
+    What is made is left as it is: a test that changes something copies it first.
+    """
+    base = tmp_path_factory.getbasetemp()
+    place = (base.parent if "PYTEST_XDIST_WORKER" in os.environ else base) / "made-once"
+    place.mkdir(exist_ok=True)
+    used: dict[Path, dict[Path, tuple[int, int]]] = {}
+
+    def made(name: str, make: Callable[[Path], object]) -> Path:
+        folder = place / name
+        with (place / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not folder.exists():
+                scratch = place / f"{name}.new"
+                shutil.rmtree(scratch, ignore_errors=True)  # of a worker that failed
+                scratch.mkdir()
+                make(scratch)
+                scratch.rename(folder)
+        used.setdefault(folder, _changes(folder))
+        return folder
+
+    yield made
+    for folder, before in used.items():
+        assert _changes(folder) == before, f"a test changed {folder}"
+
+
+@pytest.fixture(scope="session")
+def two_avenues_twin(made_once: Callable[[str, Callable[[Path], object]], Path]) -> "Twin":
+    """Return the twin of the example, which is made once."""
+    from urbantwin.site import load_site
+    from urbantwin.twin import build_twin, load_twin
+
+    def make(folder: Path) -> None:
+        build_twin(load_site(ROOT / "examples" / "two-avenues" / "site.yaml"), folder / "twin")
+
+    return load_twin(made_once("two-avenues", make) / "twin")
 
 
 @pytest.fixture

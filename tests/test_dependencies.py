@@ -4,6 +4,7 @@ import ast
 import re
 import sys
 import tomllib
+from functools import cache
 from importlib.metadata import packages_distributions
 from pathlib import Path
 
@@ -30,6 +31,7 @@ def named(requirements: list[str]) -> set[str]:
     return {plain(re.split(r"[^A-Za-z0-9._-]", line)[0]) for line in requirements}
 
 
+@cache
 def imported() -> dict[str, str]:
     """Top-level modules that the package imports, and a file that does."""
     found = {}

@@ -3,8 +3,6 @@
 import importlib
 from pathlib import Path
 
-import pytest
-
 SOURCE = Path(__file__).parents[1] / "src" / "urbantwin"
 PACKAGES = sorted(
     ".".join(("urbantwin", *path.parent.relative_to(SOURCE).parts))
@@ -18,14 +16,15 @@ def constants_classes_functions(name: str) -> tuple[int, str]:
     return (0 if name.isupper() else 1 if name[0].isupper() else 2, name)
 
 
-@pytest.mark.parametrize("name", PACKAGES)
-def test_a_package_has_a_purpose_and_sorted_public_names(name: str) -> None:
-    package = importlib.import_module(name)
-    assert package.__doc__, "no docstring"
-    assert list(package.__all__) == sorted(package.__all__, key=constants_classes_functions)
-    assert len(set(package.__all__)) == len(package.__all__)
-    for public in package.__all__:
-        assert hasattr(package, public), public
+def test_packages_have_a_purpose_and_sorted_public_names() -> None:
+    for name in PACKAGES:
+        package = importlib.import_module(name)
+        assert package.__doc__, f"{name}: no docstring"
+        names = list(package.__all__)
+        assert names == sorted(names, key=constants_classes_functions), name
+        assert len(set(names)) == len(names), name
+        for public in names:
+            assert hasattr(package, public), f"{name}: {public}"
 
 
 def test_modules_are_named_after_what_they_hold() -> None:

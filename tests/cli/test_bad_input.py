@@ -17,10 +17,13 @@ Edit = Callable[[Path, dict[str, Any]], None]
 
 @pytest.fixture
 def site(tmp_path: Path, two_avenues: Path) -> Path:
-    """A copy of the example, to be spoiled."""
+    """A copy of the example, somewhat smaller, to be spoiled."""
     folder = tmp_path / "site"
     shutil.copytree(two_avenues, folder)
-    return folder / "site.yaml"
+    path = folder / "site.yaml"
+    text = path.read_text().replace("radius_m: 130", "radius_m: 85")
+    path.write_text(f"{text}\nclosed_loop: false\n")
+    return path
 
 
 def missing_extract(folder: Path, fields: dict[str, Any]) -> None:

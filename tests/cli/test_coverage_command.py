@@ -6,15 +6,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from urbantwin.site import load_site
-from urbantwin.twin import build_twin
 
-
-@pytest.fixture(scope="module")
-def twin(two_avenues, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("coverage") / "twin"
-    build_twin(load_site(two_avenues / "site.yaml"), folder)
-    return folder
+@pytest.fixture
+def twin(two_avenues_twin):
+    return two_avenues_twin.folder
 
 
 def test_a_folder_with_map_numbers_and_picture(twin, run_here, tmp_path):

@@ -12,15 +12,12 @@ from lxml import etree
 from pyproj import Transformer
 
 from urbantwin.roads.netconvert import sumo_binary, sumo_environment
-from urbantwin.site import load_site
-from urbantwin.twin import build_twin, load_twin
+from urbantwin.twin import load_twin
 
 
-@pytest.fixture(scope="module")
-def twin(two_avenues, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("export") / "twin"
-    build_twin(load_site(two_avenues / "site.yaml"), folder)
-    return folder
+@pytest.fixture
+def twin(two_avenues_twin):
+    return two_avenues_twin.folder
 
 
 def test_opendrive_is_written_in_the_version_asked_for(twin, run_here, tmp_path):

@@ -34,7 +34,7 @@ def test_from_a_map_to_frames(map_file, run_here, tmp_path):
     assert outcome.code == 0, outcome.err
     assert json.loads(outcome.out)["name"] == "Long Avenue / Cross Street"
     fields = yaml.safe_load((site / "site.yaml").read_text())
-    fields["region"]["radius_m"] = 60
+    fields |= {"region": {"radius_m": 60}, "closed_loop": False}
     fields["traffic"] |= {"duration_s": 1, "warmup_s": 20, "per_hour": {"car": 300}}
     fields["rig"]["sensors"][0]["columns"] = 512
     (site / "site.yaml").write_text(yaml.safe_dump(fields))

@@ -21,6 +21,7 @@ def site(tmp_path_factory: pytest.TempPathFactory, two_avenues: Path) -> Path:
     folder = tmp_path_factory.mktemp("site") / "two-avenues"
     shutil.copytree(two_avenues, folder)
     fields = yaml.safe_load((folder / "site.yaml").read_text())
+    fields |= {"region": {"radius_m": 60}, "closed_loop": False}
     fields["traffic"] |= {"per_hour": PER_HOUR, "duration_s": 0.5, "warmup_s": 20}
     fields["rig"]["sensors"][0] |= {"model": "OS1-64", "columns": 512}
     fields["rig"]["sensors"][1]["model"] = "VLP-16"
@@ -93,7 +94,7 @@ def test_nothing_names_this_machine_or_the_time(made: Path, site: Path) -> None:
 
 
 def test_each_stage_alone_gives_the_bytes_of_run(
-    made: Path, site: Path, run_program: Run, tmp_path: Path
+    made: Path, site: Path, run_here: Run, tmp_path: Path
 ) -> None:
     twin, motion, dataset = (tmp_path / name for name in ("twin", "motion", "dataset"))
     rig = tmp_path / "rig.yaml"
@@ -103,7 +104,7 @@ def test_each_stage_alone_gives_the_bytes_of_run(
         ("traffic", twin, "-o", motion, "--seconds", "0.5", "--seed", "1"),
         ("record", twin, motion, "--rig", rig, "-o", dataset, "--workers", "2", "--no-pictures"),
     ):
-        outcome = run_program(*arguments, "--quiet")
+        outcome = run_here(*arguments, "--quiet")
         assert (outcome.code, outcome.out, outcome.err) == (0, "", "")
     for folder in (twin, motion, dataset):
         mine = files(folder)

@@ -1,4 +1,4 @@
-"""Twins to export: the example (right-hand traffic), and a real place with left-hand traffic."""
+"""Twins to export: beside the example (right-hand traffic), a real place with left-hand traffic."""
 
 import json
 import os
@@ -10,7 +10,7 @@ import pytest
 from urbantwin.site import load_site
 from urbantwin.site.initial_site import init_site
 from urbantwin.traffic.run import demand_of
-from urbantwin.twin import build_twin
+from urbantwin.twin import build_twin, load_twin
 
 ROOT = Path(__file__).parents[2]
 
@@ -33,16 +33,12 @@ def planned_once():
 
 
 @pytest.fixture(scope="session")
-def two_avenues_twin(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("two-avenues") / "twin"
-    return build_twin(load_site(ROOT / "examples" / "two-avenues" / "site.yaml"), folder)
+def perth_twin(shared_data, made_once):
+    def make(folder):
+        site = init_site(folder, shared_data / "osm" / "perth_stretched_lights.osm")
+        build_twin(load_site(site), folder / "twin")
 
-
-@pytest.fixture(scope="session")
-def perth_twin(shared_data, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("perth")
-    site = init_site(folder, shared_data / "osm" / "perth_stretched_lights.osm")
-    return build_twin(load_site(site), folder / "twin")
+    return load_twin(made_once("perth", make) / "twin")
 
 
 @pytest.fixture(scope="session")

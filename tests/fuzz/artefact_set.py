@@ -1,6 +1,8 @@
 """A small artefact of every kind, made once by the commands themselves, in a process of its own."""
 
 import atexit
+import json
+import os
 import shutil
 import subprocess
 import sys
@@ -10,7 +12,10 @@ from pathlib import Path
 
 import yaml
 
-__all__ = ["EXAMPLE", "artefacts", "content"]
+__all__ = ["EXAMPLE", "PLACE", "artefacts", "content", "make_artefacts"]
+
+#: The variable that names the folder of artefacts that others made.
+PLACE = "URBANTWIN_FUZZ_ARTEFACTS"
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "two-avenues"
@@ -28,30 +33,43 @@ _TRAFFIC = {
     **{"duration_s": 1, "warmup_s": 10, "step_s": 0.1, "seed": 1},
 }
 _QUICK = ("--no-pictures", "--quiet")
+_PROGRAM = """
+import json, sys
+from urbantwin.cli import main
+sys.exit(max(map(main, json.load(sys.stdin))))
+"""
 
 
 @cache
 def artefacts() -> Path:
     """Return a folder with ``twin``, ``motion``, ``dataset`` and ``coverage`` in it."""
+    if PLACE in os.environ:
+        return Path(os.environ[PLACE])
     folder = Path(tempfile.mkdtemp(prefix="fuzz-artefacts-"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    make_artefacts(folder)
+    return folder
+
+
+def make_artefacts(folder: Path) -> None:
+    """Make ``twin``, ``motion``, ``dataset`` and ``coverage`` in an empty folder."""
     site = yaml.safe_load((EXAMPLE / "site.yaml").read_text())
     for name in ("osm", "dem"):
         site[name]["file"] = str(EXAMPLE / site[name]["file"])
     site |= {"region": {"radius_m": 40}, "closed_loop": False, "traffic": _TRAFFIC, "rig": _RIG}
     (folder / "site.yaml").write_text(yaml.safe_dump(site))
     twin, motion = folder / "twin", folder / "motion"
-    for command in (
+    commands = (
         ("build", folder / "site.yaml", "--out", twin, *_QUICK),
         ("traffic", twin, "--out", motion, "--quiet"),
         ("record", twin, motion, "--out", folder / "dataset", "--stop", "0.2", "--workers", "1",
          *_QUICK),
         ("coverage", twin, "--out", folder / "coverage", "--quiet"),
-    ):  # fmt: skip
-        # Not in this process: its children are forked, and these commands start threads.
-        words = [sys.executable, "-m", "urbantwin", *map(str, command)]
-        subprocess.run(words, check=True, cwd=ROOT / "src", capture_output=True)
-    return folder
+    )  # fmt: skip
+    # Not in this process: its children are forked, and these commands start threads.
+    words = json.dumps([list(map(str, command)) for command in commands])
+    call = [sys.executable, "-c", _PROGRAM]
+    subprocess.run(call, input=words, text=True, check=True, cwd=ROOT / "src", capture_output=True)
 
 
 def content(name: str) -> bytes:

@@ -9,10 +9,10 @@ from .harness import Server, kept
 from .reader import Reader
 
 
-@pytest.fixture(scope="module")
-def fuzz_server(request: pytest.FixtureRequest) -> Iterator[Server]:
-    """The process that the readers of a module's table run below."""
-    server = Server(Path(request.path).stem)
+@pytest.fixture(scope="session")
+def fuzz_server() -> Iterator[Server]:
+    """The process that the readers of all tables run below."""
+    server = Server()
     yield server
     server.close()
 
@@ -24,7 +24,7 @@ def fuzz(fuzz_server: Server, request: pytest.FixtureRequest) -> Callable[[Reade
     def check(reader: Reader, mutations: int) -> None:
         if reader.real:
             request.getfixturevalue("shared_data")
-        answer = fuzz_server.ask(reader.name, mutations)
+        answer = fuzz_server.ask(Path(request.path).stem, reader.name, mutations)
         if "failed" in answer:
             pytest.fail(answer["failed"])
         if answer["problems"]:

@@ -23,6 +23,7 @@ Mutator = Callable[[random.Random, bytes, bytes], bytes]
 MutatorsOf = Callable[[bytes], dict[str, Mutator]]
 
 _BOMB = 300 << 20  # bytes of a container's content that its few bytes stand for
+_UNPACKED = 64 << 20  # bytes of content that are packed again to change something inside
 
 
 def _inside(rng: random.Random, content: bytes, other: bytes, mutators_of: MutatorsOf) -> bytes:
@@ -199,7 +200,9 @@ def _container_of(  # noqa: PLR0911
     data: bytes, mutators_of: MutatorsOf
 ) -> dict[str, Mutator]:
     if data[:2] == b"PK":
-        if zipfile.ZipFile(io.BytesIO(data)).testzip() is not None:
+        archive = zipfile.ZipFile(io.BytesIO(data))
+        size = sum(member.file_size for member in archive.infolist())
+        if size > _UNPACKED or archive.testzip() is not None:
             return {}
 
         def inside_zip(rng: random.Random, data: bytes, other: bytes) -> bytes:

@@ -20,6 +20,7 @@ from typing import Any
 
 import pytest
 
+from .artefact_set import PLACE
 from .mutation import mutation
 from .one_child import place
 from .reader import Reader
@@ -35,29 +36,32 @@ FAILURES = ROOT / ".fuzz"
 
 
 class Server:
-    """The process that readers of one table run below.
+    """The process that readers run below."""
 
-    Args:
-        table: the module's name.
-    """
-
-    def __init__(self, table: str) -> None:
+    def __init__(self) -> None:
         # Children are forked: there must be no threads when they are.
         names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
         environment = {**os.environ, **dict.fromkeys(names, "1")}
         self._process = subprocess.Popen(
-            [sys.executable, str(Path(__file__).with_name("server.py")), table, "--serve"],
+            [sys.executable, str(Path(__file__).with_name("server.py")), "--serve"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             env=environment,
             text=True,
         )
 
-    def ask(self, reader: str, last: int) -> dict[str, Any]:
-        """Let a reader read its mutations before ``last``; return what ``run_reader`` does."""
+    def ask(self, table: str, reader: str, last: int) -> dict[str, Any]:
+        """Let a reader read its mutations before ``last``; return what ``run_reader`` does.
+
+        Args:
+            table: name of the module that has the reader.
+            reader: its name.
+            last: how many mutations.
+        """
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        self._process.stdin.write(json.dumps({"reader": reader, "first": 0, "last": last}) + "\n")
+        asked = {"table": table, "reader": reader, "first": 0, "last": last}
+        self._process.stdin.write(json.dumps({**asked, "artefacts": os.environ.get(PLACE)}) + "\n")
         self._process.stdin.flush()
         answer = self._process.stdout.readline()
         assert answer, f"the server ended with {self._process.wait()}"

@@ -16,9 +16,13 @@ import sys
 import tempfile
 import time
 import traceback
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Any
+
+import numba
+import typer
 
 ROOT = Path(__file__).parents[2]
 #: What readers import when they are called: once here, and not in every child.
@@ -30,17 +34,25 @@ LATE = [
 PATIENCE = 60.0
 
 
-def _load(table: str) -> list[Any]:
-    """Return the readers of a file of this folder, as its package would import it."""
+@cache
+def _begin() -> None:
+    """Import what all tables need."""
     # A package of this name may be installed by others; ours is a folder.
     sys.path[0] = str(ROOT / "src")
     package = ModuleType("tests")
     package.__path__ = [str(ROOT / "tests")]
     sys.modules["tests"] = package
-    readers = importlib.import_module(f"tests.fuzz.{table}").READERS
     for name in LATE:
         importlib.import_module(name)
-    return readers
+    numba.njit(lambda number: number)(0)  # what any first call sets up
+    # What the options of all commands are is found out once, and not for every bad file.
+    typer.main.get_command = cache(typer.main.get_command)
+
+
+def _load(table: str) -> list[Any]:
+    """Return the readers of a file of this folder, as its package would import it."""
+    _begin()
+    return importlib.import_module(f"tests.fuzz.{table}").READERS
 
 
 def _processor_time(pid: int) -> float:
@@ -133,14 +145,19 @@ def _run_child(  # noqa: PLR0912, PLR0915
     return now + 1
 
 
-def _serve(table: str) -> None:
-    """Answer lines ``{"reader": NAME, "first": 0, "last": 50}`` until there are no more."""
+def _serve() -> None:
+    """Answer lines ``{"table": NAME, "reader": NAME, "first": 0, "last": 50}`` until the last."""
     answers = os.dup(1)
     os.dup2(2, 1)
-    readers = {reader.name: reader for reader in _load(table)}
+    _begin()
+    from tests.fuzz.artefact_set import PLACE
+
     for line in sys.stdin:
         asked = json.loads(line)
+        if asked["artefacts"]:
+            os.environ[PLACE] = asked["artefacts"]
         try:
+            readers = {reader.name: reader for reader in _load(asked["table"])}
             answer = run_reader(readers[asked["reader"]], asked["first"], asked["last"])
         except Exception as error:
             answer = {"failed": f"{type(error).__name__}: {error}"}
@@ -175,7 +192,7 @@ def _by_hand(arguments: argparse.Namespace) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
-    parser.add_argument("table")
+    parser.add_argument("table", nargs="?")
     parser.add_argument("--serve", action="store_true")
     parser.add_argument("--reader")
     parser.add_argument("--mutations", type=int, default=2000)
@@ -183,6 +200,6 @@ if __name__ == "__main__":
     parser.add_argument("--show", type=int)
     wanted = parser.parse_args()
     if wanted.serve:
-        _serve(wanted.table)
+        _serve()
     else:
         _by_hand(wanted)

@@ -2,7 +2,8 @@
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
+import shutil
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +30,7 @@ from urbantwin.traffic.network import StreetNetwork
 from urbantwin.twin import Twin, load_twin
 from urbantwin.view.labelled_frame import read_labelled_points
 
-from .artefact_set import artefacts, content
+from .artefact_set import PLACE, artefacts, content, make_artefacts
 from .harness import NUMBERS
 from .reader import Reader
 from .test_site_readers import made
@@ -202,15 +203,24 @@ READERS = [
 ]  # fmt: skip
 
 
+@pytest.fixture(scope="module", autouse=True)
+def made_artefacts(made_once: Callable[[str, Callable[[Path], object]], Path]) -> Iterator[None]:
+    """Make the artefacts once for this process, the readers' and those of other workers."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(PLACE, str(made_once("fuzz-artefacts", make_artefacts)))
+        yield
+
+
 @pytest.mark.parametrize("mutations", NUMBERS)
 @pytest.mark.parametrize("reader", READERS, ids=str)
 def test_bad_files(reader: Reader, mutations: int, fuzz: Callable[[Reader, int], None]) -> None:
     fuzz(reader, mutations)
 
 
-def test_the_sound_files_are_read() -> None:
+def test_the_sound_files_are_read(tmp_path: Path) -> None:
     """Otherwise all of the above could pass by refusing everything."""
-    folder = artefacts()
+    folder = tmp_path / "copy"  # what is written goes beside it
+    shutil.copytree(artefacts(), folder)
     for use in (use_mesh, use_model, use_roads, use_network, rig_on, lambda twin: twin.site):
         use(load_twin(folder / "twin"))
     read_motion(folder / "motion" / "motion.json")

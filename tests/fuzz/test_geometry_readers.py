@@ -391,15 +391,15 @@ def built(path: Path) -> None:
     """What `build` does with a source that is placed by hand."""
     spec = GeometrySpec(file=path.name, similarity=SimilaritySpec(), up="z", unit="m")
     source = GeometrySource(spec, Document(path.parent / "site.yaml", {"geometry": [{}]}), 0)
-    region = shapely.box(-20, -20, 20, 20)
-    road = shapely.box(-20, -3, 20, 3)
+    region = shapely.box(-10, -10, 10, 10)
+    road = shapely.box(-10, -3, 10, 3)
     reconstruct([source], FRAME, Surroundings(region, road, (), np.zeros((0, 3))))
 
 
 def _street() -> list[bytes]:
     """A square of ground, drawn as quads, with a house on it."""
     rows = [b"o street"]
-    line = range(-25, 26, 5)
+    line = range(-15, 16, 5)
     rows += [b"v %d %d %.2f" % (x, y, 0.01 * x) for x in line for y in line]
     n = len(line)
     for i in range(n - 1):

@@ -160,19 +160,10 @@ def check_inventory(folder: Path) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-def finish(stand: Stand, key: str, command: Command, out: Path, place: Path) -> str:
-    """Give the command once more, check its bytes and that there is nothing else; return stderr."""
-    done = subprocess.run(
-        command_line(command.arguments(stand, out)),
-        env=stand.environment(place),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ""
+def finish(stand: Stand, key: str, command: Command, out: Path, place: Path) -> None:
+    """Give the command once more, check its bytes and that there is nothing else."""
+    assert stand.ran(command.arguments(stand, out), place) == (0, "")
     check_whole(stand, key, command, out, place)
-    return done.stderr
 
 
 def check_whole(stand: Stand, key: str, command: Command, out: Path, place: Path) -> None:

@@ -7,13 +7,18 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
+import pytest
 import yaml
+
+from urbantwin.cli import main
 
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "two-avenues"
@@ -96,9 +101,11 @@ class Stand:
 
     Args:
         folder: where all of it is.
+        closed_loop: whether its streets are closed to a loop, which takes six times as long.
     """
 
     folder: Path
+    closed_loop: bool = False
     durations_s: dict[str, float] = field(default_factory=dict)
 
     @cached_property
@@ -107,7 +114,7 @@ class Stand:
         shutil.copytree(EXAMPLE, self.folder / "site")
         path = self.folder / "site" / "site.yaml"
         fields = yaml.safe_load(path.read_text())
-        fields["region"] = {"radius_m": 40}
+        fields |= {"region": {"radius_m": 40}, "closed_loop": self.closed_loop}
         fields["traffic"] |= {"duration_s": 2.0, "warmup_s": 5}
         sensor = {"name": "corner", "model": "VLP-16", "columns": 900, "yaw_deg": 135}
         sensor |= {"east_m": 12, "north_m": -12, "height_m": 4.0}
@@ -174,12 +181,19 @@ class Stand:
         if not out.exists():
             arguments = command.arguments(self, out)  # makes what the command reads
             began = time.monotonic()
-            self._called(arguments)
+            done = subprocess.run(
+                command_line(arguments),
+                env=self.environment(),
+                capture_output=True,
+                text=True,
+                check=False,
+            )
             self.durations_s[key] = time.monotonic() - began
+            assert done.returncode == 0, done.stderr
         return out
 
     def duration_s(self, key: str) -> float:
-        """Return how long a command takes, everything that it needs being there."""
+        """Return how long a command takes as a program, everything that it needs being there."""
         self.expected(key)
         return self.durations_s[key]
 
@@ -196,21 +210,30 @@ class Stand:
             "MPLCONFIGDIR": str(self.folder / "matplotlib"),
         }
 
+    def ran(self, arguments: list[object], place: Path | None = None) -> tuple[int, str]:
+        """Run a command in this process, which saves the imports; return its code and stderr."""
+        with pytest.MonkeyPatch.context() as patch, tempfile.TemporaryFile("w+") as err:
+            for name, value in self.environment(place).items():
+                patch.setenv(name, value)
+            patch.setattr(tempfile, "tempdir", None)
+            before = os.dup(2)
+            os.dup2(err.fileno(), 2)  # of its workers too
+            try:
+                with redirect_stderr(err), redirect_stdout(err):
+                    code = main([*map(str, arguments), "--quiet"])
+                    err.flush()
+            finally:
+                os.dup2(before, 2)
+                os.close(before)
+            err.seek(0)
+            return code, err.read()
+
     def _made(self, name: str, arguments: list[object]) -> Path:
         out = self.folder / name
         if not out.exists():
-            self._called(arguments)
+            code, err = self.ran(arguments)
+            assert code == 0, err
         return out
-
-    def _called(self, arguments: list[object]) -> None:
-        done = subprocess.run(
-            command_line(arguments),
-            env=self.environment(),
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert done.returncode == 0, done.stderr
 
 
 def command_line(arguments: list[object]) -> list[str]:

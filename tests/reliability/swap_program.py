@@ -1,7 +1,8 @@
 """Writes an output and kills itself at the n-th thing that it asks of the file system.
 
 ``python swap_program.py FOLDER KIND EXCHANGE OLDER FIRST LAST``: for each n a process is forked, so
-the imports are paid for once. Prints ``n ended`` or ``n killed`` a line.
+the imports are paid for once, until one asks for fewer things and ends. Prints ``n ended`` or
+``n killed`` a line.
 """
 
 from __future__ import annotations
@@ -77,6 +78,8 @@ def main() -> None:
         shutil.copytree(place, Path(folder) / f"{n} left", symlinks=True)
         write(target, kind, 1)  # the next run
         sys.stdout.write(f"{n} {how} {os.waitstatus_to_exitcode(status)}\n")
+        if how == "ended":
+            break
 
 
 if __name__ == "__main__":

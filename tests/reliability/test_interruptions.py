@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from .kill_harness import PATIENCE_S, SCRATCH, check_whole, killed, processes_of
+from .kill_harness import PATIENCE_S, SCRATCH, check_whole, finish, killed, processes_of
 from .small_site import COMMANDS, Stand, command_line
 
 
@@ -58,7 +58,7 @@ def test_an_interruption_of_all_at_once_and_twice(
 ) -> None:
     process, out = waited(stand, tmp_path, key)
     assert process.stderr is not None
-    time.sleep(0.3)
+    time.sleep(0.1)
     if to_all:  # what a terminal that closes does, or `timeout`
         os.killpg(process.pid, signal.SIGTERM)
     else:
@@ -80,18 +80,12 @@ def test_a_second_run_is_refused_and_the_first_ends_whole(stand: Stand, tmp_path
     stand.expected("traffic")
     process, out = waited(stand, tmp_path, "traffic")
     assert process.stderr is not None
-    second = subprocess.run(
-        command_line(COMMANDS["traffic"].arguments(stand, out)),
-        env=stand.environment(tmp_path),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    second = stand.ran(COMMANDS["traffic"].arguments(stand, out), tmp_path)
     assert process.poll() is None, "the first was over too soon for this test"
-    assert second.returncode == 2
-    assert second.stderr == (
+    assert second == (
+        2,
         f"error: {out}: another run is writing it (process {process.pid}); "
-        "expected another output, or to wait for that run\n"
+        "expected another output, or to wait for that run\n",
     )
     assert process.wait(PATIENCE_S) == 0
     assert process.stderr.read() == b""
@@ -106,12 +100,6 @@ def test_a_killed_run_leaves_no_lock(stand: Stand, tmp_path: Path) -> None:
     process.wait()
     assert process.stderr is not None
     process.stderr.close()
-    done = subprocess.run(  # at once: SUMO may still be ending
-        command_line(COMMANDS["traffic"].arguments(stand, out)),
-        env=stand.environment(tmp_path),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (done.returncode, done.stderr) == (0, "")
-    check_whole(stand, "traffic", COMMANDS["traffic"], out, tmp_path)
+    finish(
+        stand, "traffic", COMMANDS["traffic"], out, tmp_path
+    )  # at once: SUMO may still be ending

@@ -32,6 +32,7 @@ def test_offsets_of_a_map_with_programs_reach_every_artefact(write_osm, tmp_path
     site = {
         "anchor": {"latitude": 48.7, "longitude": 9.18},
         "region": {"radius_m": 120},
+        "closed_loop": False,
         "roads": {"file": "map.xodr"},
         "signals": [{"junction": "A / B", "offset": 7}],
         "rig": {"sensors": [{"name": "a", "model": "OS1-128", "east_m": 9.0, "north_m": 9.0,

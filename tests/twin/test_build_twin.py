@@ -18,9 +18,9 @@ from urbantwin.twin import build_twin, load_twin
 EXAMPLE = Path(__file__).parents[2] / "examples" / "two-avenues"
 
 
-@pytest.fixture(scope="module")
-def twin(tmp_path_factory):
-    return build_twin(load_site(EXAMPLE / "site.yaml"), tmp_path_factory.mktemp("example") / "twin")
+@pytest.fixture
+def twin(two_avenues_twin):
+    return two_avenues_twin
 
 
 def bridge_site(tmp_path, write_osm):

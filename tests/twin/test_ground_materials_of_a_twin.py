@@ -79,6 +79,7 @@ def twin(tmp_path_factory):
     site = {
         "anchor": {"latitude": LATITUDE, "longitude": LONGITUDE},
         "region": {"radius_m": 120},
+        "closed_loop": False,
         "osm": "map.osm",
         "imagery": [{"file": "lawn.tif", "attribution": "Survey of Lawns"}],
         **RIG,

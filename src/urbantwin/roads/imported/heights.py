@@ -25,6 +25,8 @@ STEP_M = 2.0
 #: Least height of a road above another that it passes over, metres (least clearance that trucks
 #: need is 4 m; maps draw bridges of less).
 OVER_M = 2.5
+#: Points so far outside the convex hull of others are beyond it, whatever was rounded, metres.
+HULL_RIM_M = 1e-3
 #: The ground is not raised to a bridge this close to the road below it, metres.
 UNDER_M = 6.0
 #: Cell of the ground's grid, and the most cells that it may have, beyond which cells grow.
@@ -160,12 +162,17 @@ class _Sheet:
             # All on one line: there are no triangles, and the nearest point is as good.
             with contextlib.suppress(QhullError):
                 self._planes = LinearNDInterpolator(points[:, :2], points[:, 2])
+                # Beyond it every triangle would be tried in turn.
+                self._hull = shapely.MultiPoint(points[:, :2]).convex_hull.buffer(HULL_RIM_M)
+                shapely.prepare(self._hull)
 
     def __call__(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
         xy = np.asarray(xy, np.float64).reshape(-1, 2)
         if self._planes is None:
             return np.asarray(self._height[self._tree.query(xy)[1]])
-        found = np.asarray(self._planes(xy))
+        found = np.full(len(xy), np.nan)
+        within = shapely.contains_xy(self._hull, xy[:, 0], xy[:, 1])
+        found[within] = self._planes(xy[within])
         beyond = np.isnan(found)
         found[beyond] = self._height[self._tree.query(xy[beyond])[1]]
         return found
