@@ -13,7 +13,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 #: Not imported: run as a program, only its files are read, or optuna's CMA-ES imports it.
-ONLY_FILES = {"cmaes", "eclipse-sumo", "tzdata"}
+ONLY_FILES = {"cmaes", "eclipse-sumo", "embreex", "tzdata"}
 #: The package itself, and pydantic's other half, of which pydantic names the one version it needs.
 NOT_DECLARED = {"urbantwin", "pydantic_core"}
 #: Extras of what only some users need: modules that import them are imported where they are.

@@ -99,7 +99,8 @@ def test_a_module_of_the_same_name_hides_no_function() -> None:
 
 
 def test_no_function_has_the_name_of_a_package() -> None:
-    packages = {path.stem for path in (ROOT / "src" / "urbantwin").iterdir()}
+    packages = {path.stem for path in (ROOT / "src" / "urbantwin").glob("*.py")}
+    packages |= {path.parent.name for path in (ROOT / "src" / "urbantwin").glob("*/__init__.py")}
     assert not packages & set(ut.__all__)
 
 

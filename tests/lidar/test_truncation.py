@@ -28,7 +28,7 @@ def standing(*actors):
         np.array([shape.high for shape in shapes]),
         np.array([pose.rotation for pose in poses]),
         np.array([pose.translation for pose in poses]),
-        [shape.caster for shape in shapes],
+        [shape.scene for shape in shapes],
     )
 
 
