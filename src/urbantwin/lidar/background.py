@@ -1,4 +1,4 @@
-"""The static world as a real sensor measured it, beam by beam, in place of the modelled one."""
+"""A measured background: at which ranges a real, fixed sensor saw the static world, by beam."""
 
 from __future__ import annotations
 
@@ -29,8 +29,8 @@ class MeasuredBackground:
         sigma_m: (M, C, K) float32, standard deviation of the range, metres; nan: not known.
         share: (M, C, K) float32, of the unobstructed looks, those that came back from there; nan:
             not known, of a beam with one range.
-        intensity: (M, C, K) float32, 0 to 1; nan where nobody knows.
-        looks: (C, K) int32, how many were unobstructed; 0 where nobody counted.
+        intensity: (M, C, K) float32, 0 to 1; nan: not known.
+        looks: (C, K) int32, how many were unobstructed; 0: not counted.
         model: of the sensor; empty: any that has as many channels and columns.
         turns_per_second: of it; nan: not known.
         name: of the sensor in its rig.

@@ -1,4 +1,4 @@
-"""Measured backgrounds in their file, and on the sensors of a rig that they were measured by."""
+"""Background files (``.npz``), and the rig whose sensors they were measured by."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def load_backgrounds(path: Path) -> list[MeasuredBackground]:
         if lacking:
             problem = f"lacks {', '.join(lacking)}"
             raise InputError(problem, file=path, place=one.name or None, expected=_EXPECTED)
-        with np.errstate(over="ignore", invalid="ignore"):  # told as out of bounds
+        with np.errstate(over="ignore", invalid="ignore"):  # refused as out of bounds
             background = MeasuredBackground(
                 np.asarray(images["range_m"], np.float32),
                 np.asarray(images["sigma_m"], np.float32),

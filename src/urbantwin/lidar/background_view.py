@@ -1,4 +1,4 @@
-"""What a sensor sees of a background that was measured, in place of the modelled static world."""
+"""The static world as a sensor with a measured background sees it."""
 
 from __future__ import annotations
 

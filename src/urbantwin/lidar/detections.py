@@ -98,7 +98,7 @@ def within_boxes(
     """Return detections with the ranges of actors noisy, quantised and inside their boxes.
 
     A beam is carried along with its actor to where that stands in its box. Beams that pass beside
-    the box all the same (it stands upright, the actor may not) are nobody's.
+    the box all the same (it stands upright, the actor may not) belong to no actor.
 
     Args:
         detections: as `detected`.

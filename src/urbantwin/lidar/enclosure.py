@@ -1,4 +1,4 @@
-"""Whether a point is inside something solid."""
+"""Point-in-solid test: whether a sensor would stand inside a building, a pole or a wall."""
 
 from __future__ import annotations
 

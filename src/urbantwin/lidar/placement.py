@@ -1,4 +1,4 @@
-"""A rig on its site: every sensor with its table of beams and its pose."""
+"""Placement of a rig on its site: every sensor with its beams and its pose."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ class _Site:
         assert one.altitude_m is not None
         if self._anchor_height_m is None:
             raise self._error(
-                "the site has no DEM, so nobody knows how high the sea is",
+                "the site has no DEM, so altitudes are not known",
                 f"{field}.altitude_m",
                 "height_m, or a site with a DEM",
             )

@@ -43,7 +43,7 @@ def boarded(
         file: the rig's file, for errors.
 
     Raises:
-        InputError: nobody such is in the motion, the carrier is not there at every frame (the
+        InputError: the motion has no such actor, the carrier is not there at every frame (the
             error says from when to when it is), or a sensor is inside it.
     """
     if rig.ride is None:

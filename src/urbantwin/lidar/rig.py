@@ -1,4 +1,4 @@
-"""Sensors on their mounts: all that is fixed of them, and where they are in a frame."""
+"""The rig: its sensors on their mounts, and where they are in a frame."""
 
 from __future__ import annotations
 
@@ -52,8 +52,8 @@ class MountedSensor:
         carrier_SE3_sensor: its pose in the frame of its carrier's mesh; ``None``: it stands.
         above_roof_m: height above its carrier's top, where that is what was said: the carrier's
             own height comes to it when the rig boards.
-        deskew: whether points of a sensor that rides are told from where it was when it measured
-            them, and not as if it had stood still since the frame's time.
+        deskew: whether points of a sensor that rides are corrected for its motion, and not left as
+            if it had stood still since the frame's time.
         calibration: how this unit differs from its datasheet.
         reflectivity: times what the table of materials says that they send back, by name.
         measured: what a real one found of the static world, to be seen in its place.

@@ -85,7 +85,7 @@ class Scanner:
             beams = Beams.of(one) if one.sensor.pattern is None else None
             path = None if rig.ride is not None else one.path(0, seed)
             if path is None or not path.is_fixed:
-                # Near nothing in particular: a vehicle goes about the whole site.
+                # A vehicle drives all over the site: its sensors are near no place in particular.
                 shared = shared or World(static, np.zeros(3), surface, self._tracer)
                 self._eyes.append(_Eye(number, one, model, shared, beams))
                 continue

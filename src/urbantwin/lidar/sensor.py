@@ -1,4 +1,4 @@
-"""What is known of a LiDAR: where its beams point, when they fire, what its maker says of it.
+"""A LiDAR's datasheet: where its beams point, when they fire, range, noise and intensity.
 
 Signs. Elevation is positive up. An azimuth offset is **counter-clockwise positive** seen from
 above, in the sensor frame (x forward, y left, z up), whatever the maker's own convention:

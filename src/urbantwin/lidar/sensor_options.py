@@ -1,4 +1,4 @@
-"""The sensors that a rig asks for, and whether their makers offer them so."""
+"""Sensor options: model, columns, rate and return mode as a rig asks and the maker offers them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from urbantwin.site.rig import RigSpec, SensorSpec
 
 __all__ = ["check_models", "columns_of", "returns_of", "turns_per_second_of", "window_of"]
 
-#: Which echoes a sensor reports that is not told: the first of these that its maker offers.
+#: Return mode of a sensor that names none: the first of these that its maker offers.
 _MODES: tuple[ReturnMode, ...] = ("strongest", "first", "last", "dual")
 
 #: Turns per second that a sensor may be asked for whatever its maker offers.

@@ -32,7 +32,7 @@ class SensorPath(Protocol):
     def reported_poses(
         self, time_s: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return where whoever writes the points believes the sensor is, in the same form.
+        """Return the poses that points are computed with, in the same form.
 
         A pole that sways is believed to stand still; a vehicle knows how it moves.
         """
@@ -70,7 +70,7 @@ class RidingPath:
     Attributes:
         carrier: the actor's path (``site_SE3_asset``), seconds from the frame's time.
         carrier_SE3_sensor: where the sensor is on it.
-        deskew: whether its motion during the frame is known to whoever writes the points.
+        deskew: whether points are corrected for its motion during the frame.
     """
 
     carrier: ActorPath

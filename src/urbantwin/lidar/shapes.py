@@ -1,4 +1,4 @@
-"""Meshes made ready for rays: an actor's, in the frame of its asset, or the static world's."""
+"""Shapes to cast rays at: meshes of actors, in their assets' frames, and of the static world."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How fast a sensor turns where a rig does not say so, and how many columns it then has."""
+"""The default spin rate of a sensor, and its columns per turn at a rate."""
 
 from __future__ import annotations
 

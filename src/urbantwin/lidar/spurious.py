@@ -1,4 +1,4 @@
-"""Points that stand on nothing: echoes of the air and of stray light, among those of surfaces."""
+"""Spurious returns: echoes of precipitation, fog and stray light among those of surfaces."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from urbantwin.taxonomy import semantic_id
 
 __all__ = ["Spurious"]
 
-#: Points of rain, snow, fog and stray light are nobody's: SemanticKITTI's class for them.
+#: SemanticKITTI's class of points that belong to no object: rain, snow, fog, stray light.
 _CLASS = semantic_id("outlier")
 
 
 @dataclass(frozen=True, eq=False)
 class Spurious:
-    """What one sensor reports in one turn besides surfaces.
+    """The spurious returns of one sensor in one turn.
 
     Attributes:
         mounted: the sensor.

@@ -1,4 +1,4 @@
-"""Where actors stand in their boxes: at the mean of the times at which beams met them."""
+"""Poses of actors in their boxes: at the mean of the times at which beams met them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a sensor's beams meet in the static world: of one that stands still, computed once."""
+"""The static world as a sensor's beams meet it; computed once for a sensor that stands still."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class World:
             mesh.vertices - self._origin, mesh.faces, mesh.semantic, mesh.material, mesh.part
         )
         shape = ActorShape(moved, with_hull=False)
-        # Nobody knows the rooms: what goes in through a window is lost, and does not come back
+        # Rooms are not modelled: what goes in through a window is lost, and does not come back
         # from the far side of a hollow building.
         shape.panes &= mesh.semantic != semantic_id("building")
         self._shapes = Shapes.of([shape])

@@ -12,7 +12,7 @@ The pole is a cantilever: where its top is displaced by d, it leans by ``1.3765 
 (slope over deflection of the first mode at the free end: Blevins, Formulas for Natural Frequency
 and Mode Shape, 1979, table 8-1).
 
-Whoever writes the points does not know of the sway: the reported pose stands still.
+Points are computed without the sway: the reported pose stands still.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ __all__ = ["SwayingPath", "displacement"]
 TONES = 32
 #: Slope times length over deflection of a cantilever's free end in its first mode.
 SLOPE_OF_FIRST_MODE = 1.3765
-#: The spectrum is taken up to so many times the first mode; there is nothing to speak of beyond.
+#: The spectrum is taken up to so many times the first mode; the power beyond is negligible.
 _HIGHEST = 4.0
 #: Tells the draws of sway from those of returns, whose keys hold a frame's number there.
 _OF_SWAY = 0b11 << 46

@@ -109,7 +109,7 @@ def sweeps_of(mounted: MountedSensor, frame_index: int, seed: int) -> tuple[Swee
     rolling = mounted.effects.rolling_shutter
     ring_s = ring_times(mounted) if rolling else np.zeros(mounted.sensor.channels)
     phase = 0.0 if mounted.sensor.pattern is not None else mounted.phase_deg / 360.0
-    # Free of the dust of binary fractions: the column at the phase is the first, not the last.
+    # Rounded, for binary fractions: the column at the phase is the first, not the last.
     order = np.round(np.arange(columns) - phase * columns, 9) % columns
     share = order / columns if rolling else np.zeros(columns)
     return tuple(

@@ -1,4 +1,4 @@
-"""What numba compiles: loops over rays. Types are inferred, so arguments are told in words.
+"""What numba compiles: loops over rays. Types are inferred, so docstrings state them.
 
 All arrays are C-ordered. Nothing here holds the interpreter's lock, so frames run on threads.
 """

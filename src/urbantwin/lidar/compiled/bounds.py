@@ -1,4 +1,4 @@
-"""The directions in which a box lies, as seen from a sensor."""
+"""Angular bounds of a box: the azimuths and elevations at which a sensor sees it."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Rays that met actors, as they lie with the actor where it stands at another moment."""
+"""Rays that met an actor, carried along with it to where it stands in its box."""
 
 import numpy as np
 

@@ -16,7 +16,7 @@ BESIDE = 1 << 20
 
 #: A beam with more layers than this loses the farthest.
 _MOST_LAYERS = 128
-#: Amplitude below which a surface is as good as none, unless nothing passes through it.
+#: Amplitude below which a surface is neglected, unless nothing passes through it.
 _FAINT = 1e-7
 #: Black, or met edge on: it is there, however faint.
 _FAINTEST = 1e-9

@@ -1,4 +1,4 @@
-"""Sorting what belongs to rays by their rays."""
+"""Grouping of layers by beam."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""How bright ground is from place to place: noise that only the place decides."""
+"""Spatially correlated reflectivity of ground: noise that depends on the place alone."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""From every beam of a turn to what the sensor reports: one pass.
+"""Detection over all beams of a turn, in one pass; points of what was detected.
 
 The same in numpy takes a dozen passes over arrays of a quarter of a million beams; it is what a
 frame mostly costs where few actors are near.

@@ -1,4 +1,4 @@
-"""Which of a beam's echoes a sensor reports."""
+"""Return mode: which of a beam's echoes a sensor reports."""
 
 import numpy as np
 

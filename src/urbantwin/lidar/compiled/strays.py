@@ -1,4 +1,4 @@
-"""Light of bright echoes that ends up in neighbouring beams, or in channels that fire with them."""
+"""Stray light of bright echoes: blooming into neighbouring beams, crosstalk between channels."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Where a rig sees how much: points per square metre on the ground and above it."""
+"""Coverage of a rig: points per square metre on the ground and above it."""
 
 from urbantwin.lidar.coverage.cells import Cells
 from urbantwin.lidar.coverage.ignore_areas import LEAST_POINTS, IgnoreArea, ignore_areas

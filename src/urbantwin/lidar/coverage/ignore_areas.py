@@ -1,6 +1,6 @@
 """Areas in plan where labels are not to be counted, because a rig cannot see there.
 
-What KITTI's ``DontCare`` boxes are to an image: whoever scores a detector leaves out what it finds
+What KITTI's ``DontCare`` boxes are to an image: a detector's score leaves out what it finds
 there, and what it does not find. Reasons:
 
 - ``outside`` of the region that the twin was built for: its traffic ends there.

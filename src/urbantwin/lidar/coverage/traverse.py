@@ -1,4 +1,4 @@
-"""Rays through the air above the ground, cell by cell: one pass, compiled."""
+"""Traversal of the grid's cells by rays through the air above the ground, compiled."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Actors at the borders of what a rig can see: how much of each is beyond, and why."""
+"""Actors at the border of a rig's field of view or of the region: truncation, and what counts."""
 
 from __future__ import annotations
 

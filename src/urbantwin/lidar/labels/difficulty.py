@@ -1,4 +1,4 @@
-"""How hard an actor is to find in a frame, in KITTI's three levels.
+"""Detection difficulty of an object, in KITTI's three levels.
 
 KITTI grades by occlusion (fully visible, partly, largely occluded), by truncation (at most 15, 30
 and 50 %) and by the height of the box in the image (Geiger et al. 2012, CVPR; the benchmark's

@@ -2,7 +2,7 @@
 
 Visibility is measured: of the rays that would return from an actor alone in the world, the share
 that do return from it. The same random draw decides a ray's return in both worlds, so the share
-tells of geometry and not of luck.
+depends on geometry and not on chance.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The labels of a frame put together: a class and an instance of every point, a box per actor."""
+"""Labelling of a frame: a class and an instance for every point, a box for every actor."""
 
 from __future__ import annotations
 

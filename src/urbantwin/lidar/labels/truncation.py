@@ -1,10 +1,10 @@
-"""How much of an actor lies outside of what a sensor sees, from rays.
+"""Truncation: the share of an actor outside a sensor's field of view, by ray casting.
 
 Rays are sent at the actor alone, evenly over the solid angle of its bounds, as if the sensor looked
 in all directions and to any distance. Of those that hit, the share that a `FieldOfView` does not
 hold is the truncation, 0 to 1: KITTI's notion of an object that leaves the image (Geiger et al.
 2012, CVPR, "Are we ready for autonomous driving?"), of a sensor's field and span of ranges. An
-actor that is well inside is told so by its bounds, without a ray.
+actor whose bounds are well inside needs no ray.
 """
 
 from __future__ import annotations
@@ -108,7 +108,7 @@ def truncations(
         hits = actors.scenes[number].cast(origin, local)
         hit = np.flatnonzero(hits.face >= 0)
         aims, range_m = aims[hit], hits.range_m[hit].astype(np.float64)
-        if not len(hit):  # Thinner than the rays stand apart: its middle tells.
+        if not len(hit):  # Thinner than the rays are apart: its middle decides.
             aims, range_m = middle[[number]] / span[number], away[[number]]
         found[number] = 1.0 - field.sees(aims, range_m).mean()
         beyond[number] = bool((range_m > far).all())

@@ -1,4 +1,4 @@
-"""Echoes that are added to a turn: of the air and of stray light, among those of surfaces."""
+"""Insertion of spurious echoes among those of surfaces."""
 
 from __future__ import annotations
 

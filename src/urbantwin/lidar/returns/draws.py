@@ -92,8 +92,8 @@ def truncated_noise(
 ) -> NDArray[np.float64]:
     """Return standard normal numbers (N,) given that they lie within [low, high].
 
-    A draw that lies within is kept. One that lies outside is as good as a fresh uniform number
-    of its tail, and is mapped to the inside by the inverse distribution: the result has exactly
+    A draw that lies within is kept. One that lies outside is uniformly distributed over
+    its tail, and is mapped to the inside by the inverse distribution: the result has exactly
     the distribution of drawing again until the number lies within.
 
     Args:

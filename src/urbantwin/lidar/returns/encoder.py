@@ -1,8 +1,8 @@
-"""Azimuths in the steps that a sensor reports them in.
+"""Encoder resolution: azimuths in the steps that a sensor reports.
 
 A sensor fires wherever its encoder stands, and says where that was in whole steps
 (``azimuth_step_deg``: a hundredth of a degree of Velodyne's and Hesai's packets). Columns that
-fall on a step, like those of 0.2 degrees or an Ouster's, are told exactly.
+fall on a step, like those of 0.2 degrees or an Ouster's, are exact.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a smooth boundary of water or glass mirrors, and what it lets through.
+"""Fresnel reflection and transmission of smooth water and glass.
 
 Fresnel's equations for unpolarised light (Born and Wolf 1999, Principles of Optics, 7th edition,
 section 1.5.2). Refractive indices: water 1.33 at 905 nm and 1.32 at 1550 nm (Hale and Querry 1973,

@@ -1,4 +1,4 @@
-"""The number that a sensor reports for how bright a return is, on its own scale.
+"""Reported intensity, on the sensor's own scale.
 
 Sensors report strength corrected for range, which is backscatter (times what the air left of it:
 no sensor knows the weather). A diffuse white surface gives the catalogue's ``intensity_of_white``,

@@ -1,9 +1,9 @@
 """Range noise from strength.
 
-How well the time of a pulse is told has a part that no light mends (jitter, steps of the clock)
-and one that goes with the inverse of the signal-to-noise ratio: the Cramer-Rao bound of the time
-of arrival (Van Trees 1968, Detection, Estimation, and Modulation Theory I, section 4.2.3; Richmond
-and Cain 2010, Direct-Detection LADAR Systems, SPIE TT85, chapter 6). Both add in squares:
+The error of a pulse's time of arrival has a part that more light does not reduce (jitter, steps of
+the clock) and one that goes with the inverse of the signal-to-noise ratio: the Cramer-Rao bound
+(Van Trees 1968, Detection, Estimation, and Modulation Theory I, section 4.2.3; Richmond and Cain
+2010, Direct-Detection LADAR Systems, SPIE TT85, chapter 6). Both add in squares:
 ``sigma = range_sigma_m x sqrt(1 + (KNEE_SNR / snr)^2)``.
 
 The OS1's datasheet of the first generation has both ends: 1.5 cm above an SNR of 250 and 10 cm at

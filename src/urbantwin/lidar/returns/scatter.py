@@ -1,4 +1,4 @@
-"""What surfaces send back of a beam.
+"""Backscatter of surfaces.
 
 Backscatter is relative to a white (100 %) Lambertian surface that is faced squarely: Lambert's
 surface gives ``reflectivity x cos(incidence)`` (Wagner et al. 2006, ISPRS J. Photogramm. 60(2),

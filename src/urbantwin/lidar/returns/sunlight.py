@@ -1,4 +1,4 @@
-"""Sunlight: how much there is, and what a sensor suffers from it.
+"""Sunlight: its illuminance, and the noise that it adds.
 
 Light of the sun that a target scatters into the receiver adds shot noise, whose variance grows in
 proportion to the light (Richmond and Cain 2010, Direct-Detection LADAR Systems, SPIE TT85, chapter

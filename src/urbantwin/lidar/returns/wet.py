@@ -1,4 +1,4 @@
-"""A film of water on the ground: darker, and more of a mirror the flatter the beam.
+"""Wet ground: a film of water darkens it, and mirrors more the flatter the beam.
 
 Inside the film light that was scattered is thrown back at the surface and hits the ground again,
 so a wet surface of reflectivity r has ``r / (r + n^2 (1 - r))`` (Angstrom 1925, Geogr. Ann. 7,

@@ -1,4 +1,4 @@
-"""Functions of numbers that numba compiles too, as Warp's."""
+"""Plain functions, which numba compiles too, as functions of Warp's."""
 
 from collections.abc import Callable
 from types import FunctionType
