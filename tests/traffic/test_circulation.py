@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import scipy.sparse
 import shapely
 
 from urbantwin.geometry import SiteFrame
@@ -21,8 +22,8 @@ from urbantwin.traffic.assets import asset, asset_names
 from urbantwin.traffic.circuit import Circuit
 from urbantwin.traffic.circulation import Circulation
 from urbantwin.traffic.flow_calibration import calibrate
-from urbantwin.traffic.network import StreetNetwork
-from urbantwin.traffic.routing_graph import driven_graph, walked_graph
+from urbantwin.traffic.network import StreetNetwork, has_walkway
+from urbantwin.traffic.routing_graph import WayGraph, driven_graph, walked_graph
 from urbantwin.traffic.simulation import observe, sumo_options, write_routes
 
 SECONDS = 1500
@@ -197,3 +198,48 @@ def test_a_network_without_a_way_round_has_no_circuit(
     circulation = Circulation(StreetNetwork(net, REGION), frozenset(), {"car": 100.0}, 1)
     assert not circulation.drives
     assert circulation.populations() == []
+
+
+def square_of_footways(outside: int) -> WayGraph:
+    """Four footways of 50 m in a ring, two of them gates, and outer roads that nothing leads to."""
+    count = 4 + outside
+    step = scipy.sparse.csr_array(
+        (np.full(4, 40.0), (np.arange(4), (np.arange(4) + 1) % 4)), shape=(count, count)
+    )
+    gate = np.full(count, -1)
+    gate[[0, 2]] = 0, 1
+    return WayGraph(
+        tuple(f"e{n}" for n in range(count)),
+        np.full(count, 50.0),
+        step * 1.25,
+        np.array([[n % 2 * 50.0, n // 2 * 50.0] for n in range(count)]),
+        step,
+        scipy.sparse.csr_array((count, count)),
+        np.arange(count) >= 4,
+        gate,
+        np.ones(2),
+    )
+
+
+@pytest.mark.parametrize("outside", [0, 2])
+def test_who_never_meets_an_outer_road_goes_round_from_gate_to_gate(outside: int) -> None:
+    """Half the ring is 80 s and 100 m, whether or not there are outer roads elsewhere."""
+    circuit = Circuit.of(square_of_footways(outside))
+    assert circuit is not None
+    assert circuit.usual(seed=1) == (pytest.approx(80.0), pytest.approx(100.0))
+    assert circuit.room_m == 200.0
+
+
+def test_no_more_walk_than_there_is_room(town: tuple[Path, frozenset[str]]) -> None:
+    net, outer = town
+    network = StreetNetwork(net, REGION)
+    few = Circulation(network, outer, {"pedestrian": 100.0}, seed=1).populations()[0]
+    many = Circulation(network, outer, {"pedestrian": 1e6}, seed=1)
+    (crowd,) = many.populations({"pedestrian": 0.02})
+    length = sum(edge.getLength() for edge in network.streets if has_walkway(edge))
+    assert few.without_room == 0
+    assert few.count < crowd.count <= length / 2.8
+    demand = many.demand([crowd], warmup_s=0.0, duration_s=1.0, asset_names=asset_names)
+    assert len(demand.trips) == crowd.count
+    (left,) = demand.left_out
+    assert (left.count, left.why) == (crowd.without_room, "no room on the footways")

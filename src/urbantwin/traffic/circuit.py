@@ -96,18 +96,31 @@ class Circuit:
     def usual(self, seed: int) -> tuple[float, float]:
         """Return the free travel time and the length of the usual way round.
 
-        The way round is from one entry into the region to the next.
+        The way round is from one entry into the region to the next; of who stays inside, from one
+        gate to the next.
         """
         random = np.random.Generator(np.random.Philox(key=[seed, 0]))
         state, seconds, metres, entries = self.begin(random.random()), 0.0, 0.0, 0
         for _ in range(_TRIED):
+            stays = not self.graph.outer[state]
             for following in self.passage(state, random):
                 seconds += float(self.graph.seconds[state, following])
                 metres += float(self.graph.metres[state, following])
                 entries += bool(self.graph.outer[state] and not self.graph.outer[following])
+                stays &= not self.graph.outer[following]
                 state = following
-        entries = max(entries, 1) if self.graph.outer.any() else _TRIED
-        return seconds / entries, metres / entries
+            entries += stays
+        return seconds / max(entries, 1), metres / max(entries, 1)
+
+    @property
+    def room_m(self) -> float:
+        """The length of all streets of the circuit, metres, both ways of each taken together."""
+        _, part = scipy.sparse.csgraph.connected_components(self.graph.seconds, connection="strong")
+        own = np.flatnonzero(part == part[self.starts[0]])
+        length = dict(
+            zip((self.graph.edges[n] for n in own), self.graph.length_m[own], strict=True)
+        )
+        return float(sum(length.values()))
 
 
 def _ways(

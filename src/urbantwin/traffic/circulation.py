@@ -25,6 +25,10 @@ _COMING_IN_S = 60.0
 _ON_FOOT = "pedestrian"
 #: Nobody comes in on a street that is shorter than this, where a queue leaves no room, metres.
 _ROOM_M = 25.0
+#: Length of footway per walker below which no more come in, metres: 5.6 m2 (60 square feet) at the
+#: 2 m that SUMO's sidewalks are wide, the border of level of service A of a walkway (Highway
+#: Capacity Manual 2010, chapter 23).
+_FOOTWAY_M = 2.8
 #: Some drive up to so much faster than the limit.
 _FASTEST = 1.25
 
@@ -88,8 +92,11 @@ class Circulation:
             rate = self.per_hour[name]
             share = 1.0 if name in ("bicycle", "pedestrian") else carried
             took = seconds / (pace or {}).get(name, 1.0)
-            count = max(1, int(np.floor(rate * share * took / 3600.0 + 0.5)))
-            found.append(Population(name, rate, count, seconds, metres))
+            wanted = max(1, int(np.floor(rate * share * took / 3600.0 + 0.5)))
+            count = wanted
+            if name == _ON_FOOT:
+                count = max(1, min(wanted, int(self._circuits[name].room_m / _FOOTWAY_M)))
+            found.append(Population(name, rate, count, seconds, metres, wanted - count))
         return found
 
     def demand(
@@ -115,6 +122,11 @@ class Circulation:
         left_out = [
             LeftOut(name, max(1, round(self.per_hour[name] / 60)), why)
             for name, why in self._missing.items()
+        ]
+        left_out += [
+            LeftOut(group.actor_class, group.without_room, "no room on the footways")
+            for group in populations
+            if group.without_room
         ]
         come_in_s = min(_COMING_IN_S, warmup_s / 2)
         needed_s = (warmup_s + duration_s) * _FASTEST + 120.0

@@ -72,6 +72,7 @@ class Population:
         count: how many actors there are.
         seconds: free travel time of the usual way round, from one entry to the next.
         metres: its length.
+        without_room: how many more the flow asks for than there is room for.
     """
 
     actor_class: str
@@ -79,6 +80,7 @@ class Population:
     count: int
     seconds: float
     metres: float
+    without_room: int = 0
 
 
 @dataclass(frozen=True)
