@@ -40,7 +40,7 @@ demo: $(RUNTIME)
 # Types are checked while the judges are downloaded and numba compiles: once, for all workers.
 test: $(DEVELOPMENT)
 	@$(MAKE) --no-print-directory -j2 lint judges compiled
-	$(BIN)/pytest -n auto --dist worksteal
+	$(BIN)/pytest -n auto --dist worksteal -m 'not fuzz and not kills'
 
 fuzz: $(DEVELOPMENT)
 	$(BIN)/pytest -n auto --dist loadgroup -m fuzz tests/fuzz
