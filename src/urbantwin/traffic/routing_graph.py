@@ -117,7 +117,8 @@ def walked_graph(network: StreetNetwork, outer: Set[str]) -> WayGraph | None:
     """Return the ways of pedestrians; ``None`` where walking is impossible.
 
     State 2k is edge k in its own direction, state 2k + 1 the other. The sidewalks of outer roads
-    that are connected are one gate; where there is none, every end of a sidewalk is.
+    that are connected are one gate; where all of them are, each street inside is one, and where
+    there is none, every end of a sidewalk is.
 
     Args:
         network: the streets.
@@ -226,9 +227,18 @@ def _walkers_gates(
         pairs = pairs[outside[pairs].all(axis=1)]
         graph = _matrix({(int(a), int(b)): 1.0 for a, b in pairs}, len(streets))
         _, part = scipy.sparse.csgraph.connected_components(graph, directed=False)
-        names, own = np.unique(part[outside], return_inverse=True)
-        gate[np.repeat(outside, 2)] = np.repeat(own, 2)
-        return gate, np.array([rank[outside][own == k].max() for k in range(len(names))])
+        # Whoever walks from one gate to itself never comes in: where all outer sidewalks of a
+        # place are one gate, each street inside is a gate in their stead.
+        links = _matrix({(a // 2, b // 2): 1.0 for a, b in arcs}, len(streets))
+        _, place = scipy.sparse.csgraph.connected_components(links, directed=False)
+        at_gate = outside.copy()
+        for one in np.unique(place[outside]):
+            here, inside = outside & (place == one), ~outside & (place == one)
+            if len(np.unique(part[here])) == 1 and inside.any():
+                at_gate = (at_gate & ~here) | inside
+        names, own = np.unique(part[at_gate], return_inverse=True)
+        gate[np.repeat(at_gate, 2)] = np.repeat(own, 2)
+        return gate, np.array([rank[at_gate][own == k].max() for k in range(len(names))])
     leads_on = {a for a, _ in arcs}
     ends = [state for state in range(len(gate)) if state not in leads_on]
     gate[ends] = np.arange(len(ends))

@@ -31,7 +31,7 @@ from urbantwin.traffic.signals import signal_table
 from urbantwin.traffic.simulation import Simulated, simulate
 from urbantwin.twin import Twin
 
-__all__ = ["demand_of", "run_traffic"]
+__all__ = ["demand_of", "outer_roads", "run_traffic"]
 
 #: Length of road that a standing car takes, with the gap before it, metres.
 CAR_SPACE_M = 7.0
@@ -167,7 +167,7 @@ def demand_of(
     network = StreetNetwork(twin.net_path, twin.region)
     circulation = None
     if twin.site.get("closed_loop"):
-        circulation = Circulation(network, _outer_roads(twin), asked["per_hour"], seed)
+        circulation = Circulation(network, outer_roads(twin), asked["per_hour"], seed)
     if circulation is not None and circulation.drives:
         found = calibrate(
             circulation,
@@ -195,7 +195,7 @@ def demand_of(
     )
 
 
-def _outer_roads(twin: Twin) -> frozenset[str]:
+def outer_roads(twin: Twin) -> frozenset[str]:
     """Return the edges of the outer roads: those that no way of the map is.
 
     Roads that are not made from ways have none: there one turns round where they end.

@@ -1,0 +1,37 @@
+"""A large junction whose outer sidewalks are all connected: walkers come in all the same."""
+
+from pathlib import Path
+
+import numpy as np
+
+import urbantwin as ut
+from urbantwin.traffic.circuit import Circuit
+from urbantwin.traffic.network import StreetNetwork
+from urbantwin.traffic.routing_graph import walked_graph
+from urbantwin.traffic.run import outer_roads
+
+
+def test_walkers_come_inside_and_are_as_many_as_have_room(
+    shared_data: Path, tmp_path: Path
+) -> None:
+    map_file = shared_data / "osm" / "manchester-kingsway.osm"
+    ut.init(tmp_path / "site", osm=map_file, progress=False)
+    twin = ut.build(tmp_path / "site/site.yaml", tmp_path / "twin", pictures=False, progress=False)
+    graph = walked_graph(StreetNetwork(twin.net_path, twin.region), outer_roads(twin))
+    assert graph is not None
+    circuit = Circuit.of(graph)
+    assert circuit is not None
+    assert len(circuit.gates) > 2
+    random = np.random.Generator(np.random.Philox(key=3))
+    state, inside = circuit.begin(0.5), 0
+    for _ in range(50):
+        passage = [state, *circuit.passage(state, random)]
+        inside += not graph.outer[passage].all()
+        state = passage[-1]
+    assert inside == 50
+
+    motion = ut.drive(twin, tmp_path / "motion", seconds=1, progress=False)
+    walkers = motion.manifest["classes"]["pedestrian"]
+    # Little's law: 400 an hour and some two minutes for a way round.
+    assert 5 <= walkers["asked"] == walkers["driven"] <= 40
+    assert motion.manifest["left_out"] == []
