@@ -101,7 +101,7 @@ def align(  # noqa: PLR0913 - the options of the command
     inputs = [Path(real), Path(twin), rig_file]
     check_file(target, inputs=inputs, replaces=rig_file)
     check_file(drawn, inputs=inputs)
-    loaded = twin if isinstance(twin, Twin) else Twin.open(twin)
+    loaded = Twin.open(twin)
     source = loaded.rig_path if rig_file is None else rig_file
     placed = rig_on(loaded, rig_file)
     with shown_stage("align", progress) as tell:

@@ -157,7 +157,7 @@ def coverage(
     rig_file = None if rig is None else Path(rig)
     inputs = [Path(twin), rig_file]
     check_folder(place, kind="coverage", inputs=inputs)
-    loaded = twin if isinstance(twin, Twin) else Twin.open(twin)
+    loaded = Twin.open(twin)
     placed = rig_on(loaded, rig_file)
     with replaced_folder(place, kind="coverage", inputs=inputs) as folder:
         with shown_stage("coverage", progress) as tell:

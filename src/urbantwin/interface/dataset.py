@@ -323,7 +323,7 @@ def record(  # noqa: PLR0913 - the options of the command
     from urbantwin.dataset.provenance import asked_of
     from urbantwin.dataset.recording import record as record_frames
     from urbantwin.interface.motion import Motion
-    from urbantwin.interface.rig import rig_on, rig_spec_on
+    from urbantwin.interface.rig import placed, rig_spec_on
     from urbantwin.interface.twin import Twin
     from urbantwin.lidar.background_file import rig_with_backgrounds
     from urbantwin.site.rig_changes import RigChanges
@@ -342,12 +342,12 @@ def record(  # noqa: PLR0913 - the options of the command
     rig_file = None if rig is None else Path(rig)
     inputs = [Path(twin), Path(motion), *([] if rig_file is None else [rig_file])]
     check_folder(place, kind="dataset", inputs=inputs)
-    on = twin if isinstance(twin, Twin) else Twin.open(twin)
-    moving = motion if isinstance(motion, Motion) else Motion.open(motion)
+    on = Twin.open(twin)
+    moving = Motion.open(motion)
     given = [background] if isinstance(background, str | os.PathLike) else background
     measured = [os.fspath(one) for one in given]
     spec, file = rig_spec_on(on, rig_file, changes)
-    placed = rig_with_backgrounds(rig_on(on, rig_file, changes), measured, fused=fuse)
+    mounted = rig_with_backgrounds(placed(spec, on, file), measured, fused=fuse)
     with shown_stage("record", progress) as tell:
 
         def also(folder: Path) -> None:
@@ -359,7 +359,7 @@ def record(  # noqa: PLR0913 - the options of the command
         record_frames(
             on,
             moving,
-            placed,
+            mounted,
             place,
             workers=workers,
             seed=seed,

@@ -84,7 +84,7 @@ def export(
 
     with shown_stage("export", progress, brief=True) as tell:
         tell(0.0, "reading the twin")
-        loaded = twin if isinstance(twin, Twin) else Twin.open(twin)
+        loaded = Twin.open(twin)
         tell(0.2, f"writing {to}")
         written = export_twin(loaded, to, place, version=version)
     return Exported(written.path, to, tuple(written.notes))

@@ -121,7 +121,7 @@ def background(  # noqa: PLR0913 - the options of the command
     assert frames is not None
     check_file(target, inputs=given)
     if twin is not None:
-        on = twin if isinstance(twin, Twin) else Twin.open(twin)
+        on = Twin.open(twin)
         beams = beams_of_rig(rig_on(on, rig_file), only=only, frame=points_in)
     else:
         assert sensor is not None

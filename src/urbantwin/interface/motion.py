@@ -42,11 +42,13 @@ class Motion(DrivenMotion):
 
     @classmethod
     def open(cls, folder: AnyPath) -> Motion:
-        """Open a motion's folder.
+        """Open a motion's folder; a motion is returned as it is.
 
         Raises:
             InputError: it is not a motion, or is damaged.
         """
+        if isinstance(folder, Motion):
+            return folder
         return replace(cls.load(Path(folder)), folder=Path(folder))
 
     @classmethod
@@ -69,7 +71,7 @@ class Motion(DrivenMotion):
         actors = ", ".join(f"{count} {name}" for name, count in seen.items()) or "no actors"
         return (
             f"Motion of {self.manifest['steps'] * self.step_s:g} s in steps of {self.step_s:g} s: "
-            f"{actors or 'no actors'}; seed {self.manifest['seed']} ({self.folder})"
+            f"{actors}; seed {self.manifest['seed']} ({self.folder})"
         )
 
     def summary(self) -> Summary:
@@ -129,7 +131,7 @@ def drive(
     file = None if demand is None else Path(demand)
     check_folder(place, kind="motion", inputs=[Path(twin), file])
     changes = None if file is None else load_traffic_changes(file)
-    loaded = twin if isinstance(twin, Twin) else Twin.open(twin)
+    loaded = Twin.open(twin)
     with shown_stage("traffic", progress) as tell:
         made = run_traffic(
             loaded, place, seconds=seconds, seed=seed, changes=changes, progress=tell

@@ -15,14 +15,19 @@ if TYPE_CHECKING:
     from urbantwin.site.rig_changes import RigChanges
     from urbantwin.twin import Twin
 
-__all__ = ["fields_below", "rig_on", "rig_spec_on"]
+__all__ = ["fields_below", "placed", "rig_on", "rig_spec_on"]
 
 
 def rig_on(twin: Twin, rig_file: Path | None = None, changes: RigChanges | None = None) -> Rig:
     """Place the rig of a file, or the twin's own, on a twin."""
+    spec, file = rig_spec_on(twin, rig_file, changes)
+    return placed(spec, twin, file)
+
+
+def placed(spec: RigSpec, twin: Twin, file: Path) -> Rig:
+    """Place a rig on a twin; errors name its file."""
     from urbantwin.lidar import place_rig
 
-    spec, file = rig_spec_on(twin, rig_file, changes)
     return place_rig(spec, twin.mesh, file=file, anchor_height_m=twin.anchor_height_m)
 
 

@@ -152,9 +152,9 @@ def tune(  # noqa: PLR0913 - the options of the command
     frames, _, _, rig_file = given
     assert frames is not None
     check_folder(place, kind="tuning", inputs=given)
-    on = twin if isinstance(twin, Twin) else Twin.open(twin)
+    on = Twin.open(twin)
     placed = rig_on(on, rig_file)
-    moving = motion if motion is None or isinstance(motion, Motion) else Motion.open(motion)
+    moving = None if motion is None else Motion.open(motion)
     with shown_stage("tune", progress) as tell:
         tune_rig(
             frames,

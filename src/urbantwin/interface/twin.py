@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from urbantwin.interface.place import AnyPath, folder_of_site
-from urbantwin.interface.rig import fields_below
+from urbantwin.interface.rig import fields_below, placed
 from urbantwin.interface.stage import ShowProgress, shown_stage
 from urbantwin.interface.summary import Summary
 from urbantwin.progress import Progress
@@ -39,11 +39,13 @@ class Twin(BuiltTwin):
 
     @classmethod
     def open(cls, folder: AnyPath) -> Twin:
-        """Open a twin's folder.
+        """Open a twin's folder; a twin is returned as it is.
 
         Raises:
             InputError: it is not a twin, or a file in it is not the one that was written.
         """
+        if isinstance(folder, Twin):
+            return folder
         found = load_twin(Path(folder))
         return cls(found.folder, found.manifest)
 
@@ -147,14 +149,13 @@ def site_with_known_sensors(path: Path) -> Site:
 
 def build_of(site: Site, out: Path, *, pictures: bool, progress: ShowProgress) -> Twin:
     """Build a twin that the site's own rig stands in, with pictures of it and of its geometry."""
-    from urbantwin.lidar import place_rig
     from urbantwin.twin import build_twin
 
     found: list[Reconstruction] = []
 
     def also(twin: BuiltTwin, tell: Progress) -> None:
         with fields_below(_rig_field(site), site.rig_file):
-            place_rig(site.rig, twin.mesh, file=site.rig_file, anchor_height_m=twin.anchor_height_m)
+            placed(site.rig, twin, site.rig_file)
         if pictures:
             from urbantwin.view.geometry_pictures import pictures_of_geometry
             from urbantwin.view.pictures import attributions, pictures_of_twin

@@ -63,7 +63,6 @@ class Echoes(NamedTuple):
         level: (E,) int32, the level below which a draw means a return.
         sigma: (E,) float32, standard deviation of the range, metres.
         intensity: (E,) float32.
-        peak: (E,) float32, what is left of the pulse's peak, see ``returns.stretch``.
         first: (M,) int32, the echo that is reported; -1 for none.
         second: (M,) int32, the one that is reported too, or in its place; -1 for none.
     """
@@ -77,7 +76,6 @@ class Echoes(NamedTuple):
     level: NDArray[np.int32]
     sigma: NDArray[np.float32]
     intensity: NDArray[np.float32]
-    peak: NDArray[np.float32]
     first: NDArray[np.int32]
     second: NDArray[np.int32]
 
@@ -210,7 +208,6 @@ def _echoes(
         level,
         sigma,
         intensity,
-        peak,
         first,
         second,
     ), AloneEchoes._make(values[:lone] for values in alone)

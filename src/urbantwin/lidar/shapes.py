@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 from threading import Lock
 from typing import Any, NamedTuple
 
@@ -30,6 +31,10 @@ __all__ = [
 #: Gives the mesh of an asset in a gait phase, in the asset's frame.
 MeshSource = Callable[[str, int], LabelledMesh]
 
+#: The plane of a triangle: its unit normal, where it lies along that, metres, and whether the
+#: triangle lets light through.
+PLANE = np.dtype([(name, np.float64) for name in ("x", "y", "z", "offset")] + [("pane", np.bool_)])
+
 
 class ActorShape:
     """A mesh with its tree for rays. All in the mesh's own frame, metres.
@@ -40,10 +45,8 @@ class ActorShape:
         high: (3,) upper corner of its bounds.
         hull: (3, H) vertices of its convex hull: the only ones that can touch a bound of the
             mesh, however it is turned.
-        normals: (F, 3) float64 unit normals.
-        offsets: (F,) float64, where the triangles' planes lie along their normals.
+        planes: (F,) records `PLANE` of its triangles.
         material: (F,) uint8.
-        panes: (F,) bool, triangles that let light through.
     """
 
     def __init__(self, mesh: LabelledMesh, *, with_hull: bool = True) -> None:
@@ -56,24 +59,13 @@ class ActorShape:
         else:
             used = np.stack([self.low, self.high])
         self.hull = np.ascontiguousarray(used.T)
-        self.normals = mesh.normals()
-        self.offsets = (self.normals * mesh.vertices[mesh.faces[:, 0]]).sum(axis=1)
         self.material = mesh.material
+        normals = mesh.normals()
         clear = np.array([one.transmission > 0 for one in materials().values()])
-        self.panes = clear[mesh.material]
-
-    @property
-    def planes(self) -> NDArray[np.void]:
-        """Records `PLANE` (F,) of its triangles."""
-        planes = np.zeros(len(self.offsets), PLANE)
-        planes["x"], planes["y"], planes["z"] = self.normals.T
-        planes["offset"], planes["pane"] = self.offsets, self.panes
-        return planes
-
-
-#: The plane of a triangle: its unit normal, where it lies along that, metres, and whether the
-#: triangle lets light through.
-PLANE = np.dtype([(name, np.float64) for name in ("x", "y", "z", "offset")] + [("pane", np.bool_)])
+        self.planes = np.zeros(len(normals), PLANE)
+        self.planes["x"], self.planes["y"], self.planes["z"] = normals.T
+        self.planes["offset"] = (normals * mesh.vertices[mesh.faces[:, 0]]).sum(axis=1)
+        self.planes["pane"] = clear[mesh.material]
 
 
 class Triangles(NamedTuple):
@@ -116,7 +108,7 @@ class Shapes:
     low: NDArray[np.float64]
     high: NDArray[np.float64]
 
-    @property
+    @cached_property
     def scene(self) -> NDArray[np.uint64]:
         """Embree's scene (S,) of each shape, by its address."""
         return np.array([one.scene for one in self.scenes], np.uint64)

@@ -71,7 +71,7 @@ class World:
         shape = ActorShape(moved, with_hull=False)
         # Rooms are not modelled: what goes in through a window is lost, and does not come back
         # from the far side of a hollow building.
-        shape.panes &= mesh.semantic != semantic_id("building")
+        shape.planes["pane"] &= mesh.semantic != semantic_id("building")
         self._shapes = Shapes.of([shape])
         self._ground = np.isin(mesh.semantic, [semantic_id(name) for name in GROUND_CLASSES])
 

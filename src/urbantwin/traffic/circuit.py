@@ -33,6 +33,7 @@ class Circuit:
         gates: (G,) numbers of the gates in use.
         target: (K, G) state at which a passage from a start to a gate ends; -1 for none.
         chance: (K, G) chance that a passage from a start leads to a gate; rows sum to 1.
+        room_m: length of all its streets, metres, both ways of each taken together.
     """
 
     graph: WayGraph
@@ -40,6 +41,7 @@ class Circuit:
     gates: NDArray[np.int64]
     target: NDArray[np.int64]
     chance: NDArray[np.float64]
+    room_m: float
     _before: NDArray[np.int32]
     _row: dict[int, int]
 
@@ -75,7 +77,10 @@ class Circuit:
         weight = np.where((elsewhere.sum(axis=1) > 0)[:, None], elsewhere, weight)
         chance = weight / weight.sum(axis=1, keepdims=True)
         row = {int(state): k for k, state in enumerate(starts)}
-        return cls(graph, starts, gates, target, chance, before, row)
+        own = np.flatnonzero(part == main)
+        length = dict(zip((graph.edges[n] for n in own), graph.length_m[own], strict=True))
+        room_m = float(sum(length.values()))
+        return cls(graph, starts, gates, target, chance, room_m, before, row)
 
     def passage(self, start: int, random: np.random.Generator) -> list[int]:
         """Draw a passage: the states after ``start``, the last at a gate again."""
@@ -111,16 +116,6 @@ class Circuit:
                 state = following
             entries += stays
         return seconds / max(entries, 1), metres / max(entries, 1)
-
-    @property
-    def room_m(self) -> float:
-        """The length of all streets of the circuit, metres, both ways of each taken together."""
-        _, part = scipy.sparse.csgraph.connected_components(self.graph.seconds, connection="strong")
-        own = np.flatnonzero(part == part[self.starts[0]])
-        length = dict(
-            zip((self.graph.edges[n] for n in own), self.graph.length_m[own], strict=True)
-        )
-        return float(sum(length.values()))
 
 
 def _ways(

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from urbantwin.geometry.compiled import per_block
 from urbantwin.lidar.coverage.cells import Cells
 
 __all__ = ["BAND_M", "LEVEL_M", "STEP_M", "Passage", "traverse"]
@@ -72,7 +72,7 @@ def traverse(
     return passage
 
 
-@njit(cache=True, nogil=True)
+@per_block
 def _height(heights, x, y):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN202
     """Return the height at a place counted in cells."""
     rows, columns = heights.shape[0] - 1, heights.shape[1] - 1
@@ -84,7 +84,7 @@ def _height(heights, x, y):  # type: ignore[no-untyped-def]  # noqa: ANN001, ANN
     return low * (1 - up) + high * up
 
 
-@njit(cache=True, nogil=True)
+@per_block
 def _traverse(  # type: ignore[no-untyped-def]  # noqa: ANN202, PLR0912, PLR0913, PLR0915, PLR0917
     heights, grid, origin, directions, reach, weight,  # noqa: ANN001
     cell_out, range_out, length_out,  # noqa: ANN001
