@@ -164,8 +164,8 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
             frame,
             driving_side=driving_side,
             keep_apart=sorted(apart),
-            keep_nodes=loop.nodes,
             edges=edges,
+            reshape=lambda plain: plain,
             out=out,
         )
     tell(0.25, "signals")
