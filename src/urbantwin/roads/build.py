@@ -16,6 +16,7 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.progress import Progress, untold
 from urbantwin.roads.cross_section import prepare_ways, write_sumo_edges
+from urbantwin.roads.cross_section.sumo_edges import SumoEdge
 from urbantwin.roads.driving_side import country_of
 from urbantwin.roads.grade_separation import (
     Crossing,
@@ -27,6 +28,11 @@ from urbantwin.roads.grade_separation import (
 )
 from urbantwin.roads.heights import RoadSurface, with_heights
 from urbantwin.roads.heights.banked_widths import with_banked_widths
+from urbantwin.roads.junctions.cluster import meeting_nodes
+from urbantwin.roads.junctions.consolidate import WideJunction, consolidated
+from urbantwin.roads.junctions.mapped_marks import mapped_marks
+from urbantwin.roads.junctions.plain import PlainNetwork
+from urbantwin.roads.junctions.restriction import via_way_restrictions
 from urbantwin.roads.lane_polylines import network_of_model
 from urbantwin.roads.loop import OuterRoads, close_loop
 from urbantwin.roads.main_component import LeftOut, Part, main_component
@@ -158,6 +164,21 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
         edges = Path(scratch) / "network.edg.xml"
         write_sumo_edges(edges, frame, prepared.edges)
         apart = [piece.id for piece in pieces if piece.way == 0 or piece.way in level_of_way]
+        wide: list[WideJunction] = []
+
+        def reshape(plain: PlainNetwork) -> PlainNetwork:
+            done = consolidated(
+                plain,
+                mapped_marks(extract, pieces, {int(node) for node in meeting_nodes(plain)}),
+                {edge.id: _arrows(edge) for edge in prepared.edges},
+                apart={f"{sign}{piece}" for piece in [*apart, *round_] for sign in ("", "-")},
+                forbidden=via_way_restrictions(extract, pieces),
+                driving_side=driving_side,
+            )
+            wide.extend(done.junctions)
+            return done.plain
+
+        round_ = [piece.id for piece in pieces if piece.tags.get("junction")]
         tell(0.15, "junctions")
         warnings = sumo_network(
             osm,
@@ -165,7 +186,7 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
             driving_side=driving_side,
             keep_apart=sorted(apart),
             edges=edges,
-            reshape=lambda plain: plain,
+            reshape=reshape,
             out=out,
         )
     tell(0.25, "signals")
@@ -227,6 +248,11 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
         "netconvert_warnings": len(warnings),
     }
     return BuiltRoads(model, network, surface, notes)
+
+
+def _arrows(edge: SumoEdge) -> list[tuple[str, ...]]:
+    """Return the signed turns of an edge's lanes, its sidewalk among them."""
+    return [*([()] if edge.sidewalk else []), *(lane.turns for lane in edge.lanes)]
 
 
 def _main_component(

@@ -150,6 +150,14 @@ class PlainNetwork:
             found[edge.start].append(edge)
         return found
 
+    @cached_property
+    def links_from(self) -> Mapping[str, list[PlainLink]]:
+        """Edge -> the links from its lanes."""
+        found: dict[str, list[PlainLink]] = defaultdict(list)
+        for link in self.links:
+            found[link.start].append(link)
+        return found
+
 
 def read_plain(prefix: Path) -> PlainNetwork:
     """Read what netconvert wrote with ``--plain-output-prefix``."""

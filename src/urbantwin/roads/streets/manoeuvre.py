@@ -15,7 +15,7 @@ from urbantwin.roads.model.curve import Curve, all_turned, splined
 from urbantwin.roads.network import Lane, Road, RoadNetwork
 from urbantwin.roads.streets.street import Street, Strip, vehicle_lanes
 
-__all__ = ["Manoeuvre", "Route", "Topology", "build_manoeuvres", "find_topology"]
+__all__ = ["Manoeuvre", "Route", "Topology", "build_manoeuvres", "find_topology", "gentle_curves"]
 
 #: Edges shorter than this between junctions are part of one larger junction, metres.
 WITHIN_JUNCTION_M = 3.0
@@ -324,26 +324,41 @@ def _kind(start: Lane, end: Lane, chain: list[Lane]) -> str:
 
 def _curves(joints: Sequence[_Joint]) -> list[Curve]:
     """Return the gentlest ways; where the map leads far round something, the map's own way."""
-    if not joints:
+    poses = [joint.poses for joint in joints]
+    return gentle_curves(
+        poses,
+        [_mapped(x, pose) if x.chain else None for x, pose in zip(joints, poses, strict=True)],
+    )
+
+
+def gentle_curves(
+    ends: Sequence[NDArray[np.float64]], mapped: Sequence[shapely.LineString | None]
+) -> list[Curve]:
+    """Return the gentlest way from pose to pose that keeps to the map's way.
+
+    Args:
+        ends: x, y, heading (2, 3) where each begins and ends.
+        mapped: the map's way from one to the other, if it has one.
+    """
+    if not len(ends):
         return []
-    poses = np.array([joint.poses for joint in joints])
+    poses = np.array(ends)
     found: dict[int, Curve] = {}
-    mapped = {k: _mapped(x, poses[k]) for k, x in enumerate(joints) if x.chain}
     for directness, tolerance in DIRECTNESS:
-        left = [k for k in range(len(joints)) if k not in found]
+        left = [k for k in range(len(poses)) if k not in found]
         if not left:
             break
         curves = all_turned(poses[left, 0], poses[left, 1], directness=directness)
         for k, curve in zip(left, curves, strict=True):
-            way = mapped.get(k)
+            way = mapped[k]
             if way is None or shapely.hausdorff_distance(way, curve.line) <= tolerance * (
                 1.0 + 0.1 * way.length
             ):
                 found[k] = curve
-    for k in set(range(len(joints))) - set(found):
+    for k in set(range(len(poses))) - set(found):
         way = shapely.get_coordinates(mapped[k])
         found[k] = splined(_calm(way), poses[k, 0, 2], poses[k, 1, 2])
-    return [found[k] for k in range(len(joints))]
+    return [found[k] for k in range(len(poses))]
 
 
 def _mapped(joint: _Joint, poses: NDArray[np.float64]) -> shapely.LineString:

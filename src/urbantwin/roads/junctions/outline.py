@@ -1,0 +1,62 @@
+"""The paved area of a junction of many nodes, and the islands in it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.geometry import area_difference, area_union
+
+__all__ = ["islands_of", "outline_of"]
+
+#: Radius of curves at corners, metres (AASHTO Green Book, 9.6: 3 to 8 m in towns).
+CORNER_M = 5.0
+#: Vehicles keep this far from curbs beside their way, metres.
+BESIDE_M = 0.3
+#: Islands are no smaller and no narrower (US MUTCD 3I.02: 50 sq ft; 4 ft).
+ISLAND_M2, ISLAND_M = 4.7, 1.2
+
+
+def outline_of(
+    swept: Sequence[shapely.Geometry],
+    mouths: Sequence[NDArray[np.float64]],
+    outside: Sequence[shapely.Geometry],
+) -> NDArray[np.float64]:
+    """Return the outline (M, 2) of a junction.
+
+    Args:
+        swept: what its traffic drives over.
+        mouths: the ends (2, 2) of the line across each arm where it ends.
+        outside: the arms beyond their mouths, which are no part of it.
+    """
+    lines = [shapely.LineString(mouth).buffer(0.3, cap_style="flat") for mouth in mouths]
+    whole = area_union([*swept, *lines])
+    for radius in (CORNER_M, 2 * CORNER_M, 4 * CORNER_M):
+        closed = whole.buffer(radius, quad_segs=8).buffer(-radius, quad_segs=8)
+        if closed.geom_type == "Polygon":
+            break
+    closed = area_union([closed, whole])
+    closed = area_difference(closed, area_union(list(outside)))
+    if closed.geom_type != "Polygon":
+        closed = max(closed.geoms, key=lambda part: part.area)
+    ring = shapely.simplify(closed.exterior, 0.1)
+    return np.asarray(shapely.get_coordinates(shapely.orient_polygons(shapely.Polygon(ring)))[:-1])
+
+
+def islands_of(
+    outline: NDArray[np.float64], swept: Sequence[shapely.Geometry]
+) -> tuple[shapely.Polygon, ...]:
+    """Return where nobody drives within a junction, if it is large enough for an island."""
+    driven = area_union(list(swept)).buffer(BESIDE_M)
+    free = area_difference(shapely.make_valid(shapely.Polygon(outline)), driven)
+    free = free.buffer(-ISLAND_M / 2).buffer(ISLAND_M / 2 - 0.05)
+    border = shapely.LinearRing(outline)
+    parts = shapely.get_parts(free)
+    return tuple(
+        shapely.Polygon(shapely.simplify(part, 0.1).exterior)
+        for part in sorted(parts, key=lambda p: p.bounds)
+        if part.geom_type == "Polygon" and part.area >= ISLAND_M2 and part.distance(border) > 0.3
+    )
