@@ -131,13 +131,16 @@ def sumo_network(
         if edges is not None:
             reading += ["--edge-files", str(edges)]
         warnings = _run_with(edges, reading, raw)
-        making = [*write_plain(made, reshape(read_plain(read))), *side, *_words(OPTIONS | MAKING)]
+        plain = reshape(read_plain(read))
+        making = [*write_plain(made, plain), *side, *_words(OPTIONS | MAKING)]
         apart = [
             f"{sign}{way}{piece}"
             for way in keep_apart
             for sign in ("", "-")
             for piece in ("", *(f"#{k}" for k in range(12)))
         ]
+        # netconvert forgets what is crossed where it joins edges.
+        apart += sorted({edge for crossing in plain.crossings for edge in crossing.edges})
         if apart:
             making += ["--geometry.remove.keep-edges.explicit", ",".join(apart)]
         warnings += run_netconvert(making, raw)

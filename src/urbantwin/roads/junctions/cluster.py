@@ -154,14 +154,14 @@ def clusters_of(
     return [tuple(sorted(group)) for group in groups.values() if len(group) > 1]
 
 
-def _is_inner(
-    plain: PlainNetwork, chain: Chain, marks: Marks, apart: Collection[str]
-) -> bool:
+def _is_inner(plain: PlainNetwork, chain: Chain, marks: Marks, apart: Collection[str]) -> bool:
     signals = any(is_signalised(plain, node) for node in (chain.start, chain.end))
     one_way = not any(e.end == chain.edges[0].start for e in plain.leaving[chain.edges[0].end])
     limit = WITHIN_M if signals or one_way else WITHIN_SMALL_M
     if chain.length > limit or any(edge.id in apart for edge in chain.edges):
         return False
     return not any(
-        shares.get(edge.id) for edge in chain.edges for shares in (marks.stop_lines, marks.crossings)
+        shares.get(edge.id)
+        for edge in chain.edges
+        for shares in (marks.stop_lines, marks.crossings)
     )

@@ -333,7 +333,9 @@ def _guide(
         for station in np.linspace(0.0, line.length, max(2, int(line.length / 2.0) + 1)):
             share = (before + station) / max(total, 1e-9)
             low, high = strip.driven()
-            aside = float(np.clip(t[0] + share * (t[1] - t[0]), low + 1.0, max(high - 1.0, low + 1)))
+            aside = float(
+                np.clip(t[0] + share * (t[1] - t[0]), low + 1.0, max(high - 1.0, low + 1))
+            )
             place = _posed(strip.at(float(station)), aside)[:2]
             if np.linalg.norm(place - points[-1]) > 1.0:
                 points.append(place)
