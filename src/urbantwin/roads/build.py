@@ -30,6 +30,10 @@ from urbantwin.roads.heights import RoadSurface, with_heights
 from urbantwin.roads.heights.banked_widths import with_banked_widths
 from urbantwin.roads.junctions.cluster import meeting_nodes
 from urbantwin.roads.junctions.consolidate import WideJunction, consolidated
+from urbantwin.roads.junctions.crossings import with_crossings
+from urbantwin.roads.junctions.footways import with_footways
+from urbantwin.roads.junctions.mapped_crossings import mapped_crossings
+from urbantwin.roads.junctions.mapped_footways import mapped_footways
 from urbantwin.roads.junctions.mapped_marks import mapped_marks
 from urbantwin.roads.junctions.plain import PlainNetwork
 from urbantwin.roads.junctions.restriction import via_way_restrictions
@@ -176,7 +180,11 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
                 driving_side=driving_side,
             )
             wide.extend(done.junctions)
-            return done.plain
+            crossed = mapped_crossings(extract, frame, pieces, country=country)
+            made = with_crossings(done.plain, crossed, driving_side=driving_side)
+            streets = {node for piece in pieces for node in piece.nodes}
+            footways = mapped_footways(extract, frame, region, streets)
+            return with_footways(made, footways, driving_side=driving_side)
 
         round_ = [piece.id for piece in pieces if piece.tags.get("junction")]
         tell(0.15, "junctions")

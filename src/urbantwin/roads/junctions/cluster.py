@@ -15,14 +15,18 @@ from functools import cached_property
 from urbantwin.roads.junctions.mapped_marks import Marks
 from urbantwin.roads.junctions.plain import PlainEdge, PlainNetwork
 
-__all__ = ["Chain", "chains_of", "clusters_of", "is_signalised", "meeting_nodes"]
+__all__ = ["Chain", "chains_of", "clusters_of", "is_marked", "is_signalised", "meeting_nodes"]
 
-#: The longest edge within a junction, metres: with signals or one-way carriageways, and without
-#: (netconvert's own ``junctions.join-dist`` is 10 m).
-WITHIN_M, WITHIN_SMALL_M = 28.0, 12.0
+#: The longest edge that makes one junction of its ends, metres: where both have signals, where one
+#: has, between carriageways mapped apart, and else (netconvert's ``junctions.join-dist`` is 10 m).
+BOTH_M, ONE_M, CARRIAGEWAYS_M, ELSE_M = 40.0, 28.0, 18.0, 12.0
+#: Ways between nodes of one junction that are longer leave it and come back, metres.
+ROAD_M = 60.0
+#: Both ends of a road that is shorter, or that is one edge, are never one junction, metres.
+APART_M = 150.0
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Chain:
     """Edges one after the other, from one node where streets meet to the next."""
 
@@ -135,9 +139,15 @@ def clusters_of(
         return node
 
     between = [c for c in chains if c.start in top and c.end in top and c.start != c.end]
-    inner, roads = [], []
-    for chain in between:
-        (inner if _is_inner(plain, chain, marks, apart) else roads).append(chain)
+    marked = {chain: is_marked(chain, marks, apart) for chain in between}
+    inner = [c for c in between if not marked[c] and c.length <= _limit(plain, c)]
+    roads = [
+        c
+        for c in between
+        if (len(c.edges) == 1 and (marked[c] or c.length > ROAD_M))
+        or (c.length <= APART_M and not any(edge.id in apart for edge in c.edges))
+        and (marked[c] or c.length > ROAD_M)
+    ]
     parted: dict[str, set[str]] = defaultdict(set)
     for chain in roads:
         parted[chain.start].add(chain.end)
@@ -154,14 +164,17 @@ def clusters_of(
     return [tuple(sorted(group)) for group in groups.values() if len(group) > 1]
 
 
-def _is_inner(plain: PlainNetwork, chain: Chain, marks: Marks, apart: Collection[str]) -> bool:
-    signals = any(is_signalised(plain, node) for node in (chain.start, chain.end))
-    one_way = not any(e.end == chain.edges[0].start for e in plain.leaving[chain.edges[0].end])
-    limit = WITHIN_M if signals or one_way else WITHIN_SMALL_M
-    if chain.length > limit or any(edge.id in apart for edge in chain.edges):
-        return False
-    return not any(
-        shares.get(edge.id)
+def is_marked(chain: Chain, marks: Marks, apart: Collection[str]) -> bool:
+    """Whether the map has something on a chain that makes it a road."""
+    return any(
+        edge.id in apart or marks.stop_lines.get(edge.id) or marks.crossings.get(edge.id)
         for edge in chain.edges
-        for shares in (marks.stop_lines, marks.crossings)
     )
+
+
+def _limit(plain: PlainNetwork, chain: Chain) -> float:
+    signals = sum(is_signalised(plain, node) for node in (chain.start, chain.end))
+    if signals:
+        return BOTH_M if signals == 2 else ONE_M
+    back = any(edge.end == chain.edges[0].start for edge in plain.leaving[chain.edges[0].end])
+    return ELSE_M if back else CARRIAGEWAYS_M

@@ -18,9 +18,11 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import wrapped
 from urbantwin.roads.junctions.cluster import (
+    ROAD_M,
     Chain,
     chains_of,
     clusters_of,
+    is_marked,
     is_signalised,
     meeting_nodes,
 )
@@ -110,7 +112,7 @@ def consolidated(
     meeting = meeting_nodes(plain)
     chains = chains_of(plain, meeting)
     groups = clusters_of(plain, chains, meeting, marks, apart)
-    clusters = [_cluster(group, chains) for group in groups]
+    clusters = [_cluster(group, chains, marks, apart) for group in groups]
     cuts = _cuts(clusters, strips, marks)
     spans = _spans(plain, chains, cuts)
     # Edges that an arm loses altogether belong to the junction at that end.
@@ -136,22 +138,27 @@ def consolidated(
         links += found
         wide.append(junction)
     network = PlainNetwork(nodes, edges, tuple(links), (), plain.location)
-    network = _with_slip_signals(network, {j.id for j in wide})
-    return Consolidated(network, tuple(wide), _left(marks, plain, spans))
+    left = _left(marks, plain, spans)
+    network = _with_slip_signals(network, {j.id for j in wide}, left)
+    return Consolidated(network, tuple(wide), left)
 
 
-def _cluster(group: Sequence[str], chains: Sequence[Chain]) -> _Cluster:
+def _cluster(
+    group: Sequence[str], chains: Sequence[Chain], marks: Marks, apart: Collection[str]
+) -> _Cluster:
     within = set(group)
     inner, nodes = set[str](), set(group)
     into: dict[tuple[str, ...], Chain] = {}
     out: dict[tuple[str, ...], Chain] = {}
     for chain in chains:
-        if chain.start in within and chain.end in within:
+        both = chain.start in within and chain.end in within
+        if both and chain.length <= ROAD_M and not is_marked(chain, marks, apart):
             inner |= {edge.id for edge in chain.edges}
             nodes |= chain.within
-        elif chain.end in within:
+            continue
+        if chain.end in within:
             into[tuple(edge.end for edge in chain.edges[::-1])] = chain
-        elif chain.start in within:
+        if chain.start in within:
             out[tuple(edge.start for edge in chain.edges)] = chain
     arms = tuple(Arm(into.get(key), out.get(key)) for key in dict.fromkeys([*into, *out]))
     more = f"#{len(group) - 3}more" if len(group) > 4 else ""
@@ -197,7 +204,7 @@ def _spans(
             spans[edge.id] = (float(a), float(b))
             before += length
     for name in plain.edges:
-        twin = name[1:] if name.startswith("-") else f"-{name}"
+        twin = _other_way(name)
         if name not in spans and twin in spans:
             a, b = spans[twin]
             spans[name] = (1.0 - b, 1.0 - a)
@@ -221,12 +228,14 @@ def _edges(
     plain: PlainNetwork,
     spans: Mapping[str, tuple[float, float]],
     home: Mapping[str, str],
-    inner: Collection[str],
+    inner: set[str],
 ) -> dict[str, PlainEdge]:
     found = {}
     for name, edge in plain.edges.items():
         start, end = home.get(edge.start), home.get(edge.end)
-        if name in inner or (start is not None and start == end):
+        if {name, _other_way(name)} & inner and (name in inner or not _driven(edge)):
+            continue
+        if _is_lost(name, spans):
             continue
         if start is None and end is None:
             found[name] = edge
@@ -240,6 +249,21 @@ def _edges(
             points = _extended(points[::-1], INTO_M - (length - b))[::-1]
         found[name] = replace(edge, start=start or edge.start, end=end or edge.end, shape=points)
     return found
+
+
+def _other_way(name: str) -> str:
+    """Return the edge of the other direction."""
+    return name[1:] if name.startswith("-") else f"-{name}"
+
+
+def _driven(edge: PlainEdge) -> bool:
+    return edge.admits("passenger") or edge.admits("bus")
+
+
+def _is_lost(name: str, spans: Mapping[str, tuple[float, float]]) -> bool:
+    """Whether nothing is left of an edge, or of the one that people walk beside."""
+    a, b = spans.get(name, (0.0, 1.0))
+    return b - a <= 1e-6
 
 
 def _extended(points: NDArray[np.float64], length: float) -> NDArray[np.float64]:
@@ -283,7 +307,7 @@ def _junction(  # noqa: PLR0913 - all that a junction is made of
             strip = strips[edge.id]
             length = float(strip.middle.length)
             mouth = length - INTO_M if at_end else INTO_M
-            across.append(strip.corners(mouth))
+            across.append(strip.corners(mouth, driven=True))
             first, last = (length - BEYOND_M, mouth) if at_end else (mouth, BEYOND_M)
             outside.append(strip.area(max(first, 0.0), min(last, length)))
     outline = outline_of(swept, across, outside)
@@ -333,9 +357,7 @@ def _guide(
         for station in np.linspace(0.0, line.length, max(2, int(line.length / 2.0) + 1)):
             share = (before + station) / max(total, 1e-9)
             low, high = strip.driven()
-            aside = float(
-                np.clip(t[0] + share * (t[1] - t[0]), low + 1.0, max(high - 1.0, low + 1))
-            )
+            aside = float(np.clip(t[0] + share * (t[1] - t[0]), low + 1.0, max(high - 1.0, low + 1)))
             place = _posed(strip.at(float(station)), aside)[:2]
             if np.linalg.norm(place - points[-1]) > 1.0:
                 points.append(place)
@@ -343,9 +365,12 @@ def _guide(
     return shapely.LineString([*points, poses[1, :2]])
 
 
-def _with_slip_signals(plain: PlainNetwork, wide: Collection[str]) -> PlainNetwork:
-    """Give signals on a wide junction's slip lanes to its controller."""
-    nodes = dict(plain.nodes)
+def _with_slip_signals(plain: PlainNetwork, wide: Collection[str], marks: Marks) -> PlainNetwork:
+    """Give signals on a wide junction's slip lanes to its controller.
+
+    Where a slip lane merges, its stop line alone is signalised, not what comes from the junction.
+    """
+    nodes, free = dict(plain.nodes), set[str]()
     for edge in plain.edges.values():
         for near, far in ((edge.start, edge.end), (edge.end, edge.start)):
             if (
@@ -354,11 +379,18 @@ def _with_slip_signals(plain: PlainNetwork, wide: Collection[str]) -> PlainNetwo
                 and is_signalised(plain, near)
                 and is_signalised(plain, far)
                 and edge.line.length <= SLIP_M
-                and len(plain.arriving[far]) + len(plain.leaving[far]) <= 4
             ):
                 told = {**nodes[far].attributes, "tl": plain.nodes[near].attributes["tl"]}
                 nodes[far] = replace(nodes[far], attributes=told)
-    return replace(plain, nodes=nodes)
+                if edge.end == far and edge.id not in marks.stop_lines:
+                    free.add(edge.id)
+    links = tuple(
+        replace(link, attributes={**link.attributes, "uncontrolled": "1"})
+        if link.start in free and link.end
+        else link
+        for link in plain.links
+    )
+    return replace(plain, nodes=nodes, links=links)
 
 
 def _left(marks: Marks, plain: PlainNetwork, spans: Mapping[str, tuple[float, float]]) -> Marks:
