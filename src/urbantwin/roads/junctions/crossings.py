@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 import shapely
@@ -97,7 +98,8 @@ def with_crossings(
         line = _over(crossing, [hit.strip for hit in arm.hits])
         if line is None:
             continue
-        plain = _cut_back(plain, crossing, arm)
+        if not len(plain.nodes[arm.node].outline):
+            plain = _cut_back(plain, crossing, arm)
         made = PlainCrossing(
             arm.node,
             tuple(hit.strip.edge.id for hit in arm.hits),
@@ -128,7 +130,7 @@ def _hits(crossing: MappedCrossing, strips: Sequence[Strip]) -> list[_Hit]:
     found: list[_Hit] = []
     point = shapely.Point(crossing.xy)
     near = shapely.dwithin([s.edge.line for s in strips], point, BEYOND_M + WIDEST_M / 2)
-    for strip in (strips[k] for k in np.flatnonzero(near)):
+    for strip in compress(strips, near):
         line = _drawn_out(strip.middle, BEYOND_M)
         along = float(line.project(point))
         x, y, heading = _pose(line, along)
@@ -174,7 +176,7 @@ def _reach(plain: PlainNetwork, crossing: MappedCrossing, name: str) -> tuple[fl
     """Return how far beyond and before the ends of edges a node's crossings lie, metres."""
     node = plain.nodes[name]
     if len(node.outline):
-        return BEYOND_M, NEAR_M
+        return BEYOND_M, ON_NODE_M
     others = {edge.end for edge in plain.leaving[name]} | {e.start for e in plain.arriving[name]}
     if len(others) < 3:
         return ON_NODE_M, ON_NODE_M

@@ -133,4 +133,4 @@ class RoundNode:
 
     def _outwards(self, edge: PlainEdge) -> NDArray[np.float64]:
         points = shapely.get_coordinates(Strip(edge, self.outward).middle)
-        return points[::-1] if edge.end == self.node else points
+        return np.asarray(points[::-1] if edge.end == self.node else points)
