@@ -29,7 +29,7 @@ from urbantwin.roads.grade_separation import (
 from urbantwin.roads.heights import RoadSurface, with_heights
 from urbantwin.roads.heights.banked_widths import with_banked_widths
 from urbantwin.roads.junctions.cluster import meeting_nodes
-from urbantwin.roads.junctions.consolidate import WideJunction, consolidated
+from urbantwin.roads.junctions.consolidate import consolidated
 from urbantwin.roads.junctions.mapped_marks import mapped_marks
 from urbantwin.roads.junctions.plain import PlainNetwork
 from urbantwin.roads.junctions.restriction import via_way_restrictions
@@ -164,7 +164,7 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
         edges = Path(scratch) / "network.edg.xml"
         write_sumo_edges(edges, frame, prepared.edges)
         apart = [piece.id for piece in pieces if piece.way == 0 or piece.way in level_of_way]
-        wide: list[WideJunction] = []
+        wide: dict[str, tuple[str, ...]] = {}
 
         def reshape(plain: PlainNetwork) -> PlainNetwork:
             done = consolidated(
@@ -175,7 +175,7 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
                 forbidden=via_way_restrictions(extract, pieces),
                 driving_side=driving_side,
             )
-            wide.extend(done.junctions)
+            wide.update(done.members)
             return done.plain
 
         round_ = [piece.id for piece in pieces if piece.tags.get("junction")]
@@ -230,6 +230,7 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
     notes: dict[str, object] = {
         "roads": len(network.roads),
         "junctions": len(network.junctions),
+        "junctions_of_several_nodes": len(wide),
         "signal_programs": len(network.programs),
         "signal_programs_set": planned,
         "signals_inferred_from_stop_lines_and_crossings": _within(
