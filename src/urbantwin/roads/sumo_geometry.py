@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from lxml import etree
 
+from urbantwin.roads.curve_speed import lane_speeds
 from urbantwin.roads.network import Lane, RoadNetwork
 
 __all__ = ["redraw_sumo_network"]
@@ -19,7 +20,9 @@ def redraw_sumo_network(path: Path, network: RoadNetwork) -> None:
     """Give every lane of a ``.net.xml`` the shape that the lane model has for it.
 
     Lengths follow: all lanes of an edge have one, the mean over those that are driven on, as
-    netconvert sets it. Crossings and walking areas stay.
+    netconvert sets it. Crossings and walking areas stay. The speed of a way over a junction is what
+    its curve allows where it begins; where it is tighter further on, `traffic.simulation` slows
+    down those who drive there.
 
     Args:
         path: the network, rewritten in place.
@@ -43,6 +46,11 @@ def redraw_sumo_network(path: Path, network: RoadNetwork) -> None:
             item.set("length", f"{length:.3f}")
             if lane is not None:
                 item.set("shape", _shape(lane))
+    speeds = lane_speeds(tree.getroot())
+    for item in tree.getroot().iterfind("edge[@function='internal']/lane"):
+        allowed = speeds.get(item.get("id", ""))
+        if allowed is not None:
+            item.set("speed", f"{min(float(item.get('speed', 'inf')), float(allowed[0])):.2f}")
     tree.write(path, encoding="UTF-8", xml_declaration=True)
 
 
