@@ -149,7 +149,7 @@ def _bend(
     before, here, after = (_at(line, along, places + d) for d in (-chord, 0.0, chord))
     a, b = here - before, after - here
     turn = np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1))
-    return np.abs(turn) / chord
+    return np.asarray(np.abs(turn) / chord)
 
 
 def _at(

@@ -31,6 +31,7 @@ __all__ = [
     "STUCK_S",
     "Observed",
     "Simulated",
+    "curves_of",
     "observe",
     "simulate",
     "sumo_options",
@@ -205,9 +206,7 @@ def _worked(
             "kinds": len(ACTOR_CLASSES),
             "outer": sorted(demand.outer),
             "stuck_s": STUCK_S,
-            "curves": _curves(net_path),
-            "spacing_m": SPACING_M,
-            "rear_m": REAR_M,
+            "curves": curves_of(net_path),
             "arrays": str(folder / "rows.npy"),
             "texts": str(folder / "outcome.json"),
         }
@@ -216,18 +215,23 @@ def _worked(
         return _read(folder / "rows.npy", folder / "outcome.json")
 
 
-def _curves(net_path: Path) -> dict[str, list[float]]:
-    """Return the speeds along each lane whose curves slow down those who drive there.
+def curves_of(net_path: Path) -> dict[str, Any]:
+    """Return the speeds along each lane that bends, as ``sumo_curves.Curves`` takes them.
 
     A lane has one speed in SUMO, and a street that bends somewhere is not slow from end to end.
     """
-    network = etree.parse(net_path).getroot()
-    limit = {x.get("id", ""): float(x.get("speed", "inf")) for x in network.iterfind("edge/lane")}
-    return {
+    found: dict[str, Any] = {"spacing_m": SPACING_M, "rear_m": REAR_M, "speeds": {}}
+    try:
+        root = etree.parse(net_path).getroot()
+    except etree.XMLSyntaxError:
+        return found  # SUMO says what is wrong with it
+    limit = {x.get("id", ""): float(x.get("speed", "inf")) for x in root.iterfind("edge/lane")}
+    found["speeds"] = {
         name: np.round(speeds, 2).tolist()
-        for name, speeds in lane_speeds(network).items()
+        for name, speeds in lane_speeds(root).items()
         if speeds.min() < _FASTEST * limit[name]
     }
+    return found
 
 
 @contextmanager

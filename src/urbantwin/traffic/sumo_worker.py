@@ -10,6 +10,7 @@ The job's fields are those of ``simulation.Job``.
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import sys
@@ -19,6 +20,14 @@ from typing import Any
 
 import libsumo
 import numpy as np
+
+# By its path: nothing in this folder may be found by its name (see `simulation`).
+_BESIDE = Path(__file__).with_name("sumo_curves.py")
+_SPEC = importlib.util.spec_from_file_location("sumo_curves", _BESIDE)
+assert _SPEC is not None
+assert _SPEC.loader is not None
+sumo_curves = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(sumo_curves)
 
 #: Step, trip, x, y, angle, speed, lane. A trip's number is its name in SUMO.
 Row = tuple[int, int, float, float, float, float, int]
@@ -74,39 +83,6 @@ class Watch:
         for kind, number in enumerate(present):
             row["least"][kind] = min(row["least"][kind], number)
             row["most"][kind] = max(row["most"][kind], number)
-
-
-class Curves:
-    """Slows vehicles down on and before the curves of the lanes that they are on.
-
-    Args:
-        speeds: by lane, the speed every ``spacing_m`` from its start, m/s.
-        spacing_m: metres.
-        rear_m: how far behind the front the rear of a vehicle is taken to be, metres.
-    """
-
-    def __init__(self, speeds: dict[str, list[float]], spacing_m: float, rear_m: float) -> None:
-        self.speeds, self.spacing_m, self.rear_m = speeds, spacing_m, rear_m
-        self.usual: dict[str, float] = {}
-        self.last: dict[str, float] = {}
-
-    def slow_down(self) -> None:
-        """Set the greatest speed of everybody who drives for the step to come."""
-        for name in libsumo.vehicle.getIDList():
-            along = self.speeds.get(libsumo.vehicle.getLaneID(name))
-            if along is None and name not in self.usual:
-                continue
-            usual = self.usual.setdefault(name, libsumo.vehicle.getMaxSpeed(name))
-            at_m = max(libsumo.vehicle.getLanePosition(name), 0.0)
-            allowed = usual
-            if along is not None:
-                allowed = min(usual, along[min(int(at_m / self.spacing_m), len(along) - 1)])
-            if at_m < self.rear_m:  # the rear is on the lane before
-                allowed = min(allowed, self.last.get(name, usual))
-            self.last[name] = allowed
-            libsumo.vehicle.setMaxSpeed(name, allowed)
-            if along is None and at_m >= self.rear_m:
-                del self.usual[name], self.last[name]
 
 
 class Recorder:
@@ -184,7 +160,7 @@ def simulate(job: dict[str, Any]) -> None:
     per_second = max(1, round(1 / libsumo.simulation.getDeltaT()))
     first, last, substeps = job["first_step"], job["last_step"], job["substeps"]
     total = job["warmup_substeps"] + last * substeps + 1
-    curves = Curves(job["curves"], job["spacing_m"], job["rear_m"])
+    curves = sumo_curves.Curves(job["curves"])
     for made in range(total):
         curves.slow_down()
         libsumo.simulationStep()
