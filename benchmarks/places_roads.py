@@ -59,7 +59,7 @@ def measure(twin: Twin, streets: MappedStreets) -> dict[str, Any]:
     here = [one for one in crossings if inside.contains(shapely.Point(one.x, one.y))]
     lanes = [lane for lane in twin.roads.lanes if lane.kind == "crossing"]
     missing = [one for one in here if not _has_crossing(one, lanes)]
-    places = shapely.multipoints([[one.x, one.y] for one in crossings])
+    places = shapely.multipoints(np.array([[one.x, one.y] for one in crossings]).reshape(-1, 2))
     zebras = [lane for lane in lanes if inside.intersects(lane.polygon)]
     unmapped = [
         lane for lane in zebras if not crossings or lane.polygon.distance(places) > NEAR_CROSSING_M

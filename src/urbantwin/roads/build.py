@@ -15,6 +15,7 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.progress import Progress, untold
+from urbantwin.result_warning import ResultWarning
 from urbantwin.roads.building_ground import building_ground
 from urbantwin.roads.cross_section import prepare_ways, write_sumo_edges
 from urbantwin.roads.driving_side import country_of
@@ -76,12 +77,14 @@ class BuiltRoads:
         network: its lanes as strips.
         surface: height of its roads everywhere.
         notes: counts, and what was left out.
+        warnings: what is wrong with them.
     """
 
     model: LaneModel
     network: RoadNetwork
     surface: RoadSurface
     notes: dict[str, object]
+    warnings: tuple[ResultWarning, ...] = ()
 
 
 def build_roads(  # noqa: PLR0913 - all that roads are made of
