@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from urbantwin.artefact import check_folder, sha256_of
 from urbantwin.interface.place import AnyPath, beside
-from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.stage import ShowProgress, shown_stage, tell_warnings
 from urbantwin.interface.summary import Summary
 from urbantwin.traffic.motion import Motion as DrivenMotion
 from urbantwin.traffic.motion import describe
@@ -76,7 +76,8 @@ class Motion(DrivenMotion):
 
     def summary(self) -> Summary:
         """Return what the motion holds in a few values."""
-        return Summary(path=str(self.folder), **describe(self.folder))
+        told = [str(one) for one in self.warnings]
+        return Summary(path=str(self.folder), **describe(self.folder), warnings=told)
 
     def plot(self, twin: Twin | None = None) -> Figure:
         """Draw the path of every actor from above.
@@ -136,4 +137,5 @@ def drive(
         made = run_traffic(
             loaded, place, seconds=seconds, seed=seed, changes=changes, progress=tell
         )
+    tell_warnings(made.warnings, progress)
     return Motion(made.manifest, made.actors, made.signals, made.meshes, place)

@@ -1,18 +1,19 @@
-"""A stage as it is shown while it runs: a bar, plain lines, or what a caller makes of it."""
+"""A stage as it is shown: a bar, plain lines, or what a caller makes of it; then its warnings."""
 
 from __future__ import annotations
 
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from html import escape
 from typing import Any
 
 from urbantwin.progress import Progress, untold
+from urbantwin.result_warning import ResultWarning
 
-__all__ = ["ShowProgress", "shown_stage"]
+__all__ = ["ShowProgress", "shown_stage", "tell_warnings"]
 
 #: What every function takes as ``progress``: whether to show it, or what is called with the share
 #: that is done (0..1, of each stage) and what is being done.
@@ -46,6 +47,14 @@ def shown_stage(
         display = _notebook_bar if _in_notebook() else _bar if sys.stderr.isatty() else _lines
         with display(title, brief=brief) as callback:
             yield callback
+
+
+def tell_warnings(warnings: Iterable[ResultWarning], progress: ShowProgress = True) -> None:
+    """Print what is wrong with a result on stderr, a line each, where progress is shown."""
+    if progress is True:
+        with suppress(OSError, ValueError):  # nobody listens any more
+            for one in warnings:
+                print(f"warning: {one}", file=sys.stderr, flush=True)
 
 
 def _in_notebook() -> bool:

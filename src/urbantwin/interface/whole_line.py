@@ -15,6 +15,7 @@ from urbantwin.interface.place import AnyPath, folder_of_site
 from urbantwin.interface.stage import ShowProgress
 from urbantwin.interface.summary import Summary
 from urbantwin.interface.twin import Twin, build_of, site_with_known_sensors
+from urbantwin.result_warning import ResultWarning
 
 if TYPE_CHECKING:
     from urbantwin.site import Site
@@ -60,6 +61,11 @@ class Run:
             for picture in sorted((self.folder / kind).rglob("pictures/*.png"))
         ]
 
+    @property
+    def warnings(self) -> tuple[ResultWarning, ...]:
+        """What is wrong with the three."""
+        return (*self.twin.warnings, *self.motion.warnings, *self.dataset.warnings)
+
     def __fspath__(self) -> str:
         """Return the folder."""
         return str(self.folder)
@@ -75,6 +81,7 @@ class Run:
             **{kind: str(self.folder / kind) for kind in ("twin", "motion", "dataset")},
             attribution=list(dict.fromkeys(sources)),
             pictures=[str(picture) for picture in self.pictures],
+            warnings=[str(one) for one in self.warnings],
         )
 
 

@@ -15,6 +15,7 @@ from urbantwin import __version__
 from urbantwin.artefact import replaced_folder
 from urbantwin.errors import InputError
 from urbantwin.progress import between, untold
+from urbantwin.result_warning import rows_of
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.actor_table import actor_table
 from urbantwin.traffic.assets import asset, asset_names
@@ -27,6 +28,7 @@ from urbantwin.traffic.motion import MOTION_VERSION, Motion
 from urbantwin.traffic.network import StreetNetwork
 from urbantwin.traffic.placement import Ground
 from urbantwin.traffic.resize import resized
+from urbantwin.traffic.result_warnings import warnings_of_drive
 from urbantwin.traffic.signals import signal_table
 from urbantwin.traffic.simulation import Simulated, simulate
 from urbantwin.twin import Twin
@@ -140,6 +142,8 @@ def _driven(
     }
     if demand.circulates:
         manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)
+    warnings = [*demand.warnings, *warnings_of_drive(manifest)]
+    manifest["warnings"] = rows_of(warnings)
     shown = Motion(manifest, actors, signals).with_meshes(between(told, 0.85, 0.95))
     motion = resized(shown, asked.get("size", {}))
     made = {"actors": table_sha256(motion.actors), "meshes": meshes_sha256(motion.meshes)}

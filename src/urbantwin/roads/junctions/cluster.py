@@ -15,14 +15,24 @@ from functools import cached_property
 from urbantwin.roads.junctions.mapped_marks import Marks
 from urbantwin.roads.junctions.plain import PlainEdge, PlainNetwork
 
-__all__ = ["Chain", "chains_of", "clusters_of", "is_marked", "is_signalised", "meeting_nodes"]
+__all__ = [
+    "Chain",
+    "chains_of",
+    "clusters_of",
+    "flat_nodes",
+    "is_marked",
+    "is_signalised",
+    "meeting_nodes",
+]
 
 #: The longest edge that makes one junction of its ends, metres: where both have signals, where one
 #: has, between carriageways mapped apart, and else (netconvert's ``junctions.join-dist`` is 10 m).
 BOTH_M, ONE_M, CARRIAGEWAYS_M, ELSE_M = 40.0, 28.0, 18.0, 12.0
 #: Ways between nodes of one junction that are longer leave it and come back, metres.
 ROAD_M = 60.0
-#: Both ends of a road that is shorter, or that is one edge, are never one junction, metres.
+#: A junction of one node is near a wide one if the road between is shorter, metres.
+NEAR_M = 45.0
+#: Both ends of a marked road that is shorter, or of one that is one edge, are never one junction.
 APART_M = 150.0
 
 
@@ -46,6 +56,11 @@ class Chain:
     def length(self) -> float:
         """Metres."""
         return sum(edge.line.length for edge in self.edges)
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """All nodes along it, its ends included."""
+        return (self.start, *(edge.end for edge in self.edges))
 
     @property
     def within(self) -> frozenset[str]:
@@ -145,8 +160,7 @@ def clusters_of(
         c
         for c in between
         if (len(c.edges) == 1 and (marked[c] or c.length > ROAD_M))
-        or (c.length <= APART_M and not any(edge.id in apart for edge in c.edges))
-        and (marked[c] or c.length > ROAD_M)
+        or (c.length <= APART_M and is_marked(c, marks, ()))
     ]
     parted: dict[str, set[str]] = defaultdict(set)
     for chain in roads:
@@ -162,6 +176,34 @@ def clusters_of(
     for node in top:
         groups[find(node)].append(node)
     return [tuple(sorted(group)) for group in groups.values() if len(group) > 1]
+
+
+def flat_nodes(
+    chains: Collection[Chain], meeting: Collection[str], wide: Collection[Collection[str]]
+) -> list[tuple[str, ...]]:
+    """Return single nodes whose junctions netconvert would draw too large, sorted.
+
+    It cuts arms back until they no longer overlap: where carriageways part or merge at a small
+    angle, far along both; and where a wide junction is near, nothing of the road to it is left.
+
+    Args:
+        chains: the chains of the network.
+        meeting: the nodes where streets meet.
+        wide: the nodes of junctions of several.
+    """
+    within = {node for group in wide for node in group}
+    touching: dict[str, list[Chain]] = defaultdict(list)
+    for chain in chains:
+        for node in {chain.start, chain.end}:
+            touching[node].append(chain)
+    found = []
+    for node in sorted(set(meeting) - within):
+        mine = touching[node]
+        parting = len(mine) == 3 and {len([c for c in mine if c.end == node])} <= {1, 2}
+        near = any(c.length < NEAR_M and {c.start, c.end} & within for c in mine)
+        if parting or near:
+            found.append((node,))
+    return found
 
 
 def is_marked(chain: Chain, marks: Marks, apart: Collection[str]) -> bool:

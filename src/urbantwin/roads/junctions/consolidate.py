@@ -22,6 +22,7 @@ from urbantwin.roads.junctions.cluster import (
     Chain,
     chains_of,
     clusters_of,
+    flat_nodes,
     is_marked,
     is_signalised,
     meeting_nodes,
@@ -29,14 +30,14 @@ from urbantwin.roads.junctions.cluster import (
 from urbantwin.roads.junctions.lane_links import Arrows, lane_links
 from urbantwin.roads.junctions.mapped_marks import Marks
 from urbantwin.roads.junctions.mouth import SHORTEST_M, Arm, mouths
-from urbantwin.roads.junctions.outline import islands_of, outline_of
+from urbantwin.roads.junctions.outline import outline_of
 from urbantwin.roads.junctions.passage import Passage, passages_of
 from urbantwin.roads.junctions.plain import PlainEdge, PlainLink, PlainNetwork, PlainNode
 from urbantwin.roads.junctions.strip import Strip, cut
 from urbantwin.roads.model.curve import Curve
 from urbantwin.roads.streets.manoeuvre import gentle_curves
 
-__all__ = ["Consolidated", "WideJunction", "consolidated"]
+__all__ = ["Consolidated", "consolidated"]
 
 #: How far edges reach into a junction's outline, metres: netconvert cuts them there.
 INTO_M = 1.5
@@ -49,34 +50,17 @@ BEYOND_M = 30.0
 
 
 @dataclass(frozen=True, eq=False)
-class WideJunction:
-    """A junction of several nodes of the map.
-
-    Attributes:
-        id: the one node that it became.
-        members: the nodes of the map.
-        outline: (M, 2) its paved area, site frame.
-        islands: what nobody drives on within it.
-    """
-
-    id: str
-    members: tuple[str, ...]
-    outline: NDArray[np.float64]
-    islands: tuple[shapely.Polygon, ...]
-
-
-@dataclass(frozen=True, eq=False)
 class Consolidated:
     """A network whose wide junctions are one node each.
 
     Attributes:
         plain: the network.
-        junctions: the wide junctions.
+        members: wide junction -> the nodes of the map that it was made of.
         marks: the map's stop lines and crossings along the edges that are left.
     """
 
     plain: PlainNetwork
-    junctions: tuple[WideJunction, ...]
+    members: Mapping[str, tuple[str, ...]]
     marks: Marks
 
 
@@ -112,7 +96,12 @@ def consolidated(
     meeting = meeting_nodes(plain)
     chains = chains_of(plain, meeting)
     groups = clusters_of(plain, chains, meeting, marks, apart)
-    clusters = [_cluster(group, chains, marks, apart) for group in groups]
+    single = [
+        (node,)
+        for (node,) in flat_nodes(chains, meeting, groups)
+        if not any(edge.id in apart for edge in [*plain.arriving[node], *plain.leaving[node]])
+    ]
+    clusters = [_cluster(group, chains, marks, apart) for group in [*groups, *single]]
     cuts = _cuts(clusters, strips, marks)
     spans = _spans(plain, chains, cuts)
     # Edges that an arm loses altogether belong to the junction at that end.
@@ -129,18 +118,15 @@ def consolidated(
         and (not link.end or link.end in edges)
         and plain.edges[link.start].end not in home
     ]
-    wide = []
     for cluster in clusters:
-        made, junction, found = _junction(
+        nodes[cluster.id], found = _junction(
             plain, cluster, edges, new_strips, arrows, forbidden, driving_side
         )
-        nodes[cluster.id] = made
         links += found
-        wide.append(junction)
     network = PlainNetwork(nodes, edges, tuple(links), (), plain.location)
     left = _left(marks, plain, spans)
-    network = _with_slip_signals(network, {j.id for j in wide}, left)
-    return Consolidated(network, tuple(wide), left)
+    wide = {c.id: tuple(sorted(c.nodes)) for c in clusters if c.id not in plain.nodes}
+    return Consolidated(_with_slip_signals(network, wide, left), wide, left)
 
 
 def _cluster(
@@ -157,10 +143,12 @@ def _cluster(
             nodes |= chain.within
             continue
         if chain.end in within:
-            into[tuple(edge.end for edge in chain.edges[::-1])] = chain
+            into[chain.nodes[::-1]] = chain
         if chain.start in within:
-            out[tuple(edge.start for edge in chain.edges)] = chain
+            out[chain.nodes] = chain
     arms = tuple(Arm(into.get(key), out.get(key)) for key in dict.fromkeys([*into, *out]))
+    if len(group) == 1:
+        return _Cluster(group[0], frozenset(nodes), frozenset(inner), arms)
     more = f"#{len(group) - 3}more" if len(group) > 4 else ""
     named = group[:3] if more else group
     return _Cluster("cluster_" + "_".join(named) + more, frozenset(nodes), frozenset(inner), arms)
@@ -281,7 +269,7 @@ def _junction(  # noqa: PLR0913 - all that a junction is made of
     arrows: Arrows,
     forbidden: Sequence[tuple[tuple[str, ...], bool]],
     driving_side: str,
-) -> tuple[PlainNode, WideJunction, list[PlainLink]]:
+) -> tuple[PlainNode, list[PlainLink]]:
     inner = {name: plain.edges[name] for name in sorted(cluster.inner)}
     passages = passages_of(plain, cluster.nodes, inner, strips, forbidden)
     links: list[PlainLink] = []
@@ -314,9 +302,7 @@ def _junction(  # noqa: PLR0913 - all that a junction is made of
     signals = any(is_signalised(plain, node) for node in cluster.nodes)
     attributes = {"type": "traffic_light", "tl": cluster.id} if signals else {"type": "priority"}
     middle = shapely.Polygon(outline).centroid
-    node = PlainNode(cluster.id, np.array([middle.x, middle.y]), attributes, outline)
-    members = tuple(sorted(cluster.nodes))
-    return node, WideJunction(cluster.id, members, outline, islands_of(outline, swept)), links
+    return PlainNode(cluster.id, np.array([middle.x, middle.y]), attributes, outline), links
 
 
 def _curves(
@@ -357,7 +343,9 @@ def _guide(
         for station in np.linspace(0.0, line.length, max(2, int(line.length / 2.0) + 1)):
             share = (before + station) / max(total, 1e-9)
             low, high = strip.driven()
-            aside = float(np.clip(t[0] + share * (t[1] - t[0]), low + 1.0, max(high - 1.0, low + 1)))
+            aside = float(
+                np.clip(t[0] + share * (t[1] - t[0]), low + 1.0, max(high - 1.0, low + 1))
+            )
             place = _posed(strip.at(float(station)), aside)[:2]
             if np.linalg.norm(place - points[-1]) > 1.0:
                 points.append(place)

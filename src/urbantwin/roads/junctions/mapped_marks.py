@@ -36,10 +36,7 @@ def mapped_marks(extract: Extract, pieces: Sequence[WayPiece], meeting: Collecti
         meeting: nodes where streets meet, whose signals are no stop lines.
     """
     walked = {
-        node
-        for way in extract.highways()
-        if way.tags["highway"] in WALKED
-        for node in way.nodes
+        node for way in extract.highways() if way.tags["highway"] in WALKED for node in way.nodes
     }
     lines: dict[str, list[float]] = defaultdict(list)
     crossings: dict[str, list[float]] = defaultdict(list)

@@ -15,8 +15,9 @@ from urbantwin.roads.junctions.strip import Strip
 
 __all__ = ["Arm", "mouths"]
 
-#: How far from a junction its stop line, and a crossing of it, may lie, metres along the arm.
-STOP_LINE_M, CROSSING_M = 40.0, 25.0
+#: How far from a junction its stop line, and a crossing of it, may lie, metres along the arm, and
+#: how far a crossing may lie beyond the place where arms part.
+STOP_LINE_M, CROSSING_M, BEYOND_M = 40.0, 25.0, 12.0
 #: Room between a crossing's middle and the road's end, on the side of its traffic and behind it
 #: (StVO-VwV to section 25: stop lines 1 m before crossings of 3 to 4 m).
 BEFORE_M, BEHIND_M = 3.2, 2.7
@@ -29,6 +30,8 @@ FURTHEST_M, SHARE = 25.0, 0.6
 #: What is left of an arm at least, metres.
 SHORTEST_M = 4.0
 STEP_M = 0.5
+#: Arms that overlap do so from this far out at the latest, metres.
+NEAR_M = 4.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +75,7 @@ def mouths(arms: Sequence[Arm], strips: Mapping[str, Strip], marks: Marks) -> li
     found = []
     for k, arm in enumerate(arms):
         apart = _parting(k, profiles)
-        marked = _marked(arm, marks)
+        marked = _marked(arm, marks, min(CROSSING_M, apart + BEYOND_M))
         if marked is None:
             reach = min(apart + CORNER_M, FURTHEST_M, SHARE * arm.length)
         else:
@@ -81,21 +84,24 @@ def mouths(arms: Sequence[Arm], strips: Mapping[str, Strip], marks: Marks) -> li
     return found
 
 
-def _marked(arm: Arm, marks: Marks) -> float | None:
-    """Return where the map says that an arm ends, metres; ``None`` where it does not say."""
+def _marked(arm: Arm, marks: Marks, furthest: float) -> float | None:
+    """Return where the map says that an arm ends, metres; ``None`` where it does not say.
+
+    Crossings further out than ``furthest`` are not the junction's.
+    """
     found = []
     if arm.inward is not None:
         length = arm.inward.length
         lines = [length - s for s in arm.inward.stations(marks.stop_lines)]
         crossed = [length - s for s in arm.inward.stations(marks.crossings)]
-        near = min((d for d in crossed if d <= CROSSING_M), default=None)
+        near = min((d for d in crossed if d <= furthest), default=None)
         line = min((d for d in lines if d <= STOP_LINE_M), default=None)
         if line is not None and (near is None or line > near + 1.0):
             found.append(line)
         elif near is not None:
             found.append(near + BEFORE_M)
     if arm.outward is not None:
-        crossed = [d for d in arm.outward.stations(marks.crossings) if d <= CROSSING_M]
+        crossed = [d for d in arm.outward.stations(marks.crossings) if d <= furthest]
         if crossed:
             found.append(min(crossed) + BEHIND_M)
     return max(found, default=None)
@@ -146,7 +152,12 @@ def _parting(k: int, profiles: Sequence[_Profile]) -> float:
         overlap = gap.min(axis=1) < mine.half + other.half[nearest]
         if not overlap.any():
             continue
-        at = float(reach[np.flatnonzero(overlap)[-1]])
+        # Further out, arms may come near each other again: at the next junction.
+        gaps = np.flatnonzero(~overlap & (reach > NEAR_M))
+        last = np.flatnonzero(overlap[: gaps[0]] if len(gaps) else overlap)
+        if not len(last):
+            continue
+        at = float(reach[last[-1]])
         angle = abs((mine.heading - other.heading + np.pi) % (2 * np.pi) - np.pi)
         furthest = max(furthest, min(at, FLAT_M) if angle < FLAT else at)
     return furthest

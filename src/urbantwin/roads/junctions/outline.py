@@ -1,4 +1,4 @@
-"""The paved area of a junction of many nodes, and the islands in it."""
+"""The paved area of a junction of many nodes."""
 
 from __future__ import annotations
 
@@ -10,16 +10,12 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import area_difference, area_union
 
-__all__ = ["islands_of", "outline_of"]
+__all__ = ["outline_of"]
 
 #: Radius of curves at corners, metres (AASHTO Green Book, 9.6: 3 to 8 m in towns).
 CORNER_M = 5.0
 #: Half the width of what joins parts of a junction between which nobody drives, metres.
 BRIDGE_M = 1.5
-#: Vehicles keep this far from curbs beside their way, metres.
-BESIDE_M = 0.3
-#: Islands are no smaller and no narrower (US MUTCD 3I.02: 50 sq ft; 4 ft).
-ISLAND_M2, ISLAND_M = 4.7, 1.2
 
 
 def outline_of(
@@ -52,19 +48,3 @@ def _connected(area: shapely.Geometry) -> shapely.Geometry:
         bridge = shapely.shortest_line(parts[0], rest).buffer(BRIDGE_M)
         area = area_union([area, bridge])
     return area
-
-
-def islands_of(
-    outline: NDArray[np.float64], swept: Sequence[shapely.Geometry]
-) -> tuple[shapely.Polygon, ...]:
-    """Return where nobody drives within a junction, if it is large enough for an island."""
-    driven = area_union(list(swept)).buffer(BESIDE_M)
-    free = area_difference(shapely.make_valid(shapely.Polygon(outline)), driven)
-    free = free.buffer(-ISLAND_M / 2).buffer(ISLAND_M / 2 - 0.05)
-    border = shapely.LinearRing(outline)
-    parts = shapely.get_parts(free)
-    return tuple(
-        shapely.Polygon(shapely.simplify(part, 0.1).exterior)
-        for part in sorted(parts, key=lambda p: p.bounds)
-        if part.geom_type == "Polygon" and part.area >= ISLAND_M2 and part.distance(border) > 0.3
-    )

@@ -128,9 +128,7 @@ def _turns_back(passage: Passage) -> bool:
     return names[0] == names[1]
 
 
-def _is_forbidden(
-    path: Sequence[str], forbidden: Sequence[tuple[tuple[str, ...], bool]]
-) -> bool:
+def _is_forbidden(path: Sequence[str], forbidden: Sequence[tuple[tuple[str, ...], bool]]) -> bool:
     for edges, only in forbidden:
         size = len(edges)
         for k in range(len(path) - size + 1):
