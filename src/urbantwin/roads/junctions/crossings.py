@@ -19,6 +19,7 @@ from urbantwin.geometry import area_union
 from urbantwin.roads.junctions.edge_split import split_edges
 from urbantwin.roads.junctions.mapped_crossings import MappedCrossing
 from urbantwin.roads.junctions.plain import PlainCrossing, PlainEdge, PlainNetwork, PlainNode
+from urbantwin.roads.junctions.round_node import INTO_M
 from urbantwin.roads.junctions.strip import Strip, cut
 
 __all__ = ["with_crossings"]
@@ -39,6 +40,8 @@ BEFORE_M, BEHIND_M = 1.2, 0.3
 SHORTEST_M = 5.0
 #: Longest way over one carriageway, and gaps between directions that are no island, metres.
 WIDEST_M, SEAM_M = 60.0, 0.6
+#: Less than this is not cut off, metres.
+CUT_M = 0.3
 VEHICLES = ("passenger", "bus", "bicycle")
 
 
@@ -98,8 +101,7 @@ def with_crossings(
         line = _over(crossing, [hit.strip for hit in arm.hits])
         if line is None:
             continue
-        if not len(plain.nodes[arm.node].outline):
-            plain = _cut_back(plain, crossing, arm)
+        plain = _cut_back(plain, crossing, arm)
         made = PlainCrossing(
             arm.node,
             tuple(hit.strip.edge.id for hit in arm.hits),
@@ -175,13 +177,13 @@ def _arm_at_junction(
 def _reach(plain: PlainNetwork, crossing: MappedCrossing, name: str) -> tuple[float, float]:
     """Return how far beyond and before the ends of edges a node's crossings lie, metres."""
     node = plain.nodes[name]
+    near = NEAR_AT_SIGNALS_M if crossing.signalised and _is_signalised(plain, name) else NEAR_M
     if len(node.outline):
-        return BEYOND_M, ON_NODE_M
+        return BEYOND_M, near
     others = {edge.end for edge in plain.leaving[name]} | {e.start for e in plain.arriving[name]}
     if len(others) < 3:
         return ON_NODE_M, ON_NODE_M
-    at_signals = crossing.signalised and _is_signalised(plain, name)
-    return ON_NODE_M, NEAR_AT_SIGNALS_M if at_signals else NEAR_M
+    return ON_NODE_M, near
 
 
 def _at_new_node(
@@ -232,26 +234,41 @@ def _over(crossing: MappedCrossing, strips: Sequence[Strip]) -> NDArray[np.float
 
 def _cut_back(plain: PlainNetwork, crossing: MappedCrossing, arm: _Arm) -> PlainNetwork:
     """Return the network with an arm's edges ended before the crossing and begun behind it."""
-    edges = dict(plain.edges)
+    edges, node, cut_edges = dict(plain.edges), plain.nodes[arm.node], set[str]()
+    # Edges reach into an outline of the junction's own, where netconvert cuts them.
+    into = INTO_M if len(node.outline) else 0.0
+    skew = abs(float(crossing.across @ crossing.ahead))
+    outline = [shapely.Polygon(node.outline)] if len(node.outline) else []
     for hit in arm.hits:
-        edge = edges[hit.strip.edge.id]
-        skew = abs(float(crossing.across @ crossing.ahead))
+        edge = hit.strip.edge
         half = crossing.width / 2 + skew * edge.width / 2
-        arrives = hit.ahead == arm.is_before
-        if arrives:
-            last = hit.station - half - BEFORE_M
-            first = 0.0
-        else:
-            first = hit.station + half + BEHIND_M
-            last = hit.length
         length = float(edge.line.length)
-        if arrives:
-            last = min(length, max(last, min(SHORTEST_M, length)))
+        least = min(SHORTEST_M, length)
+        if hit.ahead == arm.is_before:
+            first, last = 0.0, hit.station - half - BEFORE_M + into
+            given = (last := max(last, least), length)
         else:
-            first = max(0.0, min(first, length - min(SHORTEST_M, length)))
-        if last - first < length - 1e-3:
-            edges[edge.id] = replace(edge, shape=cut(edge.line, first, last))
-    return replace(plain, edges=edges)
+            first, last = hit.station + half + BEHIND_M - into, length
+            given = (0.0, first := min(first, length - least))
+        if given[1] - given[0] < CUT_M:
+            continue
+        cut_edges.add(edge.id)
+        edges[edge.id] = replace(edge, shape=cut(edge.line, first, last))
+        outline.append(shapely.buffer(hit.strip.area(*given), 0.05, join_style="mitre"))
+    if not cut_edges:
+        return plain
+    if not len(node.outline):
+        return replace(plain, edges=edges)
+    whole = max(shapely.get_parts(area_union(outline)), key=lambda part: float(part.area))
+    ring = shapely.get_coordinates(whole.exterior)[:-1]
+    nodes = {**plain.nodes, node.id: replace(node, outline=ring)}
+    links = tuple(
+        replace(link, attributes={k: v for k, v in link.attributes.items() if k != "shape"})
+        if {link.start, link.end} & cut_edges
+        else link
+        for link in plain.links
+    )
+    return replace(plain, nodes=nodes, edges=edges, links=links)
 
 
 def _drawn_out(line: shapely.LineString, reach: float) -> shapely.LineString:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from urbantwin.roads.junctions.plain import PlainCrossing, PlainEdge, PlainNetwork
 from urbantwin.roads.junctions.strip import Strip
 
-__all__ = ["RoundNode", "is_driven", "is_sidewalk"]
+__all__ = ["INTO_M", "RoundNode", "is_driven", "is_sidewalk"]
 
 #: How far along an edge netconvert looks, at most half its length, metres.
 LOOK_M = 10.0
