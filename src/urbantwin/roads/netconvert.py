@@ -92,8 +92,8 @@ def sumo_network(
     *,
     driving_side: str,
     keep_apart: Iterable[int],
-    reshape: Callable[[PlainNetwork], PlainNetwork],
     edges: Path | None = None,
+    reshape: Callable[[PlainNetwork], PlainNetwork] | None = None,
     out: Path,
 ) -> list[str]:
     """Run netconvert on OSM XML and write a network without comments, dates and paths.
@@ -131,7 +131,9 @@ def sumo_network(
         if edges is not None:
             reading += ["--edge-files", str(edges)]
         warnings = _run_with(edges, reading, raw)
-        making = [*write_plain(made, reshape(read_plain(read))), *side, *_words(OPTIONS | MAKING)]
+        plain = read_plain(read, raw)
+        plain = plain if reshape is None else reshape(plain)
+        making = [*write_plain(made, plain), *side, *_words(OPTIONS | MAKING)]
         apart = [
             f"{sign}{way}{piece}"
             for way in keep_apart
