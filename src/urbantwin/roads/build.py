@@ -17,7 +17,7 @@ from urbantwin.ground import Elevation
 from urbantwin.progress import Progress, untold
 from urbantwin.result_warning import ResultWarning
 from urbantwin.roads.building_ground import building_ground
-from urbantwin.roads.cross_section import prepare_ways, write_sumo_edges
+from urbantwin.roads.cross_section import PreparedWays, prepare_ways, write_sumo_edges
 from urbantwin.roads.cross_section.sumo_edges import SumoEdge
 from urbantwin.roads.driving_side import country_of
 from urbantwin.roads.grade_separation import (
@@ -31,7 +31,7 @@ from urbantwin.roads.grade_separation import (
 from urbantwin.roads.heights import RoadSurface, with_heights
 from urbantwin.roads.heights.banked_widths import with_banked_widths
 from urbantwin.roads.junctions.cluster import meeting_nodes
-from urbantwin.roads.junctions.consolidate import consolidated
+from urbantwin.roads.junctions.consolidate import Consolidated, consolidated
 from urbantwin.roads.junctions.crossings import with_crossings
 from urbantwin.roads.junctions.footways import with_footways
 from urbantwin.roads.junctions.mapped_crossings import mapped_crossings
@@ -177,26 +177,17 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
         edges = Path(scratch) / "network.edg.xml"
         write_sumo_edges(edges, frame, prepared.edges)
         apart = [piece.id for piece in pieces if piece.way == 0 or piece.way in level_of_way]
-        wide: dict[str, tuple[str, ...]] = {}
+        tell(0.15, "junctions")
+        junctions: list[Consolidated] = []
 
         def reshape(plain: PlainNetwork) -> PlainNetwork:
-            done = consolidated(
-                plain,
-                mapped_marks(extract, pieces, {int(node) for node in meeting_nodes(plain)}),
-                {edge.id: _arrows(edge) for edge in prepared.edges},
-                apart={f"{sign}{piece}" for piece in [*apart, *round_] for sign in ("", "-")},
-                forbidden=via_way_restrictions(extract, pieces),
-                driving_side=driving_side,
-            )
-            wide.update(done.members)
-            crossed = mapped_crossings(extract, frame, pieces, country=country)
-            made = with_crossings(done.plain, crossed, driving_side=driving_side)
+            junctions.append(_consolidated(plain, extract, prepared, apart, driving_side))
+            mapped = mapped_crossings(extract, frame, pieces, country=country)
+            crossed = with_crossings(junctions[0].plain, mapped, driving_side=driving_side)
             streets = {node for piece in pieces for node in piece.nodes}
             footways = mapped_footways(extract, frame, region, streets)
-            return with_footways(made, footways, driving_side=driving_side)
+            return with_footways(crossed, footways, driving_side=driving_side)
 
-        round_ = [piece.id for piece in pieces if piece.tags.get("junction")]
-        tell(0.15, "junctions")
         warnings = sumo_network(
             osm,
             frame,
@@ -250,7 +241,7 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
     notes: dict[str, object] = {
         "roads": len(network.roads),
         "junctions": len(network.junctions),
-        "junctions_of_several_nodes": len(wide),
+        "junctions_of_several_nodes": len(junctions[0].members),
         "signal_programs": len(network.programs),
         "signal_programs_set": planned,
         "signals_inferred_from_stop_lines_and_crossings": _within(
@@ -269,6 +260,26 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
         "netconvert_warnings": len(warnings),
     }
     return BuiltRoads(model, network, surface, notes)
+
+
+def _consolidated(
+    plain: PlainNetwork,
+    extract: Extract,
+    prepared: PreparedWays,
+    apart: Sequence[int],
+    driving_side: str,
+) -> Consolidated:
+    """Return the network with junctions of many nodes made one."""
+    pieces = prepared.pieces
+    rings = [piece.id for piece in pieces if piece.tags.get("junction")]
+    return consolidated(
+        plain,
+        mapped_marks(extract, pieces, {int(node) for node in meeting_nodes(plain)}),
+        {edge.id: _arrows(edge) for edge in prepared.edges},
+        apart={f"{sign}{piece}" for piece in [*apart, *rings] for sign in ("", "-")},
+        forbidden=via_way_restrictions(extract, pieces),
+        driving_side=driving_side,
+    )
 
 
 def _arrows(edge: SumoEdge) -> list[tuple[str, ...]]:

@@ -55,7 +55,7 @@ class Chain:
     @cached_property
     def length(self) -> float:
         """Metres."""
-        return sum(edge.line.length for edge in self.edges)
+        return float(sum(edge.line.length for edge in self.edges))
 
     @property
     def nodes(self) -> tuple[str, ...]:
@@ -196,7 +196,7 @@ def flat_nodes(
     for chain in chains:
         for node in {chain.start, chain.end}:
             touching[node].append(chain)
-    found = []
+    found: list[tuple[str, ...]] = []
     for node in sorted(set(meeting) - within):
         mine = touching[node]
         parting = len(mine) == 3 and {len([c for c in mine if c.end == node])} <= {1, 2}

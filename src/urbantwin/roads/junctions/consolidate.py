@@ -261,7 +261,7 @@ def _extended(points: NDArray[np.float64], length: float) -> NDArray[np.float64]
     return np.vstack([ahead, points])
 
 
-def _junction(  # noqa: PLR0913 - all that a junction is made of
+def _junction(
     plain: PlainNetwork,
     cluster: _Cluster,
     edges: Mapping[str, PlainEdge],

@@ -134,9 +134,9 @@ def _profile(arm: Arm, strips: Mapping[str, Strip]) -> _Profile:
     places = np.vstack(lines)
     reach = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(places, axis=0), axis=1))])
     near = reach <= FURTHEST_M + 10.0
-    places, half = places[near], np.concatenate(halves)[near]
+    places = places[near]
     ahead = places[min(len(places) - 1, int(10.0 / STEP_M))] - places[0]
-    return _Profile(places, half, float(np.arctan2(ahead[1], ahead[0])))
+    return _Profile(places, np.concatenate(halves)[near], float(np.arctan2(ahead[1], ahead[0])))
 
 
 def _parting(k: int, profiles: Sequence[_Profile]) -> float:

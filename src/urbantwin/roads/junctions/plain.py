@@ -163,8 +163,19 @@ class PlainNetwork:
         return found
 
 
-def read_plain(prefix: Path) -> PlainNetwork:
-    """Read what netconvert wrote with ``--plain-output-prefix``."""
+def read_plain(prefix: Path, net: Path) -> PlainNetwork:
+    """Read what netconvert wrote with ``--plain-output-prefix``.
+
+    Args:
+        prefix: of the plain XML.
+        net: the network that it wrote in the same run: in the plain XML it leaves out the lanes'
+            width where all lanes of an edge are alike.
+    """
+    widths = {
+        lane.get("id"): lane.get("width")
+        for _, lane in etree.iterparse(net, tag="lane")
+        if lane.get("width")
+    }
     nodes = {}
     for item in _root(prefix, "nod").findall("node"):
         rest = _rest(item, "id", "x", "y", "shape")
@@ -178,7 +189,7 @@ def read_plain(prefix: Path) -> PlainNetwork:
         if len(shape) < 2:
             shape = np.array([nodes[start].xy, nodes[end].xy])
         edges[item.get("id")] = PlainEdge(
-            item.get("id"), start, end, shape, _lanes(item, rest), rest, _params(item)
+            item.get("id"), start, end, shape, _lanes(item, rest, widths), rest, _params(item)
         )
     links = tuple(
         PlainLink(
@@ -264,9 +275,12 @@ def _params(item: etree._Element) -> dict[str, str]:
     return {row.get("key"): row.get("value") for row in item.findall("param")}
 
 
-def _lanes(item: etree._Element, edge: dict[str, str]) -> tuple[PlainLane, ...]:
+def _lanes(
+    item: etree._Element, edge: dict[str, str], widths: Mapping[str, str]
+) -> tuple[PlainLane, ...]:
     """Return an edge's lanes; what is said of all lanes at once is moved from the edge to each."""
-    common = {key: edge.pop(key) for key in ("allow", "disallow", "width") if key in edge}
+    every = ("allow", "disallow", "width")
+    common: dict[str, str] = {key: edge.pop(key) for key in every if key in edge}
     lanes = []
     for row in item.findall("lane"):
         own = _rest(row, "index")
@@ -274,6 +288,8 @@ def _lanes(item: etree._Element, edge: dict[str, str]) -> tuple[PlainLane, ...]:
             told = {key: value for key, value in common.items() if key == "width"}
         else:
             told = common
+        if width := widths.get(f"{item.get('id')}_{row.get('index')}"):
+            own["width"] = width
         lanes.append(PlainLane({**told, **own}, _params(row).get("origId", "")))
     return tuple(lanes)
 
