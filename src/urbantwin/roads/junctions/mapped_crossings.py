@@ -151,7 +151,7 @@ def _is_crossing_way(way: Way) -> bool:
 
 def _told(tags: Mapping[str, str]) -> dict[str, str]:
     """Return what a node says of its crossing, which counts more than what the way says."""
-    return {key: value for key, value in tags.items() if key.startswith("crossing")}
+    return {k: v for k, v in tags.items() if k.startswith("crossing") or k == "highway"}
 
 
 def _crossing(
@@ -161,7 +161,8 @@ def _crossing(
     country: str,
 ) -> MappedCrossing:
     signalised = (
-        tags.get("crossing") in SIGNALISED
+        tags.get("highway") == "traffic_signals"
+        or tags.get("crossing") in SIGNALISED
         or tags.get("crossing_ref") in SIGNALISED
         or tags.get("crossing:signals") == "yes"
     )
