@@ -140,6 +140,8 @@ def sumo_network(
             for sign in ("", "-")
             for piece in ("", *(f"#{k}" for k in range(12)))
         ]
+        # netconvert forgets what is crossed where it joins edges.
+        apart += sorted({edge for crossing in plain.crossings for edge in crossing.edges})
         if apart:
             making += ["--geometry.remove.keep-edges.explicit", ",".join(apart)]
         warnings += run_netconvert(making, raw)

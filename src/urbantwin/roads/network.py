@@ -44,6 +44,8 @@ class Lane:
         successors: ids of the lanes that follow, through a junction's connection.
         junction: id of the junction it lies in; empty outside junctions.
         widths: (N,) width at each point of the centre where it changes, else empty.
+        marking: what a crossing is marked with: ``zebra``, ``lines``, ``dashes``, ``dots`` or
+            ``none``; empty where nobody told.
     """
 
     id: str
@@ -58,6 +60,7 @@ class Lane:
     successors: tuple[str, ...]
     junction: str
     widths: Numbers = field(default_factory=lambda: np.zeros(0))
+    marking: str = ""
 
     @cached_property
     def polygon(self) -> shapely.Polygon:

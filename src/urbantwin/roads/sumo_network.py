@@ -163,7 +163,14 @@ def _lane(
         "level": level,
         "allowed": allowed,
         "junction": inside,
+        "marking": _marking(item),
     }
+
+
+def _marking(item: etree._Element) -> str:
+    """Return what a crossing is marked with, where this program's own input told netconvert."""
+    told = (row.get("value") for row in item.iterfind("param") if row.get("key") == "marking")
+    return next(told, "")
 
 
 def _allowed(item: etree._Element) -> tuple[str, ...]:

@@ -54,10 +54,10 @@ def draw_marks(axes: Axes, network: RoadNetwork, model: LaneModel | None, look: 
     axes.add_collection(
         PolyCollection(list(rest), facecolor=look.paint, linewidth=0, zorder=11.2), autolim=False
     )
-    zebras = paint.kind == PAINT_KINDS.index("zebra")
-    for level in np.unique(paint.level[zebras]).tolist():
+    crossings = np.isin(paint.kind, [PAINT_KINDS.index(kind) for kind in ("zebra", "crossing")])
+    for level in np.unique(paint.level[crossings]).tolist():
         stripes = PolyCollection(
-            list(paint.quads[zebras & (paint.level == level)]),
+            list(paint.quads[crossings & (paint.level == level)]),
             facecolor=look.paint,
             linewidth=0,
             zorder=11.1 + 10 * level,

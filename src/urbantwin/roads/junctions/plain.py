@@ -108,13 +108,17 @@ class PlainLink:
 
 @dataclass(frozen=True, eq=False)
 class PlainCrossing:
-    """Where people cross edges at a node, metres wide; ``line`` (N, 2) empty: netconvert's own."""
+    """Where people cross edges at a node, metres wide; ``line`` (N, 2) empty: netconvert's own.
+
+    ``marking`` tells what is painted there, as ``MappedCrossing`` does.
+    """
 
     node: str
     edges: tuple[str, ...]
     width: float
     priority: bool
     line: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 2)))
+    marking: str = ""
 
 
 @dataclass(frozen=True)
@@ -254,6 +258,8 @@ def _connections(plain: PlainNetwork) -> etree._Element:
         )
         if len(crossing.line):
             item.set("shape", _text(crossing.line))
+        if crossing.marking:
+            etree.SubElement(item, "param", key="marking", value=crossing.marking)
     return root
 
 
