@@ -7,7 +7,8 @@ import os
 import re
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from lxml import etree
@@ -53,10 +54,16 @@ MAKING = {
     "tls.left-green.time": "12",
     "tls.allred.time": "2",  # to clear the junction (RiLSA 2015, 2.5); by default none
     "walkingareas": "true",
+    "aggregate-warnings": "-1",
 }
 #: The edge that an error of netconvert's is about, and how many such edges are accepted.
 EDGE = re.compile(r"edge '([^']+)'")
 MOST_UNKNOWN = 8
+#: Crossings that netconvert finds no way from or to, what it says of those that it drops, and how
+#: often it is tried.
+NOWHERE = re.compile(r"crossing '[^']*' across \[([^]]*)\] has no")
+DROPPED = "Discarding invalid crossing"
+MOST_ATTEMPTS = 4
 TYPE_FILES = ("osmNetconvert.typ.xml", "osmNetconvertBicycle.typ.xml")
 
 
@@ -133,19 +140,37 @@ def sumo_network(
         warnings = _run_with(edges, reading, raw)
         plain = read_plain(read, raw)
         plain = plain if reshape is None else reshape(plain)
-        making = [*write_plain(made, plain), *side, *_words(OPTIONS | MAKING)]
         apart = [
             f"{sign}{way}{piece}"
             for way in keep_apart
             for sign in ("", "-")
             for piece in ("", *(f"#{k}" for k in range(12)))
         ]
-        # netconvert forgets what is crossed where it joins edges.
-        apart += sorted({edge for crossing in plain.crossings for edge in crossing.edges})
-        if apart:
-            making += ["--geometry.remove.keep-edges.explicit", ",".join(apart)]
-        warnings += run_netconvert(making, raw)
+        warnings += _make(plain, apart, [*side, *_words(OPTIONS | MAKING)], made, raw)
         write_network(raw, out)
+    return warnings
+
+
+def _make(
+    plain: PlainNetwork, apart: Sequence[str], options: Sequence[str], made: Path, raw: Path
+) -> list[str]:
+    """Make the network of plain edges; return the warnings.
+
+    A crossing that netconvert finds no way from or to makes it drop others at the same node: it is
+    left out.
+    """
+    for attempt in range(MOST_ATTEMPTS):
+        # netconvert forgets what is crossed where it joins edges.
+        crossed = {edge for crossing in plain.crossings for edge in crossing.edges}
+        keep = ",".join([*apart, *sorted(crossed)])
+        told = ["--geometry.remove.keep-edges.explicit", keep] if keep else []
+        warnings = run_netconvert([*write_plain(made, plain), *options, *told], raw)
+        nowhere = {frozenset(found[1].split()) for found in map(NOWHERE.search, warnings) if found}
+        dropped = any(DROPPED in line for line in warnings)
+        if not nowhere or not dropped or attempt == MOST_ATTEMPTS - 1:
+            break
+        left = tuple(c for c in plain.crossings if frozenset(c.edges) not in nowhere)
+        plain = replace(plain, crossings=left)
     return warnings
 
 
