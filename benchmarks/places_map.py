@@ -46,12 +46,13 @@ class Crossing:
 
 @dataclass(frozen=True)
 class Signal:
-    """A mapped signal: where; headings of the traffic that it stops; whether streets meet here."""
+    """A mapped signal: where; headings of the traffic that it stops; what is mapped there."""
 
     x: float
     y: float
     headings: tuple[float, ...]
     is_junction: bool
+    is_crossing: bool
 
 
 @dataclass(frozen=True)
@@ -142,13 +143,14 @@ class MappedStreets:
             tags = self._tags.get(node, {})
             if "traffic_signals" not in (tags.get("highway"), tags.get("crossing")):
                 continue
+            crossed = tags.get("highway") != "traffic_signals"
             told = tags.get("traffic_signals:direction", tags.get("direction", ""))
             headings = [
                 heading
                 for way, index in self._owners[node]
                 for heading in self._headings_at(way, index, told)
             ]
-            found.append(Signal(*self._at[node], tuple(headings), self._arms(node) > 2))
+            found.append(Signal(*self._at[node], tuple(headings), self._arms(node) > 2, crossed))
         return found
 
     def _headings_at(self, number: int, index: int, told: str) -> Iterator[float]:

@@ -96,11 +96,19 @@ def _has_crossing(one: Crossing, lanes: list[Lane]) -> bool:
 
 
 def _has_stop_line(one: Signal, twin: Twin) -> bool:
-    """Whether vehicles are stopped near a mapped signal, in a direction that it is for."""
+    """Whether vehicles are stopped near a mapped signal, going a way that it is for.
+
+    The signal of a crossing is there, too, if a signalised crossing is.
+    """
+    here = shapely.Point(one.x, one.y)
     for head in twin.roads.signals:
-        if twin.roads.lane_by_id[head.lane].kind == "crossing":
+        lane = twin.roads.lane_by_id[head.lane]
+        if lane.kind == "crossing":
+            # Traffic that leaves a junction is held by the signals of its entries.
+            if one.is_crossing and lane.polygon.distance(here) <= NEAR_CROSSING_M:
+                return True
             continue
-        away = np.hypot(head.x - one.x, head.y - one.y)
+        away = float(np.hypot(head.x - one.x, head.y - one.y))
         if one.is_junction and away <= NEAR_JUNCTION_M:
             return True
         if away <= NEAR_SIGNAL_M and any(_turn(head.yaw, x) < PARALLEL for x in one.headings):

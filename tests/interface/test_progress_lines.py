@@ -7,7 +7,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from urbantwin.interface.stage import _lines, shown_stage
+from urbantwin.interface.stage import _lines, shown_stage, tell_warnings
+from urbantwin.result_warning import ResultWarning
 
 
 def shares(text: str) -> list[int]:
@@ -21,6 +22,19 @@ def test_who_waits_gets_lines_though_nothing_is_told(capsys: pytest.CaptureFixtu
     lines = capsys.readouterr().err.splitlines()
     assert sum("30%, drying" in line and "so far" in line for line in lines) >= 3
     assert lines[-1].startswith("paint: done in ")
+
+
+def test_warnings_are_told_where_progress_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    told = [ResultWarning("crossings", "2 of 3 are there"), ResultWarning("points", "none")]
+    for progress in (False, lambda share, doing: None):
+        tell_warnings(told, progress)
+        assert capsys.readouterr() == ("", "")
+    tell_warnings(told, True)
+    out, err = capsys.readouterr()
+    assert (out, err.splitlines()) == (
+        "",
+        ["warning: crossings: 2 of 3 are there", "warning: points: none"],
+    )
 
 
 def test_the_share_never_falls(capsys: pytest.CaptureFixture[str]) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from urbantwin.artefact import check_folder, sha256_of
+from urbantwin.interface.outcome import outcome_of_motion
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_warnings
 from urbantwin.interface.summary import Summary
@@ -77,7 +78,11 @@ class Motion(DrivenMotion):
     def summary(self) -> Summary:
         """Return what the motion holds in a few values."""
         told = [str(one) for one in self.warnings]
-        return Summary(path=str(self.folder), **describe(self.folder), warnings=told)
+        return Summary(
+            path=str(self.folder),
+            **{**describe(self.folder), **outcome_of_motion(self)},
+            warnings=told,
+        )
 
     def plot(self, twin: Twin | None = None) -> Figure:
         """Draw the path of every actor from above.

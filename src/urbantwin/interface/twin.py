@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from urbantwin.interface.outcome import outcome_of_twin
 from urbantwin.interface.place import AnyPath, folder_of_site
 from urbantwin.interface.rig import fields_below, placed
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_warnings
@@ -85,6 +86,7 @@ class Twin(BuiltTwin):
             longitude=self.frame.longitude,
             region_m2=round(self.region.area, 1),
             driving_side=self.manifest["driving_side"],
+            **outcome_of_twin(self),
             triangles=len(self.mesh.faces),
             triangles_by_class=dict(triangles.most_common()),
             signals=described_signals(self.net_path),

@@ -54,8 +54,8 @@ def warnings_of_build(
     for part in _left_out(roads.notes):
         yield ResultWarning(
             "roads",
-            f"{part['roads']} ways of {part['metres']:.0f} m ({part['names']}) are left out",
-            "no street joins them to the rest within the region",
+            f"{part['metres']:.0f} m are left out ({part['names']})",
+            "nothing joins them to the rest within the region",
             "make the region larger, or join them in the map",
         )
     for name, told in geometry.items():
