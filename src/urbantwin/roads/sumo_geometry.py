@@ -8,6 +8,7 @@ import numpy as np
 from lxml import etree
 from numpy.typing import NDArray
 
+from urbantwin.roads.curve_speed import lane_speeds
 from urbantwin.roads.network import Lane, RoadNetwork
 
 __all__ = ["redraw_sumo_network"]
@@ -24,7 +25,9 @@ def redraw_sumo_network(path: Path, network: RoadNetwork) -> None:
     Lengths follow: all lanes of an edge have one, the mean over those that are driven on, as
     netconvert sets it. Crossings and walking areas stay. Where a sidewalk is narrow because a wall
     stands beside it, people walk in a band that ends at the wall, if need be on the carriageway.
-    SUMO knows one width of a lane: its narrowest.
+    SUMO knows one width of a lane: its narrowest. The speed of a way over a junction is what its
+    curve allows where it begins; where it is tighter further on, `traffic.simulation` slows down
+    those who drive there.
 
     Args:
         path: the network, rewritten in place.
@@ -52,6 +55,11 @@ def redraw_sumo_network(path: Path, network: RoadNetwork) -> None:
                     item.set("width", f"{max(float(lane.widths.min()), WALKED_M):.2f}")
                     line = _away_from_walls(lane, 1 if network.driving_side == "right" else -1)
                 item.set("shape", " ".join([f"{x:.3f},{y:.3f}" for x, y in line.tolist()]))
+    speeds = lane_speeds(tree.getroot())
+    for item in tree.getroot().iterfind("edge[@function='internal']/lane"):
+        allowed = speeds.get(item.get("id", ""))
+        if allowed is not None:
+            item.set("speed", f"{min(float(item.get('speed', 'inf')), float(allowed[0])):.2f}")
     tree.write(path, encoding="UTF-8", xml_declaration=True)
 
 

@@ -16,6 +16,7 @@ from urbantwin.progress import Progress, between, untold
 from urbantwin.reconstruct import Reconstruction, outcome
 from urbantwin.result_warning import ResultWarning, rows_of
 from urbantwin.roads import build_roads, driving_side
+from urbantwin.roads.driving_side import country_of
 from urbantwin.roads.imported import ImportedMap, build_imported_roads, prepared_map, read_map
 from urbantwin.roads.signals import heads_of
 from urbantwin.scene import build_scene
@@ -133,6 +134,7 @@ def build_twin(
             heads,
             found,
             imported.drivable if imported else None,
+            country=country_of(site.latitude, site.longitude),
             tell=between(tell, ROADS_WRITTEN, SCENE, "scene"),
         )
         tell(SCENE, "writing the scene")
