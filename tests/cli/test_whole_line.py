@@ -37,7 +37,7 @@ def made(site: Path, run_program: Run, tmp_path_factory: pytest.TempPathFactory)
     assert outcome.code == 0, outcome.err
     told = json.loads(outcome.out)
     assert {Path(told[kind]) for kind in ("twin", "motion", "dataset")} == set(out.iterdir())
-    assert len(told["pictures"]) == 6
+    assert len(told["pictures"]) == 7
     assert all(Path(picture).stat().st_size > 10_000 for picture in told["pictures"])
     lines = outcome.err.splitlines()
     assert [line for line in lines if line.startswith("warning: ")] == [
@@ -106,7 +106,7 @@ def test_each_stage_alone_gives_the_bytes_of_run(
     rig.write_text(yaml.safe_dump(yaml.safe_load(site.read_text())["rig"]))
     for arguments in (
         ("build", site, "-o", twin, "--no-pictures"),
-        ("traffic", twin, "-o", motion, "--seconds", "0.5", "--seed", "1"),
+        ("traffic", twin, "-o", motion, "--seconds", "0.5", "--seed", "1", "--no-pictures"),
         ("record", twin, motion, "--rig", rig, "-o", dataset, "--workers", "2", "--no-pictures"),
     ):
         outcome = run_here(*arguments, "--quiet")

@@ -3,11 +3,12 @@
 import re
 import sys
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
-from urbantwin.interface.stage import _lines, shown_stage, tell_warnings
+from urbantwin.interface.stage import _lines, shown_stage, tell_result
 from urbantwin.result_warning import ResultWarning
 
 
@@ -24,17 +25,22 @@ def test_who_waits_gets_lines_though_nothing_is_told(capsys: pytest.CaptureFixtu
     assert lines[-1].startswith("paint: done in ")
 
 
-def test_warnings_are_told_where_progress_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_result_is_told_where_progress_is_shown(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
     told = [ResultWarning("crossings", "2 of 3 are there"), ResultWarning("points", "none")]
     for progress in (False, lambda share, doing: None):
-        tell_warnings(told, progress)
+        tell_result("paint", tmp_path, told, progress)
         assert capsys.readouterr() == ("", "")
-    tell_warnings(told, True)
+    tell_result("paint", tmp_path, told, True)
     out, err = capsys.readouterr()
     assert (out, err.splitlines()) == (
         "",
         ["warning: crossings: 2 of 3 are there", "warning: points: none"],
     )
+    (tmp_path / "pictures").mkdir()
+    tell_result("paint", tmp_path, (), True)
+    assert capsys.readouterr().err == f"paint: pictures in {tmp_path / 'pictures'}\n"
 
 
 def test_the_share_never_falls(capsys: pytest.CaptureFixture[str]) -> None:

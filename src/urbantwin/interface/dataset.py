@@ -20,7 +20,7 @@ from urbantwin.dataset.manifest_schema import pose_of_matrix, read_manifest
 from urbantwin.errors import InputError
 from urbantwin.interface.outcome import outcome_of_dataset
 from urbantwin.interface.place import AnyPath, beside
-from urbantwin.interface.stage import ShowProgress, shown_stage, tell_warnings
+from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
 from urbantwin.interface.summary import Summary
 from urbantwin.result_warning import ResultWarning, warnings_of
 
@@ -387,5 +387,5 @@ def record(  # noqa: PLR0913 - the options of the command
             progress=tell,
         )
     made = Dataset(place)
-    tell_warnings(made.warnings, progress)
+    tell_result("record", place, made.warnings, progress)
     return made

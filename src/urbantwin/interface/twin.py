@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from urbantwin.interface.outcome import outcome_of_twin
 from urbantwin.interface.place import AnyPath, folder_of_site
 from urbantwin.interface.rig import fields_below, placed
-from urbantwin.interface.stage import ShowProgress, shown_stage, tell_warnings
+from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
 from urbantwin.interface.summary import Summary
 from urbantwin.progress import Progress
 from urbantwin.result_warning import ResultWarning
@@ -174,7 +174,7 @@ def build_of(site: Site, out: Path, *, pictures: bool, progress: ShowProgress) -
 
     with shown_stage("twin", progress) as tell:
         built = build_twin(site, out, tell, watch=found.append, also=also)
-    tell_warnings(built.warnings, progress)
+    tell_result("twin", built.folder, built.warnings, progress)
     return Twin(built.folder, built.manifest)
 
 

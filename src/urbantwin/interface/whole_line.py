@@ -62,7 +62,7 @@ class Run:
         """The pictures that were drawn."""
         return [
             picture
-            for kind in ("twin", "dataset")
+            for kind in ("twin", "motion", "dataset")
             for picture in sorted((self.folder / kind).rglob("pictures/*.png"))
         ]
 
@@ -172,7 +172,7 @@ def _run_of(
         check_folder(out / kind, kind=kind, inputs=site.files())
     made = Run(out)
     made.twin = build_of(site, out / "twin", pictures=pictures, progress=progress)
-    made.motion = drive(made.twin, out / "motion", progress=progress)
+    made.motion = drive(made.twin, out / "motion", pictures=pictures, progress=progress)
     made.dataset = record(
         made.twin,
         made.motion,
