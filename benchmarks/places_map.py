@@ -32,6 +32,8 @@ DRIVEN = frozenset(
 #: Crossings of one way nearer to each other are one; lanes are counted this far from where
 #: streets meet, so often; metres.
 ONE_CROSSING_M, CLEAR_M, EVERY_M = 4.0, 15.0, 10.0
+#: The street that leads to lanes is followed this far, metres, where it bends less than this.
+APPROACH_M, STRAIGHT = 100.0, np.radians(40.0)
 
 
 @dataclass(frozen=True)
@@ -46,12 +48,13 @@ class Crossing:
 
 @dataclass(frozen=True)
 class Signal:
-    """A mapped signal: where; headings of the traffic that it stops; whether streets meet here."""
+    """A mapped signal: where; headings of the traffic that it stops; what is mapped there."""
 
     x: float
     y: float
     headings: tuple[float, ...]
     is_junction: bool
+    is_crossing: bool
 
 
 @dataclass(frozen=True)
@@ -66,11 +69,17 @@ class Section:
 
 @dataclass(frozen=True)
 class Arrows:
-    """The turns of one direction's lanes, left to right, and its line up to where they end."""
+    """The turns of one direction's lanes, left to right, up to where they end.
+
+    ``line`` is their way's, in their direction; ``before`` that of the street that leads there,
+    to its end, and ``tagged_before`` whether lanes of it have turns, too.
+    """
 
     line: NDArray[np.float64]
     lanes: tuple[frozenset[str], ...]
     is_one_way: bool
+    before: NDArray[np.float64]
+    tagged_before: bool
 
 
 class MappedStreets:
@@ -142,13 +151,14 @@ class MappedStreets:
             tags = self._tags.get(node, {})
             if "traffic_signals" not in (tags.get("highway"), tags.get("crossing")):
                 continue
+            crossed = tags.get("highway") != "traffic_signals"
             told = tags.get("traffic_signals:direction", tags.get("direction", ""))
             headings = [
                 heading
                 for way, index in self._owners[node]
                 for heading in self._headings_at(way, index, told)
             ]
-            found.append(Signal(*self._at[node], tuple(headings), self._arms(node) > 2))
+            found.append(Signal(*self._at[node], tuple(headings), self._arms(node) > 2, crossed))
         return found
 
     def _headings_at(self, number: int, index: int, told: str) -> Iterator[float]:
@@ -203,7 +213,37 @@ class MappedStreets:
                     for one in tags[key].split("|")
                 )
                 if any(lanes):
-                    yield Arrows(line if forward else line[::-1], lanes, one_way != 0)
+                    own = line if forward else line[::-1]
+                    before, tagged = self._before(way, nodes if forward else nodes[::-1], own)
+                    yield Arrows(own, lanes, one_way != 0, before, tagged)
+
+    def _before(
+        self, way: int, nodes: list[int], line: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], bool]:
+        """The line of the street that leads straightest to a way, and whether it has turns."""
+        parts, length, tagged, seen = [np.zeros((0, 2))], 0.0, False, {way}
+        first, heading = nodes[0], _heading(line[0], line[1])
+        while length < APPROACH_M:
+            found = []
+            for number, index in self._owners[first]:
+                other, its, tags = self.driven[number]
+                for forward, at_end in ((True, index == len(its) - 1), (False, index == 0)):
+                    against = _one_way(tags) == (-1 if forward else 1)
+                    if other in seen or not at_end or against:
+                        continue
+                    leg = self._lines[other] if forward else self._lines[other][::-1]
+                    turn = abs(_wrapped(_heading(leg[-2], leg[-1]) - heading))
+                    found.append((turn, other, leg, its[0] if forward else its[-1], tags, forward))
+            if not found or min(one[0] for one in found) > STRAIGHT:
+                break
+            _, other, leg, first, tags, forward = min(found, key=lambda one: one[:2])
+            seen.add(other)
+            keys = ("turn:lanes", f"turn:lanes:{'forward' if forward else 'backward'}")
+            tagged |= any(key in tags for key in keys)
+            parts.insert(0, leg)
+            heading = _heading(leg[0], leg[1])
+            length += shapely.LineString(leg).length
+        return np.concatenate(parts), tagged
 
     def _goes_on(self, way: int, end: int, forward: bool) -> bool:
         """Whether a street goes on beyond a node as one other way that has turns of lanes, too."""
@@ -241,6 +281,10 @@ def _apart(crossings: list[Crossing]) -> list[Crossing]:
         if all(np.hypot(one.x - x.x, one.y - x.y) >= ONE_CROSSING_M for x in kept):
             kept.append(one)
     return kept
+
+
+def _wrapped(angle: float) -> float:
+    return float((angle + np.pi) % (2 * np.pi) - np.pi)
 
 
 def _heading(start: tuple[float, float], end: tuple[float, float]) -> float:

@@ -16,7 +16,7 @@ import shapely.affinity
 from numpy.typing import NDArray
 from scipy.signal import fftconvolve
 
-from places_map import Arrows, Crossing, MappedStreets, Section, Signal
+from places_map import APPROACH_M, Arrows, Crossing, MappedStreets, Section, Signal
 from urbantwin.roads.marking import arrow
 from urbantwin.roads.network import Lane
 from urbantwin.taxonomy import material_id
@@ -51,7 +51,8 @@ def measure(twin: Twin, streets: MappedStreets) -> dict[str, Any]:
         frame. ``unmapped_zebras`` of ``zebras``: painted with no mapped crossing near. ``heads``:
         lanes that signals stop and whose signal stands, of all that signals stop.
         ``wrong_arrows``: what is painted beside what is tagged. ``arrows_without_a_lane``: tagged
-        lanes for which the twin has none.
+        lanes for which the twin has none. ``arrows_within_junctions``: tagged lanes, not judged,
+        of a way that a junction of the twin has swallowed, behind others that are tagged.
     """
     inside = twin.region.buffer(-BORDER_M)
     shapely.prepare(inside)
@@ -96,11 +97,19 @@ def _has_crossing(one: Crossing, lanes: list[Lane]) -> bool:
 
 
 def _has_stop_line(one: Signal, twin: Twin) -> bool:
-    """Whether vehicles are stopped near a mapped signal, in a direction that it is for."""
+    """Whether vehicles are stopped near a mapped signal, going a way that it is for.
+
+    The signal of a crossing is there, too, if a signalised crossing is.
+    """
+    here = shapely.Point(one.x, one.y)
     for head in twin.roads.signals:
-        if twin.roads.lane_by_id[head.lane].kind == "crossing":
+        lane = twin.roads.lane_by_id[head.lane]
+        if lane.kind == "crossing":
+            # Traffic that leaves a junction is held by the signals of its entries.
+            if one.is_crossing and lane.polygon.distance(here) <= NEAR_CROSSING_M:
+                return True
             continue
-        away = np.hypot(head.x - one.x, head.y - one.y)
+        away = float(np.hypot(head.x - one.x, head.y - one.y))
         if one.is_junction and away <= NEAR_JUNCTION_M:
             return True
         if away <= NEAR_SIGNAL_M and any(_turn(head.yaw, x) < PARALLEL for x in one.headings):
@@ -150,12 +159,15 @@ class _DrivenLanes:
 def _arrows(
     twin: Twin, streets: MappedStreets, driven: _DrivenLanes, inside: shapely.Polygon
 ) -> dict[str, Any]:
-    right, tagged, lost, extra, wrong = 0, 0, 0, 0, []
+    right, tagged, lost, extra, within, wrong = 0, 0, 0, 0, 0, []
     for one in streets.arrows():
         if not inside.contains(shapely.Point(one.line[-1])):
             continue
         lanes = _lanes_before(one, driven, twin.roads.driving_side)
         judged = [turns for turns in one.lanes if turns and turns <= TURN.keys()]
+        if lanes is None and one.tagged_before:
+            within += len(judged)
+            continue
         tagged += len(judged)
         if lanes is None:
             lost += len(judged)
@@ -177,15 +189,24 @@ def _arrows(
         "arrows": [right, tagged],
         "wrong_arrows": wrong,
         "arrows_without_a_lane": lost,
+        "arrows_within_junctions": within,
         "arrows_where_none_is_tagged": extra,
     }
 
 
 def _lanes_before(one: Arrows, driven: _DrivenLanes, side: str) -> list[Lane] | None:
-    """The lanes of tagged turns, left to right, as near to their end as there are any."""
+    """The lanes of tagged turns, left to right, as near to their end as there are any.
+
+    Where their way lies within a junction of the twin, those of the street that leads there, unless
+    that has turns of its own.
+    """
     line = shapely.LineString(one.line)
     count = len(one.lanes)
-    for back in np.arange(3.0, max(line.length, 3.5), 3.0):
+    reach = line.length
+    if not one.tagged_before and len(one.before):
+        line = shapely.LineString(np.concatenate([one.before[:-1], one.line]))
+        reach = min(line.length, reach + APPROACH_M)
+    for back in np.arange(3.0, max(reach, 3.5), 3.0):
         here, ahead = (line.interpolate(max(line.length - b, 0.0)) for b in (back, back - 0.5))
         heading = float(np.arctan2(ahead.y - here.y, ahead.x - here.x))
         # Of a street of two directions, the way runs in the middle, or nearly.

@@ -18,8 +18,9 @@ from urbantwin.artefact.tables import read_parquet
 from urbantwin.dataset.frame_files import read_labels, read_rays
 from urbantwin.dataset.manifest_schema import pose_of_matrix, read_manifest
 from urbantwin.errors import InputError
+from urbantwin.interface.outcome import outcome_of_dataset
 from urbantwin.interface.place import AnyPath, beside
-from urbantwin.interface.stage import ShowProgress, shown_stage, tell_warnings
+from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
 from urbantwin.interface.summary import Summary
 from urbantwin.result_warning import ResultWarning, warnings_of
 
@@ -251,7 +252,12 @@ class Dataset(Sequence[Frame]):
         from urbantwin.dataset.description import describe
 
         told = [str(one) for one in self.warnings]
-        return Summary(path=str(self.folder), **describe(self.folder), warnings=told)
+        return Summary(
+            path=str(self.folder),
+            **describe(self.folder),
+            **outcome_of_dataset(self),
+            warnings=told,
+        )
 
     def plot(self, frame: int | str | None = None, picture: str = "birdseye") -> Figure:
         """Draw a frame, or how many points and boxes of each class there are.
@@ -381,5 +387,5 @@ def record(  # noqa: PLR0913 - the options of the command
             progress=tell,
         )
     made = Dataset(place)
-    tell_warnings(made.warnings, progress)
+    tell_result("record", place, made.warnings, progress)
     return made

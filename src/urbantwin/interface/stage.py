@@ -1,4 +1,4 @@
-"""A stage as it is shown: a bar, plain lines, or what a caller makes of it; then its warnings."""
+"""A stage as it is shown: a bar, plain lines, or what a caller makes of it; and what it left."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from html import escape
+from pathlib import Path
 from typing import Any
 
 from urbantwin.progress import Progress, untold
 from urbantwin.result_warning import ResultWarning
 
-__all__ = ["ShowProgress", "shown_stage", "tell_warnings"]
+__all__ = ["ShowProgress", "shown_stage", "tell_result"]
 
 #: What every function takes as ``progress``: whether to show it, or what is called with the share
 #: that is done (0..1, of each stage) and what is being done.
@@ -49,12 +50,27 @@ def shown_stage(
             yield callback
 
 
-def tell_warnings(warnings: Iterable[ResultWarning], progress: ShowProgress = True) -> None:
-    """Print what is wrong with a result on stderr, a line each, where progress is shown."""
-    if progress is True:
-        with suppress(OSError, ValueError):  # nobody listens any more
-            for one in warnings:
-                print(f"warning: {one}", file=sys.stderr, flush=True)
+def tell_result(
+    title: str,
+    folder: Path,
+    warnings: Iterable[ResultWarning],
+    progress: ShowProgress = True,
+) -> None:
+    """Print on stderr what a stage drew and what is wrong with its result, a line each.
+
+    Args:
+        title: what the stage is called.
+        folder: of the result; its pictures are in ``pictures``.
+        warnings: what is wrong with it.
+        progress: as `shown_stage` takes it: nothing is printed where no progress is shown.
+    """
+    if progress is not True:
+        return
+    with suppress(OSError, ValueError):  # nobody listens any more
+        if (folder / "pictures").is_dir():
+            print(f"{title}: pictures in {folder / 'pictures'}", file=sys.stderr, flush=True)
+        for one in warnings:
+            print(f"warning: {one}", file=sys.stderr, flush=True)
 
 
 def _in_notebook() -> bool:

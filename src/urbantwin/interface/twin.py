@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from urbantwin.interface.outcome import outcome_of_twin
 from urbantwin.interface.place import AnyPath, folder_of_site
 from urbantwin.interface.rig import fields_below, placed
-from urbantwin.interface.stage import ShowProgress, shown_stage, tell_warnings
+from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
 from urbantwin.interface.summary import Summary
 from urbantwin.progress import Progress
 from urbantwin.result_warning import ResultWarning
@@ -85,6 +86,7 @@ class Twin(BuiltTwin):
             longitude=self.frame.longitude,
             region_m2=round(self.region.area, 1),
             driving_side=self.manifest["driving_side"],
+            **outcome_of_twin(self),
             triangles=len(self.mesh.faces),
             triangles_by_class=dict(triangles.most_common()),
             signals=described_signals(self.net_path),
@@ -172,7 +174,7 @@ def build_of(site: Site, out: Path, *, pictures: bool, progress: ShowProgress) -
 
     with shown_stage("twin", progress) as tell:
         built = build_twin(site, out, tell, watch=found.append, also=also)
-    tell_warnings(built.warnings, progress)
+    tell_result("twin", built.folder, built.warnings, progress)
     return Twin(built.folder, built.manifest)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +18,7 @@ from urbantwin.ground import Elevation
 from urbantwin.progress import Progress, untold
 from urbantwin.result_warning import ResultWarning
 from urbantwin.roads.building_ground import building_ground
-from urbantwin.roads.cross_section import PreparedWays, prepare_ways, write_sumo_edges
-from urbantwin.roads.cross_section.sumo_edges import SumoEdge
+from urbantwin.roads.cross_section import prepare_ways, write_sumo_edges
 from urbantwin.roads.driving_side import country_of
 from urbantwin.roads.grade_separation import (
     Crossing,
@@ -30,15 +30,7 @@ from urbantwin.roads.grade_separation import (
 )
 from urbantwin.roads.heights import RoadSurface, with_heights
 from urbantwin.roads.heights.banked_widths import with_banked_widths
-from urbantwin.roads.junctions.cluster import meeting_nodes
-from urbantwin.roads.junctions.consolidate import Consolidated, consolidated
-from urbantwin.roads.junctions.crossings import with_crossings
-from urbantwin.roads.junctions.footways import with_footways
-from urbantwin.roads.junctions.mapped_crossings import mapped_crossings
-from urbantwin.roads.junctions.mapped_footways import mapped_footways
-from urbantwin.roads.junctions.mapped_marks import mapped_marks
-from urbantwin.roads.junctions.plain import PlainNetwork
-from urbantwin.roads.junctions.restriction import via_way_restrictions
+from urbantwin.roads.junctions.from_map import with_junctions_of_map
 from urbantwin.roads.lane_polylines import network_of_model
 from urbantwin.roads.loop import OuterRoads, close_loop
 from urbantwin.roads.main_component import LeftOut, Part, main_component
@@ -178,23 +170,22 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
         write_sumo_edges(edges, frame, prepared.edges)
         apart = [piece.id for piece in pieces if piece.way == 0 or piece.way in level_of_way]
         tell(0.15, "junctions")
-        junctions: list[Consolidated] = []
-
-        def reshape(plain: PlainNetwork) -> PlainNetwork:
-            junctions.append(_consolidated(plain, extract, prepared, apart, driving_side))
-            mapped = mapped_crossings(extract, frame, pieces, country=country)
-            crossed = with_crossings(junctions[0].plain, mapped, driving_side=driving_side)
-            streets = {node for piece in pieces for node in piece.nodes}
-            footways = mapped_footways(extract, frame, region, streets)
-            return with_footways(crossed, footways, driving_side=driving_side)
-
         warnings = sumo_network(
             osm,
             frame,
             driving_side=driving_side,
             keep_apart=sorted(apart),
             edges=edges,
-            reshape=reshape,
+            reshape=partial(
+                with_junctions_of_map,
+                extract=extract,
+                frame=frame,
+                region=region,
+                prepared=prepared,
+                apart=apart,
+                country=country,
+                driving_side=driving_side,
+            ),
             out=out,
         )
     tell(0.25, "signals")
@@ -241,7 +232,9 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
     notes: dict[str, object] = {
         "roads": len(network.roads),
         "junctions": len(network.junctions),
-        "junctions_of_several_nodes": len(junctions[0].members),
+        "junctions_of_several_nodes": sum(
+            junction.id.startswith("cluster_") for junction in network.junctions
+        ),
         "signal_programs": len(network.programs),
         "signal_programs_set": planned,
         "signals_inferred_from_stop_lines_and_crossings": _within(
@@ -260,31 +253,6 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
         "netconvert_warnings": len(warnings),
     }
     return BuiltRoads(model, network, surface, notes)
-
-
-def _consolidated(
-    plain: PlainNetwork,
-    extract: Extract,
-    prepared: PreparedWays,
-    apart: Sequence[int],
-    driving_side: str,
-) -> Consolidated:
-    """Return the network with junctions of many nodes made one."""
-    pieces = prepared.pieces
-    rings = [piece.id for piece in pieces if piece.tags.get("junction")]
-    return consolidated(
-        plain,
-        mapped_marks(extract, pieces, {int(node) for node in meeting_nodes(plain)}),
-        {edge.id: _arrows(edge) for edge in prepared.edges},
-        apart={f"{sign}{piece}" for piece in [*apart, *rings] for sign in ("", "-")},
-        forbidden=via_way_restrictions(extract, pieces),
-        driving_side=driving_side,
-    )
-
-
-def _arrows(edge: SumoEdge) -> list[tuple[str, ...]]:
-    """Return the signed turns of an edge's lanes, its sidewalk among them."""
-    return [*([()] if edge.sidewalk else []), *(lane.turns for lane in edge.lanes)]
 
 
 def _main_component(

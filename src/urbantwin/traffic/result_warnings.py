@@ -41,13 +41,16 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
     if manifest["teleports"]:
         yield ResultWarning(
             "traffic",
-            f"SUMO moved {manifest['teleports']} vehicles on that stood too long",
-            "a jam that does not clear",
-            "they vanish and appear again: lower traffic.per_hour",
+            f"teleports: {manifest['teleports']}",
+            "SUMO moves on who stands too long in a jam that does not clear",
+            "lower traffic.per_hour",
         )
     if manifest["collisions"]:
         yield ResultWarning(
-            "traffic", f"SUMO counted {manifest['collisions']} collisions", "", "look at the motion"
+            "traffic",
+            f"collisions: SUMO counted {manifest['collisions']}",
+            "",
+            "look at the motion",
         )
     if manifest["poses_outside_ground"]:
         yield ResultWarning(

@@ -46,6 +46,7 @@ def run_traffic(
     seconds: float | None = None,
     seed: int | None = None,
     changes: Mapping[str, Any] | None = None,
+    also: Callable[[Motion, Path], None] | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Motion:
     """Simulate traffic in a twin and write the motion.
@@ -58,6 +59,8 @@ def run_traffic(
         seconds: how long the motion is; ``None`` for the site's ``traffic.duration_s``.
         seed: of every random choice; ``None`` for the site's ``traffic.seed``.
         changes: fields of the site's ``traffic`` that are to be others.
+        also: given the motion and its folder before it appears, for what else belongs into it:
+            pictures.
         progress: called with the fraction done and what is being done.
 
     Raises:
@@ -75,6 +78,9 @@ def run_traffic(
         motion = _driven(twin, asked, steps, folder, told)
         told(0.95, "writing the motion")
         motion.write(folder)
+        if also is not None:
+            told(0.97, "drawing the paths")
+            also(motion, folder)
     told(1.0, "done")
     return motion
 

@@ -55,7 +55,8 @@ def found_of_mapped(
 
     A mapped crossing is there if a crossing lies over the same street within 8 m; each carriageway
     of a dual one has its own. A mapped signal is there if vehicles are stopped within 15 m, or
-    within 30 m if streets meet where it is mapped.
+    within 30 m if streets meet where it is mapped; that of a crossing also if a crossing with
+    signals is within 8 m.
 
     Args:
         extract: the map; without one, nothing is known.
@@ -75,19 +76,24 @@ def found_of_mapped(
         for way, point in _crossings(extract, frame, streets, lines)
         if inside.contains(point)
     ]
+    signalised = [(head, network.lane_by_id[head.lane]) for head in network.signals]
     stops = shapely.STRtree(
-        [
-            shapely.Point(head.x, head.y)
-            for head in network.signals
-            if network.lane_by_id[head.lane].kind != "crossing"
-        ]
+        [shapely.Point(one.x, one.y) for one, lane in signalised if lane.kind != "crossing"]
     )
+    walks = shapely.STRtree([lane.polygon for _, lane in signalised if lane.kind == "crossing"])
     signals = [
-        (point, len(stops.query(point, predicate="dwithin", distance=reach)) > 0)
-        for point, reach in _signals(extract, frame, streets)
+        (
+            point,
+            _is_near(stops, point, reach) or (of_crossing and _is_near(walks, point, CROSSING_M)),
+        )
+        for point, reach, of_crossing in _signals(extract, frame, streets)
         if inside.contains(point)
     ]
     return {"crossings": _counted(crossings), "signals": _counted(signals)}
+
+
+def _is_near(tree: shapely.STRtree, point: shapely.Point, reach_m: float) -> bool:
+    return len(tree.query(point, predicate="dwithin", distance=reach_m)) > 0
 
 
 def _counted(places: list[tuple[shapely.Point, bool]]) -> FoundOfMapped:
@@ -148,8 +154,8 @@ def _crossings(
 
 def _signals(
     extract: Extract, frame: SiteFrame, streets: list[Way]
-) -> Iterator[tuple[shapely.Point, float]]:
-    """Yield the place of every mapped signal, and how far from it vehicles may be stopped."""
+) -> Iterator[tuple[shapely.Point, float, bool]]:
+    """Yield each mapped signal's place, how far off vehicles may stop, if it is a crossing's."""
     legs: dict[int, int] = defaultdict(int)
     for way in streets:
         for index, node in enumerate(way.nodes):
@@ -158,4 +164,5 @@ def _signals(
         tags = extract.node_tags[node]
         if "traffic_signals" in (tags.get("highway"), tags.get("crossing")):
             xy = np.asarray(frame.site_from_lonlat([extract.nodes[node]]))[0]
-            yield shapely.Point(xy), JUNCTION_M if legs[node] > 2 else SIGNAL_M
+            reach_m = JUNCTION_M if legs[node] > 2 else SIGNAL_M
+            yield shapely.Point(xy), reach_m, tags.get("highway") != "traffic_signals"

@@ -13,8 +13,8 @@ __all__ = ["warnings_of_build"]
 
 #: Least share of what is mapped that a twin has, where nothing is said.
 ENOUGH = 0.95
-#: Parts that are left out and shorter than this are not missed, metres; so many are named.
-LONG_M, MOST = 50.0, 3
+#: Parts that are left out and shorter than this are not missed, metres.
+LONG_M = 50.0
 _REASONS = {
     "crossings": "mapped where the lanes have no room or no sidewalk for them",
     "signals": "mapped where no junction or crossing of the lanes has a signal",
@@ -51,11 +51,14 @@ def warnings_of_build(
             "there is nowhere for its pole to stand",
             "sensors lack these poles; look at plan.png",
         )
-    for part in _left_out(roads.notes):
+    left_out: Any = roads.notes.get("left_out", [])
+    parts = [part for part in left_out if part["metres"] >= LONG_M]
+    if parts:
+        names = ", ".join(dict.fromkeys(str(part["names"]) for part in parts))
         yield ResultWarning(
             "roads",
-            f"{part['roads']} ways of {part['metres']:.0f} m ({part['names']}) are left out",
-            "no street joins them to the rest within the region",
+            f"{sum(part['metres'] for part in parts):.0f} m are left out ({names:.80})",
+            "nothing joins them to the rest within the region",
             "make the region larger, or join them in the map",
         )
     for name, told in geometry.items():
@@ -73,8 +76,3 @@ def _without_heads(roads: BuiltRoads) -> int:
     }
     shown = {strip for one in roads.model.signals if one.dynamic for strip in one.strip.split()}
     return len(stopped - shown) if shown else 0
-
-
-def _left_out(notes: Mapping[str, Any]) -> list[dict[str, Any]]:
-    """Return the parts that were left out and that a person would miss, the longest first."""
-    return [part for part in notes.get("left_out", []) if part["metres"] >= LONG_M][:MOST]

@@ -37,7 +37,7 @@ from urbantwin.roads.junctions.strip import Strip, cut
 from urbantwin.roads.model.curve import Curve
 from urbantwin.roads.streets.manoeuvre import gentle_curves
 
-__all__ = ["Consolidated", "consolidated"]
+__all__ = ["consolidated"]
 
 #: How far edges reach into a junction's outline, metres: netconvert cuts them there.
 INTO_M = 1.5
@@ -47,21 +47,6 @@ SLIP_M = 45.0
 STEP_M = 1.0
 #: What is driven beyond a mouth of an arm and kept out of the outline, metres.
 BEYOND_M = 30.0
-
-
-@dataclass(frozen=True, eq=False)
-class Consolidated:
-    """A network whose wide junctions are one node each.
-
-    Attributes:
-        plain: the network.
-        members: wide junction -> the nodes of the map that it was made of.
-        marks: the map's stop lines and crossings along the edges that are left.
-    """
-
-    plain: PlainNetwork
-    members: Mapping[str, tuple[str, ...]]
-    marks: Marks
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +65,7 @@ def consolidated(
     apart: Collection[str],
     forbidden: Sequence[tuple[tuple[str, ...], bool]],
     driving_side: str,
-) -> Consolidated:
+) -> PlainNetwork:
     """Return a network in which every junction is one node.
 
     Args:
@@ -124,9 +109,8 @@ def consolidated(
         )
         links += found
     network = PlainNetwork(nodes, edges, tuple(links), (), plain.location)
-    left = _left(marks, plain, spans)
-    wide = {c.id: tuple(sorted(c.nodes)) for c in clusters if c.id not in plain.nodes}
-    return Consolidated(_with_slip_signals(network, wide, left), wide, left)
+    wide = {cluster.id for cluster in clusters if cluster.id not in plain.nodes}
+    return _with_slip_signals(network, wide, _left(marks, plain, spans))
 
 
 def _cluster(

@@ -10,6 +10,7 @@ import shapely
 import shapely.ops
 from numpy.typing import NDArray
 
+from urbantwin.geometry import moved_left
 from urbantwin.roads.junctions.plain import PlainEdge
 
 __all__ = ["Strip", "cut", "heading_of"]
@@ -36,7 +37,8 @@ class Strip:
         """The line amid all lanes, in the direction of travel."""
         if self.edge.centred:
             return self.edge.line
-        return _aside(self.edge.line, self.outward * self.edge.width / 2)
+        half = self.outward * self.edge.width / 2
+        return shapely.LineString(moved_left(self.edge.shape, half))
 
     def across(self, lane: int) -> float:
         """Return how far a lane's middle is left of the strip's middle, metres.
@@ -95,15 +97,3 @@ def heading_of(line: shapely.LineString, *, at_end: bool) -> float:
 def cut(line: shapely.LineString, first: float, last: float) -> NDArray[np.float64]:
     """Return a line's points (N, 2) between two stations."""
     return np.asarray(shapely.get_coordinates(shapely.ops.substring(line, first, last)))
-
-
-def _aside(line: shapely.LineString, offset: float) -> shapely.LineString:
-    """Return a line moved to its left, bends mitred."""
-    points = shapely.get_coordinates(line)
-    leg = np.diff(points, axis=0)
-    normal = np.column_stack([-leg[:, 1], leg[:, 0]])
-    normal /= np.maximum(np.linalg.norm(leg, axis=1, keepdims=True), 1e-9)
-    corner = np.vstack([normal[:1], normal[:-1] + normal[1:], normal[-1:]])
-    scale = 2.0 / np.maximum((corner * corner).sum(axis=1, keepdims=True), 0.5)
-    scale[[0, -1]] = 1.0
-    return shapely.LineString(points + offset * corner * scale)

@@ -9,6 +9,7 @@ import shapely
 import shapely.ops
 from numpy.typing import NDArray
 
+from urbantwin.geometry import moved_left
 from urbantwin.roads.marking.zebra import zebra
 from urbantwin.roads.network import Lane
 
@@ -30,10 +31,9 @@ def crossing_marks(lane: Lane) -> tuple[str, list[NDArray[np.float64]]]:
     if lane.marking not in BORDERS:
         return "zebra", zebra(lane)
     width, mark, period = BORDERS[lane.marking]
-    line = shapely.LineString(lane.centre[:, :2])
     quads = []
     for side in (-1, 1):
-        border = line.offset_curve(side * (lane.width - width) / 2)
+        border = shapely.LineString(moved_left(lane.centre[:, :2], side * (lane.width - width) / 2))
         count = int((border.length + period - mark) // period) if period else 1
         margin = (border.length - (count - 1) * period - mark) / 2 if period else 0.0
         for number in range(count):
