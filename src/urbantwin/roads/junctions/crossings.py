@@ -65,10 +65,11 @@ class _Hit:
 
 @dataclass(frozen=True)
 class _Arm:
-    """The edges on one side of a node that a crossing lies across."""
+    """The edges on one side of a node that a crossing lies across, and those on its other side."""
 
     node: str
     hits: tuple[_Hit, ...]
+    beyond: tuple[_Hit, ...]
     is_before: bool  # whether the node lies ahead of the arm, as the crossing tells ahead
 
 
@@ -169,7 +170,9 @@ def _arm_at_junction(
         names = {hit.strip.edge.id for _, hit in mine}
         if mine and not any(c.node == node and names & set(c.edges) for c in plain.crossings):
             nearest = min((abs(distance), -distance) for distance, _ in mine)
-            arm = _Arm(node, tuple(hit for _, hit in mine), is_before)
+            other = arms.get((node, not is_before), []) if reach == ON_NODE_M else []
+            others = tuple(hit for distance, hit in other if abs(distance) <= reach)
+            arm = _Arm(node, tuple(hit for _, hit in mine), others, is_before)
             found.append((tuple(np.round(nearest, 1)), not is_before, node, arm))
     return min(found, key=lambda row: row[:3])[3] if found else None
 
@@ -193,14 +196,17 @@ def _at_new_node(
     name = f"crossing{crossing.name}"
     kind = {"type": "traffic_light", "tl": name} if crossing.signalised else {"type": "priority"}
     stations = {hit.strip.edge.id: hit.station for hit in hits}
-    plain, before = split_edges(plain, PlainNode(name, crossing.xy, kind), stations)
-    arm = []
+    node = PlainNode(name, crossing.xy, kind)
+    plain, before = split_edges(plain, node, stations)
+    arm, beyond = [], []
     for hit in hits:
-        edge = hit.strip.edge.id
-        half = plain.edges[before[edge] if hit.ahead else edge]
-        station = float(half.line.length) if hit.ahead else 0.0
-        arm.append(_Hit(Strip(half, hit.strip.outward), station, hit.ahead))
-    return plain, _Arm(name, tuple(arm), is_before=True)
+        name = hit.strip.edge.id
+        first, last = plain.edges[before[name]], plain.edges[name]
+        to_node = _Hit(Strip(first, hit.strip.outward), float(first.line.length), hit.ahead)
+        from_node = _Hit(Strip(last, hit.strip.outward), 0.0, hit.ahead)
+        arm.append(to_node if hit.ahead else from_node)
+        beyond.append(from_node if hit.ahead else to_node)
+    return plain, _Arm(node.id, tuple(arm), tuple(beyond), is_before=True)
 
 
 def _over(crossing: MappedCrossing, strips: Sequence[Strip]) -> NDArray[np.float64] | None:
@@ -233,18 +239,18 @@ def _over(crossing: MappedCrossing, strips: Sequence[Strip]) -> NDArray[np.float
 
 
 def _cut_back(plain: PlainNetwork, crossing: MappedCrossing, arm: _Arm) -> PlainNetwork:
-    """Return the network with an arm's edges ended before the crossing and begun behind it."""
+    """Return the network with edges ended before the crossing and begun behind it."""
     edges, node, cut_edges = dict(plain.edges), plain.nodes[arm.node], set[str]()
     # Edges reach into an outline of the junction's own, where netconvert cuts them.
     into = INTO_M if len(node.outline) else 0.0
     skew = abs(float(crossing.across @ crossing.ahead))
     outline = [shapely.Polygon(node.outline)] if len(node.outline) else []
-    for hit in arm.hits:
+    for hit in (*arm.hits, *arm.beyond):
         edge = hit.strip.edge
         half = crossing.width / 2 + skew * edge.width / 2
         length = float(edge.line.length)
         least = min(SHORTEST_M, length)
-        if hit.ahead == arm.is_before:
+        if edge.end == arm.node:
             first, last = 0.0, hit.station - half - BEFORE_M + into
             given = (last := max(last, least), length)
         else:

@@ -42,6 +42,8 @@ SHORTEST_M, REFUGE_M = 3.0, 0.6
 PLACES_M, PLACE_WIDTH_M = (3.0, 8.0, 20.0), 2.0
 #: Between the kerb and where an edge begins, metres.
 KERB_M = 0.3
+#: How far outwards a junction's outline is looked for, metres.
+RAY_M = 40.0
 ON_FOOT = {"allow": "pedestrian"}
 
 
@@ -268,17 +270,21 @@ def _with_places_to_stand(
 
 
 def _place_to_stand(kerb: _Kerb, here: RoundNode) -> NDArray[np.float64]:
-    """Return the line (2, 2) of a place to stand, from the junction outwards, beside the street."""
+    """Return the line (2, 2) of a place to stand, away from the street or out along it.
+
+    Edges at a junction with an outline of its own begin on the outline, whatever is told.
+    """
     low, high = here.bounds(kerb.gap)
     away = kerb.xy - here.centre
     left = np.array([-kerb.along[1], kerb.along[0]])
     aside = left if left @ away > 0 else -left
+    if here.outline.is_empty:
+        return np.array([kerb.xy + d * aside for d in (KERB_M, KERB_M + PLACES_M[0])])
     first = kerb.xy + (PLACE_WIDTH_M / 2 + KERB_M) * aside
-    if not here.outline.is_empty:
-        ray = shapely.LineString([first, first + 40.0 * kerb.along])
-        met = shapely.get_coordinates(shapely.intersection(ray, shapely.boundary(here.outline)))
-        if len(met):
-            first = met[np.argmax((met - first) @ kerb.along)]
+    ray = shapely.LineString([first, first + RAY_M * kerb.along])
+    met = shapely.get_coordinates(shapely.intersection(ray, shapely.boundary(here.outline)))
+    if len(met):
+        first = met[np.argmax((met - first) @ kerb.along)]
     for length in PLACES_M:
         points = np.array([first, first + length * kerb.along])
         angle = here.angle(points)
