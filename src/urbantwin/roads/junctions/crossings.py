@@ -18,7 +18,13 @@ from numpy.typing import NDArray
 from urbantwin.geometry import area_union
 from urbantwin.roads.junctions.edge_split import split_edges
 from urbantwin.roads.junctions.mapped_crossings import MappedCrossing
-from urbantwin.roads.junctions.plain import PlainCrossing, PlainEdge, PlainNetwork, PlainNode
+from urbantwin.roads.junctions.plain import (
+    PlainCrossing,
+    PlainEdge,
+    PlainLane,
+    PlainNetwork,
+    PlainNode,
+)
 from urbantwin.roads.junctions.round_node import INTO_M
 from urbantwin.roads.junctions.strip import Strip, cut
 
@@ -102,7 +108,7 @@ def with_crossings(
         line = _over(crossing, [hit.strip for hit in arm.hits])
         if line is None:
             continue
-        plain = _cut_back(plain, crossing, arm)
+        plain = _without_walkers(_cut_back(plain, crossing, arm), arm)
         made = PlainCrossing(
             arm.node,
             tuple(hit.strip.edge.id for hit in arm.hits),
@@ -275,6 +281,31 @@ def _cut_back(plain: PlainNetwork, crossing: MappedCrossing, arm: _Arm) -> Plain
         for link in plain.links
     )
     return replace(plain, nodes=nodes, edges=edges, links=links)
+
+
+def _without_walkers(plain: PlainNetwork, arm: _Arm) -> PlainNetwork:
+    """Return the network with nobody walking on the carriageways that a crossing leads over.
+
+    Without a sidewalk people walk along the outermost lane; netconvert has no crossing over it.
+    """
+    edges = dict(plain.edges)
+    for hit in (*arm.hits, *arm.beyond):
+        edge = edges[hit.strip.edge.id]
+        edges[edge.id] = replace(edge, lanes=tuple(map(_not_walked, edge.lanes)))
+    return replace(plain, edges=edges)
+
+
+def _not_walked(lane: PlainLane) -> PlainLane:
+    if not lane.admits("pedestrian") or not lane.admits("passenger"):
+        return lane
+    told = dict(lane.attributes)
+    allowed = [word for word in told.get("allow", "all").split() if word != "pedestrian"]
+    if allowed == ["all"]:
+        told.pop("allow", None)
+        told["disallow"] = " ".join([*told.get("disallow", "").split(), "pedestrian"])
+    else:
+        told["allow"] = " ".join(allowed)
+    return replace(lane, attributes=told)
 
 
 def _drawn_out(line: shapely.LineString, reach: float) -> shapely.LineString:
