@@ -8,6 +8,7 @@ from lxml import etree
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads, driving_side
+from urbantwin.roads.build import NETWORK_CLASSES
 from urbantwin.roads.marking import painted
 from urbantwin.site import read_extract
 
@@ -155,7 +156,7 @@ def test_who_crosses_a_bare_road_has_a_place_to_stand(build):
     [
         ("manchester-kingsway", (53.4460268, -2.3069784), 15),
         ("london-borough", (51.501, -0.0925), 10),
-        ("taipei", (25.052396, 121.522635), 20),
+        ("taipei", (25.052396, 121.522635), 15),
         ("munich", (48.1860, 11.5510), 8),
     ],
 )
@@ -177,6 +178,13 @@ def test_mapped_crossings_of_real_places_are_there_and_no_others(
     driven = built.network.carriageway(0).buffer(3.0)
     lines = [line_of(lane) for lane in crossings(built)]
     mapped, walked = [], []
+    on_streets = {
+        nd.get("ref")
+        for way in root.iterfind("way")
+        if any(tag.get("k") == "highway" and tag.get("v") in NETWORK_CLASSES
+               for tag in way.iterfind("tag"))
+        for nd in way.iterfind("nd")
+    }  # fmt: skip
     place_of = {node.get("id"): (float(node.get("lon")), float(node.get("lat")))
                 for node in root.iterfind("node")}  # fmt: skip
     for node in root.iterfind("node"):
@@ -184,7 +192,8 @@ def test_mapped_crossings_of_real_places_are_there_and_no_others(
         point = shapely.Point(frame.site_from_lonlat([place_of[node.get("id")]])[0])
         if tags.get("highway") == "crossing" and tags.get("crossing") != "no":
             walked.append(point)
-            if region.buffer(-2).contains(point) and driven.contains(point):
+            inside = region.buffer(-2).contains(point) and driven.contains(point)
+            if inside and node.get("id") in on_streets:
                 mapped.append(point)
     for way in root.iterfind("way"):
         tags = {tag.get("k"): tag.get("v") for tag in way.iterfind("tag")}
