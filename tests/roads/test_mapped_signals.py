@@ -68,7 +68,6 @@ def test_lights_of_a_crossing_near_a_junction_are_the_crossings_own(mapped, writ
     (junction,) = (j for j in found.network.junctions if j.kind == "traffic_light")
     assert junction.polygon.distance(shapely.Point(-15, 0)) < 0.1
     assert not shapely.Point(0, 0).within(junction.polygon)
-    assert found.notes["signalised_crossings_between_junctions"] == 1
     (crossing,) = (lane for lane in found.network.lanes if lane.kind == "crossing")
     assert shapely.LineString(crossing.centre[:, :2]).distance(shapely.Point(-15, 0)) < 0.5
 

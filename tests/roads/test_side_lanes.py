@@ -349,9 +349,9 @@ def test_a_mapped_refuge_is_built(write_osm, tmp_path):
     island = shapely.union_all(islands)
     assert [one.centroid.x > 0 for one in islands] in ([True, False], [False, True])
     assert built.network.area_of(("island",), 0).symmetric_difference(island).area < 1.2
-    assert built.network.area_of(("driving",), 0).intersection(island).area < 1.0
+    assert built.network.area_of(("driving",), 0).intersection(island).area < 2.0
     (crossing,) = (lane for lane in built.network.lanes if lane.kind == "crossing")
-    assert crossing.polygon.intersection(island).area == 0.0
+    assert crossing.polygon.intersection(island).area < 0.01
 
 
 @pytest.mark.parametrize("name", ["neukolln", "quad_intersection"])

@@ -6,6 +6,7 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
@@ -68,6 +69,10 @@ NETWORK_CLASSES = frozenset(
 )
 #: Buildings are kept clear of as far as this beyond the region, metres: the closed loop is there.
 BESIDE_M = 150.0
+
+
+#: A crossing this near to a node of the map is the node's, metres.
+FOUND_M = 3.0
 
 
 @dataclass(frozen=True)
@@ -243,7 +248,9 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
         "signalised_crossings_between_junctions": _within(
             extract, frame, region, signals.mid_block
         ),
-        "signalised_crossings_left_out": _within(extract, frame, region, signals.left_out),
+        "signalised_crossings_left_out": _within(
+            extract, frame, region, _unlit(extract, frame, signals.left_out, raw)
+        ),
         "signal_heads": sum(signal.dynamic for signal in model.signals),
         "signs": signs,
         "closed_loop": loop.notes,
@@ -270,6 +277,21 @@ def _main_component(
     }
     kept, left_out = main_component(parts)
     return tuple(piece for piece in pieces if piece.id in kept), left_out
+
+
+def _unlit(
+    extract: Extract, frame: SiteFrame, nodes: Sequence[int], network: RoadNetwork
+) -> list[int]:
+    """Return the nodes where no crossing with lights lies."""
+    lit = {head.lane for head in network.signals}
+    lines = [
+        shapely.LineString(lane.centre[:, :2])
+        for lane in network.lanes
+        if lane.kind == "crossing" and lane.id in lit
+    ]
+    xy = frame.site_from_lonlat([extract.nodes[node] for node in nodes]).reshape(-1, 2)
+    far = [not shapely.dwithin(lines, shapely.Point(at), FOUND_M).any() for at in xy]
+    return list(compress(nodes, far))
 
 
 def _within(

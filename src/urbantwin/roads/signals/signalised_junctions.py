@@ -24,8 +24,8 @@ __all__ = ["MappedSignals", "mapped_signals"]
 SIGNAL_M = 40.0
 CROSSING_M = 20.0
 #: Least distance of a signalised crossing from any junction and from the streets' ends, metres:
-#: nearer ones lie on the junction's arms.
-ALONE_M = 12.0
+#: netconvert joins nearer ones.
+ALONE_M = 30.0
 #: Streets that meet this close to each other are one junction: what runs between is within it.
 WITHIN_M = 28.0
 ONE_WAY = {"yes": 1, "1": 1, "true": 1, "-1": -1, "reverse": -1}
