@@ -51,6 +51,7 @@ def preview_of_scene(
     region: shapely.Polygon,
     features: Sequence[OsmFeature],
     without: shapely.Geometry | None = None,
+    country: str | None = None,
 ) -> ScenePreview:
     """Return what is known about some places; it takes a hundredth of the time of a scene.
 
@@ -62,6 +63,7 @@ def preview_of_scene(
         region: region of interest, site frame.
         features: the map's features.
         without: where imported geometry shows the buildings.
+        country: ISO 3166-1 alpha-2, which says how houses look; empty if unknown.
     """
 
     def ground_height(xy: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -70,12 +72,13 @@ def preview_of_scene(
 
     about = shapely.union_all(shapely.buffer(shapely.points(places), NEAR_M)) if places else None
     near = [one for one in features if about is not None and about.intersects(one.geometry)]
-    mesh, _ = building_mesh(
+    buildings = building_mesh(
         near,
         region=region,
         ground_height=ground_height,
         carriageway=network.carriageway(0),
         without=without,
+        country=country,
     )
     streets = [network.carriageway(0), network.footway(0)]
     lanes = [lane.polygon for lane in network.lanes if lane.level > 0]
@@ -88,5 +91,5 @@ def preview_of_scene(
             ]
         ),
         shapely.union_all(lanes),
-        mesh,
+        buildings.mesh,
     )

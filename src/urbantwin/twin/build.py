@@ -145,7 +145,7 @@ def build_twin(
             tell=between(tell, ROADS_WRITTEN, SCENE, "scene"),
         )
         tell(SCENE, "writing the scene")
-        scene.mesh.save(folder / "scene.npz")
+        scene.save(folder)
         tell(SCENE_WRITTEN, "materials")
         material = ground_materials(
             roads.model,
@@ -282,6 +282,7 @@ def _before_scene(
         site.region,
         features,
         found.covers.get("buildings") if found else None,
+        country_of(site.latitude, site.longitude),
     )
     height = ground.notes.get("anchor_height_m")
     refuse(preview, height if isinstance(height, float) else None)
