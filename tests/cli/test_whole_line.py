@@ -37,8 +37,13 @@ def made(site: Path, run_program: Run, tmp_path_factory: pytest.TempPathFactory)
     assert outcome.code == 0, outcome.err
     told = json.loads(outcome.out)
     assert {Path(told[kind]) for kind in ("twin", "motion", "dataset")} == set(out.iterdir())
-    assert len(told["pictures"]) == 6
+    assert len(told["pictures"]) == 7
     assert all(Path(picture).stat().st_size > 10_000 for picture in told["pictures"])
+    lines = outcome.err.splitlines()
+    assert [line for line in lines if line.startswith("warning: ")] == [
+        f"warning: {text}" for text in told["look_at"]
+    ]
+    (out.parent / "told.json").write_text(outcome.out)
     return out
 
 
@@ -101,7 +106,7 @@ def test_each_stage_alone_gives_the_bytes_of_run(
     rig.write_text(yaml.safe_dump(yaml.safe_load(site.read_text())["rig"]))
     for arguments in (
         ("build", site, "-o", twin, "--no-pictures"),
-        ("traffic", twin, "-o", motion, "--seconds", "0.5", "--seed", "1"),
+        ("traffic", twin, "-o", motion, "--seconds", "0.5", "--seed", "1", "--no-pictures"),
         ("record", twin, motion, "--rig", rig, "-o", dataset, "--workers", "2", "--no-pictures"),
     ):
         outcome = run_here(*arguments, "--quiet")
@@ -136,6 +141,28 @@ def test_inspect_agrees_with_the_files(made: Path, run_here: Run, kind: str) -> 
         assert told["points"] == sum(map(len, points))
         assert told["frames"] == len(points)
     assert run_here("inspect", made / kind).out.startswith(f"path: {made / kind}\nkind: {kind}\n")
+
+
+def test_run_sums_up_what_the_files_hold(made: Path) -> None:
+    told = json.loads((made.parent / "told.json").read_text())
+    boxes = pq.read_table(made / "dataset" / "boxes.parquet").to_pandas()
+    boxes = boxes[~boxes["ignored"].isin(["outside", "far"])]
+    for kind, share in told["objects_with_points"].items():
+        mine = boxes[boxes["class"] == kind]
+        assert share == pytest.approx((mine["num_points"] > 0).mean(), abs=5e-4)
+    assert set(told["objects_with_points"]) == set(boxes["class"])
+    actors = pq.read_table(made / "motion" / "actors.parquet")
+    assert sum(told["actors"].values()) == len(actors["track"].unique())
+    roads = json.loads((made / "twin" / "roads.json").read_text())
+    assert (told["roads"], told["lanes"]) == (len(roads["roads"]), len(roads["lanes"]))
+    kept = [
+        warning
+        for kind in ("twin", "motion", "dataset")
+        for warning in json.loads((made / kind / f"{kind}.json").read_text())["warnings"]
+    ]
+    assert len(kept) == len(told["look_at"])
+    for warning, line in zip(kept, told["look_at"], strict=True):
+        assert line.startswith(f"{warning['about']}: {warning['problem']}")
 
 
 def test_inspect_tells_a_whole_run(made: Path, run_here: Run) -> None:

@@ -61,7 +61,7 @@ def make_artefacts(folder: Path) -> None:
     twin, motion = folder / "twin", folder / "motion"
     commands = (
         ("build", folder / "site.yaml", "--out", twin, *_QUICK),
-        ("traffic", twin, "--out", motion, "--quiet"),
+        ("traffic", twin, "--out", motion, "--no-pictures", "--quiet"),
         ("record", twin, motion, "--out", folder / "dataset", "--stop", "0.2", "--workers", "1",
          *_QUICK),
         ("coverage", twin, "--out", folder / "coverage", "--quiet"),

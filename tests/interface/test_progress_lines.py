@@ -3,11 +3,13 @@
 import re
 import sys
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
-from urbantwin.interface.stage import _lines, shown_stage
+from urbantwin.interface.stage import _lines, shown_stage, tell_result
+from urbantwin.result_warning import ResultWarning
 
 
 def shares(text: str) -> list[int]:
@@ -21,6 +23,24 @@ def test_who_waits_gets_lines_though_nothing_is_told(capsys: pytest.CaptureFixtu
     lines = capsys.readouterr().err.splitlines()
     assert sum("30%, drying" in line and "so far" in line for line in lines) >= 3
     assert lines[-1].startswith("paint: done in ")
+
+
+def test_a_result_is_told_where_progress_is_shown(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    told = [ResultWarning("crossings", "2 of 3 are there"), ResultWarning("points", "none")]
+    for progress in (False, lambda share, doing: None):
+        tell_result("paint", tmp_path, told, progress)
+        assert capsys.readouterr() == ("", "")
+    tell_result("paint", tmp_path, told, True)
+    out, err = capsys.readouterr()
+    assert (out, err.splitlines()) == (
+        "",
+        ["warning: crossings: 2 of 3 are there", "warning: points: none"],
+    )
+    (tmp_path / "pictures").mkdir()
+    tell_result("paint", tmp_path, (), True)
+    assert capsys.readouterr().err == f"paint: pictures in {tmp_path / 'pictures'}\n"
 
 
 def test_the_share_never_falls(capsys: pytest.CaptureFixture[str]) -> None:

@@ -76,7 +76,11 @@ COMMANDS = {
             "twin",
             lambda stand, out: ["build", stand.site, "-o", out, "--no-pictures"],
         ),
-        Command("traffic", "motion", lambda stand, out: ["traffic", stand.twin, "-o", out]),
+        Command(
+            "traffic",
+            "motion",
+            lambda stand, out: ["traffic", stand.twin, "-o", out, "--no-pictures"],
+        ),
         Command("run", "out", _run, resumes=True),
         Command("compare", "report", _compare),
         Command("compare", "report", _compare_control, control=True),
@@ -158,7 +162,7 @@ class Stand:
             site.write_text(self.site.read_text().replace("radius_m: 40", "radius_m: 35"))
             arguments: list[object] = ["build", site, "--no-pictures"]
         elif output == "motion":
-            arguments = ["traffic", self.twin, "--seconds", "0.3"]
+            arguments = ["traffic", self.twin, "--seconds", "0.3", "--no-pictures"]
         elif output == "dataset":
             arguments = [*_record(self, out), "--stop", "0.3", "--seed", "3"]
         elif output == "report":

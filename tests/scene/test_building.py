@@ -7,9 +7,9 @@ import shapely
 from shapely import LineString, Polygon, box
 
 from urbantwin.geometry import DownwardProbe, LabelledMesh, SiteFrame
+from urbantwin.roads.passage import ROAD_CLEARANCE_M
 from urbantwin.scene.building import building_mesh
 from urbantwin.scene.building_height import building_rise
-from urbantwin.scene.passage import ROAD_CLEARANCE_M
 from urbantwin.site.extract import OsmFeature
 from urbantwin.site.extract_file import read_extract
 from urbantwin.taxonomy import material_id, semantic_id

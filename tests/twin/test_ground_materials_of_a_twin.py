@@ -50,15 +50,17 @@ def lawn_picture(path, half=260.0, pixel_m=0.5):
 
 
 def write_map(path):
-    """Two streets that cross, one of them on a bridge."""
+    """Two streets that cross, one of them on a bridge, and bare soil around them."""
     north, east = 1 / 111_194.9, 1 / (111_194.9 * np.cos(np.radians(LATITUDE)))
     nodes = [(-200, 0), (-40, 0), (40, 0), (200, 0), (0, -150), (0, 150)]
+    nodes += [(-250, -250), (250, -250), (250, 250), (-250, 250)]
     over = {"highway": "primary", "lanes": "2"}
     ways = [
         ([1, 2], over),
         ([2, 3], {**over, "bridge": "yes", "layer": "1"}),
         ([3, 4], over),
         ([5, 6], {"highway": "residential", "lanes": "2"}),
+        ([7, 8, 9, 10, 7], {"landuse": "construction"}),
     ]
     lines = [
         f'<node id="{k}" version="1" lat="{LATITUDE + y * north}" lon="{LONGITUDE + x * east}"/>'

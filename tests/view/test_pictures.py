@@ -375,6 +375,39 @@ def test_scene_picture_frames_the_middle(tmp_path):
     assert imread(path).shape[:2] == (200, 320)
 
 
+def seen_beside_blocks(camera, xy, blocks):
+    """Whether the segments from places on the ground (N, 2) to the camera miss boxes (slabs)."""
+    way = camera.place - np.column_stack([xy, np.zeros(len(xy))])
+    free = np.ones(len(xy), bool)
+    for x, y, size, height in blocks:
+        enter, leave = np.zeros(len(xy)), np.ones(len(xy))
+        for axis, (low, high) in enumerate(
+            [(x - size / 2, x + size / 2), (y - size / 2, y + size / 2), (0.0, height)]
+        ):
+            at = np.zeros(len(xy)) if axis == 2 else xy[:, axis]
+            a, b = (low - at) / way[:, axis], (high - at) / way[:, axis]
+            enter, leave = np.maximum(enter, np.minimum(a, b)), np.minimum(leave, np.maximum(a, b))
+        free &= enter >= leave
+    return free
+
+
+@pytest.mark.parametrize("side", [(-1, -1), (1, -1), (1, 1), (-1, 1)])
+def test_no_roof_hides_the_junction(side):
+    """A crossing of two streets between four blocks, one of them a tower, and other towers."""
+    blocks = [(x * 28, y * 28, 40, 18.0) for x in (-1, 1) for y in (-1, 1) if (x, y) != side]
+    blocks += [(side[0] * 28, side[1] * 28, 40, 70.0), (-side[0] * 90, side[1] * 30, 60, 60.0)]
+    mesh = LabelledMesh.concatenate([ground(z=0.0), *(block(*one) for one in blocks)])
+    from urbantwin.view.scene import clear_camera
+
+    camera = clear_camera(mesh)
+    y, x = np.meshgrid(np.arange(-30.0, 31.0, 2.0), np.arange(-7.0, 8.0, 2.0))
+    streets = np.column_stack([x.ravel(), y.ravel()])
+    streets = np.concatenate([streets, streets[:, ::-1]])
+    assert seen_beside_blocks(camera, streets, blocks).mean() > 0.8
+    again = clear_camera(mesh)
+    assert np.array_equal(again.place, camera.place)
+
+
 def write_dataset(folder, frames):
     """Write what `record` leaves of frames, as docs/architecture.md lays it out."""
     for name in ("points", "semantic", "rays"):

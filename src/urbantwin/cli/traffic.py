@@ -9,7 +9,7 @@ import typer
 
 import urbantwin as ut
 from urbantwin.cli.console import Console
-from urbantwin.cli.options import AsJson, Out, Quiet, Seed
+from urbantwin.cli.options import AsJson, Out, Pictures, Quiet, Seed
 
 __all__ = ["EXAMPLES", "traffic"]
 
@@ -32,9 +32,18 @@ def traffic(
         Path | None,
         typer.Option(help="Fields of `traffic:` that replace the site's: tuned/traffic.yaml."),
     ] = None,
+    pictures: Pictures = True,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """Drive a twin's traffic: every actor's pose at every step."""
-    made = ut.drive(twin, out, seconds=seconds, seed=seed, demand=demand, progress=not quiet)
+    made = ut.drive(
+        twin,
+        out,
+        seconds=seconds,
+        seed=seed,
+        demand=demand,
+        pictures=pictures,
+        progress=not quiet,
+    )
     Console(quiet=quiet, as_json=as_json).result(made.summary())

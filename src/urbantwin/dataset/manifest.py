@@ -17,8 +17,10 @@ from urbantwin import __version__
 from urbantwin.artefact import as_json
 from urbantwin.dataset.layout import frame_name
 from urbantwin.dataset.manifest_schema import pose_matrix
+from urbantwin.dataset.result_warnings import warnings_of_record
 from urbantwin.geometry import Pose
 from urbantwin.lidar import MountedSensor, Rig, Sensor
+from urbantwin.result_warning import rows_of
 from urbantwin.taxonomy import ACTOR_CLASSES, semantic_classes
 from urbantwin.traffic.fingerprint import mesh_sha256, meshes_sha256, table_sha256
 
@@ -200,6 +202,7 @@ def manifest_of(
             for one in semantic_classes().values()
         ],
         "tables_sha256": dict(sorted(tables.items())),
+        "warnings": rows_of(warnings_of_record(entries)),
         "frames": frames,
     }
 

@@ -8,16 +8,19 @@ from pathlib import Path
 import shapely
 from lxml import etree
 
+from urbantwin import traffic
 from urbantwin.artefact import replaced_folder, write_json
 from urbantwin.geometry import LabelledMesh
 from urbantwin.traffic.assets import asset
 from urbantwin.traffic.run import demand_of
-from urbantwin.traffic.simulation import sumo_options, sumo_substeps, write_routes
+from urbantwin.traffic.simulation import curves_of, sumo_options, sumo_substeps, write_routes
 from urbantwin.twin import Twin
 from urbantwin.view.footprint import footprints
 
 __all__ = ["write_sumo"]
 
+#: What runs the folder so that vehicles slow down in bends.
+DRIVER = Path(traffic.__file__).with_name("sumo_curves.py")
 #: Milliseconds of real time per step in sumo-gui, so that one can follow it.
 DELAY_MS = 50
 
@@ -27,8 +30,10 @@ def write_sumo(twin: Twin, folder: Path) -> None:
 
     ``network.net.xml`` is the twin's own network with its signal programs. ``types.add.xml`` and
     ``demand.rou.xml`` are what the traffic stage gives to SUMO for the site's demand, duration and
-    seed, so the run is the twin's. ``buildings.add.xml`` and ``view.settings.xml`` are for the
-    eye. The first second of the motion is SUMO's second ``warmup_s``.
+    seed. ``buildings.add.xml`` and ``view.settings.xml`` are for the
+    eye. The first second of the motion is SUMO's second ``warmup_s``. What SUMO cannot be told in a
+    file is in ``curves.json``: how fast vehicles are in the bends of streets. ``drive.py`` runs the
+    folder with it.
 
     Raises:
         InputError: the folder holds something else, or the step is none that SUMO can make.
@@ -41,6 +46,8 @@ def write_sumo(twin: Twin, folder: Path) -> None:
         duration_s = steps * step_ms / 1000
         demand = demand_of(twin, duration_s=duration_s, seed=seed, scratch=scratch)
         shutil.copyfile(twin.net_path, scratch / "network.net.xml")
+        write_json(scratch / "curves.json", curves_of(twin.net_path))
+        shutil.copyfile(DRIVER, scratch / "drive.py")
         write_routes(scratch / "demand.rou.xml", demand, asset)
         _split_types(scratch / "demand.rou.xml", scratch / "types.add.xml")
         _write_buildings(scratch / "buildings.add.xml", twin.mesh)

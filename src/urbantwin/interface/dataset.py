@@ -18,9 +18,11 @@ from urbantwin.artefact.tables import read_parquet
 from urbantwin.dataset.frame_files import read_labels, read_rays
 from urbantwin.dataset.manifest_schema import pose_of_matrix, read_manifest
 from urbantwin.errors import InputError
+from urbantwin.interface.outcome import outcome_of_dataset
 from urbantwin.interface.place import AnyPath, beside
-from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
 from urbantwin.interface.summary import Summary
+from urbantwin.result_warning import ResultWarning, warnings_of
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -176,6 +178,12 @@ class Dataset(Sequence[Frame]):
         return {one.id: one.name for one in semantic_classes().values()}
 
     @property
+    def warnings(self) -> tuple[ResultWarning, ...]:
+        """What is wrong with it, and with the dataset of each sensor."""
+        of_parts = (one for part in self.parts.values() for one in part.warnings)
+        return (*warnings_of(self.manifest), *of_parts)
+
+    @property
     def _frames(self) -> list[dict[str, Any]]:
         frames: list[dict[str, Any]] = self.manifest.get("frames", [])
         return frames
@@ -243,7 +251,13 @@ class Dataset(Sequence[Frame]):
         """Return what the dataset holds in a few values."""
         from urbantwin.dataset.description import describe
 
-        return Summary(path=str(self.folder), **describe(self.folder))
+        told = [str(one) for one in self.warnings]
+        return Summary(
+            path=str(self.folder),
+            **describe(self.folder),
+            **outcome_of_dataset(self),
+            warnings=told,
+        )
 
     def plot(self, frame: int | str | None = None, picture: str = "birdseye") -> Figure:
         """Draw a frame, or how many points and boxes of each class there are.
@@ -372,4 +386,6 @@ def record(  # noqa: PLR0913 - the options of the command
             also=also if pictures else None,
             progress=tell,
         )
-    return Dataset(place)
+    made = Dataset(place)
+    tell_result("record", place, made.warnings, progress)
+    return made

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from urbantwin.artefact import check_folder, sha256_of
+from urbantwin.interface.outcome import outcome_of_motion
 from urbantwin.interface.place import AnyPath, beside
-from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
 from urbantwin.interface.summary import Summary
 from urbantwin.traffic.motion import Motion as DrivenMotion
 from urbantwin.traffic.motion import describe
@@ -76,7 +77,12 @@ class Motion(DrivenMotion):
 
     def summary(self) -> Summary:
         """Return what the motion holds in a few values."""
-        return Summary(path=str(self.folder), **describe(self.folder))
+        told = [str(one) for one in self.warnings]
+        return Summary(
+            path=str(self.folder),
+            **{**describe(self.folder), **outcome_of_motion(self)},
+            warnings=told,
+        )
 
     def plot(self, twin: Twin | None = None) -> Figure:
         """Draw the path of every actor from above.
@@ -86,14 +92,14 @@ class Motion(DrivenMotion):
                 motion was made on that one.
         """
         from urbantwin.interface.twin import Twin
-        from urbantwin.view.paths import paths_figure
+        from urbantwin.view.pictures import figure_of_motion
 
         beside_it = self.folder.parent / "twin"
         named = beside_it / "twin.json"
         if twin is None and named.is_file():
             its_own = sha256_of(named) == self.manifest["twin_sha256"]
             twin = Twin.open(beside_it) if its_own else None
-        return paths_figure(self, twin)
+        return figure_of_motion(self, twin)
 
 
 def drive(
@@ -103,6 +109,7 @@ def drive(
     seconds: float | None = None,
     seed: int | None = None,
     demand: AnyPath | None = None,
+    pictures: bool = True,
     progress: ShowProgress = True,
 ) -> Motion:
     """Drive a twin's traffic: every actor's pose at every step.
@@ -114,6 +121,7 @@ def drive(
         seconds: length of the motion, 0.1 to 86400; the site's ``traffic.duration_s`` if not given.
         seed: that everything random follows from; the site's ``traffic.seed`` if not given.
         demand: a file of fields of ``traffic:`` that replace the site's, as ``tune`` writes it.
+        pictures: draw the paths of the actors into the motion's folder.
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
@@ -132,8 +140,22 @@ def drive(
     check_folder(place, kind="motion", inputs=[Path(twin), file])
     changes = None if file is None else load_traffic_changes(file)
     loaded = Twin.open(twin)
+
+    def draw(driven: DrivenMotion, folder: Path) -> None:
+        from urbantwin.view.pictures import picture_of_motion
+
+        (folder / "pictures").mkdir()
+        picture_of_motion(driven, loaded, folder / "pictures" / "paths.png")
+
     with shown_stage("traffic", progress) as tell:
         made = run_traffic(
-            loaded, place, seconds=seconds, seed=seed, changes=changes, progress=tell
+            loaded,
+            place,
+            seconds=seconds,
+            seed=seed,
+            changes=changes,
+            also=draw if pictures else None,
+            progress=tell,
         )
+    tell_result("traffic", place, made.warnings, progress)
     return Motion(made.manifest, made.actors, made.signals, made.meshes, place)

@@ -1,18 +1,20 @@
-"""A stage as it is shown while it runs: a bar, plain lines, or what a caller makes of it."""
+"""A stage as it is shown: a bar, plain lines, or what a caller makes of it; and what it left."""
 
 from __future__ import annotations
 
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from html import escape
+from pathlib import Path
 from typing import Any
 
 from urbantwin.progress import Progress, untold
+from urbantwin.result_warning import ResultWarning
 
-__all__ = ["ShowProgress", "shown_stage"]
+__all__ = ["ShowProgress", "shown_stage", "tell_result"]
 
 #: What every function takes as ``progress``: whether to show it, or what is called with the share
 #: that is done (0..1, of each stage) and what is being done.
@@ -46,6 +48,29 @@ def shown_stage(
         display = _notebook_bar if _in_notebook() else _bar if sys.stderr.isatty() else _lines
         with display(title, brief=brief) as callback:
             yield callback
+
+
+def tell_result(
+    title: str,
+    folder: Path,
+    warnings: Iterable[ResultWarning],
+    progress: ShowProgress = True,
+) -> None:
+    """Print on stderr what a stage drew and what is wrong with its result, a line each.
+
+    Args:
+        title: what the stage is called.
+        folder: of the result; its pictures are in ``pictures``.
+        warnings: what is wrong with it.
+        progress: as `shown_stage` takes it: nothing is printed where no progress is shown.
+    """
+    if progress is not True:
+        return
+    with suppress(OSError, ValueError):  # nobody listens any more
+        if (folder / "pictures").is_dir():
+            print(f"{title}: pictures in {folder / 'pictures'}", file=sys.stderr, flush=True)
+        for one in warnings:
+            print(f"warning: {one}", file=sys.stderr, flush=True)
 
 
 def _in_notebook() -> bool:

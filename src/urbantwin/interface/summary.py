@@ -40,7 +40,7 @@ def _lines_of(value: Mapping[str, Any], indent: str = "") -> Iterator[str]:
 
 
 def _fits_a_line(value: Mapping[str, Any]) -> bool:
-    return len(value) <= 3 and all(isinstance(one, float) for one in value.values())
+    return len(value) <= 8 and all(isinstance(one, int | float) for one in value.values())
 
 
 def _inline(value: object) -> str:

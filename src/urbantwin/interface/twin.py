@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from urbantwin.interface.outcome import outcome_of_twin
 from urbantwin.interface.place import AnyPath, folder_of_site
 from urbantwin.interface.rig import fields_below, placed
-from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
 from urbantwin.interface.summary import Summary
 from urbantwin.progress import Progress
+from urbantwin.result_warning import ResultWarning
 from urbantwin.roads.network import Lane
 from urbantwin.twin import Twin as BuiltTwin
 from urbantwin.twin import load_twin
@@ -83,6 +86,7 @@ class Twin(BuiltTwin):
             longitude=self.frame.longitude,
             region_m2=round(self.region.area, 1),
             driving_side=self.manifest["driving_side"],
+            **outcome_of_twin(self),
             triangles=len(self.mesh.faces),
             triangles_by_class=dict(triangles.most_common()),
             signals=described_signals(self.net_path),
@@ -91,6 +95,7 @@ class Twin(BuiltTwin):
                 {key: item[key] for key in ("name", "licence", "attribution")}
                 for item in self.manifest["inputs"]
             ],
+            warnings=[str(one) for one in self.warnings],
         )
 
     def plot(self, picture: str = "plan") -> Figure:
@@ -153,7 +158,7 @@ def build_of(site: Site, out: Path, *, pictures: bool, progress: ShowProgress) -
 
     found: list[Reconstruction] = []
 
-    def also(twin: BuiltTwin, tell: Progress) -> None:
+    def also(twin: BuiltTwin, tell: Progress) -> Sequence[ResultWarning]:
         with fields_below(_rig_field(site), site.rig_file):
             placed(site.rig, twin, site.rig_file)
         if pictures:
@@ -165,9 +170,11 @@ def build_of(site: Site, out: Path, *, pictures: bool, progress: ShowProgress) -
                 sources = attributions({"inputs": site.inputs()})
                 pictures_of_geometry(found[0], folder, attribution=sources)
             pictures_of_twin(twin, folder, progress=tell)
+        return ()
 
     with shown_stage("twin", progress) as tell:
         built = build_twin(site, out, tell, watch=found.append, also=also)
+    tell_result("twin", built.folder, built.warnings, progress)
     return Twin(built.folder, built.manifest)
 
 

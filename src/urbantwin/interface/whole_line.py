@@ -11,10 +11,16 @@ from urbantwin.artefact import check_folder, new_folder
 from urbantwin.errors import InputError
 from urbantwin.interface.dataset import Dataset, record
 from urbantwin.interface.motion import Motion, drive
+from urbantwin.interface.outcome import (
+    outcome_of_dataset,
+    outcome_of_motion,
+    outcome_of_twin,
+)
 from urbantwin.interface.place import AnyPath, folder_of_site
 from urbantwin.interface.stage import ShowProgress
 from urbantwin.interface.summary import Summary
 from urbantwin.interface.twin import Twin, build_of, site_with_known_sensors
+from urbantwin.result_warning import ResultWarning
 
 if TYPE_CHECKING:
     from urbantwin.site import Site
@@ -56,9 +62,14 @@ class Run:
         """The pictures that were drawn."""
         return [
             picture
-            for kind in ("twin", "dataset")
+            for kind in ("twin", "motion", "dataset")
             for picture in sorted((self.folder / kind).rglob("pictures/*.png"))
         ]
+
+    @property
+    def warnings(self) -> tuple[ResultWarning, ...]:
+        """What is wrong with the three."""
+        return (*self.twin.warnings, *self.motion.warnings, *self.dataset.warnings)
 
     def __fspath__(self) -> str:
         """Return the folder."""
@@ -69,9 +80,13 @@ class Run:
         return f"{self.twin!r}\n{self.motion!r}\n{self.dataset!r}"
 
     def summary(self) -> Summary:
-        """Return where everything is, and whose data it was made from."""
+        """Return what came out, what to look at, where everything is, and whose data it is."""
         sources = (str(item["attribution"]) for item in self.twin.manifest["inputs"])
         return Summary(
+            **outcome_of_twin(self.twin),
+            **outcome_of_motion(self.motion),
+            **outcome_of_dataset(self.dataset),
+            look_at=[str(one) for one in self.warnings],
             **{kind: str(self.folder / kind) for kind in ("twin", "motion", "dataset")},
             attribution=list(dict.fromkeys(sources)),
             pictures=[str(picture) for picture in self.pictures],
@@ -157,7 +172,7 @@ def _run_of(
         check_folder(out / kind, kind=kind, inputs=site.files())
     made = Run(out)
     made.twin = build_of(site, out / "twin", pictures=pictures, progress=progress)
-    made.motion = drive(made.twin, out / "motion", progress=progress)
+    made.motion = drive(made.twin, out / "motion", pictures=pictures, progress=progress)
     made.dataset = record(
         made.twin,
         made.motion,

@@ -15,6 +15,8 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.progress import Progress, untold
+from urbantwin.result_warning import ResultWarning
+from urbantwin.roads.building_ground import building_ground
 from urbantwin.roads.cross_section import prepare_ways, write_sumo_edges
 from urbantwin.roads.driving_side import country_of
 from urbantwin.roads.grade_separation import (
@@ -35,6 +37,8 @@ from urbantwin.roads.netconvert import sumo_network
 from urbantwin.roads.network import RoadNetwork
 from urbantwin.roads.side_lanes import (
     add_side_lanes,
+    before_buildings,
+    corners_before_buildings,
     is_island,
     with_curbs,
     with_island_areas,
@@ -61,6 +65,8 @@ NETWORK_CLASSES = frozenset(
     "motorway motorway_link trunk trunk_link primary primary_link secondary secondary_link "
     "tertiary tertiary_link unclassified residential living_street road busway".split()
 )
+#: Buildings are kept clear of as far as this beyond the region, metres: the closed loop is there.
+BESIDE_M = 150.0
 
 
 @dataclass(frozen=True)
@@ -72,12 +78,14 @@ class BuiltRoads:
         network: its lanes as strips.
         surface: height of its roads everywhere.
         notes: counts, and what was left out.
+        warnings: what is wrong with them.
     """
 
     model: LaneModel
     network: RoadNetwork
     surface: RoadSurface
     notes: dict[str, object]
+    warnings: tuple[ResultWarning, ...] = ()
 
 
 def build_roads(  # noqa: PLR0913 - all that roads are made of
@@ -110,6 +118,7 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
         StageError: netconvert failed.
     """
     tell(0.0, "ways")
+    buildings = building_ground(extract.features(frame, region.buffer(BESIDE_M)))
     ways, tunnels = _network_ways(extract, frame, region)
     if not ways:
         raise InputError(
@@ -172,11 +181,14 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
     tell(0.25, "signals")
     set_default_programs(out)
     planned = set_programs(out, plans, frame)
-    raw = read_sumo_network(
-        out,
-        driving_side=driving_side,
-        level_of_way=level_of_way,
-        origin={piece.id: piece.way for piece in pieces},
+    raw = corners_before_buildings(
+        read_sumo_network(
+            out,
+            driving_side=driving_side,
+            level_of_way=level_of_way,
+            origin={piece.id: piece.way for piece in pieces},
+        ),
+        buildings,
     )
     if not raw.roads:
         raise InputError(
@@ -190,11 +202,11 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
         planar,
         prepared.segments,
         country=country,
-        obstacles=_buildings(extract, frame),
+        obstacles=buildings,
         crossings=_crossings(extract, frame, pieces),
         islands=_crossings(extract, frame, pieces, only=is_island),
     )
-    model = with_curbs(model)
+    model = before_buildings(with_curbs(model), buildings)
     tell(0.6, "heights")
     model, surface = with_heights(model, elevation, lift)
     model = with_banked_widths(model)
@@ -268,19 +280,6 @@ def _network_ways(
         below = way.tags.get("tunnel") not in (None, "no", "building_passage")
         (tunnels if below else kept).append(way)
     return kept, tunnels
-
-
-def _buildings(extract: Extract, frame: SiteFrame) -> list[shapely.Polygon]:
-    """Return the outlines of buildings on the ground, site frame."""
-    rings = [
-        known
-        for way in extract.ways.values()
-        if "building" in way.tags and way.tags.get("layer", "0") == "0"
-        if len(known := [node for node in way.nodes if node in extract.nodes]) > 3
-    ]
-    xy = frame.site_from_lonlat([extract.nodes[node] for ring in rings for node in ring])
-    owner = np.repeat(np.arange(len(rings)), [len(ring) for ring in rings])
-    return list(shapely.make_valid(shapely.polygons(shapely.linearrings(xy, indices=owner))))
 
 
 def _crossings(

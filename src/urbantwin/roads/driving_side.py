@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-from functools import cache
-from importlib.resources import files
-
-import tzfpy
+from urbantwin.site.country import country_of
 
 __all__ = ["country_of", "driving_side"]
 
@@ -17,24 +13,6 @@ LEFT = frozenset(
     "KN KY LC LK LS MO MS MT MU MV MW MY MZ NA NF NR NU NZ PG PK PN SB SC SG SH SR SZ TC TH TK TL "
     "TO TT TV TZ UG VC VG VI WS ZA ZM ZW".split()
 )
-
-
-@cache
-def _country_of_zone() -> dict[str, str]:
-    """Return time zone -> country (the first that ``zone.tab`` of the tz database names)."""
-    text = files("tzdata").joinpath("zoneinfo", "zone.tab").read_text()
-    rows = csv.reader(
-        (line for line in text.splitlines() if not line.startswith("#")), delimiter="\t"
-    )
-    return {row[2]: row[0] for row in rows}
-
-
-def country_of(latitude: float, longitude: float) -> str:
-    """Return the country of a place in degrees (ISO 3166-1 alpha-2); empty where none is known.
-
-    By the place's time zone, offline; where countries share a zone, the largest is taken.
-    """
-    return _country_of_zone().get(tzfpy.get_tz(longitude, latitude), "")
 
 
 def driving_side(latitude: float, longitude: float) -> str:

@@ -183,6 +183,9 @@ def _stations(road: ModelRoad) -> NDArray[np.float64]:
     )
     if uneven:
         stations.append(np.linspace(0, curve.length, int(np.ceil(curve.length / STEP_M)) + 1))
+        stations += [
+            section.s + lane.width.start for section in road.sections for lane in section.lanes
+        ]
     merged = np.sort(np.concatenate(stations))
     return np.asarray(merged[np.concatenate([[True], np.diff(merged) > 1e-3])])
 

@@ -13,6 +13,7 @@ from shapely import Geometry, Polygon
 from urbantwin.geometry import LabelledMesh
 from urbantwin.geometry.manifold import is_closed
 from urbantwin.progress import Progress, between, each, untold
+from urbantwin.roads.passage import ROAD_CLEARANCE_M, Passage, passages_of
 from urbantwin.scene.building_outline import building_footprints, mapped_buildings
 from urbantwin.scene.building_shell import Shell, ShellPlan
 from urbantwin.scene.building_volume import Volume, building_volumes
@@ -20,13 +21,7 @@ from urbantwin.scene.canopy import arcade_columns, canopy_posts
 from urbantwin.scene.extrusion import Body, clean_polygons
 from urbantwin.scene.facade import Front, facade_openings, mapped_doors, mapped_shops
 from urbantwin.scene.face import DOOR, GLASS, ROOF
-from urbantwin.scene.passage import (
-    ROAD_CLEARANCE_M,
-    Opening,
-    Passage,
-    open_bodies,
-    passages_of,
-)
+from urbantwin.scene.opening import Opening, open_bodies
 from urbantwin.scene.solids import Assembly, GroundHeight, Solid
 from urbantwin.site.extract import OsmFeature
 from urbantwin.taxonomy import material_id

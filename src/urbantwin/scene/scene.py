@@ -54,6 +54,7 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
     imported: Reconstruction | None = None,
     drivable: shapely.Geometry | None = None,
     *,
+    country: str = "",
     tell: Progress = untold,
 ) -> Scene:
     """Build ground, decks, buildings and street furniture.
@@ -67,13 +68,14 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
         heads: signals and signs of the lane model, where they are.
         imported: what sources of geometry give; it stands in place of what is mapped there.
         drivable: where a map says that vehicles can drive, beyond its lanes.
+        country: ISO 3166-1 alpha-2; empty if unknown.
         tell: called with the share done (0..1) and the current task.
     """
     covers = imported.covers if imported else {}
     spacing = ON_A_PLAIN if elevation.is_flat and len(network.levels) == 1 else ON_A_HILL
     waters = water_bodies(features, region)
     zones = ground_zones(
-        network, region, features, waters, drivable, between(tell, 0.0, ZONES, "zones")
+        network, region, features, waters, drivable, country, between(tell, 0.0, ZONES, "zones")
     )
     ground = surface_mesh(
         zones,

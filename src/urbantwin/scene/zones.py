@@ -18,6 +18,7 @@ from urbantwin.progress import Progress, between, each, untold
 from urbantwin.roads import RoadNetwork
 from urbantwin.roads.model import CURB_HEIGHT_M
 from urbantwin.roads.network import CARRIAGEWAY_KINDS
+from urbantwin.scene.land_use import land_covers, mapped_cover
 from urbantwin.scene.water.plan import WaterBody
 from urbantwin.site.extract import OsmFeature
 from urbantwin.taxonomy import material_id, semantic_id
@@ -45,11 +46,6 @@ OTHER_WAYS: dict[str, tuple[float, str, str]] = {
     "footway": (2.0, "sidewalk", "paving"),
     "path": (1.5, "sidewalk", "soil"),
     "cycleway": (2.0, "sidewalk", "asphalt"),
-}
-GREEN = {
-    "landuse": {"grass", "forest", "meadow", "village_green", "recreation_ground", "cemetery"},
-    "leisure": {"park", "garden", "pitch", "golf_course", "dog_park"},
-    "natural": {"grassland", "wood", "scrub", "heath"},
 }
 
 
@@ -83,6 +79,7 @@ def ground_zones(
     features: Sequence[OsmFeature],
     waters: Sequence[WaterBody] = (),
     drivable: shapely.Geometry | None = None,
+    country: str = "",
     tell: Progress = untold,
 ) -> list[Zone]:
     """Return the zones of the ground level; together they tile the region and its margin.
@@ -95,6 +92,7 @@ def ground_zones(
         drivable: where a map says that vehicles can drive. Of gaps between carriageways, what
             lies there is carriageway and no median; beside them it is asphalt flush with the
             terrain.
+        country: ISO 3166-1 alpha-2; empty if unknown.
         tell: called with the share done (0..1) and the current task.
     """
     tell(0.0, "carriageways")
@@ -144,7 +142,10 @@ def ground_zones(
             taken = area_union([taken, free])
     tell(0.95, "terrain")
     rest = area_difference(everything, taken)
-    zones.append(_zone("terrain", rest, "terrain", "soil"))
+    zones += [
+        _zone("terrain" if semantic == "terrain" else "paved", area, semantic, material)
+        for area, (semantic, material) in land_covers(features, rest, country)
+    ]
     return [zone for zone in zones if not zone.area.is_empty]
 
 
@@ -188,8 +189,8 @@ def _flush_areas(
             groups.setdefault((semantic, material), []).append(area)
         elif tags.get("amenity") == "parking" and is_area:
             groups.setdefault(("parking", "asphalt"), []).append(shape)
-        elif is_area and any(tags.get(key) in values for key, values in GREEN.items()):
-            groups.setdefault(("terrain", "grass"), []).append(shape)
+        elif is_area and (cover := mapped_cover(tags)) is not None:
+            groups.setdefault(cover, []).append(shape)
     for body in waters:
         groups.setdefault(("other-ground", "water"), []).append(body.area)
         if not body.wall.is_empty:

@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
 import shapely
 
 from urbantwin.artefact import check_file, replaced_file, sha256_of
@@ -23,16 +22,11 @@ from urbantwin.site.region import (
     read_geojson,
 )
 from urbantwin.site.site import load_site
-from urbantwin.site.traffic import DEFAULT_PER_HOUR
 
-__all__ = ["RADIUS_M", "GivenPlace", "SiteDraft", "check_target", "usual_volumes", "write_draft"]
+__all__ = ["RADIUS_M", "GivenPlace", "SiteDraft", "check_target", "write_draft"]
 
 #: The usual radius of a region, metres.
 RADIUS_M = 150.0
-
-#: Cars per hour that a lane into the region brings; about a quarter of a signalised lane's capacity
-#: (900 per hour: 1800 per hour of green, Highway Capacity Manual, for half of the time).
-CARS_PER_LANE = 220.0
 
 
 @dataclass(frozen=True)
@@ -128,15 +122,6 @@ def check_target(folder: Path, *, force: bool) -> None:
     if folder.exists() and not folder.is_dir():
         raise InputError("is a file", file=folder, expected="a folder")
     check_file(target)
-
-
-def usual_volumes(lanes: float) -> dict[str, int]:
-    """Return plausible volumes: cars by the lanes that lead in, the rest in usual proportions."""
-    cars = float(np.clip(lanes * CARS_PER_LANE, 200.0, 2000.0))
-    scale = cars / DEFAULT_PER_HOUR["car"]
-    return {
-        name: max(10, round(count * scale / 10) * 10) for name, count in DEFAULT_PER_HOUR.items()
-    }
 
 
 def write_draft(folder: Path, draft: SiteDraft, *, force: bool) -> Path:
@@ -298,8 +283,9 @@ region:
 
 {loop}
 traffic:
-  # How many come into the region per hour. These are guesses from the number of lanes; put counts
-  # here if you have them. A class that is not listed has none.
+  # How many come into the region per hour. These are guesses for midday from the streets' classes
+  # and lanes, the country, bus lines and what is around; put counts here if you have them. A class
+  # that is not listed has none.
   per_hour:
 {counts}
   duration_s: 20        # length of the recorded motion

@@ -17,15 +17,15 @@ from urbantwin.site.draft import (
     GivenPlace,
     SiteDraft,
     check_target,
-    usual_volumes,
     write_draft,
 )
 from urbantwin.site.extract import Extract
 from urbantwin.site.extract_coverage import mapped_area
 from urbantwin.site.extract_file import LonLatBox, box_around, read_extract
-from urbantwin.site.junction_proposal import STREETS, propose_junction, way_lanes
+from urbantwin.site.junction_proposal import propose_junction
 from urbantwin.site.pole_site import propose_pole
 from urbantwin.site.region import circle
+from urbantwin.site.traffic_around import per_hour_around
 
 __all__ = ["init_site"]
 
@@ -94,7 +94,7 @@ def init_site(
         osm=osm,
         roads=None,
         anchor_m=None,
-        per_hour=_per_hour(extract, frame, given.region(frame, radius)),
+        per_hour=per_hour_around(extract, frame, given.region(frame, radius)),
         pole=propose_pole(extract, frame),
     )
     return write_draft(folder, draft, force=force)
@@ -154,14 +154,3 @@ def _radius(extract: Extract, frame: SiteFrame) -> float:
         if shapely.intersection(area, disc).area >= _MAPPED_SHARE * disc.area:
             return float(radius)
     return LEAST_RADIUS_M
-
-
-def _per_hour(extract: Extract, frame: SiteFrame, region: shapely.Polygon) -> dict[str, int]:
-    """Return plausible volumes: cars by the lanes that lead in, the rest in usual proportions."""
-    lanes = 0.0
-    for way in extract.highways():
-        line = extract.way_line(way, frame)
-        if way.tags["highway"] in STREETS and len(line) >= 2:
-            crossed = shapely.intersection(shapely.LineString(line), region.exterior)
-            lanes += way_lanes(way) / 2 * len(shapely.get_coordinates(crossed))
-    return usual_volumes(lanes)

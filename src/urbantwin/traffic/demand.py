@@ -9,6 +9,7 @@ import numpy as np
 import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
+from urbantwin.result_warning import ResultWarning
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.network import StreetNetwork, Streets
 from urbantwin.traffic.vehicle_types import ACTOR_KINDS
@@ -93,6 +94,7 @@ class Demand:
         populations: who circulates: stays for the whole motion; empty where traffic passes through.
         outer: ids of the edges of outer roads, by which those who circulate come back.
         carried: share of the motor traffic asked for that the streets can carry.
+        warnings: why they carry no more, and whatever else is wrong with it.
     """
 
     trips: tuple[Trip, ...]
@@ -100,6 +102,7 @@ class Demand:
     populations: tuple[Population, ...] = ()
     outer: frozenset[str] = frozenset()
     carried: float = 1.0
+    warnings: tuple[ResultWarning, ...] = ()
 
     @property
     def circulates(self) -> bool:

@@ -22,6 +22,7 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
 from urbantwin.geometry.mesh import MESH_FORM
 from urbantwin.progress import Progress, each, untold
+from urbantwin.result_warning import ResultWarning, warnings_of
 from urbantwin.traffic.assets import asset_mesh
 from urbantwin.traffic.motion_validity import (
     MeshKey,
@@ -89,6 +90,11 @@ class Motion:
     def step_s(self) -> float:
         """Time between steps."""
         return float(self.manifest["step_s"])
+
+    @property
+    def warnings(self) -> tuple[ResultWarning, ...]:
+        """What is wrong with it."""
+        return warnings_of(self.manifest)
 
     def times(self) -> NDArray[np.float64]:
         """Return the times (T,) of the steps, seconds; a step may be without actors."""

@@ -23,32 +23,10 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import StageError
 from urbantwin.roads.sumo_check import reading_sumo_network
+from urbantwin.site.usual_traffic import LANE_PER_HOUR, OTHER_PER_HOUR
 
 __all__ = ["Edge", "Gates", "StreetNetwork", "Streets", "has_walkway"]
 
-#: Relative traffic per lane of a street, by OpenStreetMap's road class. The order is the road
-#: hierarchy's; the sizes follow the usual ratios of annual average daily traffic between
-#: functional classes (FHWA, Highway Functional Classification Concepts, 2013, table 3-5).
-_RANK = {
-    "motorway": 8.0,
-    "motorway_link": 5.0,
-    "trunk": 7.0,
-    "trunk_link": 5.0,
-    "primary": 6.0,
-    "primary_link": 4.0,
-    "secondary": 4.0,
-    "secondary_link": 3.0,
-    "tertiary": 2.5,
-    "tertiary_link": 2.0,
-    "unclassified": 1.0,
-    "residential": 0.7,
-    "living_street": 0.3,
-    "pedestrian": 0.3,
-    "service": 0.1,
-    "track": 0.05,
-    "steps": 0.2,
-}
-_DEFAULT_RANK = 1.0
 Edge = Any  # sumolib.net.edge.Edge; sumolib has no types
 _BORDER_M = 30.0  # a gate nearer to the region's border than this is a street cut by the border
 _DEAD_END_SHARE = 0.1  # traffic of a gate inside the region, relative to one at its border
@@ -227,7 +205,8 @@ class StreetNetwork:
     def rank(self, edge: Edge, vclass: str) -> float:
         """Return the relative traffic of an edge for a class: of its kind times its lanes."""
         names = re.findall(r"highway\.(\w+)", edge.getType() or "")
-        kind = max((_RANK.get(name, _DEFAULT_RANK) for name in names), default=_DEFAULT_RANK)
+        usual = [LANE_PER_HOUR.get(name, OTHER_PER_HOUR) for name in names]
+        kind = max(usual, default=OTHER_PER_HOUR)
         return kind * float(sum(lane.allows(vclass) for lane in edge.getLanes()))
 
     def _gates(

@@ -15,6 +15,7 @@ from urbantwin import __version__
 from urbantwin.artefact import replaced_folder
 from urbantwin.errors import InputError
 from urbantwin.progress import between, untold
+from urbantwin.result_warning import rows_of
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.actor_table import actor_table
 from urbantwin.traffic.assets import asset, asset_names
@@ -27,6 +28,7 @@ from urbantwin.traffic.motion import MOTION_VERSION, Motion
 from urbantwin.traffic.network import StreetNetwork
 from urbantwin.traffic.placement import Ground
 from urbantwin.traffic.resize import resized
+from urbantwin.traffic.result_warnings import warnings_of_drive
 from urbantwin.traffic.signals import signal_table
 from urbantwin.traffic.simulation import Simulated, simulate
 from urbantwin.twin import Twin
@@ -44,6 +46,7 @@ def run_traffic(
     seconds: float | None = None,
     seed: int | None = None,
     changes: Mapping[str, Any] | None = None,
+    also: Callable[[Motion, Path], None] | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Motion:
     """Simulate traffic in a twin and write the motion.
@@ -56,6 +59,8 @@ def run_traffic(
         seconds: how long the motion is; ``None`` for the site's ``traffic.duration_s``.
         seed: of every random choice; ``None`` for the site's ``traffic.seed``.
         changes: fields of the site's ``traffic`` that are to be others.
+        also: given the motion and its folder before it appears, for what else belongs into it:
+            pictures.
         progress: called with the fraction done and what is being done.
 
     Raises:
@@ -73,6 +78,9 @@ def run_traffic(
         motion = _driven(twin, asked, steps, folder, told)
         told(0.95, "writing the motion")
         motion.write(folder)
+        if also is not None:
+            told(0.97, "drawing the paths")
+            also(motion, folder)
     told(1.0, "done")
     return motion
 
@@ -140,6 +148,8 @@ def _driven(
     }
     if demand.circulates:
         manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)
+    warnings = [*demand.warnings, *warnings_of_drive(manifest)]
+    manifest["warnings"] = rows_of(warnings)
     shown = Motion(manifest, actors, signals).with_meshes(between(told, 0.85, 0.95))
     motion = resized(shown, asked.get("size", {}))
     made = {"actors": table_sha256(motion.actors), "meshes": meshes_sha256(motion.meshes)}

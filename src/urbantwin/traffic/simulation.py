@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact import passing_folder
 from urbantwin.errors import InputError, StageError
+from urbantwin.roads.curve_speed import REAR_M, SPACING_M, lane_speeds
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand import Demand
@@ -30,6 +31,7 @@ __all__ = [
     "STUCK_S",
     "Observed",
     "Simulated",
+    "curves_of",
     "observe",
     "simulate",
     "sumo_options",
@@ -45,6 +47,7 @@ _STUCK_S = (
 )
 _BLOCKER_S = 60
 _SQUEEZE_S = 120  # people who stand in each other's way for so long squeeze past
+_FASTEST = 1.25  # nobody drives faster than so many times a lane's speed
 STUCK_S = 300.0  # who stays and halts for longer is reported
 _SUBLANE_M = 0.8  # two-wheelers pass each other and cars within a lane
 
@@ -203,12 +206,32 @@ def _worked(
             "kinds": len(ACTOR_CLASSES),
             "outer": sorted(demand.outer),
             "stuck_s": STUCK_S,
+            "curves": curves_of(net_path),
             "arrays": str(folder / "rows.npy"),
             "texts": str(folder / "outcome.json"),
         }
         (folder / "job.json").write_text(json.dumps(whole))
         _run_worker(folder / "job.json", progress)
         return _read(folder / "rows.npy", folder / "outcome.json")
+
+
+def curves_of(net_path: Path) -> dict[str, Any]:
+    """Return the speeds along each lane that bends, as ``sumo_curves.Curves`` takes them.
+
+    A lane has one speed in SUMO, and a street that bends somewhere is not slow from end to end.
+    """
+    found: dict[str, Any] = {"spacing_m": SPACING_M, "rear_m": REAR_M, "speeds": {}}
+    try:
+        root = etree.parse(net_path).getroot()
+    except etree.XMLSyntaxError:
+        return found  # SUMO says what is wrong with it
+    limit = {x.get("id", ""): float(x.get("speed", "inf")) for x in root.iterfind("edge/lane")}
+    found["speeds"] = {
+        name: np.round(speeds, 2).tolist()
+        for name, speeds in lane_speeds(root).items()
+        if speeds.min() < _FASTEST * limit[name]
+    }
+    return found
 
 
 @contextmanager

@@ -10,6 +10,7 @@ The job's fields are those of ``simulation.Job``.
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import sys
@@ -19,6 +20,14 @@ from typing import Any
 
 import libsumo
 import numpy as np
+
+# By its path: nothing in this folder may be found by its name (see `simulation`).
+_BESIDE = Path(__file__).with_name("sumo_curves.py")
+_SPEC = importlib.util.spec_from_file_location("sumo_curves", _BESIDE)
+assert _SPEC is not None
+assert _SPEC.loader is not None
+sumo_curves = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(sumo_curves)
 
 #: Step, trip, x, y, angle, speed, lane. A trip's number is its name in SUMO.
 Row = tuple[int, int, float, float, float, float, int]
@@ -151,7 +160,9 @@ def simulate(job: dict[str, Any]) -> None:
     per_second = max(1, round(1 / libsumo.simulation.getDeltaT()))
     first, last, substeps = job["first_step"], job["last_step"], job["substeps"]
     total = job["warmup_substeps"] + last * substeps + 1
+    curves = sumo_curves.Curves(job["curves"])
     for made in range(total):
+        curves.slow_down()
         libsumo.simulationStep()
         recorder.count_incidents()
         if made % per_second == 0:

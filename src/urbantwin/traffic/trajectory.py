@@ -18,9 +18,11 @@ from numpy.typing import NDArray
 __all__ = ["Trajectory", "smoothed"]
 
 _GRID_M = 0.1
-#: Vehicles follow their curves (local parabolas); people cut the corners of walking areas, where
-#: SUMO sends them to and fro by a metre (local lines).
-_WINDOW_M = {"vehicle": 6.0, "person": 2.6}
+#: Vehicles follow their curves (local parabolas), the faster the more gently: a driver takes about
+#: a second to turn the wheel. People cut the corners of walking areas, where SUMO sends them to and
+#: fro by a metre (local lines).
+_WINDOWS_M = {"vehicle": (6.0, 10.0, 14.0, 18.0), "person": (2.6,)}
+_STEERING_S = 1.0
 _DEGREE = {"vehicle": 2, "person": 1}
 _SHORT_M = 0.5  # who moved less than this has no direction of travel
 
@@ -73,12 +75,13 @@ def smoothed(
         return Trajectory(point + ahead * (start - length_m / 2)[:, None], heading, distance)
     grid = np.linspace(0.0, total, max(int(np.ceil(total / _GRID_M)), 3) + 1)
     kind, spacing = "person" if walks else "vehicle", float(grid[1])
+    steering_m = _STEERING_S * np.interp(grid, *_by_distance(distance, speed))
     x, y, heading = (
-        _level(np.interp(grid, *_by_distance(distance, values)), spacing, kind)
+        _level(np.interp(grid, *_by_distance(distance, values)), spacing, kind, steering_m)
         for values in (front[:, 0], front[:, 1], yaw)
     )
     if walks:
-        course = (_level(np.gradient(values), spacing, kind) for values in (y, x))
+        course = (_level(np.gradient(values), spacing, kind, steering_m) for values in (y, x))
         heading = np.unwrap(np.arctan2(*course))
     at_x, at_y, at_yaw = (np.interp(distance, grid, values) for values in (x, y, heading))
     back = length_m / 2
@@ -97,13 +100,33 @@ def _by_distance(
     return distinct, np.bincount(group, values) / np.bincount(group)
 
 
-def _level(values: NDArray[np.float64], spacing: float, kind: str) -> NDArray[np.float64]:
-    """Fit local polynomials twice, so that the result bends without corners."""
-    wanted = round(_WINDOW_M[kind] / spacing / 2) * 2 + 1
-    hat = _hat(min(wanted, len(values) - 1 + len(values) % 2), _DEGREE[kind])
-    for _ in range(2):
-        values = _fitted(values, hat)
-    return values
+def _level(
+    values: NDArray[np.float64], spacing: float, kind: str, wanted_m: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Fit local polynomials twice, so that the result bends without corners.
+
+    Args:
+        values: (N,) what is to be smoothed, every ``spacing`` metres.
+        spacing: metres.
+        kind: whose way it is.
+        wanted_m: (N,) width of the window that is wanted at each; between two widths that are
+            fitted the result lies between their fits.
+    """
+    windows = _WINDOWS_M[kind]
+    fits = []
+    for window_m in windows:
+        wanted = round(window_m / spacing / 2) * 2 + 1
+        hat = _hat(min(wanted, len(values) - 1 + len(values) % 2), _DEGREE[kind])
+        fits.append(_fitted(_fitted(values, hat), hat))
+        if window_m >= wanted_m.max():
+            break
+    place = np.interp(wanted_m, windows, np.arange(len(windows))).clip(0, len(fits) - 1)
+    below = np.floor(place).astype(int)
+    share = place - below
+    column = np.arange(len(values))
+    every = np.array(fits)
+    above = np.minimum(below + 1, len(fits) - 1)
+    return np.asarray(every[below, column] * (1 - share) + every[above, column] * share)
 
 
 @cache

@@ -42,7 +42,14 @@ ACTOR_KINDS: dict[str, ActorKind] = {
     "bus": ActorKind("bus", {**_HEAVY, "latAlignment": "center"}),
     "motorcycle": ActorKind(
         "motorcycle",
-        {**_DRIVER, "accel": "3.5", "minGap": "1.5", "minGapLat": "0.3", "latAlignment": "nice"},
+        {
+            **_DRIVER,
+            "accel": "3.5",
+            "decel": "4.5",
+            "minGap": "1.5",
+            "minGapLat": "0.3",
+            "latAlignment": "nice",
+        },
     ),
     # Free-riding bicycles: mean 5.0 m/s (Parkin and Rotheram, Transport Policy 17, 2010).
     "bicycle": ActorKind(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -10,17 +10,20 @@ import shapely
 import yaml
 
 from urbantwin import __version__
-from urbantwin.artefact import check_folder, replaced_folder, sha256_of, write_json
+from urbantwin.artefact import check_folder, read_json, replaced_folder, sha256_of, write_json
 from urbantwin.errors import InputError
 from urbantwin.progress import Progress, between, untold
 from urbantwin.reconstruct import Reconstruction, outcome
+from urbantwin.result_warning import ResultWarning, rows_of
 from urbantwin.roads import build_roads, driving_side
+from urbantwin.roads.driving_side import country_of
 from urbantwin.roads.imported import ImportedMap, build_imported_roads, prepared_map, read_map
 from urbantwin.roads.signals import heads_of
 from urbantwin.scene import build_scene
 from urbantwin.scene.ground_material import ground_materials
 from urbantwin.site import (
     Extract,
+    Orthophoto,
     OsmFeature,
     Site,
     box_around,
@@ -28,8 +31,10 @@ from urbantwin.site import (
     read_extract,
     read_orthophoto,
 )
+from urbantwin.twin.found_of_mapped import found_of_mapped
 from urbantwin.twin.ground import survey_ground
 from urbantwin.twin.provenance import made_from
+from urbantwin.twin.result_warnings import warnings_of_build
 from urbantwin.twin.sensor_files import copy_sensor_files
 from urbantwin.twin.twin import Twin, load_twin
 
@@ -52,7 +57,7 @@ def build_twin(
     progress: Progress | None = None,
     *,
     watch: Callable[[Reconstruction], None] | None = None,
-    also: Callable[[Twin, Progress], None] | None = None,
+    also: Callable[[Twin, Progress], Iterable[ResultWarning]] | None = None,
 ) -> Twin:
     """Build a site's twin and write it to a folder, whole or not at all.
 
@@ -62,7 +67,7 @@ def build_twin(
         progress: called with the share done (0..1) and the current task.
         watch: called with the imported geometry, for pictures of how it was placed and cleaned.
         also: given the whole twin before it appears, for what is to be checked of it and what else
-            belongs into its folder: pictures.
+            belongs into its folder: pictures. What it finds wrong stands in ``twin.json``, too.
 
     Raises:
         InputError: the map, the DEM or the region cannot be used.
@@ -74,8 +79,7 @@ def build_twin(
     imported = read_map(site.roads.path, site.frame, site.anchor_m) if site.roads else None
     features = _features(site, extract)
     side = _driving_side(site, imported)
-    around = site.region.buffer(PICTURE_MARGIN_M)
-    photo = read_orthophoto(site.imagery, site.frame, around) if site.imagery else None
+    photo = _photo(site)
     # Imported geometry takes as long as all the rest.
     surveying = 0.4 if site.geometry else 0.02
     with replaced_folder(out, kind="twin", inputs=site.files()) as folder:
@@ -130,6 +134,7 @@ def build_twin(
             heads,
             found,
             imported.drivable if imported else None,
+            country=country_of(site.latitude, site.longitude),
             tell=between(tell, ROADS_WRITTEN, SCENE, "scene"),
         )
         tell(SCENE, "writing the scene")
@@ -149,17 +154,32 @@ def build_twin(
             if watch is not None:
                 watch(found)
         tell(0.97, "writing")
+        of_sources = outcome(found.report) if found else {}
+        mapped = found_of_mapped(
+            None if imported else extract, site.frame, site.region, roads.network
+        )
         notes = {
             "ground": ground_notes,
             "roads": roads.notes,
-            **({"geometry": outcome(found.report)} if found else {}),
+            "mapped": {kind: counts.as_note() for kind, counts in mapped.items()},
+            **({"geometry": of_sources} if found else {}),
             **scene.notes,
             "materials": material.notes,
         }
-        made = made_from(site, found.report if found else None, photo.notes if photo else ())
-        _write_documents(folder, site, {"driving_side": side, "made_from": made, "notes": notes})
+        _write_documents(
+            folder,
+            site,
+            {
+                "driving_side": side,
+                "made_from": made_from(
+                    site, found.report if found else None, photo.notes if photo else ()
+                ),
+                "notes": notes,
+                "warnings": rows_of(warnings_of_build(roads, mapped, of_sources)),
+            },
+        )
         if also is not None:
-            also(load_twin(folder), between(whole, BUILT, 1.0))
+            _add_warnings(folder, also(load_twin(folder), between(whole, BUILT, 1.0)))
     whole(1.0, "done")
     return load_twin(out)
 
@@ -185,6 +205,13 @@ def _write_documents(folder: Path, site: Site, told: Mapping[str, object]) -> No
             "files": {path.name: sha256_of(path) for path in sorted(folder.iterdir())},
         },
     )
+
+
+def _add_warnings(folder: Path, further: Iterable[ResultWarning]) -> None:
+    rows, file = rows_of(further), folder / "twin.json"
+    if rows:
+        told = read_json(file, kind="twin")
+        write_json(file, {**told, "warnings": [*told["warnings"], *rows]})
 
 
 def _read(site: Site, tell: Progress) -> tuple[Extract | None, Progress]:
@@ -216,6 +243,13 @@ def _features(site: Site, extract: Extract | None) -> list[OsmFeature]:
             expected=f"an extract around {site.latitude:.6f}, {site.longitude:.6f}",
         )
     return features
+
+
+def _photo(site: Site) -> Orthophoto | None:
+    """Read the pictures of the ground, a little beyond the region."""
+    if not site.imagery:
+        return None
+    return read_orthophoto(site.imagery, site.frame, site.region.buffer(PICTURE_MARGIN_M))
 
 
 def _driving_side(site: Site, imported: ImportedMap | None) -> str:

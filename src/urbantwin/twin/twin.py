@@ -15,6 +15,7 @@ from urbantwin.artefact.manifest import validated
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, SiteFrame, SurfaceMaterials
 from urbantwin.ground import Elevation
+from urbantwin.result_warning import ResultWarning, warnings_of
 from urbantwin.roads import LaneModel, RoadNetwork
 from urbantwin.roads.sumo_check import check_sumo_network
 from urbantwin.site import RigSpec, load_rig_spec
@@ -36,6 +37,11 @@ class Twin:
 
     folder: Path
     manifest: dict[str, Any]
+
+    @property
+    def warnings(self) -> tuple[ResultWarning, ...]:
+        """What is wrong with it."""
+        return warnings_of(self.manifest)
 
     @cached_property
     def frame(self) -> SiteFrame:

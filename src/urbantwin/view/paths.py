@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
@@ -22,12 +24,15 @@ _MARGIN_M = 5.0
 _LEAP_M = 25.0
 
 
-def paths_figure(motion: Motion, twin: Twin | None = None) -> Figure:
+def paths_figure(
+    motion: Motion, twin: Twin | None = None, *, attribution: str | Iterable[str] = ()
+) -> Figure:
     """Draw the way of every actor, by class, and where each is at the end of its way.
 
     Args:
         motion: whose actors.
         twin: whose ground and lanes lie below, and whose region is shown.
+        attribution: whose data it shows.
     """
     figure = style.new_figure(12.0, 12.9)
     axes = figure.add_axes((0.02, 0.06, 0.96, 0.87))
@@ -63,6 +68,7 @@ def paths_figure(motion: Motion, twin: Twin | None = None) -> Figure:
     style.north_arrow(axes)
     below = f"{motion.manifest['steps'] * motion.step_s:g} s   {len(np.unique(tracks))} actors"
     style.title(figure, "Paths of the actors", below)
+    style.written_attribution(figure, attribution)
     if handles:
         figure.legend(
             handles=handles,

@@ -24,6 +24,7 @@ from urbantwin.view.coverage import coverage_figure
 from urbantwin.view.ground_materials import ground_figure
 from urbantwin.view.histogram import histogram_figure
 from urbantwin.view.labelled_frame import LabelledPoints, read_labelled_points
+from urbantwin.view.paths import paths_figure
 from urbantwin.view.plan import plan_figure
 from urbantwin.view.range_image import range_image_figure
 from urbantwin.view.scene import scene_figure, scene_picture
@@ -34,8 +35,10 @@ __all__ = [
     "attributions",
     "figure_of_coverage",
     "figure_of_dataset",
+    "figure_of_motion",
     "figure_of_twin",
     "picture_of_coverage",
+    "picture_of_motion",
     "pictures_of_dataset",
     "pictures_of_twin",
     "title_of",
@@ -101,6 +104,17 @@ def figure_of_twin(twin: Twin, picture: str) -> Figure:
             attribution=sources,
         )
     raise InputError(f"there is no picture {picture!r:.40}", expected="plan, scene or ground")
+
+
+def picture_of_motion(motion: Motion, twin: Twin, path: Path) -> Path:
+    """Draw the paths of a motion's actors on its twin into a PNG."""
+    return style.save(figure_of_motion(motion, twin), path)
+
+
+def figure_of_motion(motion: Motion, twin: Twin | None) -> Figure:
+    """Draw the paths of a motion's actors, on its twin where there is one."""
+    sources = [] if twin is None else attributions(twin.manifest)
+    return paths_figure(motion, twin, attribution=sources)
 
 
 def pictures_of_dataset(

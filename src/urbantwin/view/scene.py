@@ -20,6 +20,7 @@ from scipy.ndimage import uniform_filter
 
 from urbantwin.geometry import DownwardProbe, LabelledMesh, SurfaceMaterials
 from urbantwin.geometry.embree import EmbreeScene
+from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
 from urbantwin.view import style
 from urbantwin.view.surface_colours import material_colours, surface_colours
 
@@ -32,6 +33,15 @@ _ZENITH = np.array([0.24, 0.42, 0.66], np.float32)
 _HORIZON = np.array([0.80, 0.86, 0.91], np.float32)
 #: A ray into the open that meets nothing within this distance sees the sky, metres.
 _AMBIENT_M = 12.0
+#: The streets within this distance of a place are the junction that is to be seen, metres.
+JUNCTION_M = 35.0
+#: Where cameras are tried: how high they stand, and how far round from the usual azimuth.
+ELEVATIONS_DEG = (29.0, 36.0, 44.0, 53.0, 62.0, 72.0)
+TURNS_DEG = (0, 25, -25, 50, -50, 75, -75, 100, -100, 130, -130, 155, -155, 180)
+#: What one degree of steepness costs, in shares of the junction that is seen.
+STEEPNESS = 0.004
+#: What is lower than this above the junction does not stand in the way, metres.
+HIGH_M = 5.0
 #: Sub-pixels along each side of a pixel.
 _SAMPLES = 2
 #: Rows of sub-pixels cast at once.
@@ -164,10 +174,12 @@ def scene_figure(
 
 
 def clear_camera(mesh: LabelledMesh, target: ArrayLike = (0.0, 0.0, 0.0)) -> Camera:
-    """Return the camera that sees most of the ground about a place.
+    """Return the camera that sees most of the junction at a place.
 
-    Of cameras all around at the usual height and two higher ones, the first from which at least
-    nine tenths is seen, or else the best.
+    Cameras all around and at several heights are tried, each by rays: how much it sees of the
+    streets within ``JUNCTION_M`` (of any ground, where there are none), less how much of its
+    picture walls and roofs before the junction take, less a little for every degree that it looks
+    down more steeply than it must.
 
     Args:
         mesh: the static world, site frame, metres.
@@ -175,29 +187,51 @@ def clear_camera(mesh: LabelledMesh, target: ArrayLike = (0.0, 0.0, 0.0)) -> Cam
     """
     caster = _Caster(mesh)
     middle = np.asarray(target, np.float64)
-    spread = np.arange(-32.0, 33.0, 4.0)
-    x, y = (grid.ravel() for grid in np.meshgrid(spread, spread))
-    ground = np.column_stack([x, y, np.zeros_like(x)])[np.hypot(x, y) <= 32] + middle
-    ground[:, 2] = np.nan_to_num(
-        DownwardProbe(mesh.select(mesh.normals()[:, 2] > 0.5)).height_below(
-            ground + np.array([0, 0, 3.0])
-        ),
-        nan=middle[2],
-    )
-    ground[:, 2] += 0.5
-    best, most = Camera(target=target), -1.0
-    for elevation in (29.0, 38.0, 50.0):
-        for turn in (0, 25, -25, 50, -50, 90, -90, 130, -130, 180):
+    places = _streets_about(mesh, middle)
+    best, most = Camera(target=target), -np.inf
+    for elevation in ELEVATIONS_DEG:
+        for turn in TURNS_DEG:
             camera = Camera(target=target, azimuth_deg=-65.0 + turn, elevation_deg=elevation)
-            way = camera.place - ground
-            way /= np.linalg.norm(way, axis=1, keepdims=True)
-            _, distance = caster.first(ground.astype(np.float32), way.astype(np.float32))
-            free = float(np.isinf(distance).mean())
-            if free > most + 0.02:
-                best, most = camera, free
-            if most >= 0.9:
-                return best
+            worth = _seen(caster, camera, places) - _in_the_way(caster, camera, middle)
+            worth -= STEEPNESS * (elevation - ELEVATIONS_DEG[0])
+            if worth > most + 1e-3:
+                best, most = camera, worth
     return best
+
+
+def _streets_about(mesh: LabelledMesh, middle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return places (N, 3) half a metre above the streets, or the ground, about a place."""
+    spread = np.arange(-JUNCTION_M, JUNCTION_M + 1, 3.5)
+    x, y = (grid.ravel() for grid in np.meshgrid(spread, spread))
+    xy = np.column_stack([x, y])[np.hypot(x, y) <= JUNCTION_M] + middle[:2]
+    above = np.column_stack([xy, np.full(len(xy), middle[2] + 3.0)])
+    up = mesh.normals()[:, 2] > 0.5
+    for classes in (("road", "sidewalk"), GROUND_CLASSES):
+        streets = up & np.isin(mesh.semantic, [semantic_id(name) for name in classes])
+        height = DownwardProbe(mesh.select(streets)).height_below(above)
+        known = np.isfinite(height)
+        if known.mean() > 0.05:
+            return np.column_stack([xy[known], height[known] + 0.5])
+    return np.column_stack([xy, np.full(len(xy), middle[2] + 0.5)])
+
+
+def _seen(caster: _Caster, camera: Camera, places: NDArray[np.float64]) -> float:
+    """Return the share of places (N, 3) from which nothing hides the camera."""
+    way = camera.place - places
+    reach = np.linalg.norm(way, axis=1)
+    way /= reach[:, None]
+    _, distance = caster.first(places.astype(np.float32), way.astype(np.float32))
+    return float((distance > reach).mean())
+
+
+def _in_the_way(caster: _Caster, camera: Camera, middle: NDArray[np.float64]) -> float:
+    """Return the share of the picture that high things before the junction take."""
+    rays = camera.rays(32, 18).reshape(-1, 3)
+    origin = camera.place.astype(np.float32)
+    _, distance = caster.first(np.tile(origin, (len(rays), 1)), rays)
+    top = camera.place[2] + distance * rays[:, 2]
+    near = distance < camera.distance_m - JUNCTION_M / 2
+    return float((near & (top > middle[2] + HIGH_M)).mean())
 
 
 def render(

@@ -32,6 +32,7 @@ from urbantwin.roads.imported.read import (
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.opendrive.reading.placement import crs_of
 from urbantwin.roads.opendrive.reading.read import ReadMap, read_opendrive
+from urbantwin.site.country import country_of
 from urbantwin.site.draft import RADIUS_M, GivenPlace, SiteDraft, check_target, write_draft
 from urbantwin.site.extract import OsmFeature
 from urbantwin.site.extract_file import box_around, read_extract
@@ -98,6 +99,7 @@ def init_site_of_map(  # noqa: PLR0913 - every one is a person's choice
     features = _features(osm, frame, shape, progress or untold) if osm else []
     around = cropped(imported.model, circle(AROUND_M))
     paved = paved_area(around).buffer(CORNER_M).buffer(-CORNER_M)
+    country = country_of(frame.latitude, frame.longitude) if anchor_m is None else ""
     draft = SiteDraft(
         title=" / ".join(found.names[:2]) or roads.name.split(".")[0],
         why=_why(found, anchor_m, given=given.point is not None),
@@ -107,7 +109,7 @@ def init_site_of_map(  # noqa: PLR0913 - every one is a person's choice
         osm=osm,
         roads=roads,
         anchor_m=anchor_m,
-        per_hour=volumes(imported.model, shape),
+        per_hour=volumes(imported.model, shape, country),
         pole=place_pole(paved, features),
     )
     return write_draft(folder, draft, force=force)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -12,13 +13,15 @@ from numpy.typing import NDArray
 from urbantwin.geometry import area_union
 from urbantwin.roads.imported.crop import cropped, middle_of_junction
 from urbantwin.roads.model import LaneModel, ModelJunction, ModelRoad
-from urbantwin.site.draft import usual_volumes
 from urbantwin.site.junction_proposal import STREETS
+from urbantwin.site.usual_traffic import usual_per_hour
 
 __all__ = ["MapJunction", "busiest_junction", "paved_area", "volumes"]
 
 #: Weight of a street of unknown class; other roads count little.
 UNKNOWN_WEIGHT, OTHER_WEIGHT = 3.0, 0.3
+#: The class whose traffic such a street has, and how many walk where there are sidewalks, per hour.
+UNKNOWN_KIND, WALKERS = "secondary", 300.0
 #: Signals belong to a junction when they are on its ways, or on a street this near to its end, m.
 SIGNAL_M = 40.0
 #: Junctions of fewer arms than three are where streets fork or merge.
@@ -101,13 +104,18 @@ def paved_area(model: LaneModel) -> shapely.Geometry:
     return area_union(areas)
 
 
-def volumes(model: LaneModel, region: shapely.Polygon) -> dict[str, int]:
+def volumes(model: LaneModel, region: shapely.Polygon, country: str = "") -> dict[str, int]:
     """Return plausible volumes of traffic: by the lanes that lead into a region.
 
     Nobody walks where there are no sidewalks.
+
+    Args:
+        model: the lane model, in the site frame.
+        region: the region, site frame.
+        country: ISO 3166-1 alpha-2; empty if unknown.
     """
     inside = cropped(model, region)
-    lanes = 0
+    lanes: Counter[str] = Counter()
     walks = False
     for road in inside.roads:
         for link, section, leads_in in (
@@ -115,10 +123,11 @@ def volumes(model: LaneModel, region: shapely.Polygon) -> dict[str, int]:
             (road.successor, road.sections[-1], False),
         ):
             if link is None and road.junction < 0:
-                lanes += sum(x.kind in MOTOR and x.forward == leads_in for x in section.lanes)
+                motor = sum(x.kind in MOTOR and x.forward == leads_in for x in section.lanes)
+                lanes[road.kind or UNKNOWN_KIND] += motor
         walks |= any(x.kind == "sidewalk" for section in road.sections for x in section.lanes)
-    found = usual_volumes(float(lanes))
-    return {name: count for name, count in found.items() if walks or name != "pedestrian"}
+    found = usual_per_hour(lanes, country=country, walkers=WALKERS if walks else 0.0)
+    return {name: count for name, count in found.items() if count}
 
 
 def _arms(junction: ModelJunction, model: LaneModel) -> set[int]:

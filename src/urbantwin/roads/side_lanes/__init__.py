@@ -2,6 +2,14 @@
 
 from urbantwin.roads.side_lanes.add import add_side_lanes
 from urbantwin.roads.side_lanes.curb import with_curbs
+from urbantwin.roads.side_lanes.frontage import before_buildings, corners_before_buildings
 from urbantwin.roads.side_lanes.island import is_island, with_island_areas
 
-__all__ = ["add_side_lanes", "is_island", "with_curbs", "with_island_areas"]
+__all__ = [
+    "add_side_lanes",
+    "before_buildings",
+    "corners_before_buildings",
+    "is_island",
+    "with_curbs",
+    "with_island_areas",
+]

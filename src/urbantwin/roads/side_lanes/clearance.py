@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from urbantwin.roads.model import LaneModel, ModelRoad
 from urbantwin.roads.model.curve import aside
 
-__all__ = ["Clearance", "footprint"]
+__all__ = ["Clearance", "cells_between", "footprint"]
 
 #: Spacing of the cross sections that are looked at, metres.
 STEP_M = 2.0
@@ -65,7 +65,7 @@ class Clearance:
         """
         s = np.linspace(first, last, max(2, int((last - first) / STEP_M) + 2))
         edge = outer_border(road, side, s)
-        cells = _cells(road, s, edge, edge + side * width)
+        cells = cells_between(road, s, edge, edge + side * width)
         blocked = np.zeros(len(cells), bool)
         cell, other = self._tree.query(cells, predicate="intersects")
         for k, j in zip(cell.tolist(), other.tolist(), strict=True):
@@ -91,7 +91,7 @@ class Clearance:
         """Keep free what a road grows into."""
         s = np.linspace(first, last, max(2, int((last - first) / STEP_M) + 2))
         edge = outer_border(road, side, s)
-        band = _cells(road, s, edge, edge + side * width)
+        band = cells_between(road, s, edge, edge + side * width)
         self._grown.append((road.id, road.level, shapely.union_all(band)))
 
 
@@ -117,9 +117,10 @@ def footprint(road: ModelRoad) -> shapely.Geometry:
     return shapely.make_valid(shapely.Polygon(np.vstack([left, right[::-1]])))
 
 
-def _cells(
+def cells_between(
     road: ModelRoad, s: NDArray[np.float64], a: NDArray[np.float64], b: NDArray[np.float64]
 ) -> NDArray[np.object_]:
+    """Return the cells in plan (N - 1,) between two borders (N,) at stations (N,)."""
     pose = road.curve.at(s)
     inner, outer = aside(pose, a), aside(pose, b)
     rings = np.stack([inner[:-1], inner[1:], outer[1:], outer[:-1], inner[:-1]], axis=1)

@@ -1,0 +1,196 @@
+"""Every extract at hand through the main job, as a new user runs it: a table to judge places by.
+
+`init` with what it proposes, then `build`, `traffic` and `record`: each a command of its own, as
+`run` does them, with their pictures. What they made is then read from its files and compared with
+the OpenStreetMap file itself; docs/places.md says how each column is measured.
+
+    python benchmarks/places.py
+    python benchmarks/places.py --only london-borough --only chennai --seconds 5
+    python benchmarks/places.py --stages build,traffic --out places/ --csv places.csv
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import urbantwin as ut
+from places_map import MappedStreets
+from places_motion import driving, ground_seen, seeing
+from places_roads import measure
+
+DATA = Path(__file__).parents[2] / "shared/data/osm"
+STAGES = ("build", "traffic", "record")
+ENDINGS = (".osm", ".osm.bz2", ".osm.gz", ".osm.pbf")
+#: A command that takes longer has not come to an end, seconds.
+LIMIT_S = 900.0
+#: Least shares of found and mapped, of what is carried, and of what is seen; most of the rest.
+TARGETS = {
+    "seconds": 180.0, "crossings": 0.95, "unmapped": 0, "signals": 0.95, "lanes": 0.95,
+    "arrows": 1.0, "carried": 0.9, "lateral": 0, "overlaps": 0, "ground": 0.6,
+}  # fmt: skip
+COLUMNS = (
+    "seconds", "crossings", "unmapped", "signals", "heads", "lanes", "arrows", "carried", "moved",
+    "red", "lateral", "most", "brakes", "overlaps", "ground", "points", "near", "warnings",
+)  # fmt: skip
+
+
+def extracts(data: Path, only: list[str]) -> dict[str, Path]:
+    """Return the extracts of a folder by name, those of a name that is asked for."""
+    found = {
+        path.name.removesuffix(ending): path
+        for path in sorted(data.iterdir())
+        for ending in ENDINGS
+        if path.name.endswith(ending)
+    }
+    for name in only:
+        if name not in found:
+            raise SystemExit(f"{name} is not in {data}: {', '.join(found)}")
+    return {name: path for name, path in found.items() if name in only or not only}
+
+
+def command(*given: str | Path) -> tuple[float, str]:
+    """Run a command of ours; return how long it took, and its lines on stderr.
+
+    Raises:
+        RuntimeError: it failed, or came to no end; with its last line.
+    """
+    began = time.perf_counter()
+    try:
+        done = subprocess.run(
+            [sys.executable, "-m", "urbantwin", *map(str, given)],
+            capture_output=True, text=True, timeout=LIMIT_S, check=False,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        raise RuntimeError(f"{given[0]}: no end after {LIMIT_S:.0f} s") from None
+    if done.returncode:
+        last = done.stderr.strip().splitlines()[-1:] or [f"exit code {done.returncode}"]
+        raise RuntimeError(f"{given[0]}: {last[0]}")
+    return time.perf_counter() - began, done.stderr
+
+
+def place(name: str, extract: Path, folder: Path, given: argparse.Namespace) -> dict[str, Any]:
+    """Run one extract and measure what came out."""
+    site, made = folder / "site.yaml", ut.Run(folder)
+    seconds: dict[str, float] = {}
+    told: list[str] = []
+    row: dict[str, Any] = {"place": name, "stage_seconds": seconds, "warnings": told}
+    length = ["--seconds", str(given.seconds)] if given.seconds else []
+    pool = ["--workers", str(given.workers)] if given.workers else []
+    commands = {
+        "init": ("init", folder, "--osm", extract.resolve(), "--force"),
+        "build": ("build", site, "-o", folder / "twin"),
+        "traffic": ("traffic", folder / "twin", "-o", folder / "motion", *length),
+        "record": (
+            "record", folder / "twin", folder / "motion", "-o", folder / "dataset", *pool,
+        ),
+    }  # fmt: skip
+    try:
+        for stage in ("init", *given.stages):
+            print(f"{name}: {stage}", file=sys.stderr, flush=True)
+            seconds[stage], lines = command(*commands[stage])
+            told += [line for line in lines.splitlines() if line.startswith("warning:")]
+            if stage == "build":
+                twin = ut.Twin.open(made.folder / "twin")
+                anchor = twin.frame.latitude, twin.frame.longitude
+                row["streets"] = measure(twin, MappedStreets(extract, *anchor))
+                row["ground_seen"] = round(ground_seen(twin, folder / "coverage"), 3)
+            elif stage == "traffic":
+                row["traffic"] = driving(made.twin, made.motion)
+            elif stage == "record":
+                row["frames"] = seeing(made.dataset)
+    except RuntimeError as problem:
+        row["failed"] = str(problem)
+    return row
+
+
+def line_of(row: dict[str, Any]) -> dict[str, str]:
+    """Return a row of the table: found/mapped, counts and shares, marked where they miss."""
+    streets, traffic, frames = (row.get(key, {}) for key in ("streets", "traffic", "frames"))
+    line = dict.fromkeys(COLUMNS, "")
+
+    def put(column: str, text: str, value: float, *, most: bool = False) -> None:
+        target = TARGETS.get(column)
+        missed = target is not None and (value > target if most else value < target)
+        line[column] = text + ("*" if missed else "")
+
+    total = sum(row["stage_seconds"].values())
+    put("seconds", f"{total:.0f}", total, most=True)
+    for column in ("crossings", "signals", "heads", "lanes", "arrows"):
+        if column in streets:
+            found, mapped = streets[column]
+            put(column, f"{found}/{mapped}", found / mapped if mapped else 1.0)
+    if streets:
+        unmapped = streets["unmapped_zebras"]
+        put("unmapped", f"{unmapped}/{streets['zebras']}", unmapped, most=True)
+        put("ground", f"{row['ground_seen']:.0%}", row["ground_seen"])
+    if traffic:
+        if traffic["carried"] is not None:
+            put("carried", f"{traffic['carried']:.2f}", traffic["carried"])
+        over, vehicles, most = traffic["lateral"]
+        line["moved"] = "{}/{}".format(*traffic["moved"])
+        line["red"] = "{}/{}".format(*traffic["stops_at_red"])
+        put("lateral", f"{over}/{vehicles}", over, most=True)
+        line["most"], line["brakes"] = f"{most:.1f}", f"{traffic['braking']:.1f}"
+        put("overlaps", str(traffic["overlaps"]), traffic["overlaps"], most=True)
+    if frames:
+        line["points"], line["near"] = f"{frames['with_points_all']:.0%}", f"{frames['near']:.0%}"
+    line["warnings"] = str(len(row["warnings"]))
+    return line
+
+
+def table(rows: list[dict[str, Any]]) -> str:
+    """Return the table as text, and below it the share of each class of actors with points."""
+    lines = [{"place": row["place"], **line_of(row)} for row in rows]
+    names = ("place", *COLUMNS)
+    wide = {name: max(len(name), *(len(line[name]) for line in lines)) for name in names}
+    text = ["  ".join(f"{name:{wide[name]}}" for name in names)]
+    text += ["  ".join(f"{line[name]:{wide[name]}}" for name in names) for line in lines]
+    text.append("* misses: " + ", ".join(f"{name} {value}" for name, value in TARGETS.items()))
+    for row in rows:
+        if "frames" in row:
+            shares = row["frames"]["with_points"]
+            told = ", ".join(f"{kind} {share:.0%}" for kind, share in shares.items())
+            text.append(f"{row['place']}: boxes with points: {told}")
+    text += [f"{row['place']}: failed: {row['failed']}" for row in rows if "failed" in row]
+    return "\n".join(text)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--data", type=Path, default=DATA, help="folder of extracts")
+    parser.add_argument("--only", action="append", default=[], metavar="NAME")
+    parser.add_argument("--seconds", type=float, help="of traffic; 20 when not given")
+    parser.add_argument("--stages", default=",".join(STAGES), help="the first of them, or all")
+    parser.add_argument("--workers", type=int, help="processes to record with")
+    parser.add_argument("--out", type=Path, help="keep what is made in this folder")
+    parser.add_argument("--csv", type=Path, help="write the table to this file")
+    parser.add_argument("--json", action="store_true", help="print everything measured")
+    given = parser.parse_args()
+    given.stages = given.stages.split(",")
+    if tuple(given.stages) != STAGES[: len(given.stages)]:
+        parser.error(f"--stages: expected {', '.join(STAGES)}, from the first on")
+    if not given.data.is_dir():
+        raise SystemExit(f"{given.data} is missing")
+    with tempfile.TemporaryDirectory() as scratch:
+        rows = [
+            place(name, extract, (given.out or Path(scratch)) / name, given)
+            for name, extract in extracts(given.data, given.only).items()
+        ]
+    if given.csv:
+        with given.csv.open("w", newline="") as file:
+            writer = csv.DictWriter(file, ["place", *COLUMNS])
+            writer.writeheader()
+            writer.writerows({"place": row["place"], **line_of(row)} for row in rows)
+    print(json.dumps(rows, indent=1) if given.json else table(rows))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,48 @@
+"""What is wrong with a dataset that was recorded, from what its frames hold."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from urbantwin.result_warning import ResultWarning
+
+__all__ = ["warnings_of_record"]
+
+#: Least share of the boxes in reach that have points, where nothing is said, and fewest boxes
+#: that say anything.
+ENOUGH, FEW = 0.5, 20
+#: Why boxes do not count: the sensors are not meant to see them.
+BEYOND = ("outside", "far")
+
+
+def warnings_of_record(entries: Sequence[Mapping[str, Any]]) -> Iterator[ResultWarning]:
+    """Yield what is wrong with a dataset.
+
+    Args:
+        entries: what ``layout.write_frame`` returned of each frame.
+    """
+    empty = sum(not entry["points"] for entry in entries)
+    if empty:
+        yield ResultWarning(
+            "points", f"{empty} of {len(entries)} frames have none", "the sensors saw nothing"
+        )
+    boxes = [box for entry in entries for box in entry["boxes"] if box["ignored"] not in BEYOND]
+    kinds = sorted({box["class"] for box in boxes})
+    for kind in kinds:
+        mine = [box for box in boxes if box["class"] == kind]
+        seen = sum(box["num_points"] > 0 for box in mine)
+        if len(mine) >= FEW and seen < ENOUGH * len(mine):
+            yield ResultWarning(
+                f"boxes {kind}",
+                f"{seen / len(mine):.0%} of {len(mine)} in reach have points",
+                "something hides them, or the beams pass over them",
+                "look at birdseye.png; move the sensors, or add one (urbantwin coverage)",
+            )
+    if not boxes:
+        yield ResultWarning(
+            "boxes",
+            "no actor is ever within the region and in reach of a sensor",
+            "",
+            "a longer motion (traffic.duration_s), or more traffic",
+        )

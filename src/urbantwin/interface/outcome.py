@@ -1,0 +1,47 @@
+"""What became of a twin, a motion and a dataset: the few numbers to judge them by."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING, Any
+
+from urbantwin.dataset.result_warnings import BEYOND
+
+if TYPE_CHECKING:
+    from urbantwin.interface.dataset import Dataset
+    from urbantwin.traffic.motion import Motion
+    from urbantwin.twin import Twin
+
+__all__ = ["outcome_of_dataset", "outcome_of_motion", "outcome_of_twin"]
+
+
+def outcome_of_twin(twin: Twin) -> dict[str, Any]:
+    """Return how many roads there are, what of the map was found, and what the sensors see."""
+    notes = twin.manifest["notes"]
+    found: dict[str, Any] = {"roads": len(twin.roads.roads), "lanes": len(twin.roads.lanes)}
+    for kind, counts in notes.get("mapped", {}).items():
+        found[f"{kind}_of_mapped"] = {key: counts[key] for key in ("found", "mapped")}
+    seen = notes.get("sensors", {}).get("seen")
+    return found if seen is None else {**found, "junction_seen": seen}
+
+
+def outcome_of_motion(motion: Motion) -> dict[str, Any]:
+    """Return how many actors there are, and the share of the traffic asked for that is carried."""
+    told = motion.manifest
+    seen = {name: row["seen"] for name, row in told.get("classes", {}).items() if row["seen"]}
+    carried = told.get("circulation", {}).get("carried_share_of_motor_traffic")
+    return {"actors": seen, **({} if carried is None else {"traffic_carried_of_asked": carried})}
+
+
+def outcome_of_dataset(dataset: Dataset) -> dict[str, Any]:
+    """Return the share with points of the boxes in the region and in reach, by class."""
+    boxes: Counter[str] = Counter()
+    seen: Counter[str] = Counter()
+    for one in dataset.parts.values() or [dataset]:
+        table = one.boxes.select(["class", "num_points", "ignored"]).to_pydict()
+        for kind, points, ignored in zip(*table.values(), strict=True):
+            if ignored not in BEYOND:
+                boxes[kind] += 1
+                seen[kind] += points > 0
+    shares = {kind: round(seen[kind] / boxes[kind], 3) for kind in sorted(boxes)}
+    return {"objects_with_points": shares}

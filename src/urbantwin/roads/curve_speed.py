@@ -1,0 +1,164 @@
+"""Speeds on curves: what a lane's line allows, and braking in time before it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from lxml import etree
+from numpy.typing import NDArray
+
+from urbantwin.geometry import stations_of_points
+
+__all__ = ["SPACING_M", "curve_speeds", "lane_speeds"]
+
+#: Acceleration to the side that drivers accept on a curve in town, m/s^2: 0.23 g, the side
+#: friction that streets of 40 km/h are designed for (AASHTO, Geometric Design, 2011).
+SIDEWAYS_MS2 = 2.2
+#: Braking before a curve, m/s^2: well within the 3.4 that most drivers find comfortable (the same).
+BRAKING_MS2 = 2.0
+#: Nobody is slowed below this, m/s: somebody who turns on the spot still rolls.
+LEAST_MS = 1.5
+#: A curve is measured by two chords. They are as long as a car, or, for who is faster, as long as
+#: what is driven in the time that a driver takes to turn the wheel, seconds.
+CHORDS_M = (3.5, 5.5, 8.0, 11.0, 15.0)
+STEERING_S = 0.6
+#: Who leaves a curve speeds up when the rear has left it too, metres after the front.
+REAR_M = 4
+#: Distance between the places that a speed is told for, metres.
+SPACING_M = 1.0
+STRAIGHT_PER_M = 1e-4
+#: Points nearer to each other than this are one, metres.
+SAME_M = 0.01
+#: How much is looked at of the lanes before and behind a way over a junction, metres.
+BEFORE_M, BEHIND_M = 15.0, 60.0
+#: Lanes of a way over a junction, at most.
+MOST_LANES = 8
+
+
+def curve_speeds(line: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the speed (M,) that a line allows every ``SPACING_M`` from its start, m/s.
+
+    On a curve of radius r it is sqrt(a r), and before it what can be braked from.
+
+    Args:
+        line: (N, 2) its points, metres.
+    """
+    along = stations_of_points(line)
+    places = np.arange(0.0, along[-1] + SPACING_M, SPACING_M)
+    speed = np.full(len(places), LEAST_MS)
+    for k, chord in enumerate(CHORDS_M):
+        bend = np.maximum(_bend(line, along, places, chord), STRAIGHT_PER_M)
+        allowed = np.sqrt(SIDEWAYS_MS2 / bend)
+        # Longer chords are for those who are fast enough that they steer along them.
+        fast = allowed >= (chord / STEERING_S if k else 0.0)
+        most = CHORDS_M[k + 1] / STEERING_S if k + 1 < len(CHORDS_M) else np.inf
+        speed = np.maximum(speed, np.where(fast, np.minimum(allowed, most), 0.0))
+    speed = np.min(
+        [np.r_[speed[:1].repeat(k), speed][: len(speed)] for k in range(REAR_M + 1)], axis=0
+    )
+    reach = 2 * BRAKING_MS2 * places
+    energy = np.minimum.accumulate((speed**2 + reach)[::-1])[::-1]
+    return np.asarray(np.sqrt(np.maximum(energy - reach, 0.0)))
+
+
+def lane_speeds(network: etree._Element) -> dict[str, NDArray[np.float64]]:
+    """Return what ``curve_speeds`` allows on every lane that is driven on, in SUMO's terms.
+
+    All lanes of an edge have one length there, so that on the outer side of a bend an actor covers
+    more ground than SUMO says: places and speeds are by SUMO's length.
+
+    A way over a junction is taken with the lane that it comes from and the one that it leads to:
+    neither a corner between two lanes nor a curve just behind it is missed.
+
+    Args:
+        network: the root of a ``.net.xml``.
+    """
+    lines: dict[str, NDArray[np.float64]] = {}
+    lengths: dict[str, float] = {}
+    for edge in network.iterfind("edge"):
+        if edge.get("function") not in ("crossing", "walkingarea"):
+            for lane in edge.iterfind("lane"):
+                points = [point.split(",")[:2] for point in lane.get("shape", "").split()]
+                line = _distinct(np.array(points, np.float64).reshape(-1, 2))
+                if len(line) > 1:
+                    lines[lane.get("id", "")] = line
+                    lengths[lane.get("id", "")] = float(lane.get("length", "nan"))
+    before: dict[str, str] = {}
+    after: dict[str, str] = {}
+    for item in network.iterfind("connection"):
+        start = f"{item.get('from')}_{item.get('fromLane')}"
+        end = f"{item.get('to')}_{item.get('toLane')}"
+        via = item.get("via", end)
+        before.setdefault(via, start)
+        after.setdefault(via, end)
+        if start.startswith(":"):
+            after[start] = via
+    found = {}
+    for name, line in lines.items():
+        drawn = float(stations_of_points(line)[-1])
+        stretch = drawn / lengths[name] if lengths[name] > 0 else 1.0
+        speeds = _along_its_way(name, lines, before, after)
+        places = np.arange(0.0, drawn / stretch + SPACING_M, SPACING_M) * stretch
+        found[name] = np.interp(places, np.arange(len(speeds)) * SPACING_M, speeds) / stretch
+    return found
+
+
+def _along_its_way(
+    name: str,
+    lines: Mapping[str, NDArray[np.float64]],
+    before: Mapping[str, str],
+    after: Mapping[str, str],
+) -> NDArray[np.float64]:
+    """Return the speeds (M,) on a lane, ``lines[name]``."""
+    own = lines[name]
+    count = int(stations_of_points(own)[-1] / SPACING_M) + 1
+    if not name.startswith(":"):
+        return curve_speeds(own)[:count]
+    came = _beginning(lines.get(before.get(name, ""), own[:1])[::-1], BEFORE_M)[::-1]
+    parts, at = [own], name
+    while at.startswith(":") and len(parts) < MOST_LANES and after.get(at, "") in lines:
+        at = after[at]
+        parts.append(lines[at])
+    line = _beginning(np.vstack(parts), count * SPACING_M + BEHIND_M)
+    whole = _distinct(np.vstack([came, line]))
+    first = int(stations_of_points(np.vstack([came, own[:1]]))[-1] / SPACING_M)
+    return curve_speeds(whole)[first : first + count]
+
+
+def _beginning(line: NDArray[np.float64], length_m: float) -> NDArray[np.float64]:
+    """Return the first metres of a line."""
+    along = stations_of_points(line)
+    end = [np.interp(length_m, along, line[:, k]) for k in (0, 1)]
+    return np.vstack([line[along < length_m], end])
+
+
+def _distinct(line: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a line without points that lie where the one before does."""
+    far = np.linalg.norm(np.diff(line, axis=0), axis=1) > SAME_M
+    return np.asarray(line[np.concatenate([[True], far])]) if len(line) else line
+
+
+def _bend(
+    line: NDArray[np.float64],
+    along: NDArray[np.float64],
+    places: NDArray[np.float64],
+    chord: float,
+) -> NDArray[np.float64]:
+    """Return the curvature (M,) at places of a line, by the chords to and from each, 1/m."""
+    before, here, after = (_at(line, along, places + d) for d in (-chord, 0.0, chord))
+    a, b = here - before, after - here
+    turn = np.arctan2(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], (a * b).sum(axis=1))
+    return np.asarray(np.abs(turn) / chord)
+
+
+def _at(
+    line: NDArray[np.float64], along: NDArray[np.float64], places: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the points (M, 2) of a line at places, straight on beyond its ends."""
+    points = np.column_stack([np.interp(places, along, line[:, k]) for k in (0, 1)])
+    for end, inner, beyond in ((0, 1, places), (-1, -2, places - along[-1])):
+        leg = (line[end] - line[inner]) / max(float(np.linalg.norm(line[end] - line[inner])), 1e-9)
+        out = np.maximum(-beyond if end == 0 else beyond, 0.0)
+        points += out[:, None] * leg
+    return points

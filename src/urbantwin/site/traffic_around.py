@@ -1,0 +1,131 @@
+"""What a map tells of the traffic of a place: streets that lead in, bus lines, who walks there."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+
+import shapely
+
+from urbantwin.geometry import SiteFrame
+from urbantwin.number_text import finite_number
+from urbantwin.site.country import country_of
+from urbantwin.site.extract import Extract, OsmFeature
+from urbantwin.site.extract_coverage import mapped_area
+from urbantwin.site.junction_proposal import STREETS, way_lanes
+from urbantwin.site.usual_traffic import usual_per_hour
+
+__all__ = ["lanes_leading_in", "per_hour_around", "walkers_around"]
+
+#: A street of these classes that ends where nothing leads on is cut by the extract's end; of other
+#: classes only near the end of what is mapped: they may be cul-de-sacs.
+THROUGH = frozenset("motorway trunk primary secondary tertiary".split())
+#: So near to the end of what is mapped a street's end is the map's, metres.
+RIM_M = 40.0
+#: What is so far around sends people into a place, metres.
+AROUND_M = 50.0
+#: Walks to something and away again, per hour of midday. Assumed.
+VISITS = {"shop": 12.0, "office": 8.0, "tourism": 10.0, "leisure": 5.0}
+VISITS_AMENITY = {
+    "restaurant": 20.0, "cafe": 20.0, "fast_food": 25.0, "bar": 10.0, "pub": 10.0, "bank": 15.0,
+    "pharmacy": 15.0, "post_office": 20.0, "marketplace": 150.0, "school": 60.0, "college": 100.0,
+    "university": 150.0, "hospital": 80.0, "clinic": 20.0, "library": 30.0,
+    "place_of_worship": 10.0, "theatre": 20.0, "cinema": 40.0, "townhall": 40.0,
+    "kindergarten": 15.0, "bus_station": 200.0,
+}  # fmt: skip
+VISITS_STATION, VISITS_ENTRANCE, VISITS_TRAM, VISITS_BUS = 300.0, 200.0, 40.0, 15.0
+#: Walks per hour of those who live in 100 m2 of floor: 2.3 people, 0.8 walks a day each, 6 % of
+#: them in an hour of midday.
+WALKS_OF_100_M2 = 0.11
+#: Floors of a building that does not say.
+FLOORS = 2.0
+#: Somebody walks everywhere in a town; no junction's corners hold more, per hour.
+FEWEST, MOST = 40.0, 1200.0
+
+
+def per_hour_around(extract: Extract, frame: SiteFrame, region: shapely.Polygon) -> dict[str, int]:
+    """Return a guess of how many come into a region per hour, by class of actors."""
+    features = extract.features(frame, region.buffer(AROUND_M))
+    lanes = lanes_leading_in(extract, frame, region)
+    stops = sum(feature.tags.get("highway") == "bus_stop" for feature in features)
+    return usual_per_hour(
+        lanes,
+        country=country_of(frame.latitude, frame.longitude),
+        bus_lines=_bus_lines(extract, frame, region),
+        bus_stops=stops,
+        walkers=walkers_around(features),
+    )
+
+
+def lanes_leading_in(
+    extract: Extract, frame: SiteFrame, region: shapely.Polygon
+) -> dict[str, float]:
+    """Return how many lanes lead into a region, by road class.
+
+    A street leads in where it crosses the border, and where the extract ends before that.
+    """
+    streets = [way for way in extract.highways() if way.tags["highway"] in STREETS]
+    uses = Counter(
+        node for way in streets for node in dict.fromkeys(way.nodes) if node in extract.nodes
+    )
+    rim = mapped_area(extract, frame).exterior
+    found: defaultdict[str, float] = defaultdict(float)
+    for way in streets:
+        line = extract.way_line(way, frame)
+        if len(line) < 2:
+            continue
+        kind = way.tags["highway"]
+        crossed = shapely.intersection(shapely.LineString(line), region.exterior)
+        places = float(len(shapely.get_coordinates(crossed)))
+        known = [node for node in way.nodes if node in extract.nodes]
+        for node, point in ((known[0], line[0]), (known[-1], line[-1])):
+            end = shapely.Point(point)
+            if uses[node] > 1 or known[0] == known[-1] or not region.contains(end):
+                continue
+            through = kind.removesuffix("_link") in THROUGH
+            lost = node not in (way.nodes[0], way.nodes[-1])
+            places += through or lost or shapely.distance(rim, end) < RIM_M
+        # One-way streets lead in at about every other place where they cross the border.
+        found[kind] += places * way_lanes(way) / 2
+    return {kind: count for kind, count in sorted(found.items()) if count}
+
+
+def walkers_around(features: list[OsmFeature]) -> float:
+    """Return how many walk past per hour, from what stands around."""
+    walks = sum(_walks_to(feature) for feature in features)
+    return min(max(walks, FEWEST), MOST)
+
+
+def _walks_to(feature: OsmFeature) -> float:
+    tags = feature.tags
+    walks = sum(
+        count for key, count in VISITS.items() if tags.get(key, "no") not in ("no", "vacant")
+    )
+    walks += VISITS_AMENITY.get(tags.get("amenity", ""), 0.0)
+    if tags.get("railway") in ("station", "halt"):
+        walks += VISITS_STATION
+    elif tags.get("railway") in ("subway_entrance", "train_station_entrance"):
+        walks += VISITS_ENTRANCE
+    elif tags.get("railway") == "tram_stop":
+        walks += VISITS_TRAM
+    elif tags.get("highway") == "bus_stop":
+        walks += VISITS_BUS
+    if tags.get("building", "no") not in ("no", "garage", "garages", "shed", "roof", "industrial"):
+        floors = finite_number(tags.get("building:levels")) or FLOORS
+        walks += WALKS_OF_100_M2 * feature.geometry.area * min(floors, 60.0) / 100.0
+    return walks
+
+
+def _bus_lines(extract: Extract, frame: SiteFrame, region: shapely.Polygon) -> int:
+    """Return how many mapped lines run through a region, each direction by itself."""
+    near = {
+        way.id
+        for way in extract.highways()
+        if len(line := extract.way_line(way, frame)) > 1
+        and region.intersects(shapely.LineString(line))
+    }
+    return sum(
+        relation.tags.get("type") == "route"
+        and relation.tags.get("route") in ("bus", "trolleybus")
+        and any(kind == "w" and way in near for kind, way, _ in relation.members)
+        for relation in extract.relations.values()
+    )

@@ -1,0 +1,75 @@
+"""What is wrong with a motion that was driven, from its manifest."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from urbantwin.result_warning import ResultWarning
+
+__all__ = ["warnings_of_drive"]
+
+#: Least share of the motor traffic asked for that is carried, where nothing is said.
+ENOUGH = 0.9
+
+
+def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
+    """Yield what is wrong with a motion.
+
+    Args:
+        manifest: ``motion.json``.
+    """
+    carried = manifest.get("circulation", {}).get("carried_share_of_motor_traffic", 1.0)
+    if carried < ENOUGH:
+        yield ResultWarning(
+            "traffic",
+            f"{carried:.0%} of the motor traffic asked for is carried",
+            "more jams the streets",
+            "lower traffic.per_hour, or give counted flows and signal programs in site.yaml",
+        )
+    for row in manifest["left_out"]:
+        yield ResultWarning(f"traffic {row['class']}", f"{row['count']} are left out", row["why"])
+    for name, row in manifest["classes"].items():
+        late = row["asked"] - row["driven"] - _count_left_out(manifest, name)
+        if late > 0:
+            yield ResultWarning(
+                f"traffic {name}",
+                f"{late} of {row['asked']} never came in",
+                "the streets that they begin on are full",
+                "lower traffic.per_hour, or lengthen traffic.warmup_s",
+            )
+    if manifest["teleports"]:
+        yield ResultWarning(
+            "traffic",
+            f"teleports: {manifest['teleports']}",
+            "SUMO moves on who stands too long in a jam that does not clear",
+            "lower traffic.per_hour",
+        )
+    if manifest["collisions"]:
+        yield ResultWarning(
+            "traffic",
+            f"collisions: SUMO counted {manifest['collisions']}",
+            "",
+            "look at the motion",
+        )
+    if manifest["poses_outside_ground"]:
+        yield ResultWarning(
+            "traffic",
+            f"{manifest['poses_outside_ground']} poses of actors lie beside the ground",
+            "their lanes leave it",
+            "their height is that of the nearest ground",
+        )
+    stuck = manifest.get("circulation", {}).get("halted", [])
+    if stuck:
+        lanes = ", ".join(sorted({str(row["lane"]) for row in stuck})[:3])
+        yield ResultWarning(
+            "traffic",
+            f"{len(stuck)} actors stood for more than "
+            f"{manifest['circulation']['halted_longer_than_s']:.0f} s",
+            f"on {lanes}",
+            "look there in plan.png",
+        )
+
+
+def _count_left_out(manifest: Mapping[str, Any], name: str) -> int:
+    return sum(row["count"] for row in manifest["left_out"] if row["class"] == name)

@@ -1,0 +1,64 @@
+"""Drives SUMO so that vehicles slow down in bends: ``python drive.py``, or part of a simulation.
+
+A lane has one speed in SUMO, so a street that bends somewhere has the speed of its straight part.
+Here each vehicle's greatest speed is set, step by step, to what the lane allows where it is.
+
+This file stands by itself, beside ``curves.json`` in an exported SUMO folder.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import libsumo
+
+
+class Curves:
+    """Slows vehicles down on and before the curves of the lanes that they are on.
+
+    Args:
+        curves: ``speeds``: by lane, the speed every ``spacing_m`` metres from its start, m/s;
+            ``rear_m``: how far behind its front the rear of a vehicle is taken to be, metres.
+    """
+
+    def __init__(self, curves: dict[str, Any]) -> None:
+        self.speeds: dict[str, list[float]] = curves["speeds"]
+        self.spacing_m, self.rear_m = float(curves["spacing_m"]), float(curves["rear_m"])
+        self.usual: dict[str, float] = {}
+        self.last: dict[str, float] = {}
+
+    def slow_down(self) -> None:
+        """Set the greatest speed of everybody who drives for the step to come."""
+        for name in libsumo.vehicle.getIDList():
+            along = self.speeds.get(libsumo.vehicle.getLaneID(name))
+            if along is None and name not in self.usual:
+                continue
+            usual = self.usual.setdefault(name, libsumo.vehicle.getMaxSpeed(name))
+            at_m = max(libsumo.vehicle.getLanePosition(name), 0.0)
+            allowed = usual
+            if along is not None:
+                allowed = min(usual, along[min(int(at_m / self.spacing_m), len(along) - 1)])
+            if at_m < self.rear_m:  # the rear is on the lane before
+                allowed = min(allowed, self.last.get(name, usual))
+            self.last[name] = allowed
+            libsumo.vehicle.setMaxSpeed(name, allowed)
+            if along is None and at_m >= self.rear_m:
+                del self.usual[name], self.last[name]
+
+
+def drive(folder: Path, options: list[str]) -> None:
+    """Run an exported folder to its end, with further options of SUMO."""
+    libsumo.start(["sumo", "-c", str(folder / "twin.sumocfg"), *options])
+    curves = Curves(json.loads((folder / "curves.json").read_text()))
+    end_s = float(libsumo.simulation.getOption("end"))
+    while libsumo.simulation.getTime() < end_s:
+        curves.slow_down()
+        libsumo.simulationStep()
+    libsumo.close()
+
+
+if __name__ == "__main__":
+    drive(Path(__file__).resolve().parent, sys.argv[1:])

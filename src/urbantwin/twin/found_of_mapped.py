@@ -1,0 +1,168 @@
+"""Crossings and signals that a twin's roads have, of those that the map has."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+
+from urbantwin.geometry import SiteFrame
+from urbantwin.roads import RoadNetwork
+from urbantwin.roads.build import NETWORK_CLASSES
+from urbantwin.site import Extract
+from urbantwin.site.extract import Way
+
+__all__ = ["FoundOfMapped", "found_of_mapped"]
+
+#: What is mapped this near to the region's border may lie beyond the roads' ends, metres.
+BORDER_M = 10.0
+#: A crossing lies over its street at most this far from where it is mapped, metres.
+CROSSING_M = 8.0
+#: Crossings of one street nearer to each other than this are one, metres.
+ONE_CROSSING_M = 4.0
+#: A stop line lies at most this far from its signal, metres: mapped before a junction, in one.
+SIGNAL_M, JUNCTION_M = 15.0, 30.0
+_PATHS = ("footway", "path", "cycleway")
+
+
+@dataclass(frozen=True)
+class FoundOfMapped:
+    """How many things of a kind the roads have, of those that are mapped in the region.
+
+    Attributes:
+        found: how many the roads have.
+        mapped: how many the map has.
+        missing: (x, y) of the others, site frame, metres.
+    """
+
+    found: int
+    mapped: int
+    missing: tuple[tuple[float, float], ...]
+
+    def as_note(self) -> dict[str, object]:
+        """Return it as it stands in a twin's notes."""
+        places = [[round(x, 1), round(y, 1)] for x, y in self.missing]
+        return {"found": self.found, "mapped": self.mapped, "missing": places}
+
+
+def found_of_mapped(
+    extract: Extract | None, frame: SiteFrame, region: shapely.Polygon, network: RoadNetwork
+) -> dict[str, FoundOfMapped]:
+    """Return what the roads have of the mapped ``crossings`` and ``signals``.
+
+    A mapped crossing is there if a crossing lies over the same street within 8 m; each carriageway
+    of a dual one has its own. A mapped signal is there if vehicles are stopped within 15 m, or
+    within 30 m if streets meet where it is mapped; that of a crossing also if a crossing with
+    signals is within 8 m.
+
+    Args:
+        extract: the map; without one, nothing is known.
+        frame: the site frame.
+        region: what counts, site frame.
+        network: the roads.
+    """
+    if extract is None:
+        return {}
+    streets = _streets(extract)
+    lines = {way.id: shapely.LineString(extract.way_line(way, frame)) for way in streets}
+    inside = region.buffer(-BORDER_M)
+    over = [lane.polygon.buffer(0.5) for lane in network.lanes if lane.kind == "crossing"]
+    crossed = shapely.STRtree(over)
+    crossings = [
+        (point, len(crossed.query(_around(lines[way], point), predicate="intersects")) > 0)
+        for way, point in _crossings(extract, frame, streets, lines)
+        if inside.contains(point)
+    ]
+    signalised = [(head, network.lane_by_id[head.lane]) for head in network.signals]
+    stops = shapely.STRtree(
+        [shapely.Point(one.x, one.y) for one, lane in signalised if lane.kind != "crossing"]
+    )
+    walks = shapely.STRtree([lane.polygon for _, lane in signalised if lane.kind == "crossing"])
+    signals = [
+        (
+            point,
+            _is_near(stops, point, reach) or (of_crossing and _is_near(walks, point, CROSSING_M)),
+        )
+        for point, reach, of_crossing in _signals(extract, frame, streets)
+        if inside.contains(point)
+    ]
+    return {"crossings": _counted(crossings), "signals": _counted(signals)}
+
+
+def _is_near(tree: shapely.STRtree, point: shapely.Point, reach_m: float) -> bool:
+    return len(tree.query(point, predicate="dwithin", distance=reach_m)) > 0
+
+
+def _counted(places: list[tuple[shapely.Point, bool]]) -> FoundOfMapped:
+    missing = tuple((point.x, point.y) for point, there in places if not there)
+    return FoundOfMapped(len(places) - len(missing), len(places), missing)
+
+
+def _around(line: shapely.LineString, point: shapely.Point) -> shapely.Geometry:
+    return shapely.intersection(line, point.buffer(CROSSING_M))
+
+
+def _streets(extract: Extract) -> list[Way]:
+    """Return the ways that become roads and are not below the ground."""
+    return [
+        way
+        for way in extract.highways()
+        if way.tags["highway"] in NETWORK_CLASSES
+        and way.tags.get("area") != "yes"
+        and way.tags.get("tunnel", "no") in ("no", "building_passage")
+        and sum(node in extract.nodes for node in way.nodes) > 1
+    ]
+
+
+def _crossings(
+    extract: Extract,
+    frame: SiteFrame,
+    streets: list[Way],
+    lines: Mapping[int, shapely.LineString],
+) -> Iterator[tuple[int, shapely.Point]]:
+    """Yield the street and the place of every mapped crossing, each once."""
+    found: dict[int, list[shapely.Point]] = defaultdict(list)
+    for way in streets:
+        nodes = [node for node in way.nodes if node in extract.nodes]
+        for node in nodes:
+            tags = extract.node_tags.get(node, {})
+            if tags.get("highway") == "crossing" and tags.get("crossing") != "no":
+                xy = frame.site_from_lonlat([extract.nodes[node]])[0]
+                found[way.id].append(shapely.Point(xy))
+    tree = shapely.STRtree([lines[way.id] for way in streets])
+    for path in extract.highways():
+        if "crossing" not in [path.tags.get(key) for key in _PATHS]:
+            continue
+        points = extract.way_line(path, frame)
+        if len(points) < 2 or path.tags.get("crossing") == "no":
+            continue
+        line = shapely.LineString(points)
+        for number in sorted(tree.query(line, predicate="intersects")):
+            street = streets[number]
+            if street.tags.get("layer", "0") == path.tags.get("layer", "0"):
+                found[street.id].append(line.intersection(lines[street.id]).centroid)
+    for street_id, places in sorted(found.items()):
+        kept: list[shapely.Point] = []
+        for point in places:
+            if all(point.distance(other) >= ONE_CROSSING_M for other in kept):
+                kept.append(point)
+                yield street_id, point
+
+
+def _signals(
+    extract: Extract, frame: SiteFrame, streets: list[Way]
+) -> Iterator[tuple[shapely.Point, float, bool]]:
+    """Yield each mapped signal's place, how far off vehicles may stop, if it is a crossing's."""
+    legs: dict[int, int] = defaultdict(int)
+    for way in streets:
+        for index, node in enumerate(way.nodes):
+            legs[node] += (index > 0) + (index < len(way.nodes) - 1)
+    for node in sorted(legs.keys() & extract.node_tags.keys() & extract.nodes.keys()):
+        tags = extract.node_tags[node]
+        if "traffic_signals" in (tags.get("highway"), tags.get("crossing")):
+            xy = np.asarray(frame.site_from_lonlat([extract.nodes[node]]))[0]
+            reach_m = JUNCTION_M if legs[node] > 2 else SIGNAL_M
+            yield shapely.Point(xy), reach_m, tags.get("highway") != "traffic_signals"

@@ -1,0 +1,78 @@
+"""What is wrong with a twin that was built, from the notes of its build."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from urbantwin.result_warning import ResultWarning
+from urbantwin.roads import BuiltRoads, RoadNetwork
+from urbantwin.twin.found_of_mapped import FoundOfMapped
+
+__all__ = ["warnings_of_build"]
+
+#: Least share of what is mapped that a twin has, where nothing is said.
+ENOUGH = 0.95
+#: Parts that are left out and shorter than this are not missed, metres.
+LONG_M = 50.0
+_REASONS = {
+    "crossings": "mapped where the lanes have no room or no sidewalk for them",
+    "signals": "mapped where no junction or crossing of the lanes has a signal",
+}
+
+
+def warnings_of_build(
+    roads: BuiltRoads,
+    mapped: Mapping[str, FoundOfMapped],
+    geometry: Mapping[str, Any],
+) -> Iterator[ResultWarning]:
+    """Yield what is wrong with a twin.
+
+    Args:
+        roads: its roads.
+        mapped: what they have of what is mapped.
+        geometry: name of each source of geometry -> what became of it, see `reconstruct.outcome`.
+    """
+    yield from roads.warnings
+    for kind, counts in mapped.items():
+        if counts.found < ENOUGH * counts.mapped:
+            x, y = counts.missing[0]
+            yield ResultWarning(
+                kind,
+                f"{counts.found} of {counts.mapped} mapped ones are in the twin",
+                _REASONS[kind],
+                f"one is {x:.0f} m east, {y:.0f} m north: look there in plan.png and in the map",
+            )
+    bare = _without_heads(roads)
+    if bare:
+        yield ResultWarning(
+            "signals",
+            f"{bare} lanes that a signal stops see none",
+            "there is nowhere for its pole to stand",
+            "sensors lack these poles; look at plan.png",
+        )
+    left_out: Any = roads.notes.get("left_out", [])
+    parts = [part for part in left_out if part["metres"] >= LONG_M]
+    if parts:
+        names = ", ".join(dict.fromkeys(str(part["names"]) for part in parts))
+        yield ResultWarning(
+            "roads",
+            f"{sum(part['metres'] for part in parts):.0f} m are left out ({names:.80})",
+            "nothing joins them to the rest within the region",
+            "make the region larger, or join them in the map",
+        )
+    for name, told in geometry.items():
+        for problem in told.get("problems", []):
+            yield ResultWarning(f"geometry {name}", str(problem), "", "see geometry.json")
+
+
+def _without_heads(roads: BuiltRoads) -> int:
+    """Return how many lanes are stopped by a signal of which no head stands anywhere."""
+    network: RoadNetwork = roads.network
+    stopped = {
+        head.lane
+        for head in network.signals
+        if network.lane_by_id[head.lane].kind not in ("crossing", "walkingarea")
+    }
+    shown = {strip for one in roads.model.signals if one.dynamic for strip in one.strip.split()}
+    return len(stopped - shown) if shown else 0

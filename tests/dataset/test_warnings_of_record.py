@@ -1,0 +1,34 @@
+"""What a dataset warns of."""
+
+from typing import Any
+
+from urbantwin.dataset.result_warnings import warnings_of_record
+
+
+def boxes(kind: str, points: list[int], ignored: str | None = None) -> list[dict[str, Any]]:
+    return [{"class": kind, "num_points": count, "ignored": ignored} for count in points]
+
+
+def frame(*groups: list[dict[str, Any]], points: int = 1000) -> dict[str, Any]:
+    return {"points": points, "boxes": [box for group in groups for box in group]}
+
+
+def test_classes_of_which_most_have_no_points_are_told() -> None:
+    seen, hidden = boxes("car", [5] * 30), boxes("pedestrian", [9] * 10 + [0] * 30)
+    (warning,) = warnings_of_record([frame(seen, hidden)])
+    assert warning.about == "boxes pedestrian"
+    assert warning.problem == "25% of 40 in reach have points"
+    assert not [*warnings_of_record([frame(seen, boxes("pedestrian", [9] * 20 + [0] * 20))])]
+
+
+def test_what_no_sensor_is_meant_to_see_is_not_told() -> None:
+    beyond = [*boxes("car", [0] * 50, "outside"), *boxes("car", [0] * 50, "far")]
+    assert not [*warnings_of_record([frame(beyond, boxes("car", [5]))])]
+    (warning,) = warnings_of_record([frame(beyond)])
+    assert warning.about == "boxes"
+
+
+def test_frames_without_points_are_told() -> None:
+    car = boxes("car", [5])
+    (warning,) = warnings_of_record([frame(car), frame(car, points=0)])
+    assert warning.problem == "1 of 2 frames have none"

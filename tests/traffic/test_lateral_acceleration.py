@@ -1,0 +1,57 @@
+"""Nobody takes a curve faster than wheels hold: the motion's own headings, differentiated."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import urbantwin as ut
+from urbantwin.traffic import Motion, run_traffic
+from urbantwin.twin import Twin
+
+#: Over which time a turn is measured, seconds, and what is never exceeded, m/s^2.
+OVER_S, MOST_MS2 = 0.5, 4.0
+
+
+def sideways(motion: Motion) -> dict[str, list[float]]:
+    """The greatest speed times rate of turn of each who drives, by class."""
+    names = ("track", "time_s", "yaw", "speed", "class")
+    table = {name: motion.actors[name].to_numpy(zero_copy_only=False) for name in names}
+    step_s = motion.manifest["step_s"]
+    apart = round(OVER_S / step_s)
+    order = np.lexsort([table["time_s"], table["track"]])
+    found: dict[str, list[float]] = {}
+    for rows in np.split(order, np.flatnonzero(np.diff(table["track"][order])) + 1):
+        name = table["class"][rows[0]]
+        if name == "pedestrian" or len(rows) <= apart:
+            continue
+        yaw, speed = np.unwrap(table["yaw"][rows]), table["speed"][rows]
+        seconds = table["time_s"][rows][apart:] - table["time_s"][rows][:-apart]
+        whole = seconds < OVER_S + 1.5 * step_s
+        turn = (yaw[apart:] - yaw[:-apart]) / seconds
+        taken = np.abs(turn * (speed[apart:] + speed[:-apart]) / 2)[whole]
+        found.setdefault(name, []).append(float(taken.max(initial=0.0)))
+    return found
+
+
+def test_on_the_example_everybody_turns_gently(two_avenues_twin: Twin, tmp_path: Path) -> None:
+    run_traffic(two_avenues_twin, tmp_path / "motion", seconds=40)
+    found = sideways(Motion.load(tmp_path / "motion"))
+    assert sum(map(len, found.values())) > 20
+    assert max(max(values) for values in found.values()) < MOST_MS2
+    # Somebody turned.
+    assert max(found["car"]) > 1.0
+
+
+@pytest.mark.parametrize("place", ["taipei"])
+def test_on_real_streets_everybody_turns_gently(
+    shared_data: Path, tmp_path: Path, place: str
+) -> None:
+    ut.init(tmp_path / "site", osm=shared_data / "osm" / f"{place}.osm", progress=False)
+    twin = ut.build(tmp_path / "site/site.yaml", tmp_path / "twin", pictures=False, progress=False)
+    ut.drive(twin, tmp_path / "motion", seconds=30, progress=False)
+    values = [x for rows in sideways(Motion.load(tmp_path / "motion")).values() for x in rows]
+    assert len(values) > 20
+    # Of many who drive at the limit one may change lanes in a bend.
+    assert np.mean(np.array(values) < MOST_MS2) > 0.97
+    assert max(values) < 1.25 * MOST_MS2

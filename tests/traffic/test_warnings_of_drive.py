@@ -1,0 +1,56 @@
+"""What a motion warns of."""
+
+from typing import Any
+
+from urbantwin.result_warning import rows_of
+from urbantwin.traffic.result_warnings import warnings_of_drive
+
+
+def motion(**changed: Any) -> dict[str, Any]:
+    circulation = {
+        "carried_share_of_motor_traffic": 1.0,
+        "halted": [],
+        "halted_longer_than_s": 300.0,
+        **changed.pop("circulation", {}),
+    }
+    told = {
+        "left_out": [],
+        "classes": {"car": {"asked": 10, "driven": 10}},
+        "teleports": 0,
+        "collisions": 0,
+        "poses_outside_ground": 0,
+        "circulation": circulation,
+    }
+    return {**told, **changed}
+
+
+def problems(**changed: Any) -> list[str]:
+    return [str(one) for one in warnings_of_drive(motion(**changed))]
+
+
+def test_traffic_as_asked_for_has_no_warning() -> None:
+    assert problems() == []
+    assert problems(circulation={"carried_share_of_motor_traffic": 0.9}) == []
+
+
+def test_what_is_not_carried_left_out_or_stuck_is_told_with_its_number() -> None:
+    (line,) = problems(circulation={"carried_share_of_motor_traffic": 0.41})
+    assert "41 %" in line.replace("41%", "41 %")
+    assert "traffic.per_hour" in line
+    out = [{"class": "pedestrian", "count": 7, "why": "no room on the footways"}]
+    (line,) = problems(left_out=out)
+    assert line == "traffic pedestrian: 7 are left out: no room on the footways"
+    (line,) = problems(classes={"bus": {"asked": 5, "driven": 2}})
+    assert "3 of 5 never came in" in line
+    (line,) = problems(circulation={"halted": [{"lane": "b_0"}, {"lane": "a_0"}, {"lane": "a_0"}]})
+    assert "3 actors" in line
+    assert "a_0, b_0" in line
+    assert len(problems(teleports=1, collisions=2, poses_outside_ground=3)) == 3
+
+
+def test_who_is_left_out_is_not_told_again_as_late() -> None:
+    out = [{"class": "bus", "count": 3, "why": "no way through the region"}]
+    rows = rows_of(
+        warnings_of_drive(motion(left_out=out, classes={"bus": {"asked": 5, "driven": 2}}))
+    )
+    assert [row["problem"] for row in rows] == ["3 are left out"]

@@ -1,0 +1,74 @@
+"""What a twin warns of."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from urbantwin.result_warning import ResultWarning
+from urbantwin.roads import Lane, RoadNetwork, SignalHead
+from urbantwin.twin.found_of_mapped import FoundOfMapped
+from urbantwin.twin.result_warnings import warnings_of_build
+
+
+def roads(
+    *,
+    left_out: list[dict[str, Any]] | None = None,
+    stopped: tuple[str, ...] = (),
+    shown: tuple[str, ...] = (),
+    warnings: tuple[ResultWarning, ...] = (),
+) -> Any:
+    """What the roads of a build tell: lanes with signals, heads that stand, notes."""
+    line, none = np.array([[0.0, 0, 0], [9, 0, 0]]), np.zeros((0, 2))
+    lanes = tuple(Lane(x, x, "driving", 3.0, 9.0, line, none, 0, (), (), "") for x in stopped)
+    heads = tuple(SignalHead("p", (k,), x, 9.0, 0.0, 0.0) for k, x in enumerate(stopped))
+    network = RoadNetwork("right", (), lanes, (), heads, ())
+    standing = [SimpleNamespace(dynamic=True, strip=strips) for strips in shown]
+    return SimpleNamespace(
+        network=network,
+        model=SimpleNamespace(signals=standing),
+        notes={"left_out": left_out or []},
+        warnings=warnings,
+    )
+
+
+def lines(made: Any, mapped: dict[str, FoundOfMapped] | None = None, **sources: Any) -> list[str]:
+    return [str(one) for one in warnings_of_build(made, mapped or {}, sources)]
+
+
+def test_a_twin_with_all_that_is_mapped_has_no_warning() -> None:
+    found = FoundOfMapped(20, 20, ())
+    nearly = FoundOfMapped(39, 40, ((1.0, 2.0),))
+    made = roads(stopped=("a", "b"), shown=("a b",))
+    assert (
+        lines(made, {"crossings": found, "signals": nearly}, survey={"placing": "as it is"}) == []
+    )
+
+
+def test_what_the_twin_lacks_of_the_map_is_told_with_a_place_to_look_at() -> None:
+    lacking = FoundOfMapped(5, 11, ((-15.2, 63.4), (0.0, 0.0)))
+    (line,) = lines(roads(), {"crossings": lacking})
+    assert line.startswith("crossings: 5 of 11 mapped ones are in the twin")
+    assert "-15 m east, 63 m north" in line
+
+
+def test_parts_that_are_left_out_and_signals_that_stand_nowhere_are_told() -> None:
+    parts = [
+        {"roads": 2, "metres": 86.2, "names": "Swan Street"},
+        {"roads": 1, "metres": 60.0, "names": "Hill Road"},
+        {"roads": 1, "metres": 12.0, "names": "a stub"},
+    ]
+    (line,) = lines(roads(left_out=parts))
+    assert line.startswith("roads: 146 m are left out (Swan Street, Hill Road)")
+    (line,) = lines(roads(stopped=("a", "b", "c"), shown=("a",)))
+    assert line.startswith("signals: 2 lanes that a signal stops see none")
+
+
+def test_problems_of_sources_and_of_the_roads_themselves_come_through() -> None:
+    own = ResultWarning("junction", "has no way through")
+    told = lines(roads(warnings=(own,)), survey={"problems": ["has no CRS", "is far off"]})
+    assert told[0] == str(own)
+    assert [line.split(";")[0] for line in told[1:]] == [
+        "geometry survey: has no CRS",
+        "geometry survey: is far off",
+    ]
