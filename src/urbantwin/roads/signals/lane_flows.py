@@ -9,21 +9,14 @@ from lxml import etree
 
 from urbantwin.roads.signals.green_times import SATURATION_VEH_H
 from urbantwin.roads.signals.streams import Traffic
+from urbantwin.site.usual_traffic import LANE_PER_HOUR, OTHER_PER_HOUR
 
 __all__ = ["flow_ratios", "lane_volumes", "link_flows"]
 
-#: Vehicles in an hour on each lane at a time of much traffic, by class of road: what saturates a
-#: lane that has green for 15 to 25 % of the time.
-PER_LANE_VEH_H = {
-    "motorway": 450.0,
-    "trunk": 450.0,
-    "primary": 400.0,
-    "secondary": 350.0,
-    "tertiary": 300.0,
-    "living_street": 100.0,
-    "service": 100.0,
-}
-OTHER_VEH_H = 200.0
+#: Vehicles an hour on a lane with signals beyond what its class usually has at midday: the streets
+#: that have signals are the busier ones of their class, and the busiest hour counts. No lane that
+#: has to share its time carries more than a quarter of what it could.
+MORE_VEH_H, MOST_VEH_H = 200.0, 450.0
 #: Lanes whose vehicles wait for gaps in opposing traffic to turn take this much more green (HCM
 #: 2016, 31: 2 to 3 through vehicles for each that turns, which a quarter to a third do).
 WAITS_FOR_GAPS = 1.4
@@ -45,8 +38,9 @@ def lane_volumes(
         if edge.get("function"):
             continue
         lanes = [lane.get("id") for lane in edge.iterfind("lane") if _for_cars(lane)]
-        kind = edge.get("type", "").split("|")[-1].removeprefix("highway.").removesuffix("_link")
-        assumed = len(lanes) * PER_LANE_VEH_H.get(kind, OTHER_VEH_H)
+        kind = edge.get("type", "").split("|")[-1].removeprefix("highway.")
+        usual = LANE_PER_HOUR.get(kind, OTHER_PER_HOUR) + MORE_VEH_H
+        assumed = len(lanes) * min(usual, MOST_VEH_H)
         whole = (of_edge or {}).get(edge.get("id"), assumed)
         found |= {lane: whole / len(lanes) for lane in lanes}
     return found
