@@ -138,7 +138,7 @@ def build_twin(
             tell=between(tell, ROADS_WRITTEN, SCENE, "scene"),
         )
         tell(SCENE, "writing the scene")
-        scene.mesh.save(folder / "scene.npz")
+        scene.save(folder)
         tell(SCENE_WRITTEN, "materials")
         material = ground_materials(
             roads.model,
