@@ -149,7 +149,7 @@ def main() -> None:
         lines = [f.geometry for f in features if "highway" in f.tags]
         carriageway = shapely.union_all([line.buffer(2.5) for line in lines])
         began = time.perf_counter()
-        mesh, notes = building_mesh(
+        mesh, notes, _ = building_mesh(
             features,
             region=region,
             ground_height=lambda xy: np.zeros(len(xy)),

@@ -29,6 +29,7 @@ from urbantwin.traffic.motion import describe as describe_motion
 from urbantwin.traffic.network import StreetNetwork
 from urbantwin.twin import Twin, load_twin
 from urbantwin.view.labelled_frame import read_labelled_points
+from urbantwin.view.surface_colours import surface_colours
 
 from .artefact_set import PLACE, artefacts, content, make_artefacts
 from .harness import NUMBERS
@@ -38,7 +39,7 @@ from .test_site_readers import made
 #: Files of an artefact that are not read by anything that the others are read by.
 _BESIDE = {
     "twin": ("scene.npz", "site.yaml", "rig.yaml", "network.net.xml", "elevation.npz",
-             "lane_model.json", "roads.json", "surface_material.npz"),
+             "lane_model.json", "roads.json", "surface_material.npz", "colours.npz"),
     "motion": ("motion.json", "actors.parquet", "signals.parquet", "meshes.npz"),
     "dataset": ("dataset.json", "boxes.parquet", "sweeps.parquet", "ignore_regions.geojson",
                 "points/000000.npy", "rays/000000.npy", "semantic/000000.label",
@@ -178,6 +179,7 @@ READERS = [
     Reader("twin changed", inspected, "twin/scene.npz", _seeds("twin/scene.npz"), beside("twin")),
     _of_twin("scene.npz", use_mesh),
     _of_twin("surface_material.npz", use_mesh),
+    _of_twin("colours.npz", lambda twin: surface_colours(twin.mesh, twin.colours)),
     _of_twin("elevation.npz", lambda twin: twin.elevation.raw_at(np.zeros((3, 2)))),
     _of_twin("lane_model.json", use_model),
     _of_twin("roads.json", use_roads),

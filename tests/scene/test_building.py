@@ -31,7 +31,7 @@ def feature(geometry, number=1, kind="way", **tags):
 
 
 def build(*features, ground=flat, road=NO_ROAD, region=REGION):
-    return building_mesh(features, region=region, ground_height=ground, carriageway=road)
+    return building_mesh(features, region=region, ground_height=ground, carriageway=road)[:2]
 
 
 def volume(mesh: LabelledMesh) -> float:

@@ -27,7 +27,7 @@ def build(*features, road=STREET, slope=0.0):
         region=REGION,
         ground_height=lambda xy: slope * xy[:, 0],
         carriageway=road,
-    )
+    )[:2]
 
 
 def panes(mesh, name="glass"):
@@ -188,7 +188,7 @@ def test_facades_differ_from_house_to_house_and_stay_the_same_from_run_to_run():
 
 def test_buildings_under_imported_geometry_are_left_out():
     both = [feature(HOUSE, building="yes"), feature(box(30, 0, 40, 10), 2, building="yes")]
-    mesh, notes = building_mesh(
+    mesh, notes, _ = building_mesh(
         both,
         region=REGION,
         ground_height=lambda xy: np.zeros(len(xy)),

@@ -25,7 +25,7 @@ COURT = Polygon(box(0, 0, 30, 24).exterior, [box(9, 8, 20, 16).exterior.coords])
 
 def build(footprint, **tags):
     tags = {"building": "yes", **{k.replace("__", ":"): v for k, v in tags.items()}}
-    mesh, notes = building_mesh(
+    mesh, notes, _ = building_mesh(
         [OsmFeature("way", 1, tags, footprint)],
         region=REGION,
         ground_height=lambda xy: np.zeros(len(xy)),
@@ -230,7 +230,7 @@ def test_a_tower_through_a_sloped_roof_makes_one_closed_surface():
     tags = {"building:part": "yes", **nave.tags}
     del tags["building"]
     outline = OsmFeature("way", 3, tags, nave.geometry)
-    mesh, notes = building_mesh(
+    mesh, notes, _ = building_mesh(
         [nave, tower, outline], region=REGION, ground_height=lambda xy: np.zeros(len(xy)),
         carriageway=Polygon(),
     )  # fmt: skip
@@ -305,7 +305,7 @@ def test_parts_with_roofs_that_run_into_each_other_close(parts):
         "way", 9, {"building": "yes", "height": "8"},
         shapely.union_all([f.geometry for f in features]).convex_hull,
     )  # fmt: skip
-    mesh, _ = building_mesh(
+    mesh, _, _ = building_mesh(
         [*features, whole], region=REGION, ground_height=lambda xy: np.zeros(len(xy)),
         carriageway=Polygon(),
     )  # fmt: skip

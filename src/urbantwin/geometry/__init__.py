@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from urbantwin.geometry.box import bounding_box, box_corners, points_in_box
     from urbantwin.geometry.frame import SiteFrame
     from urbantwin.geometry.mesh import LabelledMesh
+    from urbantwin.geometry.part_colour import PartColours
     from urbantwin.geometry.polyline import stations_of_points
     from urbantwin.geometry.pose import Pose, rotation_from_ypr, ypr_from_rotation
     from urbantwin.geometry.probe import DownwardProbe
@@ -25,6 +26,7 @@ __all__ = [
     "DownwardProbe",
     "LabelledMesh",
     "MaterialLayer",
+    "PartColours",
     "Pose",
     "SiteFrame",
     "SurfaceMaterials",

@@ -266,4 +266,5 @@ def _tapered(centre: NDArray[np.float64], widths: NDArray[np.float64]) -> shapel
     corner *= 2.0 / np.maximum((corner * corner).sum(axis=1, keepdims=True), 0.5)
     corner[[0, -1]] = normal[[0, -1]]
     side = corner * widths[:, None] / 2
-    return shapely.make_valid(shapely.Polygon(np.vstack([centre + side, (centre - side)[::-1]])))
+    outline = shapely.Polygon(np.vstack([centre + side, (centre - side)[::-1]]))
+    return shapely.make_valid(outline, method="structure", keep_collapsed=False)

@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import shapely
 from shapely import Geometry, Polygon
 
-from urbantwin.geometry import LabelledMesh
+from urbantwin.geometry import LabelledMesh, PartColours
 from urbantwin.geometry.manifold import is_closed
 from urbantwin.progress import Progress, between, each, untold
 from urbantwin.roads.passage import ROAD_CLEARANCE_M, Passage, passages_of
-from urbantwin.scene.building_outline import building_footprints, mapped_buildings
+from urbantwin.scene.building_outline import (
+    MappedBuilding,
+    building_footprints,
+    mapped_buildings,
+)
+from urbantwin.scene.building_practice import Neighbours, usual_tags
 from urbantwin.scene.building_shell import Shell, ShellPlan
 from urbantwin.scene.building_volume import Volume, building_volumes
 from urbantwin.scene.canopy import arcade_columns, canopy_posts
@@ -23,10 +29,11 @@ from urbantwin.scene.facade import Front, facade_openings, mapped_doors, mapped_
 from urbantwin.scene.face import DOOR, GLASS, ROOF
 from urbantwin.scene.opening import Opening, open_bodies
 from urbantwin.scene.solids import Assembly, GroundHeight, Solid
+from urbantwin.scene.tag_values import colour_of
 from urbantwin.site.extract import OsmFeature
 from urbantwin.taxonomy import material_id
 
-__all__ = ["building_footprints", "building_mesh"]
+__all__ = ["Buildings", "building_footprints", "building_mesh"]
 
 #: Walls reach this far below the lowest ground at the outline, metres.
 FOUNDATION_M = 0.5
@@ -34,16 +41,40 @@ FOUNDATION_M = 0.5
 #: by more than the given area, square metres.
 KERB_M = 0.3
 OVERLAP_M2 = 1.0
+#: Tags of the colours of walls and of roofs; the first that is mapped counts.
+COLOURS = (("building:colour", "colour"), ("roof:colour", "building:roof:colour"))
 #: Half the width of a pedestrian street, metres.
 PROMENADE_M = 2.0
 
 
+class Buildings(NamedTuple):
+    """Buildings as triangles.
+
+    Attributes:
+        mesh: their surfaces, ``part`` 1, 2, ... per building.
+        notes: counts of what was built and assumed.
+        colours: of their walls and roofs.
+    """
+
+    mesh: LabelledMesh
+    notes: dict[str, int]
+    colours: PartColours
+
+
 @dataclass(frozen=True, eq=False)
 class _Placed:
-    """A building in its place: the plan of its surface, the volume of each body, its posts."""
+    """A building in its place.
+
+    Attributes:
+        plan: of its surface.
+        volumes: the volume of each body.
+        tags: of each volume, and of its outline where it has none of its own.
+        posts: what its roofs stand on.
+    """
 
     plan: ShellPlan
     volumes: list[Volume]
+    tags: list[dict[str, str]]
     posts: list[Solid]
 
 
@@ -54,11 +85,13 @@ def building_mesh(
     ground_height: GroundHeight,
     carriageway: Geometry,
     without: Geometry | None = None,
+    country: str | None = None,
     tell: Progress = untold,
-) -> tuple[LabelledMesh, dict[str, int]]:
+) -> Buildings:
     """Build every building that touches the region, whole.
 
     Footprints rise to the roofs that are mapped; parts replace the outline where they stand.
+    Materials, colours and roofs that nobody mapped are drawn from what is usual in the country.
     Walls that can be seen from a carriageway have windows and doors, set back. Each building is
     one closed surface with its normals outward. Where a mapped passage runs through a building
     it is open beneath; where a carriageway runs into a building without one, the carriageway is
@@ -71,10 +104,8 @@ def building_mesh(
         carriageway: the carriageways at ground level, site frame.
         without: where imported geometry shows the buildings: those that lie with more than half
             of their area in it are left out.
+        country: ISO 3166-1 alpha-2, empty if unknown; ``None`` draws nothing that is not mapped.
         tell: called with the share done (0..1) and the current task.
-
-    Returns:
-        The mesh, ``part`` 1, 2, ... per building, and counts of what was built and assumed.
     """
     notes: Counter[str] = Counter()
     buildings = mapped_buildings(features, region, without, notes)
@@ -82,8 +113,11 @@ def building_mesh(
     passage_tree = shapely.STRtree([passage.line for passage in passages])
     shapely.prepare(carriageway)
     plans = [building.plan() for building in buildings]
+    if country is not None:
+        buildings = _with_usual_tags(buildings, plans, country, notes)
     ground = _lowest_ground(plans, ground_height, notes)
     placed: list[_Placed] = []
+    colours: list[tuple[int, int, bool, tuple[int, ...]]] = []
     fronts: list[Front] = []
     standing = list(zip(buildings, plans, ground, strict=True))
     for building, plan, datum in each(standing, between(tell, 0.0, 0.5), "roofs"):
@@ -91,10 +125,11 @@ def building_mesh(
         near = [passages[k] for k in sorted(passage_tree.query(plan).tolist())]
         openings = _openings(plan, near, carriageway, ground_height, datum, notes)
         try:
-            found = _place(volumes, openings, carriageway, datum)
+            found = _place(volumes, building.tags, openings, carriageway, datum)
         except shapely.GEOSException:  # The plan cannot be cut along roof slopes.
             notes["roofs drawn level: their plan could not be divided"] += 1
-            found = _place([_level(volume) for volume in volumes], openings, carriageway, datum)
+            volumes = [_level(volume) for volume in volumes]
+            found = _place(volumes, building.tags, openings, carriageway, datum)
         if found is None:
             continue
         for passage, opening in zip(_crossing(near, plan), openings, strict=False):
@@ -121,9 +156,38 @@ def building_mesh(
         if not is_closed(surface.solid.faces):
             notes["roofs drawn level: their surface does not close"] += 1
             surface = ShellPlan([replace(body, roof=()) for body in found.plan.bodies]).build()
-        _add(assembly, found, surface)
+        part = _add(assembly, found, surface)
+        colours += [(part, *row) for row in _colours_of(found)]
     notes["buildings"] = assembly.parts
-    return assembly.mesh(), {k: n for k, n in sorted(notes.items()) if n or k == "buildings"}
+    told = {k: n for k, n in sorted(notes.items()) if n or k == "buildings"}
+    return Buildings(assembly.mesh(), told, PartColours.of_rows(colours))
+
+
+def _with_usual_tags(
+    buildings: Sequence[MappedBuilding],
+    plans: Sequence[Geometry],
+    country: str,
+    notes: Counter[str],
+) -> list[MappedBuilding]:
+    """Return the buildings with tags drawn for what is not mapped of them."""
+    neighbours = Neighbours(plans)
+    found = []
+    for number, building in enumerate(buildings):
+        usual = usual_tags(building, country, number, neighbours)
+        notes["roof shape drawn by country"] += "roof:shape" in usual
+        found.append(replace(building, tags={**usual, **building.tags}))
+    return found
+
+
+def _colours_of(building: _Placed) -> list[tuple[int, bool, tuple[int, ...]]]:
+    """Return the colours that tags give walls and roofs: material, whether it is a roof, sRGB."""
+    rows: list[tuple[int, bool, tuple[int, ...]]] = []
+    for volume, tags in zip(building.volumes, building.tags, strict=True):
+        for material, key, up in zip(volume.materials, COLOURS, (False, True), strict=True):
+            rgb = colour_of(tags.get(key[0], tags.get(key[1])))
+            if rgb is not None:
+                rows.append((material_id(material), up, rgb))
+    return rows
 
 
 def _promenades(features: Sequence[OsmFeature]) -> list[Geometry]:
@@ -191,7 +255,11 @@ def _crossing(passages: Sequence[Passage], plan: Geometry) -> list[Passage]:
 
 
 def _place(
-    volumes: Sequence[Volume], openings: Sequence[Opening], carriageway: Geometry, datum: float
+    volumes: Sequence[Volume],
+    outline: Mapping[str, str],
+    openings: Sequence[Opening],
+    carriageway: Geometry,
+    datum: float,
 ) -> _Placed | None:
     """Cut the openings out of a building's bodies and put it on its ground.
 
@@ -208,15 +276,16 @@ def _place(
         opened = open_bodies([body], openings)
         bodies += [_founded(piece, datum) for piece in opened]
         owners += [volume] * len(opened)
-    return _Placed(ShellPlan(bodies), owners, posts) if bodies else None
+    tags = [{**outline, **volume.tags} for volume in owners]
+    return _Placed(ShellPlan(bodies), owners, tags, posts) if bodies else None
 
 
 def _level(volume: Volume) -> Volume:
     return replace(volume, body=replace(volume.body, roof=()))
 
 
-def _add(assembly: Assembly, building: _Placed, surface: Shell) -> None:
-    """Add one building, labelled."""
+def _add(assembly: Assembly, building: _Placed, surface: Shell) -> int:
+    """Add one building, labelled; return the number of its part."""
     part = assembly.new_part()
     walls = np.array([material_id(volume.materials[0]) for volume in building.volumes])
     roofs = np.array([material_id(volume.materials[1]) for volume in building.volumes])
@@ -226,6 +295,7 @@ def _add(assembly: Assembly, building: _Placed, surface: Shell) -> None:
     assembly.add(surface.solid, "building", material, part)
     for post in building.posts:
         assembly.add(post, "building", "metal-painted", part)
+    return part
 
 
 def _lifted(body: Body, openings: Sequence[Opening]) -> Body:

@@ -42,7 +42,7 @@ SMALL_M2, SMALL_HEIGHT_M = 30.0, 2.8
 WALLS = {
     **dict.fromkeys(("brick", "bricks", "clinker", "masonry"), "brick"),
     **dict.fromkeys(("concrete", "cement_block", "cement", "reinforced_concrete"), "concrete"),
-    **dict.fromkeys(("stone", "sandstone", "limestone", "granite", "marble"), "concrete"),
+    **dict.fromkeys(("stone", "sandstone", "limestone", "granite", "marble"), "stone"),
     **dict.fromkeys(("plaster", "stucco", "render", "rendered"), "plaster"),
     **dict.fromkeys(("glass", "mirror"), "glass"),
     **dict.fromkeys(("wood", "timber_framing", "timber", "bamboo"), "wood"),
@@ -50,15 +50,16 @@ WALLS = {
 }
 ROOFS = {
     **WALLS,
-    **dict.fromkeys(("roof_tiles", "tile", "tiles", "slate", "tar_paper", "asphalt"), "roofing"),
-    **dict.fromkeys(("gravel", "eternit", "asbestos"), "concrete"),
+    **dict.fromkeys(("roof_tiles", "tile", "tiles"), "roof-tile"),
+    **dict.fromkeys(("tar_paper", "asphalt", "asphalt_shingle", "bitumen"), "roofing-felt"),
+    **dict.fromkeys(("eternit", "asbestos"), "concrete"),
+    "slate": "slate",
+    "gravel": "gravel",
     **dict.fromkeys(("copper", "zinc", "lead", "sheet_metal"), "metal-painted"),
     **dict.fromkeys(("grass", "plants"), "grass"),
     "thatch": "wood",
 }
-BRICK_TYPES = ("church", "chapel", "cathedral", "school", "house", "detached", "terrace", "farm")
 GLASS_TYPES = ("greenhouse", "conservatory")
-CONCRETE_TYPES = ("industrial", "warehouse", "garage", "garages", "parking", "manufacture")
 
 
 @dataclass(frozen=True)
@@ -68,8 +69,8 @@ class Rise:
     Attributes:
         low_m: its underside.
         high_m: its top.
-        eaves_m: where the storeys below the roof end, if they are all that is mapped: a sloped
-            roof then rises from there, whatever ``high_m`` is.
+        eaves_m: where the storeys below the roof end, if they are all that is mapped or nothing
+            is: a sloped roof then rises from there, whatever ``high_m`` is.
         storey_m: height of a storey.
     """
 
@@ -120,6 +121,7 @@ def building_rise(
         kind = building_type(tags)
         small = area_m2 < SMALL_M2 and kind == "yes"
         high = SMALL_HEIGHT_M if small else DEFAULT_HEIGHT_M.get(kind, OTHER_HEIGHT_M)
+        eaves = high
         notes["height assumed from building type"] += 1
 
     low = length_m_of(tags.get("min_height"))
@@ -137,14 +139,7 @@ def building_materials(tags: Mapping[str, str], outline_tags: Mapping[str, str])
     kind = building_type(tags)
     if kind == "yes":
         kind = building_type(outline_tags)
-    wall = "plaster"
-    if kind in BRICK_TYPES:
-        wall = "brick"
-    elif kind in CONCRETE_TYPES:
-        wall = "concrete"
-    roof = "roofing"
-    if kind in GLASS_TYPES:
-        wall = roof = "glass"
+    wall, roof = ("glass", "glass") if kind in GLASS_TYPES else ("plaster", "roofing")
     for source in (outline_tags, tags):
         wall = WALLS.get(source.get("building:material", ""), wall)
         wall = WALLS.get(source.get("building:facade:material", ""), wall)

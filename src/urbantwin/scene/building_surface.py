@@ -58,8 +58,10 @@ def building_surfaces(mesh: LabelledMesh) -> NDArray[np.uint8]:
     narrow = 2 * mesh.areas() <= REVEAL_M * longest
     kind[narrow & (np.abs(rise) > 0.99) & (kind != GROUND)] = WALL
     upright = kind == WALL
-    for name, pane in (("glass", WINDOW), ("wood", DOOR)):
-        own = upright & (mesh.material == material_id(name))
-        others = np.bincount(part[upright & ~own], minlength=len(foot))
+    glass, wood = (upright & (mesh.material == material_id(name)) for name in ("glass", "wood"))
+    # What is of wood and glass alone has wooden walls: doors in them cannot be told.
+    walls_of_doors = upright & ~glass & ~wood
+    for pane, own, walls in ((WINDOW, glass, upright & ~glass), (DOOR, wood, walls_of_doors)):
+        others = np.bincount(part[walls], minlength=len(foot))
         kind[own & (others[part] > 0)] = pane
     return kind

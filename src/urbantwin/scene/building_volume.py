@@ -28,6 +28,11 @@ __all__ = ["Volume", "building_volumes"]
 SLAB_M = 0.3
 #: Walls under a roof whose height was assumed are at least this high, metres.
 WALL_M = 2.2
+#: A roof whose height was assumed takes at most this share of its building's height.
+ROOF_SHARE = 0.45
+#: Under a roof whose height was assumed each mapped storey has this height, as long as some roof
+#: is left, metres.
+LOW_STOREY_M, LOWEST_ROOF_M = 2.5, 0.8
 #: Storeys are between these heights, metres.
 LOWEST_STOREY_M, HIGHEST_STOREY_M = 2.2, 6.0
 
@@ -120,7 +125,8 @@ def _volume(
     low, high, eaves = rise.low_m, rise.high_m, rise.high_m
     facets = []
     if roof.shape != "flat":
-        height = _roof_height(roof, roof_span(roof.shape, footprint, tags), rise, notes)
+        levels = count_of(tags.get("building:levels")) or 0.0
+        height = _roof_height(roof, roof_span(roof.shape, footprint, tags), rise, levels, notes)
         facets = roof_facets(roof.shape, footprint, tags, height, notes)
         if facets:
             notes[f"{roof.shape} roofs"] += 1
@@ -143,7 +149,9 @@ def _storey(tags: Mapping[str, str], rise: Rise, eaves_m: float) -> float:
     return rise.storey_m
 
 
-def _roof_height(roof: RoofTags, span_m: float, rise: Rise, notes: Counter[str]) -> float:
+def _roof_height(
+    roof: RoofTags, span_m: float, rise: Rise, levels: float, notes: Counter[str]
+) -> float:
     """Return the height of a sloped roof, no more than there is room for."""
     height = roof.rise_m(span_m)
     said = roof.height_m is not None or roof.pitch_deg is not None
@@ -153,7 +161,8 @@ def _roof_height(roof: RoofTags, span_m: float, rise: Rise, notes: Counter[str])
         return height
     room = rise.high_m - rise.low_m
     if not said and room > WALL_M + 0.5:
-        room -= WALL_M
+        storeys = min(levels * LOW_STOREY_M, room - LOWEST_ROOF_M)
+        room = min(room - max(WALL_M, storeys), ROOF_SHARE * room)
     if height > room and said:
         notes["roofs lowered: higher than their building"] += 1
     return min(height, room)

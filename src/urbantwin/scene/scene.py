@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.geometry import DownwardProbe, LabelledMesh
+from urbantwin.geometry import DownwardProbe, LabelledMesh, PartColours
 from urbantwin.ground import Elevation
 from urbantwin.progress import Progress, between, untold
 from urbantwin.reconstruct import Reconstruction
@@ -38,10 +39,22 @@ ON_A_PLAIN = Spacing(road=25.0, terrain=10.0)
 
 @dataclass(frozen=True)
 class Scene:
-    """The static world, with counts and assumptions of its build."""
+    """The static world.
+
+    Attributes:
+        mesh: its triangles.
+        notes: counts and assumptions of its build.
+        colours: of its buildings.
+    """
 
     mesh: LabelledMesh
     notes: dict[str, object]
+    colours: PartColours
+
+    def save(self, folder: Path) -> None:
+        """Write the mesh and the colours into a twin's folder."""
+        self.mesh.save(folder / "scene.npz")
+        self.colours.save(folder / "colours.npz")
 
 
 def build_scene(  # noqa: PLR0913 - all that a scene is made of
@@ -95,15 +108,17 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
         return np.where(np.isnan(found), elevation.raw_at(xy), found)
 
     carriageway = shapely.union_all([z.area for z in zones if z.kind == "carriageway"])
+    buildings = building_mesh(
+        features,
+        region=region,
+        ground_height=ground_height,
+        carriageway=carriageway,
+        without=covers.get("buildings"),
+        country=country,
+        tell=between(tell, SURFACE, BUILDINGS, "buildings"),
+    )
     objects: dict[str, tuple[LabelledMesh, dict[str, int]]] = {
-        "buildings": building_mesh(
-            features,
-            region=region,
-            ground_height=ground_height,
-            carriageway=carriageway,
-            without=covers.get("buildings"),
-            tell=between(tell, SURFACE, BUILDINGS, "buildings"),
-        ),
+        "buildings": (buildings.mesh, buildings.notes),
         **map_objects(
             features,
             heads,
@@ -132,7 +147,9 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
         meshes.append(replace(mesh, part=mesh.part + np.int32(first)))
         first += int(mesh.part.max(initial=0)) + 1
         notes[name] = counts
-    return Scene(LabelledMesh.concatenate(meshes), notes)
+    # Buildings come first.
+    colours = buildings.colours.moved(FIRST_OBJECT)
+    return Scene(LabelledMesh.concatenate(meshes), notes, colours)
 
 
 def _ground_notes(ground: LabelledMesh, network: RoadNetwork) -> dict[str, float]:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 import re
 
-__all__ = ["angle_deg_of", "count_of", "length_m_of", "yaw_of_direction"]
+from PIL import ImageColor
+
+__all__ = ["angle_deg_of", "colour_of", "count_of", "length_m_of", "yaw_of_direction"]
 
 _NUMBER = r"(\d+(?:[.,]\d+)?|[.,]\d+)"
 _METRIC = re.compile(rf"^~?\s*{_NUMBER}\s*(m|metres?|meters?|mtrs?|cm|mm)?\.?$", re.IGNORECASE)
@@ -14,6 +16,7 @@ _FEET = re.compile(
     re.IGNORECASE,
 )
 _COUNT = re.compile(rf"^{_NUMBER}$")
+_HEX = re.compile(r"^[0-9a-f]{6}$")
 #: Larger values are mapping errors.
 LONGEST_M, MOST = 1000.0, 1000.0
 _METRES = {"cm": 0.01, "mm": 0.001}
@@ -79,3 +82,17 @@ def angle_deg_of(text: str | None) -> float | None:
     match = _COUNT.match(plain)
     degrees = _number(match[1]) if match else math.inf
     return degrees if degrees <= MOST else None
+
+
+def colour_of(text: str | None) -> tuple[int, int, int] | None:
+    """Return the sRGB (0..255) of a colour (``#a05``, ``#aa0055``, CSS names), or ``None``."""
+    if text is None:
+        return None
+    plain = text.strip().lower().replace("_", "").replace(" ", "")
+    if _HEX.match(plain):
+        plain = "#" + plain
+    try:
+        red, green, blue = ImageColor.getrgb(plain)[:3]
+    except ValueError:
+        return None
+    return red, green, blue

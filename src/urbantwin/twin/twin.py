@@ -13,7 +13,7 @@ import shapely
 from urbantwin.artefact import read_json, sha256_of
 from urbantwin.artefact.manifest import validated
 from urbantwin.errors import InputError
-from urbantwin.geometry import LabelledMesh, SiteFrame, SurfaceMaterials
+from urbantwin.geometry import LabelledMesh, PartColours, SiteFrame, SurfaceMaterials
 from urbantwin.ground import Elevation
 from urbantwin.result_warning import ResultWarning, warnings_of
 from urbantwin.roads import LaneModel, RoadNetwork
@@ -73,6 +73,14 @@ class Twin:
         if name not in self.manifest.get("files", {}):
             return SurfaceMaterials()
         return SurfaceMaterials.load(self._file(name))
+
+    @cached_property
+    def colours(self) -> PartColours:
+        """Colours of buildings, for pictures."""
+        name = "colours.npz"
+        if name not in self.manifest.get("files", {}):
+            return PartColours()
+        return PartColours.load(self._file(name))
 
     @cached_property
     def lane_model(self) -> LaneModel:

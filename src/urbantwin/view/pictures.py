@@ -94,6 +94,7 @@ def figure_of_twin(twin: Twin, picture: str) -> Figure:
             below=_size(twin),
             attribution=sources,
             surface=twin.surface_materials,
+            colours=twin.colours,
         )
     if picture == "ground":
         return ground_figure(
@@ -174,6 +175,7 @@ def pictures_of_dataset(
                 below=f"frame {frame.name}   {frame.time_s:.1f} s",
                 attribution=sources,
                 surface=twin.surface_materials,
+                colours=twin.colours,
             )
         )
     tell(1.0, "drawn")

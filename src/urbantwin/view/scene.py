@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import uniform_filter
 
-from urbantwin.geometry import DownwardProbe, LabelledMesh, SurfaceMaterials
+from urbantwin.geometry import DownwardProbe, LabelledMesh, PartColours, SurfaceMaterials
 from urbantwin.geometry.embree import EmbreeScene
 from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
 from urbantwin.view import style
@@ -98,7 +98,7 @@ class Camera:
         return np.asarray(out, np.float32)
 
 
-def scene_picture(
+def scene_picture(  # noqa: PLR0913 - what is drawn, from where, and what is written on it
     mesh: LabelledMesh,
     path: Path,
     *,
@@ -108,6 +108,7 @@ def scene_picture(
     below: str = "",
     attribution: str | Iterable[str] = (),
     surface: SurfaceMaterials | None = None,
+    colours: PartColours | None = None,
 ) -> Path:
     """Draw the twin's mesh from a height, in daylight.
 
@@ -120,6 +121,7 @@ def scene_picture(
         below: a line under it.
         attribution: whose data it shows.
         surface: materials of the ground that are finer than the mesh.
+        colours: of its buildings.
     """
     figure = scene_figure(
         mesh,
@@ -129,6 +131,7 @@ def scene_picture(
         below=below,
         attribution=attribution,
         surface=surface,
+        colours=colours,
     )
     return style.save(figure, path)
 
@@ -142,10 +145,11 @@ def scene_figure(
     below: str = "",
     attribution: str | Iterable[str] = (),
     surface: SurfaceMaterials | None = None,
+    colours: PartColours | None = None,
 ) -> Figure:
     """Return the figure of ``scene_picture``."""
     width, height = size
-    picture = render(mesh, camera or clear_camera(mesh), width, height, surface)
+    picture = render(mesh, camera or clear_camera(mesh), width, height, surface, colours)
     figure = style.new_figure(width / 100, height / 100)
     axes = figure.add_axes((0, 0, 1, 1))
     style.bare(axes)
@@ -240,6 +244,7 @@ def render(
     width: int,
     height: int,
     surface: SurfaceMaterials | None = None,
+    colours: PartColours | None = None,
 ) -> NDArray[np.uint8]:
     """Return the picture (height, width, 3), 0..255.
 
@@ -249,6 +254,7 @@ def render(
         width: pixels.
         height: pixels.
         surface: materials of the ground that are finer than the mesh.
+        colours: of its buildings.
     """
     caster = _Caster(mesh)
     rays = camera.rays(width * _SAMPLES, height * _SAMPLES)
@@ -259,11 +265,11 @@ def render(
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
         list(pool.map(lambda band: _look(caster, origin, rays, sun, seen, band), bands))
         ambient = _smoothed(seen.sky)
-        colours = _Colours(mesh, surface, camera.place)
+        seen_colours = _Colours(mesh, surface, colours, camera.place)
         picture = np.empty((height, width, 3), np.float32)
 
         def paint(band: slice) -> None:
-            shaded = _shade(caster, colours, rays, sun, seen, ambient, band, camera.distance_m)
+            shaded = _shade(caster, seen_colours, rays, sun, seen, ambient, band, camera.distance_m)
             rows = slice(band.start // _SAMPLES, band.start // _SAMPLES + len(shaded) // _SAMPLES)
             picture[rows] = shaded.reshape(-1, _SAMPLES, width, _SAMPLES, 3).mean(axis=(1, 3))
 
@@ -290,10 +296,14 @@ class _Colours:
     """Colours of what rays from one place meet."""
 
     def __init__(
-        self, mesh: LabelledMesh, surface: SurfaceMaterials | None, origin: NDArray[np.float64]
+        self,
+        mesh: LabelledMesh,
+        surface: SurfaceMaterials | None,
+        colours: PartColours | None,
+        origin: NDArray[np.float64],
     ) -> None:
         self._mesh, self._surface, self._origin = mesh, surface, origin
-        self._faces = surface_colours(mesh).astype(np.float32)
+        self._faces = surface_colours(mesh, colours).astype(np.float32)
         self._materials = material_colours().astype(np.float32)
 
     def of(

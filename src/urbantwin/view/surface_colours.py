@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
-from urbantwin.geometry import LabelledMesh
+from urbantwin.geometry import LabelledMesh, PartColours
 from urbantwin.taxonomy import material_id, materials, semantic_id
 
 __all__ = ["material_colours", "surface_colours"]
@@ -41,6 +41,12 @@ _BY_CLASS_AND_MATERIAL = {
     ("building", "concrete"): "#c4c1b9",
     ("building", "glass"): "#6f8ea6",
     ("building", "roofing"): "#94614c",
+    ("building", "roof-tile"): "#94614c",
+    ("building", "roofing-felt"): "#74777a",
+    ("building", "slate"): "#5f646a",
+    ("building", "stone"): "#b5ad9a",
+    ("building", "gravel"): "#a19d93",
+    ("building", "grass"): "#7f9f52",
     ("building", "metal-painted"): "#a9b0b6",
     ("building", "wood"): "#a5805a",
     ("other-ground", "asphalt"): "#6a6d71",
@@ -93,8 +99,15 @@ _ACTORS = ("car", "bus", "truck", "motorcycle", "motorcyclist", "bicyclist", "pe
 _PAINTS = ("#2f6db5", "#b9322c", "#e6e7e8", "#25282c", "#8d949b", "#c9ccd0", "#2c6e5b", "#d6a431")
 
 
-def surface_colours(mesh: LabelledMesh) -> NDArray[np.float64]:
-    """Return the colour (F, 3) of every triangle, linear light, 0..1."""
+def surface_colours(
+    mesh: LabelledMesh, colours_of: PartColours | None = None
+) -> NDArray[np.float64]:
+    """Return the colour (F, 3) of every triangle, linear light, 0..1.
+
+    Args:
+        mesh: the triangles.
+        colours_of: colours of buildings; those that it does not know differ a little in shade.
+    """
     colours = np.full((len(mesh.faces), 3), 0.4)
     for name, colour in _BY_CLASS.items():
         colours[mesh.semantic == semantic_id(name)] = _linear(colour)
@@ -112,6 +125,9 @@ def surface_colours(mesh: LabelledMesh) -> NDArray[np.float64]:
     spread = (_scattered(mesh.part[building]) % 1000) / 1000.0 - 0.5
     tint = 1 + spread[:, None] * np.array([0.16, 0.20, 0.26])
     colours[building] = np.clip(colours[building] * tint, 0, 1)
+    if colours_of is not None:
+        own, known = colours_of.of_faces(mesh, np.flatnonzero(building))
+        colours[np.flatnonzero(building)[known]] = (own[known] / 255.0) ** 2.2
     plant = mesh.semantic == semantic_id("vegetation")
     spread = (_scattered(mesh.part[plant]) % 1000) / 1000.0 - 0.5
     colours[plant] *= 1 + spread[:, None] * np.array([0.5, 0.3, 0.3])
