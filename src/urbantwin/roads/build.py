@@ -203,6 +203,7 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
             driving_side=driving_side,
             level_of_way=level_of_way,
             origin={piece.id: piece.way for piece in pieces},
+            arrows=prepared.arrows,
         ),
         buildings,
     )
