@@ -43,6 +43,8 @@ class Lane:
         allowed: classes of actors that may use it.
         successors: ids of the lanes that follow, through a junction's connection.
         junction: id of the junction it lies in; empty outside junctions.
+        arrows: turns that the map signs at its end (OSM wiki, "Key:turn"); ``None`` where it signs
+            none for any lane beside it.
         widths: (N,) width at each point of the centre where it changes, else empty.
         marking: what a crossing is marked with: ``zebra``, ``lines``, ``dashes``, ``dots`` or
             ``none``; empty where nobody told.
@@ -60,6 +62,7 @@ class Lane:
     successors: tuple[str, ...]
     junction: str
     widths: Numbers = field(default_factory=lambda: np.zeros(0))
+    arrows: tuple[str, ...] | None = None
     marking: str = ""
 
     @cached_property

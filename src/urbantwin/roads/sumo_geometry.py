@@ -8,6 +8,7 @@ import numpy as np
 from lxml import etree
 from numpy.typing import NDArray
 
+from urbantwin.geometry import stations_of_points
 from urbantwin.roads.curve_speed import lane_speeds
 from urbantwin.roads.network import Lane, RoadNetwork
 
@@ -34,27 +35,28 @@ def redraw_sumo_network(path: Path, network: RoadNetwork) -> None:
         network: the lanes, by their ids in the file.
     """
     tree = etree.parse(path, etree.XMLParser(remove_blank_text=False))
+    inwards = 1 if network.driving_side == "right" else -1
     for edge in tree.getroot().iterfind("edge"):
         if edge.get("function") in ("crossing", "walkingarea"):
             continue
         rows = [
             (item, network.lane_by_id.get(item.get("id", ""))) for item in edge.iterfind("lane")
         ]
-        drawn = [lane for _, lane in rows if lane is not None]
-        driven = [lane for lane in drawn if lane.kind != "sidewalk"] or drawn
-        if not driven:
+        lines = {lane.id: _drawn(lane, inwards) for _, lane in rows if lane is not None}
+        if not lines:
             continue
-        length = max(float(np.mean([lane.length for lane in driven])), SHORTEST_M)
+        driven = [lane.id for _, lane in rows if lane is not None and lane.kind != "sidewalk"]
+        lengths = [stations_of_points(lines[name])[-1] for name in driven or lines]
+        length = max(float(np.mean(lengths)), SHORTEST_M)
         if edge.get("shape"):
             del edge.attrib["shape"]
         for item, lane in rows:
             item.set("length", f"{length:.3f}")
             if lane is not None:
-                line = lane.centre[:, :2]
                 if lane.kind == "sidewalk" and len(lane.widths):
                     item.set("width", f"{max(float(lane.widths.min()), WALKED_M):.2f}")
-                    line = _away_from_walls(lane, 1 if network.driving_side == "right" else -1)
-                item.set("shape", " ".join([f"{x:.3f},{y:.3f}" for x, y in line.tolist()]))
+                shape = lines[lane.id].tolist()
+                item.set("shape", " ".join([f"{x:.3f},{y:.3f}" for x, y in shape]))
     speeds = lane_speeds(tree.getroot())
     for item in tree.getroot().iterfind("edge[@function='internal']/lane"):
         allowed = speeds.get(item.get("id", ""))
@@ -63,14 +65,16 @@ def redraw_sumo_network(path: Path, network: RoadNetwork) -> None:
     tree.write(path, encoding="UTF-8", xml_declaration=True)
 
 
-def _away_from_walls(lane: Lane, inwards: int) -> NDArray[np.float64]:
-    """Return the middle (N, 2) of the band that people walk in along a sidewalk.
+def _drawn(lane: Lane, inwards: int) -> NDArray[np.float64]:
+    """Return a lane's line (N, 2); of a sidewalk, the middle of the band that people walk in.
 
     Args:
-        lane: the sidewalk, with its widths.
-        inwards: 1 where the carriageway is to its left, -1 where it is to its right.
+        lane: the lane, with its widths.
+        inwards: 1 where the carriageway is to a sidewalk's left, -1 where it is to its right.
     """
     line = lane.centre[:, :2]
+    if lane.kind != "sidewalk" or not len(lane.widths):
+        return line
     leg = np.diff(line, axis=0)
     left = np.column_stack([-leg[:, 1], leg[:, 0]])
     left /= np.maximum(np.linalg.norm(left, axis=1, keepdims=True), 1e-9)

@@ -17,10 +17,11 @@ from urbantwin.roads.marking import (
     GIVE_WAY,
     PAINT_KINDS,
     arrow_at,
-    dashes,
+    guide_lines,
     lane_marks,
     painted,
     stop_lines,
+    strokes,
     turn_arrow,
 )
 from urbantwin.roads.model import LaneModel
@@ -41,11 +42,10 @@ _DRIVEN = ("driving", "bus", "bicycle")
 
 def draw_marks(axes: Axes, network: RoadNetwork, model: LaneModel | None, look: Look) -> None:
     """Draw what is painted on the road."""
-    for line in lane_marks(network, model):
+    for line in [*lane_marks(network, model), *(guide_lines(model) if model else ())]:
         if line.kind == "curb":
             continue
-        strokes = dashes(line.points) if line.kind == "broken" else [line.points]
-        ribbons = [_ribbon(points, _LINE_M) for points in strokes]
+        ribbons = [_ribbon(points, _LINE_M) for points in strokes(line)]
         fill(axes, ribbons, look.paint, zorder=11.0 + 10 * line.level)
     for line in stop_lines(network, model):
         fill(axes, [_ribbon(line.points, _STOP_M)], look.paint, zorder=11.2 + 10 * line.level)

@@ -43,6 +43,11 @@ __all__ = ["consolidated"]
 INTO_M = 1.5
 #: A signal this far from a junction along a slip lane belongs to the junction's controller, metres.
 SLIP_M = 45.0
+#: How much of a road between two junctions is left where no mark says less, and the least that
+#: a junction keeps of an arm, metres.
+ROAD_LEFT_M, LEAST_M = 8.0, 2.0
+#: Shorter remainders of edges between others belong to the junction, metres; a share that is none.
+STUMP_M, NOTHING = 5.0, 1e-6
 #: Step of a way through as netconvert is told it, metres.
 STEP_M = 1.0
 #: What is driven beyond a mouth of an arm and kept out of the outline, metres.
@@ -143,15 +148,24 @@ def _cuts(
 ) -> dict[tuple[str, ...], list[float]]:
     """Return chain (its edges) -> metres that it gives at its start and at its end."""
     cuts: dict[tuple[str, ...], list[float]] = defaultdict(lambda: [0.0, 0.0])
+    spare: dict[tuple[str, ...], list[float]] = defaultdict(lambda: [0.0, 0.0])
     for cluster in clusters:
-        for arm, reach in zip(cluster.arms, mouths(cluster.arms, strips, marks), strict=True):
+        found = mouths(cluster.arms, strips, marks)
+        for arm, (reach, marked) in zip(cluster.arms, found, strict=True):
             for chain, at in ((arm.outward, 0), (arm.inward, 1)):
                 if chain is not None:
-                    cuts[tuple(edge.id for edge in chain.edges)][at] = reach
+                    names = tuple(edge.id for edge in chain.edges)
+                    cuts[names][at] = reach
+                    spare[names][at] = 0.0 if marked else max(reach - LEAST_M, 0.0)
     for names, given in cuts.items():
         length = sum(strips[name].edge.line.length for name in names)
-        if sum(given) > (room := max(length - SHORTEST_M, 0.5 * length)):
-            given[:] = [part * room / sum(given) for part in given]
+        # Between two junctions that leave too little of a road, what no mark holds gives way first.
+        over = sum(given) - max(length - ROAD_LEFT_M, 0.5 * length)
+        if over > 0.0:
+            yielding = min(1.0, over / max(sum(spare[names]), 1e-9))
+            given[:] = [g - yielding * s for g, s in zip(given, spare[names], strict=True)]
+        if (over := sum(given) - max(length - SHORTEST_M, 0.5 * length)) > 0.0:
+            given[:] = [g * (1.0 - over / sum(given)) for g in given]
     return cuts
 
 
@@ -169,12 +183,23 @@ def _spans(
         names = tuple(edge.id for edge in chain.edges)
         first, last = cuts.get(names, (0.0, 0.0))
         last = chain.length - last
-        before = 0.0
-        for edge in chain.edges:
+        ends = np.cumsum([edge.line.length for edge in chain.edges])
+        starts = ends - [edge.line.length for edge in chain.edges]
+        rest = np.maximum(np.minimum(ends, last) - np.maximum(starts, first), 0.0)
+        most = int(rest.argmax())
+        for k, edge in enumerate(chain.edges):
             length = float(edge.line.length)
-            a, b = (np.clip((at - before) / length, 0.0, 1.0) for at in (first, last))
-            spans[edge.id] = (float(a), float(b))
-            before += length
+            a, b = (float(np.clip((at - starts[k]) / length, 0.0, 1.0)) for at in (first, last))
+            if k != most and rest[k] < STUMP_M and b - a < 1.0:
+                # What is left of it before the next edge is no road of its own.
+                a = b = 1.0 if k < most else 0.0
+            spans[edge.id] = (a, b)
+    for name, (a, b) in tuple(spans.items()):
+        # Both directions of a street are lost together, though one may be some centimetres longer.
+        other = spans.get(_other_way(name))
+        left = (b - a) * float(plain.edges[name].line.length)
+        if other is not None and other[1] - other[0] <= NOTHING and left < 2 * STUMP_M:
+            spans[name] = (1.0 - other[1], 1.0 - other[0])
     for name in plain.edges:
         twin = _other_way(name)
         if name not in spans and twin in spans:
@@ -189,7 +214,7 @@ def _grown(cluster: _Cluster, spans: Mapping[str, tuple[float, float]]) -> _Clus
     for arm in cluster.arms:
         for chain, outwards in ((arm.outward, True), (arm.inward, False)):
             for edge in (chain.edges if outwards else chain.edges[::-1]) if chain else ():
-                if spans[edge.id][1] - spans[edge.id][0] > 1e-6:
+                if spans[edge.id][1] - spans[edge.id][0] > NOTHING:
                     break
                 inner.add(edge.id)
                 nodes.add(edge.end if outwards else edge.start)
@@ -235,7 +260,7 @@ def _driven(edge: PlainEdge) -> bool:
 def _is_lost(name: str, spans: Mapping[str, tuple[float, float]]) -> bool:
     """Whether nothing is left of an edge, or of the one that people walk beside."""
     a, b = spans.get(name, (0.0, 1.0))
-    return b - a <= 1e-6
+    return b - a <= NOTHING
 
 
 def _extended(points: NDArray[np.float64], length: float) -> NDArray[np.float64]:

@@ -47,15 +47,10 @@ def with_junctions_of_map(
     """
     pieces = prepared.pieces
     rings = [piece.id for piece in pieces if piece.tags.get("junction")]
-    # The turns that are signed for the lanes of an edge, its sidewalk among them.
-    arrows = {
-        edge.id: [*([()] if edge.sidewalk else []), *(lane.turns for lane in edge.lanes)]
-        for edge in prepared.edges
-    }
     plain = consolidated(
         plain,
         mapped_marks(extract, pieces, {int(node) for node in meeting_nodes(plain)}),
-        arrows,
+        prepared.arrows,
         apart={f"{sign}{piece}" for piece in [*apart, *rings] for sign in ("", "-")},
         forbidden=via_way_restrictions(extract, pieces),
         driving_side=driving_side,

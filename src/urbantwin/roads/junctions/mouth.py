@@ -61,8 +61,10 @@ class _Profile:
     heading: float
 
 
-def mouths(arms: Sequence[Arm], strips: Mapping[str, Strip], marks: Marks) -> list[float]:
-    """Return how far out of the junction each arm ends, metres along it.
+def mouths(
+    arms: Sequence[Arm], strips: Mapping[str, Strip], marks: Marks
+) -> list[tuple[float, bool]]:
+    """Return how far out of the junction each arm ends, metres along it, and if the map says so.
 
     Both directions of a street end at one place.
 
@@ -80,7 +82,8 @@ def mouths(arms: Sequence[Arm], strips: Mapping[str, Strip], marks: Marks) -> li
             reach = min(apart + CORNER_M, FURTHEST_M, SHARE * arm.length)
         else:
             reach = max(marked, min(apart, marked + 6.0))
-        found.append(float(np.clip(reach, 0.5, max(arm.length - SHORTEST_M, 0.5))))
+        reach = float(np.clip(reach, 0.5, max(arm.length - SHORTEST_M, 0.5)))
+        found.append((reach, marked is not None))
     return found
 
 

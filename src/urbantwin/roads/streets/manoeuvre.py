@@ -174,7 +174,7 @@ def _merges(
     found = []
     for edge in edges:
         lanes = [lane for lane in vehicle_lanes(network, edge) if lane.kind != "bicycle"]
-        if edge.to_junction in border:
+        if edge.to_junction in border or all(lane.kind == "sidewalk" for lane in lanes):
             continue
         for k, lane in enumerate(lanes):
             if onward[lane.id]:
