@@ -49,6 +49,10 @@ def draw_marks(axes: Axes, network: RoadNetwork, model: LaneModel | None, look: 
         fill(axes, ribbons, look.paint, zorder=11.0 + 10 * line.level)
     for line in stop_lines(network, model):
         fill(axes, [_ribbon(line.points, _STOP_M)], look.paint, zorder=11.2 + 10 * line.level)
+    for lane in network.lanes:
+        if lane.kind == "crossing" and lane.marking in ("lines", "dashes", "dots"):
+            # Studs are smaller than the plan can show.
+            fill(axes, [lane.polygon], look.paint, zorder=11.05 + 10 * lane.level, alpha=0.35)
     paint = painted(network, model)
     rest = paint.of("teeth", "bay")
     axes.add_collection(
