@@ -25,7 +25,7 @@ from urbantwin.roads.junctions.plain import (
     PlainNetwork,
     PlainNode,
 )
-from urbantwin.roads.junctions.round_node import INTO_M
+from urbantwin.roads.junctions.round_node import INTO_M, is_driven
 from urbantwin.roads.junctions.strip import Strip, cut
 
 __all__ = ["with_crossings"]
@@ -48,7 +48,6 @@ SHORTEST_M = 5.0
 WIDEST_M, SEAM_M = 60.0, 0.6
 #: Less than this is not cut off, metres.
 CUT_M = 0.3
-VEHICLES = ("passenger", "bus", "bicycle")
 
 
 @dataclass(frozen=True)
@@ -91,11 +90,7 @@ def with_crossings(
     """
     outward = 1 if driving_side == "left" else -1
     for crossing in mapped:
-        strips = [
-            Strip(edge, outward)
-            for edge in plain.edges.values()
-            if any(edge.admits(name) for name in VEHICLES)
-        ]
+        strips = [Strip(edge, outward) for edge in plain.edges.values() if is_driven(edge)]
         hits = _hits(crossing, strips)
         if not hits:
             continue
@@ -176,11 +171,24 @@ def _arm_at_junction(
         names = {hit.strip.edge.id for _, hit in mine}
         if mine and not any(c.node == node and names & set(c.edges) for c in plain.crossings):
             nearest = min((abs(distance), -distance) for distance, _ in mine)
-            other = arms.get((node, not is_before), []) if reach == ON_NODE_M else []
-            others = tuple(hit for distance, hit in other if abs(distance) <= reach)
-            arm = _Arm(node, tuple(hit for _, hit in mine), others, is_before)
+            hit_by = tuple(hit for _, hit in mine)
+            others = _others(plain, node, hit_by) if reach == ON_NODE_M else ()
+            arm = _Arm(node, hit_by, others, is_before)
             found.append((tuple(np.round(nearest, 1)), not is_before, node, arm))
     return min(found, key=lambda row: row[:3])[3] if found else None
+
+
+def _others(plain: PlainNetwork, node: str, arm: Sequence[_Hit]) -> tuple[_Hit, ...]:
+    """Return the edges of the one street through a node that are not of an arm."""
+    mine = {hit.strip.edge.id for hit in arm}
+    return tuple(
+        _Hit(
+            Strip(edge, arm[0].strip.outward), float(edge.line.length) if arrives else 0.0, arrives
+        )
+        for edges, arrives in ((plain.arriving[node], True), (plain.leaving[node], False))
+        for edge in edges
+        if edge.id not in mine and is_driven(edge)
+    )
 
 
 def _reach(plain: PlainNetwork, crossing: MappedCrossing, name: str) -> tuple[float, float]:

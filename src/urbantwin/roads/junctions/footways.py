@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 import shapely
@@ -38,8 +39,13 @@ MEETS_M = 6.0
 ONWARD_M = 8.0
 #: The shortest footway that is made, and between two crossings, metres.
 SHORTEST_M, REFUGE_M = 3.0, 0.6
+#: What is left of a street's own sidewalk is no footway if it is shorter and leads nowhere, metres.
+SCRAP_M = 15.0
 #: Lengths of a place to stand that are tried, and its width, metres.
 PLACES_M, PLACE_WIDTH_M = (3.0, 8.0, 20.0), 2.0
+#: Turns away from the street that are tried for it, and how far apart netconvert sees it from the
+#: carriageways at least, radians.
+TURNS, APART = tuple(np.radians([0.0, 30.0, 60.0, 90.0])), np.radians(3.0)
 #: Between the kerb and where an edge begins, metres.
 KERB_M = 0.3
 #: How far outwards a junction's outline is looked for, metres.
@@ -65,6 +71,10 @@ class _Part:
     ends: tuple[str, str]
     footway: MappedFootway
 
+    @property
+    def length(self) -> float:
+        return float(shapely.LineString(self.points).length)
+
 
 def with_footways(
     plain: PlainNetwork, footways: Iterable[MappedFootway], *, driving_side: str
@@ -83,7 +93,7 @@ def with_footways(
     kerbs = _kerbs(plain, around)
     walks = _sidewalks(strips)
     taken = _taken(plain, strips, walks)
-    parts = [part for footway in footways for part in _parts(footway, taken)]
+    parts = [part for way in footways for part in _parts(way, taken)]
     parts = _joined(parts, kerbs, walks, around)
     nodes, edges = dict(plain.nodes), dict(plain.edges)
     for number, part in enumerate(parts):
@@ -136,9 +146,11 @@ def _sidewalks(strips: Sequence[Strip]) -> list[tuple[str, shapely.LineString]]:
 
 
 def _taken(
-    plain: PlainNetwork, strips: Sequence[Strip], walks: Sequence[tuple[str, shapely.LineString]]
+    plain: PlainNetwork,
+    strips: Sequence[Strip],
+    walks: Sequence[tuple[str, shapely.LineString]],
 ) -> shapely.Geometry:
-    """Return what streets, their sidewalks and crossings cover."""
+    """Return what streets, their sidewalks and crossings cover, and what lies beside sidewalks."""
     areas: list[shapely.Geometry] = []
     for strip in strips:
         beside = any(x.admits("pedestrian") and not x.admits("passenger") for x in strip.edge.lanes)
@@ -198,32 +210,34 @@ def _joined(
             else:
                 ends.append(name)
         shortest = REFUGE_M if set(ends) <= around.keys() else SHORTEST_M
-        if ends[0] != ends[1] and shapely.LineString(part.points).length >= shortest:
+        if ends[0] != ends[1] and part.length >= shortest:
             found.append(replace(part, ends=(ends[0], ends[1])))
     return _leading(found, {node for node, _, _ in joints})
 
 
 def _leading(parts: Sequence[_Part], streets: set[str]) -> list[_Part]:
-    """Return the parts that are connected with a street, without ends that lead nowhere near."""
+    """Return the parts that are connected with a street, without scraps.
+
+    A scrap leads nowhere and is short, or it is what is left of a street's own sidewalk where that
+    is mapped further out than the street has it.
+    """
     reached, kept = set(streets), list[_Part]()
     waiting = list(parts)
-    while True:
-        now = [part for part in waiting if set(part.ends) & reached]
-        if not now:
-            break
+    while now := [part for part in waiting if set(part.ends) & reached]:
         kept += now
         reached |= {name for part in now for name in part.ends}
         waiting = [part for part in waiting if part not in now]
-    use = Counter(name for part in kept for name in part.ends)
-    return [
-        part
-        for part in parts
-        if part in kept
-        and (
-            shapely.LineString(part.points).length > SHORTEST_M
-            or all(use[name] > 1 or name in streets for name in part.ends)
-        )
-    ]
+    while True:
+        use = Counter(name for part in kept for name in part.ends)
+        left = [
+            part
+            for part in kept
+            if all(use[name] > 1 or name in streets for name in part.ends)
+            or part.length > (SCRAP_M if part.footway.is_sidewalk else SHORTEST_M)
+        ]
+        if len(left) == len(kept):
+            return [part for part in parts if part in kept]
+        kept = left
 
 
 def _edge(
@@ -285,10 +299,11 @@ def _place_to_stand(kerb: _Kerb, here: RoundNode) -> NDArray[np.float64]:
     met = shapely.get_coordinates(shapely.intersection(ray, shapely.boundary(here.outline)))
     if len(met):
         first = met[np.argmax((met - first) @ kerb.along)]
-    for length in PLACES_M:
-        points = np.array([first, first + length * kerb.along])
+    for turn, length in product(TURNS, PLACES_M):
+        outwards = np.cos(turn) * kerb.along + np.sin(turn) * aside
+        points = np.array([first, first + length * outwards])
         angle = here.angle(points)
-        if low < angle < high or low < angle + 2 * np.pi < high:
+        if low + APART < angle < high - APART or low + APART < angle + 2 * np.pi < high - APART:
             return points
     # Seen from the middle the street hides it: straight out from there.
     outwards = away / max(float(np.linalg.norm(away)), 1e-9)

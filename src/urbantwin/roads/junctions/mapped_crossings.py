@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -25,7 +25,7 @@ __all__ = ["WALKED", "MappedCrossing", "mapped_crossings"]
 WALKED = frozenset("footway path cycleway pedestrian steps bridleway".split())
 #: Two crossings of one carriageway are one, mapped twice, if they lie closer than this, metres, and
 #: less than that to each other's side.
-ONE_M = 3.5
+ONE_M = 4.5
 BESIDE_M = 1.5
 #: Widths where none is mapped, metres: marked (RiLSA 2015, 4.4; US MUTCD 3B.18: at least 1.8 m;
 #: UK TSRGD, schedule 14: 2.4 m and more), and not marked.
@@ -240,17 +240,29 @@ def _overlaid(
 
 
 def _once(found: Sequence[MappedCrossing]) -> list[MappedCrossing]:
-    """Return crossings without those that are mapped twice on one carriageway."""
+    """Return crossings without those that are mapped twice on one carriageway.
+
+    Those for people on foot and on bicycles, side by side, are one that is as wide as both.
+    """
     kept: list[MappedCrossing] = []
+    order = {crossing.name: k for k, crossing in enumerate(found)}
     # What has signals or marks says more than what has none.
-    rank = {crossing.name: k for k, crossing in enumerate(found)}
-    by_weight = sorted(found, key=lambda c: (not c.signalised, c.marking == "none", rank[c.name]))
-    for crossing in by_weight:
-        if not any(
-            np.linalg.norm(crossing.xy - other.xy) < ONE_M
-            and abs(_cross(crossing.xy - other.xy, crossing.ahead)) < BESIDE_M
-            and abs(float(crossing.ahead @ other.ahead)) > np.cos(ACROSS)
-            for other in kept
-        ):
+    for crossing in sorted(found, key=lambda c: (not c.signalised, c.marking == "none")):
+        for k, other in enumerate(kept):
+            if _is_same(crossing, other):
+                gap = float((crossing.xy - other.xy) @ other.ahead)
+                middle = other.xy + gap / 2 * other.ahead
+                kept[k] = replace(other, xy=middle, width=other.width + abs(gap))
+                break
+        else:
             kept.append(crossing)
-    return sorted(kept, key=lambda c: rank[c.name])
+    return sorted(kept, key=lambda c: order[c.name])
+
+
+def _is_same(crossing: MappedCrossing, other: MappedCrossing) -> bool:
+    gap = crossing.xy - other.xy
+    return bool(
+        np.linalg.norm(gap) < ONE_M
+        and abs(_cross(gap, crossing.ahead)) < BESIDE_M
+        and abs(float(crossing.ahead @ other.ahead)) > np.cos(ACROSS)
+    )

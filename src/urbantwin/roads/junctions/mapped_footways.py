@@ -32,6 +32,7 @@ class MappedFootway:
         points: (N, 2) site frame.
         width: metres.
         kind: value of ``highway``.
+        is_sidewalk: whether it is mapped as the sidewalk of a street.
     """
 
     way: int
@@ -39,6 +40,7 @@ class MappedFootway:
     points: NDArray[np.float64]
     width: float
     kind: str
+    is_sidewalk: bool
 
 
 def mapped_footways(
@@ -60,13 +62,11 @@ def mapped_footways(
         inner = range(1, len(piece.nodes) - 1)
         ends = [0, *(k for k in inner if use[piece.nodes[k]] > 1), len(piece.nodes) - 1]
         width = min(max(metres(piece.tags.get("width")) or WIDTH_M, NARROWEST_M), WIDEST_M)
-        found += [
-            MappedFootway(
-                piece.way, piece.nodes[a : b + 1], piece.points[a : b + 1], width,
-                piece.tags["highway"],
-            )
-            for a, b in pairwise(ends)
-        ]  # fmt: skip
+        beside = "sidewalk" in {piece.tags.get(key) for key in ("footway", "path", "cycleway")}
+        for a, b in pairwise(ends):
+            nodes, points = piece.nodes[a : b + 1], piece.points[a : b + 1]
+            kind = piece.tags["highway"]
+            found.append(MappedFootway(piece.way, nodes, points, width, kind, beside))
     return tuple(found)
 
 
