@@ -9,7 +9,6 @@ import numpy as np
 import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
-from urbantwin.result_warning import ResultWarning
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.network import StreetNetwork, Streets
 from urbantwin.traffic.vehicle_types import ACTOR_KINDS
@@ -104,7 +103,6 @@ class Demand:
     outer: frozenset[str] = frozenset()
     carried: float = 1.0
     held_up: str = ""
-    warnings: tuple[ResultWarning, ...] = ()
 
     @property
     def circulates(self) -> bool:
