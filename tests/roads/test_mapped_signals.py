@@ -121,4 +121,4 @@ def test_traffic_stops_long_enough_to_cross_where_no_sidewalk_is_mapped(write_os
     (program,) = built(write_osm(nodes, ways), tmp_path).network.programs
     red = sum(seconds for seconds, state in program.phases if set(state) == {"r"})
     assert red >= 10
-    assert sum(seconds for seconds, _ in program.phases) == pytest.approx(90)
+    assert 60 <= sum(seconds for seconds, _ in program.phases) <= 120

@@ -22,9 +22,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from urbantwin.reconstruct import Reconstruction
+    from urbantwin.scene.preview import ScenePreview
     from urbantwin.site import Site
 
-__all__ = ["Twin", "build", "build_of", "site_with_known_sensors"]
+__all__ = ["Twin", "build", "build_of", "rig_field", "site_with_known_sensors"]
 
 
 class Twin(BuiltTwin):
@@ -147,19 +148,24 @@ def site_with_known_sensors(path: Path) -> Site:
     from urbantwin.site import load_site
 
     site = load_site(path)
-    with fields_below(_rig_field(site), site.rig_file):
+    with fields_below(rig_field(site), site.rig_file):
         check_models(site.rig, file=site.rig_file)
     return site
 
 
 def build_of(site: Site, out: Path, *, pictures: bool, progress: ShowProgress) -> Twin:
     """Build a twin that the site's own rig stands in, with pictures of it and of its geometry."""
+    from urbantwin.lidar.placement import refuse_places
     from urbantwin.twin import build_twin
 
     found: list[Reconstruction] = []
 
+    def refuse(scene: ScenePreview, anchor_height_m: float | None) -> None:
+        with fields_below(rig_field(site), site.rig_file):
+            refuse_places(site.rig, scene, file=site.rig_file, anchor_height_m=anchor_height_m)
+
     def also(twin: BuiltTwin, tell: Progress) -> Sequence[ResultWarning]:
-        with fields_below(_rig_field(site), site.rig_file):
+        with fields_below(rig_field(site), site.rig_file):
             placed(site.rig, twin, site.rig_file)
         if pictures:
             from urbantwin.view.geometry_pictures import pictures_of_geometry
@@ -173,10 +179,11 @@ def build_of(site: Site, out: Path, *, pictures: bool, progress: ShowProgress) -
         return ()
 
     with shown_stage("twin", progress) as tell:
-        built = build_twin(site, out, tell, watch=found.append, also=also)
+        built = build_twin(site, out, tell, watch=found.append, refuse=refuse, also=also)
     tell_result("twin", built.folder, built.warnings, progress)
     return Twin(built.folder, built.manifest)
 
 
-def _rig_field(site: Site) -> str:
+def rig_field(site: Site) -> str:
+    """Return where in its file the rig of a site stands: nowhere if the file is its own."""
     return "rig" if site.rig_file == site.file else ""

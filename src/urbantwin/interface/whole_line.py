@@ -17,9 +17,10 @@ from urbantwin.interface.outcome import (
     outcome_of_twin,
 )
 from urbantwin.interface.place import AnyPath, folder_of_site
+from urbantwin.interface.rig import fields_below
 from urbantwin.interface.stage import ShowProgress
 from urbantwin.interface.summary import Summary
-from urbantwin.interface.twin import Twin, build_of, site_with_known_sensors
+from urbantwin.interface.twin import Twin, build_of, rig_field, site_with_known_sensors
 from urbantwin.result_warning import ResultWarning
 
 if TYPE_CHECKING:
@@ -165,11 +166,31 @@ def helsinki_extract() -> Path:
     )
 
 
+def _refuse_what_cannot_be_recorded(site: Site, workers: int | None) -> None:
+    """Refuse now what the last stage would refuse.
+
+    Raises:
+        InputError: the number of workers, or a rig that rides on a class that does not drive.
+    """
+    if workers is not None and workers < 1:
+        raise InputError(f"{workers} workers", place="workers", expected="1 or more")
+    carrier = site.rig.ride.actor_class if site.rig.ride else None
+    if carrier is not None and not site.traffic.per_hour[carrier]:
+        with fields_below(rig_field(site), site.rig_file):
+            raise InputError(
+                f"the traffic has no {carrier}",
+                file=site.rig_file,
+                place="ride.class",
+                expected=f"a class that drives, or traffic.per_hour.{carrier} above 0",
+            )
+
+
 def _run_of(
     site: Site, out: Path, *, workers: int | None, pictures: bool, progress: ShowProgress
 ) -> Run:
     for kind in ("twin", "motion", "dataset"):
         check_folder(out / kind, kind=kind, inputs=site.files())
+    _refuse_what_cannot_be_recorded(site, workers)
     made = Run(out)
     made.twin = build_of(site, out / "twin", pictures=pictures, progress=progress)
     made.motion = drive(made.twin, out / "motion", pictures=pictures, progress=progress)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
@@ -21,12 +23,17 @@ from urbantwin.lidar.sensor_options import (
 from urbantwin.site.rig import RigSpec, SensorSpec
 from urbantwin.taxonomy import semantic_id
 
-__all__ = ["GROUND_CLASSES", "place_rig"]
+if TYPE_CHECKING:
+    from urbantwin.scene.preview import ScenePreview
+
+__all__ = ["GROUND_CLASSES", "place_rig", "refuse_places"]
 
 #: What a sensor's height is measured from.
 GROUND_CLASSES: tuple[str, ...] = ("road", "parking", "sidewalk", "terrain", "other-ground")
 #: Sensors nearer to each other in plan than this stand on one pole, metres.
 _SAME_POLE_M = 0.5
+#: Before the scene is there, ground and roofs are known to this, metres.
+_NEARLY_M = 0.5
 
 
 def place_rig(
@@ -106,6 +113,48 @@ def place_rig(
     )
 
 
+def refuse_places(
+    spec: RigSpec,
+    scene: ScenePreview,
+    *,
+    file: str | Path | None = None,
+    anchor_height_m: float | None = None,
+) -> None:
+    """Refuse a rig that no scene could hold, before the scene is built.
+
+    What lies within half a metre of right passes, and so does what stands on or under a bridge: of
+    these `place_rig` knows more.
+
+    Args:
+        spec: the rig as written.
+        scene: what is known of the scene about its sensors.
+        file: the rig's file, for errors.
+        anchor_height_m: of the anchor's ground above the zero of altitudes, where it is known.
+
+    Raises:
+        InputError: a sensor without ground, under it, or inside a building. Names file and field.
+    """
+    for index, one in enumerate(spec.sensors):
+        if one.east_m is None or one.north_m is None:
+            continue
+        field, place = f"sensors[{index}]", f"{one.east_m:g} m east, {one.north_m:g} m north"
+        here = shapely.Point(one.east_m, one.north_m)
+        if here.distance(scene.extent) > _NEARLY_M:
+            raise _no_ground(place, field, file)
+        if scene.decks.intersects(here):
+            continue
+        ground = float(scene.ground_height(np.array([[one.east_m, one.north_m]]))[0])
+        name, up = _given_height(one, field, ground, anchor_height_m, file)
+        if up <= ground - _NEARLY_M:
+            told = ground - up + float(getattr(one, name))
+            raise _under_ground(one, name, field, told, file)
+        # Inside at its own height, and half a metre above: not just about at the roof.
+        points = np.array([one.east_m, one.north_m, up]) + [[0, 0, 0], [0, 0, _NEARLY_M]]
+        around = [enclosing(point, scene.buildings) for point in points]
+        if all(around):
+            raise _inside(f"{up - ground:g} m above {place}", str(around[0]), name, field, file)
+
+
 class _Site:
     """Where sensors can stand."""
 
@@ -127,51 +176,77 @@ class _Site:
         place = f"{one.east_m:g} m east, {one.north_m:g} m north"
         top = self._ground_below(one.east_m, one.north_m, self._above)
         if np.isnan(top):
-            raise self._error(
-                f"no ground at {place} of the anchor",
-                f"{field}.east_m",
-                "a place on the site's ground",
-            )
-        name, up = self._up(one, field, top)
-        given = float(getattr(one, name))
+            raise _no_ground(place, field, self._file)
+        name, up = _given_height(one, field, top, self._anchor_height_m, self._file)
         under = self._ground_below(one.east_m, one.north_m, up)
         if np.isnan(under) or up <= under:
-            problem = f"{given:g} m is under the ground"
-            if name != "height_m":
-                problem += f", which is at {given + top - up:.2f} m there"
-            raise self._error(problem, f"{field}.{name}", "a height above the ground there, in m")
+            raise _under_ground(one, name, field, top - up + float(getattr(one, name)), self._file)
         position = np.array([one.east_m, one.north_m, up])
         around = enclosing(position, self._mesh)
         if around is not None:
-            raise self._error(
-                f"{up - top:g} m above {place} is inside {around}",
-                f"{field}.{name}",
-                "a place outside, or a height above it",
-            )
+            raise _inside(f"{up - top:g} m above {place}", around, name, field, self._file)
         return position, up - under
-
-    def _up(self, one: SensorSpec, field: str, top: float) -> tuple[str, float]:
-        """Return the field that gives a sensor's height, and its z in the site frame."""
-        if one.height_m is not None:
-            return "height_m", top + one.height_m
-        if one.up_m is not None:
-            return "up_m", one.up_m
-        assert one.altitude_m is not None
-        if self._anchor_height_m is None:
-            raise self._error(
-                "the site has no DEM, so altitudes are not known",
-                f"{field}.altitude_m",
-                "height_m, or a site with a DEM",
-            )
-        return "altitude_m", one.altitude_m - self._anchor_height_m
 
     def _ground_below(self, east_m: float, north_m: float, up_m: float) -> float:
         if self._probe is None:
             return float("nan")
         return float(self._probe.height_below(np.array([[east_m, north_m, up_m]]))[0])
 
-    def _error(self, problem: str, place: str, expected: str) -> InputError:
-        return InputError(problem, file=self._file, place=place, expected=expected)
+
+def _given_height(
+    one: SensorSpec,
+    field: str,
+    ground: float,
+    anchor_height_m: float | None,
+    file: str | Path | None,
+) -> tuple[str, float]:
+    """Return the field that gives a sensor's height, and its z in the site frame."""
+    if one.height_m is not None:
+        return "height_m", ground + one.height_m
+    if one.up_m is not None:
+        return "up_m", one.up_m
+    assert one.altitude_m is not None
+    if anchor_height_m is None:
+        raise InputError(
+            "the site has no DEM, so altitudes are not known",
+            file=file,
+            place=f"{field}.altitude_m",
+            expected="height_m, or a site with a DEM",
+        )
+    return "altitude_m", one.altitude_m - anchor_height_m
+
+
+def _no_ground(place: str, field: str, file: str | Path | None) -> InputError:
+    return InputError(
+        f"no ground at {place} of the anchor",
+        file=file,
+        place=f"{field}.east_m",
+        expected="a place on the site's ground",
+    )
+
+
+def _under_ground(
+    one: SensorSpec, name: str, field: str, ground: float, file: str | Path | None
+) -> InputError:
+    """Return the error; ``ground`` is its height in the terms of the field ``name``."""
+    problem = f"{getattr(one, name):g} m is under the ground"
+    if name != "height_m":
+        problem += f", which is at {ground:.2f} m there"
+    return InputError(
+        problem,
+        file=file,
+        place=f"{field}.{name}",
+        expected="a height above the ground there, in m",
+    )
+
+
+def _inside(where: str, around: str, name: str, field: str, file: str | Path | None) -> InputError:
+    return InputError(
+        f"{where} is inside {around}",
+        file=file,
+        place=f"{field}.{name}",
+        expected="a place outside, or a height above it",
+    )
 
 
 def _pole_of(pose: Pose, before: list[MountedSensor]) -> int:

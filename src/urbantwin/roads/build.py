@@ -44,9 +44,10 @@ from urbantwin.roads.side_lanes import (
     with_island_areas,
 )
 from urbantwin.roads.signals.country_practice import practice_of
+from urbantwin.roads.signals.default_programs import set_default_programs
 from urbantwin.roads.signals.heads import place_heads
 from urbantwin.roads.signals.pole_sites import FreeGround
-from urbantwin.roads.signals.programs import hold_for_pedestrians, set_programs
+from urbantwin.roads.signals.programs import set_programs
 from urbantwin.roads.signals.signalised_junctions import mapped_signals
 from urbantwin.roads.signals.signs import add_signs
 from urbantwin.roads.streets import planar_model, with_furniture
@@ -108,7 +109,7 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
         elevation: the ground.
         driving_side: ``right`` or ``left``.
         out: the ``.net.xml`` to write.
-        plans: programs of signals to use instead of netconvert's.
+        plans: programs of signals to use instead of those that are assumed.
         closed_loop: whether outer roads beyond the region lead every way out back to a way in.
         tell: called with the share done (0..1) and the current task.
 
@@ -178,8 +179,7 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
             out=out,
         )
     tell(0.25, "signals")
-    if signals.mid_block:
-        hold_for_pedestrians(out)
+    set_default_programs(out)
     planned = set_programs(out, plans, frame)
     raw = corners_before_buildings(
         read_sumo_network(

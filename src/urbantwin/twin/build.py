@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import shapely
@@ -12,15 +13,17 @@ import yaml
 from urbantwin import __version__
 from urbantwin.artefact import check_folder, read_json, replaced_folder, sha256_of, write_json
 from urbantwin.errors import InputError
+from urbantwin.ground import Elevation
 from urbantwin.progress import Progress, between, untold
 from urbantwin.reconstruct import Reconstruction, outcome
 from urbantwin.result_warning import ResultWarning, rows_of
-from urbantwin.roads import build_roads, driving_side
+from urbantwin.roads import BuiltRoads, build_roads, driving_side
 from urbantwin.roads.driving_side import country_of
 from urbantwin.roads.imported import ImportedMap, build_imported_roads, prepared_map, read_map
 from urbantwin.roads.signals import heads_of
 from urbantwin.scene import build_scene
 from urbantwin.scene.ground_material import ground_materials
+from urbantwin.scene.preview import ScenePreview, preview_of_scene
 from urbantwin.site import (
     Extract,
     Orthophoto,
@@ -32,7 +35,7 @@ from urbantwin.site import (
     read_orthophoto,
 )
 from urbantwin.twin.found_of_mapped import found_of_mapped
-from urbantwin.twin.ground import survey_ground
+from urbantwin.twin.ground import SurveyedSite, survey_ground
 from urbantwin.twin.provenance import made_from
 from urbantwin.twin.result_warnings import warnings_of_build
 from urbantwin.twin.sensor_files import copy_sensor_files
@@ -57,6 +60,7 @@ def build_twin(
     progress: Progress | None = None,
     *,
     watch: Callable[[Reconstruction], None] | None = None,
+    refuse: Callable[[ScenePreview, float | None], None] | None = None,
     also: Callable[[Twin, Progress], Iterable[ResultWarning]] | None = None,
 ) -> Twin:
     """Build a site's twin and write it to a folder, whole or not at all.
@@ -66,6 +70,8 @@ def build_twin(
         out: the folder to write; an older twin there is replaced.
         progress: called with the share done (0..1) and the current task.
         watch: called with the imported geometry, for pictures of how it was placed and cleaned.
+        refuse: given what is known of the scene about the sensors before it is built, and the
+            height of the anchor's ground in the DEM's datum: for what need not wait.
         also: given the whole twin before it appears, for what is to be checked of it and what else
             belongs into its folder: pictures. What it finds wrong stands in ``twin.json``, too.
 
@@ -123,6 +129,7 @@ def build_twin(
         elevation.save(folder / "elevation.npz")
         roads.model.save(folder / "lane_model.json")
         roads.network.save(folder / "roads.json")
+        _before_scene(refuse, site, roads, elevation, features, ground)
         tell(ROADS_WRITTEN, "scene")
         heads = heads_of(roads.model)
         scene = build_scene(
@@ -149,12 +156,8 @@ def build_twin(
             photo=photo,
         )
         material.surface.save(folder / "surface_material.npz")
-        if found is not None:
-            write_json(folder / "geometry.json", found.report)
-            if watch is not None:
-                watch(found)
         tell(0.97, "writing")
-        of_sources = outcome(found.report) if found else {}
+        of_sources = _written_geometry(folder, found, watch)
         mapped = found_of_mapped(
             None if imported else extract, site.frame, site.region, roads.network
         )
@@ -243,6 +246,46 @@ def _features(site: Site, extract: Extract | None) -> list[OsmFeature]:
             expected=f"an extract around {site.latitude:.6f}, {site.longitude:.6f}",
         )
     return features
+
+
+def _written_geometry(
+    folder: Path,
+    found: Reconstruction | None,
+    watch: Callable[[Reconstruction], None] | None,
+) -> dict[str, Any]:
+    """Write what became of the sources of geometry; return what is to be noted of each."""
+    if found is None:
+        return {}
+    write_json(folder / "geometry.json", found.report)
+    if watch is not None:
+        watch(found)
+    return outcome(found.report)
+
+
+def _before_scene(
+    refuse: Callable[[ScenePreview, float | None], None] | None,
+    site: Site,
+    roads: BuiltRoads,
+    elevation: Elevation,
+    features: list[OsmFeature],
+    ground: SurveyedSite,
+) -> None:
+    """Let ``refuse`` look at what is known of the scene about the sensors."""
+    if refuse is None:
+        return
+    found = ground.reconstruction
+    preview = preview_of_scene(
+        [(east, north) for _, east, north in site.rig.standing()],
+        roads.network,
+        roads.surface,
+        elevation,
+        site.region,
+        features,
+        found.covers.get("buildings") if found else None,
+        country_of(site.latitude, site.longitude),
+    )
+    height = ground.notes.get("anchor_height_m")
+    refuse(preview, height if isinstance(height, float) else None)
 
 
 def _photo(site: Site) -> Orthophoto | None:

@@ -132,7 +132,7 @@ def build_imported_roads(
         prepared: the map.
         frame: the site frame.
         out: the ``.net.xml`` to write.
-        plans: programs of signals to use instead of the map's or netconvert's.
+        plans: programs of signals to use instead of the map's or assumed ones.
 
     Raises:
         InputError: a plan for signals cannot be used.

@@ -60,7 +60,7 @@ def with_programs(
 
     A map's program fits where every link of the network's light is found among its signals' links:
     links of one lane pair by pair, lights for pedestrians with the nearest crossing. Where
-    one does not fit, netconvert's program stays.
+    one does not fit, an assumed one stays.
 
     Args:
         model: the lane model, its lanes named.

@@ -20,6 +20,7 @@ from urbantwin.roads.imported.signal_programs import with_programs
 from urbantwin.roads.imported.traffic_lights import lights_of_model
 from urbantwin.roads.model import LaneModel, ModelRoad
 from urbantwin.roads.netconvert import run_netconvert, write_network
+from urbantwin.roads.signals.default_programs import set_default_programs
 
 __all__ = ["SumoNetwork", "sumo_network_of_model"]
 
@@ -82,6 +83,7 @@ def sumo_network_of_model(model: LaneModel, out: Path) -> SumoNetwork:
         warnings = run_netconvert([*files, *settings], raw)
         _without_outlines(raw)
         write_network(raw, out)
+    set_default_programs(out)
     root = etree.parse(out).getroot()
     named, programs = with_programs(_named(plain, root), nodes, lights, out)
     notes: dict[str, object] = {

@@ -46,25 +46,29 @@ class Link:
         junction: the junction that it leads through.
         row: its row in the junction's table of conflicts.
         lane: the lane that waits; of a crossing, the crossing.
-        road: the SUMO edge of that lane.
+        to: the lane that it leads to.
+        road: the SUMO edge of the lane that waits.
         street: the street's name.
         movement: left, through, right, u-turn; ``walk`` for a crossing.
         bearing: direction from the junction to the arm that it comes from, or, for a crossing,
             that it lies across; degrees clockwise from north.
         length: of the way through the junction, or across the road, metres.
         speed: the speed limit there, m/s.
+        crosses: of a crossing, the edges that it leads over.
     """
 
     index: int
     junction: str
     row: int
     lane: str
+    to: str
     road: str
     street: str
     movement: str
     bearing: float
     length: float
     speed: float
+    crosses: tuple[str, ...] = ()
 
     @property
     def arm(self) -> str:
@@ -124,6 +128,14 @@ class Signalised:
     def are_foes(self, a: Link, b: Link) -> bool:
         """Whether two links' ways cross or merge."""
         return a.junction == b.junction and (a.junction, a.row, b.row) in self.foes
+
+    def meets_walkers(self, vehicle: Link, walk: Link) -> bool:
+        """Whether a link runs into people on a crossing other than by turning.
+
+        Who turns gives way to people at the exit; before its own stop line nobody does.
+        """
+        before = vehicle.road in walk.crosses
+        return self.are_foes(vehicle, walk) and (before or not vehicle.is_turn)
 
     def gives_way(self, a: Link, b: Link) -> bool:
         """Whether the former waits for the latter where both may go."""
@@ -245,12 +257,14 @@ def _link(
             junction,
             row,
             end,
+            end,
             item.get("to"),
             next((name for name in names if name), ""),
             "walk",
             bearing,
             length,
             float(lanes[end].get("speed")),
+            tuple(crossing.get("crossingEdges", "").split()),
         )
     edge = edges[item.get("from")]
     via = lanes.get(item.get("via", ""))
@@ -262,6 +276,7 @@ def _link(
         junction,
         row,
         start,
+        end,
         item.get("from"),
         edge.get("name", ""),
         MOVEMENTS.get(item.get("dir"), "through"),

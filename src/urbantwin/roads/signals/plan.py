@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 from urbantwin.roads.model.furniture import Phase
 from urbantwin.roads.signals.controlled_links import Link, Signalised
+from urbantwin.roads.signals.intergreen import Change, all_red_s, crossing_s, yellow_s
 from urbantwin.roads.signals.movements import UnknownMovement, crossings, vehicle_links
+from urbantwin.roads.signals.phases import phases_of_stages
 from urbantwin.roads.signals.plan_check import (
     WALK_S,
     check_conflicts,
@@ -17,15 +18,6 @@ from urbantwin.roads.signals.plan_check import (
 from urbantwin.site.signals import PhaseSpec, SignalPlan
 
 __all__ = ["plan_phases"]
-
-#: Yellow by speed limit, m/s -> s (RiLSA 2015, 2.4: 3 s at 50 km/h, 4 s at 60, 5 s at 70).
-YELLOW_S = ((52 / 3.6, 3.0), (62 / 3.6, 4.0), (math.inf, 5.0))
-#: All red: (way + vehicle) / speed - 1 s (ITE, Guidelines for Determining Traffic Signal Change and
-#: Clearance Intervals, 2020: the first second is the next driver's reaction), metres, m/s, s.
-VEHICLE_M, SLOWEST_M_S, REACTION_S = 6.1, 6.0, 1.0
-SHORTEST_ALL_RED_S, LONGEST_ALL_RED_S = 1.0, 5.0
-#: People walk 1.2 m/s (RiLSA 2015, 2.5).
-WALK_M_S = 1.2
 
 
 def plan_phases(junction: Signalised, plan: SignalPlan) -> tuple[float, tuple[Phase, ...]]:
@@ -65,35 +57,36 @@ def _from_words(junction: Signalised, plan: SignalPlan) -> tuple[Phase, ...]:
     for k, green in enumerate(greens):
         check_conflicts(junction, green, plan, ("phases", k, "green"))
     walks = [_walks(junction, plan, k, spec, greens[k]) for k, spec in enumerate(specs)]
-    ends = [
-        [
-            link
-            for link in green
-            if link.index not in {x.index for x in greens[(k + 1) % len(greens)]}
-        ]
-        for k, green in enumerate(greens)
+    stages = [
+        {link.index for link in (*green, *walk)} for green, walk in zip(greens, walks, strict=True)
     ]
-    between = [_between(spec, ending) for spec, ending in zip(specs, ends, strict=True)]
+    between = [
+        _between(spec, [link for link in green if link.index not in stages[(k + 1) % len(stages)]])
+        for k, (spec, green) in enumerate(zip(specs, greens, strict=True))
+    ]
     seconds = _seconds(plan, specs, sum(map(sum, between)))
-    phases: list[Phase] = []
-    for k, length in enumerate(seconds):
-        yellow, all_red = between[k]
-        later = {link.index for link in walks[(k + 1) % len(specs)]}
-        base = _letters(junction, greens[k], walks[k])
-        stops = [link for link in walks[k] if link.index not in later]
-        needed = max((math.ceil(link.length / WALK_M_S) for link in stops), default=0)
-        clear = max(0.0, min(needed - yellow - all_red, length - WALK_S))
-        phases.append((length - clear, _state(junction, base)))
-        stopped = base | {link.index: "r" for link in stops}
-        if clear > 0:
-            phases.append((clear, _state(junction, stopped)))
-        ending = {link.index for link in ends[k]}
-        after = stopped | dict.fromkeys(ending, "y")
-        if yellow > 0:
-            phases.append((yellow, _state(junction, after)))
-        if all_red > 0:
-            phases.append((all_red, _state(junction, after | dict.fromkeys(ending, "r"))))
-    return _joined(phases)
+    changes = [
+        Change(
+            yellow + all_red, yellow, ends=_walked(junction, stages, k, length, yellow + all_red)
+        )
+        for k, (length, (yellow, all_red)) in enumerate(zip(seconds, between, strict=True))
+    ]
+    return phases_of_stages(junction, stages, seconds, changes)
+
+
+def _walked(
+    junction: Signalised, stages: Sequence[set[int]], k: int, length: float, between: float
+) -> dict[int, float]:
+    """Return when people's green ends, seconds from the end of its stage: before it."""
+    stopping = [
+        link
+        for index in stages[k] - stages[(k + 1) % len(stages)]
+        for link in junction.of_index[index]
+        if link.movement == "walk"
+    ]
+    needed = max(map(crossing_s, stopping), default=0) - between
+    early = max(0.0, min(needed, length - WALK_S))
+    return {link.index: -early for link in stopping}
 
 
 def _greens(junction: Signalised, plan: SignalPlan, k: int, spec: PhaseSpec) -> list[Link]:
@@ -132,7 +125,8 @@ def _walks(
         if link.movement == "walk"
         and all(
             # A protected turn is not crossed: its drivers do not expect pedestrians.
-            other.is_turn and (other.road in through or other.road not in has_through)
+            not junction.meets_walkers(other, link)
+            and (other.road in through or other.road not in has_through)
             for other in green
             if junction.are_foes(link, other)
         )
@@ -143,15 +137,9 @@ def _between(spec: PhaseSpec, ending: Sequence[Link]) -> tuple[float, float]:
     """Return yellow and all-red after a phase, seconds."""
     if not ending:
         return spec.yellow or 0.0, spec.all_red or 0.0
-    fastest = max(link.speed for link in ending)
-    yellow = next(seconds for limit, seconds in YELLOW_S if fastest <= limit)
-    clear = max(
-        (link.length + VEHICLE_M) / max(link.speed, SLOWEST_M_S) - REACTION_S for link in ending
-    )
-    all_red = float(min(max(math.ceil(clear - 1e-6), SHORTEST_ALL_RED_S), LONGEST_ALL_RED_S))
     return (
-        yellow if spec.yellow is None else spec.yellow,
-        all_red if spec.all_red is None else spec.all_red,
+        yellow_s(ending) if spec.yellow is None else spec.yellow,
+        all_red_s(ending) if spec.all_red is None else spec.all_red,
     )
 
 
@@ -174,28 +162,3 @@ def _seconds(plan: SignalPlan, specs: Sequence[PhaseSpec], between: float) -> li
             f"at least {known + between + open_ * plan.spec.minimum_green:g}",
         )
     return [share if seconds is None else seconds for seconds in given]
-
-
-def _letters(junction: Signalised, green: Sequence[Link], walks: Sequence[Link]) -> dict[int, str]:
-    """Return index -> ``G``, or ``g`` where it must give way to another green."""
-    on = [*green, *walks]
-    found = dict.fromkeys([link.index for link in on], "G")
-    for link in green:
-        if any(junction.gives_way(link, other) for other in on if other is not link):
-            found[link.index] = "g"
-    return found
-
-
-def _state(junction: Signalised, letters: dict[int, str]) -> str:
-    return "".join(letters.get(index, "r") for index in range(junction.size))
-
-
-def _joined(phases: Sequence[Phase]) -> tuple[Phase, ...]:
-    """Join phases that show the same."""
-    found: list[Phase] = []
-    for seconds, state in phases:
-        if found and found[-1][1] == state:
-            found[-1] = (found[-1][0] + seconds, state)
-        elif seconds > 0:
-            found.append((seconds, state))
-    return tuple((round(seconds, 3), state) for seconds, state in found)

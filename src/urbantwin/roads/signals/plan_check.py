@@ -24,8 +24,7 @@ def _conflict(junction: Signalised, a: Link, b: Link) -> bool:
     if not junction.are_foes(a, b) or a.road == b.road:
         return False
     if "walk" in (a.movement, b.movement):
-        other = b if a.movement == "walk" else a
-        return other.movement == "through"
+        return junction.meets_walkers(*((b, a) if a.movement == "walk" else (a, b)))
     facing = turn_between(a.bearing, b.bearing) > FACING_DEG
     return not (facing and (a.is_turn or b.is_turn))
 

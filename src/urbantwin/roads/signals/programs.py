@@ -19,12 +19,10 @@ from urbantwin.roads.signals.plan import plan_phases
 from urbantwin.roads.sumo_check import reading_sumo_network
 from urbantwin.site.signals import SignalPlan
 
-__all__ = ["described_signals", "hold_for_pedestrians", "set_programs", "with_programs"]
+__all__ = ["described_signals", "set_programs", "with_programs"]
 
 #: A place that a person gives may be this far from the junction that is meant, metres.
 NEAREST_M = 100.0
-#: Red of a crossing's own signals: 5 s to set out and 8 m to walk at 1.2 m/s (RiLSA 2015, 2.5).
-CROSSING_RED_S = 12.0
 
 
 def set_programs(net: Path, plans: Sequence[SignalPlan], frame: SiteFrame) -> int:
@@ -68,33 +66,6 @@ def set_programs(net: Path, plans: Sequence[SignalPlan], frame: SiteFrame) -> in
     text = etree.tostring(tree.getroot(), xml_declaration=True, encoding="UTF-8")
     net.write_bytes(text + b"\n")
     return len(done)
-
-
-def hold_for_pedestrians(net: Path) -> None:
-    """Hold the red of crossings that have signals of their own for the time to cross.
-
-    A crossing with signals of its own has no other traffic to give green to; where no sidewalk is
-    mapped, the network has no crossing either, and red would last no longer than to clear it.
-
-    Args:
-        net: the ``.net.xml``, rewritten if there is such a program.
-    """
-    tree = etree.parse(net)
-    changed = False
-    for logic in tree.getroot().iter("tlLogic"):
-        phases = {frozenset(item.get("state").lower()): item for item in logic.iter("phase")}
-        green, red = phases.get(frozenset("g")), phases.get(frozenset("r"))
-        if any(len(shown) > 1 for shown in phases) or green is None or red is None:
-            continue
-        more = CROSSING_RED_S - float(red.get("duration"))
-        left = float(green.get("duration")) - more
-        if more > 0 and left >= CROSSING_RED_S:
-            red.set("duration", f"{CROSSING_RED_S:g}")
-            green.set("duration", f"{left:g}")
-            changed = True
-    if changed:
-        text = etree.tostring(tree.getroot(), xml_declaration=True, encoding="UTF-8")
-        net.write_bytes(text + b"\n")
 
 
 def with_programs(model: LaneModel, programs: Sequence[SignalProgram]) -> LaneModel:

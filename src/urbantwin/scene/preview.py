@@ -1,0 +1,95 @@
+"""What is known of a scene before it is built: ground and buildings about a few places."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.geometry import LabelledMesh
+from urbantwin.ground import Elevation
+from urbantwin.roads import RoadNetwork, RoadSurface
+from urbantwin.scene.building import building_mesh
+from urbantwin.scene.solids import GroundHeight
+from urbantwin.scene.zones import MARGIN_M
+from urbantwin.site import OsmFeature
+
+__all__ = ["ScenePreview", "preview_of_scene"]
+
+#: Buildings nearer to a place than this are built, metres: more than a building part is from what
+#: it is a part of.
+NEAR_M = 60.0
+#: The ground goes on this far beside streets, metres, at least.
+BESIDE_M = 5.0
+
+
+@dataclass(frozen=True)
+class ScenePreview:
+    """A scene as far as it is known before it is built.
+
+    Attributes:
+        ground_height: heights of the ground, metres; those of decks are not known.
+        extent: where there will be ground, site frame.
+        decks: where bridges will be, site frame.
+        buildings: the buildings about the places, site frame.
+    """
+
+    ground_height: GroundHeight
+    extent: shapely.Geometry
+    decks: shapely.Geometry
+    buildings: LabelledMesh
+
+
+def preview_of_scene(
+    places: Sequence[tuple[float, float]],
+    network: RoadNetwork,
+    surface: RoadSurface,
+    elevation: Elevation,
+    region: shapely.Polygon,
+    features: Sequence[OsmFeature],
+    without: shapely.Geometry | None = None,
+    country: str | None = None,
+) -> ScenePreview:
+    """Return what is known about some places; it takes a hundredth of the time of a scene.
+
+    Args:
+        places: (east, north), site frame, metres.
+        network: the lanes.
+        surface: height of the roads.
+        elevation: the ground's heights.
+        region: region of interest, site frame.
+        features: the map's features.
+        without: where imported geometry shows the buildings.
+        country: ISO 3166-1 alpha-2, which says how houses look; empty if unknown.
+    """
+
+    def ground_height(xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        on_street = surface.on_streets(xy) > 0
+        return np.where(on_street, surface.height(xy), elevation.raw_at(xy))
+
+    about = shapely.union_all(shapely.buffer(shapely.points(places), NEAR_M)) if places else None
+    near = [one for one in features if about is not None and about.intersects(one.geometry)]
+    buildings = building_mesh(
+        near,
+        region=region,
+        ground_height=ground_height,
+        carriageway=network.carriageway(0),
+        without=without,
+        country=country,
+    )
+    streets = [network.carriageway(0), network.footway(0)]
+    lanes = [lane.polygon for lane in network.lanes if lane.level > 0]
+    return ScenePreview(
+        ground_height,
+        shapely.union_all(
+            [
+                region.buffer(MARGIN_M, join_style="mitre"),
+                *(street.buffer(BESIDE_M) for street in streets),
+            ]
+        ),
+        shapely.union_all(lanes),
+        buildings.mesh,
+    )

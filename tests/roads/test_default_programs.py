@@ -1,0 +1,266 @@
+"""Assumed signal programs, judged by sumolib's table of conflicts and by SUMO's own traffic."""
+
+import math
+import subprocess
+from itertools import combinations, product
+from xml.etree import ElementTree
+
+import pytest
+import shapely
+import sumolib
+from hypothesis import given
+from hypothesis import strategies as st
+
+from urbantwin.geometry import SiteFrame
+from urbantwin.ground import Elevation
+from urbantwin.roads import build_roads, sumo_binary, sumo_environment
+from urbantwin.roads.driving_side import driving_side
+from urbantwin.roads.signals.green_times import cycle_s, green_seconds
+from urbantwin.site import load_site, read_extract
+from urbantwin.site.initial_site import init_site
+
+HERE = SiteFrame(48.7, 9.18)
+SIGNAL = {"highway": "traffic_signals"}
+SIDE = {"highway": "secondary", "lanes": "2", "maxspeed": "50", "sidewalk": "both"}
+WIDE = {"highway": "primary", "lanes": "4", "maxspeed": "50", "sidewalk": "both"}
+ONE_WAY = {"highway": "primary", "oneway": "yes", "lanes": "2", "maxspeed": "50"}
+
+
+def cross(lanes=4):
+    """Streets of two lanes and of more."""
+    nodes = {1: (-150, 0, {}), 2: (0, 0, SIGNAL), 3: (150, 0, {})}
+    nodes |= {4: (0, -150, {}), 5: (0, 150, {})}
+    return nodes, {10: ([1, 2, 3], {**WIDE, "lanes": str(lanes)}), 11: ([4, 2, 5], SIDE)}
+
+
+def tee():
+    nodes = {1: (-150, 0, {}), 2: (0, 0, SIGNAL), 3: (150, 0, {}), 4: (0, -150, {})}
+    return nodes, {10: ([1, 2, 3], SIDE), 11: ([4, 2], SIDE)}
+
+
+def turn_lanes():
+    """Four lanes each way and one more before the junction, to turn left from."""
+    nodes, ways = {2: (0, 0, SIGNAL)}, {}
+    for k, (x, y) in enumerate([(1, 0), (0, 1), (-1, 0), (0, -1)]):
+        nodes |= {10 + k: (150 * x, 150 * y, {}), 20 + k: (60 * x, 60 * y, {})}
+        turns = "left|through|through;right"
+        tags = {**WIDE, "lanes": "5", "lanes:forward": "3", "lanes:backward": "2"}
+        ways[30 + k] = ([10 + k, 20 + k], WIDE)
+        ways[40 + k] = ([20 + k, 2], {**tags, "turn:lanes:forward": turns})
+    return nodes, ways
+
+
+def carriageways(gap=20):
+    """Two streets of two carriageways each: four nodes, some metres between them."""
+    h = gap / 2
+    nodes = {50: (-h, -h, SIGNAL), 51: (h, -h, SIGNAL), 52: (h, h, SIGNAL), 53: (-h, h, SIGNAL)}
+    nodes |= {0: (-150, -h, {}), 2: (150, -h, {}), 10: (150, h, {}), 12: (-150, h, {})}
+    nodes |= {100: (h, -150, {}), 102: (h, 150, {}), 110: (-h, 150, {}), 112: (-h, -150, {})}
+    return nodes, {
+        1: ([0, 50, 51, 2], ONE_WAY),
+        2: ([10, 52, 53, 12], ONE_WAY),
+        3: ([100, 51, 52, 102], ONE_WAY),
+        4: ([110, 53, 50, 112], ONE_WAY),
+    }
+
+
+def staggered():
+    """Two junctions 70 m apart on one street."""
+    nodes = {1: (-150, 0, {}), 2: (-35, 0, SIGNAL), 3: (35, 0, SIGNAL), 4: (150, 0, {})}
+    nodes |= {5: (-35, 150, {}), 6: (35, -150, {}), 7: (-35, -150, {}), 8: (35, 150, {})}
+    return nodes, {10: ([1, 2, 3, 4], WIDE), 11: ([5, 2, 7], SIDE), 12: ([6, 3, 8], SIDE)}
+
+
+PLACES = {f.__name__: f for f in (cross, tee, turn_lanes, carriageways, staggered)}
+
+
+@pytest.fixture
+def built(write_osm, tmp_path):
+    def run(nodes, ways, side="right"):
+        out = tmp_path / "n.net.xml"
+        region = shapely.box(-140, -140, 140, 140)
+        path = write_osm(nodes, ways)
+        build_roads(read_extract(path), HERE, region, Elevation.flat(), driving_side=side, out=out)
+        return out
+
+    return run
+
+
+def programs(path):
+    """Program -> its phases and, by sumolib, its links and the table of conflicts of each node."""
+    net = sumolib.net.readNet(str(path), withPrograms=True, withPedestrianConnections=True)
+    links = {light.getID(): {} for light in net.getTrafficLights()}
+    for edge in net.getEdges(withInternal=True):
+        for lane in edge.getLanes():
+            for item in lane.getOutgoing():
+                if item.getTLSID():
+                    links[item.getTLSID()].setdefault(item.getTLLinkIndex(), []).append(item)
+    for light in net.getTrafficLights():
+        (program,) = light.getPrograms().values()
+        phases = [(float(phase.duration), phase.state) for phase in program.getPhases()]
+        yield phases, links[light.getID()]
+
+
+def node_and_row(item):
+    start = item.getFrom()
+    on_foot = start.getID().startswith(":")
+    node = start.getFromNode() if on_foot else start.getToNode()
+    return node, node.getLinkIndex(item)
+
+
+def check(path):
+    """Check what holds of every program; return how many pairs of conflicting links there were."""
+    conflicts = 0
+    for phases, links in programs(path):
+        assert 60 <= sum(seconds for seconds, _ in phases) <= 120
+        assert all(any(state[k] in "Gg" for _, state in phases) for k in links)
+        for k, items in links.items():
+            vehicles = not items[0].getFrom().getID().startswith(":")
+            for (_, before), (_, after) in zip(phases, phases[1:] + phases[:1], strict=True):
+                assert not (vehicles and before[k] in "Gg" and after[k] == "r"), "no yellow"
+        for i, j in combinations(sorted(links), 2):
+            for a, b in product(links[i], links[j]):
+                (node, row), (other, at) = node_and_row(a), node_and_row(b)
+                if node is not other or row < 0 or at < 0 or a.getFrom() is b.getFrom():
+                    continue
+                if not node.areFoes(row, at):
+                    continue
+                conflicts += 1
+                assert not any(state[i] == state[j] == "G" for _, state in phases), (i, j)
+    return conflicts
+
+
+def simulated(path, tmp_path, *, seconds=600, seed=1, per_hour=200, routes=None):
+    """What SUMO's statistics say of traffic from every way in to every way out."""
+    net = sumolib.net.readNet(str(path))
+    cars = [edge for edge in net.getEdges() if edge.allows("passenger")]
+    ends = {node for edge in cars for node in (edge.getFromNode(), edge.getToNode())}
+    ends = {node for node in ends if max(map(abs, node.getCoord())) > 130}
+    starts = [edge for edge in cars if edge.getFromNode() in ends]
+    goals = [edge for edge in cars if edge.getToNode() in ends]
+    rows = []
+    for a, b in product(starts, goals):
+        way, _ = net.getShortestPath(a, b, vClass="passenger")
+        back = math.dist(a.getFromNode().getCoord(), b.getToNode().getCoord()) < 60
+        if way and not back and (not routes or routes(a, b)):
+            rows.append([edge.getID() for edge in way])
+    flows = ElementTree.Element("routes")
+    for k, row in enumerate(rows):
+        lanes = sum(lane.allows("passenger") for lane in net.getEdge(row[0]).getLanes())
+        share = per_hour * lanes / sum(other[0] == row[0] for other in rows)
+        flow = ElementTree.SubElement(
+            flows, "flow", id=f"{k}", begin="0", end=f"{seconds}", departLane="best",
+            vehsPerHour=f"{share:.1f}",
+        )  # fmt: skip
+        ElementTree.SubElement(flow, "route", edges=" ".join(row))
+    ElementTree.ElementTree(flows).write(tmp_path / "r.rou.xml")
+    command = [
+        sumo_binary("sumo"), "-n", path, "-r", tmp_path / "r.rou.xml", "--end", f"{seconds + 200}",
+        "--seed", str(seed), "--statistic-output", tmp_path / "s.xml", "--no-step-log", "true",
+        "--collision.check-junctions", "true", "--collision.action", "warn",
+        "--tripinfo-output", tmp_path / "t.xml", "--duration-log.statistics", "true",
+        "--xml-validation", "never", "--no-warnings", "true",
+    ]  # fmt: skip
+    subprocess.run(command, check=True, capture_output=True, env=sumo_environment())
+    told = ElementTree.parse(tmp_path / "s.xml").getroot()
+    trips = ElementTree.parse(tmp_path / "t.xml").getroot().findall("tripinfo")
+    asked = sum(float(flow.get("vehsPerHour")) for flow in flows) * seconds / 3600
+    return told, trips, asked
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("name", PLACES)
+def test_no_conflicting_greens_and_green_for_everybody(name, side, built):
+    nodes, ways = PLACES[name]()
+    if side == "left":  # seen in a mirror, streets are driven on the other side
+        nodes = {key: (-x, y, tags) for key, (x, y, tags) in nodes.items()}
+        turns = {"turn:lanes:forward": "left;through|through|right"}
+        ways = {k: (refs, tags | (turns if turns.keys() & tags else {}))
+                for k, (refs, tags) in ways.items()}  # fmt: skip
+    assert check(built(nodes, ways, side)) > 10
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("name", PLACES)
+def test_traffic_gets_through(name, seed, built, tmp_path):
+    told, _, asked = simulated(built(*PLACES[name]()), tmp_path, seed=seed)
+    assert told.find("teleports").get("total") == "0"
+    assert told.find("safety").get("collisions") == "0"
+    done = int(told.find("vehicleTripStatistics").get("count"))
+    assert asked >= 100
+    assert done >= 0.95 * asked
+
+
+def test_left_turns_over_two_lanes_have_a_stage_of_their_own(built):
+    ((phases, links),) = programs(built(*turn_lanes()))
+    lefts = [k for k, items in links.items() if items[0].getDirection() == "l"]
+    assert len(lefts) == 4
+    for left in lefts:
+        street = links[left][0].getFrom()
+        assert any(
+            state[left] == "G"
+            and all(
+                state[k] in "ry"
+                for k, items in links.items()
+                if items[0].getDirection() == "s" and items[0].getFrom() is not street
+            )
+            for _, state in phases
+        )
+
+
+def test_two_signals_on_one_street_let_a_platoon_through(built, tmp_path):
+    """Of those that go straight along the street few stop more than once: not at both."""
+    path = built(*staggered())
+    lengths = {sum(seconds for seconds, _ in phases) for phases, _ in programs(path)}
+    assert len(lengths) == 1
+
+    def along(a, b):
+        return all(abs(e.getFromNode().getCoord()[1] - e.getToNode().getCoord()[1]) < 5
+                   for e in (a, b))  # fmt: skip
+
+    _, trips, _ = simulated(path, tmp_path, routes=along)
+    stops = [int(trip.get("waitingCount")) for trip in trips]
+    assert len(stops) > 100
+    assert sum(count > 1 for count in stops) <= 0.1 * len(stops)
+
+
+def test_the_time_to_clear_grows_with_the_junction(built):
+    """Who crosses ten lanes of 3 m at 50 km/h needs over 2 s, two lanes less than 1 s."""
+
+    def longest(path):
+        ((phases, _),) = programs(path)
+        return max(seconds for seconds, state in phases if set(state) == {"r"})
+
+    assert longest(built(*cross(2))) < longest(built(*cross(10)))
+
+
+@given(st.lists(st.floats(0.0, 0.5), min_size=2, max_size=6), st.data())
+def test_green_is_shared_out_to_the_second_and_nobody_gets_too_little(ratios, data):
+    least = data.draw(st.lists(st.integers(5, 30), min_size=len(ratios), max_size=len(ratios)))
+    whole = sum(least) + data.draw(st.integers(0, 60))
+    found = green_seconds(ratios, least, whole)
+    assert sum(found) == whole
+    assert all(seconds >= low for seconds, low in zip(found, least, strict=True))
+    assert all(seconds == int(seconds) for seconds in found)
+
+
+def test_the_cycle_is_webster_s():
+    """(1.5 L + 5) / (1 - Y) = (18 + 5) / 0.3 = 76.7 s, in steps of 5 s."""
+    assert cycle_s([0.4, 0.3], 12.0, 40.0) == 80.0
+    assert cycle_s([0.1, 0.1], 10.0, 30.0) == 60.0
+    assert cycle_s([0.5, 0.6], 20.0, 70.0) == 120.0
+
+
+@pytest.mark.parametrize(
+    "name", ["manchester-kingsway", "london-borough", "higashimurayama", "chennai", "taipei"]
+)
+def test_real_junctions_have_sound_programs(name, shared_data, tmp_path):
+    extract = shared_data / "osm" / f"{name}.osm"
+    init_site(tmp_path / "site", osm=extract)
+    site = load_site(tmp_path / "site" / "site.yaml")
+    out = tmp_path / "n.net.xml"
+    side = driving_side(site.latitude, site.longitude)
+    build_roads(
+        read_extract(extract), site.frame, site.region, Elevation.flat(), driving_side=side, out=out
+    )
+    assert check(out) > 10
