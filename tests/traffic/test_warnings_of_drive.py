@@ -54,3 +54,9 @@ def test_who_is_left_out_is_not_told_again_as_late() -> None:
         warnings_of_drive(motion(left_out=out, classes={"bus": {"asked": 5, "driven": 2}}))
     )
     assert [row["problem"] for row in rows] == ["3 are left out"]
+
+
+def test_where_traffic_is_held_up_is_the_reason() -> None:
+    told = {"carried_share_of_motor_traffic": 0.5, "held_up": "the queue on High Street begins"}
+    (line,) = problems(circulation=told)
+    assert "High Street" in line

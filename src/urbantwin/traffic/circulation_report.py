@@ -58,6 +58,7 @@ def circulation_report(demand: Demand, seen: Observed, warmup_s: float) -> dict[
         "passages_per_hour": passages,
         "counted_for_s": round(hours * 3600),
         "carried_share_of_motor_traffic": round(demand.carried, 3),
+        "held_up": demand.held_up,
         "mean_speed_of_vehicles": speeds,
         "longest_halt_s": round(seen.longest_halt_s, 1),
         "halted_longer_than_s": STUCK_S,

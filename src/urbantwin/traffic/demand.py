@@ -94,7 +94,8 @@ class Demand:
         populations: who circulates: stays for the whole motion; empty where traffic passes through.
         outer: ids of the edges of outer roads, by which those who circulate come back.
         carried: share of the motor traffic asked for that the streets can carry.
-        warnings: why they carry no more, and whatever else is wrong with it.
+        held_up: where and why they carry no more; empty where they do.
+        warnings: whatever else is wrong with it.
     """
 
     trips: tuple[Trip, ...]
@@ -102,6 +103,7 @@ class Demand:
     populations: tuple[Population, ...] = ()
     outer: frozenset[str] = frozenset()
     carried: float = 1.0
+    held_up: str = ""
     warnings: tuple[ResultWarning, ...] = ()
 
     @property

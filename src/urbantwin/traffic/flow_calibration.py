@@ -1,15 +1,18 @@
 """Calibration of the circulating population to the flow per hour that was asked for.
 
 The flow of a closed network is its population times its mean speed over the length of the way
-round. The speed depends on signals and on how many there are, so it is measured: by short pilot
-simulations, each with the population that the speed seen in the one before asks for.
+round. It grows with the population until junctions are saturated, and falls when queues reach back
+into them (the network's fundamental diagram: Geroliminis and Daganzo, Transportation Research B 42,
+2008). So it is measured, by a few short pilot simulations of growing populations.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+
+import numpy as np
 
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import Asset
@@ -20,30 +23,53 @@ from urbantwin.traffic.simulation import Observed, observe
 __all__ = ["Calibrated", "calibrate"]
 
 #: Length of a pilot, the start of it that does not count, and SUMO's step.
-PILOT_S, SETTLING_MIN, STEP_MS = 360, 2, 500
-#: Pilots at most, and what is near enough to the wish.
-PILOTS, TOLERANCE = 4, 0.08
+PILOT_S, SETTLING_MIN, STEP_MS = 480, 3, 500
+#: Pilots at most after the first, and what is near enough to the wish.
+PILOTS, TOLERANCE = 5, 0.06
 #: Speed as a share of free speed before anything is known.
 FIRST_GUESS = {"motor": 0.5, "bicycle": 0.7, "pedestrian": 0.85}
 #: The first pilot is one of little traffic, of this share of what was asked for.
 LITTLE = 0.25
-#: More traffic than slows everybody down to this share of the speed in little traffic is not let
-#: in: beyond, fixed-time signals are oversaturated, queues grow and reach back into junctions.
-SLOWEST = 0.65
-#: Nor are there ever more vehicles than this share of those that fit onto the lanes bumper to
-#: bumper. Urban networks carry most at about a quarter of the jam density (Geroliminis and
-#: Daganzo, Transportation Research B 42, 2008), and lock up soon beyond.
-FULLEST = 0.17
-#: By how much the traffic is lessened until it flows.
-LESS = 0.8
+#: There are never more vehicles than this share of those that fit onto the lanes bumper to bumper.
+#: Urban networks carry most at about a quarter of the jam density (Geroliminis and Daganzo).
+FULLEST = 0.3
+#: From pilot to pilot the population grows at most so many times.
+GROWTH = 1.6
+#: More vehicles that raise the flow by less than this share of their number only stand in queues.
+WORTHWHILE = 0.3
+#: A flow that falls below this share within a pilot is that of streets that lock up.
+FALLS = 0.6
+#: Of populations whose flows differ by no more than this the smallest is taken: it is farthest from
+#: locking up.
+ALIKE = 0.05
 
 
 @dataclass(frozen=True)
 class Calibrated:
-    """The population, and the share of the vehicles asked for that the streets can carry."""
+    """The population, and what the streets carry.
+
+    Attributes:
+        populations: how many of each class.
+        carried: share of the motor traffic asked for that they carry; 1 where it is nearly all.
+        queued: lane -> seconds that vehicles stood on it in the pilot that it was measured in.
+    """
 
     populations: list[Population]
     carried: float
+    queued: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class _Pilot:
+    """A pilot: times the population that would do at the speed in little traffic, and its flow.
+
+    ``flow`` is a share of what was asked for.
+    """
+
+    size: float
+    flow: float
+    pace: Mapping[str, float]
+    queued: Mapping[str, float]
 
 
 def calibrate(
@@ -71,12 +97,13 @@ def calibrate(
         StageError: SUMO failed.
     """
 
-    def pilot(populations: list[Population]) -> dict[str, float]:
+    def pilot(size: float, motor: float, others: Mapping[str, float]) -> _Pilot:
+        populations = circulation.populations(_by_class({**others, "motor": motor}), carried=size)
         demand = circulation.demand(
             populations, warmup_s=0.0, duration_s=PILOT_S, asset_names=asset_names
         )
         if not demand.trips:
-            return pace
+            return _Pilot(size, 1.0, others, {})
         seen = observe(
             net_path,
             demand,
@@ -85,32 +112,66 @@ def calibrate(
             step_ms=STEP_MS,
             seed=circulation.seed,
             scratch=scratch,
-        )
-        return _pace(populations, seen.observed, pace)
+        ).observed
+        return _Pilot(size, _flow(populations, seen), _pace(populations, seen, others), seen.queued)
 
-    def planned(pace: Mapping[str, float], carried: float) -> list[Population]:
-        return circulation.populations(_by_class(pace), carried=carried)
+    little = pilot(LITTLE, FIRST_GUESS["motor"], FIRST_GUESS)
+    free = little.pace["motor"]
+    # It was planned with a guess of the speed.
+    little = replace(little, size=LITTLE * free / FIRST_GUESS["motor"])
 
-    pace = dict(FIRST_GUESS)
-    pace = pilot(planned(pace, LITTLE))
-    least = SLOWEST * pace["motor"]
-    carried = 1.0
-    for number_done in range(PILOTS):
+    def planned(of: _Pilot) -> list[Population]:
+        return circulation.populations(_by_class({**of.pace, "motor": free}), carried=of.size)
+
+    full = _Pilot(1.0, 1.0, little.pace, {})
+    most = FULLEST * room / max(_vehicles(planned(full)), 1)
+    found, before = [little], little
+    size = min(1.0, most)
+    for number in range(PILOTS):
         if progress:
-            progress((1 + number_done) / (1 + PILOTS))
-        number = _vehicles(planned(pace, carried))
-        if number > FULLEST * room:
-            carried *= FULLEST * room / number
-        populations = planned(pace, carried)
-        pace = pilot(populations)
-        if pace["motor"] < least:
-            carried *= LESS
-            pace["motor"] = least
-            continue
-        wanted, number = _vehicles(planned(pace, carried)), _vehicles(populations)
-        if abs(wanted - number) <= max(1.0, TOLERANCE * number):
+            progress((1 + number) / (1 + PILOTS))
+        now = pilot(size, free, little.pace)
+        found.append(now)
+        if abs(now.flow - 1.0) <= TOLERANCE:
             break
-    return Calibrated(planned(pace, carried), carried)
+        gain = (now.flow - before.flow) / max(now.size - before.size, 1e-6)
+        if now.flow < 1.0 and gain < WORTHWHILE * before.flow / before.size:
+            # More only stand in queues: between the two, once, there may be a better one.
+            if number + 1 < PILOTS and now.size > 2 * before.size:
+                found.append(pilot((now.size * before.size) ** 0.5, free, little.pace))
+            break
+        if now.flow < 1.0 and size >= most:
+            break
+        before = now
+        size = min(size * min(1.0 / max(now.flow, 0.1), GROWTH), most)
+    return _chosen(found, planned)
+
+
+def _chosen(found: list[_Pilot], planned: Callable[[_Pilot], list[Population]]) -> Calibrated:
+    """Return the smallest population of those that carry most, or what was asked for."""
+    enough = [one for one in found if one.flow >= 1.0 - TOLERANCE]
+    if enough:
+        least = min(enough, key=lambda one: one.size)
+        return Calibrated(planned(least), 1.0, least.queued)
+    highest = max(one.flow for one in found)
+    best = min((one for one in found if one.flow >= highest - ALIKE), key=lambda one: one.size)
+    return Calibrated(planned(best), best.flow, best.queued)
+
+
+def _flow(populations: list[Population], seen: Observed) -> float:
+    """Return the flow of motor vehicles as a share of what was asked for; 0 where they lock up."""
+    motor = [group for group in populations if _kind(group.actor_class) == "motor"]
+    asked = sum(group.per_hour for group in motor)
+    if not asked:
+        return 1.0
+    minutes = np.zeros(len(seen.metres))
+    for group in motor:
+        minutes += seen.metres[:, ACTOR_CLASSES.index(group.actor_class)] / group.metres
+    minutes = minutes[SETTLING_MIN:-1] if len(minutes) > SETTLING_MIN + 1 else minutes
+    first, last = np.array_split(minutes, 2)
+    if last.mean() < FALLS * first.mean() and min(seen.longest_halt_s, PILOT_S) > PILOT_S / 3:
+        return 0.0
+    return float(minutes.mean() * 60.0 / asked)
 
 
 def _kind(actor_class: str) -> str:

@@ -24,7 +24,7 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
         yield ResultWarning(
             "traffic",
             f"{carried:.0%} of the motor traffic asked for is carried",
-            "more jams the streets",
+            manifest["circulation"].get("held_up") or "more jams the streets",
             "lower traffic.per_hour, or give counted flows and signal programs in site.yaml",
         )
     for row in manifest["left_out"]:

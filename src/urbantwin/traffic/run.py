@@ -19,11 +19,12 @@ from urbantwin.result_warning import rows_of
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.actor_table import actor_table
 from urbantwin.traffic.assets import asset, asset_names
+from urbantwin.traffic.bottleneck import bottleneck
 from urbantwin.traffic.circulation import Circulation
 from urbantwin.traffic.circulation_report import circulation_report
 from urbantwin.traffic.demand import Demand, plan_demand
 from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
-from urbantwin.traffic.flow_calibration import calibrate
+from urbantwin.traffic.flow_calibration import PILOT_S, calibrate
 from urbantwin.traffic.motion import MOTION_VERSION, Motion
 from urbantwin.traffic.network import StreetNetwork
 from urbantwin.traffic.placement import Ground
@@ -194,7 +195,8 @@ def demand_of(
             duration_s=duration_s,
             asset_names=asset_names,
         )
-        return replace(demand, carried=found.carried)
+        held_up = bottleneck(twin.roads, found.queued, PILOT_S) if found.carried < 1 else ""
+        return replace(demand, carried=found.carried, held_up=held_up)
     return plan_demand(
         network,
         asked["per_hour"],

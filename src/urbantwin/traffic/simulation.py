@@ -11,7 +11,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +64,7 @@ class Observed:
         entries: (M, C) how many came from an outer road into the region.
         longest_halt_s: the longest halt of anybody.
         stuck: (trip, time, lane) of who halted for more than ``STUCK_S``.
+        queued: lane -> seconds that vehicles stood on it, all of them together.
     """
 
     least: NDArray[np.float64]
@@ -73,6 +74,7 @@ class Observed:
     entries: NDArray[np.float64]
     longest_halt_s: float
     stuck: tuple[tuple[int, float, str], ...]
+    queued: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -396,6 +398,7 @@ def _read(arrays: Path, texts: Path) -> Simulated:
         observed=Observed(
             **seen,
             longest_halt_s=outcome["longest_halt_s"],
+            queued=outcome["queued"],
             stuck=tuple((trip, time_s, lane) for trip, time_s, lane in outcome["stuck"]),
         ),
     )

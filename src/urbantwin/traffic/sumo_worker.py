@@ -53,6 +53,7 @@ class Watch:
         self.outside: set[str] = set()
         self.stuck: dict[str, tuple[float, str]] = {}
         self.longest_halt_s = 0.0
+        self.queued: dict[str, float] = {}
 
     def look(self, time_s: float) -> None:
         """Note how things stand at a whole second."""
@@ -80,6 +81,9 @@ class Watch:
                 self.longest_halt_s = max(self.longest_halt_s, halt_s)
                 if halt_s > self.stuck_s:
                     self.stuck[name] = (time_s, domain.getLaneID(name))
+                if halt_s > 0 and domain is libsumo.vehicle:
+                    lane = domain.getLaneID(name)
+                    self.queued[lane] = self.queued.get(lane, 0.0) + 1.0
         for kind, number in enumerate(present):
             row["least"][kind] = min(row["least"][kind], number)
             row["most"][kind] = max(row["most"][kind], number)
@@ -141,6 +145,7 @@ class Recorder:
         outcome = {
             "minutes": watch.minutes,
             "longest_halt_s": watch.longest_halt_s,
+            "queued": dict(sorted(watch.queued.items())),
             "stuck": sorted((int(name), *where) for name, where in watch.stuck.items()),
             "sumo": libsumo.getVersion()[1],
             "lanes": list(self.lanes),

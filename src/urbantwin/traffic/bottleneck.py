@@ -1,0 +1,93 @@
+"""Where queues begin, and why: what a person can look at where not all traffic is carried."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+from urbantwin.roads import RoadNetwork
+from urbantwin.roads.network import Lane
+
+__all__ = ["bottleneck"]
+
+#: A lane is jammed when vehicles stand on this share of it, each taking so many metres.
+JAMMED, SPACE_M = 0.4, 7.5
+#: Queues are followed over so many streets at most.
+MOST_STREETS = 20
+
+
+def bottleneck(network: RoadNetwork, queued: Mapping[str, float], seconds: float) -> str:
+    """Return where the longest queue begins and what holds it up; empty where nobody stands.
+
+    From the lane with the longest queue it is followed downstream while the lanes ahead are jammed.
+
+    Args:
+        network: the lanes, with signal programs.
+        queued: lane -> seconds that vehicles stood on it, all of them together.
+        seconds: over which time.
+    """
+    known = network.lane_by_id
+    standing = {name: total / seconds for name, total in queued.items() if name in known}
+    outside = {name: count for name, count in standing.items() if known[name].road}
+    if not outside:
+        return ""
+    name = max(sorted(outside), key=lambda lane: outside[lane])
+    passed = {known[name].road}
+    for _ in range(MOST_STREETS):
+        ahead = [
+            lane
+            for lane in _next_streets(network, known[name])
+            if standing.get(lane.id, 0.0) * SPACE_M > JAMMED * lane.length
+        ]
+        if not ahead:
+            break
+        name = max(ahead, key=lambda lane: (standing[lane.id], lane.id)).id
+        if known[name].road in passed:
+            return f"queues on {_street(network, name)} lock each other up"
+        passed.add(known[name].road)
+    return f"the queue on {_street(network, name)} begins {_cause(network, name)}"
+
+
+def _next_streets(network: RoadNetwork, lane: Lane) -> Iterator[Lane]:
+    """Yield the lanes of the next streets, beyond the junction."""
+    waiting, seen = list(lane.successors), {lane.id}
+    while waiting:
+        name = waiting.pop()
+        after = network.lane_by_id.get(name)
+        if after is None or name in seen:
+            continue
+        seen.add(name)
+        if after.road:
+            yield after
+        else:
+            waiting += after.successors
+
+
+def _street(network: RoadNetwork, name: str) -> str:
+    road = next(road for road in network.roads if road.id == network.lane_by_id[name].road)
+    if road.name:
+        return road.name
+    return f"way {road.ways[0]}" if road.ways else "a road beyond the region"
+
+
+def _cause(network: RoadNetwork, name: str) -> str:
+    """Return what is at the end of a lane."""
+    programs = {program.id: program for program in network.programs}
+    for head in network.signals:
+        if head.lane == name and head.program in programs:
+            phases = programs[head.program].phases
+            cycle = sum(seconds for seconds, _ in phases)
+            green = sum(
+                seconds
+                for seconds, state in phases
+                if any(state[link] in "gG" for link in head.links if link < len(state))
+            )
+            return f"at a signal that is green for {green:.0f} of {cycle:.0f} s"
+    lane = network.lane_by_id[name]
+    road = next(road for road in network.roads if road.id == lane.road)
+    onward = len({after.id for after in _next_streets(network, lane)})
+    if onward == 0:
+        return "where its lane ends"
+    lanes = len([x for x in road.lanes if network.lane_by_id[x].kind in ("driving", "bus")])
+    if lanes > 1 and onward == 1:
+        return f"where its {lanes} lanes merge or give way"
+    return "where it gives way"
