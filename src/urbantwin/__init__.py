@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.twin import Twin, build
     from urbantwin.interface.verification import Verification, verify
     from urbantwin.interface.whole_line import Run, demo, run
+    from urbantwin.result_warning import ResultWarning
     from urbantwin.site.rig import RigSpec
 
 __version__ = "0.1.0"
@@ -59,6 +60,7 @@ __all__ = [
     "Recording",
     "Report",
     "Reproduction",
+    "ResultWarning",
     "RigSpec",
     "Run",
     "SensorCatalogue",

@@ -5,8 +5,13 @@ from typing import Any
 from urbantwin.dataset.result_warnings import warnings_of_record
 
 
-def boxes(kind: str, points: list[int], ignored: str | None = None) -> list[dict[str, Any]]:
-    return [{"class": kind, "num_points": count, "ignored": ignored} for count in points]
+def boxes(
+    kind: str, points: list[int], ignored: str | None = None, alone: int = 9
+) -> list[dict[str, Any]]:
+    return [
+        {"class": kind, "num_points": count, "num_points_alone": alone, "ignored": ignored}
+        for count in points
+    ]
 
 
 def frame(*groups: list[dict[str, Any]], points: int = 1000) -> dict[str, Any]:
@@ -18,6 +23,10 @@ def test_classes_of_which_most_have_no_points_are_told() -> None:
     (warning,) = warnings_of_record([frame(seen, hidden)])
     assert warning.about == "boxes pedestrian"
     assert warning.problem == "25% of 40 in reach have points"
+    assert "behind something" in warning.reason
+    far = boxes("pedestrian", [0] * 30, alone=0)
+    (warning,) = warnings_of_record([frame(far)])
+    assert "too far away" in warning.reason
     assert not [*warnings_of_record([frame(seen, boxes("pedestrian", [9] * 20 + [0] * 20))])]
 
 

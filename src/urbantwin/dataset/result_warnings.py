@@ -36,8 +36,8 @@ def warnings_of_record(entries: Sequence[Mapping[str, Any]]) -> Iterator[ResultW
             yield ResultWarning(
                 f"boxes {kind}",
                 f"{seen / len(mine):.0%} of {len(mine)} in reach have points",
-                "something hides them, or the beams pass over them",
-                "look at birdseye.png; move the sensors, or add one (urbantwin coverage)",
+                _reason([box for box in mine if not box["num_points"]]),
+                "move the sensors, or add one: urbantwin coverage shows what they see",
             )
     if not boxes:
         yield ResultWarning(
@@ -46,3 +46,11 @@ def warnings_of_record(entries: Sequence[Mapping[str, Any]]) -> Iterator[ResultW
             "",
             "a longer motion (traffic.duration_s), or more traffic",
         )
+
+
+def _reason(unseen: Sequence[Mapping[str, Any]]) -> str:
+    """Return why most of the boxes without points have none."""
+    hidden = sum(box["num_points_alone"] > 0 for box in unseen)
+    if 2 * hidden >= len(unseen):
+        return "most of the others stand behind something"
+    return "most of the others are too far away for the beams, or beside them"

@@ -218,7 +218,7 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
     ground = FreeGround(network)
     model = place_heads(model, network, ground, practice_of(country), surface.height)
     model, signs = add_signs(model, ground, extract, frame, country)
-    redraw_sumo_network(out, network)
+    redraw_sumo_network(out, network, buildings)
     notes: dict[str, object] = {
         "roads": len(network.roads),
         "junctions": len(network.junctions),
