@@ -9,11 +9,7 @@ import numpy as np
 import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
-<<<<<<< HEAD
-=======
-from urbantwin.result_warning import ResultWarning
 from urbantwin.roads import BusStop
->>>>>>> main
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.network import StreetNetwork, Streets
 from urbantwin.traffic.vehicle_types import ACTOR_KINDS
@@ -111,11 +107,7 @@ class Demand:
     outer: frozenset[str] = frozenset()
     carried: float = 1.0
     held_up: str = ""
-<<<<<<< HEAD
-=======
-    warnings: tuple[ResultWarning, ...] = ()
     stops: tuple[BusStop, ...] = ()
->>>>>>> main
 
     @property
     def circulates(self) -> bool:
