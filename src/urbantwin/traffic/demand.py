@@ -97,7 +97,6 @@ class Demand:
         outer: ids of the edges of outer roads, by which those who circulate come back.
         carried: share of the motor traffic asked for that the streets can carry.
         held_up: where and why they carry no more; empty where they do.
-        warnings: whatever else is wrong with it.
         stops: where buses halt.
     """
 
