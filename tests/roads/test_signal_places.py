@@ -10,6 +10,7 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads
 from urbantwin.roads.signals import heads_of
+from urbantwin.roads.signals.pole_sites import FreeGround
 from urbantwin.site import read_extract
 
 HERE = SiteFrame(48.7, 9.18)
@@ -157,3 +158,21 @@ def test_where_a_street_ends_heads_stand_opposite(crossing):
     for head in north:
         assert head.y > 6.0
         assert abs(head.x - lane.centre[-1, 0]) < 1.0
+
+
+def test_where_no_kerb_is_near_heads_hang_over_their_lanes_from_an_island(crossing, monkeypatch):
+    """No ground is free to the right of the eastbound lanes or beyond: only the other side is."""
+    monkeypatch.setattr("urbantwin.roads.signals.heads.SEARCH_M", 0.7)
+    free = FreeGround.free
+
+    def left_of_the_street(self, xy, level):
+        return free(self, xy, level) & (xy[:, 1] > 6.0) & (xy[:, 0] < -6.0)
+
+    monkeypatch.setattr(FreeGround, "free", left_of_the_street)
+    built, heads = crossing("DE", "right")
+    east = towards(heads, 0.0)
+    lanes = {s.lane for s in built.network.signals if built.network.lane_by_id[s.lane].kind
+             == "driving" and math.cos(s.yaw) > 0.99}  # fmt: skip
+    assert {name for h in east for name in h.signal.strip.split()} == lanes
+    line = stop_line(built, heads)
+    assert all(h.z > 5 and line - 10.0 <= h.x <= line + 30.0 for h in east)

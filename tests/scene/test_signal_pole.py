@@ -82,19 +82,41 @@ def test_heads_over_lanes_hang_from_one_arm_whose_pole_stands_at_the_kerb():
     assert (over[:, 2] - tilted(over)).min() > 4.6
 
 
-def test_an_arm_gets_a_pole_where_none_stands_and_none_reaches_too_far():
+def test_an_arm_gets_a_pole_where_none_stands():
     mesh, _ = build(lights(0, -4, 5.7, math.pi))
     low = mesh.vertices[mesh.vertices[:, 2] < tilted(mesh.vertices) + 3]
     assert low[:, 1].max() < -5.2
-    far = signal_mesh(
-        [lights(0, 0, 5.7, math.pi)], ground_height=tilted, carriageway=box(-99, -40, 99, 40)
-    )
-    left_out = {"signals without a place beside the carriageway, left out": 1}
-    assert far[1] == left_out
-    assert len(far[0].faces) == 0
-    low, notes = build(lights(0, -4, 2.8, math.pi))
-    assert notes == left_out
-    assert len(low.faces) == 0
+
+
+def test_heads_that_no_arm_reaches_hang_from_one_wire_between_two_poles():
+    """A plain of asphalt 80 m wide; traffic goes east."""
+    heads = [lights(0, y, 5.7, math.pi) for y in (-3.5, 0.0, 3.5)]
+    mesh, notes = signal_mesh(heads, ground_height=tilted, carriageway=box(-99, -40, 99, 40))
+    assert notes == {"span wires": 1, "traffic signal heads": 3, "traffic signals": 2}
+    up = mesh.vertices[:, 2] - tilted(mesh.vertices)
+    low = mesh.vertices[up < 4.6]
+    assert np.abs(low[:, 1]).min() > 40.0  # poles alone, beside the carriageway
+    assert {-1.0, 1.0} == set(np.sign(low[:, 1]))
+    lit = mesh.select(mesh.semantic == OTHER).vertices
+    assert np.ptp(lit[:, 1]) == pytest.approx(7.0 + 0.65, abs=0.05)
+    poles = mesh.vertices[np.abs(mesh.vertices[:, 1]) > 40.0]
+    assert (poles[:, 2] - tilted(poles)).max() > (lit[:, 2] - tilted(lit)).max()
+
+
+def test_low_heads_over_the_carriageway_hang_on_their_pole_or_high_above():
+    pole, bracket = lights(0, -5.6, 2.8, math.pi), lights(0, -4.7, 2.8, math.pi)
+    mesh, notes = build(pole, bracket)
+    assert notes == {"traffic signal heads": 2, "traffic signals": 1}
+    mesh, notes = build(lights(0, -3, 2.8, math.pi))
+    assert notes["traffic signal heads"] == 1
+    over = mesh.vertices[np.abs(mesh.vertices[:, 1]) < 5]
+    assert (over[:, 2] - tilted(over)).min() > 4.6
+
+
+def test_signs_over_the_carriageway_without_a_pole_are_left_out():
+    mesh, notes = build(sign(0, -3, math.pi))
+    assert notes == {"signs without a place beside the carriageway, left out": 1}
+    assert len(mesh.faces) == 0
 
 
 def test_horizontal_lights_lie_side_by_side():

@@ -14,14 +14,16 @@ from numpy.typing import ArrayLike, NDArray
 from urbantwin.artefact import write_json
 from urbantwin.artefact.typed_document import Numbers, Pairs, Triples, read_typed
 from urbantwin.errors import InputError
-from urbantwin.geometry import area_difference, area_union, stations_of_points
+from urbantwin.geometry import area_difference, area_intersection, area_union, stations_of_points
 
-__all__ = ["Junction", "Lane", "Road", "RoadNetwork", "SignalHead", "SignalProgram"]
+__all__ = ["BusStop", "Junction", "Lane", "Road", "RoadNetwork", "SignalHead", "SignalProgram"]
 
 #: Kinds of lanes that vehicles drive or stand on, at the height of the carriageway.
 CARRIAGEWAY_KINDS = ("driving", "bus", "bicycle", "parking", "shoulder")
 #: Kinds of lanes for pedestrians, raised behind a curb.
 FOOTWAY_KINDS = ("sidewalk", "walkingarea", "curb")
+#: Half the width of a neck through which nobody drives into the corner behind it, metres.
+NECK_M = 0.5
 #: No lane is wider, metres, and no road crosses over more others.
 _WIDEST_M, _HIGHEST = 1000.0, 100
 
@@ -141,8 +143,29 @@ class SignalProgram:
 
 
 @dataclass(frozen=True)
+class BusStop:
+    """Where buses halt: on ``lane``, from ``start_m`` to ``end_m`` along it, with a name."""
+
+    lane: str
+    name: str
+    start_m: float
+    end_m: float
+
+
+@dataclass(frozen=True)
 class RoadNetwork:
-    """All lanes of a site. ``driving_side`` is ``right`` or ``left``."""
+    """All lanes of a site.
+
+    Attributes:
+        driving_side: ``right`` or ``left``.
+        roads: its roads, one for each direction of a street.
+        lanes: theirs, and those inside junctions.
+        junctions: where they meet.
+        signals: what each approach lane sees.
+        programs: the signals' programs.
+        bus_roads: ids of the roads that mapped bus lines run on.
+        stops: where buses halt.
+    """
 
     driving_side: str
     roads: tuple[Road, ...]
@@ -150,6 +173,8 @@ class RoadNetwork:
     junctions: tuple[Junction, ...]
     signals: tuple[SignalHead, ...]
     programs: tuple[SignalProgram, ...]
+    bus_roads: tuple[str, ...] = ()
+    stops: tuple[BusStop, ...] = ()
 
     @cached_property
     def lane_by_id(self) -> dict[str, Lane]:
@@ -194,13 +219,14 @@ class RoadNetwork:
         """Return where vehicles drive, in plan: lanes, crossings and junctions.
 
         A junction's outline includes the walking areas at its corners; they are not driven on
-        unless a lane or a turn runs there.
+        unless a lane or a turn runs there, nor is what lies behind them.
         """
         if ("carriageway", level) in self._areas:
             return self._areas["carriageway", level]
         junctions = area_union([j.polygon for j in self.junctions if j.level == level])
         core = area_difference(junctions, self.area_of(FOOTWAY_KINDS, level))
         driven = self.area_of((*CARRIAGEWAY_KINDS, "connection", "crossing"), level)
+        core = _reached(core, driven)
         self._areas["carriageway", level] = found = area_union([core, driven])
         return found
 
@@ -258,9 +284,17 @@ class RoadNetwork:
                     "is not a lane", file=file, place=place, expected="a width, a level"
                 )
         named = [(f"roads[{k}].lanes", one.lanes) for k, one in enumerate(self.roads)]
+        named += [(f"stops[{k}].lane", (one.lane,)) for k, one in enumerate(self.stops)]
         for place, names in named:
             if not set(names) <= known.keys():
                 raise InputError("names a lane that is not there", file=file, place=place)
+
+
+def _reached(area: shapely.Geometry, driven: shapely.Geometry) -> shapely.Geometry:
+    """Return the parts of an area that traffic gets to over more than a narrow neck."""
+    parts = shapely.get_parts(area.buffer(-NECK_M))
+    kept = [part for part in parts if part.intersection(driven).area > NECK_M]
+    return area_intersection(area, area_union(kept).buffer(2 * NECK_M))
 
 
 def _tapered(centre: NDArray[np.float64], widths: NDArray[np.float64]) -> shapely.Geometry:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import shapely
@@ -16,8 +16,10 @@ from urbantwin.roads.signals import Head, plate_of
 from urbantwin.scene.placement import on_ground
 from urbantwin.scene.solids import Assembly, GroundHeight, Solid, box, columns, rods, sweep
 
-__all__ = ["signal_mesh"]
+__all__ = ["NO_PLACE", "signal_mesh"]
 
+#: What is noted of heads that no pole can carry.
+NO_PLACE = "signals without a place beside the carriageway, left out"
 #: Poles keep at least this far from carriageways and reach this far into the ground, metres.
 KERB_M, BURIED_M = 0.4, 0.3
 #: The longest arm, and how finely a place for its pole is looked for, metres.
@@ -28,6 +30,15 @@ CLEAR_M = 4.2
 SHARED_M = 1.0
 #: Heads of one pole stand off its axis by this, metres.
 OFF_AXIS_M = 0.12
+#: A low head that comes out over the carriageway has its pole this near, metres.
+BRACKET_M = 1.5
+#: Where no arm reaches, heads hang from a wire between two poles (US MUTCD 2009, 4D.12 and 4D.15:
+#: span wires), at most this far away each; heads of one wire lie this near to its line, metres.
+SPAN_M, ON_WIRE_M = 80.0, 1.5
+#: The wire is this much above its heads, metres.
+WIRE_M = 0.5
+#: Heads that had no place beside the carriageway hang this high above it, middles, metres.
+OVER_M = 5.7
 
 
 @dataclass
@@ -37,6 +48,26 @@ class _Pole:
     foot: NDArray[np.float64]
     beside: list[Head] = field(default_factory=list)
     over: list[Head] = field(default_factory=list)
+    wires: list[_Wire] = field(default_factory=list)
+
+
+@dataclass
+class _Wire:
+    """A wire between two poles, and the heads that hang from it."""
+
+    feet: tuple[NDArray[np.float64], NDArray[np.float64]]
+    heads: list[Head]
+
+    @property
+    def top(self) -> float:
+        """Height of the wire, metres."""
+        return max(head.z + head.signal.height / 2 for head in self.heads) + WIRE_M
+
+    def carries(self, head: Head) -> bool:
+        """Whether a head lies on the wire's line, facing along the others."""
+        line = shapely.LineString(self.feet)
+        away = line.distance(shapely.Point(head.x, head.y))
+        return away < ON_WIRE_M and math.cos(head.heading - self.heads[0].heading) > 0.9
 
 
 def signal_mesh(
@@ -46,7 +77,8 @@ def signal_mesh(
 
     A head beside the carriageway has a pole of its own or shares one close by; a head over it
     hangs from an arm that reaches across its traffic's direction from the nearest such pole, or
-    from a new one at the kerb. No pole stands on the carriageway, and nothing hangs low over it.
+    from a new one at the kerb, or else from a wire between two. No pole stands on the carriageway,
+    and nothing hangs low over it; signs for which there is no pole are left out.
     Lights are class ``other-object``, plates ``traffic-sign``, the rest ``pole``.
 
     Args:
@@ -70,17 +102,27 @@ def signal_mesh(
         else:
             _pole_at(poles, np.array([head.x, head.y])).beside.append(head)
     lanes = np.array([[head.x, head.y] for head in over]).reshape(-1, 2)
+    wires: list[_Wire] = []
     for head, road in zip(over, ground_height(lanes), strict=True):
         clear = head.z - head.signal.height / 2 - float(road)
-        pole = _pole_for_arm(poles, head, taken) if clear > CLEAR_M else None
-        if pole is None:
-            notes["signals without a place beside the carriageway, left out"] += 1
-        else:
-            pole.over.append(head)
+        if clear <= CLEAR_M:
+            if bracket := _bracket(poles, head):
+                bracket.beside.append(head)
+                continue
+            if not head.signal.dynamic:
+                notes["signs without a place beside the carriageway, left out"] += 1
+                continue
+        high = head if clear > CLEAR_M else replace(head, z=float(road) + OVER_M)
+        if pole := _pole_for_arm(poles, high, taken):
+            pole.over.append(high)
+        elif not _hung(wires, poles, high, taken):
+            notes[NO_PLACE] += 1
     assembly = Assembly()
     feet = np.array([pole.foot for pole in poles]).reshape(-1, 2)
     for foot, pole in zip(on_ground(feet, ground_height(feet)), poles, strict=True):
         _add(assembly, foot, pole, notes)
+    for wire in wires:
+        _add_wire(assembly, wire, notes)
     return assembly.mesh(), {name: count for name, count in sorted(notes.items()) if count}
 
 
@@ -113,13 +155,51 @@ def _pole_for_arm(poles: list[_Pole], head: Head, taken: shapely.Geometry) -> _P
     return _pole_at(poles, points[np.argmax(free)]) if free.any() else None
 
 
+def _bracket(poles: list[_Pole], head: Head) -> _Pole | None:
+    """Return the pole beside the carriageway that a low head over its border stands on."""
+    near = [(float(np.hypot(*(pole.foot - [head.x, head.y]))), k) for k, pole in enumerate(poles)]
+    return poles[min(near)[1]] if near and min(near)[0] < BRACKET_M else None
+
+
+def _hung(wires: list[_Wire], poles: list[_Pole], head: Head, taken: shapely.Geometry) -> bool:
+    """Hang a head from a wire; say whether there is ground for its poles."""
+    wire = next((wire for wire in wires if wire.carries(head)), None)
+    if wire is not None:
+        wire.heads.append(head)
+        return True
+    at = np.array([head.x, head.y])
+    steps = np.arange(STEP_M, SPAN_M, STEP_M)[:, None]
+    best: tuple[float, NDArray[np.float64], NDArray[np.float64]] | None = None
+    # Across the traffic rather than aslant.
+    for turn in np.radians([0.0, 15.0, -15.0, 30.0, -30.0, 45.0, -45.0, 60.0, -60.0]):
+        across = np.array([-math.sin(head.heading + turn), math.cos(head.heading + turn)])
+        ends = []
+        for side in (1.0, -1.0):
+            points = at + steps * across * side
+            free = ~shapely.contains_xy(taken, points[:, 0], points[:, 1])
+            if free.any():
+                ends.append(points[np.argmax(free)])
+        if len(ends) == 2:
+            length = float(np.hypot(*(ends[0] - ends[1]))) * (1.0 + abs(turn))
+            if best is None or length < best[0]:
+                best = (length, ends[0], ends[1])
+    if best is None:
+        return False
+    wire = _Wire((_pole_at(poles, best[1]).foot, _pole_at(poles, best[2]).foot), [head])
+    for foot in wire.feet:
+        _pole_at(poles, foot).wires.append(wire)
+    wires.append(wire)
+    return True
+
+
 def _add(assembly: Assembly, foot: NDArray[np.float64], pole: _Pole, notes: Counter[str]) -> None:
     part = assembly.new_part()
     lit = [head for head in (*pole.beside, *pole.over) if head.signal.dynamic]
     tops = [head.z + 0.35 + head.signal.height / 2 for head in pole.beside]
     tops += [head.z + 0.25 for head in pole.over]
+    tops += [wire.top + 0.25 for wire in pole.wires]
     height = max(tops) - foot[2]
-    radius = 0.13 if pole.over else 0.07 if lit else 0.035
+    radius = 0.13 if pole.over or pole.wires else 0.07 if lit else 0.035
     mast = columns(foot - [0, 0, BURIED_M], height + BURIED_M, radius, radius * 0.75)
     assembly.add(mast, "pole", "metal-painted", part)
     for head in pole.over:
@@ -134,7 +214,7 @@ def _add(assembly: Assembly, foot: NDArray[np.float64], pole: _Pole, notes: Coun
         else:
             _add_plate(assembly, head, part)
             notes["signs"] += 1
-    notes["traffic signals" if lit else "sign posts"] += 1
+    notes["traffic signals" if lit or pole.wires else "sign posts"] += 1
     notes["arms over lanes"] += bool(pole.over)
 
 
@@ -145,6 +225,24 @@ def _add_arm(assembly: Assembly, foot: NDArray[np.float64], head: Head, part: in
     end = np.array([head.x, head.y, head.z]) + behind
     thick, thin = (0.08, 0.05) if np.hypot(*(end - start)[:2]) > 1.0 else (0.03, 0.03)
     assembly.add(rods([start], [end], thick, thin, 6), "pole", "metal-painted", part)
+
+
+def _add_wire(assembly: Assembly, wire: _Wire, notes: Counter[str]) -> None:
+    """Add the wire between two poles and what hangs from it."""
+    part = assembly.new_part()
+    ends = [np.array([foot[0], foot[1], wire.top]) for foot in wire.feet]
+    assembly.add(rods([ends[0]], [ends[1]], 0.015, 0.015, 6), "pole", "metal-painted", part)
+    for head in wire.heads:
+        top = np.array([head.x, head.y, wire.top])
+        assembly.add(
+            rods([top], [top - [0.0, 0.0, wire.top - head.z]], 0.02, 0.02, 6),
+            "pole",
+            "metal-painted",
+            part,
+        )
+        _add_lights(assembly, head, part)
+        notes["traffic signal heads"] += 1
+    notes["span wires"] += 1
 
 
 def _add_lights(assembly: Assembly, head: Head, part: int) -> None:

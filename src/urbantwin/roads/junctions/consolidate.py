@@ -30,6 +30,7 @@ from urbantwin.roads.junctions.cluster import (
 from urbantwin.roads.junctions.lane_links import Arrows, lane_links
 from urbantwin.roads.junctions.mapped_marks import Marks
 from urbantwin.roads.junctions.mouth import SHORTEST_M, Arm, mouths
+from urbantwin.roads.junctions.opposed_turns import passing_in_front
 from urbantwin.roads.junctions.outline import outline_of
 from urbantwin.roads.junctions.passage import Passage, passages_of
 from urbantwin.roads.junctions.plain import PlainEdge, PlainLink, PlainNetwork, PlainNode
@@ -322,6 +323,7 @@ def _curves(
     """Return the middle of every lane's way through."""
     outward = -1 if driving_side == "right" else 1
     poses, guides = [], []
+    streets = [(start, end) for start, _, end, _ in ways]
     for (start, k, end, j), passage in ways.items():
         first, last = strips[start], strips[end]
         t = first.across(k), last.across(j)
@@ -330,7 +332,8 @@ def _curves(
         b[2] = a[2] + wrapped(b[2] - a[2])
         poses.append(np.array([a, b]))
         guides.append(_guide(passage, poses[-1], t, outward))
-    return gentle_curves(poses, guides)
+    curves = gentle_curves(poses, guides)
+    return passing_in_front(curves, [streets.index(pair) for pair in streets], -outward)
 
 
 def _posed(pose: NDArray[np.float64], t: float) -> NDArray[np.float64]:

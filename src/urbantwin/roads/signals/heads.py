@@ -28,6 +28,8 @@ __all__ = ["REACH_M", "place_heads"]
 
 #: How far outwards a free place for a pole is looked for, metres.
 SEARCH_M = 12.0
+#: How far behind and before the stop line, where there is none at the kerb, metres.
+BEHIND_M, AHEAD_M = 10.0, 30.0
 #: The longest arm (usual up to 15 m: MUTCD-based state standards, e.g. Caltrans ES-7), metres.
 REACH_M = 15.0
 #: A head beyond the junction is 12 to 55 m from the stop line (MUTCD 2009, 4D.14: 40 to 180 ft).
@@ -39,6 +41,8 @@ OVER_M, BESIDE_M = 5.7, 2.8
 VEHICLE_SIZE = (1.0, 0.35)
 #: Heads side by side on one pole, metres.
 BESIDE_EACH_OTHER_M = 0.45
+#: The head nearest to the carriageway is so much nearer than its pole, metres.
+OVER_KERB_M = 0.15
 #: Heads over lanes hang at least this far apart, metres.
 SPACING_M = 1.6
 #: Lanes narrower than this are for cycles: no heads hang over them, metres.
@@ -120,6 +124,9 @@ def _heads(approach: Approach, practice: Practice, ground: FreeGround) -> list[R
     near = None
     if practice.near or far is None:
         near = _near_pole(approach, ground)
+    if near is None and far is None:
+        # Junctions whose kerb is too far away: at their far side after all.
+        far = _far_pole(approach, ground)
     found: list[RoadSignal] = []
     if near is not None:
         found += _on_pole(approach, near, beyond=False)
@@ -130,9 +137,17 @@ def _heads(approach: Approach, practice: Practice, ground: FreeGround) -> list[R
             found += _over_lanes(approach, far, practice, beyond=True)
         found += _on_pole(approach, far, beyond=True)
     if not found:
-        # No free place for a pole: over the stop line, as before.
-        found = [replace(lane.signal, z=OVER_M) for lane in approach.lanes]
-    return found
+        island = _nearest_pole(approach, ground)
+        beyond = island is not None and island[0] > approach.line
+        if island is not None:
+            found = _over_lanes(approach, island, practice, beyond=beyond)
+    governed = {name for head in found for name in head.strip.split()}
+    # Lanes that no arm reaches: over their stop lines, from a span wire.
+    return found + [
+        replace(lane.signal, z=OVER_M)
+        for lane in approach.lanes
+        if not governed & set(lane.signal.strip.split())
+    ]
 
 
 def _near_pole(approach: Approach, ground: FreeGround) -> NDArray[np.float64] | None:
@@ -141,6 +156,18 @@ def _near_pole(approach: Approach, ground: FreeGround) -> NDArray[np.float64] | 
     # Not past the stop line: waiting traffic must see it.
     u = approach.line - np.arange(0.0, 8.0, 0.5)
     return ground.nearest(approach.frame, u, v, approach.road.level)
+
+
+def _nearest_pole(approach: Approach, ground: FreeGround) -> NDArray[np.float64] | None:
+    """Return u, v of the free place, on an island or a median, from which an arm is shortest."""
+    middle = float(np.mean([lane.v for lane in approach.lanes]))
+    u = approach.line + np.arange(-BEHIND_M, AHEAD_M, 1.0)
+    v = middle + np.arange(-REACH_M, REACH_M + 0.25, 0.5)
+    grid = np.stack(np.meshgrid(u, v, indexing="ij"), axis=-1).reshape(-1, 2)
+    # Half as far along the street as across it, for traffic to see it where it waits.
+    cost = np.abs(grid[:, 1] - middle) + 2.0 * np.abs(grid[:, 0] - approach.line)
+    found = ground.cheapest(approach.frame.place(grid[:, 0], grid[:, 1]), cost, approach.road.level)
+    return None if found is None else np.asarray(grid[found])
 
 
 def _far_pole(approach: Approach, ground: FreeGround) -> NDArray[np.float64] | None:
@@ -168,9 +195,11 @@ def _far_pole(approach: Approach, ground: FreeGround) -> NDArray[np.float64] | N
 def _on_pole(approach: Approach, pole: NDArray[np.float64], *, beyond: bool) -> list[RoadSignal]:
     """Return a head for each group of lanes, side by side on a pole."""
     found = []
-    for k, group in enumerate(approach.groups):
-        # Groups nearer to the middle of the road hang nearer to it.
-        v = pole[1] - approach.outward * BESIDE_EACH_OTHER_M * (k - (len(approach.groups) - 1) / 2)
+    last = len(approach.groups) - 1
+    inward = min(BESIDE_EACH_OTHER_M * last / 2, OVER_KERB_M)
+    # Groups nearer to the middle of the road hang nearer to it, none over the carriageway.
+    for k, group in reversed(list(enumerate(approach.groups))):
+        v = pole[1] + approach.outward * (BESIDE_EACH_OTHER_M * (last - k) - inward)
         found.append(_head(approach, group, pole[0], v, BESIDE_M, beyond=beyond))
     return found
 
@@ -183,7 +212,9 @@ def _over_lanes(
     beyond: bool,
 ) -> list[RoadSignal]:
     """Return a head over each lane that an arm from the pole reaches, at the pole's u."""
-    inward = -approach.outward
+    middle = float(np.mean([lane.v for lane in approach.lanes]))
+    from_kerb = approach.outward * (float(pole[1]) - middle) >= 0.0
+    inward = -approach.outward if from_kerb else approach.outward
     rows: list[tuple[float, list[WaitingLane]]] = [
         (lane.v, [lane]) for lane in approach.lanes if lane.half > CYCLE_LANE_M / 2
     ]
@@ -191,7 +222,7 @@ def _over_lanes(
         rows = [(float(np.mean([x.v for x in group])), group) for group in approach.groups]
     found = []
     last = -math.inf
-    for v, lanes in rows:
+    for v, lanes in rows if from_kerb else rows[::-1]:
         # Where lanes do not lie before the arm, its heads stand along it in their order.
         reach = max(inward * (v - float(pole[1])), last + SPACING_M, 1.5)
         if reach > REACH_M:
