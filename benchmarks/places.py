@@ -34,11 +34,11 @@ LIMIT_S = 900.0
 #: Least shares of found and mapped, of what is carried, and of what is seen; most of the rest.
 TARGETS = {
     "seconds": 180.0, "crossings": 0.95, "unmapped": 0, "signals": 0.95, "lanes": 0.95,
-    "arrows": 1.0, "carried": 0.9, "lateral": 0, "overlaps": 0, "ground": 0.6,
+    "arrows": 1.0, "carried": 0.9, "lateral": 0, "overlaps": 0, "seen": 0.6,
 }  # fmt: skip
 COLUMNS = (
     "seconds", "crossings", "unmapped", "signals", "heads", "lanes", "arrows", "carried", "moved",
-    "red", "lateral", "most", "brakes", "overlaps", "ground", "points", "near", "warnings",
+    "red", "lateral", "most", "brakes", "overlaps", "ground", "seen", "points", "near", "warnings",
 )  # fmt: skip
 
 
@@ -101,6 +101,8 @@ def place(name: str, extract: Path, folder: Path, given: argparse.Namespace) -> 
                 twin = ut.Twin.open(made.folder / "twin")
                 anchor = twin.frame.latitude, twin.frame.longitude
                 row["streets"] = measure(twin, MappedStreets(extract, *anchor))
+                sight = twin.manifest["notes"].get("sensors", {})
+                row["junction_seen"] = sight.get("seen")
                 row["ground_seen"] = round(ground_seen(twin, folder / "coverage"), 3)
             elif stage == "traffic":
                 row["traffic"] = driving(made.twin, made.motion)
@@ -130,7 +132,9 @@ def line_of(row: dict[str, Any]) -> dict[str, str]:
     if streets:
         unmapped = streets["unmapped_zebras"]
         put("unmapped", f"{unmapped}/{streets['zebras']}", unmapped, most=True)
-        put("ground", f"{row['ground_seen']:.0%}", row["ground_seen"])
+        line["ground"] = f"{row['ground_seen']:.0%}"
+        if row["junction_seen"] is not None:
+            put("seen", f"{row['junction_seen']:.0%}", row["junction_seen"])
     if traffic:
         if traffic["carried"] is not None:
             put("carried", f"{traffic['carried']:.2f}", traffic["carried"])
