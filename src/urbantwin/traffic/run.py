@@ -178,7 +178,14 @@ def demand_of(
     network = StreetNetwork(twin.net_path, twin.region)
     circulation = None
     if twin.site.get("closed_loop"):
-        circulation = Circulation(network, outer_roads(twin), asked["per_hour"], seed)
+        circulation = Circulation(
+            network,
+            outer_roads(twin),
+            asked["per_hour"],
+            seed,
+            stops=twin.roads.stops,
+            bus_roads=frozenset(twin.roads.bus_roads),
+        )
     if circulation is not None and circulation.drives:
         found = calibrate(
             circulation,
