@@ -51,7 +51,8 @@ def redraw_sumo_network(
             lines[lane.id] = lane.centre[:, :2]
             if lane.kind == "sidewalk":
                 lines[lane.id], width = walls.walked(lane)
-                item.set("width", f"{width:.2f}")
+                if width is not None:
+                    item.set("width", f"{width:.2f}")
             points = lines[lane.id].tolist()
             item.set("shape", " ".join([f"{x:.3f},{y:.3f}" for x, y in points]))
         drawn = [lane for _, lane in rows if lane is not None]
