@@ -9,7 +9,6 @@ import numpy as np
 import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
-from urbantwin.result_warning import ResultWarning
 from urbantwin.roads import BusStop
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.network import StreetNetwork, Streets
@@ -98,7 +97,6 @@ class Demand:
         outer: ids of the edges of outer roads, by which those who circulate come back.
         carried: share of the motor traffic asked for that the streets can carry.
         held_up: where and why they carry no more; empty where they do.
-        warnings: whatever else is wrong with it.
         stops: where buses halt.
     """
 
@@ -108,7 +106,6 @@ class Demand:
     outer: frozenset[str] = frozenset()
     carried: float = 1.0
     held_up: str = ""
-    warnings: tuple[ResultWarning, ...] = ()
     stops: tuple[BusStop, ...] = ()
 
     @property

@@ -35,7 +35,7 @@ from urbantwin.site import (
     read_extract,
     read_orthophoto,
 )
-from urbantwin.twin.found_of_mapped import found_of_mapped
+from urbantwin.twin.found_of_mapped import found_of_mapped, share_known
 from urbantwin.twin.ground import SurveyedSite, survey_ground
 from urbantwin.twin.provenance import made_from
 from urbantwin.twin.result_warnings import warnings_of_build
@@ -188,7 +188,16 @@ def build_twin(  # noqa: PLR0915 - stage by stage
                 ),
                 "notes": notes,
                 "warnings": rows_of(
-                    [*warnings_of_build(roads, mapped, of_sources), *stood.warnings]
+                    [
+                        *warnings_of_build(
+                            roads,
+                            mapped,
+                            of_sources,
+                            scene=scene.notes,
+                            known=share_known(extract, site.frame, site.region),
+                        ),
+                        *stood.warnings,
+                    ]
                 ),
             },
         )
