@@ -23,7 +23,7 @@ from typing import Any
 
 import urbantwin as ut
 from places_map import MappedStreets
-from places_motion import driving, ground_seen, seeing
+from places_motion import driving, seeing, street_covered
 from places_roads import measure
 
 DATA = Path(__file__).parents[2] / "shared/data/osm"
@@ -34,11 +34,11 @@ LIMIT_S = 900.0
 #: Least shares of found and mapped, of what is carried, and of what is seen; most of the rest.
 TARGETS = {
     "seconds": 180.0, "crossings": 0.95, "unmapped": 0, "signals": 0.95, "lanes": 0.95,
-    "arrows": 1.0, "carried": 0.9, "lateral": 0, "overlaps": 0, "ground": 0.6,
+    "arrows": 1.0, "carried": 0.9, "lateral": 0, "overlaps": 0, "seen": 0.6,
 }  # fmt: skip
 COLUMNS = (
     "seconds", "crossings", "unmapped", "signals", "heads", "lanes", "arrows", "carried", "moved",
-    "red", "lateral", "most", "brakes", "overlaps", "ground", "points", "near", "warnings",
+    "red", "lateral", "most", "brakes", "overlaps", "seen", "ground", "points", "near", "warnings",
 )  # fmt: skip
 
 
@@ -101,7 +101,7 @@ def place(name: str, extract: Path, folder: Path, given: argparse.Namespace) -> 
                 twin = ut.Twin.open(made.folder / "twin")
                 anchor = twin.frame.latitude, twin.frame.longitude
                 row["streets"] = measure(twin, MappedStreets(extract, *anchor))
-                row["ground_seen"] = round(ground_seen(twin, folder / "coverage"), 3)
+                row["covered"] = street_covered(twin, folder / "coverage")
             elif stage == "traffic":
                 row["traffic"] = driving(made.twin, made.motion)
             elif stage == "record":
@@ -130,7 +130,8 @@ def line_of(row: dict[str, Any]) -> dict[str, str]:
     if streets:
         unmapped = streets["unmapped_zebras"]
         put("unmapped", f"{unmapped}/{streets['zebras']}", unmapped, most=True)
-        put("ground", f"{row['ground_seen']:.0%}", row["ground_seen"])
+        for column, layer in (("seen", "facing"), ("ground", "ground")):
+            put(column, f"{row['covered'][layer]:.0%}", row["covered"][layer])
     if traffic:
         if traffic["carried"] is not None:
             put("carried", f"{traffic['carried']:.2f}", traffic["carried"])

@@ -200,10 +200,12 @@ def _sensor_origins(dataset: Dataset) -> NDArray[np.float64]:
     return np.asarray(places @ to_dataset[:3, :3].T + to_dataset[:3, 3])
 
 
-def ground_seen(twin: Twin, folder: Path) -> float:
-    """Share of the street about the anchor that gets a point per square metre and frame.
+def street_covered(twin: Twin, folder: Path) -> dict[str, float]:
+    """Shares of the street about the anchor that get a point per square metre and frame.
 
-    By the twin's own rig from the static world without actors, as ``urbantwin coverage`` says, in
+    By the twin's own rig in the static world without actors, as ``urbantwin coverage`` says:
+    ``facing``, on a dark surface 1 m above the street that faces the sensor, as the side of a car;
+    ``ground``, on the street itself, where beams at 30 m graze so flatly that few come back. In
     cells of 2 m: at 50 m the beams of a turn are farther apart on the ground than smaller ones.
     """
     found = coverage(twin, folder, cell=2.0, pictures=False, progress=False).densities
@@ -212,4 +214,5 @@ def ground_seen(twin: Twin, folder: Path) -> float:
     x, y = cells.x0 + columns * cells.size_m, cells.y0 + rows * cells.size_m
     street = np.isin(cells.semantic, [semantic_id(name) for name in ("road", "parking")])
     street &= (np.hypot(x, y) <= JUNCTION_M) & shapely.contains_xy(twin.region, x, y)
-    return float((found.per_frame("ground") >= 1.0)[street].mean()) if street.any() else 0.0
+    lit = {layer: found.per_frame(layer)[street] >= 1.0 for layer in ("facing", "ground")}
+    return {layer: round(float(one.mean()), 3) if one.size else 0.0 for layer, one in lit.items()}

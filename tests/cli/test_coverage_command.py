@@ -18,6 +18,10 @@ def test_a_folder_with_map_numbers_and_picture(twin, run_here, tmp_path):
     assert done.code == 0, done.err
     said = json.loads(done.out)
     written = json.loads((out / "coverage.json").read_text())
+    told = [": ".join([row["about"], row["problem"], row["reason"]]) for row in written["warnings"]]
+    assert len(said["warnings"]) == len(told)
+    assert all(line.startswith(row) for line, row in zip(said["warnings"], told, strict=True))
+    written["warnings"] = said["warnings"]
     assert said == {"path": str(out), **written}
     with np.load(out / "coverage.npz") as data:
         facing = data["facing"].sum(axis=0) / data["rate_hz"]

@@ -37,7 +37,7 @@ def made(site: Path, run_program: Run, tmp_path_factory: pytest.TempPathFactory)
     assert outcome.code == 0, outcome.err
     told = json.loads(outcome.out)
     assert {Path(told[kind]) for kind in ("twin", "motion", "dataset")} == set(out.iterdir())
-    assert len(told["pictures"]) == 7
+    assert len(told["pictures"]) == 8
     assert all(Path(picture).stat().st_size > 10_000 for picture in told["pictures"])
     lines = outcome.err.splitlines()
     assert [line for line in lines if line.startswith("warning: ")] == [
@@ -59,7 +59,8 @@ def test_run_leaves_the_files_of_the_document(made: Path) -> None:
     document = (Path(__file__).parents[2] / "docs" / "architecture.md").read_text()
     assert sorted(path.name for path in (made / "twin").iterdir()) == sorted(
         ["SHA256SUMS", "twin.json", "site.yaml", "rig.yaml", "elevation.npz", "lane_model.json",
-         "roads.json", "network.net.xml", "scene.npz", "surface_material.npz", "pictures"]
+         "roads.json", "network.net.xml", "scene.npz", "surface_material.npz", "colours.npz",
+         "pictures"]
     )  # fmt: skip
     for folder in ("twin", "motion", "dataset"):
         for path in (made / folder).iterdir():

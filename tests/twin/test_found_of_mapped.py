@@ -11,7 +11,7 @@ import shapely
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads import Lane, RoadNetwork, SignalHead
 from urbantwin.site import Extract, read_extract
-from urbantwin.twin.found_of_mapped import found_of_mapped
+from urbantwin.twin.found_of_mapped import found_of_mapped, share_known
 
 FRAME = SiteFrame(48.7, 9.18)
 REGION = shapely.box(-100.0, -100.0, 100.0, 100.0)
@@ -77,6 +77,15 @@ def test_a_signal_is_there_where_vehicles_are_stopped_near_it(extract: Extract) 
     ):
         found = found_of_mapped(extract, FRAME, REGION, network(drive, walk, signals=heads))
         assert (found["signals"].found, found["signals"].mapped) == (there, 1)
+
+
+def test_what_the_extract_declares_says_how_much_of_the_region_it_knows(extract: Extract) -> None:
+    corners = FRAME.lonlat_from_site([[-100.0, -300.0], [50.0, 300.0]])
+    (west, south), (east, north) = np.asarray(corners)
+    declared = replace(extract, bounds=(west, south, east, north))
+    assert share_known(declared, FRAME, REGION) == pytest.approx(0.75, abs=0.01)
+    for unknown in (None, extract):  # without a map, and without bounds in it
+        assert share_known(unknown, FRAME, REGION) == 1.0
 
 
 def test_nothing_is_mapped_without_a_map() -> None:

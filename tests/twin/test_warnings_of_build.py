@@ -32,8 +32,16 @@ def roads(
     )
 
 
-def lines(made: Any, mapped: dict[str, FoundOfMapped] | None = None, **sources: Any) -> list[str]:
-    return [str(one) for one in warnings_of_build(made, mapped or {}, sources)]
+def lines(
+    made: Any,
+    mapped: dict[str, FoundOfMapped] | None = None,
+    *,
+    scene: dict[str, Any] | None = None,
+    known: float = 1.0,
+    **sources: Any,
+) -> list[str]:
+    told = warnings_of_build(made, mapped or {}, sources, scene=scene or {}, known=known)
+    return [str(one) for one in told]
 
 
 def test_a_twin_with_all_that_is_mapped_has_no_warning() -> None:
@@ -61,7 +69,16 @@ def test_parts_that_are_left_out_and_signals_that_stand_nowhere_are_told() -> No
     (line,) = lines(roads(left_out=parts))
     assert line.startswith("roads: 146 m are left out (Swan Street, Hill Road)")
     (line,) = lines(roads(stopped=("a", "b", "c"), shown=("a",)))
-    assert line.startswith("signals: 2 lanes that a signal stops see none")
+    assert line.startswith("signals: 2 heads are missing")
+    nowhere = {"signals": {"signals without a place beside the carriageway, left out": 3}}
+    (line,) = lines(roads(stopped=("a", "b"), shown=("a",)), scene=nowhere)
+    assert line.startswith("signals: 4 heads are missing")
+
+
+def test_a_region_that_the_map_does_not_know_is_told() -> None:
+    assert lines(roads(), known=0.92) == []
+    (line,) = lines(roads(), known=0.63)
+    assert line.startswith("map: 37% of the region lie beyond")
 
 
 def test_problems_of_sources_and_of_the_roads_themselves_come_through() -> None:

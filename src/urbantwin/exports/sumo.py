@@ -13,7 +13,13 @@ from urbantwin.artefact import replaced_folder, write_json
 from urbantwin.geometry import LabelledMesh
 from urbantwin.traffic.assets import asset
 from urbantwin.traffic.run import demand_of
-from urbantwin.traffic.simulation import curves_of, sumo_options, sumo_substeps, write_routes
+from urbantwin.traffic.simulation import (
+    curves_of,
+    sumo_options,
+    sumo_substeps,
+    write_routes,
+    write_stops,
+)
 from urbantwin.twin import Twin
 from urbantwin.view.footprint import footprints
 
@@ -49,6 +55,7 @@ def write_sumo(twin: Twin, folder: Path) -> None:
         write_json(scratch / "curves.json", curves_of(twin.net_path))
         shutil.copyfile(DRIVER, scratch / "drive.py")
         write_routes(scratch / "demand.rou.xml", demand, asset)
+        write_stops(scratch / "stops.add.xml", demand)
         _split_types(scratch / "demand.rou.xml", scratch / "types.add.xml")
         _write_buildings(scratch / "buildings.add.xml", twin.mesh)
         _write_view(scratch / "view.settings.xml", twin)
@@ -118,7 +125,7 @@ def _write_configuration(path: Path, end_s: float, options: dict[str, object]) -
         "input": {
             "net-file": "network.net.xml",
             "route-files": "demand.rou.xml",
-            "additional-files": "types.add.xml,buildings.add.xml",
+            "additional-files": "types.add.xml,stops.add.xml,buildings.add.xml",
         },
         "time": {"begin": 0, "end": f"{end_s:g}", "step-length": options["step-length"]},
         "processing": {

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 from urbantwin.artefact import check_folder, read_json, replaced_folder, write_json
 from urbantwin.artefact.arrays import ArrayOf, read_arrays
 from urbantwin.interface.place import AnyPath, beside
-from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
 from urbantwin.interface.summary import Summary
+from urbantwin.result_warning import ResultWarning, rows_of, warnings_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -93,6 +94,11 @@ class Coverage:
         """
         return self.densities.per_frame(layer)
 
+    @property
+    def warnings(self) -> tuple[ResultWarning, ...]:
+        """What is wrong with where the sensors stand."""
+        return warnings_of(self.manifest)
+
     def __fspath__(self) -> str:
         """Return the folder."""
         return str(self.folder)
@@ -109,7 +115,8 @@ class Coverage:
 
     def summary(self) -> Summary:
         """Return what the streets get in a few values."""
-        return Summary({"path": str(self.folder), **self.manifest})
+        told = [str(one) for one in self.warnings]
+        return Summary({"path": str(self.folder), **self.manifest, "warnings": told})
 
     def plot(self) -> Figure:
         """Draw the maps side by side; just after it was made, with the twin around them."""
@@ -151,6 +158,7 @@ def coverage(
     from urbantwin.interface.rig import rig_on
     from urbantwin.interface.twin import Twin
     from urbantwin.lidar.coverage import rig_coverage
+    from urbantwin.lidar.siting import sight_of_rig
     from urbantwin.view.pictures import picture_of_coverage
 
     place = beside(twin, "coverage", out)
@@ -170,6 +178,7 @@ def coverage(
                 progress=tell,
             )
             found.save(folder / "coverage.npz")
+        sight = sight_of_rig(placed, loaded.roads, loaded.region, loaded.mesh)
         summary = {
             "kind": "coverage",
             "twin_sha256": loaded.sha256,
@@ -178,8 +187,12 @@ def coverage(
             "cell_m": cell,
             "unit": "points per square metre and frame",
             **found.summary(loaded.region),
+            **({} if sight is None else {"sight": sight.notes()}),
+            "warnings": rows_of(() if sight is None else sight.warnings()),
         }
         write_json(folder / "coverage.json", summary)
         if pictures:
             picture_of_coverage(found, placed, loaded, folder / "coverage.png")
-    return Coverage(place)._of(loaded, placed)
+    made = Coverage(place)
+    tell_result("coverage", place, made.warnings, progress)
+    return made._of(loaded, placed)

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 from urbantwin.artefact import new_folder
 from urbantwin.errors import InputError
 from urbantwin.interface.place import AnyPath
-from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
 from urbantwin.interface.summary import Summary
 
 if TYPE_CHECKING:
     from urbantwin.site import Site as CheckedSite
+    from urbantwin.site.pole_site import PoleGround, PolePosition
 
 __all__ = ["Site", "init"]
 
@@ -103,6 +104,7 @@ def init(  # noqa: PLR0913 - the options of the command
     Example:
         >>> site = ut.init("mysite", osm="map.osm.pbf", lat=60.1699, lon=24.9384)
     """
+    from urbantwin.lidar.siting import place_in_sight, warnings_of_place
     from urbantwin.roads.imported import init_site_of_map
     from urbantwin.site.initial_site import init_site
 
@@ -121,6 +123,12 @@ def init(  # noqa: PLR0913 - the options of the command
         raise InputError(
             "is given with coordinates", place="--at-junction", expected="one of the two"
         )
+    chosen: list[PolePosition] = []
+
+    def choose_pole(ground: PoleGround) -> PolePosition:
+        chosen.append(place_in_sight(ground))
+        return chosen[-1]
+
     with new_folder(target), shown_stage("init", progress) as tell:
         if streets is not None:
             path = init_site_of_map(
@@ -132,6 +140,7 @@ def init(  # noqa: PLR0913 - the options of the command
                 region=area,
                 radius_m=radius,
                 force=force,
+                choose_pole=choose_pole,
                 progress=tell,
             )
         elif extract is not None:
@@ -143,8 +152,11 @@ def init(  # noqa: PLR0913 - the options of the command
                 region=area,
                 radius_m=radius,
                 force=force,
+                choose_pole=choose_pole,
                 progress=tell,
             )
+    told = [warning for pole in chosen for warning in warnings_of_place(pole)]
+    tell_result("init", target, told, progress)
     return Site(path)
 
 

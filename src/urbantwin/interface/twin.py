@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from urbantwin.interface.outcome import outcome_of_twin
 from urbantwin.interface.place import AnyPath, folder_of_site
-from urbantwin.interface.rig import fields_below, placed
+from urbantwin.interface.rig import fields_below
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
 from urbantwin.interface.summary import Summary
 from urbantwin.progress import Progress
-from urbantwin.result_warning import ResultWarning
 from urbantwin.roads.network import Lane
 from urbantwin.twin import Twin as BuiltTwin
 from urbantwin.twin import load_twin
@@ -21,9 +19,12 @@ from urbantwin.twin import load_twin
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from urbantwin.geometry import LabelledMesh
     from urbantwin.reconstruct import Reconstruction
+    from urbantwin.roads import RoadNetwork
     from urbantwin.scene.preview import ScenePreview
     from urbantwin.site import Site
+    from urbantwin.twin.standing_rig import StandingRig
 
 __all__ = ["Twin", "build", "build_of", "rig_field", "site_with_known_sensors"]
 
@@ -103,8 +104,9 @@ class Twin(BuiltTwin):
         """Draw the twin.
 
         Args:
-            picture: ``plan``, the lane network from above; ``scene``, everything from a height;
-                or ``ground``, the materials of the ground.
+            picture: ``plan``, the lane network from above; ``sight``, what the sensors see of the
+                junction; ``scene``, everything from a height; or ``ground``, the materials of the
+                ground.
 
         Raises:
             InputError: there is no such picture.
@@ -156,6 +158,7 @@ def site_with_known_sensors(path: Path) -> Site:
 def build_of(site: Site, out: Path, *, pictures: bool, progress: ShowProgress) -> Twin:
     """Build a twin that the site's own rig stands in, with pictures of it and of its geometry."""
     from urbantwin.lidar.placement import refuse_places
+    from urbantwin.lidar.siting import standing_rig
     from urbantwin.twin import build_twin
 
     found: list[Reconstruction] = []
@@ -164,9 +167,13 @@ def build_of(site: Site, out: Path, *, pictures: bool, progress: ShowProgress) -
         with fields_below(rig_field(site), site.rig_file):
             refuse_places(site.rig, scene, file=site.rig_file, anchor_height_m=anchor_height_m)
 
-    def also(twin: BuiltTwin, tell: Progress) -> Sequence[ResultWarning]:
+    def stand(
+        site: Site, network: RoadNetwork, mesh: LabelledMesh, anchor_height_m: float | None
+    ) -> StandingRig:
         with fields_below(rig_field(site), site.rig_file):
-            placed(site.rig, twin, site.rig_file)
+            return standing_rig(site, network, mesh, anchor_height_m)
+
+    def also(twin: BuiltTwin, tell: Progress) -> None:
         if pictures:
             from urbantwin.view.geometry_pictures import pictures_of_geometry
             from urbantwin.view.pictures import attributions, pictures_of_twin
@@ -176,10 +183,11 @@ def build_of(site: Site, out: Path, *, pictures: bool, progress: ShowProgress) -
                 sources = attributions({"inputs": site.inputs()})
                 pictures_of_geometry(found[0], folder, attribution=sources)
             pictures_of_twin(twin, folder, progress=tell)
-        return ()
 
     with shown_stage("twin", progress) as tell:
-        built = build_twin(site, out, tell, watch=found.append, refuse=refuse, also=also)
+        built = build_twin(
+            site, out, tell, watch=found.append, refuse=refuse, stand=stand, also=also
+        )
     tell_result("twin", built.folder, built.warnings, progress)
     return Twin(built.folder, built.manifest)
 

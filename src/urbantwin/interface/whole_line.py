@@ -137,6 +137,7 @@ def demo(
     Raises:
         InputError: the map of Helsinki is not installed.
     """
+    from urbantwin.lidar.siting import place_in_sight
     from urbantwin.site.initial_site import init_site
 
     place = Path(out)
@@ -144,7 +145,12 @@ def demo(
     if not file.exists():  # a person may have tried changes in it
         with new_folder(file.parent):
             init_site(
-                file.parent, extract, latitude=LATITUDE, longitude=LONGITUDE, radius_m=RADIUS_M
+                file.parent,
+                extract,
+                latitude=LATITUDE,
+                longitude=LONGITUDE,
+                radius_m=RADIUS_M,
+                choose_pole=place_in_sight,
             )
     checked = site_with_known_sensors(file)
     return _run_of(checked, place, workers=workers, pictures=True, progress=progress)

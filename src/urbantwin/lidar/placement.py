@@ -123,7 +123,7 @@ def refuse_places(
     """Refuse a rig that no scene could hold, before the scene is built.
 
     What lies within half a metre of right passes, and so does what stands on or under a bridge: of
-    these `place_rig` knows more.
+    these `place_rig` knows more. A place that is a proposal may still change.
 
     Args:
         spec: the rig as written.
@@ -135,7 +135,7 @@ def refuse_places(
         InputError: a sensor without ground, under it, or inside a building. Names file and field.
     """
     for index, one in enumerate(spec.sensors):
-        if one.east_m is None or one.north_m is None:
+        if one.east_m is None or one.north_m is None or one.proposed:
             continue
         field, place = f"sensors[{index}]", f"{one.east_m:g} m east, {one.north_m:g} m north"
         here = shapely.Point(one.east_m, one.north_m)

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from urbantwin.roads.model import LaneModel
     from urbantwin.roads.netconvert import sumo_binary, sumo_environment, sumo_home
     from urbantwin.roads.network import (
+        BusStop,
         Junction,
         Lane,
         Road,
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BuiltRoads",
+    "BusStop",
     "Junction",
     "Lane",
     "LaneModel",

@@ -17,6 +17,7 @@ from urbantwin.ground import Elevation
 from urbantwin.progress import Progress, untold
 from urbantwin.result_warning import ResultWarning
 from urbantwin.roads.building_ground import building_ground
+from urbantwin.roads.bus_stops import with_buses
 from urbantwin.roads.cross_section import prepare_ways, write_sumo_edges
 from urbantwin.roads.driving_side import country_of
 from urbantwin.roads.grade_separation import (
@@ -212,12 +213,12 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
     model = with_banked_widths(model)
     tell(0.75, "lanes")
     model = with_island_areas(with_furniture(model, raw, surface.height))
-    network = network_of_model(model, raw, surface.height)
+    network = with_buses(network_of_model(model, raw, surface.height), extract, frame)
     tell(0.87, "signs")
     ground = FreeGround(network)
     model = place_heads(model, network, ground, practice_of(country), surface.height)
     model, signs = add_signs(model, ground, extract, frame, country)
-    redraw_sumo_network(out, network)
+    redraw_sumo_network(out, network, buildings)
     notes: dict[str, object] = {
         "roads": len(network.roads),
         "junctions": len(network.junctions),
@@ -232,6 +233,7 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
         "signalised_crossings_left_out": _within(extract, frame, region, signals.left_out),
         "signal_heads": sum(signal.dynamic for signal in model.signals),
         "signs": signs,
+        "bus_stops": len(network.stops),
         "closed_loop": loop.notes,
         "lifted_ways": len(level_of_way),
         "left_out_tunnels": len(tunnels),

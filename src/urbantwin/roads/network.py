@@ -16,7 +16,7 @@ from urbantwin.artefact.typed_document import Numbers, Pairs, Triples, read_type
 from urbantwin.errors import InputError
 from urbantwin.geometry import area_difference, area_union, stations_of_points
 
-__all__ = ["Junction", "Lane", "Road", "RoadNetwork", "SignalHead", "SignalProgram"]
+__all__ = ["BusStop", "Junction", "Lane", "Road", "RoadNetwork", "SignalHead", "SignalProgram"]
 
 #: Kinds of lanes that vehicles drive or stand on, at the height of the carriageway.
 CARRIAGEWAY_KINDS = ("driving", "bus", "bicycle", "parking", "shoulder")
@@ -135,8 +135,29 @@ class SignalProgram:
 
 
 @dataclass(frozen=True)
+class BusStop:
+    """Where buses halt: on ``lane``, from ``start_m`` to ``end_m`` along it, with a name."""
+
+    lane: str
+    name: str
+    start_m: float
+    end_m: float
+
+
+@dataclass(frozen=True)
 class RoadNetwork:
-    """All lanes of a site. ``driving_side`` is ``right`` or ``left``."""
+    """All lanes of a site.
+
+    Attributes:
+        driving_side: ``right`` or ``left``.
+        roads: its roads, one for each direction of a street.
+        lanes: theirs, and those inside junctions.
+        junctions: where they meet.
+        signals: what each approach lane sees.
+        programs: the signals' programs.
+        bus_roads: ids of the roads that mapped bus lines run on.
+        stops: where buses halt.
+    """
 
     driving_side: str
     roads: tuple[Road, ...]
@@ -144,6 +165,8 @@ class RoadNetwork:
     junctions: tuple[Junction, ...]
     signals: tuple[SignalHead, ...]
     programs: tuple[SignalProgram, ...]
+    bus_roads: tuple[str, ...] = ()
+    stops: tuple[BusStop, ...] = ()
 
     @cached_property
     def lane_by_id(self) -> dict[str, Lane]:
@@ -252,6 +275,7 @@ class RoadNetwork:
                     "is not a lane", file=file, place=place, expected="a width, a level"
                 )
         named = [(f"roads[{k}].lanes", one.lanes) for k, one in enumerate(self.roads)]
+        named += [(f"stops[{k}].lane", (one.lane,)) for k, one in enumerate(self.stops)]
         for place, names in named:
             if not set(names) <= known.keys():
                 raise InputError("names a lane that is not there", file=file, place=place)

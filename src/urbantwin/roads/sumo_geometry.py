@@ -2,37 +2,40 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import shapely
 from lxml import etree
-from numpy.typing import NDArray
 
 from urbantwin.roads.curve_speed import lane_speeds
-from urbantwin.roads.network import Lane, RoadNetwork
+from urbantwin.roads.network import RoadNetwork
+from urbantwin.roads.walking_line import Walls
 
 __all__ = ["redraw_sumo_network"]
 
-#: People walk in a band at least this wide, metres: a stripe of SUMO's model of pedestrians.
-WALKED_M = 0.65
 #: The shortest lane that SUMO drives on, metres.
 SHORTEST_M = 0.1
 
 
-def redraw_sumo_network(path: Path, network: RoadNetwork) -> None:
+def redraw_sumo_network(
+    path: Path, network: RoadNetwork, buildings: Sequence[shapely.Polygon] = ()
+) -> None:
     """Give every lane of a ``.net.xml`` the shape that the lane model has for it.
 
     Lengths follow: all lanes of an edge have one, the mean over those that are driven on, as
-    netconvert sets it. Crossings and walking areas stay. Where a sidewalk is narrow because a wall
-    stands beside it, people walk in a band that ends at the wall, if need be on the carriageway.
-    SUMO knows one width of a lane: its narrowest. The speed of a way over a junction is what its
-    curve allows where it begins; where it is tighter further on, `traffic.simulation` slows down
-    those who drive there.
+    netconvert sets it. Crossings and walking areas stay. Along a sidewalk people walk where walls
+    leave room; SUMO knows one width of a lane: its narrowest. The speed of a way over a junction
+    is what its curve allows where it begins; where it is tighter further on, `traffic.simulation`
+    slows down those who drive there.
 
     Args:
         path: the network, rewritten in place.
         network: the lanes, by their ids in the file.
+        buildings: where buildings stand on the ground, site frame.
     """
+    walls = Walls(buildings, network.driving_side)
     tree = etree.parse(path, etree.XMLParser(remove_blank_text=False))
     for edge in tree.getroot().iterfind("edge"):
         if edge.get("function") in ("crossing", "walkingarea"):
@@ -51,9 +54,9 @@ def redraw_sumo_network(path: Path, network: RoadNetwork) -> None:
             item.set("length", f"{length:.3f}")
             if lane is not None:
                 line = lane.centre[:, :2]
-                if lane.kind == "sidewalk" and len(lane.widths):
-                    item.set("width", f"{max(float(lane.widths.min()), WALKED_M):.2f}")
-                    line = _away_from_walls(lane, 1 if network.driving_side == "right" else -1)
+                if lane.kind == "sidewalk":
+                    line, width = walls.walked(lane)
+                    item.set("width", f"{width:.2f}")
                 item.set("shape", " ".join([f"{x:.3f},{y:.3f}" for x, y in line.tolist()]))
     speeds = lane_speeds(tree.getroot())
     for item in tree.getroot().iterfind("edge[@function='internal']/lane"):
@@ -61,20 +64,3 @@ def redraw_sumo_network(path: Path, network: RoadNetwork) -> None:
         if allowed is not None:
             item.set("speed", f"{min(float(item.get('speed', 'inf')), float(allowed[0])):.2f}")
     tree.write(path, encoding="UTF-8", xml_declaration=True)
-
-
-def _away_from_walls(lane: Lane, inwards: int) -> NDArray[np.float64]:
-    """Return the middle (N, 2) of the band that people walk in along a sidewalk.
-
-    Args:
-        lane: the sidewalk, with its widths.
-        inwards: 1 where the carriageway is to its left, -1 where it is to its right.
-    """
-    line = lane.centre[:, :2]
-    leg = np.diff(line, axis=0)
-    left = np.column_stack([-leg[:, 1], leg[:, 0]])
-    left /= np.maximum(np.linalg.norm(left, axis=1, keepdims=True), 1e-9)
-    left = np.vstack([left[:1], left[:-1] + left[1:], left[-1:]])
-    left /= np.maximum(np.linalg.norm(left, axis=1, keepdims=True), 1e-9)
-    missing = np.maximum(WALKED_M - lane.widths, 0.0) / 2
-    return np.asarray(line + inwards * missing[:, None] * left)

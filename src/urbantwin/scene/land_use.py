@@ -88,9 +88,9 @@ USE_OF_BUILDING = {
 LARGE_M2 = 900.0
 #: Ground this near to a building belongs to it; a strip along its walls is paved, metres.
 AROUND_M, STRIP_M = 12.0, 1.5
-#: Where buildings cover more than this of the ground around them, all between them is paved: of
-#: streets with houses on both sides gardens take the most below it, yards and lanes above.
-DENSE = 0.4
+#: Where buildings cover more than this share of the ground beside the roads, within this distance
+#: of a piece, all between them is paved: rows of houses with gardens stay below it.
+DENSE, DENSITY_M = 0.4, 25.0
 #: A place is a town where buildings cover more than this share of the ground beside its roads.
 TOWN = 0.1
 #: Pieces of a town's ground below this are paved where nothing stands on them, square metres.
@@ -123,6 +123,10 @@ def land_covers(
     taken = area_intersection(buildings, ground).area
     town = taken > TOWN * ground.area if not ground.is_empty else False
     around, strip = grown(buildings, AROUND_M), grown(buildings, STRIP_M)
+    built, open_or_built = (
+        shapely.STRtree(shapely.get_parts(area))
+        for area in (area_intersection(buildings, ground), ground)
+    )
     found: dict[Cover, list[shapely.Geometry]] = defaultdict(list)
     for use, area in _uses(features, ground, buildings, around):
         near = area_intersection(area, around)
@@ -140,10 +144,12 @@ def land_covers(
             found[GRASS].append(far)
         else:
             for block in near.geoms:
-                paved = block if _share(block, buildings) > DENSE else None
-                found[PAVING].append(area_intersection(block, strip) if paved is None else paved)
-                if paved is None:
+                about = block.buffer(DENSITY_M)
+                if _area_in(about, built) > DENSE * _area_in(about, open_or_built):
+                    found[PAVING].append(block)
+                else:
                     yard = CONCRETE if country in PAVED_YARDS else GRASS
+                    found[PAVING].append(area_intersection(block, strip))
                     found[yard].append(area_difference(block, strip))
             for piece in far.geoms:
                 found[_open_ground(piece, country, town=town)].append(piece)
@@ -203,9 +209,10 @@ def _use_of_buildings(block: shapely.Polygon, kinds: tuple[shapely.STRtree, Sequ
     return max(sorted(area), key=lambda use: area[use], default="dwellings")
 
 
-def _share(block: shapely.Polygon, buildings: shapely.Geometry) -> float:
-    """Return the share of a block that buildings stand on."""
-    return float(area_intersection(block, buildings).area / block.area)
+def _area_in(about: shapely.Geometry, parts: shapely.STRtree) -> float:
+    """Return how much of some areas lies within another, square metres."""
+    near = parts.geometries[parts.query(about, predicate="intersects")]
+    return float(shapely.area(shapely.intersection(near, about)).sum())
 
 
 def _open_ground(piece: shapely.Polygon, country: str, *, town: bool) -> Cover:

@@ -16,8 +16,10 @@ from urbantwin.roads.signals import Head, plate_of
 from urbantwin.scene.placement import on_ground
 from urbantwin.scene.solids import Assembly, GroundHeight, Solid, box, columns, rods, sweep
 
-__all__ = ["signal_mesh"]
+__all__ = ["NO_PLACE", "signal_mesh"]
 
+#: What is noted of heads that no pole can carry.
+NO_PLACE = "signals without a place beside the carriageway, left out"
 #: Poles keep at least this far from carriageways and reach this far into the ground, metres.
 KERB_M, BURIED_M = 0.4, 0.3
 #: The longest arm, and how finely a place for its pole is looked for, metres.
@@ -114,7 +116,7 @@ def signal_mesh(
         if pole := _pole_for_arm(poles, high, taken):
             pole.over.append(high)
         elif not _hung(wires, poles, high, taken):
-            notes["signals without a place beside the carriageway, left out"] += 1
+            notes[NO_PLACE] += 1
     assembly = Assembly()
     feet = np.array([pole.foot for pole in poles]).reshape(-1, 2)
     for foot, pole in zip(on_ground(feet, ground_height(feet)), poles, strict=True):

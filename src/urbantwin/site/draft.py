@@ -23,7 +23,18 @@ from urbantwin.site.region import (
 )
 from urbantwin.site.site import load_site
 
-__all__ = ["RADIUS_M", "GivenPlace", "SiteDraft", "check_target", "write_draft"]
+__all__ = [
+    "RADIUS_M",
+    "SENSOR",
+    "SENSOR_COLUMNS",
+    "GivenPlace",
+    "SiteDraft",
+    "check_target",
+    "write_draft",
+]
+
+#: The sensor of a first site: its model and its firings per turn.
+SENSOR, SENSOR_COLUMNS = "OS1-128", 1024
 
 #: The usual radius of a region, metres.
 RADIUS_M = 150.0
@@ -229,6 +240,7 @@ roads:
 # false they come in where the region's border cuts a street, and leave where it cuts another.
 closed_loop: true
 """
+    seen = "" if pole.seen is None else f": by the map, {100 * pole.seen:.0f} % is in sight"
     counts = "\n".join(f"    {name}: {count}" for name, count in draft.per_hour.items())
     return f"""\
 # A site for UrbanTwin. It runs as it is: urbantwin run site.yaml -o out/
@@ -298,18 +310,20 @@ rig:
   rate_hz: 10           # frames per second
   frame: level          # of the points: sensor, level (sensor's place and heading, upright) or site
   sensors:
-    # A pole at a corner of the junction, looking at its middle. More sensors: more items.
-    # docs/rigs.md has all that a rig can say: heights, timing, echoes, weather, faults, riding.
+    # A pole beside the junction, looking at its middle{seen}.
+    # More sensors: more items. docs/rigs.md has all that a rig can say: heights, timing, echoes,
+    # weather, faults, riding.
     - name: pole
-      model: OS1-128    # "urbantwin sensors" lists the models
-      columns: 1024     # per turn
+      model: {SENSOR}    # "urbantwin sensors" lists the models
+      columns: {SENSOR_COLUMNS}     # per turn
       east_m: {pole.east_m}
       north_m: {pole.north_m}
       # or, in place of east_m and north_m: latitude and longitude
-      height_m: 5.5     # above the ground there
+      height_m: {pole.height_m}     # above the ground there
       yaw_deg: {pole.yaw_deg}    # counter-clockwise from east; or heading_deg, clockwise from north
-      pitch_deg: 5.0    # positive looks down
+      pitch_deg: {pole.pitch_deg}    # positive looks down
       roll_deg: 0.0
+      proposed: true    # a build moves it to where it sees more; without this line it stays here
       effects:          # all but crosstalk are on unless turned off; effects: false turns off all
         noise: true     # range noise as in the datasheet
         dropout: true   # weak returns are lost

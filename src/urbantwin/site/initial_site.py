@@ -23,7 +23,7 @@ from urbantwin.site.extract import Extract
 from urbantwin.site.extract_coverage import mapped_area
 from urbantwin.site.extract_file import LonLatBox, box_around, read_extract
 from urbantwin.site.junction_proposal import propose_junction
-from urbantwin.site.pole_site import propose_pole
+from urbantwin.site.pole_site import PoleChoice, ground_around, nearest_place
 from urbantwin.site.region import circle
 from urbantwin.site.traffic_around import per_hour_around
 
@@ -45,7 +45,7 @@ class _Place:
     why: str
 
 
-def init_site(
+def init_site(  # noqa: PLR0913 - every one is a person's choice
     folder: Path,
     osm: Path,
     *,
@@ -54,6 +54,7 @@ def init_site(
     region: Path | None = None,
     radius_m: float | None = None,
     force: bool = False,
+    choose_pole: PoleChoice = nearest_place,
     progress: Progress | None = None,
 ) -> Path:
     """Write a commented ``site.yaml`` for an OpenStreetMap extract and return its path.
@@ -68,6 +69,7 @@ def init_site(
         region: a GeoJSON polygon; without it a circle.
         radius_m: radius of the circle; without it 150 m, or less where the extract ends before.
         force: replace a ``site.yaml`` that is there.
+        choose_pole: where the sensor stands on the ground of the junction.
         progress: called with the share done (0..1) and the current task.
 
     Raises:
@@ -85,6 +87,8 @@ def init_site(
     radius = radius_m
     if radius is None:
         radius = RADIUS_M if region else _radius(extract, frame)
+    shape = given.region(frame, radius)
+    tell(0.9, "looking for a place of the sensor")
     draft = SiteDraft(
         title=place.title,
         why=place.why,
@@ -94,8 +98,8 @@ def init_site(
         osm=osm,
         roads=None,
         anchor_m=None,
-        per_hour=per_hour_around(extract, frame, given.region(frame, radius)),
-        pole=propose_pole(extract, frame),
+        per_hour=per_hour_around(extract, frame, shape),
+        pole=choose_pole(ground_around(extract, frame, shape)),
     )
     return write_draft(folder, draft, force=force)
 

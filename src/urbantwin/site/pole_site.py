@@ -1,102 +1,183 @@
-"""Proposing where a roadside sensor's pole could stand at a junction, from the map alone."""
+"""Where a roadside sensor's pole could stand at a junction, from the map alone."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.geometry import SiteFrame
+from urbantwin.geometry import SiteFrame, area_union
 from urbantwin.site.extract import Extract, OsmFeature
 from urbantwin.site.junction_proposal import STREETS, meeting_nodes, way_lanes
 
-__all__ = ["PolePosition", "features_around", "place_pole", "propose_pole"]
+__all__ = [
+    "JUNCTION_M",
+    "PoleChoice",
+    "PoleGround",
+    "PolePosition",
+    "features_around",
+    "ground_around",
+    "nearest_place",
+]
+
+#: The ground that a sensor at a junction is to see: this far around the anchor, metres.
+JUNCTION_M = 50.0
+#: Height of a sensor of which nothing more is known, metres, and how far it looks down, degrees.
+_HEIGHT_M, _PITCH_DEG = 5.5, 5.0
 
 #: Width of a lane with its share of the kerb strip, metres (a usual urban lane is 3.0-3.5 m).
 _LANE_M = 3.4
-#: A pole stands this far from the carriageway and from buildings at least, metres.
-_KERB_CLEARANCE_M = 2.0
+#: A pole stands this far from the carriageway and from buildings at least, metres; where there is
+#: no such place, nearer to the carriageway, whose width is a guess.
+_KERB_CLEARANCES_M = (2.0, 1.0, 0.3)
 _WALL_CLEARANCE_M = 1.0
+#: Nobody walks against it: the middle of a footway is this far, metres.
+_FOOTWAY_M = 1.2
 #: Kerbs are rounded where streets meet: corners closer than this to both streets are paved, metres.
 _CORNER_M = 6.0
 #: Nodes this close to the middle belong to the junction; stop lines are this far beyond, metres.
 _CORE_M, _STOP_M = 25.0, 10.0
-#: Where poles are looked for, metres from the middle, and how far a sensor's view is judged.
-_NEAREST_M, _WANTED_M, _FARTHEST_M, _VIEW_M = 10.0, 15.0, 60.0, 50.0
+#: Where poles are looked for: a grid of places so far from the middle, and beside a carriageway.
+_NEAREST_M, _FARTHEST_M, _GRID_M, _BESIDE_M = 10.0, 45.0, 1.5, 8.0
+#: What is farther than this from the anchor is not in the way, metres.
+_AROUND_M = 110.0
 
 _RAILS = ("rail", "tram", "light_rail", "subway", "narrow_gauge")
+_WALKED = ("footway", "pedestrian", "path", "cycleway", "steps")
 
 
 @dataclass(frozen=True)
 class PolePosition:
-    """A place for a pole, site frame, and the heading from it to the middle of the junction."""
+    """Where a sensor hangs on a pole, site frame.
+
+    Attributes:
+        east_m: metres east of the anchor.
+        north_m: metres north of it.
+        yaw_deg: heading to the middle of the junction, counter-clockwise from east.
+        height_m: above the ground there.
+        pitch_deg: how far it looks down.
+        seen: share (0..1) of the junction that it sees; ``None``: not known.
+    """
 
     east_m: float
     north_m: float
     yaw_deg: float
+    height_m: float = _HEIGHT_M
+    pitch_deg: float = _PITCH_DEG
+    seen: float | None = None
 
 
-def propose_pole(extract: Extract, frame: SiteFrame) -> PolePosition:
-    """Return the place of a pole at the junction around the anchor.
+@dataclass(frozen=True)
+class PoleGround:
+    """The ground around a junction in plan, as far as a map tells: site frame, metres.
 
-    It stands beside the carriageway and in no building, as close to 10-15 m from the anchor as
-    the streets leave room, in sight of the anchor, where buildings hide the least. Carriageways are
-    taken as wide as their lanes.
+    Attributes:
+        streets: the carriageways that are to be seen.
+        paved: where nothing may stand: these and other carriageways, service roads, tracks.
+        region: what will be built; no pole stands outside.
+        features: what is mapped around.
     """
+
+    streets: shapely.Geometry
+    paved: shapely.Geometry
+    region: shapely.Polygon
+    features: Sequence[OsmFeature]
+
+    @cached_property
+    def junction(self) -> shapely.Geometry:
+        """The carriageways within `JUNCTION_M` of the anchor."""
+        disc = shapely.Point(0.0, 0.0).buffer(JUNCTION_M)
+        return shapely.intersection(shapely.intersection(self.streets, disc), self.region)
+
+    def places(self) -> NDArray[np.float64]:
+        """Return (N, 2) where a pole could stand, at least one.
+
+        Beside a carriageway, in no building or water, and in nobody's way on a footway.
+        """
+        steps = np.arange(-_FARTHEST_M, _FARTHEST_M + _GRID_M / 2, _GRID_M)
+        places = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+        away = np.linalg.norm(places, axis=1)
+        places = places[(away >= _NEAREST_M) & (away <= _FARTHEST_M)]
+        areas = [item for item in self.features if "Polygon" in item.geometry.geom_type]
+        taken = shapely.union_all(
+            [
+                *(x.geometry.buffer(_WALL_CLEARANCE_M) for x in areas if _is_building(x.tags)),
+                *(x.geometry for x in areas if _is_water(x.tags)),
+                *(x.geometry.buffer(_FOOTWAY_M) for x in self.features if _is_walked(x)),
+            ]
+        )
+        region = shapely.buffer(self.region, -1.0)
+        shapely.prepare([self.paved, taken, region])
+        points = shapely.points(places)
+        near = shapely.dwithin(self.paved, points, _BESIDE_M + _KERB_CLEARANCES_M[0])
+        free = near & shapely.contains(region, points) & ~shapely.intersects(taken, points)
+        places, points = places[free], points[free]
+        for clearance in _KERB_CLEARANCES_M:
+            beside = ~shapely.dwithin(self.paved, points, clearance)
+            if beside.any():
+                return np.asarray(places[beside])
+        # Everything around is paved or built over: beside the middle.
+        return np.array([[_NEAREST_M, 0.0]])
+
+
+#: What chooses the place of a pole on the ground of a junction.
+PoleChoice = Callable[[PoleGround], PolePosition]
+
+
+def nearest_place(ground: PoleGround) -> PolePosition:
+    """Return the place nearest to the anchor, whatever can be seen from there."""
+    places = ground.places()
+    east, north = places[int(np.argmin(np.round(np.linalg.norm(places, axis=1), 6)))]
+    yaw = float(np.degrees(np.arctan2(-north, -east)))
+    return PolePosition(round(float(east), 2), round(float(north), 2), round(yaw, 1))
+
+
+def ground_around(extract: Extract, frame: SiteFrame, region: shapely.Polygon) -> PoleGround:
+    """Return the ground around the anchor; carriageways are taken as wide as their lanes."""
     features = features_around(extract, frame)
-    lines: list[shapely.Geometry] = []
-    widths: list[float] = []
+    level = _level(features)
+    streets: list[shapely.Geometry] = []
+    others: list[shapely.Geometry] = []
     for item in features:
         width = _half_width(item.tags, extract, item.id)
         if width and item.geometry.geom_type == "LineString":
-            lines.append(item.geometry)
-            widths.append(width)
-    paved = shapely.union_all(shapely.buffer(np.array(lines, dtype=object), widths))
-    paved = paved.buffer(_CORNER_M).buffer(-_CORNER_M)
-    paved = shapely.union(paved, _crossing_area(extract, frame, paved))
-    return place_pole(paved, features)
+            strip = item.geometry.buffer(width)
+            seen = item.tags.get("highway") in STREETS and _layer(item.tags) == level
+            (streets if seen else others).append(strip)
+    driven = _rounded(area_union(streets))
+    driven = shapely.union(driven, _crossing_area(extract, frame, driven))
+    paved = shapely.union(_rounded(area_union([*streets, *others])), driven)
+    return PoleGround(driven, paved, region, features)
 
 
 def features_around(extract: Extract, frame: SiteFrame) -> list[OsmFeature]:
     """Return the features within view of a sensor at the anchor's junction."""
-    return extract.features(frame, shapely.Point(0.0, 0.0).buffer(_FARTHEST_M + _VIEW_M))
+    return extract.features(frame, shapely.Point(0.0, 0.0).buffer(_AROUND_M))
 
 
-def place_pole(paved: shapely.Geometry, features: Iterable[OsmFeature]) -> PolePosition:
-    """Return the place of a pole at the junction around the anchor.
+def _rounded(paved: shapely.Geometry) -> shapely.Geometry:
+    return paved.buffer(_CORNER_M).buffer(-_CORNER_M)
 
-    Args:
-        paved: the carriageways, site frame.
-        features: what is mapped around: buildings end the view, in water nothing stands.
-    """
-    areas = [item for item in features if "Polygon" in item.geometry.geom_type]
-    buildings = shapely.union_all([x.geometry for x in areas if _is_building(x.tags)])
-    water = shapely.union_all([x.geometry for x in areas if _is_water(x.tags)])
-    distances = np.arange(_NEAREST_M, _FARTHEST_M + 0.5)
-    angles = np.radians(np.arange(0.0, 360.0, 5.0))
-    places = np.array(
-        [(d * np.cos(a), d * np.sin(a)) for d in distances for a in angles], dtype=np.float64
-    )
-    points = shapely.points(places)
-    shapely.prepare([paved, buildings])
-    free = ~shapely.dwithin(paved, points, _KERB_CLEARANCE_M)
-    free &= ~shapely.dwithin(buildings, points, _WALL_CLEARANCE_M)
-    free &= ~shapely.intersects(buildings, _sight_lines(places))
-    free &= ~shapely.intersects(water, points)
-    # Where everything around is paved or built over: beside the middle.
-    choice = places[free] if free.any() else places
-    away = np.linalg.norm(choice, axis=1)
-    cost = np.maximum(0.0, away - _WANTED_M)
-    # Whole metres of distance first, then the view: no need to judge the view of them all.
-    nearest = choice[cost <= cost.min() + 8.0]
-    views = _views(nearest, buildings)
-    cost = np.maximum(0.0, np.linalg.norm(nearest, axis=1) - _WANTED_M) - 25.0 * views
-    east, north = nearest[int(np.argmin(np.round(cost, 6)))]
-    yaw = float(np.degrees(np.arctan2(-north, -east)))
-    return PolePosition(round(float(east), 2), round(float(north), 2), round(yaw, 1))
+
+def _layer(tags: dict[str, str]) -> str:
+    if tags.get("tunnel", "no") not in ("no", "building_passage"):
+        return tags.get("layer", "-1")
+    return tags.get("layer", "1" if tags.get("bridge", "no") != "no" else "0")
+
+
+def _level(features: Sequence[OsmFeature]) -> str:
+    """Return the layer of the street that is nearest to the anchor."""
+    middle = shapely.Point(0.0, 0.0)
+    streets = [
+        (round(shapely.distance(x.geometry, middle), 3), _layer(x.tags))
+        for x in features
+        if x.tags.get("highway") in STREETS
+    ]
+    return min(streets, default=(0.0, "0"))[1]
 
 
 def _is_building(tags: dict[str, str]) -> bool:
@@ -105,6 +186,10 @@ def _is_building(tags: dict[str, str]) -> bool:
 
 def _is_water(tags: dict[str, str]) -> bool:
     return tags.get("natural") == "water" or "waterway" in tags
+
+
+def _is_walked(item: OsmFeature) -> bool:
+    return item.tags.get("highway") in _WALKED and item.geometry.geom_type == "LineString"
 
 
 def _crossing_area(extract: Extract, frame: SiteFrame, paved: shapely.Geometry) -> shapely.Geometry:
@@ -128,23 +213,3 @@ def _half_width(tags: dict[str, str], extract: Extract, way: int) -> float:
     if kind == "service":
         return 2.5
     return 1.7 if tags.get("railway") in _RAILS and tags.get("tunnel") != "yes" else 0.0
-
-
-def _sight_lines(places: NDArray[np.float64]) -> NDArray[np.object_]:
-    ends = np.stack([places, np.zeros_like(places)], axis=1)
-    return np.asarray(shapely.linestrings(ends))
-
-
-def _views(places: NDArray[np.float64], buildings: shapely.Geometry) -> NDArray[np.float64]:
-    """Return (N,) 0..1: how far one sees along the ground, on average over all directions."""
-    reach = int(_FARTHEST_M + _VIEW_M) + 1
-    east, north = np.meshgrid(np.arange(-reach, reach + 1.0), np.arange(-reach, reach + 1.0))
-    built = shapely.contains_xy(buildings, east, north)
-    angles = np.radians(np.arange(0.0, 360.0, 10.0))
-    away = np.arange(1.0, _VIEW_M + 0.5)
-    directions = np.column_stack([np.cos(angles), np.sin(angles)])
-    # (places, directions, steps, 2): the metre cells that each line of sight passes.
-    steps = away[None, None, :, None] * directions[None, :, None, :]
-    cells = np.rint(places[:, None, None, :] + steps).astype(int) + reach
-    blocked = built[cells[..., 1], cells[..., 0]]
-    return np.asarray(1.0 - np.maximum.accumulate(blocked, axis=2).mean(axis=(1, 2)))

@@ -97,6 +97,7 @@ class SensorSpec(SensorPlace, _Named):
         model: a name of the sensor catalogue or the path of a sensor's file; checked where the
             rig is placed.
         columns: columns per turn; ``None`` takes the model's default.
+        proposed: whether nobody chose its place: a build moves it to where it sees more.
         effects: its imperfections, on unless turned off.
         returns: which echoes of a beam it reports; ``None``: the strongest, where the model does.
         rate_hz: turns per second; ``None``: the rig's frames per second.
@@ -112,6 +113,7 @@ class SensorSpec(SensorPlace, _Named):
         sway: of its own pole; ``None``: the rig's.
     """
 
+    proposed: bool | None = None
     effects: Effects = Effects()
     returns: Literal["strongest", "last", "first", "dual"] | None = None
     rate_hz: Rate | None = None

@@ -7,10 +7,11 @@ their way are the rate times the time for the way round).
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Set
+from collections.abc import Callable, Mapping, Sequence, Set
 
 import numpy as np
 
+from urbantwin.roads import BusStop
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.circuit import Circuit
 from urbantwin.traffic.demand import Demand, LeftOut, Population, Trip, systematic
@@ -22,7 +23,7 @@ __all__ = ["Circulation"]
 
 #: Everybody has come in after this long, or after half of the warm-up if that is shorter, seconds.
 _COMING_IN_S = 60.0
-_ON_FOOT = "pedestrian"
+_ON_FOOT, _BUS = "pedestrian", "bus"
 #: Nobody comes in on a street that is shorter than this, where a queue leaves no room, metres.
 _ROOM_M = 25.0
 #: Length of footway per walker below which no more come in, metres: 5.6 m2 (60 square feet) at the
@@ -41,12 +42,24 @@ class Circulation:
         outer: ids of the edges of outer roads.
         per_hour: passages through the region per hour and class.
         seed: the same seed gives the same traffic.
+        stops: where buses halt.
+        bus_roads: ids of the edges that mapped lines run on.
     """
 
     def __init__(
-        self, network: StreetNetwork, outer: Set[str], per_hour: Mapping[str, float], seed: int
+        self,
+        network: StreetNetwork,
+        outer: Set[str],
+        per_hour: Mapping[str, float],
+        seed: int,
+        *,
+        stops: Sequence[BusStop] = (),
+        bus_roads: Set[str] = frozenset(),
     ) -> None:
-        self.outer, self.seed = frozenset(outer), seed
+        self.outer, self.seed, self.stops = frozenset(outer), seed, tuple(stops)
+        self._stops_of: dict[str, list[int]] = {}
+        for number, stop in enumerate(self.stops):
+            self._stops_of.setdefault(stop.lane.rpartition("_")[0], []).append(number)
         self.per_hour = {name: float(per_hour.get(name, 0.0)) for name in ACTOR_CLASSES}
         self._circuits: dict[str, Circuit] = {}
         self._missing: dict[str, str] = {}
@@ -61,7 +74,9 @@ class Circulation:
                 graph = (
                     walked_graph(network, self.outer)
                     if walks
-                    else driven_graph(network, vclass, self.outer)
+                    else driven_graph(
+                        network, vclass, self.outer, bus_roads if name == _BUS else frozenset()
+                    )
                 )
                 made[vclass] = None if graph is None else Circuit.of(graph)
             circuit = made[vclass]
@@ -155,7 +170,9 @@ class Circulation:
                     )
                 )
         trips.sort(key=lambda trip: (trip.depart_s, ACTOR_CLASSES.index(trip.actor_class)))
-        return Demand(tuple(trips), tuple(left_out), tuple(populations), self.outer)
+        return Demand(
+            tuple(trips), tuple(left_out), tuple(populations), self.outer, stops=self.stops
+        )
 
     def _trip(
         self,
@@ -186,7 +203,11 @@ class Circulation:
         if actor_class != _ON_FOOT:
             states = passages[0] + [state for passage in passages[1:] for state in passage[1:]]
             edges = tuple(graph.edges[state] for state in states)
-            return Trip(actor_class, asset, depart_s, edges, anywhere=True)
+            halts: tuple[int, ...] = ()
+            if actor_class == _BUS:
+                # Who sets out may do so behind a stop on the first street.
+                halts = tuple(k for edge in edges[1:] for k in self._stops_of.get(edge, ()))
+            return Trip(actor_class, asset, depart_s, edges, anywhere=True, halts=halts)
         # Walks end in the middle of a gate's sidewalk, where the next begins.
         length = dict(zip(graph.edges, graph.length_m.tolist(), strict=True))
         walks = [

@@ -9,7 +9,7 @@ import numpy as np
 import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
-from urbantwin.result_warning import ResultWarning
+from urbantwin.roads import BusStop
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.network import StreetNetwork, Streets
 from urbantwin.traffic.vehicle_types import ACTOR_KINDS
@@ -42,6 +42,7 @@ class Trip:
         anywhere: whether it sets out somewhere on the first street, where there is room.
         then: on foot: further walks, each from where the one before ends: streets and where on the
             last one it ends.
+        halts: of a bus: numbers of the demand's stops in the order in which it halts at them.
     """
 
     actor_class: str
@@ -52,6 +53,7 @@ class Trip:
     arrive_m: float = 0.0
     anywhere: bool = False
     then: tuple[tuple[tuple[str, ...], float], ...] = ()
+    halts: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,7 @@ class Demand:
         outer: ids of the edges of outer roads, by which those who circulate come back.
         carried: share of the motor traffic asked for that the streets can carry.
         held_up: where and why they carry no more; empty where they do.
-        warnings: whatever else is wrong with it.
+        stops: where buses halt.
     """
 
     trips: tuple[Trip, ...]
@@ -104,7 +106,7 @@ class Demand:
     outer: frozenset[str] = frozenset()
     carried: float = 1.0
     held_up: str = ""
-    warnings: tuple[ResultWarning, ...] = ()
+    stops: tuple[BusStop, ...] = ()
 
     @property
     def circulates(self) -> bool:

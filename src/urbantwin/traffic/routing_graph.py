@@ -27,6 +27,9 @@ _DEAD_END_SHARE = 0.1
 #: A turn of cyclists across a signalised junction from a lane of their own seems so much longer,
 #: seconds: they go another way where there is one.
 _ACROSS_S = 5000.0
+#: A street that no line runs on seems so much longer to buses, seconds, and so many come in by it,
+#: relative to its traffic.
+_OFF_LINE_S, _OFF_LINE_SHARE = 300.0, 0.001
 #: To turn back where one came from seems so much longer to walkers, seconds.
 _TURN_BACK_S = 300.0
 #: What lies a whole junction apart is not joined to it, metres.
@@ -65,13 +68,17 @@ class WayGraph:
         return float(self.metres.sum() / max(float(self.seconds.sum()), 1e-9))
 
 
-def driven_graph(network: StreetNetwork, vclass: str, outer: Set[str]) -> WayGraph | None:
+def driven_graph(
+    network: StreetNetwork, vclass: str, outer: Set[str], preferred: Set[str] = frozenset()
+) -> WayGraph | None:
     """Return the ways of a SUMO vehicle class; ``None`` where it may drive nowhere.
 
     Args:
         network: the streets.
         vclass: SUMO's vehicle class.
         outer: ids of the edges of outer roads.
+        preferred: ids of edges; where there are any, other streets seem longer, and hardly anybody
+            comes in by them.
     """
     edges = [edge for edge in network.streets if edge.allows(vclass)]
     if not edges:
@@ -92,7 +99,12 @@ def driven_graph(network: StreetNetwork, vclass: str, outer: Set[str]) -> WayGra
             arcs[pair] = edge.getLength() / min(edge.getSpeed(), fastest) + over / _TURNING_MS
             if vclass == "bicycle" and _turns_across(edge, following):
                 shunned[pair] = _ACROSS_S
+            if preferred and following.getID() not in preferred | outer:
+                shunned[pair] = _OFF_LINE_S
         rank = network.rank(edge, vclass)
+        leads_to = {edge.getID(), *(x.getID() for x in next_edges)}
+        if preferred and not leads_to & preferred:
+            rank *= _OFF_LINE_SHARE
         if edge.getID() in outer:
             if any(following.getID() not in outer for following in next_edges):
                 gate[number] = len(weight)

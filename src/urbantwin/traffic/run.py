@@ -149,8 +149,7 @@ def _driven(
     }
     if demand.circulates:
         manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)
-    warnings = [*demand.warnings, *warnings_of_drive(manifest)]
-    manifest["warnings"] = rows_of(warnings)
+    manifest["warnings"] = rows_of(warnings_of_drive(manifest))
     shown = Motion(manifest, actors, signals).with_meshes(between(told, 0.85, 0.95))
     motion = resized(shown, asked.get("size", {}))
     made = {"actors": table_sha256(motion.actors), "meshes": meshes_sha256(motion.meshes)}
@@ -178,7 +177,14 @@ def demand_of(
     network = StreetNetwork(twin.net_path, twin.region)
     circulation = None
     if twin.site.get("closed_loop"):
-        circulation = Circulation(network, outer_roads(twin), asked["per_hour"], seed)
+        circulation = Circulation(
+            network,
+            outer_roads(twin),
+            asked["per_hour"],
+            seed,
+            stops=twin.roads.stops,
+            bus_roads=frozenset(twin.roads.bus_roads),
+        )
     if circulation is not None and circulation.drives:
         found = calibrate(
             circulation,

@@ -37,6 +37,7 @@ __all__ = [
     "sumo_options",
     "sumo_substeps",
     "write_routes",
+    "write_stops",
 ]
 
 _WORKER = Path(__file__).with_name("sumo_worker.py")
@@ -48,6 +49,9 @@ _STUCK_S = (
 _BLOCKER_S = 60
 _SQUEEZE_S = 120  # people who stand in each other's way for so long squeeze past
 _FASTEST = 1.25  # nobody drives faster than so many times a lane's speed
+#: A bus halts at a stop for so long, seconds (Transit Capacity and Quality of Service Manual 2013,
+#: chapter 6: 15 s at a typical stop outside of city centres).
+DWELL_S = 15.0
 STUCK_S = 300.0  # who stays and halts for longer is reported
 _SUBLANE_M = 0.8  # two-wheelers pass each other and cars within a lane
 
@@ -201,9 +205,14 @@ def _worked(
         folder = made.resolve()
         routes = folder / "demand.rou.xml"
         write_routes(routes, demand, asset)
+        write_stops(folder / "stops.add.xml", demand)
         whole = {
             **job,
-            "options": _command_line(net_path, routes, options),
+            "options": _command_line(
+                net_path,
+                routes,
+                {**options, "additional-files": folder / "stops.add.xml"},
+            ),
             "classes": [ACTOR_CLASSES.index(trip.actor_class) for trip in demand.trips],
             "kinds": len(ACTOR_CLASSES),
             "outer": sorted(demand.outer),
@@ -330,6 +339,20 @@ def write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> N
                 how = {"departLane": "best", "departSpeed": "max", "departPos": "random_free"}
             vehicle = etree.SubElement(root, "vehicle", **common, **how)
             etree.SubElement(vehicle, "route", edges=edges)
+            for halt in trip.halts:
+                etree.SubElement(vehicle, "stop", busStop=str(halt), duration=f"{DWELL_S:g}")
+    etree.ElementTree(root).write(str(path), encoding="utf-8", xml_declaration=True)
+
+
+def write_stops(path: Path, demand: Demand) -> None:
+    """Write where buses halt, as SUMO reads it before the routes."""
+    root = etree.Element("additional")
+    for number, stop in enumerate(demand.stops):
+        where = {"startPos": f"{stop.start_m:.2f}", "endPos": f"{stop.end_m:.2f}"}
+        named = {"name": stop.name} if stop.name else {}
+        etree.SubElement(
+            root, "busStop", id=str(number), lane=stop.lane, **where, friendlyPos="true", **named
+        )
     etree.ElementTree(root).write(str(path), encoding="utf-8", xml_declaration=True)
 
 

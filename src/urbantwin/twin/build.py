@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +12,12 @@ import shapely
 import yaml
 
 from urbantwin import __version__
-from urbantwin.artefact import check_folder, read_json, replaced_folder, sha256_of, write_json
+from urbantwin.artefact import check_folder, replaced_folder, sha256_of, write_json
 from urbantwin.errors import InputError
 from urbantwin.ground import Elevation
 from urbantwin.progress import Progress, between, untold
 from urbantwin.reconstruct import Reconstruction, outcome
-from urbantwin.result_warning import ResultWarning, rows_of
+from urbantwin.result_warning import rows_of
 from urbantwin.roads import BuiltRoads, build_roads, driving_side
 from urbantwin.roads.driving_side import country_of
 from urbantwin.roads.imported import ImportedMap, build_imported_roads, prepared_map, read_map
@@ -34,12 +35,13 @@ from urbantwin.site import (
     read_extract,
     read_orthophoto,
 )
-from urbantwin.twin.found_of_mapped import found_of_mapped
+from urbantwin.twin.found_of_mapped import found_of_mapped, share_known
 from urbantwin.twin.ground import SurveyedSite, survey_ground
 from urbantwin.twin.provenance import made_from
 from urbantwin.twin.result_warnings import warnings_of_build
 from urbantwin.twin.sensor_files import copy_sensor_files
-from urbantwin.twin.twin import Twin, load_twin
+from urbantwin.twin.standing_rig import Stand, StandingRig
+from urbantwin.twin.twin import Twin, anchor_height_m, load_twin
 
 __all__ = ["build_twin"]
 
@@ -54,14 +56,15 @@ ROADS, ROADS_WRITTEN, SCENE, SCENE_WRITTEN = 0.06, 0.08, 0.87, 0.93
 BUILT = 0.9
 
 
-def build_twin(
+def build_twin(  # noqa: PLR0915 - stage by stage
     site: Site,
     out: Path,
     progress: Progress | None = None,
     *,
     watch: Callable[[Reconstruction], None] | None = None,
     refuse: Callable[[ScenePreview, float | None], None] | None = None,
-    also: Callable[[Twin, Progress], Iterable[ResultWarning]] | None = None,
+    stand: Stand | None = None,
+    also: Callable[[Twin, Progress], None] | None = None,
 ) -> Twin:
     """Build a site's twin and write it to a folder, whole or not at all.
 
@@ -72,8 +75,9 @@ def build_twin(
         watch: called with the imported geometry, for pictures of how it was placed and cleaned.
         refuse: given what is known of the scene about the sensors before it is built, and the
             height of the anchor's ground in the DEM's datum: for what need not wait.
+        stand: stands the site's rig on the scene.
         also: given the whole twin before it appears, for what is to be checked of it and what else
-            belongs into its folder: pictures. What it finds wrong stands in ``twin.json``, too.
+            belongs into its folder: pictures.
 
     Raises:
         InputError: the map, the DEM or the region cannot be used.
@@ -156,7 +160,11 @@ def build_twin(
             photo=photo,
         )
         material.surface.save(folder / "surface_material.npz")
-        tell(0.97, "writing")
+        tell(0.97, "standing the sensors")
+        stood = StandingRig(site.rig)
+        if stand is not None:
+            stood = stand(site, roads.network, scene.mesh, anchor_height_m(ground_notes))
+            site = replace(site, rig=stood.spec)
         of_sources = _written_geometry(folder, found, watch)
         mapped = found_of_mapped(
             None if imported else extract, site.frame, site.region, roads.network
@@ -168,6 +176,7 @@ def build_twin(
             **({"geometry": of_sources} if found else {}),
             **scene.notes,
             "materials": material.notes,
+            **({"sensors": stood.notes} if stood.notes else {}),
         }
         _write_documents(
             folder,
@@ -178,11 +187,22 @@ def build_twin(
                     site, found.report if found else None, photo.notes if photo else ()
                 ),
                 "notes": notes,
-                "warnings": rows_of(warnings_of_build(roads, mapped, of_sources)),
+                "warnings": rows_of(
+                    [
+                        *warnings_of_build(
+                            roads,
+                            mapped,
+                            of_sources,
+                            scene=scene.notes,
+                            known=share_known(extract, site.frame, site.region),
+                        ),
+                        *stood.warnings,
+                    ]
+                ),
             },
         )
         if also is not None:
-            _add_warnings(folder, also(load_twin(folder), between(whole, BUILT, 1.0)))
+            also(load_twin(folder), between(whole, BUILT, 1.0))
     whole(1.0, "done")
     return load_twin(out)
 
@@ -208,13 +228,6 @@ def _write_documents(folder: Path, site: Site, told: Mapping[str, object]) -> No
             "files": {path.name: sha256_of(path) for path in sorted(folder.iterdir())},
         },
     )
-
-
-def _add_warnings(folder: Path, further: Iterable[ResultWarning]) -> None:
-    rows, file = rows_of(further), folder / "twin.json"
-    if rows:
-        told = read_json(file, kind="twin")
-        write_json(file, {**told, "warnings": [*told["warnings"], *rows]})
 
 
 def _read(site: Site, tell: Progress) -> tuple[Extract | None, Progress]:
@@ -284,8 +297,7 @@ def _before_scene(
         found.covers.get("buildings") if found else None,
         country_of(site.latitude, site.longitude),
     )
-    height = ground.notes.get("anchor_height_m")
-    refuse(preview, height if isinstance(height, float) else None)
+    refuse(preview, anchor_height_m(ground.notes))
 
 
 def _photo(site: Site) -> Orthophoto | None:

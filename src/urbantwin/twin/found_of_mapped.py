@@ -1,4 +1,4 @@
-"""Crossings and signals that a twin's roads have, of those that the map has."""
+"""What a twin has of what is mapped: the region that the map knows, its crossings and signals."""
 
 from __future__ import annotations
 
@@ -14,8 +14,9 @@ from urbantwin.roads import RoadNetwork
 from urbantwin.roads.build import NETWORK_CLASSES
 from urbantwin.site import Extract
 from urbantwin.site.extract import Way
+from urbantwin.site.extract_coverage import mapped_area
 
-__all__ = ["FoundOfMapped", "found_of_mapped"]
+__all__ = ["FoundOfMapped", "found_of_mapped", "share_known"]
 
 #: What is mapped this near to the region's border may lie beyond the roads' ends, metres.
 BORDER_M = 10.0
@@ -90,6 +91,16 @@ def found_of_mapped(
         if inside.contains(point)
     ]
     return {"crossings": _counted(crossings), "signals": _counted(signals)}
+
+
+def share_known(extract: Extract | None, frame: SiteFrame, region: shapely.Polygon) -> float:
+    """Return the share of a region that lies in the bounds that an extract declares.
+
+    1 where it declares none: an area without anything mapped looks like one beyond the extract.
+    """
+    if extract is None or extract.bounds is None:
+        return 1.0
+    return float(mapped_area(extract, frame).intersection(region).area / region.area)
 
 
 def _is_near(tree: shapely.STRtree, point: shapely.Point, reach_m: float) -> bool:

@@ -7,12 +7,15 @@ from typing import Any
 
 from urbantwin.result_warning import ResultWarning
 from urbantwin.roads import BuiltRoads, RoadNetwork
+from urbantwin.scene.signal_pole import NO_PLACE
 from urbantwin.twin.found_of_mapped import FoundOfMapped
 
 __all__ = ["warnings_of_build"]
 
 #: Least share of what is mapped that a twin has, where nothing is said.
 ENOUGH = 0.95
+#: Least share of the region in the bounds of the map, where nothing is said.
+KNOWN = 0.9
 #: Parts that are left out and shorter than this are not missed, metres.
 LONG_M = 50.0
 _REASONS = {
@@ -25,6 +28,9 @@ def warnings_of_build(
     roads: BuiltRoads,
     mapped: Mapping[str, FoundOfMapped],
     geometry: Mapping[str, Any],
+    *,
+    scene: Mapping[str, Any],
+    known: float = 1.0,
 ) -> Iterator[ResultWarning]:
     """Yield what is wrong with a twin.
 
@@ -32,7 +38,16 @@ def warnings_of_build(
         roads: its roads.
         mapped: what they have of what is mapped.
         geometry: name of each source of geometry -> what became of it, see `reconstruct.outcome`.
+        scene: notes of the scene.
+        known: share of the region in the bounds of the map.
     """
+    if known < KNOWN:
+        yield ResultWarning(
+            "map",
+            f"{1 - known:.0%} of the region lie beyond the extract",
+            "beyond its bounds it has no more than what sticks out",
+            "take a larger extract, or a smaller region",
+        )
     yield from roads.warnings
     for kind, counts in mapped.items():
         if counts.found < ENOUGH * counts.mapped:
@@ -43,13 +58,13 @@ def warnings_of_build(
                 _REASONS[kind],
                 f"one is {x:.0f} m east, {y:.0f} m north: look there in plan.png and in the map",
             )
-    bare = _without_heads(roads)
+    bare = _without_heads(roads) + scene.get("signals", {}).get(NO_PLACE, 0)
     if bare:
         yield ResultWarning(
             "signals",
-            f"{bare} lanes that a signal stops see none",
-            "there is nowhere for its pole to stand",
-            "sensors lack these poles; look at plan.png",
+            f"{bare} heads are missing",
+            "there is nowhere for their poles to stand",
+            "sensors will not see these poles",
         )
     left_out: Any = roads.notes.get("left_out", [])
     parts = [part for part in left_out if part["metres"] >= LONG_M]

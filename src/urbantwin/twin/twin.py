@@ -119,9 +119,7 @@ class Twin:
     @property
     def anchor_height_m(self) -> float | None:
         """Height of the anchor's ground in the DEM's datum, metres; ``None`` without a DEM."""
-        ground = self.manifest.get("notes", {}).get("ground", {})
-        value = ground.get("anchor_height_m") if isinstance(ground, dict) else None
-        return float(value) if isinstance(value, int | float) else None
+        return anchor_height_m(self.manifest.get("notes", {}).get("ground", {}))
 
     def rig_spec(self) -> RigSpec:
         """Read the site's sensor rig."""
@@ -137,6 +135,12 @@ class Twin:
         if not path.is_file():
             raise InputError("not found", file=path, expected="a complete twin")
         return path
+
+
+def anchor_height_m(notes: object) -> float | None:
+    """Return the height of the anchor's ground of a build's notes of the ground, metres."""
+    value = notes.get("anchor_height_m") if isinstance(notes, dict) else None
+    return float(value) if isinstance(value, int | float) else None
 
 
 def load_twin(folder: Path) -> Twin:

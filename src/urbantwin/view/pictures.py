@@ -12,8 +12,9 @@ from urbantwin.dataset.manifest_schema import read_manifest
 from urbantwin.dataset.motion_interpolation import Rows, rows_at
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, Pose
-from urbantwin.lidar import Rig
+from urbantwin.lidar import Rig, place_rig
 from urbantwin.lidar.coverage import Coverage
+from urbantwin.lidar.siting import RigSight, sight_of_rig
 from urbantwin.progress import Progress, untold
 from urbantwin.traffic import Motion
 from urbantwin.traffic.assets import asset_mesh
@@ -28,6 +29,7 @@ from urbantwin.view.paths import paths_figure
 from urbantwin.view.plan import plan_figure
 from urbantwin.view.range_image import range_image_figure
 from urbantwin.view.scene import scene_figure, scene_picture
+from urbantwin.view.sight import sight_figure
 from urbantwin.view.style import legible
 
 __all__ = [
@@ -41,12 +43,15 @@ __all__ = [
     "picture_of_motion",
     "pictures_of_dataset",
     "pictures_of_twin",
+    "sight_on",
     "title_of",
 ]
 
 
 def pictures_of_twin(twin: Twin, out: Path, *, progress: Progress | None = None) -> list[Path]:
-    """Draw a twin into ``out``: ``plan.png``, ``scene.png`` and, of imagery, ``ground.png``.
+    """Draw a twin into ``out``: ``plan.png``, ``scene.png`` and what there is of the others.
+
+    ``sight.png`` is of a rig that stands, ``ground.png`` of imagery.
 
     Args:
         twin: the twin.
@@ -57,7 +62,11 @@ def pictures_of_twin(twin: Twin, out: Path, *, progress: Progress | None = None)
     out.mkdir(parents=True, exist_ok=True)
     tell(0.0, "drawing the plan")
     drawn = [style.save(figure_of_twin(twin, "plan"), out / "plan.png")]
-    tell(0.2, "drawing the scene")
+    sight = sight_on(twin)
+    if sight is not None:
+        tell(0.2, "drawing what the sensors see")
+        drawn.append(style.save(_figure_of_sight(twin, sight), out / "sight.png"))
+    tell(0.4, "drawing the scene")
     drawn.append(style.save(figure_of_twin(twin, "scene"), out / "scene.png"))
     if twin.site.get("imagery"):
         tell(0.9, "drawing the ground")
@@ -71,7 +80,7 @@ def figure_of_twin(twin: Twin, picture: str) -> Figure:
 
     Args:
         twin: the twin.
-        picture: ``plan``, ``scene`` or ``ground``.
+        picture: ``plan``, ``sight`` (what the sensors see), ``scene`` or ``ground``.
 
     Raises:
         InputError: there is no such picture.
@@ -104,7 +113,34 @@ def figure_of_twin(twin: Twin, picture: str) -> Figure:
             title=f"{name}   materials of the ground",
             attribution=sources,
         )
-    raise InputError(f"there is no picture {picture!r:.40}", expected="plan, scene or ground")
+    if picture == "sight":
+        sight = sight_on(twin)
+        if sight is None:
+            raise InputError("the rig looks at no junction", expected="a rig that stands at one")
+        return _figure_of_sight(twin, sight)
+    raise InputError(
+        f"there is no picture {picture!r:.40}", expected="plan, sight, scene or ground"
+    )
+
+
+def sight_on(twin: Twin) -> RigSight | None:
+    """Return what a twin's own rig sees of the junction; see `lidar.siting.sight_of_rig`."""
+    rig = place_rig(
+        twin.rig_spec(), twin.mesh, file=twin.rig_path, anchor_height_m=twin.anchor_height_m
+    )
+    return sight_of_rig(rig, twin.roads, twin.region, twin.mesh)
+
+
+def _figure_of_sight(twin: Twin, sight: RigSight) -> Figure:
+    return sight_figure(
+        sight,
+        twin.roads,
+        model=twin.lane_model,
+        mesh=twin.mesh,
+        sensors=twin.rig_spec().standing(),
+        title=title_of(twin),
+        attribution=attributions(twin.manifest),
+    )
 
 
 def picture_of_motion(motion: Motion, twin: Twin, path: Path) -> Path:

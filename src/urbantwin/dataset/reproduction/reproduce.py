@@ -23,6 +23,7 @@ from urbantwin.errors import InputError
 from urbantwin.lidar import place_rig
 from urbantwin.lidar.background_file import rig_with_backgrounds
 from urbantwin.lidar.casting.backend import tracer_on
+from urbantwin.lidar.siting import standing_rig
 from urbantwin.progress import Progress, between
 from urbantwin.site import load_rig_spec, load_site
 from urbantwin.traffic import Motion, run_traffic
@@ -167,7 +168,7 @@ def make_again(
         else:
             written = _written(scratch / "site.yaml", _with_files(plan, "site"))
             with stage("twin") as progress:
-                twin = build_twin(load_site(written), place / "twin", progress)
+                twin = build_twin(load_site(written), place / "twin", progress, stand=standing_rig)
         if plan.motion is not None:
             motion = Motion.load(plan.motion)
         else:

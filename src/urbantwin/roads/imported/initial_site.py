@@ -36,7 +36,7 @@ from urbantwin.site.country import country_of
 from urbantwin.site.draft import RADIUS_M, GivenPlace, SiteDraft, check_target, write_draft
 from urbantwin.site.extract import OsmFeature
 from urbantwin.site.extract_file import box_around, read_extract
-from urbantwin.site.pole_site import features_around, place_pole
+from urbantwin.site.pole_site import PoleChoice, PoleGround, features_around, nearest_place
 from urbantwin.site.region import circle
 
 __all__ = ["init_site_of_map"]
@@ -62,6 +62,7 @@ def init_site_of_map(  # noqa: PLR0913 - every one is a person's choice
     region: Path | None = None,
     radius_m: float | None = None,
     force: bool = False,
+    choose_pole: PoleChoice = nearest_place,
     progress: Progress | None = None,
 ) -> Path:
     """Write a commented ``site.yaml`` for a map of the roads and return its path.
@@ -79,6 +80,7 @@ def init_site_of_map(  # noqa: PLR0913 - every one is a person's choice
         region: a GeoJSON polygon; without it a circle.
         radius_m: radius of the circle; without it 150 m.
         force: replace a ``site.yaml`` that is there.
+        choose_pole: where the sensor stands on the ground of the junction.
         progress: called with the share done (0..1) and the current task.
 
     Raises:
@@ -110,7 +112,7 @@ def init_site_of_map(  # noqa: PLR0913 - every one is a person's choice
         roads=roads,
         anchor_m=anchor_m,
         per_hour=volumes(imported.model, shape, country),
-        pole=place_pole(paved, features),
+        pole=choose_pole(PoleGround(paved, paved, shape, features)),
     )
     return write_draft(folder, draft, force=force)
 

@@ -1,0 +1,244 @@
+"""What the sensors of a rig see of the junctions that they stand at, and what hides the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.geometry import LabelledMesh, ypr_from_rotation
+from urbantwin.lidar.rig import MountedSensor, Rig
+from urbantwin.lidar.siting.field_of_view import FieldOfView
+from urbantwin.lidar.siting.junction import Junction, Junctions
+from urbantwin.lidar.siting.junction_ground import CELL_M
+from urbantwin.lidar.siting.viewpoint import CLEAR_M, NEAR_M, Stance, View, judged
+from urbantwin.result_warning import ResultWarning
+from urbantwin.roads import RoadNetwork
+from urbantwin.taxonomy import semantic_classes
+
+__all__ = ["LITTLE", "MUCH_NEAR", "Hiding", "RigSight", "SensorSight", "sight_of_rig", "view_of"]
+
+#: What is seen of a junction is little below the first share, and what of the points is near much
+#: above the second.
+LITTLE, MUCH_NEAR = 0.5, 0.3
+#: What hides less than this share of the junction is not told; so many are told in a warning.
+_LEAST, _TOLD = 0.01, 3
+
+_WORDS = {
+    "building": "buildings",
+    "vegetation": "trees and hedges",
+    "trunk": "trees and hedges",
+    "pole": "poles and signs",
+    "traffic-sign": "poles and signs",
+    "fence": "fences and walls",
+    **dict.fromkeys(("road", "parking", "sidewalk", "other-ground", "terrain"), "the ground"),
+}
+_OTHER, _BESIDE = "other things", "the edge of its field of view"
+
+
+class Hiding(NamedTuple):
+    """What hides a part of the junction.
+
+    Attributes:
+        what: in words.
+        share: of the junction (0..1).
+        nearest_m: from the sensor to the nearest of it; ``None`` for what no beam looks at.
+    """
+
+    what: str
+    share: float
+    nearest_m: float | None
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        away = "" if self.nearest_m is None else f" ({self.nearest_m:.0f} m away)"
+        return f"{100 * self.share:.0f} % behind {self.what}{away}"
+
+
+@dataclass(frozen=True)
+class SensorSight:
+    """What one sensor sees.
+
+    Attributes:
+        name: of the sensor.
+        view: what it sees of its junction from its place.
+        hiding: what hides the rest, most first.
+        nearest: what is nearest to it, in words.
+        better: the best place at the junction, where its own is not good.
+    """
+
+    name: str
+    view: View
+    hiding: tuple[Hiding, ...]
+    nearest: str
+    better: View | None
+
+    def problems(self, *, little: bool) -> Iterator[str]:
+        """Yield what is wrong with its place, in words.
+
+        Args:
+            little: whether little of the junction is seen.
+        """
+        if little:
+            yield f"sees {100 * self.view.seen:.0f} % of the junction's lanes and crossings"
+        if self.view.near > MUCH_NEAR:
+            yield f"{100 * self.view.near:.0f} % of its points are nearer than {NEAR_M:g} m"
+        if self.view.nearest_m < CLEAR_M:
+            yield f"{self.nearest} are {self.view.nearest_m:.1f} m away"
+
+    def remedy(self) -> str:
+        """Return where it would see more, in words; nothing where no place is known."""
+        if self.better is None:
+            return ""
+        at = ", ".join(f"{name} {value:g}" for name, value in self.better.stance.written().items())
+        return f"at {at} it would see {100 * self.better.seen:.0f} %"
+
+    def notes(self) -> dict[str, Any]:
+        """Return what can stand in JSON."""
+        found: dict[str, Any] = {
+            "seen": round(self.view.seen, 3),
+            f"points_within_{NEAR_M:g}_m": round(self.view.near, 3),
+        }
+        if np.isfinite(self.view.nearest_m):
+            found["nearest"] = {"what": self.nearest, "m": round(self.view.nearest_m, 2)}
+        found["hidden"] = {
+            one.what: {
+                "share": round(one.share, 3),
+                **({} if one.nearest_m is None else {"nearest_m": round(one.nearest_m, 1)}),
+            }
+            for one in self.hiding
+        }
+        if self.better is not None:
+            found["better"] = {
+                **self.better.stance.written(),
+                "seen": round(self.better.seen, 3),
+            }
+        return found
+
+
+@dataclass(frozen=True)
+class RigSight:
+    """What all sensors of a rig see together of the junctions that they stand at.
+
+    Attributes:
+        points: (M, 3) above lanes and crossings, one for each `CELL_M` square, site frame, metres.
+        sees: (S, M) by which sensor each is seen.
+        sensors: what each sees of its own junction, in the order of ``sees``.
+    """
+
+    points: NDArray[np.float64]
+    sees: NDArray[np.bool_]
+    sensors: tuple[SensorSight, ...]
+
+    @property
+    def seen(self) -> float:
+        """Share (0..1) that any sensor sees."""
+        return float(self.sees.any(axis=0).mean()) if self.sees.size else 0.0
+
+    def notes(self) -> dict[str, Any]:
+        """Return what can stand in JSON."""
+        return {
+            "junction_m2": round(len(self.points) * CELL_M**2, 1),
+            "seen": round(self.seen, 3),
+            "by_sensor": {one.name: one.notes() for one in self.sensors},
+        }
+
+    def warnings(self) -> Iterator[ResultWarning]:
+        """Yield what is wrong with where the sensors stand."""
+        for one in self.sensors:
+            problems = list(one.problems(little=self.seen < LITTLE))
+            if problems:
+                hidden = ", ".join(str(hiding) for hiding in one.hiding[:_TOLD])
+                yield ResultWarning(f"sensor {one.name}", ", ".join(problems), hidden, one.remedy())
+
+
+def sight_of_rig(
+    rig: Rig, network: RoadNetwork, region: shapely.Polygon, mesh: LabelledMesh
+) -> RigSight | None:
+    """Return what a rig sees; ``None`` of one that rides, and where nothing drives.
+
+    Args:
+        rig: the sensors.
+        network: the lanes.
+        region: the region of interest.
+        mesh: the static world, site frame.
+    """
+    if rig.ride is not None:
+        return None
+    junctions = Junctions(network, region, mesh)
+    seen: list[tuple[Junction, SensorSight]] = []
+    for mounted in rig.sensors:
+        east, north, _ = mounted.site_SE3_sensor.translation
+        junction = junctions.at(float(east), float(north))
+        if len(junction.ground.points):
+            seen.append((junction, _sensor_sight(mounted, junction)))
+    if not seen:
+        return None
+    places = list(dict.fromkeys(junction for junction, _ in seen))
+    starts = np.cumsum([0, *(len(one.ground.points) for one in places)])
+    sees = np.zeros((len(seen), starts[-1]), bool)
+    for row, (junction, sight) in enumerate(seen):
+        k = places.index(junction)
+        sees[row, starts[k] : starts[k + 1]] = sight.view.sees
+    points = np.concatenate([one.ground.points for one in places])
+    return RigSight(points, sees, tuple(sight for _, sight in seen))
+
+
+def view_of(mounted: MountedSensor, junction: Junction) -> View:
+    """Return what a sensor sees of a junction from its place."""
+    return judged(_stance(mounted), junction.ground, junction.around, _field(mounted))
+
+
+def _field(mounted: MountedSensor) -> FieldOfView:
+    return FieldOfView.of_sensor(mounted.sensor, mounted.columns)
+
+
+def _stance(mounted: MountedSensor) -> Stance:
+    pose = mounted.site_SE3_sensor
+    yaw, pitch, roll = (float(x) for x in ypr_from_rotation(pose.rotation))
+    return Stance(pose.translation, mounted.sway_height_m, yaw, pitch, roll)
+
+
+def _sensor_sight(mounted: MountedSensor, junction: Junction) -> SensorSight:
+    view = view_of(mounted, junction)
+    stance = view.stance
+    nearest = junction.around.nearest_thing(stance.place[None, :])
+    what = "" if nearest.face[0] < 0 else _words(junction)[nearest.face[0]]
+    better = None
+    if view.seen < LITTLE or view.near > MUCH_NEAR or view.nearest_m < CLEAR_M:
+        best = junction.best_view(_field(mounted), pitch=stance.pitch, roll=stance.roll)
+        better = best if best is not None and best.score > view.score else None
+    return SensorSight(mounted.name, view, _hiding(mounted, view, junction), str(what), better)
+
+
+def _hiding(mounted: MountedSensor, view: View, junction: Junction) -> tuple[Hiding, ...]:
+    """Return what hides the points of the ground that are not seen."""
+    offset = junction.ground.points[~view.sees] - view.stance.place
+    away = np.linalg.norm(offset, axis=1)
+    aims = offset / np.maximum(away, 1e-6)[:, None]
+    hits = junction.around.cast(view.stance.place[None, :], aims)
+    blocked = (hits.face >= 0) & (hits.range_m < away)
+    what = np.where(blocked, _words(junction)[hits.face], _BESIDE)
+    found = [
+        Hiding(
+            str(name),
+            float((what == name).sum() / len(view.sees)),
+            None if name == _BESIDE else float(hits.range_m[what == name].min()),
+        )
+        for name in np.unique(what)
+    ]
+    told = [one for one in found if one.share >= _LEAST]
+    return tuple(sorted(told, key=lambda one: (-one.share, one.what)))
+
+
+def _words(junction: Junction) -> NDArray[np.str_]:
+    """Return what each face (F + 1,) of the surroundings is of."""
+    names = {entry.id: _WORDS.get(entry.name, _OTHER) for entry in semantic_classes().values()}
+    kinds, which = np.unique(junction.around.mesh.semantic, return_inverse=True)
+    words = [*(names.get(int(kind), _OTHER) for kind in kinds), _OTHER]
+    # With a last one for rays that hit nothing.
+    return np.asarray(np.array(words)[np.append(which, len(kinds))])

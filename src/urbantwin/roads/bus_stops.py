@@ -1,0 +1,122 @@
+"""Buses of a map: the roads that their lines run on, and the stops where they halt."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.geometry import SiteFrame, stations_of_points
+from urbantwin.roads.network import BusStop, Lane, Road, RoadNetwork
+from urbantwin.site.extract import Extract
+
+__all__ = ["with_buses"]
+
+#: A stop's pole or platform is beside the kerb lane of its road: so far from the lane's middle at
+#: most, metres, and on the kerb's side of it, or hardly on the other.
+BESIDE_M, WRONG_SIDE_M = 14.0, 0.5
+#: Length of a stop: a bus and room to pull up, metres. The front halts so far past the pole.
+STOP_M, PAST_POLE_M = 18.0, 1.0
+#: A stop keeps so far away from the ends of its lane, metres.
+END_M = 1.0
+#: Stops on a lane that are nearer than this are one that was mapped as pole and platform, metres.
+SAME_STOP_M = 30.0
+BUS_ROUTES = ("bus", "trolleybus")
+
+
+def with_buses(network: RoadNetwork, extract: Extract, frame: SiteFrame) -> RoadNetwork:
+    """Return a network with the roads of mapped bus lines and with mapped bus stops.
+
+    A stop is at the kerb lane of the road beside its pole, on the side that people get on at: so
+    its direction is clear. Stops beside roads that are not there are left out.
+
+    Args:
+        network: the lanes.
+        extract: the map.
+        frame: the site frame.
+    """
+    ways = {
+        member
+        for relation in extract.relations.values()
+        if relation.tags.get("type") == "route" and relation.tags.get("route") in BUS_ROUTES
+        for kind, member, _ in relation.members
+        if kind == "w"
+    }
+    roads = tuple(road.id for road in network.roads if ways.intersection(road.ways))
+    side = 1.0 if network.driving_side == "left" else -1.0
+    kerbs = list(_kerb_lanes(network))
+    lines = [shapely.LineString(lane.centre[:, :2]) for _, lane in kerbs]
+    tree = shapely.STRtree(lines)
+    on_line = set(roads)
+    found: dict[str, list[tuple[float, str]]] = {}
+    for place, name in _poles(extract, frame):
+        point = shapely.Point(place)
+        near = []
+        for k in tree.query(point.buffer(BESIDE_M)).tolist():
+            road, lane = kerbs[k]
+            along, aside = _beside(lines[k], lane.centre[:, :2], place)
+            if aside * side >= -WRONG_SIDE_M and lines[k].distance(point) <= BESIDE_M:
+                off_line = bool(on_line) and road.id not in on_line
+                near.append((off_line, lines[k].distance(point), lane.id, along))
+        if near:
+            _, _, lane_id, along = min(near)
+            found.setdefault(lane_id, []).append((along, name))
+    stops = [
+        stop
+        for lane_id, places in sorted(found.items())
+        for stop in _stops(network.lane_by_id[lane_id], sorted(places))
+    ]
+    return replace(network, bus_roads=roads, stops=tuple(stops))
+
+
+def _kerb_lanes(network: RoadNetwork) -> Iterator[tuple[Road, Lane]]:
+    """Yield each road that people live on with the outermost lane that buses may use."""
+    for road in network.roads:
+        if not road.ways:
+            continue
+        lanes = [network.lane_by_id[name] for name in road.lanes]
+        buses = [x for x in lanes if "bus" in x.allowed and x.kind in ("driving", "bus")]
+        if buses and buses[0].length > STOP_M + 2 * END_M:
+            yield road, buses[0]
+
+
+def _poles(extract: Extract, frame: SiteFrame) -> Iterator[tuple[NDArray[np.float64], str]]:
+    """Yield where people wait for a bus, and the stop's name."""
+    for node, tags in sorted(extract.node_tags.items()):
+        if _is_stop(tags) and node in extract.nodes:
+            yield frame.site_from_lonlat([extract.nodes[node]])[0], tags.get("name", "")
+    for _, way in sorted(extract.ways.items()):
+        if _is_stop(way.tags) and len(line := extract.way_line(way, frame)):
+            yield line.mean(axis=0), way.tags.get("name", "")
+
+
+def _is_stop(tags: Mapping[str, str]) -> bool:
+    if tags.get("highway") == "bus_stop":
+        return tags.get("public_transport") != "stop_position"
+    platform = tags.get("public_transport") == "platform" or tags.get("highway") == "platform"
+    return platform and (tags.get("bus") == "yes" or tags.get("trolleybus") == "yes")
+
+
+def _beside(
+    line: shapely.LineString, points: NDArray[np.float64], place: NDArray[np.float64]
+) -> tuple[float, float]:
+    """Return where a place is along a line, and how far to its left, metres."""
+    along = float(line.project(shapely.Point(place)))
+    stations = stations_of_points(points)
+    k = int(np.clip(np.searchsorted(stations, along) - 1, 0, len(points) - 2))
+    ahead = points[k + 1] - points[k]
+    gap = place - points[k]
+    left = float(ahead[0] * gap[1] - ahead[1] * gap[0]) / max(float(np.linalg.norm(ahead)), 1e-9)
+    return along, left
+
+
+def _stops(lane: Lane, places: list[tuple[float, str]]) -> Iterator[BusStop]:
+    while places:
+        near = [place for place in places if place[0] - places[0][0] < SAME_STOP_M]
+        places = places[len(near) :]
+        along, name = next((place for place in near if place[1]), near[0])
+        end = min(max(along + PAST_POLE_M, STOP_M + END_M), lane.length - END_M)
+        yield BusStop(lane.id, name, round(end - STOP_M, 2), round(end, 2))
