@@ -160,20 +160,16 @@ class _Timing:
         changes = self._changes(stages)
         found = []
         for k, green in enumerate(stages):
+            before, change = changes[k - 1], changes[k]
             driven = any(not walks(self.junction, index) for index in green)
-            walked = [
-                changes[k].ends[i]
-                for i in green
-                if walks(self.junction, i) and i in changes[k].ends
-            ]
-            found.append(
-                max(
-                    SHORTEST_GREEN_S if driven else CROSSING_RED_S,
-                    WALK_S - min(walked) if walked else 0.0,
-                    # What the last stage left is over before the next change.
-                    changes[k - 1].over - changes[k - 1].seconds,
-                )
-            )
+            # What the last stage left is over before the next change.
+            least = [SHORTEST_GREEN_S if driven else CROSSING_RED_S, before.over - before.seconds]
+            for index in green:
+                came = index in stages[k - 1]
+                late = 0.0 if came else before.starts.get(index, before.seconds) - before.seconds
+                early = min(change.ends.get(index, 0.0), 0.0)
+                least.append((0.0 if came else WALK_S) + late - early)
+            found.append(max(least))
         return found
 
     @property
