@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import shapely
 from lxml import etree
+from numpy.typing import NDArray
 
 from urbantwin.roads.curve_speed import lane_speeds
 from urbantwin.roads.network import RoadNetwork
@@ -43,21 +44,26 @@ def redraw_sumo_network(
         rows = [
             (item, network.lane_by_id.get(item.get("id", ""))) for item in edge.iterfind("lane")
         ]
+        lines: dict[str, NDArray[np.float64]] = {}
+        for item, lane in rows:
+            if lane is None:
+                continue
+            lines[lane.id] = lane.centre[:, :2]
+            if lane.kind == "sidewalk":
+                lines[lane.id], width = walls.walked(lane)
+                if width is not None:
+                    item.set("width", f"{width:.2f}")
+            points = lines[lane.id].tolist()
+            item.set("shape", " ".join([f"{x:.3f},{y:.3f}" for x, y in points]))
         drawn = [lane for _, lane in rows if lane is not None]
         driven = [lane for lane in drawn if lane.kind != "sidewalk"] or drawn
         if not driven:
             continue
-        length = max(float(np.mean([lane.length for lane in driven])), SHORTEST_M)
+        lengths = [shapely.LineString(lines[lane.id]).length for lane in driven]
+        for item, _ in rows:
+            item.set("length", f"{max(float(np.mean(lengths)), SHORTEST_M):.3f}")
         if edge.get("shape"):
             del edge.attrib["shape"]
-        for item, lane in rows:
-            item.set("length", f"{length:.3f}")
-            if lane is not None:
-                line = lane.centre[:, :2]
-                if lane.kind == "sidewalk":
-                    line, width = walls.walked(lane)
-                    item.set("width", f"{width:.2f}")
-                item.set("shape", " ".join([f"{x:.3f},{y:.3f}" for x, y in line.tolist()]))
     speeds = lane_speeds(tree.getroot())
     for item in tree.getroot().iterfind("edge[@function='internal']/lane"):
         allowed = speeds.get(item.get("id", ""))
