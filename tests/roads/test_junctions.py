@@ -95,9 +95,9 @@ def test_junctions_60_m_apart_stay_two(build):
 
 @pytest.mark.parametrize(("tags", "number"), [({}, 1), ({"highway": "crossing"}, 2)])
 def test_a_mapped_crossing_between_nodes_parts_them(tags, number, build):
-    """Two nodes 20 m apart, both with signals: one junction, unless people cross between."""
-    nodes = {1: (-130, 0, {}), 2: (-10, 0, SIGNAL), 9: (0, 0, tags), 3: (10, 0, SIGNAL)}
-    nodes |= {4: (130, 0, {}), 5: (-10, 130, {}), 6: (10, -130, {})}
+    """Two nodes 36 m apart, both with signals: one junction, unless people cross between."""
+    nodes = {1: (-130, 0, {}), 2: (-18, 0, SIGNAL), 9: (0, 0, tags), 3: (18, 0, SIGNAL)}
+    nodes |= {4: (130, 0, {}), 5: (-18, 130, {}), 6: (18, -130, {})}
     main = {"highway": "primary", "lanes": "2", "sidewalk": "both"}
     ways = {1: ([1, 2, 9, 3, 4], main), 2: ([5, 2], STREET), 3: ([6, 3], STREET)}
     built, _ = build(nodes, ways)
