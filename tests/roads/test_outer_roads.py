@@ -211,6 +211,31 @@ def test_a_one_way_street_that_ends_within_the_region_is_cut_back(write_osm):
     assert loop.notes["turning_drops"] == 4
 
 
+def test_a_street_turns_round_beside_the_buildings_that_stand_there(write_osm):
+    nodes = {1: (-200, 0, {}), 2: (0, 0, {}), 3: (200, 0, {})}
+    street = {"highway": "residential", "lanes": "2", "sidewalk": "both"}
+    extract = read_extract(write_osm(nodes, {10: ([1, 2, 3], street)}))
+    pieces = extract.clipped(HERE, REGION, list(extract.ways.values()))
+    free = close_loop(pieces, extract.nodes, driving_side="right")
+    east = REGION.bounds[2]
+    usual = shapely.union_all([shapely.LineString(piece.points) for piece in free.outer])
+    usual = usual.intersection(shapely.box(east, -100, east + 200, 100))
+    # A house on each side of the street, where it would turn round.
+    houses = [
+        shapely.box(*part.bounds)
+        for part in (
+            usual.intersection(shapely.box(east, 7, east + 200, 100)),
+            usual.intersection(shapely.box(east, -100, east + 200, -7)),
+        )
+        if not part.is_empty
+    ]
+    assert any(usual.intersects(house) for house in houses)
+    loop = close_loop(pieces, extract.nodes, driving_side="right", buildings=houses)
+    roads = shapely.union_all([shapely.LineString(piece.points) for piece in loop.outer])
+    assert all(roads.disjoint(house) for house in houses)
+    assert loop.notes["turning_drops"] == 2
+
+
 def test_pairs_never_cross_and_leave_nobody_out():
     """Against every other set of pairs of a small case, and for crossings in larger ones."""
     random = np.random.default_rng(1)

@@ -7,9 +7,12 @@ import shapely
 from shapely import box
 
 from urbantwin.geometry import SiteFrame
+from urbantwin.roads import RoadNetwork
 from urbantwin.scene.building_outline import building_footprints
 from urbantwin.scene.land_use import land_covers, mapped_cover
+from urbantwin.scene.zones import ground_zones
 from urbantwin.site import OsmFeature, read_extract
+from urbantwin.taxonomy import semantic_id
 
 GROUND = box(-100, -100, 100, 100)
 PLACES = {
@@ -108,6 +111,25 @@ def test_what_a_mapper_says_of_the_surface_counts():
     assert mapped_cover({"leisure": "pitch"}) == ("terrain", "grass")
     assert mapped_cover({"leisure": "pitch", "surface": "asphalt"}) == ("other-ground", "asphalt")
     assert mapped_cover({"landuse": "residential"}) is None
+
+
+def test_a_footway_through_a_building_is_paved_outside_and_through_its_passages():
+    nothing = RoadNetwork("right", (), (), (), (), ())
+    house = area(1, box(-10, -10, 10, 10), building="yes")
+    way = shapely.LineString([(-50, 0), (50, 0)])
+
+    def sidewalks(*others):
+        zones = ground_zones(nothing, GROUND, [house, *others], country="DE")
+        whole = shapely.union_all([zone.area for zone in zones])
+        assert whole.covers(GROUND)
+        found = [z.area for z in zones if z.semantic == semantic_id("sidewalk")]
+        return shapely.union_all(found)
+
+    inside = sidewalks(area(2, way, highway="footway"))
+    assert inside.area == pytest.approx(2.0 * 80, rel=0.01)
+    assert not inside.intersects(box(-9.9, -9.9, 9.9, 9.9))
+    through = sidewalks(area(2, way, highway="footway", tunnel="building_passage"))
+    assert through.area == pytest.approx(2.0 * 100, rel=0.01)
 
 
 @pytest.mark.real

@@ -65,6 +65,18 @@ def test_a_crossing_counts_once_and_is_there_where_one_lies_over_its_street(
     assert found_of_mapped(extract, FRAME, REGION, network(far))["crossings"].found == 0
 
 
+def test_a_street_is_there_where_lanes_lie_along_it(extract: Extract) -> None:
+    for lanes, there in (
+        ((lane("e", "driving", [(-95, -2), (98, -2)]),), 1),
+        ((lane("e", "driving", [(-95, -2), (30, -2)]),), 0),  # of the 180 m in the region, 120
+        ((lane("e", "driving", [(-95, -9), (98, -9)]),), 0),  # a street beside it
+        ((lane("e", "sidewalk", [(-95, -2), (98, -2)]),), 0),
+        ((), 0),
+    ):
+        found = found_of_mapped(extract, FRAME, REGION, network(*lanes))["streets"]
+        assert (found.found, found.mapped) == (there, 1)
+
+
 def test_a_signal_is_there_where_vehicles_are_stopped_near_it(extract: Extract) -> None:
     drive = lane("e", "driving", [(-90, -2), (36, -2)])
     walk = lane(":w", "crossing", [(38, -4), (38, 4)])

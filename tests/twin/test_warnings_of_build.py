@@ -66,7 +66,9 @@ def test_parts_that_are_left_out_and_signals_that_stand_nowhere_are_told() -> No
         {"roads": 1, "metres": 60.0, "names": "Hill Road"},
         {"roads": 1, "metres": 12.0, "names": "a stub"},
     ]
-    (line,) = lines(roads(left_out=parts))
+    streets = {"streets": FoundOfMapped(3, 5, ((1.0, 2.0), (3.0, 4.0)))}
+    assert lines(roads(), streets)[0].startswith("streets: 3 of 5 mapped ones are in the twin")
+    (line,) = lines(roads(left_out=parts), streets)  # told once, by their names
     assert line.startswith("roads: 146 m are left out (Swan Street, Hill Road)")
     (line,) = lines(roads(stopped=("a", "b", "c"), shown=("a",)))
     assert line.startswith("signals: 2 heads are missing")

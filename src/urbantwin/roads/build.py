@@ -158,6 +158,7 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
                 extract.nodes,
                 driving_side=driving_side,
                 country=country,
+                buildings=buildings,
             )
         prepared = prepare_ways(
             loop.pieces,

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import shapely
 from lxml import etree
+from numpy.typing import NDArray
 
-from urbantwin.geometry import stations_of_points
 from urbantwin.roads.curve_speed import lane_speeds
 from urbantwin.roads.network import RoadNetwork
 from urbantwin.roads.walking_line import Walls
@@ -44,23 +44,26 @@ def redraw_sumo_network(
         rows = [
             (item, network.lane_by_id.get(item.get("id", ""))) for item in edge.iterfind("lane")
         ]
-        lines = {lane.id: lane.centre[:, :2] for _, lane in rows if lane is not None}
-        if not lines:
-            continue
-        driven = [lane.id for _, lane in rows if lane is not None and lane.kind != "sidewalk"]
+        lines: dict[str, NDArray[np.float64]] = {}
         for item, lane in rows:
-            if lane is not None and lane.kind == "sidewalk":
+            if lane is None:
+                continue
+            lines[lane.id] = lane.centre[:, :2]
+            if lane.kind == "sidewalk":
                 lines[lane.id], width = walls.walked(lane)
-                item.set("width", f"{width:.2f}")
-        lengths = [stations_of_points(lines[name])[-1] for name in driven or lines]
-        length = max(float(np.mean(lengths)), SHORTEST_M)
+                if width is not None:
+                    item.set("width", f"{width:.2f}")
+            points = lines[lane.id].tolist()
+            item.set("shape", " ".join([f"{x:.3f},{y:.3f}" for x, y in points]))
+        drawn = [lane for _, lane in rows if lane is not None]
+        driven = [lane for lane in drawn if lane.kind != "sidewalk"] or drawn
+        if not driven:
+            continue
+        lengths = [shapely.LineString(lines[lane.id]).length for lane in driven]
+        for item, _ in rows:
+            item.set("length", f"{max(float(np.mean(lengths)), SHORTEST_M):.3f}")
         if edge.get("shape"):
             del edge.attrib["shape"]
-        for item, lane in rows:
-            item.set("length", f"{length:.3f}")
-            if lane is not None:
-                shape = lines[lane.id].tolist()
-                item.set("shape", " ".join([f"{x:.3f},{y:.3f}" for x, y in shape]))
     speeds = lane_speeds(tree.getroot())
     for item in tree.getroot().iterfind("edge[@function='internal']/lane"):
         allowed = speeds.get(item.get("id", ""))

@@ -36,20 +36,20 @@ class Walls:
         self._tree = shapely.STRtree([one.buffer(CLEAR_M) for one in buildings])
         self._inwards = 1 if driving_side == "right" else -1
 
-    def walked(self, lane: Lane) -> tuple[NDArray[np.float64], float]:
+    def walked(self, lane: Lane) -> tuple[NDArray[np.float64], float | None]:
         """Return the middle (N, 2) of the band that people walk in along a sidewalk, and its width.
 
         Where a wall leaves less than a shoulder, the band is moved towards the carriageway, and
-        on to it if need be. Its width is one for the whole lane: that of its narrowest place.
+        on to it if need be. Its width is one for the whole lane: that of its narrowest place;
+        ``None`` where no wall is near.
 
         Args:
             lane: the sidewalk.
         """
         line = lane.centre[:, :2]
-        narrowest = float(lane.widths.min()) if len(lane.widths) else lane.width
         near = self._tree.query(shapely.LineString(line), predicate="intersects")
         if not len(near) or lane.level:
-            return line, max(narrowest, BAND_M)
+            return line, max(float(lane.widths.min()), BAND_M) if len(lane.widths) else None
         taken = shapely.union_all(self._tree.geometries[np.sort(near)])
         points = shapely.get_coordinates(shapely.segmentize(shapely.LineString(line), STEP_M))
         leg = np.diff(points, axis=0)

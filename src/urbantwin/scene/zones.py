@@ -16,6 +16,7 @@ from urbantwin.geometry import (
 )
 from urbantwin.progress import Progress, between, each, untold
 from urbantwin.roads import RoadNetwork
+from urbantwin.roads.building_ground import building_ground
 from urbantwin.roads.model import CURB_HEIGHT_M
 from urbantwin.roads.network import CARRIAGEWAY_KINDS
 from urbantwin.scene.land_use import land_covers, mapped_cover
@@ -177,6 +178,7 @@ def _flush_areas(
 ) -> list[tuple[shapely.Geometry, str, str]]:
     """Surfaces that the map knows beside the lane network, the more important first."""
     groups: dict[tuple[str, str], list[shapely.Geometry]] = {}
+    standing = area_union(building_ground(features))
     for feature in features:
         tags, shape = feature.tags, feature.geometry
         if _is_below(tags):
@@ -195,10 +197,14 @@ def _flush_areas(
         groups.setdefault(("other-ground", "water"), []).append(body.area)
         if not body.wall.is_empty:
             groups.setdefault(("other-ground", "concrete"), []).append(body.wall)
+    # Ways that are mapped as running through a building without a passage run inside it.
+    areas = {key: _closed(area_union(shapes), SEAM_M) for key, shapes in groups.items()}
+    for key, area in areas.items():
+        if key[0] in ("road", "sidewalk"):
+            areas[key] = area_difference(area, standing)
     order = ["road", "parking", "sidewalk", "other-ground", "terrain"]
     return [
-        (_closed(area_union(groups[key]), SEAM_M), *key)
-        for key in sorted(groups, key=lambda key: (order.index(key[0]), key[1]))
+        (areas[key], *key) for key in sorted(areas, key=lambda key: (order.index(key[0]), key[1]))
     ]
 
 

@@ -15,19 +15,17 @@ JAMMED, SPACE_M = 0.4, 7.5
 MOST_STREETS = 20
 
 
-def bottleneck(network: RoadNetwork, queued: Mapping[str, float], seconds: float) -> str:
+def bottleneck(network: RoadNetwork, standing: Mapping[str, float]) -> str:
     """Return where the longest queue begins and what holds it up; empty where nobody stands.
 
     From the lane with the longest queue it is followed downstream while the lanes ahead are jammed.
 
     Args:
         network: the lanes, with signal programs.
-        queued: lane -> seconds that vehicles stood on it, all of them together.
-        seconds: over which time.
+        standing: lane -> how many vehicles stand on it, in the mean.
     """
     known = network.lane_by_id
-    standing = {name: total / seconds for name, total in queued.items() if name in known}
-    outside = {name: count for name, count in standing.items() if known[name].road}
+    outside = {x: count for x, count in standing.items() if x in known and known[x].road}
     if not outside:
         return ""
     name = max(sorted(outside), key=lambda lane: outside[lane])

@@ -24,7 +24,7 @@ from urbantwin.traffic.circulation import Circulation
 from urbantwin.traffic.circulation_report import circulation_report
 from urbantwin.traffic.demand import Demand, plan_demand
 from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
-from urbantwin.traffic.flow_calibration import PILOT_S, calibrate
+from urbantwin.traffic.flow_calibration import calibrate
 from urbantwin.traffic.motion import MOTION_VERSION, Motion
 from urbantwin.traffic.network import StreetNetwork
 from urbantwin.traffic.placement import Ground
@@ -201,7 +201,7 @@ def demand_of(
             duration_s=duration_s,
             asset_names=asset_names,
         )
-        held_up = bottleneck(twin.roads, found.queued, PILOT_S) if found.carried < 1 else ""
+        held_up = bottleneck(twin.roads, found.standing) if found.carried < 1 else ""
         return replace(demand, carried=found.carried, held_up=held_up)
     return plan_demand(
         network,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +12,7 @@ import shapely
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads import RoadNetwork
 from urbantwin.roads.build import NETWORK_CLASSES
+from urbantwin.roads.network import CARRIAGEWAY_KINDS
 from urbantwin.site import Extract
 from urbantwin.site.extract import Way
 from urbantwin.site.extract_coverage import mapped_area
@@ -26,6 +27,9 @@ CROSSING_M = 8.0
 ONE_CROSSING_M = 4.0
 #: A stop line lies at most this far from its signal, metres: mapped before a junction, in one.
 SIGNAL_M, JUNCTION_M = 15.0, 30.0
+#: A way is a street of the region from this length on; its lanes lie along so much of it, no
+#: further beside it, metres.
+LONG_M, ALONG, BESIDE_M = 20.0, 0.8, 3.0
 _PATHS = ("footway", "path", "cycleway")
 
 
@@ -52,7 +56,10 @@ class FoundOfMapped:
 def found_of_mapped(
     extract: Extract | None, frame: SiteFrame, region: shapely.Polygon, network: RoadNetwork
 ) -> dict[str, FoundOfMapped]:
-    """Return what the roads have of the mapped ``crossings`` and ``signals``.
+    """Return what the roads have of the mapped ``streets``, ``crossings`` and ``signals``.
+
+    A street counts where 20 m or more of a way are in the region; it is there if lanes or junctions
+    lie along four fifths of them. What is in a tunnel does not count.
 
     A mapped crossing is there if a crossing lies over the same street within 8 m; each carriageway
     of a dual one has its own. A mapped signal is there if vehicles are stopped within 15 m, or
@@ -90,7 +97,11 @@ def found_of_mapped(
         for point, reach, of_crossing in _signals(extract, frame, streets)
         if inside.contains(point)
     ]
-    return {"crossings": _counted(crossings), "signals": _counted(signals)}
+    return {
+        "streets": _counted(_streets_there(lines.values(), inside, network)),
+        "crossings": _counted(crossings),
+        "signals": _counted(signals),
+    }
 
 
 def share_known(extract: Extract | None, frame: SiteFrame, region: shapely.Polygon) -> float:
@@ -110,6 +121,29 @@ def _is_near(tree: shapely.STRtree, point: shapely.Point, reach_m: float) -> boo
 def _counted(places: list[tuple[shapely.Point, bool]]) -> FoundOfMapped:
     missing = tuple((point.x, point.y) for point, there in places if not there)
     return FoundOfMapped(len(places) - len(missing), len(places), missing)
+
+
+def _streets_there(
+    lines: Iterable[shapely.LineString], inside: shapely.Geometry, network: RoadNetwork
+) -> list[tuple[shapely.Point, bool]]:
+    """Return a place on each street in the region, and whether lanes lie along it."""
+    driven = [
+        lane.polygon for lane in network.lanes if lane.kind in (*CARRIAGEWAY_KINDS, "connection")
+    ]
+    junctions = [junction.polygon for junction in network.junctions]
+    paved = shapely.union_all([*driven, *junctions]).buffer(BESIDE_M)
+    parts = [
+        part for part in (line.intersection(inside) for line in lines) if part.length >= LONG_M
+    ]
+    return [
+        (
+            part.interpolate(0.5, normalized=True)
+            if part.geom_type == "LineString"
+            else part.centroid,
+            part.intersection(paved).length >= ALONG * part.length,
+        )
+        for part in parts
+    ]
 
 
 def _around(line: shapely.LineString, point: shapely.Point) -> shapely.Geometry:

@@ -19,6 +19,7 @@ KNOWN = 0.9
 #: Parts that are left out and shorter than this are not missed, metres.
 LONG_M = 50.0
 _REASONS = {
+    "streets": "no lanes lie along the others",
     "crossings": "mapped where the lanes have no room or no sidewalk for them",
     "signals": "mapped where no junction or crossing of the lanes has a signal",
 }
@@ -49,7 +50,11 @@ def warnings_of_build(
             "take a larger extract, or a smaller region",
         )
     yield from roads.warnings
+    left_out: Any = roads.notes.get("left_out", [])
+    parts = [part for part in left_out if part["metres"] >= LONG_M]
     for kind, counts in mapped.items():
+        if kind == "streets" and parts:
+            continue  # told below, by their names
         if counts.found < ENOUGH * counts.mapped:
             x, y = counts.missing[0]
             yield ResultWarning(
@@ -66,8 +71,6 @@ def warnings_of_build(
             "there is nowhere for their poles to stand",
             "sensors will not see these poles",
         )
-    left_out: Any = roads.notes.get("left_out", [])
-    parts = [part for part in left_out if part["metres"] >= LONG_M]
     if parts:
         names = ", ".join(dict.fromkeys(str(part["names"]) for part in parts))
         yield ResultWarning(

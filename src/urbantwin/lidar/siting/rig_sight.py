@@ -28,12 +28,12 @@ LITTLE, MUCH_NEAR = 0.5, 0.3
 #: What hides less than this share of the junction is not told; so many are told in a warning.
 _LEAST, _TOLD = 0.01, 3
 
+_POLES = "poles and signs"
 _WORDS = {
     "building": "buildings",
     "vegetation": "trees and hedges",
     "trunk": "trees and hedges",
-    "pole": "poles and signs",
-    "traffic-sign": "poles and signs",
+    **dict.fromkeys(("pole", "traffic-sign"), _POLES),
     "fence": "fences and walls",
     **dict.fromkeys(("road", "parking", "sidewalk", "other-ground", "terrain"), "the ground"),
 }
@@ -87,7 +87,8 @@ class SensorSight:
             yield f"sees {100 * self.view.seen:.0f} % of the junction's lanes and crossings"
         if self.view.near > MUCH_NEAR:
             yield f"{100 * self.view.near:.0f} % of its points are nearer than {NEAR_M:g} m"
-        if self.view.nearest_m < CLEAR_M:
+        # A pole may be its own.
+        if self.view.nearest_m < CLEAR_M and self.nearest != _POLES:
             yield f"{self.nearest} are {self.view.nearest_m:.1f} m away"
 
     def remedy(self) -> str:
@@ -209,7 +210,8 @@ def _sensor_sight(mounted: MountedSensor, junction: Junction) -> SensorSight:
     nearest = junction.around.nearest_thing(stance.place[None, :])
     what = "" if nearest.face[0] < 0 else _words(junction)[nearest.face[0]]
     better = None
-    if view.seen < LITTLE or view.near > MUCH_NEAR or view.nearest_m < CLEAR_M:
+    close = view.nearest_m < CLEAR_M and what != _POLES
+    if view.seen < LITTLE or view.near > MUCH_NEAR or close:
         best = junction.best_view(_field(mounted), pitch=stance.pitch, roll=stance.roll)
         better = best if best is not None and best.score > view.score else None
     return SensorSight(mounted.name, view, _hiding(mounted, view, junction), str(what), better)

@@ -43,14 +43,21 @@ def dubins_points(start: Pose2, end: Pose2, radius: float, turn: str | None = No
 
 
 class FreeSpace:
-    """Streets of the region by their number, and areas beyond it that are taken.
+    """Streets of the region by their number, buildings, and areas beyond it that are taken.
 
     Args:
         roads: (N, 2) points of every street.
         half_widths: how far each reaches to its sides, metres.
+        buildings: areas of buildings.
     """
 
-    def __init__(self, roads: Sequence[Points], half_widths: Sequence[float]) -> None:
+    def __init__(
+        self,
+        roads: Sequence[Points],
+        half_widths: Sequence[float],
+        buildings: Sequence[shapely.Geometry] = (),
+    ) -> None:
+        self._buildings = shapely.STRtree(list(buildings))
         lines = [shapely.LineString(points) for points in roads]
         self._streets = shapely.buffer(lines, half_widths, quad_segs=16)
         self._tree = shapely.STRtree(self._streets)
@@ -76,7 +83,13 @@ class FreeSpace:
             enough: once the overlap with one of the others is this large, it is returned.
         """
         met = sorted(set(self._tree.query(area, predicate="intersects").tolist()) - set(streets))
-        others = [*(self._streets[k] for k in met), *self._taken, *self._reserved]
+        built = sorted(self._buildings.query(area, predicate="intersects").tolist())
+        others = [
+            *(self._streets[k] for k in met),
+            *self._taken,
+            *self._reserved,
+            *(self._buildings.geometries[k] for k in built),
+        ]
         shapely.prepare(area)
         parts = []
         for other in others:

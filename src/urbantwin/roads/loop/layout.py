@@ -63,10 +63,16 @@ class Layout:
         known: ids of nodes that are not free.
         side: ``right`` or ``left``, the side that traffic keeps to.
         country: ISO 3166-1 alpha-2; empty if unknown.
+        buildings: areas of buildings.
     """
 
     def __init__(
-        self, pieces: Sequence[WayPiece], known: Iterable[int], side: str, country: str
+        self,
+        pieces: Sequence[WayPiece],
+        known: Iterable[int],
+        side: str,
+        country: str,
+        buildings: Sequence[shapely.Geometry] = (),
     ) -> None:
         self.pieces, self.side, self.country = list(pieces), side, country
         self.outer: list[WayPiece] = []
@@ -81,7 +87,7 @@ class Layout:
             half_width(sum(map(sum, lanes)), piece.tags)
             for piece, lanes in zip(pieces, self.lanes, strict=True)
         ]
-        self.space = FreeSpace([piece.points for piece in pieces], widths)
+        self.space = FreeSpace([piece.points for piece in pieces], widths, buildings)
 
     @property
     def turn(self) -> str:

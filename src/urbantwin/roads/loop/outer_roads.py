@@ -49,7 +49,12 @@ class OuterRoads:
 
 
 def close_loop(
-    pieces: Sequence[WayPiece], known: Iterable[int], *, driving_side: str, country: str = ""
+    pieces: Sequence[WayPiece],
+    known: Iterable[int],
+    *,
+    driving_side: str,
+    country: str = "",
+    buildings: Sequence[shapely.Geometry] = (),
 ) -> OuterRoads:
     """Join every end of a street at the region's border to another, or to itself.
 
@@ -61,12 +66,14 @@ def close_loop(
         known: ids of the nodes of the map; others are where the border cut a way.
         driving_side: ``right`` or ``left``.
         country: ISO 3166-1 alpha-2; empty if unknown.
+        buildings: areas of buildings, site frame; streets turn round beside them where they can.
     """
     of_map = frozenset(known)
-    layout = Layout(_with_sidewalks(pieces, driving_side), of_map, driving_side, country)
+    about = (of_map, driving_side, country, buildings)
+    layout = Layout(_with_sidewalks(pieces, driving_side), *about)
     cut_back = 0
     while blind := _blind_ends(layout, of_map):
-        layout = Layout(_cut_back(layout.pieces, blind), of_map, driving_side, country)
+        layout = Layout(_cut_back(layout.pieces, blind), *about)
         cut_back += len(blind)
     number = {piece.id: k for k, piece in enumerate(layout.pieces)}
     turning: list[LooseEnd] = []

@@ -28,8 +28,9 @@ from urbantwin.roads.signals.streams import Traffic
 
 __all__ = ["set_default_programs"]
 
-#: Nobody has green for less, seconds (RiLSA 2015, 2.7.2: 5 s, 10 s on main streets).
-SHORTEST_GREEN_S = 8.0
+#: Nobody has green for less, seconds, or than the second where the cycle would be too long (RiLSA
+#: 2015, 2.7.2: 5 s, 10 s on main streets).
+SHORTEST_GREEN_S, LEAST_GREEN_S = 8.0, 5.0
 #: Red of a crossing's own signals: 5 s to set out and 8 m to walk at 1.2 m/s (RiLSA 2015, 2.5).
 CROSSING_RED_S = 12.0
 #: A cycle is long enough that lasts this share less than the best one: delays differ by 10 to 20 %
@@ -74,12 +75,23 @@ def set_default_programs(net: Path, *, volumes: Mapping[str, float] | None = Non
 def _timing(
     junction: Signalised, ways: Sequence[Feed], volumes: Mapping[str, float], *, left_hand: bool
 ) -> _Timing:
-    """Return a junction's timing, without stages for turns alone where the cycle is too long."""
-    found = _Timing(junction, Traffic(junction, ways, left_hand=left_hand), volumes)
-    if found.cycle > LONGEST_CYCLE_S:
-        gaps = Traffic(junction, ways, left_hand=left_hand, protects=False)
-        found = min(found, _Timing(junction, gaps, volumes), key=lambda timing: timing.cycle)
-    return found
+    """Return a junction's timing, if need be with less care for a cycle that is not too long.
+
+    First turns across have no stages of their own, then traffic may wait at all inner stop lines,
+    then greens are as short as they may be.
+    """
+    found: list[_Timing] = []
+    for protects, inner, shortest in (
+        (True, ways, SHORTEST_GREEN_S),
+        (False, ways, SHORTEST_GREEN_S),
+        (False, (), SHORTEST_GREEN_S),
+        (False, (), LEAST_GREEN_S),
+    ):
+        traffic = Traffic(junction, inner, left_hand=left_hand, protects=protects)
+        found.append(_Timing(junction, traffic, volumes, shortest))
+        if found[-1].cycle <= LONGEST_CYCLE_S:
+            return found[-1]
+    return min(found, key=lambda timing: timing.cycle)
 
 
 def _write(logic: etree._Element, offset: float, phases: Sequence[Phase]) -> None:
@@ -99,6 +111,7 @@ class _Timing:
     junction: Signalised
     traffic: Traffic
     volumes: Mapping[str, float]
+    shortest_s: float
 
     @cached_property
     def _flow(self) -> list[float]:
@@ -160,20 +173,16 @@ class _Timing:
         changes = self._changes(stages)
         found = []
         for k, green in enumerate(stages):
+            before, change = changes[k - 1], changes[k]
             driven = any(not walks(self.junction, index) for index in green)
-            walked = [
-                changes[k].ends[i]
-                for i in green
-                if walks(self.junction, i) and i in changes[k].ends
-            ]
-            found.append(
-                max(
-                    SHORTEST_GREEN_S if driven else CROSSING_RED_S,
-                    WALK_S - min(walked) if walked else 0.0,
-                    # What the last stage left is over before the next change.
-                    changes[k - 1].over - changes[k - 1].seconds,
-                )
-            )
+            # What the last stage left is over before the next change.
+            least = [self.shortest_s if driven else CROSSING_RED_S, before.over - before.seconds]
+            for index in green:
+                came = index in stages[k - 1]
+                late = 0.0 if came else before.starts.get(index, before.seconds) - before.seconds
+                early = min(change.ends.get(index, 0.0), 0.0)
+                least.append((0.0 if came else WALK_S) + late - early)
+            found.append(max(least))
         return found
 
     @property

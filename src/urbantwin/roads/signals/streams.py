@@ -18,6 +18,9 @@ __all__ = ["INNER_M", "Stream", "Traffic"]
 INNER_M = 40.0
 #: Vehicles that turn across wait between two of its junctions where three have room, metres.
 WAITING_ROOM_M = 22.5
+#: Who waits in the middle of turns this long stands in the way of opposing turns that cross theirs,
+#: metres; shorter ones have their place to wait at the stop line.
+LONG_TURN_M = 25.0
 #: Approaches whose directions differ by less lie side by side on one arm, degrees.
 SAME_ARM_DEG = 30.0
 #: Over this many opposing lanes a turn from a lane of its own gets a stage of its own; over more
@@ -201,6 +204,8 @@ class Traffic:
             meets = self.junction.meets_walkers(vehicle, walker)
             return not meets and self.junction.gives_way(vehicle, walker)
         if SAME_ARM_DEG <= turn_between(a.bearing, b.bearing) <= FACING_DEG:
+            return False
+        if {a.movement, b.movement} <= set(self._across) and min(a.length, b.length) > LONG_TURN_M:
             return False
         return self._waits_for(a, b) or self._waits_for(b, a)
 

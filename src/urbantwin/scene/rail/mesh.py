@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from shapely import Geometry, Polygon
 
 from urbantwin.geometry import LabelledMesh
+from urbantwin.roads.building_ground import building_ground
 from urbantwin.scene.placement import not_imported
 from urbantwin.scene.rail.platform import add_platforms
 from urbantwin.scene.rail.track import HEAD_M, Track, tracks_of
@@ -76,7 +77,9 @@ def rail_mesh(
             float(np.linalg.norm(np.diff(track.path, axis=0), axis=1).sum())
         )
     notes["sleepers"] = sleepers
-    notes["platforms"] = add_platforms(assembly, mine, region, ground_height, carriageway)
+    notes["platforms"] = add_platforms(
+        assembly, mine, region, ground_height, carriageway, building_ground(features)
+    )
     return assembly.mesh(), dict(sorted((k, n) for k, n in notes.items() if n))
 
 

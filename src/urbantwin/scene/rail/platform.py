@@ -31,10 +31,12 @@ def add_platforms(
     region: Polygon,
     ground_height: GroundHeight,
     carriageway: Geometry,
+    buildings: Sequence[Polygon] = (),
 ) -> int:
     """Add the raised platforms of trains and trams; return how many.
 
-    Bus stops without a mapped height are the sidewalk itself and are not drawn.
+    Bus stops without a mapped height are the sidewalk itself and are not drawn; nor is what lies
+    in a building.
     """
     tracks: dict[str, list[Geometry]] = {"tram": [], "train": []}
     for feature in features:
@@ -43,9 +45,11 @@ def add_platforms(
             if railway in ("tram", "light_rail", "rail", "narrow_gauge", "subway"):
                 tracks["tram" if railway == "tram" else "train"].append(feature.geometry)
     lines = {kind: shapely.union_all(found) for kind, found in tracks.items()}
-    clear = shapely.union_all([carriageway.buffer(KERB_M), *(
-        line.buffer(TRACK_M) for line in lines.values()
-    )])  # fmt: skip
+    clear = shapely.union_all([
+        carriageway.buffer(KERB_M),
+        *(line.buffer(TRACK_M) for line in lines.values()),
+        *buildings,
+    ])  # fmt: skip
     count = 0
     for feature in features:
         if not _is_platform(feature.tags):
