@@ -21,11 +21,12 @@ def frame(*groups: list[dict[str, Any]], points: int = 1000) -> dict[str, Any]:
 def test_classes_of_which_most_have_no_points_are_told() -> None:
     seen, hidden = boxes("car", [5] * 30), boxes("pedestrian", [9] * 10 + [0] * 30)
     (warning,) = warnings_of_record([frame(seen, hidden)])
-    assert warning.about == "boxes pedestrian"
-    assert warning.problem == "25% of 40 in reach have points"
+    assert warning.about == "objects"
+    assert warning.problem.endswith("few have points: 25% of pedestrian boxes")
     assert "behind something" in warning.reason
     far = boxes("pedestrian", [0] * 30, alone=0)
-    (warning,) = warnings_of_record([frame(far)])
+    (warning,) = warnings_of_record([frame(far, boxes("bus", [0] * 20, alone=0))])
+    assert "0% of bus boxes, 0% of pedestrian boxes" in warning.problem
     assert "too far away" in warning.reason
     assert not [*warnings_of_record([frame(seen, boxes("pedestrian", [9] * 20 + [0] * 20))])]
 
@@ -34,7 +35,7 @@ def test_what_no_sensor_is_meant_to_see_is_not_told() -> None:
     beyond = [*boxes("car", [0] * 50, "outside"), *boxes("car", [0] * 50, "far")]
     assert not [*warnings_of_record([frame(beyond, boxes("car", [5]))])]
     (warning,) = warnings_of_record([frame(beyond)])
-    assert warning.about == "boxes"
+    assert warning.problem.startswith("no actor is ever within the region")
 
 
 def test_frames_without_points_are_told() -> None:

@@ -46,8 +46,6 @@ def cross(west=None, east=None, south=None, north=None, *, west_m=15, middle=Non
         ({"west": BACKWARD}, False),  # faces traffic that leaves the junction
         ({"west": SIGNAL, "west_m": 60}, False),
         ({"west": CROSSING, "east": CROSSING}, True),
-        ({"west": CROSSING}, False),  # a crossing's own lights
-        ({"west": {**SIGNAL, "crossing": "marked"}}, False),
         ({"west": {**SIGNAL, "crossing": "marked"}, "south": SIGNAL}, True),
         ({}, False),
     ],
@@ -59,10 +57,19 @@ def test_a_signal_belongs_to_the_junction_that_it_stands_before(
     signalised = [j for j in found.network.junctions if j.kind == "traffic_light"]
     assert bool(signalised) == expected
     assert len(found.network.programs) == expected
-    crossed = "crossing" in mapped.get("west", {}) and not expected
-    assert found.notes["signalised_crossings_left_out"] == crossed
+    assert found.notes["signalised_crossings_left_out"] == 0
     if signalised:
         assert shapely.Point(0, 0).within(signalised[0].polygon)
+
+
+@pytest.mark.parametrize("mapped", [CROSSING, {**SIGNAL, "crossing": "marked"}])
+def test_lights_of_a_crossing_near_a_junction_are_the_crossings_own(mapped, write_osm, tmp_path):
+    found = built(write_osm(*cross(west=mapped)), tmp_path)
+    (junction,) = (j for j in found.network.junctions if j.kind == "traffic_light")
+    assert junction.polygon.distance(shapely.Point(-15, 0)) < 0.1
+    assert not shapely.Point(0, 0).within(junction.polygon)
+    (crossing,) = (lane for lane in found.network.lanes if lane.kind == "crossing")
+    assert shapely.LineString(crossing.centre[:, :2]).distance(shapely.Point(-15, 0)) < 0.5
 
 
 def test_a_crossing_between_junctions_has_signals_of_its_own(write_osm, tmp_path):

@@ -32,10 +32,14 @@ def crossing(write_osm, tmp_path):
         if driving_side not in BUILT:
             nodes = {1: (-150, -10, {}), 2: (0, 0, {"highway": "traffic_signals"})}
             nodes |= {3: (150, 20, {}), 4: (10, -150, {}), 5: (-8, 70, {}), 6: (-5, 150, {})}
+            lights = {"highway": "crossing", "crossing": "traffic_signals"}
+            nodes |= {7: (-15, -1, lights), 8: (1.2, -18, lights)}
             main = {"highway": "secondary", "lanes": "4", "maxspeed": "50", "sidewalk": "both"}
             side = {"highway": "residential", "lanes": "2", "sidewalk": "both", "cycleway": "lane"}
             BUILT[driving_side] = build_roads(
-                read_extract(write_osm(nodes, {10: ([1, 2, 3], main), 11: ([4, 2, 5, 6], side)})),
+                read_extract(
+                    write_osm(nodes, {10: ([1, 7, 2, 3], main), 11: ([4, 8, 2, 5, 6], side)})
+                ),
                 HERE,
                 shapely.box(-120, -120, 120, 120),
                 hill(),

@@ -14,6 +14,7 @@ from urbantwin.roads.signals.pole_sites import FreeGround
 from urbantwin.site import read_extract
 
 HERE = SiteFrame(48.7, 9.18)
+CROSSED = {"highway": "crossing", "crossing": "traffic_signals"}
 MAIN = {"highway": "primary", "name": "Long Avenue", "lanes": "4", "maxspeed": "50",
         "sidewalk": "both"}  # fmt: skip
 SIDE = {"highway": "secondary", "name": "Cross Street", "lanes": "2", "maxspeed": "50",
@@ -29,10 +30,11 @@ def crossing(write_osm, tmp_path, monkeypatch):
     """
     nodes = {1: (-150, 0, {}), 2: (0, 0, {"highway": "traffic_signals"}), 3: (150, 0, {})}
     nodes |= {4: (0, -150, {}), 5: (0, 150, {})}
+    nodes |= {6: (-13, 0, CROSSED), 7: (13, 0, CROSSED), 8: (0, -14, CROSSED), 9: (0, 14, CROSSED)}
 
     def build(country, side, ways=None):
         monkeypatch.setattr("urbantwin.roads.build.country_of", lambda *_: country)
-        path = write_osm(nodes, ways or {10: ([1, 2, 3], MAIN), 11: ([4, 2, 5], SIDE)})
+        path = write_osm(nodes, ways or {10: ([1, 6, 2, 7, 3], MAIN), 11: ([4, 8, 2, 9, 5], SIDE)})
         built = build_roads(
             read_extract(path),
             HERE,
@@ -148,7 +150,7 @@ def test_walkers_see_their_lights_at_the_other_end(crossing):
 
 
 def test_where_a_street_ends_heads_stand_opposite(crossing):
-    ways = {10: ([1, 2, 3], MAIN), 11: ([4, 2], SIDE)}
+    ways = {10: ([1, 6, 2, 7, 3], MAIN), 11: ([4, 8, 2], SIDE)}
     built, heads = crossing("US", "right", ways)
     north = towards(heads, math.pi / 2)
     assert north

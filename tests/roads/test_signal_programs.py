@@ -18,6 +18,7 @@ from urbantwin.site.signals import SignalPlan, SignalSpec
 from urbantwin.site.yaml_document import read_document
 
 HERE = SiteFrame(48.7, 9.18)
+CROSSED = {"highway": "crossing", "crossing": "traffic_signals"}
 MAIN = {"highway": "primary", "name": "Long Avenue", "lanes": "4", "maxspeed": "50",
         "sidewalk": "both"}  # fmt: skip
 SIDE = {"highway": "secondary", "name": "Cross Street", "lanes": "2", "maxspeed": "50",
@@ -42,7 +43,8 @@ def plans_of(signals, written):
 def build(write_osm, tmp_path):
     nodes = {1: (-150, 0, {}), 2: (0, 0, {"highway": "traffic_signals"}), 3: (150, 0, {})}
     nodes |= {4: (0, -150, {}), 5: (0, 150, {})}
-    path = write_osm(nodes, {10: ([1, 2, 3], MAIN), 11: ([4, 2, 5], SIDE)})
+    nodes |= {6: (-13, 0, CROSSED), 7: (13, 0, CROSSED), 8: (0, -14, CROSSED), 9: (0, 14, CROSSED)}
+    path = write_osm(nodes, {10: ([1, 6, 2, 7, 3], MAIN), 11: ([4, 8, 2, 9, 5], SIDE)})
 
     def run(*signals):
         plans = plans_of(signals, tmp_path / "site.yaml")

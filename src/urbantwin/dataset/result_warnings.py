@@ -28,20 +28,25 @@ def warnings_of_record(entries: Sequence[Mapping[str, Any]]) -> Iterator[ResultW
             "points", f"{empty} of {len(entries)} frames have none", "the sensors saw nothing"
         )
     boxes = [box for entry in entries for box in entry["boxes"] if box["ignored"] not in BEYOND]
-    kinds = sorted({box["class"] for box in boxes})
-    for kind in kinds:
+    few: dict[str, float] = {}
+    unseen: list[Mapping[str, Any]] = []
+    for kind in sorted({box["class"] for box in boxes}):
         mine = [box for box in boxes if box["class"] == kind]
-        seen = sum(box["num_points"] > 0 for box in mine)
-        if len(mine) >= FEW and seen < ENOUGH * len(mine):
-            yield ResultWarning(
-                f"boxes {kind}",
-                f"{seen / len(mine):.0%} of {len(mine)} in reach have points",
-                _reason([box for box in mine if not box["num_points"]]),
-                "move the sensors, or add one: urbantwin coverage shows what they see",
-            )
+        empty_ones = [box for box in mine if not box["num_points"]]
+        if len(mine) >= FEW and len(empty_ones) > (1 - ENOUGH) * len(mine):
+            few[kind] = 1 - len(empty_ones) / len(mine)
+            unseen += empty_ones
+    if few:
+        yield ResultWarning(
+            "objects",
+            "of those in reach few have points: "
+            + ", ".join(f"{share:.0%} of {kind} boxes" for kind, share in few.items()),
+            _reason(unseen),
+            "move the sensors, or add one: urbantwin coverage shows what they see",
+        )
     if not boxes:
         yield ResultWarning(
-            "boxes",
+            "objects",
             "no actor is ever within the region and in reach of a sensor",
             "",
             "a longer motion (traffic.duration_s), or more traffic",

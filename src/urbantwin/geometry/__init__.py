@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from urbantwin.geometry.frame import SiteFrame
     from urbantwin.geometry.mesh import LabelledMesh
     from urbantwin.geometry.part_colour import PartColours
-    from urbantwin.geometry.polyline import stations_of_points
+    from urbantwin.geometry.polyline import moved_left, stations_of_points
     from urbantwin.geometry.pose import Pose, rotation_from_ypr, ypr_from_rotation
     from urbantwin.geometry.probe import DownwardProbe
     from urbantwin.geometry.surface_material import MaterialLayer, SurfaceMaterials
@@ -37,6 +37,7 @@ __all__ = [
     "bounding_box",
     "box_corners",
     "grown",
+    "moved_left",
     "points_in_box",
     "rotation_from_ypr",
     "stations_of_points",

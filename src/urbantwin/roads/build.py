@@ -5,6 +5,8 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import compress
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +32,7 @@ from urbantwin.roads.grade_separation import (
 )
 from urbantwin.roads.heights import RoadSurface, with_heights
 from urbantwin.roads.heights.banked_widths import with_banked_widths
+from urbantwin.roads.junctions.from_map import with_junctions_of_map
 from urbantwin.roads.lane_polylines import network_of_model
 from urbantwin.roads.loop import OuterRoads, close_loop
 from urbantwin.roads.main_component import LeftOut, Part, main_component
@@ -68,6 +71,10 @@ NETWORK_CLASSES = frozenset(
 )
 #: Buildings are kept clear of as far as this beyond the region, metres: the closed loop is there.
 BESIDE_M = 150.0
+
+
+#: A crossing this near to a node of the map is the node's, metres.
+FOUND_M = 3.0
 
 
 @dataclass(frozen=True)
@@ -176,8 +183,17 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
             frame,
             driving_side=driving_side,
             keep_apart=sorted(apart),
-            keep_nodes=loop.nodes,
             edges=edges,
+            reshape=partial(
+                with_junctions_of_map,
+                extract=extract,
+                frame=frame,
+                region=region,
+                prepared=prepared,
+                apart=apart,
+                country=country,
+                driving_side=driving_side,
+            ),
             out=out,
         )
     tell(0.25, "signals")
@@ -189,6 +205,7 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
             driving_side=driving_side,
             level_of_way=level_of_way,
             origin={piece.id: piece.way for piece in pieces},
+            arrows=prepared.arrows,
         ),
         buildings,
     )
@@ -223,6 +240,9 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
     notes: dict[str, object] = {
         "roads": len(network.roads),
         "junctions": len(network.junctions),
+        "junctions_of_several_nodes": sum(
+            junction.id.startswith("cluster_") for junction in network.junctions
+        ),
         "signal_programs": len(network.programs),
         "signal_programs_set": planned,
         "signals_inferred_from_stop_lines_and_crossings": _within(
@@ -231,7 +251,9 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
         "signalised_crossings_between_junctions": _within(
             extract, frame, region, signals.mid_block
         ),
-        "signalised_crossings_left_out": _within(extract, frame, region, signals.left_out),
+        "signalised_crossings_left_out": _within(
+            extract, frame, region, _unlit(extract, frame, signals.left_out, raw)
+        ),
         "signal_heads": sum(signal.dynamic for signal in model.signals),
         "signs": signs,
         "bus_stops": len(network.stops),
@@ -259,6 +281,21 @@ def _main_component(
     }
     kept, left_out = main_component(parts)
     return tuple(piece for piece in pieces if piece.id in kept), left_out
+
+
+def _unlit(
+    extract: Extract, frame: SiteFrame, nodes: Sequence[int], network: RoadNetwork
+) -> list[int]:
+    """Return the nodes where no crossing with lights lies."""
+    lit = {head.lane for head in network.signals}
+    lines = [
+        shapely.LineString(lane.centre[:, :2])
+        for lane in network.lanes
+        if lane.kind == "crossing" and lane.id in lit
+    ]
+    xy = frame.site_from_lonlat([extract.nodes[node] for node in nodes]).reshape(-1, 2)
+    far = [not shapely.dwithin(lines, shapely.Point(at), FOUND_M).any() for at in xy]
+    return list(compress(nodes, far))
 
 
 def _within(

@@ -229,6 +229,7 @@ def _lane(name: str, run: _Run, raw: Lane | None) -> Lane:
         allowed=run.lane.allowed if raw is None else raw.allowed,
         successors=() if raw is None else raw.successors,
         junction="" if raw is None else raw.junction,
+        arrows=None if raw is None else raw.arrows,
         widths=np.zeros(0) if constant else widths,
     )
 

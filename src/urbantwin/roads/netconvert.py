@@ -7,13 +7,15 @@ import os
 import re
 import subprocess
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from lxml import etree
 
 from urbantwin.errors import StageError
 from urbantwin.geometry import SiteFrame
+from urbantwin.roads.junctions.plain import PlainNetwork, read_plain, write_plain
 
 __all__ = [
     "run_netconvert",
@@ -27,33 +29,41 @@ __all__ = [
 OPTIONS = {
     "offset.disable-normalization": "true",  # keep the site frame
     "precision": "3",
-    "geometry.remove": "true",
     "geometry.max-grade": "1000",  # heights are the lane model's; netconvert's network is flat
-    "roundabouts.guess": "true",
-    "junctions.join": "true",
-    "junctions.corner-detail": "5",
+    "no-turnarounds.except-deadend": "true",
+    "output.original-names": "true",
+    "output.street-names": "true",
+}
+#: How the map is read: every edge, its lanes and the ways on from them, no junction yet.
+READING = {
     "ramps.guess": "true",
-    "tls.join": "true",
-    "tls.default-type": "static",
-    "tls.left-green.time": "12",
-    "tls.allred.time": "2",  # to clear the junction (RiLSA 2015, 2.5); by default none
     "osm.sidewalks": "true",
     "osm.turn-lanes": "true",
     "osm.lane-access": "true",
     "osm.bike-access": "true",
-    "crossings.guess": "true",
-    "walkingareas": "true",
     "default.sidewalk-width": "2.5",
-    "no-turnarounds.except-deadend": "true",
-    "output.original-names": "true",
-    "output.street-names": "true",
     "keep-edges.by-vclass": "passenger,bus,bicycle,pedestrian",
 }
-#: What netconvert says of a cluster that it does not join because too many roads meet there.
-TOO_MANY = re.compile(r"Not joining junctions ([\w:,#-]+) \(\d+ incoming edges\)")
+#: How the network is made of edges whose junctions are known.
+MAKING = {
+    "geometry.remove": "true",
+    "roundabouts.guess": "true",
+    "junctions.corner-detail": "5",
+    "tls.join": "true",
+    "tls.default-type": "static",
+    "tls.left-green.time": "12",
+    "tls.allred.time": "2",  # to clear the junction (RiLSA 2015, 2.5); by default none
+    "walkingareas": "true",
+    "aggregate-warnings": "-1",
+}
 #: The edge that an error of netconvert's is about, and how many such edges are accepted.
 EDGE = re.compile(r"edge '([^']+)'")
 MOST_UNKNOWN = 8
+#: Crossings that netconvert finds no way from or to, what it says of those that it drops, and how
+#: often it is tried.
+NOWHERE = re.compile(r"crossing '[^']*' across \[([^]]*)\] has no")
+DROPPED = "Discarding invalid crossing"
+MOST_ATTEMPTS = 4
 TYPE_FILES = ("osmNetconvert.typ.xml", "osmNetconvertBicycle.typ.xml")
 
 
@@ -89,8 +99,8 @@ def sumo_network(
     *,
     driving_side: str,
     keep_apart: Iterable[int],
-    keep_nodes: Iterable[int] = (),
     edges: Path | None = None,
+    reshape: Callable[[PlainNetwork], PlainNetwork] | None = None,
     out: Path,
 ) -> list[str]:
     """Run netconvert on OSM XML and write a network without comments, dates and paths.
@@ -101,7 +111,7 @@ def sumo_network(
         driving_side: ``right`` or ``left``.
         keep_apart: ids of ways (bridges, outer roads) that stay roads of their own, not joined to
             the next.
-        keep_nodes: ids of nodes that are not merged with others into one junction.
+        reshape: makes junctions of nodes and tells where people cross, once the map is read.
         edges: attributes of the edges that it makes of ways; edges that it does not make are taken
             out of the file.
         out: the ``.net.xml`` to write.
@@ -114,38 +124,59 @@ def sumo_network(
     """
     types = ",".join(str(sumo_home() / "data" / "typemap" / name) for name in TYPE_FILES)
     with tempfile.TemporaryDirectory(prefix="netconvert-", dir=out.parent) as scratch:
+        read, made = Path(scratch) / "read", Path(scratch) / "made"
         raw = Path(scratch) / "raw.net.xml"
-        command = [
+        side = ["--lefthand", "true" if driving_side == "left" else "false"]
+        reading = [
             *("--osm-files", str(osm)),
             *("--type-files", types),
             *("--proj", frame.proj),
-            *("--lefthand", "true" if driving_side == "left" else "false"),
+            *side,
+            *_words(OPTIONS | READING),
+            *("--plain-output-prefix", str(read)),
         ]
+        if edges is not None:
+            reading += ["--edge-files", str(edges)]
+        warnings = _run_with(edges, reading, raw)
+        plain = read_plain(read, raw)
+        plain = plain if reshape is None else reshape(plain)
         apart = [
             f"{sign}{way}{piece}"
             for way in keep_apart
             for sign in ("", "-")
             for piece in ("", *(f"#{k}" for k in range(12)))
         ]
-        if apart:
-            command += ["--geometry.remove.keep-edges.explicit", ",".join(apart)]
-        if edges is not None:
-            command += ["--edge-files", str(edges)]
-        if nodes := ",".join(str(node) for node in keep_nodes):
-            command += ["--junctions.join-exclude", nodes]
-        for key, value in OPTIONS.items():
-            command += [f"--{key}", value]
-        warnings = _run_with(edges, command, raw)
-        clusters = [found[1] for line in warnings if (found := TOO_MANY.search(line))]
-        if clusters:
-            # One junction of many nodes, which netconvert by itself leaves in pieces: each with
-            # signals of its own, so that traffic locks up between them.
-            joins = Path(scratch) / "joins.nod.xml"
-            rows = "".join(f'<join nodes="{ids.replace(",", " ")}"/>' for ids in clusters)
-            joins.write_text(f"<nodes>{rows}</nodes>")
-            warnings = run_netconvert([*command, "--node-files", str(joins)], raw)
+        warnings += _make(plain, apart, [*side, *_words(OPTIONS | MAKING)], made, raw)
         write_network(raw, out)
     return warnings
+
+
+def _make(
+    plain: PlainNetwork, apart: Sequence[str], options: Sequence[str], made: Path, raw: Path
+) -> list[str]:
+    """Make the network of plain edges; return the warnings.
+
+    A crossing that netconvert finds no way from or to makes it drop others at the same node: it is
+    left out.
+    """
+    for attempt in range(MOST_ATTEMPTS):
+        # netconvert forgets what is crossed where it joins edges.
+        crossed = {edge for crossing in plain.crossings for edge in crossing.edges}
+        keep = ",".join([*apart, *sorted(crossed)])
+        told = ["--geometry.remove.keep-edges.explicit", keep] if keep else []
+        warnings = run_netconvert([*write_plain(made, plain), *options, *told], raw)
+        nowhere = {frozenset(found[1].split()) for found in map(NOWHERE.search, warnings) if found}
+        dropped = any(DROPPED in line for line in warnings)
+        if not nowhere or not dropped or attempt == MOST_ATTEMPTS - 1:
+            break
+        left = tuple(c for c in plain.crossings if frozenset(c.edges) not in nowhere)
+        plain = replace(plain, crossings=left)
+    return warnings
+
+
+def _words(options: Mapping[str, str]) -> list[str]:
+    """Return options as they are written on a command line."""
+    return [word for key, value in options.items() for word in (f"--{key}", value)]
 
 
 def _run_with(edges: Path | None, command: list[str], raw: Path) -> list[str]:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from urbantwin.artefact import write_json
 from urbantwin.artefact.typed_document import Numbers, Pairs, Triples, read_typed
 from urbantwin.errors import InputError
-from urbantwin.geometry import area_difference, area_union, stations_of_points
+from urbantwin.geometry import area_difference, area_intersection, area_union, stations_of_points
 
 __all__ = ["BusStop", "Junction", "Lane", "Road", "RoadNetwork", "SignalHead", "SignalProgram"]
 
@@ -22,6 +22,8 @@ __all__ = ["BusStop", "Junction", "Lane", "Road", "RoadNetwork", "SignalHead", "
 CARRIAGEWAY_KINDS = ("driving", "bus", "bicycle", "parking", "shoulder")
 #: Kinds of lanes for pedestrians, raised behind a curb.
 FOOTWAY_KINDS = ("sidewalk", "walkingarea", "curb")
+#: Half the width of a neck through which nobody drives into the corner behind it, metres.
+NECK_M = 0.5
 #: No lane is wider, metres, and no road crosses over more others.
 _WIDEST_M, _HIGHEST = 1000.0, 100
 
@@ -43,7 +45,11 @@ class Lane:
         allowed: classes of actors that may use it.
         successors: ids of the lanes that follow, through a junction's connection.
         junction: id of the junction it lies in; empty outside junctions.
+        arrows: turns that the map signs at its end (OSM wiki, "Key:turn"); ``None`` where it signs
+            none for any lane beside it.
         widths: (N,) width at each point of the centre where it changes, else empty.
+        marking: what a crossing is marked with: ``zebra``, ``lines``, ``dashes``, ``dots`` or
+            ``none``; empty where nobody told.
     """
 
     id: str
@@ -58,6 +64,8 @@ class Lane:
     successors: tuple[str, ...]
     junction: str
     widths: Numbers = field(default_factory=lambda: np.zeros(0))
+    arrows: tuple[str, ...] | None = None
+    marking: str = ""
 
     @cached_property
     def polygon(self) -> shapely.Polygon:
@@ -211,13 +219,14 @@ class RoadNetwork:
         """Return where vehicles drive, in plan: lanes, crossings and junctions.
 
         A junction's outline includes the walking areas at its corners; they are not driven on
-        unless a lane or a turn runs there.
+        unless a lane or a turn runs there, nor is what lies behind them.
         """
         if ("carriageway", level) in self._areas:
             return self._areas["carriageway", level]
         junctions = area_union([j.polygon for j in self.junctions if j.level == level])
         core = area_difference(junctions, self.area_of(FOOTWAY_KINDS, level))
         driven = self.area_of((*CARRIAGEWAY_KINDS, "connection", "crossing"), level)
+        core = _reached(core, driven)
         self._areas["carriageway", level] = found = area_union([core, driven])
         return found
 
@@ -279,6 +288,13 @@ class RoadNetwork:
         for place, names in named:
             if not set(names) <= known.keys():
                 raise InputError("names a lane that is not there", file=file, place=place)
+
+
+def _reached(area: shapely.Geometry, driven: shapely.Geometry) -> shapely.Geometry:
+    """Return the parts of an area that traffic gets to over more than a narrow neck."""
+    parts = shapely.get_parts(area.buffer(-NECK_M))
+    kept = [part for part in parts if part.intersection(driven).area > NECK_M]
+    return area_intersection(area, area_union(kept).buffer(2 * NECK_M))
 
 
 def _tapered(centre: NDArray[np.float64], widths: NDArray[np.float64]) -> shapely.Geometry:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -28,7 +29,12 @@ DEFAULT_WIDTH = 3.2  # SUMO's own, where a lane states none
 
 
 def read_sumo_network(
-    path: Path, *, driving_side: str, level_of_way: dict[int, int], origin: dict[int, int]
+    path: Path,
+    *,
+    driving_side: str,
+    level_of_way: dict[int, int],
+    origin: dict[int, int],
+    arrows: Mapping[str, Sequence[tuple[str, ...]]] | None = None,
 ) -> RoadNetwork:
     """Read ``.net.xml``; heights are left at zero.
 
@@ -37,6 +43,7 @@ def read_sumo_network(
         driving_side: ``right`` or ``left``.
         level_of_way: way -> level, for ways that cross over others.
         origin: id of a cut piece -> id of the way of the map.
+        arrows: edge -> the turns signed for each of its lanes.
     """
     root = etree.parse(path).getroot()
     levels = {
@@ -52,8 +59,11 @@ def read_sumo_network(
         inside = edge.get("id")[1:].rsplit("_", 1)[0] if function else ""
         level = junction_level.get(inside, 0) if function else levels[edge.get("id")]
         rows = [_lane(item, edge, function, level, inside) for item in edge.findall("lane")]
-        for row in rows:
+        signed = (arrows or {}).get(_last_part(edge), ())
+        for index, row in enumerate(rows):
             row["successors"] = tuple(successors.get(str(row["id"]), ()))
+            if len(signed) == len(rows):
+                row["arrows"] = signed[index]
         lanes += [Lane(**row) for row in rows]  # type: ignore[arg-type]
         if not function:
             roads.append(
@@ -106,6 +116,17 @@ def _ways(edge: etree._Element, origin: dict[int, int]) -> tuple[int, ...]:
                     found.add(origin.get(piece, piece))
     found.discard(0)  # what the map does not have
     return tuple(sorted(found))
+
+
+def _last_part(edge: etree._Element) -> str:
+    """Return the edge that an edge ends with: netconvert names the first where it joins several."""
+    words = [
+        item.get("value").split() for item in edge.iter("param") if item.get("key") == "origId"
+    ]
+    name = str(edge.get("id"))
+    if not words or len(words[0]) < 2:
+        return name
+    return f"-{words[0][-1].lstrip('-')}" if name.startswith("-") else words[0][-1]
 
 
 def _edge_level(edge: etree._Element, level_of_way: dict[int, int], origin: dict[int, int]) -> int:
@@ -163,7 +184,14 @@ def _lane(
         "level": level,
         "allowed": allowed,
         "junction": inside,
+        "marking": _marking(item),
     }
+
+
+def _marking(item: etree._Element) -> str:
+    """Return what a crossing is marked with, where this program's own input told netconvert."""
+    told = (row.get("value") for row in item.iterfind("param") if row.get("key") == "marking")
+    return next(told, "")
 
 
 def _allowed(item: etree._Element) -> tuple[str, ...]:

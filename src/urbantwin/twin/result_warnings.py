@@ -20,8 +20,8 @@ KNOWN = 0.9
 LONG_M = 50.0
 _REASONS = {
     "streets": "no lanes lie along the others",
-    "crossings": "mapped where the lanes have no room or no sidewalk for them",
-    "signals": "mapped where no junction or crossing of the lanes has a signal",
+    "crossings": "no lanes run there, or walkers have nowhere to stand at their ends",
+    "signals": "no junction or crossing of the lanes has a signal there",
 }
 
 

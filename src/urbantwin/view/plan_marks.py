@@ -17,10 +17,11 @@ from urbantwin.roads.marking import (
     GIVE_WAY,
     PAINT_KINDS,
     arrow_at,
-    dashes,
+    guide_lines,
     lane_marks,
     painted,
     stop_lines,
+    strokes,
     turn_arrow,
 )
 from urbantwin.roads.model import LaneModel
@@ -41,23 +42,26 @@ _DRIVEN = ("driving", "bus", "bicycle")
 
 def draw_marks(axes: Axes, network: RoadNetwork, model: LaneModel | None, look: Look) -> None:
     """Draw what is painted on the road."""
-    for line in lane_marks(network, model):
+    for line in [*lane_marks(network, model), *(guide_lines(model) if model else ())]:
         if line.kind == "curb":
             continue
-        strokes = dashes(line.points) if line.kind == "broken" else [line.points]
-        ribbons = [_ribbon(points, _LINE_M) for points in strokes]
+        ribbons = [_ribbon(points, _LINE_M) for points in strokes(line)]
         fill(axes, ribbons, look.paint, zorder=11.0 + 10 * line.level)
     for line in stop_lines(network, model):
         fill(axes, [_ribbon(line.points, _STOP_M)], look.paint, zorder=11.2 + 10 * line.level)
+    for lane in network.lanes:
+        if lane.kind == "crossing" and lane.marking in ("lines", "dashes", "dots"):
+            # Studs are smaller than the plan can show.
+            fill(axes, [lane.polygon], look.paint, zorder=11.05 + 10 * lane.level, alpha=0.35)
     paint = painted(network, model)
     rest = paint.of("teeth", "bay")
     axes.add_collection(
         PolyCollection(list(rest), facecolor=look.paint, linewidth=0, zorder=11.2), autolim=False
     )
-    zebras = paint.kind == PAINT_KINDS.index("zebra")
-    for level in np.unique(paint.level[zebras]).tolist():
+    crossings = np.isin(paint.kind, [PAINT_KINDS.index(kind) for kind in ("zebra", "crossing")])
+    for level in np.unique(paint.level[crossings]).tolist():
         stripes = PolyCollection(
-            list(paint.quads[zebras & (paint.level == level)]),
+            list(paint.quads[crossings & (paint.level == level)]),
             facecolor=look.paint,
             linewidth=0,
             zorder=11.1 + 10 * level,

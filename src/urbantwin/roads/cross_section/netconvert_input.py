@@ -15,7 +15,12 @@ from urbantwin.roads.cross_section.layout import middles_of
 from urbantwin.roads.cross_section.section import CrossSection
 from urbantwin.roads.cross_section.segment import segments_of
 from urbantwin.roads.cross_section.spacing import spaced
-from urbantwin.roads.cross_section.sumo_edges import SumoEdge, sumo_edges, sumo_tags
+from urbantwin.roads.cross_section.sumo_edges import (
+    SumoEdge,
+    signed_turns,
+    sumo_edges,
+    sumo_tags,
+)
 from urbantwin.roads.cross_section.turn_lanes import fitting_turns
 from urbantwin.roads.sidewalk import sidewalk_sides
 from urbantwin.site.extract import WayPiece
@@ -47,12 +52,15 @@ class PreparedWays:
         edges: the attributes of edges that netconvert is given.
         segments: the same segments with their cross sections.
         parts: piece that was given -> the segments that it was cut into.
+        arrows: edge -> the turns that are signed for each of its lanes from the kerb inwards, its
+            sidewalk among them; only edges that have any where their way ends.
     """
 
     pieces: tuple[WayPiece, ...]
     edges: tuple[SumoEdge, ...]
     segments: tuple[MappedSegment, ...]
     parts: Mapping[int, tuple[WayPiece, ...]]
+    arrows: Mapping[str, tuple[tuple[str, ...], ...]]
 
     def turns(self, forbidden: Iterable[tuple[int, int, int]]) -> list[tuple[int, int, int]]:
         """Return forbidden turns (from piece, over node, to piece) as ones between segments."""
@@ -106,7 +114,10 @@ def prepare_ways(
     parts: dict[int, tuple[WayPiece, ...]] = defaultdict(tuple)
     for segment, piece in zip(segments, prepared, strict=True):
         parts[segment.origin] += (piece,)
-    return PreparedWays(tuple(prepared), tuple(edges), mapped, parts)
+    arrows: dict[str, tuple[tuple[str, ...], ...]] = {}
+    for segment, section in zip(segments, sections, strict=True):
+        arrows |= signed_turns(segment, section)
+    return PreparedWays(tuple(prepared), tuple(edges), mapped, parts, arrows)
 
 
 def _named(piece: WayPiece, old: Mapping[str, str]) -> WayPiece:

@@ -18,12 +18,14 @@ from numpy.typing import NDArray
 from urbantwin.roads.model import LaneModel, ModelRoad
 from urbantwin.roads.network import RoadNetwork
 
-__all__ = ["DASH_M", "GAP_M", "MOTOR", "Line", "dashes", "lane_marks", "placed", "stop_lines"]
+__all__ = ["DASH_M", "GAP_M", "MOTOR", "Line", "lane_marks", "placed", "stop_lines", "strokes"]
 
 #: Longest chord of a line where its road bends or its lanes change, metres.
 CHORD_M = 1.0
 #: Painted and bare length of a broken line, metres (German RMS 1, built-up areas).
 DASH_M, GAP_M = 3.0, 6.0
+#: The same of lines that guide turns (US MUTCD 3B.08: dotted extensions, 2 ft and 2 to 6 ft).
+BROKEN = {"broken": (DASH_M, GAP_M), "guide": (0.6, 1.2)}
 #: Kinds of lanes that motor traffic drives on.
 MOTOR = ("driving", "bus")
 
@@ -33,7 +35,7 @@ class Line:
     """A line on the road.
 
     Attributes:
-        kind: ``solid``, ``broken``, ``curb`` or ``stop``.
+        kind: ``solid``, ``broken``, ``guide``, ``curb`` or ``stop``.
         points: (N, 2), site frame, metres.
         level: 0 on the ground, 1, 2, ... above other roads.
         lane: id of the strip that it belongs to; empty where it belongs to none.
@@ -85,17 +87,20 @@ def stop_lines(network: RoadNetwork, model: LaneModel | None) -> list[Line]:
     return found
 
 
-def dashes(points: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """Return the painted pieces of a broken line, evenly from end to end."""
-    line = shapely.LineString(points)
-    count = int((line.length + GAP_M) // (DASH_M + GAP_M))
+def strokes(line: Line) -> list[NDArray[np.float64]]:
+    """Return the painted pieces of a line, evenly from end to end."""
+    if line.kind not in BROKEN:
+        return [line.points]
+    dash, gap = BROKEN[line.kind]
+    whole = shapely.LineString(line.points)
+    count = int((whole.length + gap) // (dash + gap))
     if count < 1:
         return []
-    period = line.length / count
+    period = whole.length / count
     pieces = []
     for k in range(count):
         middle = (k + 0.5) * period
-        piece = shapely.ops.substring(line, middle - DASH_M / 2, middle + DASH_M / 2)
+        piece = shapely.ops.substring(whole, middle - dash / 2, middle + dash / 2)
         pieces.append(shapely.get_coordinates(piece))
     return pieces
 

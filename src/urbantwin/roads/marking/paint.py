@@ -14,17 +14,19 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from urbantwin.roads.marking.crossing_marks import crossing_marks
 from urbantwin.roads.marking.give_way import parking_bays, teeth
-from urbantwin.roads.marking.lines import DASH_M, GAP_M, MOTOR, dashes, lane_marks, stop_lines
+from urbantwin.roads.marking.guide_line import guide_lines
+from urbantwin.roads.marking.lines import DASH_M, GAP_M, MOTOR, lane_marks, stop_lines, strokes
 from urbantwin.roads.marking.turn_arrow import turn_arrow
-from urbantwin.roads.marking.zebra import zebra, zebra_of_area
+from urbantwin.roads.marking.zebra import zebra_of_area
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.network import Lane, RoadNetwork
 
 __all__ = ["PAINT_KINDS", "Paint", "painted"]
 
-#: Kinds of markings.
-PAINT_KINDS = ("zebra", "line", "stop", "arrow", "teeth", "bay")
+#: Kinds of markings; ``zebra`` are stripes, ``crossing`` what marks crossings otherwise.
+PAINT_KINDS = ("zebra", "crossing", "line", "stop", "arrow", "teeth", "bay")
 #: Widths of lane marks, of stop lines and of the lines between parking bays, metres.
 LINE_M, STOP_LINE_M, BAY_LINE_M = 0.15, 0.4, 0.12
 
@@ -56,20 +58,22 @@ def painted(network: RoadNetwork, model: LaneModel | None = None) -> Paint:
     Args:
         network: the lanes.
         model: the lane model, whose lane marks, stop lines, give-way lines and parking bays are
-            painted, and arrows before junctions; without it only zebras, dashes between lanes and
-            stop lines of signals are known.
+            painted, and arrows before junctions; without it only crossings, dashes between lanes
+            and stop lines of signals are known.
     """
     found: list[tuple[str, int, Sequence[Quad]]] = [
-        ("zebra", lane.level, zebra(lane)) for lane in network.lanes if lane.kind == "crossing"
+        (kind, lane.level, quads)
+        for lane in network.lanes
+        if lane.kind == "crossing"
+        for kind, quads in [crossing_marks(lane)]
     ]
     if model is None:
         found += [("line", level, quads) for level, quads in _borders(network)]
         found += [("stop", level, [quad]) for level, quad in _stop_lines(network)]
     else:
-        for line in lane_marks(network, model):
+        for line in [*lane_marks(network, model), *guide_lines(model)]:
             if line.kind != "curb":
-                strokes = dashes(line.points) if line.kind == "broken" else [line.points]
-                quads = [quad for points in strokes for quad in _ribbon(points, LINE_M)]
+                quads = [quad for points in strokes(line) for quad in _ribbon(points, LINE_M)]
                 found.append(("line", line.level, quads))
         found += [
             ("stop", line.level, _ribbon(line.points, STOP_LINE_M))

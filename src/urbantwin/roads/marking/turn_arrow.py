@@ -15,6 +15,15 @@ __all__ = ["ARROW_M", "arrow", "arrow_at", "turn_arrow"]
 
 #: Length of an arrow, and how far its tip is from the stop line, metres.
 ARROW_M, BEFORE_STOP_M = 6.0, 2.5
+#: The shortest arrow that is painted where the map signs one, metres.
+SHORTEST_M = 3.0
+#: Turns as the map names them (OSM wiki, "Key:turn") -> as they are painted.
+PAINTED = {
+    "left": "left", "slight_left": "left", "sharp_left": "left", "merge_to_left": "left",
+    "right": "right", "slight_right": "right", "sharp_right": "right", "merge_to_right": "right",
+    "through": "through", "reverse": "around",
+}  # fmt: skip
+ORDER: tuple[str, ...] = ("left", "through", "right", "around")
 #: An arrow of unit length is drawn for lanes this wide, metres; narrower ones get narrower arrows.
 LANE_M, WIDEST = 3.0, 1.15
 
@@ -22,11 +31,19 @@ LANE_M, WIDEST = 3.0, 1.15
 def turn_arrow(network: RoadNetwork, lane: Lane) -> shapely.Geometry | None:
     """Return the arrow before a lane's stop line, site frame, metres.
 
-    None where the lane is too short, where it leads to no junction, or where no signal stops it
-    and it can only go on or may go anywhere.
+    What the map signs is painted as it is. Where it signs nothing for a street, arrows show where
+    lanes lead; none where the lane leads to no junction, or where no signal stops it and it can
+    only go on or may go anywhere. None on a lane that is too short.
     """
+    if lane.kind == "bicycle" or lane.length < SHORTEST_M + 2 * BEFORE_STOP_M:
+        return None
+    length = min(ARROW_M, lane.length - 2 * BEFORE_STOP_M)
+    if lane.arrows is not None:
+        words = {PAINTED[word] for word in lane.arrows if word in PAINTED}
+        signed = tuple(way for way in ORDER if way in words)
+        return arrow_at(signed, lane, lane.length - BEFORE_STOP_M, length) if signed else None
     ways = turns(network, lane)
-    if not ways or lane.kind == "bicycle" or lane.length < ARROW_M + 2 * BEFORE_STOP_M:
+    if not ways or length < ARROW_M:
         return None
     plain = ways == ("through",) or {"left", "through", "right"} <= set(ways)
     if plain and lane.id not in {head.lane for head in network.signals}:

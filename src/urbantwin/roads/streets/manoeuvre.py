@@ -15,7 +15,7 @@ from urbantwin.roads.model.curve import Curve, all_turned, splined
 from urbantwin.roads.network import Lane, Road, RoadNetwork
 from urbantwin.roads.streets.street import Street, Strip, vehicle_lanes
 
-__all__ = ["Manoeuvre", "Route", "Topology", "build_manoeuvres", "find_topology"]
+__all__ = ["Manoeuvre", "Route", "Topology", "build_manoeuvres", "find_topology", "gentle_curves"]
 
 #: Edges shorter than this between junctions are part of one larger junction, metres.
 WITHIN_JUNCTION_M = 3.0
@@ -34,6 +34,8 @@ SPACING_M = 1.5
 #: Directness of the curves that are tried in turn, and how far each may lie from netconvert's way,
 #: in metres and tenths of its length.
 DIRECTNESS = ((1.0, 1.0), (4.0, 1.0), (12.0, 3.0))
+#: Ways over junctions of several nodes are kept to this closely, metres; how their names begin.
+KEPT_M, CLUSTER = 0.3, "cluster_"
 
 
 @dataclass(frozen=True)
@@ -174,7 +176,7 @@ def _merges(
     found = []
     for edge in edges:
         lanes = [lane for lane in vehicle_lanes(network, edge) if lane.kind != "bicycle"]
-        if edge.to_junction in border:
+        if edge.to_junction in border or all(lane.kind == "sidewalk" for lane in lanes):
             continue
         for k, lane in enumerate(lanes):
             if onward[lane.id]:
@@ -324,26 +326,45 @@ def _kind(start: Lane, end: Lane, chain: list[Lane]) -> str:
 
 def _curves(joints: Sequence[_Joint]) -> list[Curve]:
     """Return the gentlest ways; where the map leads far round something, the map's own way."""
-    if not joints:
+    poses = [joint.poses for joint in joints]
+    mapped = [_mapped(x, pose) if x.chain else None for x, pose in zip(joints, poses, strict=True)]
+    # Ways over junctions of several nodes are drawn before netconvert, and kept.
+    kept = [any(lane.junction.startswith(CLUSTER) for lane in joint.chain) for joint in joints]
+    return gentle_curves(poses, mapped, kept)
+
+
+def gentle_curves(
+    ends: Sequence[NDArray[np.float64]],
+    mapped: Sequence[shapely.LineString | None],
+    kept: Sequence[bool] | None = None,
+) -> list[Curve]:
+    """Return the gentlest way from pose to pose that keeps to the map's way.
+
+    Args:
+        ends: x, y, heading (2, 3) where each begins and ends.
+        mapped: the map's way from one to the other, if it has one.
+        kept: whether that is kept to as it is.
+    """
+    if not len(ends):
         return []
-    poses = np.array([joint.poses for joint in joints])
+    poses = np.array(ends)
     found: dict[int, Curve] = {}
-    mapped = {k: _mapped(x, poses[k]) for k, x in enumerate(joints) if x.chain}
     for directness, tolerance in DIRECTNESS:
-        left = [k for k in range(len(joints)) if k not in found]
+        left = [k for k in range(len(poses)) if k not in found]
         if not left:
             break
         curves = all_turned(poses[left, 0], poses[left, 1], directness=directness)
         for k, curve in zip(left, curves, strict=True):
-            way = mapped.get(k)
-            if way is None or shapely.hausdorff_distance(way, curve.line) <= tolerance * (
-                1.0 + 0.1 * way.length
-            ):
-                found[k] = curve
-    for k in set(range(len(joints))) - set(found):
+            way = mapped[k]
+            if way is not None:
+                off = KEPT_M if kept and kept[k] else tolerance * (1.0 + 0.1 * way.length)
+                if shapely.hausdorff_distance(way, curve.line) > off:
+                    continue
+            found[k] = curve
+    for k in set(range(len(poses))) - set(found):
         way = shapely.get_coordinates(mapped[k])
         found[k] = splined(_calm(way), poses[k, 0, 2], poses[k, 1, 2])
-    return [found[k] for k in range(len(joints))]
+    return [found[k] for k in range(len(poses))]
 
 
 def _mapped(joint: _Joint, poses: NDArray[np.float64]) -> shapely.LineString:

@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from urbantwin.geometry import moved_left
 from urbantwin.roads.model.curve import Curve, filleted
 from urbantwin.roads.network import Lane, Road, RoadNetwork
 
@@ -129,23 +130,12 @@ def _partners(network: RoadNetwork, edges: list[Road], side: int) -> dict[str, R
 
 def _inner_border(network: RoadNetwork, edge: Road, side: int) -> shapely.LineString:
     lane = network.lane_by_id[edge.lanes[-1]]
-    return shapely.LineString(_beside(lane.centre[:, :2], -side * lane.width / 2))
+    return shapely.LineString(moved_left(lane.centre[:, :2], -side * lane.width / 2))
 
 
 def _furthest(line: shapely.LineString, other: shapely.LineString) -> float:
     inner = line.segmentize(2.0)
     return float(shapely.distance(shapely.points(shapely.get_coordinates(inner)), other).max())
-
-
-def _beside(points: NDArray[np.float64], offset: float) -> NDArray[np.float64]:
-    """Return a polyline moved to the left, its corners mitred."""
-    leg = np.diff(points, axis=0)
-    normal = np.column_stack([-leg[:, 1], leg[:, 0]])
-    normal /= np.maximum(np.linalg.norm(leg, axis=1, keepdims=True), 1e-9)
-    corner = np.vstack([normal[:1], normal[:-1] + normal[1:], normal[-1:]])
-    scale = 2.0 / np.maximum((corner * corner).sum(axis=1, keepdims=True), 0.5)
-    scale[[0, -1]] = 1.0
-    return np.asarray(points + offset * corner * scale)
 
 
 def _street(
@@ -162,7 +152,7 @@ def _street(
         against = [network.lane_by_id[name] for name in other.lanes[::-1]]
         strips += _strips(against, -side, forward=False)
     base = next((s for s in strips if s.forward and s.lane.kind != "sidewalk"), strips[0])
-    line = _beside(_thinned(base.lane.centre[:, :2]), -base.t)
+    line = moved_left(_thinned(base.lane.centre[:, :2]), -base.t)
     reach = [strip.t + strip.lane.width / 2 for strip in strips]
     reach += [strip.t - strip.lane.width / 2 for strip in strips]
     whole = filleted(line, left=max(reach), right=-min(reach))

@@ -1,0 +1,407 @@
+"""Junctions of many nodes made one node with an outline of its own, before netconvert sees them.
+
+netconvert's own joining leaves nodes apart where parallel ways enter a junction, cuts ways back
+until they no longer overlap, and forgets stop lines, crossings and arrows that lie between nodes.
+Here the ways through are found first, as the map allows them from edge to edge; then arms end where
+the map has stop lines and crossings, and what traffic sweeps over between them is the junction.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.geometry import wrapped
+from urbantwin.roads.junctions.cluster import (
+    ROAD_M,
+    Chain,
+    chains_of,
+    clusters_of,
+    flat_nodes,
+    is_marked,
+    is_signalised,
+    meeting_nodes,
+)
+from urbantwin.roads.junctions.lane_links import Arrows, lane_links
+from urbantwin.roads.junctions.mapped_marks import Marks
+from urbantwin.roads.junctions.mouth import SHORTEST_M, Arm, mouths
+from urbantwin.roads.junctions.opposed_turns import passing_in_front
+from urbantwin.roads.junctions.outline import outline_of
+from urbantwin.roads.junctions.passage import Passage, passages_of
+from urbantwin.roads.junctions.plain import PlainEdge, PlainLink, PlainNetwork, PlainNode
+from urbantwin.roads.junctions.strip import Strip, cut
+from urbantwin.roads.model.curve import Curve
+from urbantwin.roads.streets.manoeuvre import gentle_curves
+
+__all__ = ["consolidated"]
+
+#: How far edges reach into a junction's outline, metres: netconvert cuts them there.
+INTO_M = 1.5
+#: A signal this far from a junction along a slip lane belongs to the junction's controller, metres.
+SLIP_M = 45.0
+#: How much of a road between two junctions is left where no mark says less, and the least that
+#: a junction keeps of an arm, metres.
+ROAD_LEFT_M, LEAST_M = 8.0, 2.0
+#: Shorter remainders of edges between others belong to the junction, metres; a share that is none.
+STUMP_M, NOTHING = 5.0, 1e-6
+#: Step of a way through as netconvert is told it, metres.
+STEP_M = 1.0
+#: What is driven beyond a mouth of an arm and kept out of the outline, metres.
+BEYOND_M = 30.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Cluster:
+    id: str
+    nodes: frozenset[str]
+    inner: frozenset[str]
+    arms: tuple[Arm, ...]
+
+
+def consolidated(
+    plain: PlainNetwork,
+    marks: Marks,
+    arrows: Arrows,
+    *,
+    apart: Collection[str],
+    forbidden: Sequence[tuple[tuple[str, ...], bool]],
+    driving_side: str,
+) -> PlainNetwork:
+    """Return a network in which every junction is one node.
+
+    Args:
+        plain: what netconvert read of the map.
+        marks: the map's stop lines and crossings.
+        arrows: signed turns of lanes.
+        apart: edges that lie in no junction.
+        forbidden: turn restrictions over several edges, as in `passages_of`.
+        driving_side: ``right`` or ``left``.
+    """
+    outward = -1 if driving_side == "right" else 1
+    strips = {edge.id: Strip(edge, outward) for edge in plain.edges.values()}
+    meeting = meeting_nodes(plain)
+    chains = chains_of(plain, meeting)
+    groups = clusters_of(plain, chains, meeting, marks, apart)
+    single = [
+        (node,)
+        for (node,) in flat_nodes(chains, meeting, groups)
+        if not any(edge.id in apart for edge in [*plain.arriving[node], *plain.leaving[node]])
+    ]
+    clusters = [_cluster(group, chains, marks, apart) for group in [*groups, *single]]
+    cuts = _cuts(clusters, strips, marks)
+    spans = _spans(plain, chains, cuts)
+    # Edges that an arm loses altogether belong to the junction at that end.
+    clusters = [_grown(cluster, spans) for cluster in clusters]
+    home = {node: cluster.id for cluster in clusters for node in cluster.nodes}
+    inner = {name for cluster in clusters for name in cluster.inner}
+    edges = _edges(plain, spans, home, inner)
+    new_strips = {edge.id: Strip(edge, outward) for edge in edges.values()}
+    nodes = {name: node for name, node in plain.nodes.items() if name not in home}
+    links = [
+        link
+        for link in plain.links
+        if link.start in edges
+        and (not link.end or link.end in edges)
+        and plain.edges[link.start].end not in home
+    ]
+    for cluster in clusters:
+        nodes[cluster.id], found = _junction(
+            plain, cluster, edges, new_strips, arrows, forbidden, driving_side
+        )
+        links += found
+    network = PlainNetwork(nodes, edges, tuple(links), (), plain.location)
+    wide = {cluster.id for cluster in clusters if cluster.id not in plain.nodes}
+    return _with_slip_signals(network, wide, _left(marks, plain, spans))
+
+
+def _cluster(
+    group: Sequence[str], chains: Sequence[Chain], marks: Marks, apart: Collection[str]
+) -> _Cluster:
+    within = set(group)
+    inner, nodes = set[str](), set(group)
+    into: dict[tuple[str, ...], Chain] = {}
+    out: dict[tuple[str, ...], Chain] = {}
+    for chain in chains:
+        both = chain.start in within and chain.end in within
+        if both and chain.length <= ROAD_M and not is_marked(chain, marks, apart):
+            inner |= {edge.id for edge in chain.edges}
+            nodes |= chain.within
+            continue
+        if chain.end in within:
+            into[chain.nodes[::-1]] = chain
+        if chain.start in within:
+            out[chain.nodes] = chain
+    arms = tuple(Arm(into.get(key), out.get(key)) for key in dict.fromkeys([*into, *out]))
+    if len(group) == 1:
+        return _Cluster(group[0], frozenset(nodes), frozenset(inner), arms)
+    more = f"#{len(group) - 3}more" if len(group) > 4 else ""
+    named = group[:3] if more else group
+    return _Cluster("cluster_" + "_".join(named) + more, frozenset(nodes), frozenset(inner), arms)
+
+
+def _cuts(
+    clusters: Sequence[_Cluster], strips: Mapping[str, Strip], marks: Marks
+) -> dict[tuple[str, ...], list[float]]:
+    """Return chain (its edges) -> metres that it gives at its start and at its end."""
+    cuts: dict[tuple[str, ...], list[float]] = defaultdict(lambda: [0.0, 0.0])
+    spare: dict[tuple[str, ...], list[float]] = defaultdict(lambda: [0.0, 0.0])
+    for cluster in clusters:
+        found = mouths(cluster.arms, strips, marks)
+        for arm, (reach, marked) in zip(cluster.arms, found, strict=True):
+            for chain, at in ((arm.outward, 0), (arm.inward, 1)):
+                if chain is not None:
+                    names = tuple(edge.id for edge in chain.edges)
+                    cuts[names][at] = reach
+                    spare[names][at] = 0.0 if marked else max(reach - LEAST_M, 0.0)
+    for names, given in cuts.items():
+        length = sum(strips[name].edge.line.length for name in names)
+        # Between two junctions that leave too little of a road, what no mark holds gives way first.
+        over = sum(given) - max(length - ROAD_LEFT_M, 0.5 * length)
+        if over > 0.0:
+            yielding = min(1.0, over / max(sum(spare[names]), 1e-9))
+            given[:] = [g - yielding * s for g, s in zip(given, spare[names], strict=True)]
+        if (over := sum(given) - max(length - SHORTEST_M, 0.5 * length)) > 0.0:
+            given[:] = [g * (1.0 - over / sum(given)) for g in given]
+    return cuts
+
+
+def _spans(
+    plain: PlainNetwork,
+    chains: Sequence[Chain],
+    cuts: Mapping[tuple[str, ...], Sequence[float]],
+) -> dict[str, tuple[float, float]]:
+    """Return edge -> from where to where it is left, in shares of its length.
+
+    Edges for people on foot alone, beside one-way streets, are cut like those.
+    """
+    spans: dict[str, tuple[float, float]] = {}
+    for chain in chains:
+        names = tuple(edge.id for edge in chain.edges)
+        first, last = cuts.get(names, (0.0, 0.0))
+        last = chain.length - last
+        ends = np.cumsum([edge.line.length for edge in chain.edges])
+        starts = ends - [edge.line.length for edge in chain.edges]
+        rest = np.maximum(np.minimum(ends, last) - np.maximum(starts, first), 0.0)
+        most = int(rest.argmax())
+        for k, edge in enumerate(chain.edges):
+            length = float(edge.line.length)
+            a, b = (float(np.clip((at - starts[k]) / length, 0.0, 1.0)) for at in (first, last))
+            if k != most and rest[k] < STUMP_M and b - a < 1.0:
+                # What is left of it before the next edge is no road of its own.
+                a = b = 1.0 if k < most else 0.0
+            spans[edge.id] = (a, b)
+    for name, (a, b) in tuple(spans.items()):
+        # Both directions of a street are lost together, though one may be some centimetres longer.
+        other = spans.get(_other_way(name))
+        left = (b - a) * float(plain.edges[name].line.length)
+        if other is not None and other[1] - other[0] <= NOTHING and left < 2 * STUMP_M:
+            spans[name] = (1.0 - other[1], 1.0 - other[0])
+    for name in plain.edges:
+        twin = _other_way(name)
+        if name not in spans and twin in spans:
+            a, b = spans[twin]
+            spans[name] = (1.0 - b, 1.0 - a)
+    return spans
+
+
+def _grown(cluster: _Cluster, spans: Mapping[str, tuple[float, float]]) -> _Cluster:
+    """Return a cluster with the edges that its arms lost altogether, and with footways beside."""
+    nodes, inner = set(cluster.nodes), set(cluster.inner)
+    for arm in cluster.arms:
+        for chain, outwards in ((arm.outward, True), (arm.inward, False)):
+            for edge in (chain.edges if outwards else chain.edges[::-1]) if chain else ():
+                if spans[edge.id][1] - spans[edge.id][0] > NOTHING:
+                    break
+                inner.add(edge.id)
+                nodes.add(edge.end if outwards else edge.start)
+    return replace(cluster, nodes=frozenset(nodes), inner=frozenset(inner))
+
+
+def _edges(
+    plain: PlainNetwork,
+    spans: Mapping[str, tuple[float, float]],
+    home: Mapping[str, str],
+    inner: set[str],
+) -> dict[str, PlainEdge]:
+    found = {}
+    for name, edge in plain.edges.items():
+        start, end = home.get(edge.start), home.get(edge.end)
+        if {name, _other_way(name)} & inner and (name in inner or not _driven(edge)):
+            continue
+        if _is_lost(name, spans):
+            continue
+        if start is None and end is None:
+            found[name] = edge
+            continue
+        length = float(edge.line.length)
+        a, b = (share * length for share in spans.get(name, (0.0, 1.0)))
+        points = cut(edge.line, max(a - INTO_M, 0.0), min(b + INTO_M, length))
+        if start is not None and a < INTO_M:
+            points = _extended(points, INTO_M - a)
+        if end is not None and length - b < INTO_M:
+            points = _extended(points[::-1], INTO_M - (length - b))[::-1]
+        found[name] = replace(edge, start=start or edge.start, end=end or edge.end, shape=points)
+    return found
+
+
+def _other_way(name: str) -> str:
+    """Return the edge of the other direction."""
+    return name[1:] if name.startswith("-") else f"-{name}"
+
+
+def _driven(edge: PlainEdge) -> bool:
+    return edge.admits("passenger") or edge.admits("bus")
+
+
+def _is_lost(name: str, spans: Mapping[str, tuple[float, float]]) -> bool:
+    """Whether nothing is left of an edge, or of the one that people walk beside."""
+    a, b = spans.get(name, (0.0, 1.0))
+    return b - a <= NOTHING
+
+
+def _extended(points: NDArray[np.float64], length: float) -> NDArray[np.float64]:
+    """Return a line that begins straight, earlier by some metres."""
+    leg = points[0] - points[1]
+    ahead = points[0] + leg / max(float(np.linalg.norm(leg)), 1e-9) * length
+    return np.vstack([ahead, points])
+
+
+def _junction(
+    plain: PlainNetwork,
+    cluster: _Cluster,
+    edges: Mapping[str, PlainEdge],
+    strips: Mapping[str, Strip],
+    arrows: Arrows,
+    forbidden: Sequence[tuple[tuple[str, ...], bool]],
+    driving_side: str,
+) -> tuple[PlainNode, list[PlainLink]]:
+    inner = {name: plain.edges[name] for name in sorted(cluster.inner)}
+    passages = passages_of(plain, cluster.nodes, inner, strips, forbidden)
+    links: list[PlainLink] = []
+    swept: list[shapely.Geometry] = []
+    by_entry: dict[str, list[Passage]] = defaultdict(list)
+    for passage in passages:
+        by_entry[passage.entry.id].append(passage)
+    ways: dict[tuple[str, int, str, int], Passage] = {}
+    for mine in by_entry.values():
+        ways |= lane_links(plain, mine, arrows, driving_side=driving_side)
+    for (start, k, end, j), curve in zip(ways, _curves(ways, strips, driving_side), strict=True):
+        stations = np.linspace(0.0, curve.length, max(3, int(curve.length / STEP_M) + 1))
+        line = curve.at(stations)[:, :2]
+        text = " ".join(f"{x:.3f},{y:.3f}" for x, y in line)
+        links.append(PlainLink(start, end, k, j, {"shape": text}))
+        width = max(strips[start].edge.lanes[k].width, strips[end].edge.lanes[j].width)
+        swept.append(shapely.LineString(line).buffer(width / 2, cap_style="flat"))
+    across, outside = [], []
+    for edge in edges.values():
+        for at_end in (False, True):
+            if (edge.end if at_end else edge.start) != cluster.id:
+                continue
+            strip = strips[edge.id]
+            length = float(strip.middle.length)
+            mouth = length - INTO_M if at_end else INTO_M
+            across.append(strip.corners(mouth, driven=True))
+            first, last = (length - BEYOND_M, mouth) if at_end else (mouth, BEYOND_M)
+            outside.append(strip.area(max(first, 0.0), min(last, length)))
+    outline = outline_of(swept, across, outside)
+    signals = any(is_signalised(plain, node) for node in cluster.nodes)
+    attributes = {"type": "traffic_light", "tl": cluster.id} if signals else {"type": "priority"}
+    middle = shapely.Polygon(outline).centroid
+    return PlainNode(cluster.id, np.array([middle.x, middle.y]), attributes, outline), links
+
+
+def _curves(
+    ways: Mapping[tuple[str, int, str, int], Passage],
+    strips: Mapping[str, Strip],
+    driving_side: str,
+) -> list[Curve]:
+    """Return the middle of every lane's way through."""
+    outward = -1 if driving_side == "right" else 1
+    poses, guides = [], []
+    streets = [(start, end) for start, _, end, _ in ways]
+    for (start, k, end, j), passage in ways.items():
+        first, last = strips[start], strips[end]
+        t = first.across(k), last.across(j)
+        a = _posed(first.at(first.middle.length - INTO_M), t[0])
+        b = _posed(last.at(INTO_M), t[1])
+        b[2] = a[2] + wrapped(b[2] - a[2])
+        poses.append(np.array([a, b]))
+        guides.append(_guide(passage, poses[-1], t, outward))
+    curves = gentle_curves(poses, guides)
+    return passing_in_front(curves, [streets.index(pair) for pair in streets], -outward)
+
+
+def _posed(pose: NDArray[np.float64], t: float) -> NDArray[np.float64]:
+    x, y, heading = pose
+    return np.array([x - t * np.sin(heading), y + t * np.cos(heading), heading])
+
+
+def _guide(
+    passage: Passage, poses: NDArray[np.float64], t: tuple[float, float], outward: int
+) -> shapely.LineString | None:
+    """Return the map's own way through; ``None`` where it has no edge there."""
+    if len(passage.path) < 3:
+        return None
+    middles = [Strip(edge, outward) for edge in passage.path[1:-1]]
+    total = sum(strip.middle.length for strip in middles)
+    points, before = [poses[0, :2]], 0.0
+    for strip in middles:
+        line = strip.middle
+        for station in np.linspace(0.0, line.length, max(2, int(line.length / 2.0) + 1)):
+            share = (before + station) / max(total, 1e-9)
+            low, high = strip.driven()
+            aside = float(
+                np.clip(t[0] + share * (t[1] - t[0]), low + 1.0, max(high - 1.0, low + 1))
+            )
+            place = _posed(strip.at(float(station)), aside)[:2]
+            if np.linalg.norm(place - points[-1]) > 1.0:
+                points.append(place)
+        before += line.length
+    return shapely.LineString([*points, poses[1, :2]])
+
+
+def _with_slip_signals(plain: PlainNetwork, wide: Collection[str], marks: Marks) -> PlainNetwork:
+    """Give signals on a wide junction's slip lanes to its controller.
+
+    Where a slip lane merges, its stop line alone is signalised, not what comes from the junction.
+    """
+    nodes, free = dict(plain.nodes), set[str]()
+    for edge in plain.edges.values():
+        for near, far in ((edge.start, edge.end), (edge.end, edge.start)):
+            if (
+                near in wide
+                and far not in wide
+                and is_signalised(plain, near)
+                and is_signalised(plain, far)
+                and edge.line.length <= SLIP_M
+            ):
+                told = {**nodes[far].attributes, "tl": plain.nodes[near].attributes["tl"]}
+                nodes[far] = replace(nodes[far], attributes=told)
+                if edge.end == far and edge.id not in marks.stop_lines:
+                    free.add(edge.id)
+    links = tuple(
+        replace(link, attributes={**link.attributes, "uncontrolled": "1"})
+        if link.start in free and link.end
+        else link
+        for link in plain.links
+    )
+    return replace(plain, nodes=nodes, links=links)
+
+
+def _left(marks: Marks, plain: PlainNetwork, spans: Mapping[str, tuple[float, float]]) -> Marks:
+    """Return marks along edges that were cut."""
+
+    def moved(found: Mapping[str, tuple[float, ...]]) -> dict[str, tuple[float, ...]]:
+        result = {}
+        for name, shares in found.items():
+            a, b = spans.get(name, (0.0, 1.0))
+            if b > a and (left := tuple((s - a) / (b - a) for s in shares if a < s < b)):
+                result[name] = left
+        return result
+
+    return Marks(moved(marks.stop_lines), moved(marks.crossings))

@@ -1,0 +1,338 @@
+"""Mapped crossings of the streets, each at the junction that it belongs to or at a node of its own.
+
+A crossing near a junction lies between the junction and the ends of one arm, which are cut back for
+it. Any other splits its street, whose lanes lead straight on over it.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import compress
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.geometry import area_union
+from urbantwin.roads.junctions.edge_split import split_edges
+from urbantwin.roads.junctions.mapped_crossings import MappedCrossing
+from urbantwin.roads.junctions.plain import (
+    PlainCrossing,
+    PlainEdge,
+    PlainLane,
+    PlainNetwork,
+    PlainNode,
+)
+from urbantwin.roads.junctions.round_node import INTO_M, is_driven
+from urbantwin.roads.junctions.strip import Strip, cut
+
+__all__ = ["with_crossings"]
+
+#: How far from the ends of edges a crossing belongs to their junction, metres; further where
+#: signals let people cross with the junction's own stages.
+NEAR_M, NEAR_AT_SIGNALS_M = 12.0, 20.0
+#: A crossing may lie this far beyond the end of an edge, where edges end before their junction.
+BEYOND_M = 20.0
+#: A crossing this near to a node that nothing but one street goes through lies on it, metres.
+ON_NODE_M = 3.0
+#: How far off a strip a crossing of it may be mapped, metres, and how skew to the street.
+OFF_M, SKEW = 2.0, np.radians(40.0)
+#: From a stop line to the crossing, and from it to where the exit begins, metres (RiLSA 2015, 4.1:
+#: 1 m; US MUTCD 3B.16: 4 ft).
+BEFORE_M, BEHIND_M = 1.2, 0.3
+#: The shortest part of an edge that is left, metres.
+SHORTEST_M = 5.0
+#: Longest way over one carriageway, and gaps between directions that are no island, metres.
+WIDEST_M, SEAM_M = 60.0, 0.6
+#: Less than this is not cut off, metres.
+CUT_M = 0.3
+
+
+@dataclass(frozen=True)
+class _Hit:
+    """An edge that a crossing lies on: metres from its start, and whether it runs ahead."""
+
+    strip: Strip
+    station: float
+    ahead: bool
+
+    @property
+    def length(self) -> float:
+        return float(self.strip.edge.line.length)
+
+    @property
+    def to_end(self) -> float:
+        """Metres that are left to the edge's end, negative beyond it."""
+        return self.length - self.station
+
+
+@dataclass(frozen=True)
+class _Arm:
+    """The edges on one side of a node that a crossing lies across, and those on its other side."""
+
+    node: str
+    hits: tuple[_Hit, ...]
+    beyond: tuple[_Hit, ...]
+    is_before: bool  # whether the node lies ahead of the arm, as the crossing tells ahead
+
+
+def with_crossings(
+    plain: PlainNetwork, mapped: Iterable[MappedCrossing], *, driving_side: str
+) -> PlainNetwork:
+    """Return the network with every mapped crossing of its edges.
+
+    Args:
+        plain: edges that end where their junctions begin, or at the junctions' nodes.
+        mapped: crossings of the map, in the order in which they are placed.
+        driving_side: ``right`` or ``left``.
+    """
+    outward = 1 if driving_side == "left" else -1
+    for crossing in mapped:
+        strips = [Strip(edge, outward) for edge in plain.edges.values() if is_driven(edge)]
+        hits = _hits(crossing, strips)
+        if not hits:
+            continue
+        arm = _arm_at_junction(plain, crossing, hits)
+        if arm is None:
+            hits = [hit for hit in hits if min(hit.station, hit.to_end) > ON_NODE_M]
+            if not hits:
+                continue
+            plain, arm = _at_new_node(plain, crossing, hits)
+        line = _over(crossing, [hit.strip for hit in arm.hits])
+        if line is None:
+            continue
+        plain = _without_walkers(_cut_back(plain, crossing, arm), arm)
+        made = PlainCrossing(
+            arm.node,
+            tuple(hit.strip.edge.id for hit in arm.hits),
+            crossing.width,
+            crossing.has_priority or _is_signalised(plain, arm.node),
+            _as_netconvert(crossing, line, arm, outward),
+            crossing.marking,
+        )
+        plain = replace(plain, crossings=(*plain.crossings, made))
+    return plain
+
+
+def _is_signalised(plain: PlainNetwork, node: str) -> bool:
+    return plain.nodes[node].attributes.get("type") == "traffic_light"
+
+
+def _as_netconvert(
+    crossing: MappedCrossing, line: NDArray[np.float64], arm: _Arm, outward: int
+) -> NDArray[np.float64]:
+    """Return the line as netconvert draws crossings: round their node, as traffic goes round it."""
+    ahead, step = crossing.ahead, line[1] - line[0]
+    to_left = float(ahead[0] * step[1] - ahead[1] * step[0]) > 0
+    return line if to_left == (arm.is_before == (outward > 0)) else line[::-1]
+
+
+def _hits(crossing: MappedCrossing, strips: Sequence[Strip]) -> list[_Hit]:
+    """Return the edges that a crossing lies on, or would if they went on straight."""
+    found: list[_Hit] = []
+    point = shapely.Point(crossing.xy)
+    near = shapely.dwithin([s.edge.line for s in strips], point, BEYOND_M + WIDEST_M / 2)
+    for strip in compress(strips, near):
+        line = _drawn_out(strip.middle, BEYOND_M)
+        along = float(line.project(point))
+        x, y, heading = _pose(line, along)
+        step = np.array([np.cos(heading), np.sin(heading)])
+        same = float(step @ crossing.ahead)
+        if abs(same) < np.cos(SKEW):
+            continue
+        gap = crossing.xy - [x, y]
+        aside = float(step[0] * gap[1] - step[1] * gap[0])
+        low, high = strip.driven()
+        if np.linalg.norm(gap) - abs(aside) > 1.0 or not low - OFF_M < aside < high + OFF_M:
+            continue
+        # The strip's middle is as long as its shape but for bends.
+        scale = strip.edge.line.length / max(strip.middle.length, 1e-9)
+        station = (along - BEYOND_M) * (scale if 0 < along - BEYOND_M < strip.middle.length else 1)
+        found.append(_Hit(strip, station, same > 0))
+    own = [hit for hit in found if _pieces(hit.strip.edge) & crossing.pieces]
+    return own or found
+
+
+def _arm_at_junction(
+    plain: PlainNetwork, crossing: MappedCrossing, hits: Sequence[_Hit]
+) -> _Arm | None:
+    """Return the arm of a junction that a crossing lies on, the nearest; none if it is mid-way."""
+    arms: dict[tuple[str, bool], list[tuple[float, _Hit]]] = defaultdict(list)
+    for hit in hits:
+        edge = hit.strip.edge
+        arms[edge.end, hit.ahead].append((hit.to_end, hit))
+        arms[edge.start, not hit.ahead].append((hit.station, hit))
+    found = []
+    for (node, is_before), rows in arms.items():
+        beyond, reach = _reach(plain, crossing, node)
+        mine = [(distance, hit) for distance, hit in rows if -beyond <= distance <= reach]
+        names = {hit.strip.edge.id for _, hit in mine}
+        if mine and not any(c.node == node and names & set(c.edges) for c in plain.crossings):
+            nearest = min((abs(distance), -distance) for distance, _ in mine)
+            hit_by = tuple(hit for _, hit in mine)
+            others = _others(plain, node, hit_by) if reach == ON_NODE_M else ()
+            arm = _Arm(node, hit_by, others, is_before)
+            found.append((tuple(np.round(nearest, 1)), not is_before, node, arm))
+    return min(found, key=lambda row: row[:3])[3] if found else None
+
+
+def _others(plain: PlainNetwork, node: str, arm: Sequence[_Hit]) -> tuple[_Hit, ...]:
+    """Return the edges of the one street through a node that are not of an arm."""
+    mine = {hit.strip.edge.id for hit in arm}
+    return tuple(
+        _Hit(
+            Strip(edge, arm[0].strip.outward), float(edge.line.length) if arrives else 0.0, arrives
+        )
+        for edges, arrives in ((plain.arriving[node], True), (plain.leaving[node], False))
+        for edge in edges
+        if edge.id not in mine and is_driven(edge)
+    )
+
+
+def _reach(plain: PlainNetwork, crossing: MappedCrossing, name: str) -> tuple[float, float]:
+    """Return how far beyond and before the ends of edges a node's crossings lie, metres."""
+    node = plain.nodes[name]
+    near = NEAR_AT_SIGNALS_M if crossing.signalised and _is_signalised(plain, name) else NEAR_M
+    if len(node.outline):
+        return BEYOND_M, near
+    others = {edge.end for edge in plain.leaving[name]} | {e.start for e in plain.arriving[name]}
+    if len(others) < 3:
+        return ON_NODE_M, ON_NODE_M
+    return ON_NODE_M, near
+
+
+def _at_new_node(
+    plain: PlainNetwork, crossing: MappedCrossing, hits: Sequence[_Hit]
+) -> tuple[PlainNetwork, _Arm]:
+    """Split the edges that a crossing lies on, and return the arm before the new node."""
+    name = f"crossing{crossing.name}"
+    kind = {"type": "traffic_light", "tl": name} if crossing.signalised else {"type": "priority"}
+    stations = {hit.strip.edge.id: hit.station for hit in hits}
+    node = PlainNode(name, crossing.xy, kind)
+    plain, before = split_edges(plain, node, stations)
+    arm, beyond = [], []
+    for hit in hits:
+        name = hit.strip.edge.id
+        first, last = plain.edges[before[name]], plain.edges[name]
+        to_node = _Hit(Strip(first, hit.strip.outward), float(first.line.length), hit.ahead)
+        from_node = _Hit(Strip(last, hit.strip.outward), 0.0, hit.ahead)
+        arm.append(to_node if hit.ahead else from_node)
+        beyond.append(from_node if hit.ahead else to_node)
+    return plain, _Arm(node.id, tuple(arm), tuple(beyond), is_before=True)
+
+
+def _over(crossing: MappedCrossing, strips: Sequence[Strip]) -> NDArray[np.float64] | None:
+    """Return the line (2, 2) from kerb to kerb that people walk over the strips."""
+    reach = crossing.across * WIDEST_M / 2
+    walked = shapely.LineString([crossing.xy - reach, crossing.xy + reach])
+    driven = []
+    for strip in strips:
+        low, high = strip.driven()
+        line = _drawn_out(strip.middle, BEYOND_M)
+        at = float(line.project(shapely.Point(crossing.xy)))
+        x, y, heading = _pose(line, at)
+        left = np.array([-np.sin(heading), np.cos(heading)])
+        corners = [
+            [x, y] + along * np.array([left[1], -left[0]]) + aside * left
+            for along, aside in (
+                (-15.0, low - SEAM_M / 2),
+                (15.0, low - SEAM_M / 2),
+                (15.0, high + SEAM_M / 2),
+                (-15.0, high + SEAM_M / 2),
+            )
+        ]
+        driven.append(shapely.Polygon(corners))
+    parts = shapely.get_parts(shapely.intersection(walked, area_union(driven)))
+    lines = [part for part in parts if part.geom_type == "LineString" and part.length > 1.0]
+    if not lines:
+        return None
+    nearest = min(lines, key=lambda part: float(part.distance(shapely.Point(crossing.xy))))
+    return np.asarray(shapely.get_coordinates(nearest)[[0, -1]])
+
+
+def _cut_back(plain: PlainNetwork, crossing: MappedCrossing, arm: _Arm) -> PlainNetwork:
+    """Return the network with edges ended before the crossing and begun behind it."""
+    edges, node, cut_edges = dict(plain.edges), plain.nodes[arm.node], set[str]()
+    # Edges reach into an outline of the junction's own, where netconvert cuts them.
+    into = INTO_M if len(node.outline) else 0.0
+    skew = abs(float(crossing.across @ crossing.ahead))
+    outline = [shapely.Polygon(node.outline)] if len(node.outline) else []
+    for hit in (*arm.hits, *arm.beyond):
+        edge = hit.strip.edge
+        half = crossing.width / 2 + skew * edge.width / 2
+        length = float(edge.line.length)
+        least = min(SHORTEST_M, length)
+        if edge.end == arm.node:
+            first, last = 0.0, hit.station - half - BEFORE_M + into
+            given = (last := max(last, least), length)
+        else:
+            first, last = hit.station + half + BEHIND_M - into, length
+            given = (0.0, first := min(first, length - least))
+        if given[1] - given[0] < CUT_M:
+            continue
+        cut_edges.add(edge.id)
+        edges[edge.id] = replace(edge, shape=cut(edge.line, first, last))
+        outline.append(shapely.buffer(hit.strip.area(*given), 0.05, join_style="mitre"))
+    if not cut_edges:
+        return plain
+    if not len(node.outline):
+        return replace(plain, edges=edges)
+    whole = max(shapely.get_parts(area_union(outline)), key=lambda part: float(part.area))
+    ring = shapely.get_coordinates(whole.exterior)[:-1]
+    nodes = {**plain.nodes, node.id: replace(node, outline=ring)}
+    links = tuple(
+        replace(link, attributes={k: v for k, v in link.attributes.items() if k != "shape"})
+        if {link.start, link.end} & cut_edges
+        else link
+        for link in plain.links
+    )
+    return replace(plain, nodes=nodes, edges=edges, links=links)
+
+
+def _without_walkers(plain: PlainNetwork, arm: _Arm) -> PlainNetwork:
+    """Return the network with nobody walking on the carriageways that a crossing leads over.
+
+    Without a sidewalk people walk along the outermost lane; netconvert has no crossing over it.
+    """
+    edges = dict(plain.edges)
+    for hit in (*arm.hits, *arm.beyond):
+        edge = edges[hit.strip.edge.id]
+        edges[edge.id] = replace(edge, lanes=tuple(map(_not_walked, edge.lanes)))
+    return replace(plain, edges=edges)
+
+
+def _not_walked(lane: PlainLane) -> PlainLane:
+    if not lane.admits("pedestrian") or not lane.admits("passenger"):
+        return lane
+    told = dict(lane.attributes)
+    allowed = [word for word in told.get("allow", "all").split() if word != "pedestrian"]
+    if allowed == ["all"]:
+        told.pop("allow", None)
+        told["disallow"] = " ".join([*told.get("disallow", "").split(), "pedestrian"])
+    else:
+        told["allow"] = " ".join(allowed)
+    return replace(lane, attributes=told)
+
+
+def _drawn_out(line: shapely.LineString, reach: float) -> shapely.LineString:
+    """Return a line that goes on straight at both ends."""
+    points = shapely.get_coordinates(line)
+    ends = []
+    for end, inner in ((points[0], points[1]), (points[-1], points[-2])):
+        step = (end - inner) / max(float(np.linalg.norm(end - inner)), 1e-9)
+        ends.append(end + reach * step)
+    return shapely.LineString([ends[0], *points, ends[1]])
+
+
+def _pose(line: shapely.LineString, at: float) -> tuple[float, float, float]:
+    here = line.interpolate(at)
+    a, b = (line.interpolate(float(np.clip(at + d, 0.0, line.length))) for d in (-0.5, 0.5))
+    return here.x, here.y, float(np.arctan2(b.y - a.y, b.x - a.x))
+
+
+def _pieces(edge: PlainEdge) -> set[int]:
+    """Return the ids of the pieces that an edge's lanes were made of."""
+    words = [word for lane in edge.lanes for word in lane.origin.split()]
+    return {abs(int(word)) for word in words if word.lstrip("-").isdigit()}

@@ -1,0 +1,310 @@
+"""Edges for people on foot alone: the map's own footways, and where people wait to cross.
+
+Where a footway runs beside a street's sidewalk it is that sidewalk. What is left of it becomes an
+edge, which meets streets where they are crossed. A crossing's end that nothing leads to gets a
+place to stand on, without which netconvert has no crossing.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+import shapely
+import shapely.ops
+from numpy.typing import NDArray
+
+from urbantwin.geometry import area_union
+from urbantwin.roads.junctions.mapped_footways import MappedFootway
+from urbantwin.roads.junctions.plain import (
+    PlainCrossing,
+    PlainEdge,
+    PlainLane,
+    PlainNetwork,
+    PlainNode,
+)
+from urbantwin.roads.junctions.round_node import RoundNode
+from urbantwin.roads.junctions.strip import Strip
+
+__all__ = ["with_footways"]
+
+#: A footway this near to a street's sidewalk is the sidewalk, metres from its border.
+BESIDE_M = 3.0
+#: An end of a footway this near to the end of a crossing, or of a sidewalk, meets it, metres.
+MEETS_M = 6.0
+#: Sidewalks go on straight for this far to where people wait, metres.
+ONWARD_M = 8.0
+#: The shortest footway that is made, and between two crossings, metres.
+SHORTEST_M, REFUGE_M = 3.0, 0.6
+#: What is left of a street's own sidewalk is no footway if it is shorter and leads nowhere, metres.
+SCRAP_M = 15.0
+#: Lengths of a place to stand that are tried, and its width, metres.
+PLACES_M, PLACE_WIDTH_M = (3.0, 8.0, 20.0), 2.0
+#: Turns away from the street that are tried for it, and how far apart netconvert sees it from the
+#: carriageways at least, radians.
+TURNS, APART = tuple(np.radians([0.0, 30.0, 60.0, 90.0])), np.radians(3.0)
+#: Between the kerb and where an edge begins, metres.
+KERB_M = 0.3
+#: How far outwards a junction's outline is looked for, metres.
+RAY_M = 40.0
+ON_FOOT = {"allow": "pedestrian"}
+
+
+@dataclass(frozen=True, eq=False)
+class _Kerb:
+    """An end of a crossing: its node, the gap between carriageways there, where it is."""
+
+    node: str
+    gap: int
+    xy: NDArray[np.float64]
+    along: NDArray[np.float64]  # of the street, away from the node
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """What is left of a footway beside streets; its ends are nodes' names, made up or the map's."""
+
+    points: NDArray[np.float64]
+    ends: tuple[str, str]
+    footway: MappedFootway
+
+    @property
+    def length(self) -> float:
+        return float(shapely.LineString(self.points).length)
+
+
+def with_footways(
+    plain: PlainNetwork, footways: Iterable[MappedFootway], *, driving_side: str
+) -> PlainNetwork:
+    """Return the network with the footways that lead to its crossings and sidewalks.
+
+    Args:
+        plain: streets with their crossings.
+        footways: the map's.
+        driving_side: ``right`` or ``left``.
+    """
+    outward = 1 if driving_side == "left" else -1
+    strips = [Strip(edge, outward) for edge in plain.edges.values()]
+    crossed = dict.fromkeys(crossing.node for crossing in plain.crossings)
+    around = {name: RoundNode(plain, name, outward) for name in crossed}
+    kerbs = _kerbs(plain, around)
+    walks = _sidewalks(strips)
+    taken = _taken(plain, strips, walks)
+    parts = [part for way in footways for part in _parts(way, taken)]
+    parts = _joined(parts, kerbs, walks, around)
+    nodes, edges = dict(plain.nodes), dict(plain.edges)
+    for number, part in enumerate(parts):
+        for name, xy in zip(part.ends, part.points[[0, -1]], strict=True):
+            nodes.setdefault(name, PlainNode(name, xy, {"type": "priority"}))
+        edge = _edge(f"footway{part.footway.way}_{number}", part.points, part.ends, part.footway)
+        edges[edge.id] = edge
+    made = replace(plain, nodes=nodes, edges=edges)
+    made = _with_places_to_stand(made, kerbs, around, parts)
+    return replace(made, crossings=_in_order(made.crossings, around))
+
+
+def _in_order(
+    crossings: Sequence[PlainCrossing], around: Mapping[str, RoundNode]
+) -> tuple[PlainCrossing, ...]:
+    at_node: dict[str, list[PlainCrossing]] = defaultdict(list)
+    for crossing in crossings:
+        at_node[crossing.node].append(crossing)
+    return tuple(one for name, mine in at_node.items() for one in around[name].ordered(mine))
+
+
+def _kerbs(plain: PlainNetwork, around: Mapping[str, RoundNode]) -> list[_Kerb]:
+    found = []
+    for crossing in plain.crossings:
+        here = around[crossing.node]
+        edge = plain.edges[crossing.edges[0]]
+        points = edge.shape if edge.start == crossing.node else edge.shape[::-1]
+        along = (points[1] - points[0]) / max(float(np.linalg.norm(points[1] - points[0])), 1e-9)
+        for gap, xy in zip(here.gaps_of(crossing), crossing.line[[0, -1]], strict=True):
+            found.append(_Kerb(crossing.node, gap, xy, along))
+    return found
+
+
+def _sidewalks(strips: Sequence[Strip]) -> list[tuple[str, shapely.LineString]]:
+    """Return node -> the line of a sidewalk from its end there inwards, and a little beyond."""
+    found = []
+    for strip in strips:
+        for k, lane in enumerate(strip.edge.lanes):
+            if not lane.admits("pedestrian") or lane.admits("passenger"):
+                continue
+            for at_end in (False, True):
+                length = float(strip.middle.length)
+                x, y, heading = strip.at(length if at_end else 0.0)
+                ahead = np.array([np.cos(heading), np.sin(heading)]) * (1 if at_end else -1)
+                aside = strip.across(k) * np.array([-np.sin(heading), np.cos(heading)])
+                end = np.array([x, y]) + aside
+                line = shapely.LineString([end, end + ONWARD_M * ahead, end - ONWARD_M * ahead])
+                found.append((strip.edge.end if at_end else strip.edge.start, line))
+    return found
+
+
+def _taken(
+    plain: PlainNetwork,
+    strips: Sequence[Strip],
+    walks: Sequence[tuple[str, shapely.LineString]],
+) -> shapely.Geometry:
+    """Return what streets, their sidewalks and crossings cover, and what lies beside sidewalks."""
+    areas: list[shapely.Geometry] = []
+    for strip in strips:
+        beside = any(x.admits("pedestrian") and not x.admits("passenger") for x in strip.edge.lanes)
+        margin = BESIDE_M if beside else KERB_M
+        areas.append(strip.middle.buffer(strip.edge.width / 2 + margin, cap_style="flat"))
+    areas += [line.buffer(BESIDE_M) for _, line in walks]
+    areas += [
+        shapely.LineString(crossing.line).buffer(crossing.width / 2 + 1.0, cap_style="flat")
+        for crossing in plain.crossings
+    ]
+    return area_union(areas)
+
+
+def _parts(footway: MappedFootway, taken: shapely.Geometry) -> list[_Part]:
+    line = shapely.LineString(footway.points)
+    left = shapely.get_parts(shapely.difference(line, taken))
+    found = []
+    for number, piece in enumerate(left):
+        if piece.geom_type != "LineString" or piece.length < REFUGE_M:
+            continue
+        points = shapely.get_coordinates(piece)
+        names = []
+        for xy, node, k in (
+            (points[0], footway.nodes[0], 0),
+            (points[-1], footway.nodes[-1], -1),
+        ):
+            whole = np.linalg.norm(xy - footway.points[k]) < 1e-6
+            names.append(f"f{node}" if whole else f"f{footway.way}_{footway.nodes[0]}_{number}_{k}")
+        found.append(_Part(points, (names[0], names[1]), footway))
+    return found
+
+
+def _joined(
+    parts: Sequence[_Part],
+    kerbs: Sequence[_Kerb],
+    walks: Sequence[tuple[str, shapely.LineString]],
+    around: Mapping[str, RoundNode],
+) -> list[_Part]:
+    """Return the parts whose ends meet streets, and those that lead to such, named for nodes."""
+    joints = [(kerb.node, kerb.gap, kerb.xy) for kerb in kerbs]
+    joints += [(node, -1, shapely.get_coordinates(line)[0]) for node, line in walks]
+    places = np.array([xy for _, _, xy in joints]).reshape(-1, 2)
+    found = []
+    for part in parts:
+        ends = []
+        for name, points in zip(part.ends, (part.points, part.points[::-1]), strict=True):
+            distance = np.linalg.norm(places - points[0], axis=1)
+            for k in np.argsort(distance, kind="stable"):
+                node, gap, _ = joints[k]
+                if distance[k] > MEETS_M:
+                    continue
+                here = around.get(node)
+                seen = None if here is None else here.gap_at(here.angle(points))
+                if gap < 0 or seen == gap:
+                    ends.append(node)
+                    break
+            else:
+                ends.append(name)
+        shortest = REFUGE_M if set(ends) <= around.keys() else SHORTEST_M
+        if ends[0] != ends[1] and part.length >= shortest:
+            found.append(replace(part, ends=(ends[0], ends[1])))
+    return _leading(found, {node for node, _, _ in joints})
+
+
+def _leading(parts: Sequence[_Part], streets: set[str]) -> list[_Part]:
+    """Return the parts that are connected with a street, without scraps.
+
+    A scrap leads nowhere and is short, or it is what is left of a street's own sidewalk where that
+    is mapped further out than the street has it.
+    """
+    reached, kept = set(streets), list[_Part]()
+    waiting = list(parts)
+    while now := [part for part in waiting if set(part.ends) & reached]:
+        kept += now
+        reached |= {name for part in now for name in part.ends}
+        waiting = [part for part in waiting if part not in now]
+    while True:
+        use = Counter(name for part in kept for name in part.ends)
+        left = [
+            part
+            for part in kept
+            if all(use[name] > 1 or name in streets for name in part.ends)
+            or part.length > (SCRAP_M if part.footway.is_sidewalk else SHORTEST_M)
+        ]
+        if len(left) == len(kept):
+            return [part for part in parts if part in kept]
+        kept = left
+
+
+def _edge(
+    name: str, points: NDArray[np.float64], ends: tuple[str, str], footway: MappedFootway | None
+) -> PlainEdge:
+    kind = "footway" if footway is None else footway.kind
+    width = PLACE_WIDTH_M if footway is None else footway.width
+    lane = PlainLane({**ON_FOOT, "width": f"{width:.2f}"}, str(footway.way) if footway else "")
+    attributes = {
+        "priority": "1",
+        "type": f"highway.{kind}",
+        "speed": "2.778",
+        "spreadType": "center",
+    }
+    return PlainEdge(name, ends[0], ends[1], points, (lane,), attributes, {})
+
+
+def _with_places_to_stand(
+    plain: PlainNetwork,
+    kerbs: Sequence[_Kerb],
+    around: Mapping[str, RoundNode],
+    parts: Sequence[_Part],
+) -> PlainNetwork:
+    """Return the network with short edges at crossings' ends that nothing leads to.
+
+    Where the ends of two crossings meet between carriageways, netconvert makes a refuge itself.
+    """
+    nodes, edges = dict(plain.nodes), dict(plain.edges)
+    stood = {(name, gap) for name, here in around.items() for gap in here.sidewalk_gaps()}
+    for part in parts:
+        for name, points in zip(part.ends, (part.points, part.points[::-1]), strict=True):
+            if name in around:
+                stood.add((name, around[name].gap_at(around[name].angle(points))))
+    meeting = Counter((kerb.node, kerb.gap) for kerb in kerbs)
+    for number, kerb in enumerate(kerbs):
+        if (kerb.node, kerb.gap) in stood or meeting[kerb.node, kerb.gap] > 1:
+            continue
+        stood.add((kerb.node, kerb.gap))
+        name = f"stand{kerb.node}_{number}"
+        points = _place_to_stand(kerb, around[kerb.node])
+        nodes[name] = PlainNode(name, points[1], {"type": "priority"})
+        edges[name] = _edge(name, points, (kerb.node, name), None)
+    return replace(plain, nodes=nodes, edges=edges)
+
+
+def _place_to_stand(kerb: _Kerb, here: RoundNode) -> NDArray[np.float64]:
+    """Return the line (2, 2) of a place to stand, away from the street or out along it.
+
+    Edges at a junction with an outline of its own begin on the outline, whatever is told.
+    """
+    low, high = here.bounds(kerb.gap)
+    away = kerb.xy - here.centre
+    left = np.array([-kerb.along[1], kerb.along[0]])
+    aside = left if left @ away > 0 else -left
+    if here.outline.is_empty:
+        return np.array([kerb.xy + d * aside for d in (KERB_M, KERB_M + PLACES_M[0])])
+    first = kerb.xy + (PLACE_WIDTH_M / 2 + KERB_M) * aside
+    ray = shapely.LineString([first, first + RAY_M * kerb.along])
+    met = shapely.get_coordinates(shapely.intersection(ray, shapely.boundary(here.outline)))
+    if len(met):
+        first = met[np.argmax((met - first) @ kerb.along)]
+    for turn, length in product(TURNS, PLACES_M):
+        outwards = np.cos(turn) * kerb.along + np.sin(turn) * aside
+        points = np.array([first, first + length * outwards])
+        angle = here.angle(points)
+        if low + APART < angle < high - APART or low + APART < angle + 2 * np.pi < high - APART:
+            return points
+    # Seen from the middle the street hides it: straight out from there.
+    outwards = away / max(float(np.linalg.norm(away)), 1e-9)
+    return np.array([kerb.xy, kerb.xy + PLACES_M[0] * outwards])

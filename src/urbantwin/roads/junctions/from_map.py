@@ -1,0 +1,62 @@
+"""Junctions, crossings and footways as the map has them, in the network that netconvert makes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import shapely
+
+from urbantwin.geometry import SiteFrame
+from urbantwin.roads.cross_section import PreparedWays
+from urbantwin.roads.junctions.cluster import meeting_nodes
+from urbantwin.roads.junctions.consolidate import consolidated
+from urbantwin.roads.junctions.crossings import with_crossings
+from urbantwin.roads.junctions.footways import with_footways
+from urbantwin.roads.junctions.mapped_crossings import mapped_crossings
+from urbantwin.roads.junctions.mapped_footways import mapped_footways
+from urbantwin.roads.junctions.mapped_marks import mapped_marks
+from urbantwin.roads.junctions.plain import PlainNetwork
+from urbantwin.roads.junctions.restriction import via_way_restrictions
+from urbantwin.site.extract import Extract
+
+__all__ = ["with_junctions_of_map"]
+
+
+def with_junctions_of_map(
+    plain: PlainNetwork,
+    *,
+    extract: Extract,
+    frame: SiteFrame,
+    region: shapely.Polygon,
+    prepared: PreparedWays,
+    apart: Sequence[int],
+    country: str,
+    driving_side: str,
+) -> PlainNetwork:
+    """Return a network whose junctions are one node each, with the map's crossings and footways.
+
+    Args:
+        plain: what netconvert read of the map.
+        extract: the map.
+        frame: the site frame.
+        region: what is built, site frame.
+        prepared: the segments that its ways were cut into.
+        apart: segments that lie in no junction: bridges, outer roads.
+        country: ISO 3166-1 alpha-2; empty if unknown.
+        driving_side: ``right`` or ``left``.
+    """
+    pieces = prepared.pieces
+    rings = [piece.id for piece in pieces if piece.tags.get("junction")]
+    plain = consolidated(
+        plain,
+        mapped_marks(extract, pieces, {int(node) for node in meeting_nodes(plain)}),
+        prepared.arrows,
+        apart={f"{sign}{piece}" for piece in [*apart, *rings] for sign in ("", "-")},
+        forbidden=via_way_restrictions(extract, pieces),
+        driving_side=driving_side,
+    )
+    crossed = mapped_crossings(extract, frame, pieces, country=country)
+    plain = with_crossings(plain, crossed, driving_side=driving_side)
+    streets = {node for piece in pieces for node in piece.nodes}
+    footways = mapped_footways(extract, frame, region, streets)
+    return with_footways(plain, footways, driving_side=driving_side)

@@ -1,0 +1,194 @@
+"""Which lane leads to which through a junction: as the arrows say, else as lanes lie."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from urbantwin.roads.junctions.passage import Passage
+from urbantwin.roads.junctions.plain import PlainEdge, PlainLink, PlainNetwork
+
+__all__ = ["Arrows", "lane_links"]
+
+#: Edge id -> the turns that are signed for each of its lanes, from the kerb inwards.
+Arrows = Mapping[str, Sequence[tuple[str, ...]]]
+#: A way that turns by no more than this leads straight on, radians.
+STRAIGHT = np.radians(40.0)
+#: Directions of arrows (OSM wiki, "Key:turn").
+DIRECTIONS = {
+    "left": "left", "sharp_left": "left", "slight_left": "left", "through": "through",
+    "right": "right", "sharp_right": "right", "slight_right": "right", "reverse": "reverse",
+    "merge_to_left": "through", "merge_to_right": "through",
+}  # fmt: skip
+
+
+def lane_links(
+    plain: PlainNetwork, passages: Sequence[Passage], arrows: Arrows, *, driving_side: str
+) -> dict[tuple[str, int, str, int], Passage]:
+    """Return (edge, lane, edge, lane) -> the way that it belongs to, for one edge leading in.
+
+    Args:
+        plain: the network, whose links tell what unsigned lanes lead to.
+        passages: the ways on from one edge.
+        arrows: signed turns.
+        driving_side: ``right`` or ``left``.
+    """
+    if not passages:
+        return {}
+    entry = passages[0].entry
+    cars = [k for k, lane in enumerate(entry.lanes) if lane.admits("passenger")]
+    if not cars:
+        cars = [k for k, lane in enumerate(entry.lanes) if lane.admits("bus")]
+    kerb = driving_side
+    words = _words(passages)
+    signed = {k: _directions(arrows, entry, k) for k in cars}
+    if any(signed.values()):
+        words = _matched(passages, words, set().union(*signed.values()))
+        users = _signed_users(cars, signed, words, kerb)
+    else:
+        users = _traced_users(plain, passages, cars, words, kerb)
+    found: dict[tuple[str, int, str, int], Passage] = {}
+    for passage, word, lanes in zip(passages, words, users, strict=True):
+        way_out = passage.exit
+        targets = [k for k, lane in enumerate(way_out.lanes) if lane.admits("passenger")]
+        targets = targets or [k for k, lane in enumerate(way_out.lanes) if lane.admits("bus")]
+        if targets:
+            for k, j in _aligned(lanes, targets, word, kerb):
+                found[entry.id, k, way_out.id, j] = passage
+        _beside(found, passage, word, cars, targets, kerb)
+    return found
+
+
+def _directions(arrows: Arrows, edge: PlainEdge, lane: int) -> set[str]:
+    rows = arrows.get(edge.id, ())
+    words = rows[lane] if lane < len(rows) else ()
+    return {DIRECTIONS[word] for word in words if word in DIRECTIONS}
+
+
+def _words(passages: Sequence[Passage]) -> list[str]:
+    """Return for each way whether it leads left, through or right; reverse counts as inner turn."""
+    return [
+        "through" if abs(p.turn) <= STRAIGHT else ("left" if p.turn > 0 else "right")
+        for p in passages
+    ]
+
+
+def _matched(passages: Sequence[Passage], words: Sequence[str], signed: set[str]) -> list[str]:
+    """Return the direction of each way among those that are signed, where ways are told apart so.
+
+    Where streets meet at an angle, what is signed as a turn may hardly bend, and the other way.
+    """
+    found = list(words)
+    order = sorted(range(len(passages)), key=lambda k: -passages[k].turn)  # from left to right
+    for word, most in (("left", order), ("right", order[::-1])):
+        if word not in signed or word in found:
+            continue
+        k = most[0]
+        if sum(w == found[k] for w in found) > 1 or found[k] not in signed:
+            found[k] = word
+    if "through" in signed and "through" not in found:
+        spare = [k for k in order if found.count(found[k]) > 1 or found[k] not in signed]
+        if spare:
+            found[min(spare, key=lambda k: abs(passages[k].turn))] = "through"
+    return found
+
+
+def _signed_users(
+    cars: Sequence[int], signed: Mapping[int, set[str]], words: Sequence[str], kerb: str
+) -> list[list[int]]:
+    """Return for each way the lanes that lead there, by their arrows."""
+    inner = "left" if kerb == "right" else "right"
+    turns = {k: set(signed[k]) for k in cars}
+    told = set().union(*turns.values())
+    blank = [k for k in cars if not turns[k]]
+    for k in blank:
+        turns[k] = {"through"}
+    # An unsigned lane at the side may turn there, where no arrow speaks of that turn.
+    if blank and cars[0] in blank and kerb not in told:
+        turns[cars[0]].add(kerb)
+    if blank and cars[-1] in blank and inner not in told:
+        turns[cars[-1]].add(inner)
+    users = [[k for k in cars if word in turns[k]] for word in words]
+    led = {k for lanes in users for k in lanes}
+    for k in set(cars) - led:
+        # Its arrows lead nowhere: it goes where the lane beside it goes.
+        near = min(led, key=lambda j: (abs(j - k), j), default=None)
+        for lanes in users:
+            if near is None or near in lanes:
+                lanes.append(k)
+                lanes.sort()
+    return users
+
+
+def _traced_users(
+    plain: PlainNetwork,
+    passages: Sequence[Passage],
+    cars: Sequence[int],
+    words: Sequence[str],
+    kerb: str,
+) -> list[list[int]]:
+    """Return for each way the lanes from which one gets there lane by lane."""
+    users = []
+    for passage, word in zip(passages, words, strict=True):
+        lanes = [k for k in cars if _leads(plain, passage, k)]
+        if not lanes:
+            lanes = list(cars) if word == "through" else [cars[0] if word == kerb else cars[-1]]
+        users.append(lanes)
+    led = {k for lanes in users for k in lanes}
+    for k in set(cars) - led:
+        near = min(led, key=lambda j: (abs(j - k), j))
+        for lanes in users:
+            if near in lanes:
+                lanes.append(k)
+                lanes.sort()
+    return users
+
+
+def _leads(plain: PlainNetwork, passage: Passage, lane: int) -> bool:
+    lanes = {lane}
+    for edge, after in zip(passage.path, passage.path[1:], strict=False):
+        lanes = {x.end_lane for x in _between(plain, edge, after) if x.start_lane in lanes}
+    return bool(lanes)
+
+
+def _between(plain: PlainNetwork, edge: PlainEdge, after: PlainEdge) -> list[PlainLink]:
+    return [link for link in plain.links_from.get(edge.id, ()) if link.end == after.id]
+
+
+def _aligned(
+    lanes: Sequence[int], targets: Sequence[int], word: str, kerb: str
+) -> list[tuple[int, int]]:
+    """Return lane -> lane: kerb-side turns from the kerb on, others from the inner side."""
+    n, m = len(lanes), len(targets)
+    if word == kerb:
+        return [(k, targets[min(i, m - 1)]) for i, k in enumerate(lanes)]
+    return [(k, targets[max(m - n + i, 0)]) for i, k in enumerate(lanes)]
+
+
+def _beside(
+    found: dict[tuple[str, int, str, int], Passage],
+    passage: Passage,
+    word: str,
+    cars: Sequence[int],
+    targets: Sequence[int],
+    kerb: str,
+) -> None:
+    """Add the links of lanes that cars may not use: bus and bicycle lanes, beside the kerb."""
+    inner = "left" if kerb == "right" else "right"
+    entry, way_out = passage.entry, passage.exit
+    for k, lane in enumerate(entry.lanes):
+        for name in ("bus", "bicycle"):
+            if k in cars or not lane.admits(name):
+                continue
+            if word == inner:
+                continue
+            own = [
+                j
+                for j, other in enumerate(way_out.lanes)
+                if other.admits(name) and not other.admits("passenger")
+            ]
+            ends = own or list(targets)
+            if ends:
+                found.setdefault((entry.id, k, way_out.id, ends[0]), passage)
+            break

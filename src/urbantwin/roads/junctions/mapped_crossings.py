@@ -1,0 +1,268 @@
+"""Where the map says that people cross streets, and how each crossing looks.
+
+A crossing is mapped as a node of the street (``highway=crossing``), as the footway across it
+(``footway=crossing``), or as both; it is one all the same (OSM wiki, "Key:crossing",
+"Tag:footway=crossing", "Key:crossing:markings").
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.geometry import SiteFrame
+from urbantwin.roads.cross_section.lane_tags import metres
+from urbantwin.site.extract import Extract, Way, WayPiece
+
+__all__ = ["WALKED", "MappedCrossing", "mapped_crossings"]
+
+#: Values of ``highway`` of ways that people walk on.
+WALKED = frozenset("footway path cycleway pedestrian steps bridleway".split())
+#: Two crossings of one carriageway are one, mapped twice, if they lie closer than this, metres, and
+#: less than that to each other's side.
+ONE_M = 4.5
+BESIDE_M = 1.5
+#: Widths where none is mapped, metres: marked (RiLSA 2015, 4.4; US MUTCD 3B.18: at least 1.8 m;
+#: UK TSRGD, schedule 14: 2.4 m and more), and not marked.
+MARKED_M, UNMARKED_M = 4.0, 2.5
+#: How far a way's heading is measured to both sides of a place on it, metres.
+AROUND_M = 2.0
+#: A footway that leaves a street at less than this does not lead across it, radians.
+ACROSS = np.radians(30.0)
+#: What a signalised crossing is marked with where the map does not say. Studs: UK TSRGD; two lines:
+#: US MUTCD 3B.18, AS 1742.10; broken lines: RMS (Germany), RVS (Austria). Elsewhere stripes.
+AT_SIGNALS = {
+    **dict.fromkeys(("GB", "IE"), "dots"),
+    **dict.fromkeys(("US", "CA", "AU", "NZ"), "lines"),
+    **dict.fromkeys(("DE", "AT"), "dashes"),
+}
+#: Values of ``crossing_ref`` and ``crossing`` for crossings with signals, and with stripes.
+SIGNALISED = frozenset("traffic_signals pelican puffin toucan pegasus".split())
+STRIPED = frozenset("zebra tiger marked uncontrolled ladder".split())
+
+
+@dataclass(frozen=True, eq=False)
+class MappedCrossing:
+    """One crossing of one carriageway.
+
+    Attributes:
+        name: what to call a node there, like no other node.
+        xy: (2,) on the middle of the street, site frame.
+        ahead: (2,) unit vector along the street.
+        across: (2,) unit vector along which people walk.
+        pieces: ids of the pieces of streets that it lies on.
+        marking: ``zebra``, ``lines``, ``dashes``, ``dots`` or ``none``.
+        signalised: whether lights tell when to walk.
+        width: metres.
+    """
+
+    name: str
+    xy: NDArray[np.float64]
+    ahead: NDArray[np.float64]
+    across: NDArray[np.float64]
+    pieces: frozenset[int]
+    marking: str
+    signalised: bool
+    width: float
+
+    @property
+    def has_priority(self) -> bool:
+        """Whether traffic lets people cross first (without lights)."""
+        return self.marking == "zebra" and not self.signalised
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where something crosses a street: the pieces there, and the place."""
+
+    pieces: tuple[WayPiece, ...]
+    xy: NDArray[np.float64]
+    name: str
+
+
+def mapped_crossings(
+    extract: Extract, frame: SiteFrame, pieces: Sequence[WayPiece], *, country: str = ""
+) -> tuple[MappedCrossing, ...]:
+    """Return the crossings of streets that the map has.
+
+    Args:
+        extract: the map.
+        frame: the site frame.
+        pieces: the streets, cut to the region.
+        country: ISO 3166-1 alpha-2; empty if unknown.
+    """
+    at_node: dict[int, list[WayPiece]] = defaultdict(list)
+    position: dict[int, NDArray[np.float64]] = {}
+    for piece in pieces:
+        if not piece.way:
+            continue
+        for node, xy in zip(piece.nodes, piece.points, strict=True):
+            at_node[node].append(piece)
+            position[node] = xy
+    footways: dict[int, list[Way]] = defaultdict(list)
+    crossing_ways = []
+    for way in extract.highways():
+        if way.tags["highway"] not in WALKED:
+            continue
+        for node in way.nodes:
+            if node in at_node:
+                footways[node].append(way)
+        if _is_crossing_way(way):
+            crossing_ways.append(way)
+    found: list[MappedCrossing] = []
+    for node in sorted(at_node):
+        tags = extract.node_tags.get(node, {})
+        here = [way for way in footways[node] if _is_crossing_way(way)]
+        if not _is_crossing_node(tags) and not (here and tags.get("crossing") != "no"):
+            continue
+        told = {**tags, **{k: v for way in here for k, v in way.tags.items()}, **_told(tags)}
+        place = _Place(tuple(at_node[node]), position[node], str(node))
+        lines = [extract.way_line(way, frame) for way in (here or footways[node])]
+        found.append(_crossing(place, told, lines, country))
+    known = at_node.keys()
+    for way in crossing_ways:
+        for number, place in enumerate(_overlaid(extract, frame, way, known, pieces)):
+            named = _Place(place.pieces, place.xy, f"{way.id}_{number}")
+            line = extract.way_line(way, frame)
+            found.append(_crossing(named, way.tags, [line], country))
+    return tuple(_once(found))
+
+
+def _is_crossing_node(tags: Mapping[str, str]) -> bool:
+    if tags.get("crossing") == "no" or "railway" in tags:
+        return False
+    return tags.get("highway") == "crossing" or (
+        tags.get("highway") == "traffic_signals" and "crossing" in tags
+    )
+
+
+def _is_crossing_way(way: Way) -> bool:
+    tags = way.tags
+    if tags.get("crossing") == "no" or tags.get("tunnel", "no") != "no" or "bridge" in tags:
+        return False
+    kinds = {tags.get(key) for key in ("footway", "path", "cycleway")}
+    return tags.get("highway") in WALKED and ("crossing" in kinds or "crossing" in tags)
+
+
+def _told(tags: Mapping[str, str]) -> dict[str, str]:
+    """Return what a node says of its crossing, which counts more than what the way says."""
+    return {k: v for k, v in tags.items() if k.startswith("crossing") or k == "highway"}
+
+
+def _crossing(
+    place: _Place,
+    tags: Mapping[str, str],
+    lines: Sequence[NDArray[np.float64]],
+    country: str,
+) -> MappedCrossing:
+    signalised = (
+        tags.get("highway") == "traffic_signals"
+        or tags.get("crossing") in SIGNALISED
+        or tags.get("crossing_ref") in SIGNALISED
+        or tags.get("crossing:signals") == "yes"
+    )
+    marking = _marking(tags, country, signalised=signalised)
+    headings = [_heading(piece.points, place.xy) for piece in place.pieces]
+    walks = [_heading(line, place.xy) for line in lines if len(line) > 1]
+    # Where streets meet, people cross the one that their way is squarest to.
+    square = [max([abs(_cross(walk, ahead)) for walk in walks], default=0.0) for ahead in headings]
+    ahead = headings[int(np.argmax(np.round(square, 6)))]
+    across = max(walks, key=lambda walk: abs(_cross(walk, ahead)), default=ahead)
+    if abs(_cross(across, ahead)) < np.sin(ACROSS):
+        across = np.array([-ahead[1], ahead[0]])
+    width = UNMARKED_M if marking == "none" else MARKED_M
+    is_way = "crossing" in {tags.get(key) for key in ("footway", "path", "cycleway")}
+    mapped = metres(tags.get("crossing:width", tags.get("width") if is_way else None))
+    if mapped is not None:
+        width = min(max(mapped, 1.5), 12.0)
+    pieces = frozenset(
+        piece.id
+        for piece, heading in zip(place.pieces, headings, strict=True)
+        if abs(float(heading @ ahead)) > np.cos(ACROSS)
+    )
+    return MappedCrossing(place.name, place.xy, ahead, across, pieces, marking, signalised, width)
+
+
+def _marking(tags: Mapping[str, str], country: str, *, signalised: bool) -> str:
+    told = tags.get("crossing:markings", "").split(":")[0].split(";")[0]
+    if told == "no" or tags.get("crossing") == "unmarked":
+        return "none"
+    if told in ("lines", "dashes", "dots"):
+        return told
+    if told in ("zebra", "ladder"):
+        return "zebra"
+    if signalised:
+        return AT_SIGNALS.get(country, "zebra")
+    if told or {tags.get("crossing"), tags.get("crossing_ref")} & STRIPED:
+        return "zebra"
+    return "none"
+
+
+def _heading(line: NDArray[np.float64], xy: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the unit vector along a line near a place on it."""
+    whole = shapely.LineString(line)
+    at = whole.project(shapely.Point(xy))
+    ends = [np.clip(at + d, 0.0, whole.length) for d in (-AROUND_M, AROUND_M)]
+    a, b = (shapely.get_coordinates(whole.interpolate(float(d)))[0] for d in ends)
+    return np.asarray((b - a) / max(float(np.linalg.norm(b - a)), 1e-9))
+
+
+def _cross(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    return float(a[0] * b[1] - a[1] * b[0])
+
+
+def _overlaid(
+    extract: Extract,
+    frame: SiteFrame,
+    way: Way,
+    known: Collection[int],
+    pieces: Sequence[WayPiece],
+) -> Iterator[_Place]:
+    """Yield where a crossing's way lies across streets that it has no node with."""
+    points = extract.way_line(way, frame)
+    if len(points) < 2:
+        return
+    line = shapely.LineString(points)
+    for piece in pieces:
+        if set(piece.nodes) & set(way.nodes) or not piece.way:
+            continue
+        if way.tags.get("layer", "0") != piece.tags.get("layer", "0"):
+            continue
+        street = shapely.LineString(piece.points)
+        for point in shapely.get_parts(shapely.intersection(line, street)):
+            if point.geom_type == "Point":
+                yield _Place((piece,), shapely.get_coordinates(point)[0], "")
+
+
+def _once(found: Sequence[MappedCrossing]) -> list[MappedCrossing]:
+    """Return crossings without those that are mapped twice on one carriageway.
+
+    Those for people on foot and on bicycles, side by side, are one that is as wide as both.
+    """
+    kept: list[MappedCrossing] = []
+    order = {crossing.name: k for k, crossing in enumerate(found)}
+    # What has signals or marks says more than what has none.
+    for crossing in sorted(found, key=lambda c: (not c.signalised, c.marking == "none")):
+        for k, other in enumerate(kept):
+            if _is_same(crossing, other):
+                gap = float((crossing.xy - other.xy) @ other.ahead)
+                middle = other.xy + gap / 2 * other.ahead
+                kept[k] = replace(other, xy=middle, width=other.width + abs(gap))
+                break
+        else:
+            kept.append(crossing)
+    return sorted(kept, key=lambda c: order[c.name])
+
+
+def _is_same(crossing: MappedCrossing, other: MappedCrossing) -> bool:
+    gap = crossing.xy - other.xy
+    return bool(
+        np.linalg.norm(gap) < ONE_M
+        and abs(_cross(gap, crossing.ahead)) < BESIDE_M
+        and abs(float(crossing.ahead @ other.ahead)) > np.cos(ACROSS)
+    )

@@ -1,0 +1,140 @@
+"""Ways through a junction of many nodes: from every edge that leads in to those that lead out."""
+
+from __future__ import annotations
+
+import heapq
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from urbantwin.geometry import wrapped
+from urbantwin.roads.junctions.plain import PlainEdge, PlainNetwork
+from urbantwin.roads.junctions.strip import Strip, heading_of
+
+__all__ = ["Passage", "passages_of"]
+
+#: Turning by more than this leads back the way one came, radians.
+BACK = np.radians(150.0)
+#: The most steps of the search for the ways on from one edge.
+MOST_STEPS = 4000
+
+
+@dataclass(frozen=True)
+class Passage:
+    """A way through.
+
+    Attributes:
+        path: the edges, the first leading in, the last leading out.
+        turn: the change of heading from the first to the last, radians, positive to the left.
+    """
+
+    path: tuple[PlainEdge, ...]
+    turn: float
+
+    @property
+    def entry(self) -> PlainEdge:
+        """The edge that leads in."""
+        return self.path[0]
+
+    @property
+    def exit(self) -> PlainEdge:
+        """The edge that leads out."""
+        return self.path[-1]
+
+
+def passages_of(
+    plain: PlainNetwork,
+    nodes: Collection[str],
+    inner: Mapping[str, PlainEdge],
+    strips: Mapping[str, Strip],
+    forbidden: Sequence[tuple[tuple[str, ...], bool]] = (),
+) -> list[Passage]:
+    """Return the shortest way from every edge into a junction to every edge out of it.
+
+    Ways follow the links that the map allows from edge to edge. Turning back is left out, unless
+    the map has a way of its own for it or there is no other way on.
+
+    Args:
+        plain: the network.
+        nodes: the nodes of the junction.
+        inner: its inner edges by id.
+        strips: the edges' strips.
+        forbidden: sequences of edges that may not be driven one after the other (restrictions with
+            a way between), with whether only the last edge may follow the ones before it.
+    """
+    onward: dict[str, list[str]] = defaultdict(list)
+    for link in plain.links:
+        if link.end and link.end not in onward[link.start]:
+            onward[link.start].append(link.end)
+    entries = [
+        edge
+        for node in sorted(nodes)
+        for edge in plain.arriving[node]
+        if edge.id not in inner and (edge.admits("passenger") or edge.admits("bus"))
+    ]
+    found: list[Passage] = []
+    for entry in entries:
+        best: dict[str, tuple[PlainEdge, ...]] = {}
+        for path in _paths(plain, entry, inner, onward):
+            if not _is_forbidden([edge.id for edge in path], forbidden):
+                best.setdefault(path[-1].id, path)
+        mine = []
+        for path in best.values():
+            first = heading_of(strips[path[0].id].middle, at_end=True)
+            last = heading_of(strips[path[-1].id].middle, at_end=False)
+            mine.append(Passage(path, float(wrapped(last - first))))
+        on = [item for item in mine if not _turns_back(item)]
+        found += on or mine
+    return found
+
+
+def _paths(
+    plain: PlainNetwork,
+    entry: PlainEdge,
+    inner: Mapping[str, PlainEdge],
+    onward: Mapping[str, Sequence[str]],
+) -> Iterable[tuple[PlainEdge, ...]]:
+    """Yield ways from an edge to edges out of the junction, shortest first."""
+    waiting: list[tuple[float, tuple[str, ...]]] = [(0.0, (entry.id,))]
+    for _ in range(MOST_STEPS):
+        if not waiting:
+            return
+        length, names = heapq.heappop(waiting)
+        path = tuple(plain.edges[name] for name in names)
+        if len(names) > 1 and names[-1] not in inner:
+            yield path
+            continue
+        for name in onward.get(names[-1], ()):
+            edge = plain.edges[name]
+            if not (edge.admits("passenger") or edge.admits("bus")):
+                continue
+            if name not in inner:
+                heapq.heappush(waiting, (length, (*names, name)))
+            elif all(edge.end not in (e.start, e.end) for e in path):
+                longer = round(length + float(edge.line.length), 3)
+                heapq.heappush(waiting, (longer, (*names, name)))
+
+
+def _turns_back(passage: Passage) -> bool:
+    """Whether a way leads back along the street that it came by."""
+    if abs(passage.turn) < BACK:
+        return False
+    entry, way_out = passage.entry, passage.exit
+    if entry.start == way_out.end or entry.id.lstrip("-") == way_out.id.lstrip("-"):
+        return True
+    names = entry.attributes.get("name", ""), way_out.attributes.get("name", "")
+    return names[0] == names[1]
+
+
+def _is_forbidden(path: Sequence[str], forbidden: Sequence[tuple[tuple[str, ...], bool]]) -> bool:
+    for edges, only in forbidden:
+        size = len(edges)
+        for k in range(len(path) - size + 1):
+            part = tuple(path[k : k + size])
+            if not only and part == edges:
+                return True
+            if only and part[:-1] == edges[:-1] and part[-1] != edges[-1]:
+                return True
+    return False

@@ -1,0 +1,99 @@
+"""Where the lanes of a plain edge lie: the strip that it covers, as netconvert lays it out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import shapely
+import shapely.ops
+from numpy.typing import NDArray
+
+from urbantwin.geometry import moved_left
+from urbantwin.roads.junctions.plain import PlainEdge
+
+__all__ = ["Strip", "cut", "heading_of"]
+
+#: Over how many metres of a line its heading at an end is taken: mapped lines have short kinks.
+HEADING_M = 6.0
+
+
+@dataclass(frozen=True, eq=False)
+class Strip:
+    """An edge in plan.
+
+    Attributes:
+        edge: the edge.
+        outward: -1 where lanes lie to the right of a line that is not amid them (right-hand
+            traffic), 1 where they lie to its left.
+    """
+
+    edge: PlainEdge
+    outward: int
+
+    @cached_property
+    def middle(self) -> shapely.LineString:
+        """The line amid all lanes, in the direction of travel."""
+        if self.edge.centred:
+            return self.edge.line
+        half = self.outward * self.edge.width / 2
+        return shapely.LineString(moved_left(self.edge.shape, half))
+
+    def across(self, lane: int) -> float:
+        """Return how far a lane's middle is left of the strip's middle, metres.
+
+        Lanes are counted from the kerb, which is at the outward side.
+        """
+        before = sum(one.width for one in self.edge.lanes[:lane])
+        return self.outward * (self.edge.width / 2 - before - self.edge.lanes[lane].width / 2)
+
+    def driven(self) -> tuple[float, float]:
+        """Return the offsets to the left of the middle between which vehicles drive, sorted."""
+        ends = [
+            self.across(k) + side * lane.width / 2
+            for k, lane in enumerate(self.edge.lanes)
+            for side in (-1, 1)
+            if any(lane.admits(name) for name in ("passenger", "bus", "bicycle"))
+        ]
+        return (min(ends), max(ends)) if ends else (0.0, 0.0)
+
+    def at(self, station: float) -> NDArray[np.float64]:
+        """Return x, y and heading of the middle at a station from the start, metres."""
+        return pose_on(self.middle, station)
+
+    def corners(self, station: float, *, driven: bool = False) -> NDArray[np.float64]:
+        """Return the right and the left end (2, 2) of the line across the strip at a station."""
+        low, high = self.driven() if driven else (-self.edge.width / 2, self.edge.width / 2)
+        x, y, heading = self.at(station)
+        left = np.array([-np.sin(heading), np.cos(heading)])
+        return np.array([[x, y] + low * left, [x, y] + high * left])
+
+    def area(self, first: float, last: float) -> shapely.Polygon:
+        """Return what is covered between two stations."""
+        part = shapely.ops.substring(self.middle, first, last)
+        if part.geom_type != "LineString":
+            return shapely.Polygon()
+        return part.buffer(self.edge.width / 2, cap_style="flat", join_style="mitre")
+
+
+def pose_on(line: shapely.LineString, station: float) -> NDArray[np.float64]:
+    """Return x, y and heading of a line at a station, the heading taken over a short stretch."""
+    half = min(0.5, line.length / 4)
+    at = float(np.clip(station, 0.0, line.length))
+    a, b = (line.interpolate(float(np.clip(at + d, 0.0, line.length))) for d in (-half, half))
+    here = line.interpolate(at)
+    return np.array([here.x, here.y, np.arctan2(b.y - a.y, b.x - a.x)])
+
+
+def heading_of(line: shapely.LineString, *, at_end: bool) -> float:
+    """Return the heading of a line at its start or its end, over `HEADING_M` of it."""
+    reach = min(HEADING_M, line.length)
+    first, last = (line.length - reach, line.length) if at_end else (0.0, reach)
+    a, b = line.interpolate(first), line.interpolate(last)
+    return float(np.arctan2(b.y - a.y, b.x - a.x))
+
+
+def cut(line: shapely.LineString, first: float, last: float) -> NDArray[np.float64]:
+    """Return a line's points (N, 2) between two stations."""
+    return np.asarray(shapely.get_coordinates(shapely.ops.substring(line, first, last)))
