@@ -35,18 +35,14 @@ class Stream:
 
     Attributes:
         lanes: lanes that wait, or the crossing.
-        road: their edge.
         walk: whether it is a crossing.
-        protected: whether it turns across while nobody else is in its way.
         links: links at its own stop lines.
         required: these and the inner links behind them that go with them.
         optional: inner links where those who turn across may wait for another stage.
     """
 
     lanes: tuple[str, ...]
-    road: str
     walk: bool
-    protected: bool
     links: tuple[int, ...]
     required: tuple[int, ...]
     optional: tuple[int, ...]
@@ -88,20 +84,17 @@ class Traffic:
         """All streams: vehicles in the order of their links, then crossings."""
         inside = {feed.to_index for ways in self.inner.values() for feed in ways}
         groups = self._groups(set(self._indices(walk=False)) - inside)
-        known = {index for links, *_ in groups for index in links}
-        for links, *_ in groups:
-            known |= set(self._behind(links)[0]) | set(self._behind(links)[1])
+        known = {index for links, _ in groups for part in self._behind(links) for index in part}
         # A ring whose every link lets traffic into the next has no entries.
         groups += self._groups(set(self._indices(walk=False)) - known)
         found = []
-        for links, lanes, road in groups:
+        for links, lanes in groups:
             required, optional = self._behind(links)
-            protected = all(index in self.protected for index in links)
-            found.append(Stream(lanes, road, False, protected, links, required, optional))
+            found.append(Stream(lanes, False, links, required, optional))
         for index in self._indices(walk=True):
             ways = self.junction.of_index[index]
             lanes = tuple(sorted({way.lane for way in ways}))
-            found.append(Stream(lanes, ways[0].road, True, False, (index,), (index,), ()))
+            found.append(Stream(lanes, True, (index,), (index,), ()))
         return tuple(found)
 
     @cached_property
@@ -218,29 +211,29 @@ class Traffic:
         of_index = self.junction.of_index
         return [i for i in sorted(of_index) if (of_index[i][0].movement == "walk") == walk]
 
-    def _groups(self, indices: set[int]) -> list[tuple[tuple[int, ...], tuple[str, ...], str]]:
-        """Return links, lanes and edge of what waits side by side, less turns that go alone."""
-        lanes: dict[str, set[str]] = defaultdict(set)
-        links = [link for i in sorted(indices) for link in self.junction.of_index[i]]
-        for link in links:
-            lanes[link.lane].add(link.movement)
+    def _groups(self, indices: set[int]) -> list[tuple[tuple[int, ...], tuple[str, ...]]]:
+        """Return links and lanes that wait side by side, turns that go alone apart."""
+        moves: dict[str, set[str]] = defaultdict(set)
+        waiting = [link for i in sorted(indices) for link in self.junction.of_index[i]]
+        for link in waiting:
+            moves[link.lane].add(link.movement)
         kinds: dict[tuple[str, str], list[Link]] = defaultdict(list)
-        for link in links:
+        for link in waiting:
             kind = "main"
             if link.index in self.protected:
                 kind = "across"
-            elif lanes[link.lane] == {self._kerb}:
+            elif moves[link.lane] == {self._kerb}:
                 kind = "kerb"
             kinds[link.road, kind].append(link)
-        found: list[tuple[set[int], set[str], str]] = []
-        for (road, _), members in kinds.items():
-            own = ({link.index for link in members}, {link.lane for link in members}, road)
+        found: list[tuple[set[int], set[str]]] = []
+        for members in kinds.values():
+            own = ({link.index for link in members}, {link.lane for link in members})
             # What shares a letter of the program shares all.
             for other in [x for x in found if x[0] & own[0]]:
                 found.remove(other)
-                own = (own[0] | other[0], own[1] | other[1], other[2])
+                own = (own[0] | other[0], own[1] | other[1])
             found.append(own)
-        return [(tuple(sorted(i)), tuple(sorted(names)), road) for i, names, road in found]
+        return [(tuple(sorted(links)), tuple(sorted(lanes))) for links, lanes in found]
 
     def _behind(self, links: Iterable[int]) -> tuple[tuple[int, ...], tuple[int, ...]]:
         """Return links with the inner ones that go with them, and those that may wait inside.
