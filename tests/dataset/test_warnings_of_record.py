@@ -9,8 +9,14 @@ def boxes(
     kind: str, points: list[int], ignored: str | None = None, alone: int = 9
 ) -> list[dict[str, Any]]:
     return [
-        {"class": kind, "num_points": count, "num_points_alone": alone, "ignored": ignored}
-        for count in points
+        {
+            "class": kind,
+            "track": track,
+            "num_points": count,
+            "num_points_alone": alone,
+            "ignored": ignored,
+        }
+        for track, count in enumerate(points)
     ]
 
 
@@ -24,6 +30,8 @@ def test_classes_of_which_most_have_no_points_are_told() -> None:
     assert warning.about == "objects"
     assert warning.problem.endswith("few have points: 25% of pedestrian boxes")
     assert "behind something" in warning.reason
+    one = [{**box, "track": 1} for box in boxes("truck", [0] * 50)]
+    assert not [*warnings_of_record([frame(seen, one)])]
     far = boxes("pedestrian", [0] * 30, alone=0)
     (warning,) = warnings_of_record([frame(far, boxes("bus", [0] * 20, alone=0))])
     assert "0% of bus boxes, 0% of pedestrian boxes" in warning.problem

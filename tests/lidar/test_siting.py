@@ -172,6 +172,22 @@ def test_only_a_proposed_sensor_moves_and_only_where_it_is_worth_it(crossing, co
     assert (out.east_m, out.north_m) != (20.0, 20.0)
 
 
+def test_ground_below_a_sensor_is_not_in_its_way_and_a_facade_is(
+    crossing, ground_mesh, box_mesh, rig_of
+):
+    """Level beams meet a facade 2 m away nearer than 10 m within 78.5 degrees of its normal."""
+    mesh = ground_mesh(half=200, semantic="terrain", material="grass")
+    place = {"model": "OS0-128", "east_m": 9.0, "north_m": 9.0, "height_m": 4.0}
+    sight = sight_of_rig(rig_of(mesh, place), crossing, REGION, mesh)
+    assert sight.sensors[0].view.near == 0.0
+    walled = LabelledMesh.concatenate([mesh, box_mesh((11, -190, 0), (12, 190, 40))])
+    (told,) = sight_of_rig(rig_of(walled, place), crossing, REGION, walled).sensors
+    assert told.view.nearest_m == pytest.approx(2.0, abs=0.02)
+    assert told.view.near > 0.4
+    assert any("nearer than 10 m" in problem for problem in told.problems(little=False))
+    assert told.better is not None
+
+
 def test_each_sensor_is_judged_by_the_junction_that_it_stands_at(crossing, ground_mesh, rig_of):
     mesh = ground_mesh(half=200, semantic="terrain", material="grass")
     far = RoadNetwork(

@@ -9,9 +9,9 @@ from urbantwin.result_warning import ResultWarning
 
 __all__ = ["warnings_of_record"]
 
-#: Least share of the boxes in reach that have points, where nothing is said, and fewest boxes
-#: that say anything.
-ENOUGH, FEW = 0.5, 20
+#: Least share of the boxes in reach that have points, where nothing is said, and fewest actors
+#: that say anything: of two at the end of a street it is chance.
+ENOUGH, FEW = 0.5, 4
 #: Why boxes do not count: the sensors are not meant to see them.
 BEYOND = ("outside", "far")
 
@@ -33,7 +33,8 @@ def warnings_of_record(entries: Sequence[Mapping[str, Any]]) -> Iterator[ResultW
     for kind in sorted({box["class"] for box in boxes}):
         mine = [box for box in boxes if box["class"] == kind]
         empty_ones = [box for box in mine if not box["num_points"]]
-        if len(mine) >= FEW and len(empty_ones) > (1 - ENOUGH) * len(mine):
+        actors = {box["track"] for box in mine}
+        if len(actors) >= FEW and len(empty_ones) > (1 - ENOUGH) * len(mine):
             few[kind] = 1 - len(empty_ones) / len(mine)
             unseen += empty_ones
     if few:

@@ -86,7 +86,8 @@ class SensorSight:
         if little:
             yield f"sees {100 * self.view.seen:.0f} % of the junction's lanes and crossings"
         if self.view.near > MUCH_NEAR:
-            yield f"{100 * self.view.near:.0f} % of its points are nearer than {NEAR_M:g} m"
+            near = f"{100 * self.view.near:.0f} %"
+            yield f"{near} of its points are of things, not of ground, nearer than {NEAR_M:g} m"
         # A pole may be its own.
         if self.view.nearest_m < CLEAR_M and self.nearest != _POLES:
             yield f"{self.nearest} are {self.view.nearest_m:.1f} m away"
@@ -102,7 +103,7 @@ class SensorSight:
         """Return what can stand in JSON."""
         found: dict[str, Any] = {
             "seen": round(self.view.seen, 3),
-            f"points_within_{NEAR_M:g}_m": round(self.view.near, 3),
+            f"points_of_things_within_{NEAR_M:g}_m": round(self.view.near, 3),
         }
         if np.isfinite(self.view.nearest_m):
             found["nearest"] = {"what": self.nearest, "m": round(self.view.nearest_m, 2)}

@@ -49,11 +49,15 @@ class Surroundings:
         found = self._scene.cast_single(starts.reshape(-1, 3), aims.reshape(-1, 3))
         return Hits(found.range_m.reshape(shape), found.face.reshape(shape))
 
+    def is_thing(self, hits: Hits) -> NDArray[np.bool_]:
+        """Return which rays (...) hit something that is not ground."""
+        return np.asarray(self._is_thing[hits.face])
+
     def nearest_thing(self, places: NDArray[np.float64]) -> Hits:
         """Return how far (N,) from places (N, 3) the nearest thing is that is not ground."""
         rays = np.vstack([_all_around(*_RINGS), _all_around(*_FANS)])[None]
         hits = self.cast(places[:, None, :], rays)
-        away = np.where(self._is_thing[hits.face], hits.range_m, np.inf).astype(np.float32)
+        away = np.where(self.is_thing(hits), hits.range_m, np.inf).astype(np.float32)
         first = np.argmin(away, axis=1)
         rows = np.arange(len(places))
         face = np.where(np.isfinite(away[rows, first]), hits.face[rows, first], -1)

@@ -96,7 +96,7 @@ class View:
     Attributes:
         stance: from where.
         sees: (M,) which points of the junction's ground.
-        near: share (0..1) of its points that come from within `NEAR_M`.
+        near: share (0..1) of its points that are of things, not of ground, within `NEAR_M`.
         nearest_m: to the nearest thing that is not ground.
         score: how good it is, among others at the junction.
     """
@@ -165,9 +165,10 @@ def judged(
     sees = _in_sight(stance.place, ground, around, field) & _within(stance, ground, field)
     at = stance.place[None, :]
     beams = field.sample @ rotation_from_ypr(*stance[2:]).T
-    returned = around.cast(at, beams).range_m
-    returned = returned[returned < field.farthest_m]
-    near = float((returned < NEAR_M).mean()) if len(returned) else 0.0
+    hits = around.cast(at, beams)
+    returned = hits.range_m < field.farthest_m
+    lost = returned & (hits.range_m < NEAR_M) & around.is_thing(hits)
+    near = float(lost.sum() / max(int(returned.sum()), 1))
     nearest_m = float(around.nearest_thing(at).range_m[0])
     score = _lit(stance, sees, ground, field) - cost
     score -= _NEAR_COST * near + _CLOSE_COST * max(0.0, 1.0 - nearest_m / CLEAR_M)
