@@ -101,13 +101,16 @@ def two_avenues_twin(made_once: Callable[[str, Callable[[Path], object]], Path])
 
 @pytest.fixture
 def write_osm(tmp_path: Path) -> Callable[..., Path]:
-    """Return a function that writes OSM XML: nodes {id: (x, y, tags)}, ways {id: (nodes, tags)}.
+    """Return a function that writes OSM XML: nodes {id: (x, y, tags)}, ways {id: (nodes, tags)},
+    relations {id: ([(type, member, role)], tags)}.
 
     x, y are metres around 48.7 N 9.18 E, on a sphere's tangent plane: good to a few centimetres
     within 300 m.
     """
 
-    def write(nodes: dict, ways: dict, name: str = "map.osm") -> Path:
+    def write(
+        nodes: dict, ways: dict, name: str = "map.osm", relations: dict | None = None
+    ) -> Path:
         root = ElementTree.Element("osm", version="0.6")
         north = 111_194.9
         for identity, (x, y, tags) in nodes.items():
@@ -123,6 +126,12 @@ def write_osm(tmp_path: Path) -> Callable[..., Path]:
                 ElementTree.SubElement(way, "nd", ref=str(ref))
             for key, value in tags.items():
                 ElementTree.SubElement(way, "tag", k=key, v=value)
+        for identity, (members, tags) in (relations or {}).items():
+            relation = ElementTree.SubElement(root, "relation", id=str(identity), version="1")
+            for kind, ref, role in members:
+                ElementTree.SubElement(relation, "member", type=kind, ref=str(ref), role=role)
+            for key, value in tags.items():
+                ElementTree.SubElement(relation, "tag", k=key, v=value)
         path = tmp_path / name
         ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
         return path

@@ -71,7 +71,9 @@ class Lane:
     def polygon(self) -> shapely.Polygon:
         """The strip's area in plan."""
         if len(self.outline) >= 3:
-            return shapely.make_valid(shapely.Polygon(self.outline))
+            # netconvert's corners run over themselves where much meets; lines are no area.
+            area = shapely.Polygon(self.outline)
+            return shapely.make_valid(area, method="structure", keep_collapsed=False)
         if len(self.widths):
             return _tapered(self.centre[:, :2], self.widths)
         line = shapely.LineString(self.centre[:, :2])

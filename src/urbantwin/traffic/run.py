@@ -25,6 +25,7 @@ from urbantwin.traffic.circulation_report import circulation_report
 from urbantwin.traffic.demand import Demand, plan_demand
 from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
 from urbantwin.traffic.flow_calibration import calibrate
+from urbantwin.traffic.footing import on_footways
 from urbantwin.traffic.motion import MOTION_VERSION, Motion
 from urbantwin.traffic.network import StreetNetwork
 from urbantwin.traffic.placement import Ground
@@ -117,7 +118,7 @@ def _driven(
     )
     told(0.6, "actors")
     actors, outside = actor_table(
-        simulated,
+        on_footways(simulated, demand, twin.roads),
         demand,
         Ground(twin.ground_mesh, twin.roads),
         steps=steps,

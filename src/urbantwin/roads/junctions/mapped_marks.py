@@ -49,7 +49,9 @@ def mapped_marks(extract: Extract, pieces: Sequence[WayPiece], meeting: Collecti
             if node in meeting:
                 continue
             tags = extract.node_tags.get(node, {})
-            if (node in walked or "crossing" in tags) and tags.get("crossing") != "no":
+            if (
+                node in walked or "crossing" in tags or tags.get("highway") == "crossing"
+            ) and tags.get("crossing") != "no":
                 crossings[str(piece.id)].append(at)
                 crossings[f"-{piece.id}"].append(1.0 - at)
             if tags.get("highway") == "traffic_signals":

@@ -31,6 +31,8 @@ __all__ = ["planar_model"]
 ZERO = Profile.constant(0.0)
 #: Less than this cut off the end of a street is not noticed, metres.
 CUT_M = 0.05
+#: Half the gaps that are closed, the narrowest first, until a junction is one area, metres.
+GAPS_M = (0.1, 0.5, 2.0, 5.0)
 
 
 def planar_model(network: RoadNetwork) -> LaneModel:
@@ -177,8 +179,14 @@ def _outlines(
             found[name] = plain[parts[0]]
             continue
         whole = area_union([*(shape[p] for p in parts), *(s for p in parts for s in slabs[p])])
-        if whole.geom_type != "Polygon":
+        for gap in GAPS_M:
+            if len(shapely.get_parts(whole)) == 1:
+                break
             # Nodes of one junction may lie apart, with short roads between them.
-            whole = shapely.convex_hull(whole)
-        found[name] = shapely.get_coordinates(getattr(whole, "exterior", whole))[:-1]
+            closed = whole.buffer(gap, join_style="mitre").buffer(-gap, join_style="mitre")
+            whole = area_union([whole, closed])
+        areas = shapely.get_parts(whole)
+        if len(areas) > 1:
+            areas = [shapely.convex_hull(whole)]
+        found[name] = shapely.get_coordinates(areas[0].exterior)[:-1]
     return found

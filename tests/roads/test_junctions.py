@@ -1,0 +1,207 @@
+"""Junctions that are mapped as many nodes: what the map says of them holds of the network."""
+
+import math
+from itertools import combinations
+
+import numpy as np
+import pytest
+import shapely
+import sumolib
+
+from urbantwin.geometry import SiteFrame
+from urbantwin.ground import Elevation
+from urbantwin.roads import build_roads
+from urbantwin.roads.marking import arrow_at, guide_lines, turn_arrow
+from urbantwin.site import read_extract
+from urbantwin.site.junction_proposal import propose_junction
+
+HERE = SiteFrame(48.7, 9.18)
+SIGNAL = {"highway": "traffic_signals"}
+ONE_WAY = {"highway": "primary", "oneway": "yes", "lanes": "2", "maxspeed": "50",
+           "sidewalk": "no"}  # fmt: skip
+STREET = {"highway": "residential", "sidewalk": "both"}
+
+
+def carriageways(gap, signal=SIGNAL):
+    """Two streets of two carriageways each; ways 1 to 4 lead east, west, north and south."""
+    h = gap / 2
+    nodes = {50: (-h, -h, signal), 51: (h, -h, signal), 52: (h, h, signal), 53: (-h, h, signal)}
+    nodes |= {0: (-150, -h, {}), 2: (150, -h, {}), 10: (150, h, {}), 12: (-150, h, {})}
+    nodes |= {100: (h, -150, {}), 102: (h, 150, {}), 110: (-h, 150, {}), 112: (-h, -150, {})}
+    ways = {
+        1: ([0, 50, 51, 2], ONE_WAY),
+        2: ([10, 52, 53, 12], ONE_WAY),
+        3: ([100, 51, 52, 102], ONE_WAY),
+        4: ([110, 53, 50, 112], ONE_WAY),
+    }
+    return nodes, ways
+
+
+@pytest.fixture
+def build(write_osm, tmp_path):
+    def run(nodes, ways, side="right", relations=None):
+        path = write_osm(nodes, ways, relations=relations)
+        out = tmp_path / "n.net.xml"
+        region = shapely.box(-140, -140, 140, 140)
+        extract = read_extract(path)
+        built = build_roads(extract, HERE, region, Elevation.flat(), driving_side=side, out=out)
+        return built, sumolib.net.readNet(str(out))
+
+    return run
+
+
+def compass(edge, outwards):
+    """Where an edge lies as seen from the middle: E, N, W or S."""
+    x, y = (edge.getShape()[-1] if outwards else edge.getShape()[0])[:2]
+    return "ENWS"[round(math.atan2(y, x) / (math.pi / 2)) % 4]
+
+
+def ways_through(net):
+    (node,) = [n for n in net.getNodes() if len(n.getOutgoing()) > 2]
+    return {
+        (compass(item.getFrom(), outwards=False), compass(item.getTo(), outwards=True))
+        for item in node.getConnections()
+        if not item.getFrom().getID().startswith(":")
+    }
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+@pytest.mark.parametrize("gap", [9, 14, 24])
+def test_carriageways_that_cross_are_one_junction(side, gap, build):
+    nodes, ways = carriageways(gap)
+    if side == "left":
+        nodes = {key: (-x, y, tags) for key, (x, y, tags) in nodes.items()}
+    built, net = build(nodes, ways, side)
+    junctions = [j for j in built.model.junctions if len(j.connections) > 2]
+    assert len(junctions) == 1
+    # From each of four sides straight on, left and right, and never back.
+    assert ways_through(net) == {(a, b) for a in "ENWS" for b in "ENWS" if a != b}
+    # Nothing of the edges between the four nodes is left.
+    assert all(edge.getLength() > 50 for edge in net.getEdges())
+    controlled = {item.getID() for item in net.getTrafficLights()}
+    assert len(controlled) == 1
+
+
+def test_junctions_60_m_apart_stay_two(build):
+    nodes = {1: (-150, 0, {}), 2: (-30, 0, SIGNAL), 3: (30, 0, SIGNAL), 4: (150, 0, {})}
+    nodes |= {5: (-30, 130, {}), 6: (-30, -130, {}), 7: (30, 130, {}), 8: (30, -130, {})}
+    main = {"highway": "primary", "lanes": "4", "sidewalk": "both"}
+    ways = {1: ([1, 2, 3, 4], main), 2: ([5, 2, 6], STREET), 3: ([7, 3, 8], STREET)}
+    built, _ = build(nodes, ways)
+    middles = [j.outline.mean(axis=0) for j in built.model.junctions if len(j.connections) > 2]
+    assert len(middles) == 2
+    assert np.linalg.norm(middles[0] - middles[1]) == pytest.approx(60, abs=5)
+
+
+@pytest.mark.parametrize(("tags", "number"), [({}, 1), ({"highway": "crossing"}, 2)])
+def test_a_mapped_crossing_between_nodes_parts_them(tags, number, build):
+    """Two nodes 36 m apart, both with signals: one junction, unless people cross between."""
+    nodes = {1: (-130, 0, {}), 2: (-18, 0, SIGNAL), 9: (0, 0, tags), 3: (18, 0, SIGNAL)}
+    nodes |= {4: (130, 0, {}), 5: (-18, 130, {}), 6: (18, -130, {})}
+    main = {"highway": "primary", "lanes": "2", "sidewalk": "both"}
+    ways = {1: ([1, 2, 9, 3, 4], main), 2: ([5, 2], STREET), 3: ([6, 3], STREET)}
+    built, _ = build(nodes, ways)
+    turning = [j for j in built.model.junctions if len(j.connections) > 4]
+    assert len(turning) == number
+
+
+def test_roads_end_at_mapped_stop_lines(build):
+    nodes, ways = carriageways(14, signal={})
+    nodes |= {20: (-31, -7, SIGNAL | {"traffic_signals:direction": "forward"})}
+    nodes |= {21: (7, -27, SIGNAL), 22: (27, 7, SIGNAL), 23: (-7, 35, SIGNAL)}
+    ways[1][0].insert(1, 20)
+    ways[3][0].insert(1, 21)
+    ways[2][0].insert(1, 22)
+    ways[4][0].insert(1, 23)
+    built, _ = build(nodes, ways)
+    ends = {
+        "ENWS"[round((head.yaw + math.pi) / (math.pi / 2)) % 4]: max(abs(head.x), abs(head.y))
+        for head in built.network.signals
+    }
+    assert ends == pytest.approx({"W": 31, "S": 27, "E": 27, "N": 35}, abs=0.3)
+
+
+def test_restrictions_over_a_way_between_hold(build):
+    """From the south one may not go over the middle to the west: no left turn."""
+    nodes, ways = carriageways(20)
+    # Way 3 is cut at its nodes so that its middle part is a way of its own.
+    ways[3] = ([100, 51], ONE_WAY)
+    ways[30], ways[31] = ([51, 52], ONE_WAY), ([52, 102], ONE_WAY)
+    ways[2] = ([10, 52], ONE_WAY)
+    ways[20], ways[21] = ([52, 53], ONE_WAY), ([53, 12], ONE_WAY)
+    members = [("way", 3, "from"), ("way", 30, "via"), ("way", 20, "to")]
+    ban = {7: (members, {"type": "restriction", "restriction": "no_left_turn"})}
+    _, free = build(nodes, ways)
+    _, held = build(nodes, ways, relations=ban)
+    assert ways_through(free) - ways_through(held) == {("S", "W")}
+
+
+ARROWS = [
+    ("|||right", [(), (), (), ("right",)]),
+    ("left|through|through;right", [("left",), ("through",), ("through", "right")]),
+    ("left;through|none|slight_right", [("left", "through"), (), ("right",)]),
+    ("reverse;left|through|", [("around", "left"), ("through",), ()]),
+]
+
+
+@pytest.mark.parametrize(("tag", "expected"), ARROWS)
+@pytest.mark.parametrize("gap", [0, 14])
+def test_arrows_are_as_tagged(tag, expected, gap, build):
+    lanes = {"lanes": str(len(expected)), "turn:lanes": tag}
+    if gap:
+        nodes, ways = carriageways(gap)
+        ways[1] = ([0, 50], ONE_WAY | lanes)
+        ways[5] = ([50, 51, 2], ONE_WAY)
+    else:
+        nodes = {1: (-150, 0, {}), 2: (0, 0, SIGNAL), 3: (150, 0, {}), 4: (0, 150, {})}
+        nodes[5] = (0, -150, {})
+        ways = {1: ([1, 2], ONE_WAY | lanes), 2: ([2, 3], STREET), 3: ([4, 2, 5], STREET)}
+    network = build(nodes, ways)[0].network
+    (road,) = [road for road in network.roads if 1 in road.ways]
+    found = [network.lane_by_id[name] for name in road.lanes[::-1]]  # from the left
+    for lane, words in zip([x for x in found if x.kind == "driving"], expected, strict=True):
+        painted = turn_arrow(network, lane)
+        wanted = arrow_at(words, lane, lane.length - 2.5, 6.0) if words else None
+        assert painted == wanted, (lane.id, words)
+
+
+def test_opposed_turns_pass_in_front_of_each_other(build):
+    built, _ = build(*carriageways(20))
+    lefts = []
+    for road in built.model.roads:
+        heading = np.unwrap(road.curve.at(np.linspace(0, road.length, 50))[:, 2])
+        if road.junction >= 0 and heading[-1] - heading[0] > 1.2:
+            lefts.append((heading[0], road.curve.line))
+    opposed = [
+        a.distance(b)
+        for (first, a), (second, b) in combinations(lefts, 2)
+        if math.cos(first - second) < -0.9
+    ]
+    assert len(opposed) == 2
+    assert min(opposed) > 2.5
+    # And lines guide them from their stop line to their exit.
+    assert len(list(guide_lines(built.model))) == len(lefts) == 4
+
+
+@pytest.mark.real
+@pytest.mark.parametrize("name", ["manchester-kingsway", "london-borough", "munich", "taipei"])
+def test_nothing_floats_in_real_junctions(name, shared_data, tmp_path):
+    """Roads end at the border of a junction: none lies within one, and no stop line does."""
+    extract = read_extract(shared_data / "osm" / f"{name}.osm")
+    place = propose_junction(extract)
+    frame = SiteFrame(place.latitude, place.longitude)
+    side = "left" if name in ("manchester-kingsway", "london-borough") else "right"
+    region = shapely.Point(0, 0).buffer(110)
+    built = build_roads(
+        extract, frame, region, Elevation.flat(), driving_side=side, out=tmp_path / "n.net.xml"
+    )
+    wide = [j for j in built.network.junctions if j.id.startswith("cluster_")]
+    assert wide
+    for junction in wide:
+        inside = junction.polygon.buffer(-4.0)
+        for road in built.model.roads:
+            if road.junction < 0:
+                assert not road.curve.line.intersects(inside), (junction.id, road.name)
+        for head in built.network.signals:
+            if built.network.lane_by_id[head.lane].kind != "crossing":
+                assert not inside.contains(shapely.Point(head.x, head.y))
