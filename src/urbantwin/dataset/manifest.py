@@ -17,7 +17,7 @@ from urbantwin import __version__
 from urbantwin.artefact import as_json
 from urbantwin.dataset.layout import frame_name
 from urbantwin.dataset.manifest_schema import pose_matrix
-from urbantwin.dataset.result_warnings import warnings_of_record
+from urbantwin.dataset.result_warnings import BEYOND, warnings_of_record
 from urbantwin.geometry import Pose
 from urbantwin.lidar import MountedSensor, Rig, Sensor
 from urbantwin.result_warning import rows_of
@@ -164,6 +164,9 @@ def manifest_of(
     seen = Counter(
         box["class"] for entry in entries for box in entry["boxes"] if box["num_points"] > 0
     )
+    reach = [box for entry in entries for box in entry["boxes"] if box["ignored"] not in BEYOND]
+    in_reach = Counter(box["class"] for box in reach)
+    seen_in_reach = Counter(box["class"] for box in reach if box["num_points"] > 0)
     turns = [turn for entry in entries for turn in entry["sweeps"]]
     points: Counter[int] = Counter()
     for entry in entries:
@@ -191,6 +194,8 @@ def manifest_of(
             "points": sum(points.values()),
             "boxes": {name: boxes[name] for name in ACTOR_CLASSES},
             "boxes_with_points": {name: seen[name] for name in ACTOR_CLASSES},
+            "boxes_in_reach": {name: in_reach[name] for name in ACTOR_CLASSES},
+            "boxes_in_reach_with_points": {name: seen_in_reach[name] for name in ACTOR_CLASSES},
             "turns": len(turns),
             "turns_lost": sum(turn["lost"] for turn in turns),
             "points_by_class": {

@@ -84,6 +84,8 @@ class _Counts(Part):
     points: _Count
     boxes: dict[str, _Count]
     boxes_with_points: dict[str, _Count]
+    boxes_in_reach: dict[str, _Count] = Field(default_factory=dict)
+    boxes_in_reach_with_points: dict[str, _Count] = Field(default_factory=dict)
     points_by_class: dict[str, _Count]
 
 

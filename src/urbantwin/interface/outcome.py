@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
-from urbantwin.dataset.result_warnings import BEYOND
-
 if TYPE_CHECKING:
     from urbantwin.interface.dataset import Dataset
     from urbantwin.traffic.motion import Motion
@@ -38,10 +36,7 @@ def outcome_of_dataset(dataset: Dataset) -> dict[str, Any]:
     boxes: Counter[str] = Counter()
     seen: Counter[str] = Counter()
     for one in dataset.parts.values() or [dataset]:
-        table = one.boxes.select(["class", "num_points", "ignored"]).to_pydict()
-        for kind, points, ignored in zip(*table.values(), strict=True):
-            if ignored not in BEYOND:
-                boxes[kind] += 1
-                seen[kind] += points > 0
-    shares = {kind: round(seen[kind] / boxes[kind], 3) for kind in sorted(boxes)}
+        boxes.update(one.manifest["counts"].get("boxes_in_reach", {}))
+        seen.update(one.manifest["counts"].get("boxes_in_reach_with_points", {}))
+    shares = {kind: round(seen[kind] / count, 3) for kind, count in boxes.items() if count}
     return {"objects_with_points": shares}

@@ -35,6 +35,14 @@ _PHASE = re.compile("[0-9]{1,5}")
 _Count = Annotated[int, Field(ge=0, lt=2**53)]
 
 
+class _Class(Part):
+    seen: _Count
+
+
+class _Circulation(Part):
+    carried_share_of_motor_traffic: Annotated[float, Field(ge=0, le=1e6)] | None = None
+
+
 class MotionManifest(Part):
     """What of ``motion.json`` everything that uses a motion relies on."""
 
@@ -42,6 +50,8 @@ class MotionManifest(Part):
     seed: Annotated[int, Field(ge=0, lt=2**63)]
     step_s: Annotated[float, Field(ge=1e-3, le=86400)]
     steps: Annotated[int, Field(ge=1, le=10_000_000)]
+    classes: dict[str, _Class] = Field(default_factory=dict)
+    circulation: _Circulation = _Circulation()
 
 
 class MotionReport(MotionManifest):

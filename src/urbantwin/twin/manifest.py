@@ -17,6 +17,7 @@ __all__ = ["KeptSite", "TwinManifest", "check_region", "file_inside"]
 #: No region reaches further from its anchor, metres.
 _FURTHEST_M = 1e5
 _Metres = Annotated[float, Field(ge=-_FURTHEST_M, le=_FURTHEST_M)]
+_Count = Annotated[int, Field(ge=0, lt=2**53)]
 _Place = Annotated[list[_Metres], Field(min_length=2, max_length=2)]
 
 
@@ -35,8 +36,19 @@ class _Ground(Part):
     anchor_height_m: Annotated[float, Field(ge=-20_000, le=20_000)] | None = None
 
 
+class _Mapped(Part):
+    found: _Count
+    mapped: _Count
+
+
+class _Sensors(Part):
+    seen: Annotated[float, Field(ge=0, le=1)] | None = None
+
+
 class _Notes(Part):
     ground: _Ground | None = None
+    mapped: dict[str, _Mapped] = Field(default_factory=dict)
+    sensors: _Sensors = _Sensors()
 
 
 class TwinManifest(Part):

@@ -100,6 +100,13 @@ def read_labelled_points(dataset: Path, name: str | None = None) -> LabelledPoin
     points = read_array(dataset / "points" / f"{name}.npy", _POINTS, ArrayOf("f4", ("N", 4)))
     label = read_labels(dataset / "semantic" / f"{name}.label", len(points))
     rays = read_rays(dataset / "rays" / f"{name}.npy", len(points))
+    lacking = sorted({"sensor", "ring", "column"} - set(rays.dtype.names or ()))
+    if lacking:
+        raise InputError(
+            f"has no {lacking[0]}",
+            file=dataset / "rays" / f"{name}.npy",
+            expected="sensor, ring and column of each point",
+        )
     sensors = manifest["rig"]["sensors"]
     if len(rays) and int(rays["sensor"].max()) >= len(sensors):
         raise InputError(

@@ -9,7 +9,7 @@ the map has stop lines and crossings, and what traffic sweeps over between them 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,6 +49,13 @@ SLIP_M = 45.0
 ROAD_LEFT_M, LEAST_M = 8.0, 2.0
 #: Shorter remainders of edges between others belong to the junction, metres; a share that is none.
 STUMP_M, NOTHING = 5.0, 1e-6
+#: Points of the map's way this near its ends, or twice as near sharper bends, are not kept to:
+#: metres, radians.
+NEAR_M, SHARP = 3.0, np.radians(25.0)
+#: Nobody drives a tighter curve, metres (turning circles of cars are 10 to 12 m).
+TIGHTEST_M = 2.5
+#: A lane of an edge that leads in, and one of an edge that leads out.
+Way = tuple[str, int, str, int]
 #: Step of a way through as netconvert is told it, metres.
 STEP_M = 1.0
 #: What is driven beyond a mouth of an arm and kept out of the outline, metres.
@@ -287,10 +294,12 @@ def _junction(
     by_entry: dict[str, list[Passage]] = defaultdict(list)
     for passage in passages:
         by_entry[passage.entry.id].append(passage)
-    ways: dict[tuple[str, int, str, int], Passage] = {}
+    ways: dict[Way, Passage] = {}
     for mine in by_entry.values():
         ways |= lane_links(plain, mine, arrows, driving_side=driving_side)
-    for (start, k, end, j), curve in zip(ways, _curves(ways, strips, driving_side), strict=True):
+    curves = _curves(ways, strips, driving_side)
+    for start, k, end, j in _drivable(ways, curves):
+        curve = curves[start, k, end, j]
         stations = np.linspace(0.0, curve.length, max(3, int(curve.length / STEP_M) + 1))
         line = curve.at(stations)[:, :2]
         text = " ".join(f"{x:.3f},{y:.3f}" for x, y in line)
@@ -315,11 +324,28 @@ def _junction(
     return PlainNode(cluster.id, np.array([middle.x, middle.y]), attributes, outline), links
 
 
+def _drivable(ways: Iterable[Way], curves: Mapping[Way, Curve]) -> list[Way]:
+    """Return ways without those that nobody can drive, where there are others from and to there."""
+    radius: dict[tuple[str, str], float] = {}
+    for way in ways:
+        curve = curves[way]
+        s = np.linspace(0.0, curve.length, max(12, int(curve.length * 2)))
+        bend = np.abs(np.gradient(np.unwrap(curve.at(s)[:, 2]), s)).max()
+        pair = way[0], way[2]
+        radius[pair] = min(radius.get(pair, np.inf), 1.0 / max(float(bend), 1e-6))
+    left = dict(radius)
+    for pair in sorted(radius, key=lambda pair: (radius[pair], pair)):
+        others = left.keys() - {pair}
+        if radius[pair] < TIGHTEST_M and all(any(o[k] == pair[k] for o in others) for k in (0, 1)):
+            del left[pair]
+    return [way for way in ways if (way[0], way[2]) in left]
+
+
 def _curves(
-    ways: Mapping[tuple[str, int, str, int], Passage],
+    ways: Mapping[Way, Passage],
     strips: Mapping[str, Strip],
     driving_side: str,
-) -> list[Curve]:
+) -> dict[Way, Curve]:
     """Return the middle of every lane's way through."""
     outward = -1 if driving_side == "right" else 1
     poses, guides = [], []
@@ -333,7 +359,8 @@ def _curves(
         poses.append(np.array([a, b]))
         guides.append(_guide(passage, poses[-1], t, outward))
     curves = gentle_curves(poses, guides)
-    return passing_in_front(curves, [streets.index(pair) for pair in streets], -outward)
+    moved = passing_in_front(curves, [streets.index(pair) for pair in streets], -outward)
+    return dict(zip(ways, moved, strict=True))
 
 
 def _posed(pose: NDArray[np.float64], t: float) -> NDArray[np.float64]:
@@ -362,7 +389,20 @@ def _guide(
             if np.linalg.norm(place - points[-1]) > 1.0:
                 points.append(place)
         before += line.length
-    return shapely.LineString([*points, poses[1, :2]])
+    return shapely.LineString(_calm(np.array([*points, poses[1, :2]]), poses))
+
+
+def _calm(points: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Leave out what a smooth way cannot pass: sharp bends, and what is not between its ends."""
+    inner = points[1:-1]
+    start, end = poses[:, :2]
+    ahead = np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])])
+    keep = ((inner - start) @ ahead[0] > NEAR_M) & ((end - inner) @ ahead[1] > NEAR_M)
+    leg = np.diff(points, axis=0)
+    turn = np.abs(wrapped(np.diff(np.arctan2(leg[:, 1], leg[:, 0]))))
+    for bend in inner[turn > SHARP]:
+        keep &= np.linalg.norm(inner - bend, axis=1) > 2 * NEAR_M
+    return np.vstack([start, inner[keep], end])
 
 
 def _with_slip_signals(plain: PlainNetwork, wide: Collection[str], marks: Marks) -> PlainNetwork:

@@ -21,6 +21,9 @@ from urbantwin.site.extract import Extract
 
 __all__ = ["with_junctions_of_map"]
 
+#: Values of ``junction`` of streets that lead round a middle (``yes`` is a way within a junction).
+RINGS = ("roundabout", "circular")
+
 
 def with_junctions_of_map(
     plain: PlainNetwork,
@@ -46,7 +49,7 @@ def with_junctions_of_map(
         driving_side: ``right`` or ``left``.
     """
     pieces = prepared.pieces
-    rings = [piece.id for piece in pieces if piece.tags.get("junction")]
+    rings = [piece.id for piece in pieces if piece.tags.get("junction") in RINGS]
     plain = consolidated(
         plain,
         mapped_marks(extract, pieces, {int(node) for node in meeting_nodes(plain)}),

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from urbantwin.roads.signals.controlled_links import Link
 from urbantwin.roads.signals.inner_links import Feed
-from urbantwin.roads.signals.streams import Traffic
+from urbantwin.roads.signals.streams import LONG_TURN_M, Traffic
 
 __all__ = ["Change", "Intergreens", "all_red_s", "crossing_s", "yellow_s"]
 
@@ -23,6 +23,9 @@ SHORTEST_ALL_RED_S, LONGEST_ALL_RED_S = 1.0, 5.0
 WALK_M_S = 1.2
 #: Inner links stay green until who set out last from a queue is there, m/s, and no longer, s.
 INNER_M_S, LONGEST_INNER_S = 6.0, 15.0
+#: Vehicles set out with 2 m/s2 (ITE, Transportation Planning Handbook: 1.5 to 2.2 in town), from
+#: where this share of a turn's way is left to go.
+ACCELERATION_M_S2, MIDDLE = 2.0, 0.6
 
 
 def yellow_s(ending: Iterable[Link]) -> float:
@@ -94,7 +97,7 @@ class Intergreens:
         late = self._late(green, after)
         links = [link for k in late for link in self._of_index[k]]
         yellow = yellow_s(links) if links else 0.0
-        clear = {k: end + yellow + all_red_s(self._of_index[k]) for k, end in late.items()}
+        clear = {k: end + yellow + self._all_red(k) for k, end in late.items()}
         starts = {
             k: max((t for j, t in clear.items() if not self._traffic.together(j, k)), default=0.0)
             for k in sorted(after - green)
@@ -109,6 +112,21 @@ class Intergreens:
                 needed = max(map(crossing_s, self._of_index[k]))
                 ends[k] = min(0.0, min(first, default=begins) - needed)
         return Change(begins, yellow, starts, ends, over)
+
+    def _all_red(self, index: int) -> float:
+        """Return the seconds in which the last vehicles of a link leave the junction.
+
+        Who waits for a gap in the middle of a long turn sets out from there when opposing traffic
+        has stopped.
+        """
+        links = self._of_index[index]
+        waiting = [
+            link.length
+            for link in links
+            if link.length > LONG_TURN_M and link.index in self._traffic.permitted
+        ]
+        rest = MIDDLE * max(waiting, default=0.0)
+        return max(all_red_s(links), float(math.ceil(math.sqrt(2.0 * rest / ACCELERATION_M_S2))))
 
     def _late(self, green: Collection[int], after: Collection[int]) -> dict[int, float]:
         """Return by how many seconds each link's green ends later than its stage."""

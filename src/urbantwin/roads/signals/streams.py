@@ -12,7 +12,7 @@ from urbantwin.roads.signals.controlled_links import Link, Signalised, turn_betw
 from urbantwin.roads.signals.inner_links import Feed
 from urbantwin.roads.signals.plan_check import FACING_DEG
 
-__all__ = ["INNER_M", "Stream", "Traffic"]
+__all__ = ["INNER_M", "LONG_TURN_M", "Stream", "Traffic"]
 
 #: Stop lines of one program with less than this between them are one junction's, metres.
 INNER_M = 40.0
