@@ -111,7 +111,7 @@ def _signed_users(
         turns[cars[-1]].add(inner)
     users = [[k for k in cars if word in turns[k]] for word in words]
     led = {k for lanes in users for k in lanes}
-    for k in set(cars) - led:
+    for k in sorted(set(cars) - led):
         # Its arrows lead nowhere: it goes where the lane beside it goes.
         near = min(led, key=lambda j: (abs(j - k), j), default=None)
         for lanes in users:
@@ -136,7 +136,7 @@ def _traced_users(
             lanes = list(cars) if word == "through" else [cars[0] if word == kerb else cars[-1]]
         users.append(lanes)
     led = {k for lanes in users for k in lanes}
-    for k in set(cars) - led:
+    for k in sorted(set(cars) - led):
         near = min(led, key=lambda j: (abs(j - k), j))
         for lanes in users:
             if near in lanes:
