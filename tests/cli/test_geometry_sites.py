@@ -226,7 +226,8 @@ def test_overrides_and_what_is_provided_are_heeded(run_here: Run, tmp_path: Path
         done = run_here("build", site, "-o", tmp_path / name, "--no-pictures")
         assert done.code == 0, done.err
         assert (len(building_of(tmp_path / name).faces) > 0) == bool(houses)
-        assert ("a.obj" in done.out.split("roads:")[0]) == (name != "buildings")  # whose ground
+        ground = done.out.split("notes:")[1].split("  roads:")[0]
+        assert ("a.obj" in ground) == (name != "buildings")  # whose ground
         if name == "without":
             assert "nothing to keep within 3 m of (500.0, 0.0)" in done.out
         shutil.rmtree(tmp_path / name)
