@@ -80,7 +80,7 @@ def test_parts_that_are_left_out_and_signals_that_stand_nowhere_are_told() -> No
 def test_a_region_that_the_map_does_not_know_is_told() -> None:
     assert lines(roads(), known=0.92) == []
     (line,) = lines(roads(), known=0.63)
-    assert line.startswith("map: 37% of the region lie beyond")
+    assert line.startswith("map: 37% of the region lies beyond")
 
 
 def test_problems_of_sources_and_of_the_roads_themselves_come_through() -> None:

@@ -45,7 +45,7 @@ def warnings_of_build(
     if known < KNOWN:
         yield ResultWarning(
             "map",
-            f"{1 - known:.0%} of the region lie beyond the extract",
+            f"{1 - known:.0%} of the region lies beyond the extract",
             "beyond its bounds it has no more than what sticks out",
             "take a larger extract, or a smaller region",
         )
