@@ -114,7 +114,7 @@ def test_the_mesh_is_where_the_lane_model_is(built):
     assert len(off) > 5000
     assert not np.isnan(off).any()
     assert np.quantile(off, 0.999) < 0.01
-    assert off.max() < 0.02
+    assert off.max() < 0.025
 
 
 @pytest.mark.parametrize("kind", ["plain", "hills"])

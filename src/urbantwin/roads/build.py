@@ -32,7 +32,7 @@ from urbantwin.roads.grade_separation import (
 )
 from urbantwin.roads.heights import RoadSurface, with_heights
 from urbantwin.roads.heights.banked_widths import with_banked_widths
-from urbantwin.roads.junctions.from_map import with_junctions_of_map
+from urbantwin.roads.junctions import with_junctions_of_map
 from urbantwin.roads.lane_polylines import network_of_model
 from urbantwin.roads.loop import OuterRoads, close_loop
 from urbantwin.roads.main_component import LeftOut, Part, main_component

@@ -46,7 +46,7 @@ INTO_M = 1.5
 SLIP_M = 45.0
 #: How much of a road between two junctions is left where no mark says less, and the least that
 #: a junction keeps of an arm, metres.
-ROAD_LEFT_M, LEAST_M = 8.0, 2.0
+ROAD_LEFT_M, LEAST_M = 12.0, 2.0
 #: Shorter remainders of edges between others belong to the junction, metres; a share that is none.
 STUMP_M, NOTHING = 5.0, 1e-6
 #: Points of the map's way this near its ends, or twice as near sharper bends, are not kept to:

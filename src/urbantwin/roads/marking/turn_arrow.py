@@ -15,8 +15,8 @@ __all__ = ["ARROW_M", "arrow", "arrow_at", "turn_arrow"]
 
 #: Length of an arrow, and how far its tip is from the stop line, metres.
 ARROW_M, BEFORE_STOP_M = 6.0, 2.5
-#: The shortest arrow that is painted where the map signs one, metres.
-SHORTEST_M = 3.0
+#: The shortest arrow that is painted where the map signs one, and how near the stop line, metres.
+SHORTEST_M, CLOSEST_M = 3.0, 0.8
 #: Turns as the map names them (OSM wiki, "Key:turn") -> as they are painted.
 PAINTED = {
     "left": "left", "slight_left": "left", "sharp_left": "left", "merge_to_left": "left",
@@ -35,13 +35,14 @@ def turn_arrow(network: RoadNetwork, lane: Lane) -> shapely.Geometry | None:
     lanes lead; none where the lane leads to no junction, or where no signal stops it and it can
     only go on or may go anywhere. None on a lane that is too short.
     """
-    if lane.kind == "bicycle" or lane.length < SHORTEST_M + 2 * BEFORE_STOP_M:
+    if lane.kind == "bicycle" or lane.length < SHORTEST_M + 2 * CLOSEST_M:
         return None
-    length = min(ARROW_M, lane.length - 2 * BEFORE_STOP_M)
+    before = min(BEFORE_STOP_M, (lane.length - SHORTEST_M) / 2)
+    length = min(ARROW_M, lane.length - 2 * before)
     if lane.arrows is not None:
         words = {PAINTED[word] for word in lane.arrows if word in PAINTED}
         signed = tuple(way for way in ORDER if way in words)
-        return arrow_at(signed, lane, lane.length - BEFORE_STOP_M, length) if signed else None
+        return arrow_at(signed, lane, lane.length - before, length) if signed else None
     ways = turns(network, lane)
     if not ways or length < ARROW_M:
         return None
