@@ -8,8 +8,10 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-__all__ = ["sidewalk_sides"]
+__all__ = ["WALKED", "sidewalk_sides"]
 
+#: Classes of ways that people walk on and vehicles do not drive on.
+WALKED = frozenset("footway path cycleway pedestrian steps bridleway".split())
 #: Classes whose streets have sidewalks in a city unless the map says otherwise.
 WITH_SIDEWALKS = frozenset(
     "primary primary_link secondary secondary_link tertiary tertiary_link unclassified residential "

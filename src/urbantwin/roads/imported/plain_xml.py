@@ -18,6 +18,7 @@ from urbantwin.roads.imported.crosswalks import Crosswalk
 from urbantwin.roads.imported.edges import Edge
 from urbantwin.roads.imported.lane_links import LaneLink, Place
 from urbantwin.roads.imported.nodes import Nodes
+from urbantwin.roads.junctions.plain import shape_text
 from urbantwin.roads.model import LaneModel, ModelRoad, SectionLane
 
 __all__ = ["OUTER", "PlainNetwork", "junction_outline", "origin_of", "write_plain"]
@@ -135,9 +136,9 @@ def _nodes(plain: PlainNetwork) -> etree._Element:
         junction = plain.nodes.junctions.get(node)
         outline = plain.outlines[junction] if junction is not None else np.zeros((0, 2))
         if len(outline) > 2:
-            item.set("shape", _shape(outline))
+            item.set("shape", shape_text(outline))
         elif len({(edge.road.id, edge.sections) for edge, _ in meeting[node]}) > 1:
-            item.set("shape", _shape(_across(meeting[node])))
+            item.set("shape", shape_text(_across(meeting[node])))
         item.set("type", "traffic_light" if node in plain.lights else "priority")
         if node in plain.lights:
             item.set("tl", plain.lights[node])
@@ -194,7 +195,7 @@ def _edges(plain: PlainNetwork) -> etree._Element:
                 "numLanes": str(len(lanes)),
                 "priority": str(_priority(edge, lanes)),
                 "spreadType": "center",
-                "shape": _shape(_middle(lines)),
+                "shape": shape_text(_middle(lines)),
             },
         )
         if edge.road.name:
@@ -209,7 +210,7 @@ def _edges(plain: PlainNetwork) -> etree._Element:
                 speed=f"{speed(lane):.2f}",
                 width=f"{_width(edge, index):.2f}",
                 allow=" ".join(VEHICLE_CLASSES[name] for name in allowed(lane)),
-                shape=_shape(line),
+                shape=shape_text(line),
             )
             etree.SubElement(row, "param", key="origId", value=str(origin_of(edge.road)))
     return root
@@ -263,10 +264,10 @@ def _connections(plain: PlainNetwork) -> etree._Element:
             {"from": start.id, "to": end.id, "fromLane": str(i), "toLane": str(j)},
         )
         if not link.path and (border := _border_line(start, i, end, j)) is not None:
-            item.set("shape", _shape(border))
+            item.set("shape", shape_text(border))
         if link.path:
             line = path_line(plain.model, link.path)
-            item.set("shape", _shape(line))
+            item.set("shape", shape_text(line))
             road, number, lane = link.path[0]
             limit = plain.model.road_by_id[road].sections[number].by_id[lane].speed_limit
             if 0.0 < limit < speed(start.lane(i, -1)):
@@ -287,7 +288,7 @@ def _connections(plain: PlainNetwork) -> etree._Element:
                 "edges": " ".join(crosswalk.edges),
                 "width": f"{crosswalk.width:.2f}",
                 "priority": "true",
-                "shape": _shape(crosswalk.line[::way]),
+                "shape": shape_text(crosswalk.line[::way]),
             },
         )
     return root
@@ -331,7 +332,3 @@ def _turn_speed(line: NDArray[np.float64]) -> float:
     length = float(np.linalg.norm(leg, axis=1).sum())
     turn = max(abs(float(heading[-1] - heading[0])), 1e-6)
     return float(np.sqrt(TURN_MS2 * length / turn))
-
-
-def _shape(points: NDArray[np.float64]) -> str:
-    return " ".join(f"{x:.3f},{y:.3f}" for x, y in points)

@@ -33,15 +33,20 @@ from urbantwin.roads.junctions.mouth import SHORTEST_M, Arm, mouths
 from urbantwin.roads.junctions.opposed_turns import passing_in_front
 from urbantwin.roads.junctions.outline import outline_of
 from urbantwin.roads.junctions.passage import Passage, passages_of
-from urbantwin.roads.junctions.plain import PlainEdge, PlainLink, PlainNetwork, PlainNode
+from urbantwin.roads.junctions.plain import (
+    INTO_M,
+    PlainEdge,
+    PlainLink,
+    PlainNetwork,
+    PlainNode,
+    shape_text,
+)
 from urbantwin.roads.junctions.strip import Strip, cut
 from urbantwin.roads.model.curve import Curve
 from urbantwin.roads.streets.manoeuvre import gentle_curves
 
 __all__ = ["consolidated"]
 
-#: How far edges reach into a junction's outline, metres: netconvert cuts them there.
-INTO_M = 1.5
 #: A signal this far from a junction along a slip lane belongs to the junction's controller, metres.
 SLIP_M = 45.0
 #: How much of a road between two junctions is left where no mark says less, and the least that
@@ -123,7 +128,7 @@ def consolidated(
         links += found
     network = PlainNetwork(nodes, edges, tuple(links), (), plain.location)
     wide = {cluster.id for cluster in clusters if cluster.id not in plain.nodes}
-    return _with_slip_signals(network, wide, _left(marks, plain, spans))
+    return _with_slip_signals(network, wide, _stopping(marks, spans))
 
 
 def _cluster(
@@ -222,7 +227,7 @@ def _grown(cluster: _Cluster, spans: Mapping[str, tuple[float, float]]) -> _Clus
     for arm in cluster.arms:
         for chain, outwards in ((arm.outward, True), (arm.inward, False)):
             for edge in (chain.edges if outwards else chain.edges[::-1]) if chain else ():
-                if spans[edge.id][1] - spans[edge.id][0] > NOTHING:
+                if not _is_lost(edge.id, spans):
                     break
                 inner.add(edge.id)
                 nodes.add(edge.end if outwards else edge.start)
@@ -238,7 +243,7 @@ def _edges(
     found = {}
     for name, edge in plain.edges.items():
         start, end = home.get(edge.start), home.get(edge.end)
-        if {name, _other_way(name)} & inner and (name in inner or not _driven(edge)):
+        if {name, _other_way(name)} & inner and (name in inner or not edge.is_for_motors):
             continue
         if _is_lost(name, spans):
             continue
@@ -259,10 +264,6 @@ def _edges(
 def _other_way(name: str) -> str:
     """Return the edge of the other direction."""
     return name[1:] if name.startswith("-") else f"-{name}"
-
-
-def _driven(edge: PlainEdge) -> bool:
-    return edge.admits("passenger") or edge.admits("bus")
 
 
 def _is_lost(name: str, spans: Mapping[str, tuple[float, float]]) -> bool:
@@ -302,8 +303,7 @@ def _junction(
         curve = curves[start, k, end, j]
         stations = np.linspace(0.0, curve.length, max(3, int(curve.length / STEP_M) + 1))
         line = curve.at(stations)[:, :2]
-        text = " ".join(f"{x:.3f},{y:.3f}" for x, y in line)
-        links.append(PlainLink(start, end, k, j, {"shape": text}))
+        links.append(PlainLink(start, end, k, j, {"shape": shape_text(line)}))
         width = max(strips[start].edge.lanes[k].width, strips[end].edge.lanes[j].width)
         swept.append(shapely.LineString(line).buffer(width / 2, cap_style="flat"))
     across, outside = [], []
@@ -389,10 +389,10 @@ def _guide(
             if np.linalg.norm(place - points[-1]) > 1.0:
                 points.append(place)
         before += line.length
-    return shapely.LineString(_calm(np.array([*points, poses[1, :2]]), poses))
+    return shapely.LineString(_passable(np.array([*points, poses[1, :2]]), poses))
 
 
-def _calm(points: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.float64]:
+def _passable(points: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.float64]:
     """Leave out what a smooth way cannot pass: sharp bends, and what is not between its ends."""
     inner = points[1:-1]
     start, end = poses[:, :2]
@@ -405,7 +405,9 @@ def _calm(points: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np
     return np.vstack([start, inner[keep], end])
 
 
-def _with_slip_signals(plain: PlainNetwork, wide: Collection[str], marks: Marks) -> PlainNetwork:
+def _with_slip_signals(
+    plain: PlainNetwork, wide: Collection[str], stopping: Collection[str]
+) -> PlainNetwork:
     """Give signals on a wide junction's slip lanes to its controller.
 
     Where a slip lane merges, its stop line alone is signalised, not what comes from the junction.
@@ -422,7 +424,7 @@ def _with_slip_signals(plain: PlainNetwork, wide: Collection[str], marks: Marks)
             ):
                 told = {**nodes[far].attributes, "tl": plain.nodes[near].attributes["tl"]}
                 nodes[far] = replace(nodes[far], attributes=told)
-                if edge.end == far and edge.id not in marks.stop_lines:
+                if edge.end == far and edge.id not in stopping:
                     free.add(edge.id)
     links = tuple(
         replace(link, attributes={**link.attributes, "uncontrolled": "1"})
@@ -433,15 +435,11 @@ def _with_slip_signals(plain: PlainNetwork, wide: Collection[str], marks: Marks)
     return replace(plain, nodes=nodes, links=links)
 
 
-def _left(marks: Marks, plain: PlainNetwork, spans: Mapping[str, tuple[float, float]]) -> Marks:
-    """Return marks along edges that were cut."""
-
-    def moved(found: Mapping[str, tuple[float, ...]]) -> dict[str, tuple[float, ...]]:
-        result = {}
-        for name, shares in found.items():
-            a, b = spans.get(name, (0.0, 1.0))
-            if b > a and (left := tuple((s - a) / (b - a) for s in shares if a < s < b)):
-                result[name] = left
-        return result
-
-    return Marks(moved(marks.stop_lines), moved(marks.crossings))
+def _stopping(marks: Marks, spans: Mapping[str, tuple[float, float]]) -> set[str]:
+    """Return the edges that have a stop line on what is left of them."""
+    found = set()
+    for name, shares in marks.stop_lines.items():
+        first, last = spans.get(name, (0.0, 1.0))
+        if any(first < share < last for share in shares):
+            found.add(name)
+    return found

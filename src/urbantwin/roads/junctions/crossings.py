@@ -19,13 +19,14 @@ from urbantwin.geometry import area_union
 from urbantwin.roads.junctions.edge_split import split_edges
 from urbantwin.roads.junctions.mapped_crossings import MappedCrossing
 from urbantwin.roads.junctions.plain import (
+    INTO_M,
     PlainCrossing,
     PlainEdge,
     PlainLane,
     PlainNetwork,
     PlainNode,
 )
-from urbantwin.roads.junctions.round_node import INTO_M, is_driven
+from urbantwin.roads.junctions.round_node import is_driven
 from urbantwin.roads.junctions.strip import Strip, cut
 
 __all__ = ["with_crossings"]

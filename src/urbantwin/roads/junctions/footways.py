@@ -132,7 +132,7 @@ def _sidewalks(strips: Sequence[Strip]) -> list[tuple[str, shapely.LineString]]:
     found = []
     for strip in strips:
         for k, lane in enumerate(strip.edge.lanes):
-            if not lane.admits("pedestrian") or lane.admits("passenger"):
+            if not lane.is_sidewalk:
                 continue
             for at_end in (False, True):
                 length = float(strip.middle.length)
@@ -153,7 +153,7 @@ def _taken(
     """Return what streets, their sidewalks and crossings cover, and what lies beside sidewalks."""
     areas: list[shapely.Geometry] = []
     for strip in strips:
-        beside = any(x.admits("pedestrian") and not x.admits("passenger") for x in strip.edge.lanes)
+        beside = any(lane.is_sidewalk for lane in strip.edge.lanes)
         margin = BESIDE_M if beside else KERB_M
         areas.append(strip.middle.buffer(strip.edge.width / 2 + margin, cap_style="flat"))
     areas += [line.buffer(BESIDE_M) for _, line in walks]

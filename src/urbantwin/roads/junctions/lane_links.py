@@ -75,7 +75,7 @@ def _words(passages: Sequence[Passage]) -> list[str]:
 
 
 def _matched(passages: Sequence[Passage], words: Sequence[str], signed: set[str]) -> list[str]:
-    """Return the direction of each way among those that are signed, where ways are told apart so.
+    """Return the direction of each way among the signed ones, where that separates the ways.
 
     Where streets meet at an angle, what is signed as a turn may hardly bend, and the other way.
     """

@@ -17,12 +17,11 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import SiteFrame
 from urbantwin.roads.cross_section.lane_tags import metres
+from urbantwin.roads.sidewalk import WALKED
 from urbantwin.site.extract import Extract, Way, WayPiece
 
 __all__ = ["WALKED", "MappedCrossing", "mapped_crossings"]
 
-#: Values of ``highway`` of ways that people walk on.
-WALKED = frozenset("footway path cycleway pedestrian steps bridleway".split())
 #: Two crossings of one carriageway are one, mapped twice, if they lie closer than this, metres, and
 #: less than that to each other's side.
 ONE_M = 4.5

@@ -12,11 +12,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from urbantwin.roads.sidewalk import WALKED
 from urbantwin.site.extract import Extract, WayPiece
 
 __all__ = ["Marks", "mapped_marks"]
-
-WALKED = frozenset("footway path cycleway pedestrian steps bridleway".split())
 
 
 @dataclass(frozen=True)

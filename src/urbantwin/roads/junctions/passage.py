@@ -72,7 +72,7 @@ def passages_of(
         edge
         for node in sorted(nodes)
         for edge in plain.arriving[node]
-        if edge.id not in inner and (edge.admits("passenger") or edge.admits("bus"))
+        if edge.id not in inner and edge.is_for_motors
     ]
     found: list[Passage] = []
     for entry in entries:
@@ -108,7 +108,7 @@ def _paths(
             continue
         for name in onward.get(names[-1], ()):
             edge = plain.edges[name]
-            if not (edge.admits("passenger") or edge.admits("bus")):
+            if not edge.is_for_motors:
                 continue
             if name not in inner:
                 heapq.heappush(waiting, (length, (*names, name)))

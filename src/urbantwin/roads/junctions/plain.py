@@ -18,6 +18,7 @@ from lxml import etree
 from numpy.typing import NDArray
 
 __all__ = [
+    "INTO_M",
     "PlainCrossing",
     "PlainEdge",
     "PlainLane",
@@ -25,9 +26,12 @@ __all__ = [
     "PlainNetwork",
     "PlainNode",
     "read_plain",
+    "shape_text",
     "write_plain",
 ]
 
+#: How far edges reach into a junction's own outline, where netconvert cuts them, metres.
+INTO_M = 1.5
 #: What SUMO takes for a lane's width where none is told, metres.
 DEFAULT_WIDTH_M = 3.2
 
@@ -53,6 +57,11 @@ class PlainLane:
     def width(self) -> float:
         """Metres."""
         return float(self.attributes.get("width", DEFAULT_WIDTH_M))
+
+    @property
+    def is_sidewalk(self) -> bool:
+        """Whether it is for people on foot and not for cars."""
+        return self.admits("pedestrian") and not self.admits("passenger")
 
     def admits(self, vehicle_class: str) -> bool:
         """Whether a class of SUMO may use the lane."""
@@ -89,6 +98,11 @@ class PlainEdge:
     def centred(self) -> bool:
         """Whether lanes lie about the shape; else they lie to one side of it."""
         return self.attributes.get("spreadType") == "center"
+
+    @property
+    def is_for_motors(self) -> bool:
+        """Whether cars or buses use it."""
+        return self.admits("passenger") or self.admits("bus")
 
     def admits(self, vehicle_class: str) -> bool:
         """Whether a class of SUMO may use any lane."""
@@ -213,9 +227,9 @@ def write_plain(prefix: Path, plain: PlainNetwork) -> list[str]:
         x, y = (f"{v:.3f}" for v in node.xy)
         item = etree.SubElement(nodes, "node", {"id": node.id, "x": x, "y": y, **node.attributes})
         if len(node.outline):
-            item.set("shape", _text(node.outline))
+            item.set("shape", shape_text(node.outline))
     for edge in plain.edges.values():
-        named = {"id": edge.id, "from": edge.start, "to": edge.end, "shape": _text(edge.shape)}
+        named = {"id": edge.id, "from": edge.start, "to": edge.end, "shape": shape_text(edge.shape)}
         number = {"numLanes": str(len(edge.lanes))}
         item = etree.SubElement(edges, "edge", {**named, **edge.attributes, **number})
         for index, lane in enumerate(edge.lanes):
@@ -257,7 +271,7 @@ def _connections(plain: PlainNetwork) -> etree._Element:
             },
         )
         if len(crossing.line):
-            item.set("shape", _text(crossing.line))
+            item.set("shape", shape_text(crossing.line))
         if crossing.marking:
             etree.SubElement(item, "param", key="marking", value=crossing.marking)
     return root
@@ -299,5 +313,6 @@ def _points(text: str | None) -> NDArray[np.float64]:
     return np.array(rows).reshape(-1, 2)
 
 
-def _text(points: NDArray[np.float64]) -> str:
+def shape_text(points: NDArray[np.float64]) -> str:
+    """Return points (N, 2) as SUMO writes a shape, metres to the millimetre."""
     return " ".join(f"{x:.3f},{y:.3f}" for x, y in points)

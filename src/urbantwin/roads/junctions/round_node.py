@@ -15,26 +15,18 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.roads.junctions.plain import PlainCrossing, PlainEdge, PlainNetwork
+from urbantwin.roads.junctions.plain import INTO_M, PlainCrossing, PlainEdge, PlainNetwork
 from urbantwin.roads.junctions.strip import Strip
 
-__all__ = ["INTO_M", "RoundNode", "is_driven", "is_sidewalk"]
+__all__ = ["RoundNode", "is_driven"]
 
 #: How far along an edge netconvert looks, at most half its length, metres.
 LOOK_M = 10.0
-#: How far edges reach into a junction with an outline of its own before netconvert cuts them there.
-INTO_M = 1.5
 
 
 def is_driven(edge: PlainEdge) -> bool:
     """Whether vehicles use an edge."""
     return any(edge.admits(name) for name in ("passenger", "bus", "bicycle"))
-
-
-def is_sidewalk(edge: PlainEdge, lane: int) -> bool:
-    """Whether a lane of an edge is for people on foot and not for cars."""
-    one = edge.lanes[lane]
-    return one.admits("pedestrian") and not one.admits("passenger")
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +107,7 @@ class RoundNode:
         for k, (_, edge) in enumerate(self.driven):
             arrives = edge.end == self.node
             after = arrives == (self.outward < 0)
-            if is_sidewalk(edge, 0):
+            if edge.lanes[0].is_sidewalk:
                 found.append(k if after else (k - 1) % len(self.driven))
         return found
 

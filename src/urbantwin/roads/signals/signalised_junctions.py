@@ -15,6 +15,7 @@ from itertools import pairwise
 import numpy as np
 
 from urbantwin.geometry import SiteFrame
+from urbantwin.roads.sidewalk import WALKED
 from urbantwin.site.extract import Extract, Way
 
 __all__ = ["MappedSignals", "mapped_signals"]
@@ -30,7 +31,6 @@ ALONE_M = 30.0
 WITHIN_M = 28.0
 ONE_WAY = {"yes": 1, "1": 1, "true": 1, "-1": -1, "reverse": -1}
 SIGNALISED = {("highway", "traffic_signals"), ("crossing", "traffic_signals")}
-WALKED = frozenset("footway path cycleway pedestrian steps bridleway".split())
 
 
 @dataclass(frozen=True)
