@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -99,6 +99,7 @@ class Simulated:
         departed: trips that entered the network.
         sumo: SUMO's version.
         observed: what was seen each second, warm-up included.
+        staged: what became of each event that was staged (``sumo_staging.Staging.told``).
     """
 
     step: NDArray[np.int32]
@@ -114,6 +115,7 @@ class Simulated:
     departed: frozenset[int]
     sumo: str
     observed: Observed
+    staged: tuple[dict[str, Any], ...] = ()
 
 
 def simulate(  # noqa: PLR0913 - SUMO has as many sides
@@ -125,6 +127,7 @@ def simulate(  # noqa: PLR0913 - SUMO has as many sides
     steps: int,
     step_s: float,
     seed: int,
+    staged: Sequence[Mapping[str, Any]] = (),
     scratch: Path | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Simulated:
@@ -138,6 +141,7 @@ def simulate(  # noqa: PLR0913 - SUMO has as many sides
         steps: how many steps are kept.
         step_s: time between them; SUMO itself steps 0.1 s or an integer part of ``step_s``.
         seed: SUMO's seed.
+        staged: events that others react to, as ``sumo_staging`` takes them.
         scratch: a folder for SUMO's files; the system's when not given.
         progress: called with the fraction done and what is being done.
 
@@ -154,6 +158,7 @@ def simulate(  # noqa: PLR0913 - SUMO has as many sides
         "first_step": -min(margin, warmup_steps),
         "last_step": steps - 1 + margin,
         "substeps": substeps,
+        "staged": list(staged),
     }
     return _worked(net_path, demand, asset, options, job, scratch, progress)
 
@@ -186,7 +191,8 @@ def observe(
     """
     options = sumo_options(step_ms, seed, circulates=True)
     steps = round(seconds * 1000 / step_ms)
-    job = {"warmup_substeps": steps, "first_step": 1, "last_step": 0, "substeps": 1}
+    job: dict[str, Any] = {"warmup_substeps": steps, "first_step": 1, "last_step": 0, "substeps": 1}
+    job["staged"] = []
     return _worked(net_path, demand, asset, options, job, scratch, progress)
 
 
@@ -418,6 +424,7 @@ def _read(arrays: Path, texts: Path) -> Simulated:
         collisions=len(outcome["collisions"]),
         departed=frozenset(outcome["departed"]),
         sumo=outcome["sumo"],
+        staged=tuple(outcome["staged"]),
         observed=Observed(
             **seen,
             longest_halt_s=outcome["longest_halt_s"],
