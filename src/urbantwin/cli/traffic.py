@@ -17,6 +17,7 @@ EXAMPLES = """
 urbantwin traffic twin/ -o motion/
 urbantwin traffic twin/ -o motion/ --seconds 300 --seed 7
 urbantwin traffic twin/ -o motion/ --demand tuned/traffic.yaml
+urbantwin traffic twin/ -o motion/ --scenario scenario.yaml
 """
 
 
@@ -32,6 +33,10 @@ def traffic(
         Path | None,
         typer.Option(help="Fields of `traffic:` that replace the site's: tuned/traffic.yaml."),
     ] = None,
+    scenario: Annotated[
+        Path | None,
+        typer.Option(help="A scenario.yaml: rare events at a place and a time (docs/events.md)."),
+    ] = None,
     pictures: Pictures = True,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -43,6 +48,7 @@ def traffic(
         seconds=seconds,
         seed=seed,
         demand=demand,
+        scenario=scenario,
         pictures=pictures,
         progress=not quiet,
     )

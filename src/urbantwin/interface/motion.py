@@ -109,6 +109,7 @@ def drive(
     seconds: float | None = None,
     seed: int | None = None,
     demand: AnyPath | None = None,
+    scenario: AnyPath | None = None,
     pictures: bool = True,
     progress: ShowProgress = True,
 ) -> Motion:
@@ -121,7 +122,8 @@ def drive(
         seconds: length of the motion, 0.1 to 86400; the site's ``traffic.duration_s`` if not given.
         seed: that everything random follows from; the site's ``traffic.seed`` if not given.
         demand: a file of fields of ``traffic:`` that replace the site's, as ``tune`` writes it.
-        pictures: draw the paths of the actors into the motion's folder.
+        scenario: a ``scenario.yaml``: rare events, each by its name, at a place and a time.
+        pictures: draw the paths of the actors, and each event, into the motion's folder.
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
@@ -137,15 +139,23 @@ def drive(
 
     place = beside(twin, "motion", out)
     file = None if demand is None else Path(demand)
-    check_folder(place, kind="motion", inputs=[Path(twin), file])
-    changes = None if file is None else load_traffic_changes(file)
+    events = None if scenario is None else Path(scenario)
+    check_folder(place, kind="motion", inputs=[Path(twin), file, events])
+    changes = {} if file is None else load_traffic_changes(file)
     loaded = Twin.open(twin)
+    if events is not None:
+        from urbantwin.traffic.events import load_scenario
+
+        usual = changes.get("duration_s", loaded.site["traffic"]["duration_s"])
+        until_s = usual if seconds is None else seconds
+        changes = {**changes, "scenario": load_scenario(events, loaded, until_s)}
 
     def draw(driven: DrivenMotion, folder: Path) -> None:
-        from urbantwin.view.pictures import picture_of_motion
+        from urbantwin.view.pictures import picture_of_motion, pictures_of_events
 
         (folder / "pictures").mkdir()
         picture_of_motion(driven, loaded, folder / "pictures" / "paths.png")
+        pictures_of_events(driven, loaded, folder / "pictures")
 
     with shown_stage("traffic", progress) as tell:
         made = run_traffic(

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,7 @@ import pyarrow as pa
 from urbantwin import __version__
 from urbantwin.artefact import replaced_folder
 from urbantwin.errors import InputError
-from urbantwin.progress import between, untold
+from urbantwin.progress import Progress, between, untold
 from urbantwin.result_warning import rows_of
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.actor_table import actor_table
@@ -23,6 +25,9 @@ from urbantwin.traffic.bottleneck import bottleneck
 from urbantwin.traffic.circulation import Circulation
 from urbantwin.traffic.circulation_report import circulation_report
 from urbantwin.traffic.demand import Demand, plan_demand
+from urbantwin.traffic.events.put_in import StagedEvent, staged_table, with_events
+from urbantwin.traffic.events.reacting import REACTING, everybody, plan_events, reactions
+from urbantwin.traffic.events.scenario import scenario_events
 from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
 from urbantwin.traffic.flow_calibration import calibrate
 from urbantwin.traffic.footing import on_footways
@@ -106,7 +111,8 @@ def _driven(
         scratch=scratch,
         progress=lambda fraction: told(0.1 * fraction, "finding how many circulate"),
     )
-    simulated = simulate(
+    drive = partial(
+        simulate,
         twin.net_path,
         demand,
         asset,
@@ -115,18 +121,37 @@ def _driven(
         step_s=step_s,
         seed=seed,
         scratch=scratch,
-        progress=lambda fraction, what: told(0.1 + 0.5 * fraction, what),
     )
+    simulated = drive(progress=lambda fraction, what: told(0.1 + 0.5 * fraction, what))
     told(0.6, "actors")
-    actors, outside = actor_table(
-        on_footways(simulated, demand, twin.roads),
-        demand,
-        Ground(twin.ground_mesh, twin.roads),
-        steps=steps,
-        step_s=step_s,
-        asset=asset,
-        tell=between(told, 0.6, 0.85, "actors"),
-    )
+    ground = Ground(twin.ground_mesh, twin.roads)
+    scenario = list(enumerate(scenario_events(asked.get("scenario", ()))))
+    reacting = [(n, one) for n, one in scenario if one.event in REACTING]
+
+    def tabled(seen: Simulated, whose: Demand, tell: Progress) -> tuple[pa.Table, int]:
+        return actor_table(
+            on_footways(seen, whose, twin.roads),
+            whose,
+            ground,
+            steps=steps,
+            step_s=step_s,
+            asset=asset,
+            by_trip=bool(reacting),
+            tell=tell,
+        )
+
+    actors, outside = tabled(simulated, demand, between(told, 0.6, 0.85, "actors"))
+    staged: list[StagedEvent] = []
+    if reacting:
+        told(0.85, "the same with events")
+        start_s = math.ceil(warmup_s * 1000 / round(step_s * 1000)) * step_s
+        plan = plan_events(reacting, twin, demand, start_s)
+        simulated = drive(staged=plan.rows)
+        demand = everybody(demand, plan)
+        with_them, outside = tabled(simulated, demand, untold)
+        actors, staged = staged_table(
+            actors, with_them, reactions(simulated, reacting, start_s, steps * step_s), reacting
+        )
     signals = signal_table(simulated.signals, twin.roads.signals, steps=steps, step_s=step_s)
     manifest = {
         "kind": "motion",
@@ -151,8 +176,12 @@ def _driven(
     }
     if demand.circulates:
         manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)
+    if scenario:
+        manifest["events"] = []
     shown = Motion(manifest, actors, signals).with_meshes(between(told, 0.85, 0.93))
     motion = resized(shown, asked.get("size", {}))
+    if scenario:
+        motion = with_events(motion, twin, scenario, staged)
     told(0.93, "who passes through whom")
     overlaps = overlaps_of(motion.actors, step_s, twin.mesh)
     manifest = {**motion.manifest, "overlaps": overlaps}

@@ -201,7 +201,7 @@ def _worked(
     demand: Demand,
     asset: Callable[[str], Asset],
     options: dict[str, object],
-    job: Mapping[str, object],
+    job: Mapping[str, Any],
     scratch: Path | None,
     progress: Callable[[float, str], None] | None,
 ) -> Simulated:
@@ -219,7 +219,10 @@ def _worked(
                 routes,
                 {**options, "additional-files": folder / "stops.add.xml"},
             ),
-            "classes": [ACTOR_CLASSES.index(trip.actor_class) for trip in demand.trips],
+            "classes": [
+                *(ACTOR_CLASSES.index(trip.actor_class) for trip in demand.trips),
+                *(number for row in job["staged"] for number in row.get("classes", ())),
+            ],
             "kinds": len(ACTOR_CLASSES),
             "outer": sorted(demand.outer),
             "stuck_s": STUCK_S,

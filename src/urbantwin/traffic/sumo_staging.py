@@ -27,7 +27,8 @@ class Staged:
     """One event: waits for its time and its vehicle, acts, and notes what happened.
 
     Args:
-        told: the job's row: ``event``, ``at_s``, ``within_s``, ``lane``, ``along_m`` and its own.
+        told: the job's row: ``event``, ``at_s``, ``within_s``, ``lane``, ``lanes`` that will
+            do, ``along_m`` and its own.
     """
 
     def __init__(self, told: dict[str, Any]) -> None:
@@ -38,7 +39,7 @@ class Staged:
         self.note: dict[str, Any] = {}
 
     @property
-    def lane(self) -> str:
+    def _lane(self) -> str:
         return str(self.told["lane"])
 
     def act(self, now_s: float, step_s: float) -> None:
@@ -48,36 +49,38 @@ class Staged:
         if self.state == "waits":
             if now_s > self.told["at_s"] + self.told["within_s"]:
                 self.state = "missed"
-            elif self.begin(now_s):
+            elif self._begin(now_s):
                 self.state, self.from_s = "acts", now_s
-        elif any(name not in self.present() for name in self.who):
-            self.end(now_s)
+        elif any(name not in self._present() for name in self.who):
+            self._end(now_s)
         else:
-            self.go_on(now_s, step_s)
+            self._go_on(now_s, step_s)
 
-    def present(self) -> frozenset[str]:
+    def _present(self) -> frozenset[str]:
         return frozenset(libsumo.vehicle.getIDList())
 
-    def begin(self, now_s: float) -> bool:
+    def _begin(self, now_s: float) -> bool:
         raise NotImplementedError
 
-    def go_on(self, now_s: float, step_s: float) -> None:
+    def _go_on(self, now_s: float, step_s: float) -> None:
         pass
 
-    def end(self, now_s: float) -> None:
+    def _end(self, now_s: float) -> None:
         if self.state == "acts":
             self.state, self.until_s = "done", now_s
 
-    def reaching(self, before_m: float, after_m: float) -> list[str]:
-        """Return who drives on the lane between two distances before the place, nearest first."""
+    def _reaching(self, before_m: float, after_m: float) -> list[str]:
+        """Return who drives between two distances before the place, the nearest first.
+
+        On the place's lane, and then on the others beside it that will do.
+        """
         found = []
-        for name in libsumo.lane.getLastStepVehicleIDs(self.lane):
-            if not name.isdigit():
-                continue
-            ahead = self.told["along_m"] - libsumo.vehicle.getLanePosition(name)
-            if after_m <= ahead <= before_m and libsumo.vehicle.getSpeed(name) > _SLOWEST_MS:
-                found.append((ahead, int(name), name))
-        return [name for _, _, name in sorted(found)]
+        for rank, lane in enumerate(self.told["lanes"]):
+            for name in filter(str.isdigit, libsumo.lane.getLastStepVehicleIDs(lane)):
+                ahead = self.told["along_m"] - libsumo.vehicle.getLanePosition(name)
+                if after_m <= ahead <= before_m and libsumo.vehicle.getSpeed(name) > _SLOWEST_MS:
+                    found.append((rank, ahead, int(name), name))
+        return [found_one[-1] for found_one in sorted(found)]
 
 
 class HardBrake(Staged):
@@ -85,8 +88,8 @@ class HardBrake(Staged):
 
     stopped_s = -1.0
 
-    def begin(self, now_s: float) -> bool:
-        found = self.reaching(6.0, -6.0)
+    def _begin(self, now_s: float) -> bool:
+        found = self._reaching(6.0, -6.0)
         if not found:
             return False
         self.who = found[:1]
@@ -95,7 +98,7 @@ class HardBrake(Staged):
         libsumo.vehicle.setLaneChangeMode(found[0], _KEEPS_LANE)
         return True
 
-    def go_on(self, now_s: float, step_s: float) -> None:
+    def _go_on(self, now_s: float, step_s: float) -> None:
         name = self.who[0]
         speed = libsumo.vehicle.getSpeed(name)
         if self.stopped_s < 0:
@@ -104,7 +107,7 @@ class HardBrake(Staged):
                 self.stopped_s = now_s
         elif now_s >= self.stopped_s + self.told["stands_s"]:
             free(name)
-            self.end(now_s)
+            self._end(now_s)
 
 
 class Collision(Staged):
@@ -113,13 +116,13 @@ class Collision(Staged):
     touched_s = -1.0
     common = 0.0
 
-    def begin(self, now_s: float) -> bool:
-        for name in self.reaching(25.0, -25.0):
+    def _begin(self, now_s: float) -> bool:
+        for name in self._reaching(25.0, -25.0):
             ahead = libsumo.vehicle.getLeader(name, 40.0)
             if not ahead or not ahead[0].isdigit() or ahead[1] > 25.0:
                 continue
             leader = ahead[0]
-            same = libsumo.vehicle.getLaneID(leader) == self.lane
+            same = libsumo.vehicle.getLaneID(leader) == libsumo.vehicle.getLaneID(name)
             aside = abs(
                 libsumo.vehicle.getLateralLanePosition(leader)
                 - libsumo.vehicle.getLateralLanePosition(name)
@@ -134,7 +137,7 @@ class Collision(Staged):
             return True
         return False
 
-    def go_on(self, now_s: float, step_s: float) -> None:
+    def _go_on(self, now_s: float, step_s: float) -> None:
         follower, leader = self.who
         speeds = [libsumo.vehicle.getSpeed(one) for one in self.who]
         if self.touched_s < 0:
@@ -164,12 +167,16 @@ class RedLight(Staged):
 
     speed = 0.0
 
-    def begin(self, now_s: float) -> bool:
-        length = libsumo.lane.getLength(self.lane)
-        found = []
-        for name in libsumo.lane.getLastStepVehicleIDs(self.lane):
-            if name.isdigit():
-                found.append((length - libsumo.vehicle.getLanePosition(name), int(name), name))
+    def _begin(self, now_s: float) -> bool:
+        return any(self._runs(lane) for lane in self.told["lanes"])
+
+    def _runs(self, lane: str) -> bool:
+        """Return whether the first vehicle on a lane comes to a red signal; it then drives on."""
+        length = libsumo.lane.getLength(lane)
+        found = [
+            (length - libsumo.vehicle.getLanePosition(name), int(name), name)
+            for name in filter(str.isdigit, libsumo.lane.getLastStepVehicleIDs(lane))
+        ]
         if not found:
             return False
         to_line, _, name = min(found)
@@ -181,14 +188,14 @@ class RedLight(Staged):
         if not 0.5 * speed < to_line < max(2.5 * speed, 12.0):
             return False
         self.who = [name]
-        self.note |= {"signal": signals[0][0], "link": int(signals[0][1]), "lane": self.lane}
+        self.note |= {"signal": signals[0][0], "link": int(signals[0][1]), "lane": lane}
         self.note["speed_before"] = round(speed, 3)
         self.speed = max(speed, 6.0)
         libsumo.vehicle.setSpeedMode(name, _BLIND_TO_SIGNALS)
         libsumo.vehicle.setSpeed(name, self.speed)
         return True
 
-    def go_on(self, now_s: float, step_s: float) -> None:
+    def _go_on(self, now_s: float, step_s: float) -> None:
         name = self.who[0]
         road = libsumo.vehicle.getRoadID(name)
         if road.startswith(":") and "crossed_s" not in self.note:
@@ -197,7 +204,7 @@ class RedLight(Staged):
             self.note["shown"] = state[self.note["link"]]
         if "crossed_s" in self.note and not road.startswith(":"):
             free(name)
-            self.end(now_s)
+            self._end(now_s)
 
 
 class Stalled(Staged):
@@ -205,13 +212,14 @@ class Stalled(Staged):
 
     halted_s = -1.0
 
-    def begin(self, now_s: float) -> bool:
-        for name in self.reaching(120.0, 8.0):
+    def _begin(self, now_s: float) -> bool:
+        for name in self._reaching(120.0, 8.0):
             speed = libsumo.vehicle.getSpeed(name)
             ahead = self.told["along_m"] - libsumo.vehicle.getLanePosition(name)
             if ahead < speed * speed / (2 * _COMFORTABLE_MS2) + 4.0:
                 continue
-            edge, lane = libsumo.lane.getEdgeID(self.lane), int(self.lane.rsplit("_", 1)[1])
+            on = libsumo.vehicle.getLaneID(name)
+            edge, lane = libsumo.lane.getEdgeID(on), int(on.rsplit("_", 1)[1])
             try:
                 libsumo.vehicle.setStop(
                     name, edge, self.told["along_m"], lane, self.told["lasts_s"]
@@ -223,7 +231,7 @@ class Stalled(Staged):
             return True
         return False
 
-    def go_on(self, now_s: float, step_s: float) -> None:
+    def _go_on(self, now_s: float, step_s: float) -> None:
         name = self.who[0]
         if libsumo.vehicle.isStopped(name):
             if self.halted_s < 0:
@@ -231,13 +239,13 @@ class Stalled(Staged):
                 self.note["halted_s"] = now_s
         elif self.halted_s >= 0:
             libsumo.vehicle.setLaneChangeMode(name, _USUAL_CHANGES)
-            self.end(now_s)
+            self._end(now_s)
 
 
 class Arrivals(Staged):
     """Vehicles come in one behind the other: a convoy, or one with blue light."""
 
-    def begin(self, now_s: float) -> bool:
+    def _begin(self, now_s: float) -> bool:
         kind, edges = self.told["kind"], self.told["edges"]
         if not self.note:
             route = f"route-{self.told['number']}"
@@ -258,22 +266,22 @@ class Arrivals(Staged):
                     name, route, kind_of, depart="now", departLane="best", departPos="base",
                     departSpeed="max",
                 )  # fmt: skip
-        came = [name for name, _ in self.told["vehicles"] if name in self.present()]
+        came = [name for name, _ in self.told["vehicles"] if name in self._present()]
         self.who = came
         return bool(came)
 
     def act(self, now_s: float, step_s: float) -> None:
         """Look at them every step: they come one after the other."""
         if self.state == "acts":
-            present = self.present()
+            present = self._present()
             came = [name for name, _ in self.told["vehicles"] if name in present]
             self.note["came"] = max(self.note.get("came", 0), len(came))
             for name in came:
-                if "passed_s" not in self.note and libsumo.vehicle.getLaneID(name) == self.lane:
+                if "passed_s" not in self.note and libsumo.vehicle.getLaneID(name) == self._lane:
                     self.note["passed_s"] = now_s
             self.who = sorted({*self.who, *came}, key=int)
             if not came:
-                self.end(now_s)
+                self._end(now_s)
         else:
             super().act(now_s, step_s)
 
@@ -281,10 +289,11 @@ class Arrivals(Staged):
 class Obstacle(Staged):
     """Something that stands on a lane: others see a vehicle that does not move."""
 
-    def begin(self, now_s: float) -> bool:
-        edge, lane = libsumo.lane.getEdgeID(self.lane), self.lane.rsplit("_", 1)[1]
+    def _begin(self, now_s: float) -> bool:
+        edge, lane = libsumo.lane.getEdgeID(self._lane), self._lane.rsplit("_", 1)[1]
         name = f"{_OBSTACLE}{self.told['number']}"
-        end_m = min(self.told["along_m"] + self.told["length_m"], libsumo.lane.getLength(self.lane))
+        length = libsumo.lane.getLength(self._lane)
+        end_m = min(self.told["along_m"] + self.told["length_m"], length)
         if not self.note:
             libsumo.route.add(name, [edge])
             libsumo.vehicletype.copy("DEFAULT_VEHTYPE", name)
@@ -294,14 +303,14 @@ class Obstacle(Staged):
             libsumo.vehicletype.setVehicleClass(name, self.told["vclass"])
             self.note["tried"] = True
         # Nobody is there, nor comes so fast that it could not stop.
-        for other in libsumo.lane.getLastStepVehicleIDs(self.lane):
+        for other in libsumo.lane.getLastStepVehicleIDs(self._lane):
             at = libsumo.vehicle.getLanePosition(other)
             speed = libsumo.vehicle.getSpeed(other)
             free_m = self.told["along_m"] - at
             behind = at - libsumo.vehicle.getLength(other) - end_m
             if free_m < speed * speed / (2 * _COMFORTABLE_MS2) + 3.0 and behind < 1.0:
                 return False
-        if name not in self.present():
+        if name not in self._present():
             libsumo.vehicle.add(
                 name, name, name, depart="now", departLane=lane, departPos=f"{end_m:.2f}",
                 departSpeed="0",
@@ -314,14 +323,14 @@ class Obstacle(Staged):
 
     def act(self, now_s: float, step_s: float) -> None:
         """Let it stand until its time is over."""
-        if self.state == "acts" and self.who[0] in self.present():
+        if self.state == "acts" and self.who[0] in self._present():
             self.note["stands"] = True
         if self.state != "acts":
             super().act(now_s, step_s)
         elif self.told["lasts_s"] is not None and now_s >= self.from_s + self.told["lasts_s"]:
-            if self.who[0] in self.present():
+            if self.who[0] in self._present():
                 libsumo.vehicle.remove(self.who[0])
-            self.end(now_s)
+            self._end(now_s)
 
 
 KINDS: dict[str, type[Staged]] = {

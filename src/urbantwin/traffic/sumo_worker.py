@@ -22,6 +22,7 @@ from typing import Any
 import libsumo
 import numpy as np
 
+
 # By its path: nothing in this folder may be found by its name (see `simulation`).
 def _beside(name: str) -> ModuleType:
     spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))

@@ -303,7 +303,9 @@ def _braking(
     reached = np.inf
     for _ in range(18):
         middle = (low + high) / 2
-        trial = _stopping(way, place_m, meets_s, speed, stands_m, middle, event, (mesh, setting.until_s))
+        trial = _stopping(
+            way, place_m, meets_s, speed, stands_m, middle, event, (mesh, setting.until_s)
+        )
         between = conflict(passage_of_path(trial, setting.others.motion), target)
         ttc = np.inf if between is None or between.ttc_s is None else between.ttc_s
         if abs(ttc - wanted) < abs(reached - wanted):
