@@ -14,6 +14,8 @@ import libsumo
 #: SUMO's speed modes (https://sumo.dlr.de/docs/TraCI/Change_Vehicle_State.html): all checks, none,
 #: and all but right of way and red lights.
 _USUAL, _UNCHECKED, _BLIND_TO_SIGNALS = 31, 0, 7
+#: The same, and who is on the junction already does not count.
+_RUTHLESS = 39
 #: SUMO's lane-change mode without any change of its own.
 _KEEPS_LANE, _USUAL_CHANGES = 512, 1621
 _SLOWEST_MS = 3.0  # who is slower is not taken for an event that needs somebody who drives
@@ -166,6 +168,7 @@ class RedLight(Staged):
     """Whoever comes to a red signal on the lane drives on."""
 
     speed = 0.0
+    tries = 0
 
     def _begin(self, now_s: float) -> bool:
         return any(self._runs(lane) for lane in self.told["lanes"])
@@ -191,7 +194,7 @@ class RedLight(Staged):
         self.note |= {"signal": signals[0][0], "link": int(signals[0][1]), "lane": lane}
         self.note["speed_before"] = round(speed, 3)
         self.speed = max(speed, 6.0)
-        libsumo.vehicle.setSpeedMode(name, _BLIND_TO_SIGNALS)
+        libsumo.vehicle.setSpeedMode(name, _BLIND_TO_SIGNALS if self.tries < 1 else _RUTHLESS)
         libsumo.vehicle.setSpeed(name, self.speed)
         return True
 
@@ -205,6 +208,11 @@ class RedLight(Staged):
         if "crossed_s" in self.note and not road.startswith(":"):
             free(name)
             self._end(now_s)
+        elif "crossed_s" not in self.note and libsumo.vehicle.getSpeed(name) < 0.5:
+            # Others drove before it all the same: the next one does it.
+            free(name)
+            self.state, self.who, self.note = "waits", [], {}
+            self.tries += 1
 
 
 class Stalled(Staged):

@@ -12,7 +12,7 @@ from urbantwin.errors import StageError
 from urbantwin.traffic.assets import asset
 from urbantwin.traffic.events.lane_way import Way, lane_way
 from urbantwin.traffic.events.measures import conflict
-from urbantwin.traffic.events.places import find_spot
+from urbantwin.traffic.events.places import Spot, find_spot
 from urbantwin.traffic.events.scenario import ChildBetweenParkedCars, NearMiss
 from urbantwin.traffic.events.scripted import CLEAR_M, MOMENT_S, Scripted, Setting
 from urbantwin.traffic.events.surroundings import passage_of_path
@@ -31,6 +31,8 @@ _FAR_M = 45.0
 _HARDEST, _GENTLEST = 9.0, 0.5
 #: So much of the motion is left after a meeting, seconds.
 _AFTER_S = 4.0
+#: So many vehicles are tried, the nearest to the time first.
+_VEHICLES_TRIED = 12
 #: Who brakes comes to stand so far before the other's way, metres.
 _MARGIN_M = 0.5
 #: Nearer than this to what was asked for is what was asked for, seconds.
@@ -53,9 +55,21 @@ def near_miss(event: NearMiss, setting: Setting) -> Scripted:
         until_s=setting.until_s - _AFTER_S,
         near_m=2.5,
     )
-    if found is None:
-        raise StageError(_nobody(event, spot.lane.id))
-    track, meets_s = found
+    refused = ""
+    for track, meets_s in found[:_VEHICLES_TRIED]:
+        try:
+            return _near(event, setting, track, meets_s)
+        except StageError as error:
+            refused = refused or str(error)
+    raise StageError(refused or _nobody(event, spot.lane.id))
+
+
+def _near(event: NearMiss, setting: Setting, track: int, meets_s: float) -> Scripted:
+    """Cross the way of a track as near as is asked for.
+
+    Raises:
+        StageError: it cannot be.
+    """
     target = setting.others.passage(track)
     at = np.array([np.interp(meets_s, target.time_s, axis) for axis in target.xy.T])
     yaw = float(np.interp(meets_s, target.time_s, np.unwrap(target.yaw)))
@@ -84,7 +98,7 @@ def near_miss(event: NearMiss, setting: Setting) -> Scripted:
         told = {"asked": asked, "meets_at_s": round(meets_s, 3)}
         ends = float(path.time_s[0]), float(path.time_s[-1])
         return Scripted((path,), *ends, with_track=track, told=told)
-    raise StageError(refused or _nobody(event, spot.lane.id))
+    raise StageError(refused)
 
 
 def child_between_parked_cars(event: ChildBetweenParkedCars, setting: Setting) -> Scripted:
@@ -99,9 +113,21 @@ def child_between_parked_cars(event: ChildBetweenParkedCars, setting: Setting) -
         until_s=setting.until_s - _AFTER_S,
         near_m=2.5,
     )
-    if found is None:
-        raise StageError(_nobody(event, spot.lane.id))
-    track, _ = found
+    refused = ""
+    for track, _ in found[:_VEHICLES_TRIED]:
+        try:
+            return _child(event, setting, spot, track)
+        except StageError as error:
+            refused = refused or str(error)
+    raise StageError(refused or _nobody(event, spot.lane.id))
+
+
+def _child(event: ChildBetweenParkedCars, setting: Setting, spot: Spot, track: int) -> Scripted:
+    """Let a child run out before a track.
+
+    Raises:
+        StageError: it cannot.
+    """
     target = setting.others.passage(track)
     refused = ""
     for shift in _SHIFTS_M:

@@ -108,8 +108,8 @@ class Surroundings:
         until_s: float,
         near_m: float = 2.0,
         least_ms: float = 2.0,
-    ) -> tuple[int, float] | None:
-        """Return the track that passes a place nearest to a time, and when it is there.
+    ) -> list[tuple[int, float]]:
+        """Return the tracks that pass a place, and when, the nearest to a time first.
 
         Args:
             xy: (2,) the place.
@@ -130,10 +130,7 @@ class Surroundings:
             rows = self.rows_of(int(track))
             nearest = rows[int(np.argmin(away[rows]))]
             found.append((abs(float(self.time_s[nearest]) - at_s), int(track), nearest))
-        if not found:
-            return None
-        _, track, row = min(found)
-        return track, float(self.time_s[row])
+        return [(track, float(self.time_s[row])) for _, track, row in sorted(found)]
 
 
 def passage_of_path(path: PrescribedPath, motion: Motion) -> Passage:
