@@ -1,10 +1,13 @@
-"""The actor catalogue: names, sizes and meshes of everything that moves (data: ``assets.yaml``)."""
+"""The actor catalogue: names, sizes and meshes of everything that moves.
+
+Its data: ``assets.yaml``, drawn point by point, and ``cars.yaml``, drawn from measures.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from typing import Any
 
@@ -15,15 +18,21 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
 from urbantwin.taxonomy import ACTOR_CLASSES, ACTOR_SEMANTICS, semantic_id
+from urbantwin.traffic.assets.asset_name import AssetName
 from urbantwin.traffic.assets.car import axle_wheels, body, car, contact_points, plates, seats
-from urbantwin.traffic.assets.coat import COATED_CLASSES, bare_name, coated_mesh
+from urbantwin.traffic.assets.car_shape import drawn
+from urbantwin.traffic.assets.coat import COATED_CLASSES, COATS, coated_mesh
 from urbantwin.traffic.assets.gait import GAIT_PHASES, stride_length, walker
 from urbantwin.traffic.assets.parts import parts
 from urbantwin.traffic.assets.person import Figure
+from urbantwin.traffic.assets.scaled import scaled_mesh
 from urbantwin.traffic.assets.solid import Solid, fitted, labelled
 from urbantwin.traffic.assets.two_wheeler import PEDAL_PHASES, hub_contacts, two_wheeler
 
 __all__ = ["Asset", "asset", "asset_mesh", "asset_names"]
+
+#: Where the catalogue is written.
+_FILES = ("assets.yaml", "cars.yaml")
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,14 +83,24 @@ def asset_names(actor_class: str) -> tuple[str, ...]:
 
 @cache
 def asset(name: str) -> Asset:
-    """Return an asset; a vehicle's name may have a coat, as ``car-sedan_black`` has.
+    """Return an asset; its name may say a size and a coat, see `asset_name`.
 
     Raises:
         InputError: there is no asset of that name.
     """
-    bare, coat = bare_name(name)
-    if coat is not None and _entry(bare)["class"] in COATED_CLASSES:
-        return replace(asset(bare), name=name)
+    parsed = _parsed(name)
+    if parsed.body != name:
+        x, y, z = parsed.factors
+        body = asset(parsed.body)
+        return replace(
+            body,
+            name=name,
+            length=body.length * x,
+            width=body.width * y,
+            height=body.height * z,
+            contacts=body.contacts * parsed.factors,
+            stride_m=body.stride_m * z,
+        )
     entry = _entry(name)
     phases, standing = _phases(entry)
     size = np.ptp(asset_mesh(name).vertices, axis=0)
@@ -107,21 +126,23 @@ def asset(name: str) -> Asset:
     )
 
 
-@cache
+@lru_cache(maxsize=512)
 def asset_mesh(name: str, phase: int = 0) -> LabelledMesh:
     """Return the mesh of an asset in its own frame; ``part`` counts its closed solids from 1.
 
     Args:
-        name: of the asset; a vehicle's may have a coat, as ``car-sedan_black`` has.
+        name: of the asset; it may say a size and a coat, see `asset_name`.
         phase: of the cycle of movement (0 <= phase < ``asset(name).phases``), or
             ``asset(name).standing``.
 
     Raises:
         InputError: there is no asset of that name, or no such phase of it.
     """
-    bare, coat = bare_name(name)
-    if coat is not None and _entry(bare)["class"] in COATED_CLASSES:
-        return coated_mesh(asset_mesh(bare, phase), coat)
+    parsed = _parsed(name)
+    if parsed.percent != (100, 100, 100):
+        return scaled_mesh(asset_mesh(parsed.unsized, phase), parsed.factors)
+    if parsed.coat:
+        return coated_mesh(asset_mesh(parsed.body, phase), parsed.coat)
     entry = _entry(name)
     phases, standing = _phases(entry)
     if not (0 <= phase < phases or phase == standing):
@@ -173,11 +194,22 @@ def _first_phase(name: str) -> list[Solid]:
 
 @cache
 def _entries() -> dict[str, dict[str, Any]]:
-    text = files(__package__).joinpath("assets.yaml").read_text()
-    entries: dict[str, dict[str, Any]] = yaml.load(
-        text, getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-    )
-    return entries
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    entries: dict[str, dict[str, Any]] = {}
+    for name in _FILES:
+        entries |= yaml.load(files(__package__).joinpath(name).read_text(), loader)
+    return {name: drawn(entry) for name, entry in entries.items()}
+
+
+def _parsed(name: str) -> AssetName:
+    """Return what a name says; one with a coat that its body cannot have is a name of nothing."""
+    parsed = AssetName.of(name)
+    if parsed.coat and (
+        parsed.coat not in COATS
+        or _entries().get(parsed.body, {}).get("class") not in COATED_CLASSES
+    ):
+        _entry(name)
+    return parsed
 
 
 def _entry(name: str) -> dict[str, Any]:
