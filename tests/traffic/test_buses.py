@@ -53,7 +53,9 @@ def test_every_bus_halts_at_every_stop_on_its_way(ring: Path) -> None:
         rows = np.flatnonzero((seen.trip == bus) & (seen.speed < 0.01))
         for still in np.split(rows, np.flatnonzero(np.diff(seen.step[rows]) > 1) + 1):
             along = np.linalg.norm(seen.front[still] - begin, axis=1)
-            if len(still) and stop.start_m < along.mean() < stop.end_m + 0.5:
+            if len(still) < 50:
+                continue  # behind another bus
+            if stop.start_m < along.mean() < stop.end_m + 0.5:
                 halts += 1
                 whole = seen.step[still[0]] > 0 and seen.step[still[-1]] < 2390
                 assert not whole or abs(len(still) * 0.1 - DWELL_S) < 1.0

@@ -85,7 +85,8 @@ def seen(town: tuple[Path, frozenset[str]], demand):
 
 def test_nobody_leaves_nobody_is_lifted_and_nobody_is_stuck(demand, seen) -> None:
     planned = Counter(trip.actor_class for trip in demand.trips)
-    for column, name in enumerate(ACTOR_CLASSES):
+    for name in PER_HOUR:
+        column = ACTOR_CLASSES.index(name)
         assert planned[name] > 0
         assert (seen.observed.least[2:, column] == planned[name]).all()
         assert (seen.observed.most[2:, column] == planned[name]).all()
@@ -104,9 +105,10 @@ def test_speed_does_not_fall_with_time(seen) -> None:
 def test_as_many_pass_as_were_asked_for(seen) -> None:
     """Within 15 % and the chance of counting (three standard deviations of a Poisson count)."""
     hours = (len(seen.observed.entries) - 3) / 60
-    for column, name in enumerate(ACTOR_CLASSES):
+    for name, per_hour in PER_HOUR.items():
+        column = ACTOR_CLASSES.index(name)
         counted = seen.observed.entries[3:, column].sum()
-        asked = PER_HOUR[name] * hours
+        asked = per_hour * hours
         # One vehicle more or less is the finest that there is.
         one = asked / max(seen.observed.most[-1, column], 1)
         assert abs(counted - asked) < 0.15 * asked + 0.5 * one + 3 * np.sqrt(asked), name

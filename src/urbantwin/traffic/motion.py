@@ -156,8 +156,10 @@ class Motion:
         """
         shown = self.actors.select(["asset", "phase"]).group_by(["asset", "phase"]).aggregate([])
         pairs = zip(shown["asset"].to_pylist(), shown["phase"].to_pylist(), strict=True)
-        keys = sorted({(AssetName.of(asset).unsized, phase) for asset, phase in pairs})
-        meshes = {key: self.mesh(*key) for key in each(keys, tell, "meshes of the actors")}
+        keys = {(AssetName.of(asset).unsized, phase) for asset, phase in pairs}
+        # Phase 0 sizes the others.
+        keys |= {(asset, 0) for asset, _ in keys}
+        meshes = {key: self.mesh(*key) for key in each(sorted(keys), tell, "meshes of the actors")}
         return replace(self, meshes=meshes)
 
     def save(self, folder: Path) -> None:

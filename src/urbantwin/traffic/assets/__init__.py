@@ -1,6 +1,6 @@
 """The actor catalogue: meshes of cars, vans, trucks, buses, two-wheelers with riders, walkers."""
 
-from urbantwin.traffic.assets.asset_name import AssetName
+from urbantwin.traffic.assets.asset_name import AssetName, sized_name
 from urbantwin.traffic.assets.catalogue import Asset, asset, asset_mesh, asset_names
 from urbantwin.traffic.assets.coat import COATED_CLASSES, COATS, coated_mesh, coated_name
 from urbantwin.traffic.assets.fleet import Fleet
@@ -19,4 +19,5 @@ __all__ = [
     "coated_name",
     "mesh_among",
     "scaled_mesh",
+    "sized_name",
 ]

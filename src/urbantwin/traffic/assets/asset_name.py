@@ -1,7 +1,7 @@
-"""Names of assets: a body, how it is scaled, and a coat: ``car-hatchback@102-98-101_black``.
+"""Names of assets: a body, a coat, and a size of its own: ``car-sedan_black@4.70x1.85x1.45``.
 
-The size is in percent of the body's own length, width and height, so that a name means the same
-whatever becomes of the catalogue; one number stands for all three, and none for 100.
+The size is length, width and height in metres, in centimetres' steps, so that actors of the same
+size share a mesh.
 """
 
 from __future__ import annotations
@@ -9,11 +9,16 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-__all__ = ["AssetName"]
+from urbantwin.traffic.assets.coat import COATS
 
-_NAME = re.compile(
-    r"(?P<body>[^@_]+)(?:@(?P<x>\d{2,3})(?:-(?P<y>\d{2,3})-(?P<z>\d{2,3}))?)?(?:_(?P<coat>.+))?"
-)
+__all__ = ["AssetName", "Size", "sized_name"]
+
+#: Length, width and height, metres.
+Size = tuple[float, float, float]
+
+_SIZED = re.compile(r"(.+)@(\d+\.\d\d)x(\d+\.\d\d)x(\d+\.\d\d)")
+#: Nothing is smaller than this, metres.
+_LEAST_M = 0.01
 
 
 class AssetName(NamedTuple):
@@ -21,39 +26,35 @@ class AssetName(NamedTuple):
 
     Attributes:
         body: name in the catalogue.
-        percent: length, width and height in percent of the body's.
         coat: paint of a vehicle; empty for none.
+        size: of this actor; ``None`` for the body's own.
     """
 
     body: str
-    percent: tuple[int, int, int] = (100, 100, 100)
     coat: str = ""
+    size: Size | None = None
 
     @classmethod
     def of(cls, text: str) -> AssetName:
-        """Read a name; what has not the form of one is all body."""
-        found = _NAME.fullmatch(text)
-        if found is None:
-            return cls(text)
-        x = int(found["x"] or 100)
-        percent = (x, int(found["y"] or x), int(found["z"] or x))
-        return cls(found["body"], percent, found["coat"] or "")
+        """Read a name."""
+        found = _SIZED.fullmatch(text)
+        size = None if found is None else (float(found[2]), float(found[3]), float(found[4]))
+        bare = text if found is None else found[1]
+        body, between, coat = bare.rpartition("_")
+        return cls(body, coat, size) if between and coat in COATS else cls(bare, "", size)
 
     def __str__(self) -> str:
         """Write the name."""
-        x, y, z = self.percent
-        size = (
-            "" if self.percent == (100, 100, 100) else f"@{x}" if x == y == z else f"@{x}-{y}-{z}"
-        )
-        return f"{self.body}{size}" + (f"_{self.coat}" if self.coat else "")
+        name = f"{self.body}_{self.coat}" if self.coat else self.body
+        return name if self.size is None else sized_name(name, *self.size)
 
     @property
     def unsized(self) -> str:
         """The name of the same in the body's own size."""
-        return str(self._replace(percent=(100, 100, 100)))
+        return str(self._replace(size=None))
 
-    @property
-    def factors(self) -> tuple[float, float, float]:
-        """How often its sides are the body's."""
-        x, y, z = self.percent
-        return x / 100, y / 100, z / 100
+
+def sized_name(name: str, length: float, width: float, height: float) -> str:
+    """Return the name of an asset with another size, metres; at least a centimetre each way."""
+    sides = (max(side, _LEAST_M) for side in (length, width, height))
+    return f"{name}@{'x'.join(f'{side:.2f}' for side in sides)}"

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
 from urbantwin.taxonomy import ACTOR_CLASSES, ACTOR_SEMANTICS, semantic_id
-from urbantwin.traffic.assets.asset_name import AssetName
+from urbantwin.traffic.assets.asset_name import AssetName, Size
 from urbantwin.traffic.assets.car import axle_wheels, body, car, contact_points, plates, seats
 from urbantwin.traffic.assets.car_shape import drawn
-from urbantwin.traffic.assets.coat import COATED_CLASSES, COATS, coated_mesh
+from urbantwin.traffic.assets.coat import COATED_CLASSES, coated_mesh
 from urbantwin.traffic.assets.gait import GAIT_PHASES, stride_length, walker
 from urbantwin.traffic.assets.parts import parts
 from urbantwin.traffic.assets.person import Figure
@@ -88,19 +88,21 @@ def asset(name: str) -> Asset:
     Raises:
         InputError: there is no asset of that name.
     """
-    parsed = _parsed(name)
-    if parsed.body != name:
-        x, y, z = parsed.factors
-        body = asset(parsed.body)
+    parsed = AssetName.of(name)
+    if parsed.size is not None:
+        usual = asset(parsed.unsized)
+        factors = _factors(usual, parsed.size)
         return replace(
-            body,
+            usual,
             name=name,
-            length=body.length * x,
-            width=body.width * y,
-            height=body.height * z,
-            contacts=body.contacts * parsed.factors,
-            stride_m=body.stride_m * z,
+            length=parsed.size[0],
+            width=parsed.size[1],
+            height=parsed.size[2],
+            contacts=usual.contacts * factors,
+            stride_m=usual.stride_m * factors[2],
         )
+    if parsed.coat and _has_coat(parsed.body):
+        return replace(asset(parsed.body), name=name)
     entry = _entry(name)
     phases, standing = _phases(entry)
     size = np.ptp(asset_mesh(name).vertices, axis=0)
@@ -138,10 +140,11 @@ def asset_mesh(name: str, phase: int = 0) -> LabelledMesh:
     Raises:
         InputError: there is no asset of that name, or no such phase of it.
     """
-    parsed = _parsed(name)
-    if parsed.percent != (100, 100, 100):
-        return scaled_mesh(asset_mesh(parsed.unsized, phase), parsed.factors)
-    if parsed.coat:
+    parsed = AssetName.of(name)
+    if parsed.size is not None:
+        unsized = parsed.unsized
+        return scaled_mesh(asset_mesh(unsized, phase), _factors(asset(unsized), parsed.size))
+    if parsed.coat and _has_coat(parsed.body):
         return coated_mesh(asset_mesh(parsed.body, phase), parsed.coat)
     entry = _entry(name)
     phases, standing = _phases(entry)
@@ -201,15 +204,14 @@ def _entries() -> dict[str, dict[str, Any]]:
     return {name: drawn(entry) for name, entry in entries.items()}
 
 
-def _parsed(name: str) -> AssetName:
-    """Return what a name says; one with a coat that its body cannot have is a name of nothing."""
-    parsed = AssetName.of(name)
-    if parsed.coat and (
-        parsed.coat not in COATS
-        or _entries().get(parsed.body, {}).get("class") not in COATED_CLASSES
-    ):
-        _entry(name)
-    return parsed
+def _has_coat(body: str) -> bool:
+    """Return whether a body has a coat."""
+    return _entries().get(body, {}).get("class") in COATED_CLASSES
+
+
+def _factors(usual: Asset, size: Size) -> tuple[float, float, float]:
+    """Return by what an asset is stretched to have a size."""
+    return size[0] / usual.length, size[1] / usual.width, size[2] / usual.height
 
 
 def _entry(name: str) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.assets.asset_name import AssetName
+from urbantwin.traffic.assets.asset_name import AssetName, Size
 from urbantwin.traffic.assets.catalogue import asset
 from urbantwin.traffic.assets.coat import COATED_CLASSES, coat_at
 
@@ -34,8 +34,9 @@ _FARTHEST = 2.3
 _TOGETHER = 0.6
 #: What is drawn of an actor: kind and body, length, width, height, coat.
 _DRAWN = 5
-#: Sizes of who has many postures are told apart in steps of this, percent: each is a mesh.
-_COARSE = 2
+#: Actors of the same size share a mesh. Steps of sizes: of who has many postures, as a part of the
+#: size; of length, width and height of vehicles, metres.
+_COARSE, _STEPS_M = 0.02, (0.02, 0.01, 0.01)
 
 
 def region_of(country: str) -> str:
@@ -72,24 +73,27 @@ class Fleet:
         bodies = kind["bodies"]
         body = bodies[min(int(within * len(bodies)), len(bodies) - 1)]
         coat = coat_at(float(at[4])) if actor_class in COATED_CLASSES else ""
-        return str(AssetName(body, _percent(kind, body, at), coat))
+        return str(AssetName(body, coat, _size(kind, body, at)))
 
 
-def _percent(kind: dict[str, Any], body: str, at: NDArray[np.float64]) -> tuple[int, int, int]:
-    """Return the sides of an actor in percent of its body's."""
+def _size(kind: dict[str, Any], body: str, at: NDArray[np.float64]) -> Size:
+    """Return the size of an actor, in steps that let those of many postures share meshes."""
     found = asset(body)
     away = np.clip(ndtri(np.clip(at[1:4], 1e-6, 1 - 1e-6)), -_FARTHEST, _FARTHEST)
     if "scatter" in kind:
-        size = 100.0 * (1.0 + kind["scatter"] * float(away[0]))
-        same = _COARSE * round(size / _COARSE) if found.phases > 1 else round(size)
-        return same, same, same
+        factor = 1.0 + kind["scatter"] * float(away[0])
+        factor = round(factor / _COARSE) * _COARSE
+        return found.length * factor, found.width * factor, found.height * factor
     along, across, up = away.tolist()
     across = _TOGETHER * along + (1 - _TOGETHER**2) ** 0.5 * across
     sides = []
-    for side, scatter in (("length", along), ("width", across), ("height", up)):
-        own = float(getattr(found, side))
-        mean, deviation = kind.get(side, (own, 0.0))
-        sides.append(round(100.0 * (mean + deviation * scatter) / own))
+    for side, scatter, step in (
+        ("length", along, _STEPS_M[0]),
+        ("width", across, _STEPS_M[1]),
+        ("height", up, _STEPS_M[2]),
+    ):
+        mean, deviation = kind.get(side, (getattr(found, side), 0.0))
+        sides.append(round((mean + deviation * scatter) / step) * step)
     return sides[0], sides[1], sides[2]
 
 

@@ -52,6 +52,10 @@ def mesh_among(
     own = meshes.get((name, phase))
     if own is not None:
         return own
-    parsed = AssetName.of(name)
-    body = meshes.get((parsed.unsized, phase))
-    return otherwise(name, phase) if body is None else scaled_mesh(body, parsed.factors)
+    unsized = AssetName.of(name).unsized
+    body, first = meshes.get((unsized, phase)), meshes.get((unsized, 0))
+    size = AssetName.of(name).size
+    if body is None or first is None or size is None:
+        return otherwise(name, phase)
+    x, y, z = np.asarray(size) / np.ptp(first.vertices, axis=0)
+    return scaled_mesh(body, (float(x), float(y), float(z)))
