@@ -70,7 +70,7 @@ def drawn(entry: Mapping[str, Any]) -> dict[str, Any]:
     if "shape" not in entry:
         return dict(entry)
     length, _, height = entry["size"]
-    measures = {
+    measures: dict[str, Any] = {
         key: tuple(value) if isinstance(value, list) else value
         for key, value in entry["shape"].items()
     }

@@ -20,7 +20,7 @@ from scipy.special import ndtri
 
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets.asset_name import AssetName, Size
-from urbantwin.traffic.assets.catalogue import asset
+from urbantwin.traffic.assets.catalogue import asset, asset_names
 from urbantwin.traffic.assets.coat import COATED_CLASSES, coat_at
 
 __all__ = ["Fleet", "region_of"]
@@ -76,9 +76,11 @@ class Fleet:
         return str(AssetName(body, coat, _size(kind, body, at)))
 
 
-def _size(kind: dict[str, Any], body: str, at: NDArray[np.float64]) -> Size:
-    """Return the size of an actor, in steps that let those of many postures share meshes."""
+def _size(kind: dict[str, Any], body: str, at: NDArray[np.float64]) -> Size | None:
+    """Return the size of an actor, in steps, so that many share one; ``None``: its body's own."""
     found = asset(body)
+    if not kind.keys() & {"scatter", "length", "width", "height"}:
+        return None
     away = np.clip(ndtri(np.clip(at[1:4], 1e-6, 1 - 1e-6)), -_FARTHEST, _FARTHEST)
     if "scatter" in kind:
         factor = 1.0 + kind["scatter"] * float(away[0])
@@ -118,10 +120,15 @@ def _steps() -> NDArray[np.float64]:
 
 @cache
 def _kinds(region: str, actor_class: str) -> list[dict[str, Any]]:
-    """Return the kinds of a class in a region; those of Europe where the region has no others."""
+    """Return the kinds of a class in a region: those of Europe where the region has no others.
+
+    Where no table has the class, its bodies come equally often, each in its own size.
+    """
     tables = _tables()
     found = tables[region].get(actor_class) or tables[_USUAL].get(actor_class)
-    return list(found.values()) if found else []
+    if found:
+        return list(found.values())
+    return [{"share": 1.0, "bodies": [name]} for name in asset_names(actor_class)]
 
 
 @cache
