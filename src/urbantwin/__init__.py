@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.summary import Summary
     from urbantwin.interface.tuning import Tuning, tune
     from urbantwin.interface.twin import Twin, build
+    from urbantwin.interface.variation import Variation, vary
     from urbantwin.interface.verification import Verification, verify
     from urbantwin.interface.whole_line import Run, demo, run
     from urbantwin.result_warning import ResultWarning
@@ -73,6 +74,7 @@ __all__ = [
     "Tuning",
     "Twin",
     "UrbanTwinError",
+    "Variation",
     "Verification",
     "__version__",
     "align",
@@ -94,6 +96,7 @@ __all__ = [
     "run",
     "sensors",
     "tune",
+    "vary",
     "verify",
 ]
 

@@ -30,6 +30,7 @@ from urbantwin.cli import (
     sensors,
     traffic,
     tune,
+    vary,
     verify,
 )
 from urbantwin.cli.console import error_line
@@ -86,6 +87,7 @@ for command, examples in (
     (replay.replay, replay.EXAMPLES),
     (film.film, film.EXAMPLES),
     (record.record, record.EXAMPLES),
+    (vary.vary, vary.EXAMPLES),
     (coverage.coverage, coverage.EXAMPLES),
     (align.align, align.EXAMPLES),
     (background.background, background.EXAMPLES),

@@ -38,6 +38,7 @@ from urbantwin.traffic.overlap import overlaps_of
 from urbantwin.traffic.placement import Ground
 from urbantwin.traffic.resize import resized
 from urbantwin.traffic.result_warnings import warnings_of_drive
+from urbantwin.traffic.signal_offset import net_with_offsets
 from urbantwin.traffic.signals import signal_table
 from urbantwin.traffic.simulation import Simulated, simulate
 from urbantwin.twin import Twin
@@ -112,9 +113,12 @@ def _driven(
         scratch=scratch,
         progress=lambda fraction: told(0.1 * fraction, "finding how many circulate"),
     )
+    net_path, offsets = twin.net_path, asked.get("signal_offsets")
+    if offsets:
+        net_path = net_with_offsets(net_path, offsets, scratch / "offset.net.xml")
     drive = partial(
         simulate,
-        twin.net_path,
+        net_path,
         demand,
         asset,
         warmup_s=warmup_s,
@@ -153,6 +157,8 @@ def _driven(
         actors, staged = staged_table(
             actors, with_them, reactions(simulated, reacting, start_s, steps * step_s), reacting
         )
+    if offsets:
+        net_path.unlink()  # the folder is the motion's
     signals = signal_table(simulated.signals, twin.roads.signals, steps=steps, step_s=step_s)
     manifest = {
         "kind": "motion",

@@ -31,10 +31,13 @@ class Staged:
     Args:
         told: the job's row: ``event``, ``at_s``, ``within_s``, ``lane``, ``lanes`` that will
             do, ``along_m`` and its own.
+        taken: names of vehicles that have a part in some event.
     """
 
-    def __init__(self, told: dict[str, Any]) -> None:
-        self.told = told
+    tries = 0
+
+    def __init__(self, told: dict[str, Any], taken: set[str]) -> None:
+        self.told, self.taken = told, taken
         self.state = "waits"
         self.who: list[str] = []
         self.from_s = self.until_s = -1.0
@@ -49,10 +52,11 @@ class Staged:
         if now_s < self.told["at_s"] or self.state in ("done", "missed"):
             return
         if self.state == "waits":
-            if now_s > self.told["at_s"] + self.told["within_s"]:
+            if now_s > self.told["at_s"] + self.told["within_s"] and not self.tries:
                 self.state = "missed"
             elif self._begin(now_s):
                 self.state, self.from_s = "acts", now_s
+                self.taken.update(self.who)
         elif any(name not in self._present() for name in self.who):
             self._end(now_s)
         else:
@@ -71,6 +75,11 @@ class Staged:
         if self.state == "acts":
             self.state, self.until_s = "done", now_s
 
+    def _free(self, lane: str) -> list[str]:
+        """Return who is on a lane and has no part in another event."""
+        there = filter(str.isdigit, libsumo.lane.getLastStepVehicleIDs(lane))
+        return [name for name in there if name not in self.taken]
+
     def _reaching(self, before_m: float, after_m: float) -> list[str]:
         """Return who drives between two distances before the place, the nearest first.
 
@@ -78,7 +87,7 @@ class Staged:
         """
         found = []
         for rank, lane in enumerate(self.told["lanes"]):
-            for name in filter(str.isdigit, libsumo.lane.getLastStepVehicleIDs(lane)):
+            for name in self._free(lane):
                 ahead = self.told["along_m"] - libsumo.vehicle.getLanePosition(name)
                 if after_m <= ahead <= before_m and libsumo.vehicle.getSpeed(name) > _SLOWEST_MS:
                     found.append((rank, ahead, int(name), name))
@@ -121,7 +130,7 @@ class Collision(Staged):
     def _begin(self, now_s: float) -> bool:
         for name in self._reaching(25.0, -25.0):
             ahead = libsumo.vehicle.getLeader(name, 40.0)
-            if not ahead or not ahead[0].isdigit() or ahead[1] > 25.0:
+            if not ahead or not ahead[0].isdigit() or ahead[0] in self.taken or ahead[1] > 25.0:
                 continue
             leader = ahead[0]
             same = libsumo.vehicle.getLaneID(leader) == libsumo.vehicle.getLaneID(name)
@@ -168,9 +177,10 @@ class RedLight(Staged):
     """Whoever comes to a red signal on the lane drives on."""
 
     speed = 0.0
-    tries = 0
+    impatient = False
 
     def _begin(self, now_s: float) -> bool:
+        self.impatient = now_s > self.told["at_s"] + self.told["within_s"] / 2
         return any(self._runs(lane) for lane in self.told["lanes"])
 
     def _runs(self, lane: str) -> bool:
@@ -178,17 +188,19 @@ class RedLight(Staged):
         length = libsumo.lane.getLength(lane)
         found = [
             (length - libsumo.vehicle.getLanePosition(name), int(name), name)
-            for name in filter(str.isdigit, libsumo.lane.getLastStepVehicleIDs(lane))
+            for name in self._free(lane)
         ]
         if not found:
             return False
         to_line, _, name = min(found)
         speed = libsumo.vehicle.getSpeed(name)
         signals = libsumo.vehicle.getNextTLS(name)
-        # In time to come to a stop gently: it sees the red and does not care.
-        if not signals or signals[0][3] not in "rR" or speed < _SLOWEST_MS:
+        if not signals or signals[0][3] not in "rR":
             return False
-        if not 0.5 * speed < to_line < max(2.5 * speed, 12.0):
+        # In time to come to a stop gently: it sees the red and does not care. Where nobody comes
+        # so for long, the first who waits drives off.
+        comes = speed >= _SLOWEST_MS and 0.5 * speed < to_line < max(2.5 * speed, 12.0)
+        if not comes and not (self.impatient and to_line < 4.0):
             return False
         self.who = [name]
         self.note |= {"signal": signals[0][0], "link": int(signals[0][1]), "lane": lane}
@@ -208,7 +220,11 @@ class RedLight(Staged):
         if "crossed_s" in self.note and not road.startswith(":"):
             free(name)
             self._end(now_s)
-        elif "crossed_s" not in self.note and libsumo.vehicle.getSpeed(name) < 0.5:
+        elif (
+            "crossed_s" not in self.note
+            and libsumo.vehicle.getSpeed(name) < 0.5
+            and now_s > self.from_s + 3.0
+        ):
             # Others drove before it all the same: the next one does it.
             free(name)
             self.state, self.who, self.note = "waits", [], {}
@@ -301,7 +317,7 @@ class Obstacle(Staged):
         edge, lane = libsumo.lane.getEdgeID(self._lane), self._lane.rsplit("_", 1)[1]
         name = f"{_OBSTACLE}{self.told['number']}"
         length = libsumo.lane.getLength(self._lane)
-        end_m = min(self.told["along_m"] + self.told["length_m"], length)
+        end_m = min(self.told["along_m"] + self.told["length_m"], length - 1.0)
         if not self.note:
             libsumo.route.add(name, [edge])
             libsumo.vehicletype.copy("DEFAULT_VEHTYPE", name)
@@ -324,7 +340,11 @@ class Obstacle(Staged):
                 departSpeed="0",
             )  # fmt: skip
             # With a stop it is nothing that SUMO takes for a jam.
-            libsumo.vehicle.setStop(name, edge, end_m, int(lane), 1e6)
+            try:
+                libsumo.vehicle.setStop(name, edge, end_m, int(lane), 1e6)
+            except libsumo.TraCIException:
+                libsumo.vehicle.setSpeedMode(name, _UNCHECKED)
+                libsumo.vehicle.setSpeed(name, 0.0)
             libsumo.vehicle.setLaneChangeMode(name, _KEEPS_LANE)
         self.who = [name]
         return True
@@ -373,7 +393,8 @@ class Staging:
     """
 
     def __init__(self, rows: list[dict[str, Any]]) -> None:
-        self.events = [KINDS[row["event"]](row) for row in rows]
+        coming = {name for row in rows for name, _ in row.get("vehicles", ())}
+        self.events = [KINDS[row["event"]](row, coming) for row in rows]
 
     def act(self) -> None:
         """Do what is to be done before the next step."""

@@ -53,7 +53,7 @@ def near_miss(event: NearMiss, setting: Setting) -> Scripted:
         classes=_VEHICLES,
         yaw=spot.yaw,
         until_s=setting.until_s - _AFTER_S,
-        near_m=2.5,
+        near_m=2.5 if event.place.lane is not None else 6.0,
     )
     refused = ""
     for track, meets_s in found[:_VEHICLES_TRIED]:
