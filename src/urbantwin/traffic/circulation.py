@@ -12,11 +12,11 @@ from collections.abc import Callable, Mapping, Sequence, Set
 import numpy as np
 
 from urbantwin.roads import BusStop
+from urbantwin.roads.assignment.circuit import Circuit
+from urbantwin.roads.assignment.routing_graph import driven_graph, walked_graph
+from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.circuit import Circuit
 from urbantwin.traffic.demand import Demand, LeftOut, Population, Trip, systematic
-from urbantwin.traffic.network import StreetNetwork
-from urbantwin.traffic.routing_graph import driven_graph, walked_graph
 from urbantwin.traffic.vehicle_types import ACTOR_KINDS
 
 __all__ = ["Circulation"]
@@ -84,7 +84,7 @@ class Circulation:
                 self._missing[name] = f"no way round that allows SUMO's class {vclass!r}"
                 continue
             self._circuits[name] = circuit
-            self._usual[name] = circuit.usual(seed)
+            self._usual[name] = circuit.usual()
 
     @property
     def drives(self) -> bool:

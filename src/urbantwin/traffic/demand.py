@@ -10,8 +10,8 @@ import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
 from urbantwin.roads import BusStop
+from urbantwin.roads.assignment.street_network import StreetNetwork, Streets
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.network import StreetNetwork, Streets
 from urbantwin.traffic.vehicle_types import ACTOR_KINDS
 
 __all__ = [
