@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import partial
 from itertools import compress
@@ -37,6 +37,7 @@ from urbantwin.roads.junctions import with_junctions_of_map
 from urbantwin.roads.lane_polylines import network_of_model
 from urbantwin.roads.loop import OuterRoads, close_loop
 from urbantwin.roads.main_component import LeftOut, Part, main_component
+from urbantwin.roads.merging_lanes import zip_merging_lanes
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.netconvert import sumo_network
 from urbantwin.roads.network import RoadNetwork
@@ -201,8 +202,7 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
             out=out,
         )
     tell(0.25, "signals")
-    outer = edges_of_pieces(out, {piece.id for piece in pieces if piece.way == 0})
-    set_default_programs(out, flows=movement_flows(out, outer, per_hour or {}))
+    _serve(out, {piece.id for piece in pieces if piece.way == 0}, per_hour or {})
     planned = set_programs(out, plans, frame)
     raw = corners_before_buildings(
         read_sumo_network(
@@ -269,6 +269,13 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
         "netconvert_warnings": len(warnings),
     }
     return BuiltRoads(model, network, surface, notes)
+
+
+def _serve(net: Path, outer: Set[int], per_hour: Mapping[str, float]) -> None:
+    """Let merging lanes take turns, and give signals programs that serve who comes."""
+    zip_merging_lanes(net)
+    flows = movement_flows(net, edges_of_pieces(net, outer), per_hour)
+    set_default_programs(net, flows=flows)
 
 
 def _main_component(

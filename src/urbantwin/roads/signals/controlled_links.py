@@ -15,7 +15,14 @@ from numpy.typing import NDArray
 from urbantwin.geometry import stations_of_points, wrapped
 from urbantwin.roads.model.furniture import Phase
 
-__all__ = ["COMPASS", "Link", "Signalised", "signalised_junctions"]
+__all__ = [
+    "COMPASS",
+    "Link",
+    "Signalised",
+    "outgoing_of_lanes",
+    "rows_of_junction",
+    "signalised_junctions",
+]
 
 #: Names of directions and their bearings, degrees clockwise from north.
 COMPASS = {
@@ -155,9 +162,7 @@ def signalised_junctions(root: etree._Element) -> list[Signalised]:
     """
     edges = {edge.get("id"): edge for edge in root.iter("edge")}
     lanes = {lane.get("id"): lane for lane in root.iter("lane")}
-    outgoing: dict[str, list[etree._Element]] = defaultdict(list)
-    for item in root.iter("connection"):
-        outgoing[f"{item.get('from')}_{item.get('fromLane')}"].append(item)
+    outgoing = outgoing_of_lanes(root)
     links: dict[str, list[Link]] = defaultdict(list)
     foes: dict[str, set[tuple[str, int, int]]] = defaultdict(set)
     yields: dict[str, set[tuple[str, int, int]]] = defaultdict(set)
@@ -167,15 +172,7 @@ def signalised_junctions(root: etree._Element) -> list[Signalised]:
         if junction.get("type") == "internal":
             continue
         name = junction.get("id")
-        # The table of conflicts leaves out the ways between sidewalks and corners.
-        rows = [
-            item
-            for lane in junction.get("incLanes", "").split()
-            for item in outgoing[lane]
-            if edges[item.get("to")].get("function") in (None, "crossing")
-            and edges[item.get("from")].get("function") in (None, "walkingarea")
-            and (":" in item.get("to") or ":" not in item.get("from"))
-        ]
+        rows = rows_of_junction(junction, outgoing, edges)
         programs = {item.get("tl") for item in rows} - {None}
         for program in programs:
             at[program].append(junction)
@@ -211,6 +208,33 @@ def signalised_junctions(root: etree._Element) -> list[Signalised]:
             )
         )
     return found
+
+
+def outgoing_of_lanes(root: etree._Element) -> Mapping[str, list[etree._Element]]:
+    """Return lane -> the connections that begin on it."""
+    found: dict[str, list[etree._Element]] = defaultdict(list)
+    for item in root.iter("connection"):
+        found[f"{item.get('from')}_{item.get('fromLane')}"].append(item)
+    return found
+
+
+def rows_of_junction(
+    junction: etree._Element,
+    outgoing: Mapping[str, list[etree._Element]],
+    edges: Mapping[str, etree._Element],
+) -> list[etree._Element]:
+    """Return the connections in the order of the junction's table of conflicts.
+
+    It leaves out the ways between sidewalks and corners.
+    """
+    return [
+        item
+        for lane in junction.get("incLanes", "").split()
+        for item in outgoing.get(lane, ())
+        if edges[item.get("to")].get("function") in (None, "crossing")
+        and edges[item.get("from")].get("function") in (None, "walkingarea")
+        and (":" in item.get("to") or ":" not in item.get("from"))
+    ]
 
 
 def _shape(lane: etree._Element) -> NDArray[np.float64]:
