@@ -26,10 +26,12 @@ if TYPE_CHECKING:
     from urbantwin.interface.coverage_map import Coverage, coverage
     from urbantwin.interface.dataset import Dataset, Frame, record
     from urbantwin.interface.exported import Exported, export
+    from urbantwin.interface.film import Film, film
     from urbantwin.interface.inspection import inspect
     from urbantwin.interface.measured_background import Background, background
     from urbantwin.interface.motion import Motion, drive
     from urbantwin.interface.opening import Package, open
+    from urbantwin.interface.recorded_traffic import replay
     from urbantwin.interface.report import Report, compare
     from urbantwin.interface.reproduction import Reproduction, reproduce
     from urbantwin.interface.sensor_catalogue import Datasheet, SensorCatalogue, sensors
@@ -53,6 +55,7 @@ __all__ = [
     "Dataset",
     "Datasheet",
     "Exported",
+    "Film",
     "Frame",
     "InputError",
     "Motion",
@@ -81,10 +84,12 @@ __all__ = [
     "demo",
     "drive",
     "export",
+    "film",
     "init",
     "inspect",
     "open",
     "record",
+    "replay",
     "reproduce",
     "run",
     "sensors",

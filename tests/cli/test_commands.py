@@ -18,8 +18,8 @@ from urbantwin import __version__
 
 Run = Callable[..., Any]
 COMMANDS = tuple(
-    "align background build carla compare coverage demo export init inspect record reproduce run "
-    "sensors traffic tune verify".split()
+    "align background build carla compare coverage demo export film init inspect record reproduce "
+    "run sensors traffic tune verify".split()
 )
 
 
@@ -62,7 +62,7 @@ def test_the_version_is_the_packages(run_here: Run) -> None:
     ("arguments", "named"),
     [
         (("fly",), "fly"),
-        (("build", "site.yaml"), "--out"),
+        (("align", "frames", "twin"), "--out"),
         (("build", "-o", "twin"), "site"),
         (("traffic", "twin", "-o", "m", "--seconds", "-5"), "--seconds"),
         (("traffic", "twin", "-o", "m", "--seed", "-1"), "--seed"),

@@ -28,6 +28,7 @@ from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
 from urbantwin.traffic.flow_calibration import calibrate
 from urbantwin.traffic.footing import on_footways
 from urbantwin.traffic.motion import MOTION_VERSION, Motion
+from urbantwin.traffic.overlap import overlaps_of
 from urbantwin.traffic.placement import Ground
 from urbantwin.traffic.resize import resized
 from urbantwin.traffic.result_warnings import warnings_of_drive
@@ -150,11 +151,14 @@ def _driven(
     }
     if demand.circulates:
         manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)
-    manifest["warnings"] = rows_of(warnings_of_drive(manifest))
-    shown = Motion(manifest, actors, signals).with_meshes(between(told, 0.85, 0.95))
+    shown = Motion(manifest, actors, signals).with_meshes(between(told, 0.85, 0.93))
     motion = resized(shown, asked.get("size", {}))
+    told(0.93, "who passes through whom")
+    overlaps = overlaps_of(motion.actors, step_s, twin.mesh)
+    manifest = {**motion.manifest, "overlaps": overlaps}
+    manifest["warnings"] = rows_of(warnings_of_drive(manifest))
     made = {"actors": table_sha256(motion.actors), "meshes": meshes_sha256(motion.meshes)}
-    return replace(motion, manifest={**motion.manifest, "made": made})
+    return replace(motion, manifest={**manifest, "made": made})
 
 
 def demand_of(
