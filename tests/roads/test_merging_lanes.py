@@ -43,7 +43,8 @@ def driven(net, tmp_path):
     """Vehicles that entered each lane before the merge, and all who came through."""
     how = " ".join(f'{key}="{value}"' for key, value in ACTOR_KINDS["car"].parameters.items())
     (tmp_path / "r.rou.xml").write_text(
-        f'<routes><vType id="car" {how}/><flow id="f" type="car" begin="0" end="600" vehsPerHour="900" departSpeed="max">'
+        f'<routes><vType id="car" {how}/>'
+        '<flow id="f" type="car" begin="0" end="600" vehsPerHour="900" departSpeed="max">'
         '<route edges="ab bc cd"/></flow></routes>'
     )
     (tmp_path / "a.add.xml").write_text(
