@@ -115,20 +115,24 @@ class Circuit:
         seconds, metres = (np.asarray(x[pairs]) for x in (self.graph.seconds, self.graph.metres))
         return float(share @ seconds), float(share @ metres)
 
-    def flows(self) -> dict[tuple[int, int], float]:
-        """Return how often it goes from a state to the next for each entry, in the long run."""
-        found: dict[tuple[int, int], float] = defaultdict(float)
+    def flows(self, states: int = 2) -> dict[tuple[int, ...], float]:
+        """Return how often it goes through so many states one after the other, for each entry.
+
+        In the long run; the last of a passage are followed by nothing: -1.
+        """
+        found: dict[tuple[int, ...], float] = defaultdict(float)
         entries = 0.0
         outer = self.graph.outer
         for row, often in enumerate(self._visits()):
             for column in np.flatnonzero(self.chance[row] * often > _SELDOM):
                 share = float(often * self.chance[row, column])
                 way = [int(self.starts[row]), *self._way(row, int(self.target[row, column]))]
-                for pair in pairwise(way):
-                    found[pair] += share
+                padded = [*way, *[-1] * (states - 2)]
+                for first in range(len(way) - 1):
+                    found[tuple(padded[first : first + states])] += share
                 came = sum(bool(outer[a] and not outer[b]) for a, b in pairwise(way))
                 entries += share * (came or not outer[way].any())
-        return {pair: share / max(entries, _SELDOM) for pair, share in found.items()}
+        return {part: share / max(entries, _SELDOM) for part, share in found.items()}
 
     def _visits(self) -> NDArray[np.float64]:
         """Return how often passages begin at each start, in the long run (K,); the sum is 1."""

@@ -20,8 +20,10 @@ IN_CARS = {"car": 1.0, "truck": 2.0, "bus": 2.0, "motorcycle": 0.7}
 
 def movement_flows(
     net: Path, outer: Set[str], per_hour: Mapping[str, float]
-) -> dict[tuple[str, str], float]:
-    """Return (edge, next edge) -> cars an hour; empty where nobody circulates by car.
+) -> dict[tuple[str, str, str], float]:
+    """Return (edge, next edge, the one after that) -> cars an hour.
+
+    Empty where nobody circulates by car; the third is empty where a passage ends.
 
     Args:
         net: the SUMO network.
@@ -36,11 +38,13 @@ def movement_flows(
     return flows_of_circuits([(circuit, cars)])
 
 
-def flows_of_circuits(circuits: Iterable[tuple[Circuit, float]]) -> dict[tuple[str, str], float]:
-    """Return (edge, next edge) -> cars an hour, of circuits with the cars that come in by each."""
-    found: dict[tuple[str, str], float] = defaultdict(float)
+def flows_of_circuits(
+    circuits: Iterable[tuple[Circuit, float]],
+) -> dict[tuple[str, str, str], float]:
+    """Return what ``movement_flows`` does, of circuits and the cars that come in by each."""
+    found: dict[tuple[str, str, str], float] = defaultdict(float)
     for circuit, cars in circuits:
-        edges = circuit.graph.edges
-        for (a, b), share in circuit.flows().items():
-            found[edges[a], edges[b]] += cars * share
+        edges = (*circuit.graph.edges, "")
+        for (a, b, c), share in circuit.flows(3).items():
+            found[edges[a], edges[b], edges[c]] += cars * share
     return dict(found)

@@ -19,8 +19,8 @@ from urbantwin.roads.signals.green_times import SATURATION_VEH_H
 
 __all__ = ["Flows", "LaneLoad", "gap_flow", "lane_loads", "on_lanes"]
 
-#: (edge, next edge) -> cars an hour.
-Flows = Mapping[tuple[str, str], float]
+#: (edge, next edge, the one after that or nothing) -> cars an hour.
+Flows = Mapping[tuple[str, str, str], float]
 #: Turns leave a lane so much more slowly than those who go straight on (HCM 2016, 19: 0.85 to
 #: 0.95), where people cross at their exit as well.
 TURNING, BESIDE_WALKERS = 0.9, 0.75
@@ -75,11 +75,18 @@ def on_lanes(
             ways[link.road, link.to.rpartition("_")[0]].append(link)
     load: dict[str, float] = defaultdict(float)
     found = {link: 0.0 for links in ways.values() for link in links}
+    choices = []
+    for way, count in flows.items():
+        links = ways.get(way[:2], [])
+        # Beyond a short road one has to be on the right lane before it.
+        lead_on = [link for link in links if way[2] in junction.onward.get(link.to, ())]
+        if links and count:
+            choices.append((len(lead_on or links), way, lead_on or links, count))
     # Who has least choice is put first.
-    for pair, links in sorted(ways.items(), key=lambda item: (len(item[1]), item[0])):
-        part = flows.get(pair, 0.0) / PARTS
+    for _, _, links, count in sorted(choices, key=lambda choice: choice[:2]):
+        part = count / PARTS
         needed = {link: part / max(capacity(link), NOTHING) for link in links}
-        for _ in range(PARTS if part else 0):
+        for _ in range(PARTS):
             best = min(links, key=lambda link: (load[link.lane] + needed[link], link.lane))
             load[best.lane] += needed[best]
             found[best] += part

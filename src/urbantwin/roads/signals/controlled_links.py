@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -42,6 +42,8 @@ MOVEMENTS = {
 }
 #: The approach's direction is measured over this much of its end, metres.
 APPROACH_M = 25.0
+#: On a road that is shorter nobody changes lanes who can be on the right one before, metres.
+CHANGING_M = 60.0
 
 
 @dataclass(frozen=True)
@@ -102,6 +104,7 @@ class Signalised:
         yields: (junction, row, row): the former gives way to the latter.
         offset: seconds by which the program starts late.
         phases: what it shows.
+        onward: lane of a short road behind the junction -> the edges that one comes to from it.
     """
 
     program: str
@@ -113,6 +116,7 @@ class Signalised:
     yields: frozenset[tuple[str, int, int]]
     offset: float
     phases: tuple[Phase, ...]
+    onward: Mapping[str, frozenset[str]] = field(default_factory=dict)
 
     @property
     def size(self) -> int:
@@ -205,6 +209,11 @@ def signalised_junctions(root: etree._Element) -> list[Signalised]:
                 frozenset(yields[program]),
                 float(logic.get("offset", 0)),
                 tuple((float(p.get("duration")), p.get("state")) for p in logic.iter("phase")),
+                {
+                    link.to: frozenset(str(item.get("to")) for item in outgoing.get(link.to, ()))
+                    for link in links[program]
+                    if float(lanes[link.to].get("length")) < CHANGING_M
+                },
             )
         )
     return found

@@ -40,9 +40,10 @@ CROSSING_RED_S = 12.0
 #: A cycle is long enough that lasts this share less than the best one: delays differ by 10 to 20 %
 #: between 0.75 and 1.5 of the best (Webster, 1958).
 NEARLY = 1.25
-#: A lane that carries more than this share of what it can is full (HCM 2016, 19, and RiLSA 2015:
-#: 0.85 to 0.9); one that carries less than the other has ample green.
-FULL, AMPLE = 0.85, 0.6
+#: A lane that carries more than this share of what it can is full (0.85 to 0.9 by HCM 2016, 19, and
+#: RiLSA 2015, of all lanes of an approach; drivers do not spread over them that evenly); one that
+#: carries less than the other has ample green.
+FULL, AMPLE = 0.75, 0.6
 #: Greens are shared out anew so often, each time so much (exponent) towards the fullest lanes.
 SHARED_OUT, TOWARDS, LITTLE = 10, 0.6, 0.02
 #: So often turns of full lanes are taken apart; a second of too long a cycle is this bad.
@@ -54,8 +55,7 @@ def set_default_programs(net: Path, *, flows: Flows | None = None) -> None:
 
     Args:
         net: the ``.net.xml``, rewritten.
-        flows: (edge, next edge) -> cars an hour; assumed by the streets' class and lanes when none
-            are given.
+        flows: cars an hour; assumed by the streets' class and lanes when none are given.
     """
     tree = etree.parse(net)
     root = tree.getroot()

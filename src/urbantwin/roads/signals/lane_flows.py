@@ -27,14 +27,14 @@ MOST_PATIENT = 4.0
 
 def assumed_flows(
     root: etree._Element, junctions: Iterable[Signalised]
-) -> dict[tuple[str, str], float]:
-    """Return (edge, next edge) -> vehicles an hour at signals, by the edges' class and lanes.
+) -> dict[tuple[str, str, str], float]:
+    """Return (edge, next edge, nothing) -> vehicles an hour at signals, by the edges' class, lanes.
 
     Args:
         root: the network.
         junctions: all that is signalised in it.
     """
-    found: dict[tuple[str, str], float] = defaultdict(float)
+    found: dict[tuple[str, str, str], float] = defaultdict(float)
     volumes = _lane_volumes(root)
     for junction in junctions:
         weights: dict[str, float] = defaultdict(float)
@@ -43,7 +43,7 @@ def assumed_flows(
             weights[link.lane] += _straightness(link)
         for link in driven:
             share = _straightness(link) / weights[link.lane]
-            found[link.road, link.to.rpartition("_")[0]] += share * volumes.get(link.lane, 0.0)
+            found[link.road, link.to.rpartition("_")[0], ""] += share * volumes.get(link.lane, 0.0)
     return dict(found)
 
 
