@@ -17,7 +17,7 @@ from urbantwin.roads.assignment.movement_flows import IN_CARS, flows_of_circuits
 from urbantwin.roads.assignment.routing_graph import driven_graph, walked_graph
 from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.demand import Demand, LeftOut, Population, Trip, systematic
+from urbantwin.traffic.demand import Demand, LeftOut, Population, Trip
 from urbantwin.traffic.vehicle_types import ACTOR_KINDS
 
 __all__ = ["Circulation"]
@@ -129,7 +129,7 @@ class Circulation:
         *,
         warmup_s: float,
         duration_s: float,
-        asset_names: Callable[[str], tuple[str, ...]],
+        body: Callable[[str, int], str],
     ) -> Demand:
         """Plan everybody's passages, from coming in to beyond the end of the motion.
 
@@ -140,7 +140,7 @@ class Circulation:
             populations: how many of each class.
             warmup_s: how long traffic runs before the motion starts.
             duration_s: how long the motion is.
-            asset_names: the meshes of a class.
+            body: the asset of the n-th actor of a class.
         """
         trips: list[Trip] = []
         left_out = [
@@ -156,12 +156,7 @@ class Circulation:
         needed_s = (warmup_s + duration_s) * _FASTEST + 120.0
         for group in populations:
             number = ACTOR_CLASSES.index(group.actor_class)
-            meshes = asset_names(group.actor_class)
-            if not meshes:
-                left_out.append(LeftOut(group.actor_class, group.count, "no mesh of this class"))
-                continue
             random = np.random.Generator(np.random.Philox(key=[self.seed, number]))
-            which = systematic(np.ones(len(meshes)), group.count, random)
             places = (random.permutation(group.count) + random.random(group.count)) / group.count
             for k in range(group.count):
                 own = np.random.Generator(
@@ -171,7 +166,7 @@ class Circulation:
                 trips.append(
                     self._trip(
                         group.actor_class,
-                        meshes[which[k]],
+                        body(group.actor_class, k),
                         depart_s,
                         float(places[k]),
                         needed_s,

@@ -15,7 +15,7 @@ __all__ = ["IN_CARS", "flows_of_circuits", "movement_flows"]
 #: How many cars take as much of a green as one of a class (HCM 2016, 19: 2 for heavy vehicles;
 #: Indian Roads Congress 106, 1990, has 0.4 to 0.5 for motorcycles, but simulated ones queue behind
 #: each other more than those of Chennai do).
-IN_CARS = {"car": 1.0, "truck": 2.0, "bus": 2.0, "motorcycle": 0.7}
+IN_CARS = {"car": 1.0, "van": 1.0, "truck": 2.0, "bus": 2.0, "motorcycle": 0.7}
 
 
 def movement_flows(
