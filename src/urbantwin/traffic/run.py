@@ -16,9 +16,12 @@ from urbantwin.artefact import replaced_folder
 from urbantwin.errors import InputError
 from urbantwin.progress import between, untold
 from urbantwin.result_warning import rows_of
+from urbantwin.roads.assignment.movement_flows import IN_CARS
+from urbantwin.roads.assignment.street_network import StreetNetwork
+from urbantwin.site.country import country_of
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.actor_table import actor_table
-from urbantwin.traffic.assets import asset, asset_names
+from urbantwin.traffic.assets import Fleet, asset
 from urbantwin.traffic.bottleneck import bottleneck
 from urbantwin.traffic.circulation import Circulation
 from urbantwin.traffic.circulation_report import circulation_report
@@ -26,9 +29,10 @@ from urbantwin.traffic.demand import Demand, plan_demand
 from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
 from urbantwin.traffic.flow_calibration import calibrate
 from urbantwin.traffic.footing import on_footways
-from urbantwin.traffic.motion import MOTION_VERSION, Motion
-from urbantwin.traffic.network import StreetNetwork
+from urbantwin.traffic.guessed_volumes import Bound, bound_of_signals
+from urbantwin.traffic.motion import ACTOR_SCHEMA, MOTION_VERSION, Motion
 from urbantwin.traffic.overlap import overlaps_of
+from urbantwin.traffic.parked import park
 from urbantwin.traffic.placement import Ground
 from urbantwin.traffic.resize import resized
 from urbantwin.traffic.result_warnings import warnings_of_drive
@@ -118,10 +122,11 @@ def _driven(
         progress=lambda fraction, what: told(0.1 + 0.5 * fraction, what),
     )
     told(0.6, "actors")
+    ground = Ground(twin.ground_mesh, twin.roads)
     actors, outside = actor_table(
         on_footways(simulated, demand, twin.roads),
         demand,
-        Ground(twin.ground_mesh, twin.roads),
+        ground,
         steps=steps,
         step_s=step_s,
         asset=asset,
@@ -151,7 +156,17 @@ def _driven(
     }
     if demand.circulates:
         manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)
-    shown = Motion(manifest, actors, signals).with_meshes(between(told, 0.85, 0.93))
+    parked = park(
+        twin.roads,
+        twin.mesh,
+        ground,
+        asked.get("parked", {}),
+        fleet=Fleet(country_of(*_anchor(twin)), seed),
+        asset=asset,
+    )
+    manifest["parked"] = parked.notes
+    driven = Motion(manifest, actors, signals, parked=parked.table(ACTOR_SCHEMA))
+    shown = driven.with_meshes(between(told, 0.85, 0.93))
     motion = resized(shown, asked.get("size", {}))
     told(0.93, "who passes through whom")
     overlaps = overlaps_of(motion.actors, step_s, twin.mesh)
@@ -180,7 +195,8 @@ def demand_of(
     """
     asked = asked or twin.site["traffic"]
     network = StreetNetwork(twin.net_path, twin.region)
-    circulation = None
+    body = Fleet(country_of(*_anchor(twin)), seed).body
+    circulation, bound = None, Bound()
     if twin.site.get("closed_loop"):
         circulation = Circulation(
             network,
@@ -190,13 +206,16 @@ def demand_of(
             stops=twin.roads.stops,
             bus_roads=frozenset(twin.roads.bus_roads),
         )
+        if asked.get("guessed"):
+            bound = bound_of_signals(twin.net_path, circulation.flows())
+            circulation.per_hour = bound.of(circulation.per_hour, IN_CARS)
     if circulation is not None and circulation.drives:
         found = calibrate(
             circulation,
             twin.net_path,
             room=_room(twin),
             asset=asset,
-            asset_names=asset_names,
+            body=body,
             scratch=scratch,
             progress=progress,
         )
@@ -204,18 +223,23 @@ def demand_of(
             found.populations,
             warmup_s=float(asked["warmup_s"]),
             duration_s=duration_s,
-            asset_names=asset_names,
+            body=body,
         )
         held_up = bottleneck(twin.roads, found.standing) if found.carried < 1 else ""
-        return replace(demand, carried=found.carried, held_up=held_up)
+        return replace(demand, carried=found.carried, held_up=held_up, bound=bound)
     return plan_demand(
         network,
         asked["per_hour"],
         warmup_s=float(asked["warmup_s"]),
         duration_s=duration_s,
         seed=seed,
-        asset_names=asset_names,
+        body=body,
     )
+
+
+def _anchor(twin: Twin) -> tuple[float, float]:
+    anchor = twin.manifest["anchor"]
+    return float(anchor["latitude"]), float(anchor["longitude"])
 
 
 def outer_roads(twin: Twin) -> frozenset[str]:
