@@ -143,12 +143,10 @@ class Layout:
         joints: Mapping[int, int] | None = None,
         half: int | None = None,
     ) -> None:
-        """Add an outer road as two ways that meet halfway; other arguments as for ``add``.
+        """Add an outer road as two ways that meet halfway; arguments as for ``add``.
 
         In one piece, netconvert would cut a road off where it comes near its own beginning.
-
-        Args:
-            half: number of the point where they meet; halfway along the road when not given.
+        ``half`` is the number of the point where they meet; halfway along the road if not given.
         """
         if half is None:
             along = stations_of_points(points)
