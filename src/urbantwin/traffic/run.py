@@ -35,8 +35,9 @@ from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
 from urbantwin.traffic.flow_calibration import calibrate
 from urbantwin.traffic.footing import on_footways
 from urbantwin.traffic.guessed_volumes import Bound, bound_of_signals
-from urbantwin.traffic.motion import MOTION_VERSION, Motion
+from urbantwin.traffic.motion import ACTOR_SCHEMA, MOTION_VERSION, Motion
 from urbantwin.traffic.overlap import overlaps_of
+from urbantwin.traffic.parked import park
 from urbantwin.traffic.placement import Ground
 from urbantwin.traffic.resize import resized
 from urbantwin.traffic.result_warnings import warnings_of_drive
@@ -187,7 +188,17 @@ def _driven(
         manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)
     if scenario:
         manifest["events"] = []
-    shown = Motion(manifest, actors, signals).with_meshes(between(told, 0.85, 0.93))
+    parked = park(
+        twin.roads,
+        twin.mesh,
+        ground,
+        asked.get("parked", {}),
+        fleet=Fleet(country_of(*_anchor(twin)), seed),
+        asset=asset,
+    )
+    manifest["parked"] = parked.notes
+    driven = Motion(manifest, actors, signals, parked=parked.table(ACTOR_SCHEMA))
+    shown = driven.with_meshes(between(told, 0.85, 0.93))
     motion = resized(shown, asked.get("size", {}))
     if scenario:
         motion = with_events(motion, twin, scenario, staged)

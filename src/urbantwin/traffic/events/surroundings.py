@@ -45,6 +45,11 @@ class Surroundings:
         self.length = np.asarray(table["length"].to_numpy(), np.float64)
         self.width = np.asarray(table["width"].to_numpy(), np.float64)
         self.kind = np.asarray(table["class"].to_numpy(zero_copy_only=False), str)
+        standing = motion.parked
+        self._parked = {
+            name: np.asarray(standing[name].to_numpy(), np.float64)
+            for name in ("track", "x", "y", "yaw", "length", "width")
+        }
         self._order = np.lexsort([self.time_s, self.track])
         self._tracks = self.track[self._order]
 
@@ -94,6 +99,31 @@ class Surroundings:
                 int(self.track[who[least]]), float(apart[least]), float(self.time_s[who[least]])
             )
             if best is None or (found.gap_m, found.track) < (best.gap_m, best.track):
+                best = found
+        return best
+
+    def _nearest_parked(self, passage: Passage) -> Nearest | None:
+        """Return which parked vehicle comes nearest to a passage."""
+        best: Nearest | None = None
+        parked = self._parked
+        for number, track in enumerate(parked["track"].astype(int).tolist()):
+            at = np.array([parked["x"][number], parked["y"][number]])
+            near = np.flatnonzero(np.hypot(*(passage.xy - at).T) < _FAR_M)
+            if not len(near):
+                continue
+            count = len(near)
+            other = Passage(
+                passage.time_s[near],
+                np.tile(at, (count, 1)),
+                np.full(count, parked["yaw"][number]),
+                np.zeros((count, 2)),
+                float(parked["length"][number]),
+                float(parked["width"][number]),
+            )
+            apart = gaps(passage.of_rows(near), other)
+            least = int(np.argmin(apart))
+            found = Nearest(track, float(apart[least]), float(passage.time_s[near[least]]))
+            if best is None or found.gap_m < best.gap_m:
                 best = found
         return best
 

@@ -34,7 +34,7 @@ def unlit(motion: Motion, track: int) -> Motion:
     names[mine] = [f"{name}_unlit" for name in names[mine]]
     place = table.schema.get_field_index("asset")
     changed = table.set_column(place, table.schema.field(place), pa.array(names.tolist()))
-    used = set(names.tolist())
+    used = {*names.tolist(), *motion.parked["asset"].to_pylist()}
     return replace(
         motion,
         actors=changed,
