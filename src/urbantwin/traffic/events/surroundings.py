@@ -84,7 +84,7 @@ class Surroundings:
         near = np.hypot(*(self.xy[first:last] - passage.xy[number]).T) < _FAR_M
         kept = together & near & ~np.isin(self.track[first:last], list(ignoring))
         row, number_of = first + np.flatnonzero(kept), number[kept]
-        best: Nearest | None = None
+        best = self._nearest_parked(passage)
         own = passage.of_rows(number_of)
         for length, width in {
             (float(a), float(b)) for a, b in zip(self.length[row], self.width[row], strict=True)
