@@ -122,15 +122,15 @@ class HardBrake(Staged):
 
 
 class Collision(Staged):
-    """Somebody brakes, and whoever follows does not; both stay where they slide to."""
+    """Somebody brakes or stands, and whoever follows does not see it; both stay as wrecks."""
 
     touched_s = -1.0
     common = 0.0
 
     def _begin(self, now_s: float) -> bool:
-        for name in self._reaching(25.0, -25.0):
-            ahead = libsumo.vehicle.getLeader(name, 40.0)
-            if not ahead or not ahead[0].isdigit() or ahead[0] in self.taken or ahead[1] > 25.0:
+        for name in self._reaching(40.0, -40.0):
+            ahead = libsumo.vehicle.getLeader(name, 60.0)
+            if not ahead or not ahead[0].isdigit() or ahead[0] in self.taken or ahead[1] > 40.0:
                 continue
             leader = ahead[0]
             same = libsumo.vehicle.getLaneID(leader) == libsumo.vehicle.getLaneID(name)
@@ -138,7 +138,7 @@ class Collision(Staged):
                 libsumo.vehicle.getLateralLanePosition(leader)
                 - libsumo.vehicle.getLateralLanePosition(name)
             )
-            if not same or aside > 0.5 or libsumo.vehicle.getSpeed(leader) < _SLOWEST_MS:
+            if not same or aside > 0.6:
                 continue
             self.who = [name, leader]
             for one in self.who:
