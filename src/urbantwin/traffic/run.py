@@ -22,10 +22,12 @@ from urbantwin.traffic.assets import asset, asset_names
 from urbantwin.traffic.bottleneck import bottleneck
 from urbantwin.traffic.circulation import Circulation
 from urbantwin.traffic.circulation_report import circulation_report
-from urbantwin.traffic.demand import Demand, plan_demand
+from urbantwin.traffic.counts import counted_demand, counted_report, is_counted
+from urbantwin.traffic.demand import Demand, plan_demand, together
 from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
 from urbantwin.traffic.flow_calibration import calibrate
 from urbantwin.traffic.footing import on_footways
+from urbantwin.traffic.manners import manners_of
 from urbantwin.traffic.motion import MOTION_VERSION, Motion
 from urbantwin.traffic.network import StreetNetwork
 from urbantwin.traffic.overlap import overlaps_of
@@ -149,6 +151,10 @@ def _driven(
         "collisions": simulated.collisions,
         "poses_outside_ground": outside,
     }
+    if demand.counted:
+        manifest["counts"] = counted_report(
+            asked["counts"], asked["per_hour"], demand, simulated, steps=steps, step_s=step_s
+        )
     if demand.circulates:
         manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)
     shown = Motion(manifest, actors, signals).with_meshes(between(told, 0.85, 0.93))
@@ -179,6 +185,9 @@ def demand_of(
         StageError: SUMO failed.
     """
     asked = asked or twin.site["traffic"]
+    manners = manners_of(asked.get("drivers", {}))
+    if asked.get("counts"):
+        return replace(_counted(twin, asked, duration_s, seed), manners=manners)
     network = StreetNetwork(twin.net_path, twin.region)
     circulation = None
     if twin.site.get("closed_loop"):
@@ -207,8 +216,8 @@ def demand_of(
             asset_names=asset_names,
         )
         held_up = bottleneck(twin.roads, found.standing) if found.carried < 1 else ""
-        return replace(demand, carried=found.carried, held_up=held_up)
-    return plan_demand(
+        return replace(demand, carried=found.carried, held_up=held_up, manners=manners)
+    planned = plan_demand(
         network,
         asked["per_hour"],
         warmup_s=float(asked["warmup_s"]),
@@ -216,6 +225,34 @@ def demand_of(
         seed=seed,
         asset_names=asset_names,
     )
+    return replace(planned, manners=manners)
+
+
+def _counted(twin: Twin, asked: Mapping[str, Any], duration_s: float, seed: int) -> Demand:
+    """Return the demand of a site that has counts: everybody passes through."""
+    outer = outer_roads(twin) if twin.site.get("closed_loop") else frozenset()
+    network = StreetNetwork(twin.net_path, twin.region, without=outer)
+    counts, per_hour = asked["counts"], asked["per_hour"]
+    warmup_s = float(asked["warmup_s"])
+    counted = counted_demand(
+        counts,
+        twin.roads,
+        network,
+        per_hour,
+        warmup_s=warmup_s,
+        duration_s=duration_s,
+        seed=seed,
+        asset_names=asset_names,
+    )
+    others = plan_demand(
+        network,
+        {name: rate for name, rate in per_hour.items() if not is_counted(name, counts)},
+        warmup_s=warmup_s,
+        duration_s=duration_s,
+        seed=seed,
+        asset_names=asset_names,
+    )
+    return together(counted, others)
 
 
 def outer_roads(twin: Twin) -> frozenset[str]:
