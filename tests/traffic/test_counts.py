@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from urbantwin.errors import InputError
+from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.traffic import run_traffic
 from urbantwin.traffic.counts import counted_demand, turn_of
 from urbantwin.traffic.counts_table import read_counts
 from urbantwin.traffic.manners import manners_of
-from urbantwin.traffic.network import StreetNetwork
 from urbantwin.traffic.run import demand_of
 from urbantwin.twin import Twin
 
@@ -32,7 +32,7 @@ def planned(twin: Twin, rows: list[dict[str, object]], seconds: float = 1800.0) 
         warmup_s=0.0,
         duration_s=seconds,
         seed=1,
-        asset_names=lambda name: (f"{name}-mesh",),
+        body=lambda name, _: f"{name}-mesh",
     )
     assert not demand.left_out
     assert all(0 <= trip.depart_s < seconds for trip in demand.trips)

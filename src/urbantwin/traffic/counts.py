@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.roads import Road, RoadNetwork
+from urbantwin.roads.assignment.street_network import StreetNetwork, Streets
 from urbantwin.traffic.demand import Demand, LeftOut, Trip
-from urbantwin.traffic.network import StreetNetwork, Streets
 from urbantwin.traffic.simulation import Simulated
 from urbantwin.traffic.vehicle_types import ACTOR_KINDS
 
@@ -31,6 +31,7 @@ _QUARTER_S = 900.0
 #: A change of direction of less is through, of more a u-turn, degrees.
 _THROUGH_DEG, _BACK_DEG = 35.0, 150.0
 _DIRECTION_M = 20.0  # over so much of a road its direction is taken
+_MOST_OF_A_ROW = 100_000  # bodies of a row are drawn by numbers of its own
 _STREAM = 1000  # of random numbers, after those of the classes
 
 
@@ -51,7 +52,7 @@ def counted_demand(
     warmup_s: float,
     duration_s: float,
     seed: int,
-    asset_names: Callable[[str], tuple[str, ...]],
+    body: Callable[[str, int], str],
 ) -> Demand:
     """Return the trips that counts ask for, row by row; each row has random numbers of its own.
 
@@ -63,7 +64,7 @@ def counted_demand(
         warmup_s: how long traffic runs before the motion starts.
         duration_s: how long the motion is.
         seed: the same seed gives the same trips.
-        asset_names: the meshes of a class.
+        body: the asset of the n-th actor of a class.
 
     Raises:
         InputError: an approach or a turn is not there; the row is named.
@@ -92,10 +93,16 @@ def counted_demand(
                     why = f"no way from {way.approach.id} to {way.exit.id} for it ({place})"
                     left_out.append(LeftOut(name, len(at), why))
                 continue
-            meshes = asset_names(name)
-            which = random.integers(0, len(meshes), len(at))
             trips += [
-                (Trip(name, meshes[which[k]], round(float(time_s), 2), edges), number)
+                (
+                    Trip(
+                        name,
+                        body(name, number * _MOST_OF_A_ROW + k),
+                        round(float(time_s), 2),
+                        edges,
+                    ),
+                    number,
+                )
                 for k, time_s in enumerate(at)
             ]
     trips.sort(key=lambda one: (one[0].depart_s, one[1]))

@@ -16,9 +16,12 @@ from urbantwin.artefact import replaced_folder
 from urbantwin.errors import InputError
 from urbantwin.progress import between, untold
 from urbantwin.result_warning import rows_of
+from urbantwin.roads.assignment.movement_flows import IN_CARS
+from urbantwin.roads.assignment.street_network import StreetNetwork
+from urbantwin.site.country import country_of
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.actor_table import actor_table
-from urbantwin.traffic.assets import asset, asset_names
+from urbantwin.traffic.assets import Fleet, asset
 from urbantwin.traffic.bottleneck import bottleneck
 from urbantwin.traffic.circulation import Circulation
 from urbantwin.traffic.circulation_report import circulation_report
@@ -27,9 +30,9 @@ from urbantwin.traffic.demand import Demand, plan_demand, together
 from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
 from urbantwin.traffic.flow_calibration import calibrate
 from urbantwin.traffic.footing import on_footways
+from urbantwin.traffic.guessed_volumes import Bound, bound_of_signals
 from urbantwin.traffic.manners import manners_of
 from urbantwin.traffic.motion import MOTION_VERSION, Motion
-from urbantwin.traffic.network import StreetNetwork
 from urbantwin.traffic.overlap import overlaps_of
 from urbantwin.traffic.placement import Ground
 from urbantwin.traffic.resize import resized
@@ -189,7 +192,8 @@ def demand_of(
     if asked.get("counts"):
         return replace(_counted(twin, asked, duration_s, seed), manners=manners)
     network = StreetNetwork(twin.net_path, twin.region)
-    circulation = None
+    body = Fleet(country_of(*_anchor(twin)), seed).body
+    circulation, bound = None, Bound()
     if twin.site.get("closed_loop"):
         circulation = Circulation(
             network,
@@ -199,13 +203,16 @@ def demand_of(
             stops=twin.roads.stops,
             bus_roads=frozenset(twin.roads.bus_roads),
         )
+        if asked.get("guessed"):
+            bound = bound_of_signals(twin.net_path, circulation.flows())
+            circulation.per_hour = bound.of(circulation.per_hour, IN_CARS)
     if circulation is not None and circulation.drives:
         found = calibrate(
             circulation,
             twin.net_path,
             room=_room(twin),
             asset=asset,
-            asset_names=asset_names,
+            body=body,
             scratch=scratch,
             progress=progress,
         )
@@ -213,17 +220,17 @@ def demand_of(
             found.populations,
             warmup_s=float(asked["warmup_s"]),
             duration_s=duration_s,
-            asset_names=asset_names,
+            body=body,
         )
         held_up = bottleneck(twin.roads, found.standing) if found.carried < 1 else ""
-        return replace(demand, carried=found.carried, held_up=held_up, manners=manners)
+        return replace(demand, carried=found.carried, held_up=held_up, bound=bound, manners=manners)
     planned = plan_demand(
         network,
         asked["per_hour"],
         warmup_s=float(asked["warmup_s"]),
         duration_s=duration_s,
         seed=seed,
-        asset_names=asset_names,
+        body=body,
     )
     return replace(planned, manners=manners)
 
@@ -234,6 +241,7 @@ def _counted(twin: Twin, asked: Mapping[str, Any], duration_s: float, seed: int)
     network = StreetNetwork(twin.net_path, twin.region, without=outer)
     counts, per_hour = asked["counts"], asked["per_hour"]
     warmup_s = float(asked["warmup_s"])
+    body = Fleet(country_of(*_anchor(twin)), seed).body
     counted = counted_demand(
         counts,
         twin.roads,
@@ -242,7 +250,7 @@ def _counted(twin: Twin, asked: Mapping[str, Any], duration_s: float, seed: int)
         warmup_s=warmup_s,
         duration_s=duration_s,
         seed=seed,
-        asset_names=asset_names,
+        body=body,
     )
     others = plan_demand(
         network,
@@ -250,9 +258,14 @@ def _counted(twin: Twin, asked: Mapping[str, Any], duration_s: float, seed: int)
         warmup_s=warmup_s,
         duration_s=duration_s,
         seed=seed,
-        asset_names=asset_names,
+        body=body,
     )
     return together(counted, others)
+
+
+def _anchor(twin: Twin) -> tuple[float, float]:
+    anchor = twin.manifest["anchor"]
+    return float(anchor["latitude"]), float(anchor["longitude"])
 
 
 def outer_roads(twin: Twin) -> frozenset[str]:

@@ -214,11 +214,13 @@ def _tried(
     """
     told: dict[str, Any] = {}
     area = seen_area(seen)
-    runs = sum(len(values) for values, _ in _TRIED.values())
+    runs = sum(len(values) + 2 for values, _ in _TRIED.values())
     done = 0
     for field, (values, measure) in _TRIED.items():
         found: dict[float, float] = {}
-        for value in values:
+        queue = list(values)
+        while queue:
+            value = queue.pop(0)
             tell = between(progress, done / runs, (done + 1) / runs)
             done += 1
             drivers = {name: {**one, field: value} for name, one in asked["drivers"].items()}
@@ -233,12 +235,16 @@ def _tried(
             distance = agreement(part, _measured(twin, tracks, _TRIAL_S))[measure]
             if distance is not None:
                 found[value] = distance
+            if not queue and found and len(found) == len(values):
+                near = min(found, key=lambda one: (found[one], one))
+                half = (values[1] - values[0]) / 2
+                queue = [round(near - half, 3), round(near + half, 3)]
         if found:
             best = min(found, key=lambda one: (found[one], one))
             asked["drivers"] = {
                 name: {**one, field: best} for name, one in asked["drivers"].items()
             }
-        told[f"{measure} by {field}"] = {f"{value:g}": one for value, one in found.items()}
+        told[f"{measure} by {field}"] = {f"{value:g}": one for value, one in sorted(found.items())}
     return told
 
 

@@ -132,7 +132,7 @@ def passages_of(
             lane = str(lanes[last])
             approach = road_of[lane].id
             if last + 1 < len(lanes):
-                passed = float(seen.time_s[last + 1])
+                passed = _after(seen, last, roads.lane_by_id[lane].centre[-1, :2])
         left = [k for k, one in enumerate(lanes) if _from(road_of, one) == links.junction]
         left = [k for k in left if not came or k > came[-1]]
         if left:
@@ -145,6 +145,14 @@ def passages_of(
         if approach or leaving:
             found.append(Passage(seen, lanes, approach, leaving, lane, passed))
     return found
+
+
+def _after(seen: SeenTrack, last: int, end: NDArray[np.float64]) -> float:
+    """Return when a vehicle passed a stop line, between its last moment before and the next."""
+    away = float(np.linalg.norm(seen.xy[last] - end))
+    step = float(np.linalg.norm(seen.xy[last + 1] - seen.xy[last]))
+    share = min(away / step, 1.0) if step > 0 else 1.0
+    return float(seen.time_s[last] + share * (seen.time_s[last + 1] - seen.time_s[last]))
 
 
 def _before(seen: SeenTrack, end: NDArray[np.float64]) -> float:
