@@ -72,7 +72,7 @@ def replay(
             progress=tell,
         )
     tell_result("replay", place, made.warnings, progress)
-    return Motion(made.manifest, made.actors, made.signals, made.meshes, place)
+    return Motion.of(made, place)
 
 
 @dataclass(frozen=True, eq=False)
