@@ -29,7 +29,6 @@ from urbantwin.traffic.footing import on_footways
 from urbantwin.traffic.motion import MOTION_VERSION, Motion
 from urbantwin.traffic.network import StreetNetwork
 from urbantwin.traffic.overlap import overlaps_of
-from urbantwin.traffic.placement import Ground
 from urbantwin.traffic.resize import resized
 from urbantwin.traffic.result_warnings import warnings_of_drive
 from urbantwin.traffic.signals import signal_table
@@ -121,7 +120,7 @@ def _driven(
     actors, outside = actor_table(
         on_footways(simulated, demand, twin.roads),
         demand,
-        Ground(twin.ground_mesh, twin.roads),
+        twin,
         steps=steps,
         step_s=step_s,
         asset=asset,
