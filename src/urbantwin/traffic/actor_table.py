@@ -19,6 +19,7 @@ from urbantwin.traffic.obstacles import Obstacles
 from urbantwin.traffic.placement import Ground, stand
 from urbantwin.traffic.separation import Moving, separated
 from urbantwin.traffic.simulation import Simulated
+from urbantwin.traffic.steering import faced, steered
 from urbantwin.traffic.track_box import track_size
 from urbantwin.traffic.trajectory import smoothed
 from urbantwin.twin import Twin
@@ -135,6 +136,7 @@ def _poses(
             walks=whose.actor_class == "pedestrian",
         )
         xy[rows], yaw[rows], distance[rows] = path.xy, path.yaw, path.distance_m
+        yaw[rows] = steered(path.xy, path.yaw, _rear_m(asset(whose.asset)))
     return {
         "trip": trip,
         "step": step,
@@ -169,7 +171,22 @@ def _apart(
     blocks = Obstacles(twin.mesh).blocks(ground.top)
     footways = Footways(twin.roads, lanes, beyond_m=_BESIDE_M)
     xy, speed = separated(moving, blocks, footways, step_s)
-    return {**columns, "xy": xy, "speed": speed}
+    yaw = columns["yaw"].copy()
+    breaks = np.flatnonzero((np.diff(trip) != 0) | (np.diff(columns["step"]) != 1)) + 1
+    for rows in np.split(np.arange(len(trip)), breaks):
+        if not (xy[rows] != columns["xy"][rows]).any():
+            continue
+        if classes[trip[rows[0]]] == "pedestrian":
+            yaw[rows] = faced(xy[rows], columns["xy"][rows], yaw[rows], step_s)
+        else:
+            yaw[rows] = steered(xy[rows], yaw[rows], _rear_m(meshes[trip[rows[0]]]))
+    return {**columns, "xy": xy, "yaw": yaw, "speed": speed}
+
+
+def _rear_m(mesh: Asset) -> float:
+    """Return how far behind its middle an asset's rear axle is, metres; 0 without one."""
+    behind = mesh.contacts[mesh.contacts[:, 0] < -0.1, 0]
+    return -float(behind.mean()) if len(behind) else 0.0
 
 
 def _texts(names: Sequence[str], index: NDArray[Any]) -> pa.Array:

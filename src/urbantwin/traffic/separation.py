@@ -38,13 +38,15 @@ _NEAR_M = 0.3
 #: Actors move past each other at more than this, m/s, and pass on one side; else they are moved
 #: apart wherever it is shortest.
 _PASSING_MS = 0.4
-#: Who would have to step aside by more than this, metres, goes the shortest way out.
-_ASIDE_M = 1.2
+#: Who would have to step aside by more than this, metres, goes the shortest way out: those of the
+#: size of people, and beside longer ones.
+_ASIDE_M, _ROUND_M, _LONG_M = 1.2, 2.4, 1.2
 _STANDING_MS = 0.15
 #: Paths are changed for so long before and after a meeting, seconds.
 _BEFORE_S = 5.0
 #: Weight of the constraints against that of the paths, and rounds of both.
 _RHO, _ROUNDS, _OUTER = 8.0, 40, 6
+_KEEP = 1e7  # weight of who is not to be moved
 _STIFF_S = 30.0  # how stiffly who stands keeps to its place
 
 
@@ -66,7 +68,7 @@ class _Give:
 
 
 _GIVES = {
-    "pedestrian": _Give(1.0, 1.0, 0.8, (1.5, 1.5)),
+    "pedestrian": _Give(1.0, 1.0, 0.8, (2.0, 2.0)),
     "bicycle": _Give(1.0, 0.5, 1.0, (4.0, 1.0)),
     "motorcycle": _Give(1.0, 0.3, 1.2, (4.0, 1.0)),
     "car": _Give(0.6, 0.05, 1.5, (5.0, 0.8)),
@@ -106,6 +108,11 @@ class Moving:
             self.classes,
         )
 
+    @property
+    def joined(self) -> NDArray[np.bool_]:
+        """Whether each row is followed by the next step of the same actor (N - 1,)."""
+        return (np.diff(self.actor) == 0) & (np.diff(self.boxes.step) == 1)
+
     def pairs(self, within_m: float, xy: NDArray[np.float64]) -> NDArray[np.int64]:
         """Return the pairs (P, 2) of rows that are near each other, were they at ``xy``."""
         pairs = near_pairs(replace(self.boxes, xy=xy), within_m)
@@ -132,11 +139,18 @@ def separated(
     pairs = moving.pairs(_NEAR_M, xy)
     deep, _ = meetings(moving.boxes, pairs)
     hit = tree.query(moving.boxes.polygons, predicate="intersects")[0]
-    meeting = np.unique(np.concatenate([pairs[deep > -_GAP_M].ravel(), hit]))
-    rows = _around(moving, meeting, step_s)
-    if not len(rows):
+    meeting = np.zeros(len(xy), np.bool_)
+    meeting[pairs[deep > -_GAP_M]], meeting[hit] = True, True
+    if not meeting.any():
         return xy, speed
-    paths = _Paths(moving.take(rows), blocks, tree, footways, step_s)
+    changed = _around(moving, meeting, step_s)
+    # Whoever else comes near keeps its path, and so does everybody before and after.
+    near = moving.pairs(2 * _ASIDE_M, xy)
+    there = changed | _within(changed, moving.actor, 2)
+    there |= _within(changed[::-1], moving.actor[::-1], 2)[::-1]
+    there[near[changed[near].any(axis=1)]] = True
+    rows = np.flatnonzero(there)
+    paths = _Paths(moving.take(rows), changed[rows], blocks, tree, footways, step_s)
     moved = np.zeros((len(rows), 2))
     for _ in range(_OUTER):
         moved = paths.apart(moved)
@@ -145,18 +159,34 @@ def separated(
     return xy, speed
 
 
-def _around(moving: Moving, meeting: NDArray[np.int64], step_s: float) -> NDArray[np.int64]:
-    """Return the rows of actors who meet anybody, and of whom they may come near, for a while."""
+def _around(moving: Moving, meeting: NDArray[np.bool_], step_s: float) -> NDArray[np.bool_]:
+    """Return the rows (N,) that are to be changed where some rows meet somebody.
+
+    That is a while before and after them, of whoever comes near then too; who stands is moved for
+    as long as it stands.
+    """
     reach = round(_BEFORE_S / step_s)
-    step, actor = moving.boxes.step, moving.actor
-    wanted = np.zeros(len(step), np.bool_)
-    for row in meeting.tolist():
-        span = slice(max(row - reach, 0), row + reach + 1)
-        wanted[span] |= (actor[span] == actor[row]) & (np.abs(step[span] - step[row]) <= reach)
-    # Whoever comes near them then is to be passed too.
-    near = moving.pairs(2 * _ASIDE_M, moving.boxes.xy)
-    wanted[near[wanted[near].any(axis=1)]] = True
-    return np.flatnonzero(wanted)
+    still = moving.speed < _STANDING_MS
+    stay = np.cumsum(np.concatenate([[True], ~(moving.joined & still[1:] & still[:-1])]))
+    near = moving.pairs(_ASIDE_M, moving.boxes.xy)
+    wanted = meeting.copy()
+    for _ in range(2):
+        stays = np.zeros(int(stay[-1]) + 1, np.bool_)
+        stays[stay[wanted & still]] = True
+        wanted |= stays[stay] & still
+        wanted |= (
+            _within(wanted, moving.actor, reach)
+            | _within(wanted[::-1], moving.actor[::-1], reach)[::-1]
+        )
+        wanted[near[wanted[near].any(axis=1)]] = True
+    return wanted
+
+
+def _within(wanted: NDArray[np.bool_], actor: NDArray[np.integer], reach: int) -> NDArray[np.bool_]:
+    """Return which rows (N,) follow a wanted one of the same actor by so many or fewer."""
+    row = np.arange(len(wanted))
+    last = np.maximum.accumulate(np.where(wanted, row, -1))
+    return (last >= 0) & (row - last <= reach) & (actor[last] == actor)
 
 
 class _Paths:
@@ -164,6 +194,7 @@ class _Paths:
 
     Args:
         moving: their rows.
+        changed: (N,) which of them may be moved.
         blocks: what stands in the way.
         tree: of the outlines of the blocks.
         footways: where people are to stay.
@@ -173,6 +204,7 @@ class _Paths:
     def __init__(
         self,
         moving: Moving,
+        changed: NDArray[np.bool_],
         blocks: PlanBoxes,
         tree: shapely.STRtree,
         footways: Footways,
@@ -180,8 +212,7 @@ class _Paths:
     ) -> None:
         self.moving, self.blocks, self.tree = moving, blocks, tree
         self.footways, self.step_s = footways, step_s
-        step, actor = moving.boxes.step, moving.actor
-        self.joined = (np.diff(actor) == 0) & (np.diff(step) == 1)
+        self.joined, self.kept, actor = moving.joined, ~changed, moving.actor
         gives = [_GIVES.get(name, _GIVES["car"]) for name in moving.classes]
         kind = np.array([[one.along, one.aside, one.change_s, *one.most_m] for one in gives])[actor]
         self.on_foot = np.array([name == "pedestrian" for name in moving.classes])[actor]
@@ -192,7 +223,7 @@ class _Paths:
         c, s = np.cos(heading), np.sin(heading)
         #: Where displacements along and aside lead, (N, 2, 2).
         self.axes = np.stack([np.column_stack([c, s]), np.column_stack([-s, c])], axis=1)
-        self.axes *= self.scale[..., None]
+        self.axes *= self.scale[..., None] * changed[:, None, None]
         #: How far beside the room for people a path is to begin with.
         self.beside = np.nan_to_num(self._off(moving.boxes.xy)[1])
 
@@ -269,7 +300,7 @@ class _Paths:
         """Return the paths' matrix (3, N) in upper banded form: place, change, bend."""
         joined, stands = self.joined, self.moving.speed < _STANDING_MS
         band = np.zeros((3, len(stands)))
-        band[2] = 1.0
+        band[2] = np.where(self.kept, _KEEP, 1.0)
         # First differences, where one of both stands.
         tie = np.where(joined & (stands[1:] | stands[:-1]), (_STIFF_S / self.step_s) ** 2, 0.0)
         band[2, 1:] += tie
@@ -318,7 +349,8 @@ def _ways(
     side = np.bincount(met, offset * weight)
     sign = np.where(side[met] < 0, -1.0, 1.0)
     aside *= sign[:, None]
-    passes = (pace > _PASSING_MS) & (_reach(boxes, pairs, aside) - sign * offset < _ASIDE_M)
+    most = np.where(boxes.half[pairs].max(axis=(1, 2)) > _LONG_M, _ROUND_M, _ASIDE_M)
+    passes = (pace > _PASSING_MS) & (_reach(boxes, pairs, aside) - sign * offset < most)
     way = np.where(passes[:, None], aside, shortest)
     least = _reach(boxes, pairs, way) + _GAP_M - (way * between).sum(axis=1)
     # On which side does not matter before they are beside each other.
