@@ -100,7 +100,7 @@ def use_network(twin: Twin) -> None:
     asked = twin.site["traffic"]
     plan_demand(
         network, asked["per_hour"], warmup_s=10, duration_s=1, seed=1,
-        asset_names=lambda name: (f"{name}-x",),
+        body=lambda name, number: f"{name}-x",
     )  # fmt: skip
 
 

@@ -23,8 +23,10 @@ WHEELED = [name for name in NAMES if name not in WALKERS]
 
 
 def sizes():
-    text = files("urbantwin.traffic.assets").joinpath("assets.yaml").read_text()
-    return {name: entry.get("size") for name, entry in yaml.safe_load(text).items()}
+    folder, entries = files("urbantwin.traffic.assets"), {}
+    for name in ("assets.yaml", "cars.yaml"):
+        entries |= yaml.safe_load(folder.joinpath(name).read_text())
+    return {name: entry.get("size") for name, entry in entries.items()}
 
 
 def all_phases(name):
@@ -46,7 +48,15 @@ def first_hits(mesh, origins, direction):
 
 @pytest.mark.parametrize(
     ("actor_class", "least"),
-    [("car", 5), ("truck", 3), ("bus", 1), ("motorcycle", 1), ("bicycle", 1), ("pedestrian", 4)],
+    [
+        ("car", 25),
+        ("van", 5),
+        ("truck", 3),
+        ("bus", 1),
+        ("motorcycle", 1),
+        ("bicycle", 1),
+        ("pedestrian", 4),
+    ],
 )
 def test_every_class_has_variety(actor_class, least):
     names = asset_names(actor_class)

@@ -8,7 +8,7 @@ import pytest
 
 from urbantwin.roads import BusStop
 from urbantwin.roads.sumo_network import read_sumo_network
-from urbantwin.traffic.assets import asset, asset_names
+from urbantwin.traffic.assets import Fleet, asset
 from urbantwin.traffic.circulation import Circulation
 from urbantwin.traffic.network import StreetNetwork
 from urbantwin.traffic.simulation import DWELL_S, simulate
@@ -39,7 +39,7 @@ def test_every_bus_halts_at_every_stop_on_its_way(ring: Path) -> None:
         bus_roads={"ab", "bc", "cd", "da"},
     )
     demand = circulation.demand(
-        circulation.populations(), warmup_s=60.0, duration_s=240.0, asset_names=asset_names
+        circulation.populations(), warmup_s=60.0, duration_s=240.0, body=Fleet().body
     )
     kinds = [trip.actor_class for trip in demand.trips]
     buses = [number for number, kind in enumerate(kinds) if kind == "bus"]
@@ -53,7 +53,9 @@ def test_every_bus_halts_at_every_stop_on_its_way(ring: Path) -> None:
         rows = np.flatnonzero((seen.trip == bus) & (seen.speed < 0.01))
         for still in np.split(rows, np.flatnonzero(np.diff(seen.step[rows]) > 1) + 1):
             along = np.linalg.norm(seen.front[still] - begin, axis=1)
-            if len(still) and stop.start_m < along.mean() < stop.end_m + 0.5:
+            if len(still) < 50:
+                continue  # behind another bus
+            if stop.start_m < along.mean() < stop.end_m + 0.5:
                 halts += 1
                 whole = seen.step[still[0]] > 0 and seen.step[still[-1]] < 2390
                 assert not whole or abs(len(still) * 0.1 - DWELL_S) < 1.0

@@ -84,7 +84,7 @@ def measured_backgrounds(
             expected="frames of that sensor in its own frame, or its pose in theirs",
         )
     scale = full_scale(brightest) if intensity_scale is None else intensity_scale
-    found = []
+    backgrounds = []
     for one in sensors:
         mine = looks.pop(0)
         points = sum(len(beam) for beam, *_ in mine)
@@ -97,8 +97,8 @@ def measured_backgrounds(
                 file=file,
                 expected="frames of a sensor that stands still, in its own frame",
             )
-        found.append(_background(one, modes, scale))
-    return found
+        backgrounds.append(_background(one, modes, scale))
+    return backgrounds
 
 
 def measure_recording(

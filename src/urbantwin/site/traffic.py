@@ -15,12 +15,13 @@ __all__ = ["DEFAULT_PER_HOUR", "TrafficSpec", "load_traffic_changes"]
 
 #: A moderately busy urban junction in the middle of the day, all approaches together.
 DEFAULT_PER_HOUR: dict[str, float] = {
-    "car": 1200.0,
+    "car": 1080.0,
     "truck": 60.0,
     "bus": 40.0,
     "motorcycle": 60.0,
     "bicycle": 150.0,
     "pedestrian": 400.0,
+    "van": 120.0,
 }
 
 

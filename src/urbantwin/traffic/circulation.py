@@ -14,7 +14,7 @@ import numpy as np
 from urbantwin.roads import BusStop
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.circuit import Circuit
-from urbantwin.traffic.demand import Demand, LeftOut, Population, Trip, systematic
+from urbantwin.traffic.demand import Demand, LeftOut, Population, Trip
 from urbantwin.traffic.network import StreetNetwork
 from urbantwin.traffic.routing_graph import driven_graph, walked_graph
 from urbantwin.traffic.vehicle_types import ACTOR_KINDS
@@ -120,7 +120,7 @@ class Circulation:
         *,
         warmup_s: float,
         duration_s: float,
-        asset_names: Callable[[str], tuple[str, ...]],
+        body: Callable[[str, int], str],
     ) -> Demand:
         """Plan everybody's passages, from coming in to beyond the end of the motion.
 
@@ -131,7 +131,7 @@ class Circulation:
             populations: how many of each class.
             warmup_s: how long traffic runs before the motion starts.
             duration_s: how long the motion is.
-            asset_names: the meshes of a class.
+            body: the asset of the n-th actor of a class.
         """
         trips: list[Trip] = []
         left_out = [
@@ -147,12 +147,7 @@ class Circulation:
         needed_s = (warmup_s + duration_s) * _FASTEST + 120.0
         for group in populations:
             number = ACTOR_CLASSES.index(group.actor_class)
-            meshes = asset_names(group.actor_class)
-            if not meshes:
-                left_out.append(LeftOut(group.actor_class, group.count, "no mesh of this class"))
-                continue
             random = np.random.Generator(np.random.Philox(key=[self.seed, number]))
-            which = systematic(np.ones(len(meshes)), group.count, random)
             places = (random.permutation(group.count) + random.random(group.count)) / group.count
             for k in range(group.count):
                 own = np.random.Generator(
@@ -162,7 +157,7 @@ class Circulation:
                 trips.append(
                     self._trip(
                         group.actor_class,
-                        meshes[which[k]],
+                        body(group.actor_class, k),
                         depart_s,
                         float(places[k]),
                         needed_s,

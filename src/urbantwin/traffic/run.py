@@ -16,9 +16,10 @@ from urbantwin.artefact import replaced_folder
 from urbantwin.errors import InputError
 from urbantwin.progress import between, untold
 from urbantwin.result_warning import rows_of
+from urbantwin.site.country import country_of
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.actor_table import actor_table
-from urbantwin.traffic.assets import asset, asset_names
+from urbantwin.traffic.assets import Fleet, asset
 from urbantwin.traffic.bottleneck import bottleneck
 from urbantwin.traffic.circulation import Circulation
 from urbantwin.traffic.circulation_report import circulation_report
@@ -179,6 +180,7 @@ def demand_of(
     """
     asked = asked or twin.site["traffic"]
     network = StreetNetwork(twin.net_path, twin.region)
+    body = Fleet(country_of(*_anchor(twin)), seed).body
     circulation = None
     if twin.site.get("closed_loop"):
         circulation = Circulation(
@@ -195,7 +197,7 @@ def demand_of(
             twin.net_path,
             room=_room(twin),
             asset=asset,
-            asset_names=asset_names,
+            body=body,
             scratch=scratch,
             progress=progress,
         )
@@ -203,7 +205,7 @@ def demand_of(
             found.populations,
             warmup_s=float(asked["warmup_s"]),
             duration_s=duration_s,
-            asset_names=asset_names,
+            body=body,
         )
         held_up = bottleneck(twin.roads, found.standing) if found.carried < 1 else ""
         return replace(demand, carried=found.carried, held_up=held_up)
@@ -213,8 +215,13 @@ def demand_of(
         warmup_s=float(asked["warmup_s"]),
         duration_s=duration_s,
         seed=seed,
-        asset_names=asset_names,
+        body=body,
     )
+
+
+def _anchor(twin: Twin) -> tuple[float, float]:
+    anchor = twin.manifest["anchor"]
+    return float(anchor["latitude"]), float(anchor["longitude"])
 
 
 def outer_roads(twin: Twin) -> frozenset[str]:

@@ -339,7 +339,12 @@ def write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> N
                 how = {"departLane": "best", "departSpeed": "max", "departPos": "random_free"}
             vehicle = etree.SubElement(root, "vehicle", **common, **how)
             etree.SubElement(vehicle, "route", edges=edges)
-            for halt in trip.halts:
+            for halt, before in zip(trip.halts, (-1, *trip.halts), strict=False):
+                if halt == before:
+                    # SUMO would halt twice in one passage: it goes by another street in between.
+                    here = trip.edges.index(demand.stops[halt].lane.rpartition("_")[0])
+                    passed = {"edge": trip.edges[here + 1], "speed": "99", "duration": "0"}
+                    etree.SubElement(vehicle, "stop", **passed)
                 etree.SubElement(vehicle, "stop", busStop=str(halt), duration=f"{DWELL_S:g}")
     etree.ElementTree(root).write(str(path), encoding="utf-8", xml_declaration=True)
 

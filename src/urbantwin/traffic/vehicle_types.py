@@ -36,8 +36,10 @@ _DRIVER = {
 }
 _HEAVY = {**_DRIVER, "speedFactor": "normc(0.93,0.05,0.70,1.05)"}
 
+_CAR = {**_DRIVER, "minGap": "2.0", "latAlignment": "center"}
+
 ACTOR_KINDS: dict[str, ActorKind] = {
-    "car": ActorKind("passenger", {**_DRIVER, "minGap": "2.0", "latAlignment": "center"}),
+    "car": ActorKind("passenger", _CAR),
     "truck": ActorKind("truck", {**_HEAVY, "latAlignment": "center"}),
     "bus": ActorKind("bus", {**_HEAVY, "latAlignment": "center"}),
     "motorcycle": ActorKind(
@@ -68,5 +70,6 @@ ACTOR_KINDS: dict[str, ActorKind] = {
     "pedestrian": ActorKind(
         "pedestrian", {"desiredMaxSpeed": "1.34", "speedFactor": "normc(1.00,0.19,0.50,1.60)"}
     ),
+    "van": ActorKind("passenger", _CAR),
 }
 assert tuple(ACTOR_KINDS) == ACTOR_CLASSES
