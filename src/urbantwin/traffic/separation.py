@@ -72,6 +72,7 @@ _GIVES = {
     "bicycle": _Give(1.0, 0.5, 1.0, (4.0, 1.0)),
     "motorcycle": _Give(1.0, 0.3, 1.2, (4.0, 1.0)),
     "car": _Give(0.6, 0.05, 1.5, (5.0, 0.8)),
+    "van": _Give(0.6, 0.05, 1.5, (5.0, 0.8)),
     "truck": _Give(0.3, 0.02, 1.8, (5.0, 0.6)),
     "bus": _Give(0.3, 0.02, 1.8, (5.0, 0.6)),
 }
@@ -111,14 +112,14 @@ class Moving:
     @property
     def joined(self) -> NDArray[np.bool_]:
         """Whether each row is followed by the next step of the same actor (N - 1,)."""
-        return (np.diff(self.actor) == 0) & (np.diff(self.boxes.step) == 1)
+        return np.asarray((np.diff(self.actor) == 0) & (np.diff(self.boxes.step) == 1))
 
     def pairs(self, within_m: float, xy: NDArray[np.float64]) -> NDArray[np.int64]:
         """Return the pairs (P, 2) of rows that are near each other, were they at ``xy``."""
         pairs = near_pairs(replace(self.boxes, xy=xy), within_m)
         one, other = pairs.T
         met = (self.level[one] == self.level[other]) & (self.actor[one] != self.actor[other])
-        return pairs[met]
+        return np.asarray(pairs[met])
 
 
 def separated(
@@ -186,7 +187,7 @@ def _within(wanted: NDArray[np.bool_], actor: NDArray[np.integer], reach: int) -
     """Return which rows (N,) follow a wanted one of the same actor by so many or fewer."""
     row = np.arange(len(wanted))
     last = np.maximum.accumulate(np.where(wanted, row, -1))
-    return (last >= 0) & (row - last <= reach) & (actor[last] == actor)
+    return np.asarray((last >= 0) & (row - last <= reach) & (actor[last] == actor))
 
 
 class _Paths:
@@ -213,7 +214,7 @@ class _Paths:
         self.moving, self.blocks, self.tree = moving, blocks, tree
         self.footways, self.step_s = footways, step_s
         self.joined, self.kept, actor = moving.joined, ~changed, moving.actor
-        gives = [_GIVES.get(name, _GIVES["car"]) for name in moving.classes]
+        gives = [_GIVES[name] for name in moving.classes]
         kind = np.array([[one.along, one.aside, one.change_s, *one.most_m] for one in gives])[actor]
         self.on_foot = np.array([name == "pedestrian" for name in moving.classes])[actor]
         self.scale = np.sqrt(kind[:, :2])
@@ -257,7 +258,7 @@ class _Paths:
             right = [np.bincount(sides.ravel(), one, count + 1)[:count] for one in pull.T]
             here[:count] = cho_solve_banded((factor, False), _RHO * np.column_stack(right))
         most = self.most / self.scale
-        return np.clip(here[:count], -most, most)
+        return np.asarray(np.clip(here[:count], -most, most))
 
     def _contacts(
         self, place: NDArray[np.float64]
@@ -321,7 +322,7 @@ class _Paths:
         change = np.zeros_like(shift)
         change[1:][self.joined] = np.diff(shift, axis=0)[self.joined] / self.step_s
         ahead = self.moving.boxes.axes[:, 0]
-        return np.maximum(self.moving.speed + (change * ahead).sum(axis=1), 0.0)
+        return np.asarray(np.maximum(self.moving.speed + (change * ahead).sum(axis=1), 0.0))
 
 
 def _ways(
