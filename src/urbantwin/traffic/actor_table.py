@@ -174,7 +174,7 @@ def _apart(
         if not (xy[rows] != columns["xy"][rows]).any():
             continue
         if classes[trip[rows[0]]] == "pedestrian":
-            yaw[rows] = faced(xy[rows], columns["xy"][rows], yaw[rows], step_s)
+            yaw[rows] = faced(xy[rows], columns["xy"][rows], yaw[rows], speed[rows], step_s)
         else:
             yaw[rows] = steered(xy[rows], yaw[rows], _rear_m(meshes[trip[rows[0]]]))
     return {**columns, "xy": xy, "yaw": yaw, "speed": speed}

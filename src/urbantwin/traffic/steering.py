@@ -11,6 +11,7 @@ from scipy.ndimage import uniform_filter1d
 __all__ = ["faced", "steered"]
 
 _FACING_S = 0.5  # people turn towards where they go within so long
+_STANDING_MS = 0.02
 _WALKING_MS = 0.5  # slower than this they do not turn
 
 
@@ -46,14 +47,16 @@ def faced(
     xy: NDArray[np.float64],
     before: NDArray[np.float64],
     yaw: NDArray[np.float64],
+    speed: NDArray[np.float64],
     step_s: float,
 ) -> NDArray[np.float64]:
-    """Return the headings (N,) of a person whose path was changed.
+    """Return the headings (N,) of a person whose path was changed; who stands does not turn.
 
     Args:
         xy: (N, 2) the path, m.
         before: (N, 2) the path before, on which it faced where ``yaw`` says.
         yaw: (N,) rad.
+        speed: (N,) m/s.
         step_s: time between samples.
     """
     if len(yaw) < 3 or not (xy != before).any():
@@ -65,4 +68,7 @@ def faced(
     ]
     new, old = (one[:, 0] + 1j * one[:, 1] for one in velocity)
     sure = np.minimum(np.minimum(np.abs(new), np.abs(old)) / _WALKING_MS, 1.0) ** 2
-    return np.asarray(yaw + sure * np.angle(new * np.conj(old)))
+    turn = sure * np.angle(new * np.conj(old))
+    row = np.arange(len(turn))
+    turn = turn[np.maximum.accumulate(np.where(speed > _STANDING_MS, row, 0))]
+    return np.asarray(yaw + turn)
