@@ -57,7 +57,7 @@ def test_most_of_a_walker_is_in_its_box(walked):
     """What stands out of the middle box is a foot or a hand at the end of its swing."""
     found, _ = walked
     for frame in found["track"]:
-        x, y, z, length, width, height, yaw = frame.boxes[0].box
+        x, y, z, length, width, _, yaw = frame.boxes[0].box
         own = frame.points[frame.instance == 1, :3].astype(float) - [x, y, z]
         c, s = np.cos(yaw), np.sin(yaw)
         along = np.abs(own[:, 0] * c + own[:, 1] * s)

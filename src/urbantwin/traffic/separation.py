@@ -33,6 +33,8 @@ __all__ = ["Moving", "separated"]
 
 #: Room between boxes, metres.
 _GAP_M = 0.04
+#: Less than this is no change, metres.
+_MOVED_M = 0.01
 #: Pairs are looked after that come this near, metres.
 _NEAR_M = 0.3
 #: Actors move past each other at more than this, m/s, and pass on one side; else they are moved
@@ -139,7 +141,7 @@ def separated(
     tree = shapely.STRtree(blocks.polygons)
     pairs = moving.pairs(_NEAR_M, xy)
     deep, _ = meetings(moving.boxes, pairs)
-    hit = tree.query(moving.boxes.polygons, predicate="intersects")[0]
+    hit = _beside(tree, moving.boxes, 0.0)[0]
     meeting = np.zeros(len(xy), np.bool_)
     meeting[pairs[deep > -_GAP_M]], meeting[hit] = True, True
     if not meeting.any():
@@ -154,10 +156,24 @@ def separated(
     paths = _Paths(moving.take(rows), changed[rows], blocks, tree, footways, step_s)
     moved = np.zeros((len(rows), 2))
     for _ in range(_OUTER):
-        moved = paths.apart(moved)
+        before, moved = moved, paths.apart(moved)
+        if np.abs(moved - before).max() < _MOVED_M:
+            break
     xy[rows] = paths.place(moved)
     speed[rows] = paths.speeds(moved)
     return xy, speed
+
+
+def _beside(
+    tree: shapely.STRtree, boxes: PlanBoxes, within_m: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the rows (P,) of boxes that blocks come near to, and which blocks (P,)."""
+    reach = np.hypot(*boxes.half.T) + within_m
+    row, _ = tree.query(shapely.points(boxes.xy), predicate="dwithin", distance=reach)
+    near = np.unique(row)
+    wide = replace(boxes, half=boxes.half + within_m).take(near)
+    row, block = tree.query(wide.polygons, predicate="intersects")
+    return near[row], block
 
 
 def _around(moving: Moving, meeting: NDArray[np.bool_], step_s: float) -> NDArray[np.bool_]:
@@ -225,8 +241,6 @@ class _Paths:
         #: Where displacements along and aside lead, (N, 2, 2).
         self.axes = np.stack([np.column_stack([c, s]), np.column_stack([-s, c])], axis=1)
         self.axes *= self.scale[..., None] * changed[:, None, None]
-        #: How far beside the room for people a path is to begin with.
-        self.beside = np.nan_to_num(self._off(moving.boxes.xy)[1])
 
     def place(self, moved: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return where displacements (N, 2) along and aside lead, (N, 2) site frame."""
@@ -270,8 +284,7 @@ class _Paths:
         count = len(place)
         boxes, blocks = replace(self.moving.boxes, xy=place), self.blocks
         pairs = self.moving.pairs(_NEAR_M, place)
-        wide = replace(boxes, half=boxes.half + _NEAR_M)
-        row, block = self.tree.query(wide.polygons, predicate="intersects")
+        row, block = _beside(self.tree, boxes, _NEAR_M)
         both = PlanBoxes(
             np.concatenate([boxes.step, blocks.step]),
             np.concatenate([boxes.xy, blocks.xy]),
@@ -283,19 +296,28 @@ class _Paths:
         number = np.arange(len(blocks.yaw)) + len(self.moving.classes)
         way, least = _ways(both, speed, np.concatenate([self.moving.actor, number]), pairs)
         # Whom others push off the footway comes back.
-        inward, far = self._off(place)
-        off = np.flatnonzero(far > self.beside + 1e-3)
+        off, inward, far = self._off(place)
         border = np.column_stack([off, np.full(len(off), len(both.yaw))])
         return (
             np.concatenate([pairs, border]),
-            np.concatenate([way, inward[off] / far[off, None]]),
-            np.concatenate([least, far[off] - self.beside[off]]),
+            np.concatenate([way, inward]),
+            np.concatenate([least, far]),
         )
 
-    def _off(self, place: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the way back to the footway (N, 2) and its length (N,), nan for who need not."""
-        inward = self.footways.way_in(self.moving.lane, place)
-        return inward, np.where(self.on_foot, np.linalg.norm(inward, axis=1), np.nan)
+    def _off(
+        self, place: NDArray[np.float64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return who was pushed off the footway (R,), the way back (R, 2), and how far (R,)."""
+        start = self.moving.boxes.xy
+        rows = np.flatnonzero(self.on_foot & (np.abs(place - start).max(axis=1) > _MOVED_M))
+        inward = self.footways.way_in(self.moving.lane[rows], place[rows])
+        outside = np.isfinite(inward[:, 0])
+        rows, inward = rows[outside], inward[outside]
+        before = self.footways.way_in(self.moving.lane[rows], start[rows])
+        length = np.linalg.norm(inward, axis=1)
+        far = length - np.nan_to_num(np.linalg.norm(before, axis=1))
+        pushed = far > _MOVED_M
+        return rows[pushed], inward[pushed] / length[pushed, None], far[pushed]
 
     def _system(self) -> NDArray[np.float64]:
         """Return the paths' matrix (3, N) in upper banded form: place, change, bend."""
