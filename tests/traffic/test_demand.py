@@ -11,9 +11,9 @@ import pytest
 import shapely
 
 from urbantwin.errors import StageError
+from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.traffic.assets import Fleet
 from urbantwin.traffic.demand import Demand, plan_demand
-from urbantwin.traffic.network import StreetNetwork
 
 REGION = shapely.box(-150, -150, 150, 150)
 

@@ -12,11 +12,12 @@ from collections.abc import Callable, Mapping, Sequence, Set
 import numpy as np
 
 from urbantwin.roads import BusStop
+from urbantwin.roads.assignment.circuit import Circuit
+from urbantwin.roads.assignment.movement_flows import IN_CARS, flows_of_circuits
+from urbantwin.roads.assignment.routing_graph import driven_graph, walked_graph
+from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.circuit import Circuit
 from urbantwin.traffic.demand import Demand, LeftOut, Population, Trip
-from urbantwin.traffic.network import StreetNetwork
-from urbantwin.traffic.routing_graph import driven_graph, walked_graph
 from urbantwin.traffic.vehicle_types import ACTOR_KINDS
 
 __all__ = ["Circulation"]
@@ -84,13 +85,21 @@ class Circulation:
                 self._missing[name] = f"no way round that allows SUMO's class {vclass!r}"
                 continue
             self._circuits[name] = circuit
-            self._usual[name] = circuit.usual(seed)
+            self._usual[name] = circuit.usual()
 
     @property
     def drives(self) -> bool:
         """Whether any of those who drive find a way round."""
         driving = [name for name, rate in self.per_hour.items() if rate > 0 and name != _ON_FOOT]
         return any(name in self._circuits for name in driving)
+
+    def flows(self) -> dict[tuple[str, str, str], float]:
+        """Return (edge, next edge, the one after that) -> cars an hour, of motor traffic."""
+        return flows_of_circuits(
+            (circuit, self.per_hour[name] * IN_CARS[name])
+            for name, circuit in self._circuits.items()
+            if name in IN_CARS
+        )
 
     def populations(
         self, pace: Mapping[str, float] | None = None, *, carried: float = 1.0

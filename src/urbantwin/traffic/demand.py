@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
 from urbantwin.roads import BusStop
+from urbantwin.roads.assignment.street_network import StreetNetwork, Streets
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.network import StreetNetwork, Streets
+from urbantwin.traffic.guessed_volumes import Bound
 from urbantwin.traffic.vehicle_types import ACTOR_KINDS
 
 __all__ = [
@@ -98,6 +99,7 @@ class Demand:
         carried: share of the motor traffic asked for that the streets can carry.
         held_up: where and why they carry no more; empty where they do.
         stops: where buses halt.
+        bound: how much of guessed volumes comes.
     """
 
     trips: tuple[Trip, ...]
@@ -107,6 +109,7 @@ class Demand:
     carried: float = 1.0
     held_up: str = ""
     stops: tuple[BusStop, ...] = ()
+    bound: Bound = field(default_factory=Bound)
 
     @property
     def circulates(self) -> bool:

@@ -16,6 +16,8 @@ from urbantwin.artefact import replaced_folder
 from urbantwin.errors import InputError
 from urbantwin.progress import between, untold
 from urbantwin.result_warning import rows_of
+from urbantwin.roads.assignment.movement_flows import IN_CARS
+from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.site.country import country_of
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.actor_table import actor_table
@@ -27,8 +29,8 @@ from urbantwin.traffic.demand import Demand, plan_demand
 from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
 from urbantwin.traffic.flow_calibration import calibrate
 from urbantwin.traffic.footing import on_footways
+from urbantwin.traffic.guessed_volumes import Bound, bound_of_signals
 from urbantwin.traffic.motion import MOTION_VERSION, Motion
-from urbantwin.traffic.network import StreetNetwork
 from urbantwin.traffic.overlap import overlaps_of
 from urbantwin.traffic.resize import resized
 from urbantwin.traffic.result_warnings import warnings_of_drive
@@ -181,7 +183,7 @@ def demand_of(
     asked = asked or twin.site["traffic"]
     network = StreetNetwork(twin.net_path, twin.region)
     body = Fleet(country_of(*_anchor(twin)), seed).body
-    circulation = None
+    circulation, bound = None, Bound()
     if twin.site.get("closed_loop"):
         circulation = Circulation(
             network,
@@ -191,6 +193,9 @@ def demand_of(
             stops=twin.roads.stops,
             bus_roads=frozenset(twin.roads.bus_roads),
         )
+        if asked.get("guessed"):
+            bound = bound_of_signals(twin.net_path, circulation.flows())
+            circulation.per_hour = bound.of(circulation.per_hour, IN_CARS)
     if circulation is not None and circulation.drives:
         found = calibrate(
             circulation,
@@ -208,7 +213,7 @@ def demand_of(
             body=body,
         )
         held_up = bottleneck(twin.roads, found.standing) if found.carried < 1 else ""
-        return replace(demand, carried=found.carried, held_up=held_up)
+        return replace(demand, carried=found.carried, held_up=held_up, bound=bound)
     return plan_demand(
         network,
         asked["per_hour"],

@@ -32,6 +32,8 @@ _DRIVER = {
     "speedFactor": "normc(1.00,0.10,0.70,1.20)",
     "sigma": "0.3",
     "minGapLat": "0.4",
+    # Where a lane becomes several that are as good as each other, not all take the rightmost.
+    "lcContRight": "0.5",
     **_STEERING,
 }
 _HEAVY = {**_DRIVER, "speedFactor": "normc(0.93,0.05,0.70,1.05)"}
