@@ -108,9 +108,15 @@ def posed_actors(rows: Rows, paths: Sequence[ActorPath | None] | None = None) ->
             Pose(turn, place),
             velocity,
             path,
-            (float(row["length"]), float(row["width"]), float(row["height"])),
+            _size(row),
         )
         for row, turn, place, velocity, path in zip(
             rows, rotations, translations, velocities, ways, strict=True
         )
     ]
+
+
+def _size(row: np.void) -> tuple[float, float, float] | None:
+    """Return the size of an actor's box, metres; ``None`` where the table does not know it."""
+    size = float(row["length"]), float(row["width"]), float(row["height"])
+    return size if min(size) > 0 else None
