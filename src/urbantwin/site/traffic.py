@@ -23,6 +23,9 @@ DEFAULT_PER_HOUR: dict[str, float] = {
     "pedestrian": 400.0,
     "van": 120.0,
 }
+#: Share of parking spaces that are taken by day: below the 85 % at which a street counts as full
+#: and drivers begin to search (Shoup, The High Cost of Free Parking, 2005, chapter 12).
+USUALLY_PARKED = 0.7
 
 
 def _known_class(name: str) -> str:
@@ -34,6 +37,7 @@ def _known_class(name: str) -> str:
 ActorClass = Annotated[str, AfterValidator(_known_class)]
 PerHour = Annotated[float, Field(ge=0.0, le=100_000.0, allow_inf_nan=False)]
 SizeFactor = Annotated[float, Field(ge=0.5, le=2.0, allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
 Seconds = Annotated[float, Field(le=86400.0, allow_inf_nan=False)]
 
 
@@ -43,6 +47,13 @@ class SizeSpec(Strict):
     length: SizeFactor = 1.0
     width: SizeFactor = 1.0
     height: SizeFactor = 1.0
+
+
+class ParkedSpec(Strict):
+    """Which share of the parking spaces is taken, 0..1, along streets and in car parks."""
+
+    street: Share = USUALLY_PARKED
+    car_park: Share = USUALLY_PARKED
 
 
 class TrafficSpec(Strict):
@@ -58,6 +69,8 @@ class TrafficSpec(Strict):
         step_s: time between two steps of the simulation, seconds.
         seed: of every random choice; the same seed gives the same traffic.
         size: by class, how large its actors are against the catalogue's.
+        parked: share of the parking spaces that are taken, 0..1: of all, or by ``street`` and
+            ``car_park``.
     """
 
     per_hour: dict[ActorClass, PerHour] = Field(default_factory=lambda: dict(DEFAULT_PER_HOUR))
@@ -67,6 +80,14 @@ class TrafficSpec(Strict):
     step_s: Annotated[float, Field(ge=0.01, le=1.0, allow_inf_nan=False)] = 0.1
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
     size: dict[ActorClass, SizeSpec] = Field(default_factory=dict)
+    parked: ParkedSpec = Field(default_factory=ParkedSpec)
+
+    @field_validator("parked", mode="before")
+    @classmethod
+    def _of_all(cls, value: object) -> object:
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            return {"street": value, "car_park": value}
+        return value
 
     @field_validator("per_hour")
     @classmethod

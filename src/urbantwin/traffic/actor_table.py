@@ -35,6 +35,7 @@ def actor_table(
     simulated: Simulated,
     demand: Demand,
     twin: Twin,
+    ground: Ground,
     *,
     steps: int,
     step_s: float,
@@ -48,7 +49,8 @@ def actor_table(
     Args:
         simulated: what SUMO saw.
         demand: the trips that it refers to.
-        twin: what they stand on and go between.
+        twin: what they go between.
+        ground: what they stand on.
         steps: how many steps the motion has; steps before and after them only shape the paths.
         step_s: time between steps.
         asset: an asset's dimensions and contacts by name.
@@ -57,7 +59,6 @@ def actor_table(
     smoothing, standing = between(tell, 0.0, 0.4), between(tell, 0.5, 0.9)
     columns = _poses(simulated, demand, step_s=step_s, asset=asset, tell=smoothing)
     tell(0.4, "past each other")
-    ground = Ground(twin.ground_mesh, twin.roads)
     columns = _apart(columns, simulated.lanes, demand, twin, ground, step_s=step_s, asset=asset)
     kept = (columns["step"] >= 0) & (columns["step"] < steps)
     columns = {name: values[kept] for name, values in columns.items()}

@@ -30,8 +30,10 @@ from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
 from urbantwin.traffic.flow_calibration import calibrate
 from urbantwin.traffic.footing import on_footways
 from urbantwin.traffic.guessed_volumes import Bound, bound_of_signals
-from urbantwin.traffic.motion import MOTION_VERSION, Motion
+from urbantwin.traffic.motion import ACTOR_SCHEMA, MOTION_VERSION, Motion
 from urbantwin.traffic.overlap import overlaps_of
+from urbantwin.traffic.parked import park
+from urbantwin.traffic.placement import Ground
 from urbantwin.traffic.resize import resized
 from urbantwin.traffic.result_warnings import warnings_of_drive
 from urbantwin.traffic.signals import signal_table
@@ -120,10 +122,12 @@ def _driven(
         progress=lambda fraction, what: told(0.1 + 0.5 * fraction, what),
     )
     told(0.6, "actors")
+    ground = Ground(twin.ground_mesh, twin.roads)
     actors, outside = actor_table(
         on_footways(simulated, demand, twin.roads),
         demand,
         twin,
+        ground,
         steps=steps,
         step_s=step_s,
         asset=asset,
@@ -153,7 +157,17 @@ def _driven(
     }
     if demand.circulates:
         manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)
-    shown = Motion(manifest, actors, signals).with_meshes(between(told, 0.85, 0.93))
+    parked = park(
+        twin.roads,
+        twin.mesh,
+        ground,
+        asked.get("parked", {}),
+        fleet=Fleet(country_of(*_anchor(twin)), seed),
+        asset=asset,
+    )
+    manifest["parked"] = parked.notes
+    driven = Motion(manifest, actors, signals, parked=parked.table(ACTOR_SCHEMA))
+    shown = driven.with_meshes(between(told, 0.85, 0.93))
     motion = resized(shown, asked.get("size", {}))
     told(0.93, "who passes through whom")
     overlaps = overlaps_of(motion.actors, step_s, twin.mesh)
