@@ -19,9 +19,10 @@ from urbantwin.result_warning import rows_of
 from urbantwin.roads.assignment.movement_flows import IN_CARS
 from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.site.country import country_of
+from urbantwin.site.traffic import OwnAssetSpec
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.actor_table import actor_table
-from urbantwin.traffic.assets import Fleet, asset
+from urbantwin.traffic.assets import Fleet, OwnBodies
 from urbantwin.traffic.bottleneck import bottleneck
 from urbantwin.traffic.circulation import Circulation
 from urbantwin.traffic.circulation_report import circulation_report
@@ -42,7 +43,7 @@ from urbantwin.traffic.signals import signal_table
 from urbantwin.traffic.simulation import Simulated, simulate
 from urbantwin.twin import Twin
 
-__all__ = ["demand_of", "outer_roads", "run_traffic"]
+__all__ = ["demand_of", "outer_roads", "own_bodies", "run_traffic"]
 
 #: Length of road that a standing car takes, with the gap before it, metres.
 CAR_SPACE_M = 7.0
@@ -103,6 +104,7 @@ def _driven(
 ) -> Motion:
     """Return the motion of ``steps`` steps that a twin's traffic makes."""
     step_s, warmup_s, seed = float(asked["step_s"]), float(asked["warmup_s"]), asked["seed"]
+    own = own_bodies(twin)
     told(0.0, "planning trips")
     demand = demand_of(
         twin,
@@ -115,7 +117,7 @@ def _driven(
     simulated = simulate(
         twin.net_path,
         demand,
-        asset,
+        own.asset,
         warmup_s=warmup_s,
         steps=steps,
         step_s=step_s,
@@ -128,10 +130,11 @@ def _driven(
     actors, outside = actor_table(
         on_footways(simulated, demand, twin.roads),
         demand,
+        twin,
         ground,
         steps=steps,
         step_s=step_s,
-        asset=asset,
+        asset=own.asset,
         tell=between(told, 0.6, 0.85, "actors"),
     )
     signals = signal_table(simulated.signals, twin.roads.signals, steps=steps, step_s=step_s)
@@ -167,11 +170,11 @@ def _driven(
         twin.mesh,
         ground,
         asked.get("parked", {}),
-        fleet=Fleet(country_of(*_anchor(twin)), seed),
-        asset=asset,
+        fleet=Fleet(country_of(*_anchor(twin)), seed, own),
+        asset=own.asset,
     )
     manifest["parked"] = parked.notes
-    driven = Motion(manifest, actors, signals, parked=parked.table(ACTOR_SCHEMA))
+    driven = Motion(manifest, actors, signals, own.meshes, parked=parked.table(ACTOR_SCHEMA))
     shown = driven.with_meshes(between(told, 0.85, 0.93))
     motion = resized(shown, asked.get("size", {}))
     told(0.93, "who passes through whom")
@@ -204,7 +207,8 @@ def demand_of(
     if asked.get("counts"):
         return replace(_counted(twin, asked, duration_s, seed), manners=manners)
     network = StreetNetwork(twin.net_path, twin.region)
-    body = Fleet(country_of(*_anchor(twin)), seed).body
+    own = own_bodies(twin)
+    body = Fleet(country_of(*_anchor(twin)), seed, own).body
     circulation, bound = None, Bound()
     if twin.site.get("closed_loop"):
         circulation = Circulation(
@@ -223,7 +227,7 @@ def demand_of(
             circulation,
             twin.net_path,
             room=_room(twin),
-            asset=asset,
+            asset=own.asset,
             body=body,
             scratch=scratch,
             progress=progress,
@@ -273,6 +277,16 @@ def _counted(twin: Twin, asked: Mapping[str, Any], duration_s: float, seed: int)
         body=body,
     )
     return together(counted, others)
+
+
+def own_bodies(twin: Twin) -> OwnBodies:
+    """Return the bodies that a twin's site brings along."""
+    told = [OwnAssetSpec.model_validate(one) for one in twin.site["traffic"].get("assets", ())]
+    return OwnBodies(
+        {one.name: one.actor_class for one in told},
+        {one.name: one.share for one in told},
+        {(name, 0): mesh for name, mesh in twin.own_meshes.items()},
+    )
 
 
 def _anchor(twin: Twin) -> tuple[float, float]:
