@@ -128,6 +128,7 @@ def _driven(
     actors, outside = actor_table(
         on_footways(simulated, demand, twin.roads),
         demand,
+        twin,
         ground,
         steps=steps,
         step_s=step_s,
