@@ -18,6 +18,7 @@ urbantwin traffic twin/ -o motion/
 urbantwin traffic twin/ -o motion/ --seconds 300 --seed 7
 urbantwin traffic twin/ -o motion/ --demand tuned/traffic.yaml
 urbantwin traffic twin/ -o motion/ --scenario scenario.yaml
+urbantwin traffic twin/ -o motion/ --counts counts.csv
 """
 
 
@@ -37,6 +38,10 @@ def traffic(
         Path | None,
         typer.Option(help="A scenario.yaml: rare events at a place and a time (docs/events.md)."),
     ] = None,
+    counts: Annotated[
+        Path | None,
+        typer.Option(help="A table (CSV): approach, turn, class, begin, count."),
+    ] = None,
     pictures: Pictures = True,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -49,6 +54,7 @@ def traffic(
         seed=seed,
         demand=demand,
         scenario=scenario,
+        counts=counts,
         pictures=pictures,
         progress=not quiet,
     )

@@ -108,7 +108,7 @@ class Motion(DrivenMotion):
         return figure_of_motion(self, twin)
 
 
-def drive(
+def drive(  # noqa: PLR0913 - the options of the command
     twin: Twin | AnyPath,
     out: AnyPath | None = None,
     *,
@@ -116,6 +116,7 @@ def drive(
     seed: int | None = None,
     demand: AnyPath | None = None,
     scenario: AnyPath | None = None,
+    counts: AnyPath | None = None,
     pictures: bool = True,
     progress: ShowProgress = True,
 ) -> Motion:
@@ -127,8 +128,11 @@ def drive(
             when not given.
         seconds: length of the motion, 0.1 to 86400; the site's ``traffic.duration_s`` if not given.
         seed: that everything random follows from; the site's ``traffic.seed`` if not given.
-        demand: a file of fields of ``traffic:`` that replace the site's, as ``tune`` writes it.
+        demand: a file of fields of ``traffic:`` that replace the site's, as ``tune`` and
+            ``calibrate`` write it.
         scenario: a ``scenario.yaml``: rare events, each by its name, at a place and a time.
+        counts: a table (CSV) of vehicles by approach, turn and quarter of an hour, or by origin and
+            destination.
         pictures: draw the paths of the actors, and each event, into the motion's folder.
         progress: show how far it is; or a function that is told (share, doing).
 
@@ -141,13 +145,17 @@ def drive(
     """
     from urbantwin.interface.twin import Twin
     from urbantwin.site import load_traffic_changes
+    from urbantwin.traffic.counts_table import read_counts
     from urbantwin.traffic.run import run_traffic
 
     place = beside(twin, "motion", out)
     file = None if demand is None else Path(demand)
     events = None if scenario is None else Path(scenario)
-    check_folder(place, kind="motion", inputs=[Path(twin), file, events])
+    table = None if counts is None else Path(counts)
+    check_folder(place, kind="motion", inputs=[Path(twin), file, events, table])
     changes = {} if file is None else load_traffic_changes(file)
+    if table is not None:
+        changes = {**changes, "counts": read_counts(table)}
     loaded = Twin.open(twin)
     if events is not None:
         from urbantwin.traffic.events import load_scenario
