@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
+from numpy.typing import NDArray
 
 from urbantwin.errors import StageError
 from urbantwin.taxonomy import ACTOR_CLASSES
@@ -54,6 +55,8 @@ REACTING = {
 }
 #: Who comes in for an event does so this far before the place, and goes on so far, metres.
 _COMES_M, _GOES_M = 150.0, 200.0
+#: Where a motion goes over into the one with events, differences fade out within this, seconds.
+_FADES_S = 2.0
 #: Widths of what stands in the way, metres.
 _ZONE_M, _DEBRIS_M = 2.0, 0.9
 _DEBRIS_LONG_M = 0.8
@@ -203,9 +206,9 @@ def spliced(
 ) -> tuple[pa.Table, dict[int, int], float]:
     """Return the table without the events up to a time, and with them from then on.
 
-    Paths are smoothed over some metres, so that what happens later would move the rows before it by
-    millimetres; who looks at the time before the events finds the very bytes of a motion without
-    them.
+    Paths are smoothed over some metres, and people kept apart, with an eye to what comes: what
+    happens later would move the rows before it. Who looks at the time before the events finds the
+    very bytes of a motion without them; from then on the difference fades out.
 
     Args:
         without: actors of the same traffic without the events; tracks are numbers of trips.
@@ -219,6 +222,8 @@ def spliced(
     """
     before = without.filter(pc.less(without["time_s"], from_s - 1e-6))
     after = with_them.filter(pc.greater_equal(with_them["time_s"], from_s - 1e-6))
+    apart = _apart(without, with_them, from_s)
+    after = _faded(after, apart, from_s)
     usual = np.unique(without["track"].to_numpy())
     both = pa.concat_tables([before, after]).combine_chunks()
     trips = both["track"].to_numpy()
@@ -228,26 +233,38 @@ def spliced(
     place = both.schema.get_field_index("track")
     both = both.set_column(place, both.schema.field(place), pa.array(tracks, pa.int32()))
     order = np.lexsort([tracks, both["time_s"].to_numpy()])
-    return both.take(order).combine_chunks(), numbers, _seam(without, with_them, from_s)
+    seam = max((float(np.hypot(*one)) for one in apart.values()), default=0.0)
+    return both.take(order).combine_chunks(), numbers, seam
 
 
-def _seam(without: pa.Table, with_them: pa.Table, from_s: float) -> float:
-    """Return how far the two tables are apart in the last step before a time, metres."""
+def _apart(without: pa.Table, with_them: pa.Table, from_s: float) -> dict[int, NDArray[np.float64]]:
+    """Return how far each track is, in the last step before a time, from where it is with events.
+
+    (2,) metres, by track.
+    """
     times = without["time_s"].to_numpy()
     earlier = times[times < from_s - 1e-6]
     if not len(earlier):
-        return 0.0
+        return {}
     places = []
     for table in (without, with_them):
         rows = table.filter(pc.equal(table["time_s"], float(earlier[-1])))
         xy = np.column_stack([rows["x"].to_numpy(), rows["y"].to_numpy()])
         places.append(dict(zip(rows["track"].to_pylist(), xy, strict=True)))
-    apart = [
-        float(np.hypot(*(xy - places[1][track])))
-        for track, xy in places[0].items()
-        if track in places[1]
-    ]
-    return max(apart, default=0.0)
+    return {track: xy - places[1][track] for track, xy in places[0].items() if track in places[1]}
+
+
+def _faded(table: pa.Table, apart: dict[int, NDArray[np.float64]], from_s: float) -> pa.Table:
+    """Return rows moved by what their tracks are apart at a time, less and less from then on."""
+    times = table["time_s"].to_numpy()
+    share = np.clip(1.0 - (times - from_s) / _FADES_S, 0.0, 1.0)
+    none = np.zeros(2)
+    moved = np.array([apart.get(track, none) for track in table["track"].to_pylist()])
+    for column, name in enumerate(("x", "y")):
+        place = table.schema.get_field_index(name)
+        values = table[name].to_numpy() + share * moved.reshape(-1, 2)[:, column]
+        table = table.set_column(place, table.schema.field(place), pa.array(values))
+    return table
 
 
 def everybody(demand: Demand, plan: Plan) -> Demand:

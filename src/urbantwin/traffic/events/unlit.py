@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 
 from urbantwin.taxonomy import material_id
+from urbantwin.traffic.assets.asset_name import AssetName
 from urbantwin.traffic.motion import Motion
 
 __all__ = ["unlit"]
@@ -23,18 +24,23 @@ def unlit(motion: Motion, track: int) -> Motion:
     names = np.asarray(table["asset"].to_numpy(zero_copy_only=False), object).copy()
     mine = tracks == track
     meshes = dict(motion.meshes)
+    renamed = {}
     for name in sorted(set(names[mine].tolist())):
+        usual = AssetName.of(name)
+        dark = usual._replace(body=f"{usual.body}-unlit")
+        renamed[name] = str(dark)
         for (asset, phase), mesh in motion.meshes.items():
-            if asset != name:
+            if asset != usual.unsized:
                 continue
             material = mesh.material.copy()
             for before, after in _BECOMES.items():
                 material[mesh.material == material_id(before)] = material_id(after)
-            meshes[f"{name}_unlit", phase] = replace(mesh, material=material)
-    names[mine] = [f"{name}_unlit" for name in names[mine]]
+            meshes[dark.unsized, phase] = replace(mesh, material=material)
+    names[mine] = [renamed[name] for name in names[mine]]
     place = table.schema.get_field_index("asset")
     changed = table.set_column(place, table.schema.field(place), pa.array(names.tolist()))
-    used = {*names.tolist(), *motion.parked["asset"].to_pylist()}
+    shown = {*names.tolist(), *motion.parked["asset"].to_pylist()}
+    used = {AssetName.of(name).unsized for name in shown}
     return replace(
         motion,
         actors=changed,
