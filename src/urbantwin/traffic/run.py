@@ -26,11 +26,13 @@ from urbantwin.traffic.assets import Fleet, OwnBodies
 from urbantwin.traffic.bottleneck import bottleneck
 from urbantwin.traffic.circulation import Circulation
 from urbantwin.traffic.circulation_report import circulation_report
-from urbantwin.traffic.demand import Demand, plan_demand
+from urbantwin.traffic.counts import counted_demand, counted_report, is_counted
+from urbantwin.traffic.demand import Demand, plan_demand, together
 from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
 from urbantwin.traffic.flow_calibration import calibrate
 from urbantwin.traffic.footing import on_footways
 from urbantwin.traffic.guessed_volumes import Bound, bound_of_signals
+from urbantwin.traffic.manners import manners_of
 from urbantwin.traffic.motion import ACTOR_SCHEMA, MOTION_VERSION, Motion
 from urbantwin.traffic.overlap import overlaps_of
 from urbantwin.traffic.parked import park
@@ -165,6 +167,10 @@ def _driven(
         "collisions": simulated.collisions,
         "poses_outside_ground": outside,
     }
+    if demand.counted:
+        manifest["counts"] = counted_report(
+            asked["counts"], asked["per_hour"], demand, simulated, steps=steps, step_s=step_s
+        )
     if demand.circulates:
         manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)
     manifest["parked"] = parked.notes
@@ -197,6 +203,9 @@ def demand_of(
         StageError: SUMO failed.
     """
     asked = asked or twin.site["traffic"]
+    manners = manners_of(asked.get("drivers", {}))
+    if asked.get("counts"):
+        return replace(_counted(twin, asked, duration_s, seed), manners=manners)
     network = StreetNetwork(twin.net_path, twin.region)
     own = own_bodies(twin)
     body = Fleet(country_of(*_anchor(twin)), seed, own).body
@@ -230,8 +239,8 @@ def demand_of(
             body=body,
         )
         held_up = bottleneck(twin.roads, found.standing) if found.carried < 1 else ""
-        return replace(demand, carried=found.carried, held_up=held_up, bound=bound)
-    return plan_demand(
+        return replace(demand, carried=found.carried, held_up=held_up, bound=bound, manners=manners)
+    planned = plan_demand(
         network,
         asked["per_hour"],
         warmup_s=float(asked["warmup_s"]),
@@ -239,6 +248,35 @@ def demand_of(
         seed=seed,
         body=body,
     )
+    return replace(planned, manners=manners)
+
+
+def _counted(twin: Twin, asked: Mapping[str, Any], duration_s: float, seed: int) -> Demand:
+    """Return the demand of a site that has counts: everybody passes through."""
+    outer = outer_roads(twin) if twin.site.get("closed_loop") else frozenset()
+    network = StreetNetwork(twin.net_path, twin.region, without=outer)
+    counts, per_hour = asked["counts"], asked["per_hour"]
+    warmup_s = float(asked["warmup_s"])
+    body = Fleet(country_of(*_anchor(twin)), seed).body
+    counted = counted_demand(
+        counts,
+        twin.roads,
+        network,
+        per_hour,
+        warmup_s=warmup_s,
+        duration_s=duration_s,
+        seed=seed,
+        body=body,
+    )
+    others = plan_demand(
+        network,
+        {name: rate for name, rate in per_hour.items() if not is_counted(name, counts)},
+        warmup_s=warmup_s,
+        duration_s=duration_s,
+        seed=seed,
+        body=body,
+    )
+    return together(counted, others)
 
 
 def own_bodies(twin: Twin) -> OwnBodies:
