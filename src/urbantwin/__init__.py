@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from urbantwin.errors import InputError, StageError, UrbanTwinError
     from urbantwin.fidelity.clouds import Cloud
     from urbantwin.fidelity.readers.recording import Recording
+    from urbantwin.interface.actor_catalogue import ActorCatalogue, actors
     from urbantwin.interface.aligned_rig import AlignedRig, align
     from urbantwin.interface.carla_frames import CarlaFrames, carla
     from urbantwin.interface.coverage_map import Coverage, coverage
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.measured_background import Background, background
     from urbantwin.interface.motion import Motion, drive
     from urbantwin.interface.opening import Package, open
-    from urbantwin.interface.recorded_traffic import replay
+    from urbantwin.interface.recorded_traffic import Calibration, calibrate, replay
     from urbantwin.interface.report import Report, compare
     from urbantwin.interface.reproduction import Reproduction, reproduce
     from urbantwin.interface.sensor_catalogue import Datasheet, SensorCatalogue, sensors
@@ -47,8 +48,10 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "ActorCatalogue",
     "AlignedRig",
     "Background",
+    "Calibration",
     "CarlaFrames",
     "Cloud",
     "Coverage",
@@ -75,9 +78,11 @@ __all__ = [
     "UrbanTwinError",
     "Verification",
     "__version__",
+    "actors",
     "align",
     "background",
     "build",
+    "calibrate",
     "carla",
     "compare",
     "coverage",

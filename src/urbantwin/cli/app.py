@@ -12,9 +12,11 @@ import typer
 
 from urbantwin import __version__
 from urbantwin.cli import (
+    actors,
     align,
     background,
     build,
+    calibrate,
     carla,
     compare,
     coverage,
@@ -84,6 +86,7 @@ for command, examples in (
     (build.build, build.EXAMPLES),
     (traffic.traffic, traffic.EXAMPLES),
     (replay.replay, replay.EXAMPLES),
+    (calibrate.calibrate, calibrate.EXAMPLES),
     (film.film, film.EXAMPLES),
     (record.record, record.EXAMPLES),
     (coverage.coverage, coverage.EXAMPLES),
@@ -97,6 +100,7 @@ for command, examples in (
     (verify.verify, verify.EXAMPLES),
     (reproduce.reproduce, reproduce.EXAMPLES),
     (sensors.sensors, sensors.EXAMPLES),
+    (actors.actors, actors.EXAMPLES),
 ):
     app.command(epilog=_examples(examples))(command)
 

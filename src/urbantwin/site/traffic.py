@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, field_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
+from urbantwin.errors import InputError
 from urbantwin.site.conditions import Strict
 from urbantwin.site.yaml_document import nearest, read_document, wrong
 from urbantwin.taxonomy import ACTOR_CLASSES
@@ -49,11 +51,92 @@ class SizeSpec(Strict):
     height: SizeFactor = 1.0
 
 
+class CountSpec(Strict):
+    """What was counted of one way through the junction.
+
+    Attributes:
+        approach: where it comes from: the id of a road, an arm of the junction (``north``), or the
+            name of a street that has one approach.
+        turn: where it goes: ``left``, ``through``, ``right``, ``u-turn``, or the id of a road, an
+            arm, or a street's name.
+        actor_class: of which class; without it, the motor traffic, shared out as ``per_hour`` is.
+        per_hour: how many in an hour; or
+        per_quarter: how many in each quarter of an hour from the motion's start on; the last one
+            holds from then on, and the first one before.
+        row: where it was written, for errors.
+    """
+
+    approach: Annotated[str, Field(min_length=1)]
+    turn: Annotated[str, Field(min_length=1)]
+    actor_class: ActorClass | None = None
+    per_hour: PerHour | None = None
+    per_quarter: list[PerHour] | None = None
+    row: str = ""
+
+    @field_validator("approach", "turn", mode="before")
+    @classmethod
+    def _numbers_are_ids(cls, value: Any) -> Any:  # noqa: ANN401
+        return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+    @model_validator(mode="after")
+    def _says_how_many_once(self) -> CountSpec:
+        if (self.per_hour is None) == (not self.per_quarter):
+            raise wrong("has no number, or two", "per_hour or per_quarter")
+        return self
+
+
+class DriverSpec(Strict):
+    """How the drivers of a class drive, where it is not as usual.
+
+    Attributes:
+        speed_factor: mean of the desired speed as a share of the limit.
+        speed_spread: its standard deviation.
+        headway_s: time that they keep to who is ahead, seconds.
+        standing_gap_m: distance that they keep when they stand, metres.
+        acceleration: most that they speed up with, m/s2.
+        critical_gap_s: shortest gap in the other traffic that they take, seconds.
+    """
+
+    speed_factor: Annotated[float, Field(ge=0.1, le=2.0)] | None = None
+    speed_spread: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
+    headway_s: Annotated[float, Field(ge=0.1, le=10.0)] | None = None
+    standing_gap_m: Annotated[float, Field(ge=0.1, le=20.0)] | None = None
+    acceleration: Annotated[float, Field(ge=0.2, le=10.0)] | None = None
+    critical_gap_s: Annotated[float, Field(ge=0.1, le=20.0)] | None = None
+
+
 class ParkedSpec(Strict):
     """Which share of the parking spaces is taken, 0..1, along streets and in car parks."""
 
     street: Share = USUALLY_PARKED
     car_park: Share = USUALLY_PARKED
+
+
+class OwnAssetSpec(Strict):
+    """A mesh that joins the catalogue of actors.
+
+    Attributes:
+        file: glTF, relative to ``site.yaml``.
+        actor_class: written ``class``: what its boxes are labelled with.
+        scale: metres of one of its units.
+        forward: its axis that points ahead; found from its shape if not given.
+        share: which share of the actors of its class it is.
+        licence: on what terms it may be used.
+        attribution: who made it.
+    """
+
+    file: Annotated[str, Field(min_length=1)]
+    actor_class: Annotated[ActorClass, Field(alias="class")]
+    scale: Annotated[float, Field(gt=0.0, le=1000.0, allow_inf_nan=False)] = 1.0
+    forward: Literal["x", "-x", "z", "-z"] | None = None
+    share: Share = 0.1
+    licence: str = "not stated"
+    attribution: str = "not stated"
+
+    @property
+    def name(self) -> str:
+        """What the asset is called: ``own-`` and the file's name in letters, digits and dashes."""
+        return "own-" + re.sub("[^a-z0-9]+", "-", Path(self.file).stem.lower()).strip("-")
 
 
 class TrafficSpec(Strict):
@@ -69,8 +152,12 @@ class TrafficSpec(Strict):
         step_s: time between two steps of the simulation, seconds.
         seed: of every random choice; the same seed gives the same traffic.
         size: by class, how large its actors are against the catalogue's.
+        counts: what was counted, way by way. Classes that are counted come as the counts say, pass
+            through and leave, and ``per_hour`` says nothing of them.
+        drivers: by class, how its drivers drive.
         parked: share of the parking spaces that are taken, 0..1: of all, or by ``street`` and
             ``car_park``.
+        assets: meshes that join the catalogue.
     """
 
     per_hour: dict[ActorClass, PerHour] = Field(default_factory=lambda: dict(DEFAULT_PER_HOUR))
@@ -80,7 +167,20 @@ class TrafficSpec(Strict):
     step_s: Annotated[float, Field(ge=0.01, le=1.0, allow_inf_nan=False)] = 0.1
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
     size: dict[ActorClass, SizeSpec] = Field(default_factory=dict)
+    counts: list[CountSpec] = Field(default_factory=list)
+    drivers: dict[ActorClass, DriverSpec] = Field(default_factory=dict)
     parked: ParkedSpec = Field(default_factory=ParkedSpec)
+
+    assets: list[OwnAssetSpec] = Field(default_factory=list)
+
+    @field_validator("assets")
+    @classmethod
+    def _told_apart(cls, value: list[OwnAssetSpec]) -> list[OwnAssetSpec]:
+        names = [one.name for one in value]
+        for name in names:
+            if names.count(name) > 1:
+                raise wrong(f"has two files that are called {name!r}", "files of different names")
+        return value
 
     @field_validator("parked", mode="before")
     @classmethod
@@ -101,5 +201,13 @@ def load_traffic_changes(path: Path) -> dict[str, Any]:
     Raises:
         InputError: the file is missing or wrong; it names the file, the field and the line.
     """
-    found = read_document(path, kind="traffic").validated(TrafficSpec)
+    document = read_document(path, kind="traffic")
+    found = document.validated(TrafficSpec)
+    if found.assets:
+        raise InputError(
+            "brings meshes along",
+            file=path,
+            place=document.place(("assets",)),
+            expected="them under `traffic:` of site.yaml: `urbantwin build` reads them",
+        )
     return found.model_dump(exclude_unset=True)

@@ -19,17 +19,20 @@ from urbantwin.result_warning import rows_of
 from urbantwin.roads.assignment.movement_flows import IN_CARS
 from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.site.country import country_of
+from urbantwin.site.traffic import OwnAssetSpec
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.actor_table import actor_table
-from urbantwin.traffic.assets import Fleet, asset
+from urbantwin.traffic.assets import Fleet, OwnBodies
 from urbantwin.traffic.bottleneck import bottleneck
 from urbantwin.traffic.circulation import Circulation
 from urbantwin.traffic.circulation_report import circulation_report
-from urbantwin.traffic.demand import Demand, plan_demand
+from urbantwin.traffic.counts import counted_demand, counted_report, is_counted
+from urbantwin.traffic.demand import Demand, plan_demand, together
 from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
 from urbantwin.traffic.flow_calibration import calibrate
 from urbantwin.traffic.footing import on_footways
 from urbantwin.traffic.guessed_volumes import Bound, bound_of_signals
+from urbantwin.traffic.manners import manners_of
 from urbantwin.traffic.motion import ACTOR_SCHEMA, MOTION_VERSION, Motion
 from urbantwin.traffic.overlap import overlaps_of
 from urbantwin.traffic.parked import park
@@ -40,7 +43,7 @@ from urbantwin.traffic.signals import signal_table
 from urbantwin.traffic.simulation import Simulated, simulate
 from urbantwin.twin import Twin
 
-__all__ = ["demand_of", "outer_roads", "run_traffic"]
+__all__ = ["demand_of", "outer_roads", "own_bodies", "run_traffic"]
 
 #: Length of road that a standing car takes, with the gap before it, metres.
 CAR_SPACE_M = 7.0
@@ -101,6 +104,7 @@ def _driven(
 ) -> Motion:
     """Return the motion of ``steps`` steps that a twin's traffic makes."""
     step_s, warmup_s, seed = float(asked["step_s"]), float(asked["warmup_s"]), asked["seed"]
+    own = own_bodies(twin)
     told(0.0, "planning trips")
     demand = demand_of(
         twin,
@@ -113,7 +117,7 @@ def _driven(
     simulated = simulate(
         twin.net_path,
         demand,
-        asset,
+        own.asset,
         warmup_s=warmup_s,
         steps=steps,
         step_s=step_s,
@@ -126,10 +130,11 @@ def _driven(
     actors, outside = actor_table(
         on_footways(simulated, demand, twin.roads),
         demand,
+        twin,
         ground,
         steps=steps,
         step_s=step_s,
-        asset=asset,
+        asset=own.asset,
         tell=between(told, 0.6, 0.85, "actors"),
     )
     signals = signal_table(simulated.signals, twin.roads.signals, steps=steps, step_s=step_s)
@@ -154,6 +159,10 @@ def _driven(
         "collisions": simulated.collisions,
         "poses_outside_ground": outside,
     }
+    if demand.counted:
+        manifest["counts"] = counted_report(
+            asked["counts"], asked["per_hour"], demand, simulated, steps=steps, step_s=step_s
+        )
     if demand.circulates:
         manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)
     parked = park(
@@ -161,11 +170,11 @@ def _driven(
         twin.mesh,
         ground,
         asked.get("parked", {}),
-        fleet=Fleet(country_of(*_anchor(twin)), seed),
-        asset=asset,
+        fleet=Fleet(country_of(*_anchor(twin)), seed, own),
+        asset=own.asset,
     )
     manifest["parked"] = parked.notes
-    driven = Motion(manifest, actors, signals, parked=parked.table(ACTOR_SCHEMA))
+    driven = Motion(manifest, actors, signals, own.meshes, parked=parked.table(ACTOR_SCHEMA))
     shown = driven.with_meshes(between(told, 0.85, 0.93))
     motion = resized(shown, asked.get("size", {}))
     told(0.93, "who passes through whom")
@@ -194,8 +203,12 @@ def demand_of(
         StageError: SUMO failed.
     """
     asked = asked or twin.site["traffic"]
+    manners = manners_of(asked.get("drivers", {}))
+    if asked.get("counts"):
+        return replace(_counted(twin, asked, duration_s, seed), manners=manners)
     network = StreetNetwork(twin.net_path, twin.region)
-    body = Fleet(country_of(*_anchor(twin)), seed).body
+    own = own_bodies(twin)
+    body = Fleet(country_of(*_anchor(twin)), seed, own).body
     circulation, bound = None, Bound()
     if twin.site.get("closed_loop"):
         circulation = Circulation(
@@ -214,7 +227,7 @@ def demand_of(
             circulation,
             twin.net_path,
             room=_room(twin),
-            asset=asset,
+            asset=own.asset,
             body=body,
             scratch=scratch,
             progress=progress,
@@ -226,14 +239,53 @@ def demand_of(
             body=body,
         )
         held_up = bottleneck(twin.roads, found.standing) if found.carried < 1 else ""
-        return replace(demand, carried=found.carried, held_up=held_up, bound=bound)
-    return plan_demand(
+        return replace(demand, carried=found.carried, held_up=held_up, bound=bound, manners=manners)
+    planned = plan_demand(
         network,
         asked["per_hour"],
         warmup_s=float(asked["warmup_s"]),
         duration_s=duration_s,
         seed=seed,
         body=body,
+    )
+    return replace(planned, manners=manners)
+
+
+def _counted(twin: Twin, asked: Mapping[str, Any], duration_s: float, seed: int) -> Demand:
+    """Return the demand of a site that has counts: everybody passes through."""
+    outer = outer_roads(twin) if twin.site.get("closed_loop") else frozenset()
+    network = StreetNetwork(twin.net_path, twin.region, without=outer)
+    counts, per_hour = asked["counts"], asked["per_hour"]
+    warmup_s = float(asked["warmup_s"])
+    body = Fleet(country_of(*_anchor(twin)), seed).body
+    counted = counted_demand(
+        counts,
+        twin.roads,
+        network,
+        per_hour,
+        warmup_s=warmup_s,
+        duration_s=duration_s,
+        seed=seed,
+        body=body,
+    )
+    others = plan_demand(
+        network,
+        {name: rate for name, rate in per_hour.items() if not is_counted(name, counts)},
+        warmup_s=warmup_s,
+        duration_s=duration_s,
+        seed=seed,
+        body=body,
+    )
+    return together(counted, others)
+
+
+def own_bodies(twin: Twin) -> OwnBodies:
+    """Return the bodies that a twin's site brings along."""
+    told = [OwnAssetSpec.model_validate(one) for one in twin.site["traffic"].get("assets", ())]
+    return OwnBodies(
+        {one.name: one.actor_class for one in told},
+        {one.name: one.share for one in told},
+        {(name, 0): mesh for name, mesh in twin.own_meshes.items()},
     )
 
 

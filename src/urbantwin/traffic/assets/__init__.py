@@ -4,6 +4,7 @@ from urbantwin.traffic.assets.asset_name import AssetName, sized_name
 from urbantwin.traffic.assets.catalogue import Asset, asset, asset_mesh, asset_names
 from urbantwin.traffic.assets.coat import COATED_CLASSES, COATS, coated_mesh, coated_name
 from urbantwin.traffic.assets.fleet import Fleet
+from urbantwin.traffic.assets.own import OwnBodies
 from urbantwin.traffic.assets.scaled import mesh_among, scaled_mesh
 
 __all__ = [
@@ -12,6 +13,7 @@ __all__ = [
     "Asset",
     "AssetName",
     "Fleet",
+    "OwnBodies",
     "asset",
     "asset_mesh",
     "asset_names",
