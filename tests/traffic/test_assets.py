@@ -18,13 +18,13 @@ from urbantwin.traffic.assets.primitive import box, capsule, cylinder, ellipsoid
 from urbantwin.traffic.assets.shell import Panel, Section, arched_outline, shell
 
 NAMES = [name for actor_class in ACTOR_CLASSES for name in asset_names(actor_class)]
-WALKERS = asset_names("pedestrian")
+WALKERS = [name for name in asset_names("pedestrian") if asset(name).stride_m > 0]
 WHEELED = [name for name in NAMES if name not in WALKERS]
 
 
 def sizes():
     folder, entries = files("urbantwin.traffic.assets"), {}
-    for name in ("assets.yaml", "cars.yaml"):
+    for name in ("assets.yaml", "cars.yaml", "light.yaml"):
         entries |= yaml.safe_load(folder.joinpath(name).read_text())
     return {name: entry.get("size") for name, entry in entries.items()}
 

@@ -21,7 +21,7 @@ from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.site.country import country_of
 from urbantwin.site.traffic import OwnAssetSpec
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.actor_table import actor_table
+from urbantwin.traffic.actor_table import Place, actor_table
 from urbantwin.traffic.assets import Fleet, OwnBodies
 from urbantwin.traffic.bottleneck import bottleneck
 from urbantwin.traffic.circulation import Circulation
@@ -127,11 +127,19 @@ def _driven(
     )
     told(0.6, "actors")
     ground = Ground(twin.ground_mesh, twin.roads)
+    parked = park(
+        twin.roads,
+        twin.mesh,
+        ground,
+        asked.get("parked", {}),
+        fleet=Fleet(country_of(*_anchor(twin)), seed, own),
+        asset=own.asset,
+    )
+    standing = parked.table(ACTOR_SCHEMA)
     actors, outside = actor_table(
         on_footways(simulated, demand, twin.roads),
         demand,
-        twin,
-        ground,
+        Place.of(twin.roads, ground, twin.mesh, standing),
         steps=steps,
         step_s=step_s,
         asset=own.asset,
@@ -165,20 +173,12 @@ def _driven(
         )
     if demand.circulates:
         manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)
-    parked = park(
-        twin.roads,
-        twin.mesh,
-        ground,
-        asked.get("parked", {}),
-        fleet=Fleet(country_of(*_anchor(twin)), seed, own),
-        asset=own.asset,
-    )
     manifest["parked"] = parked.notes
-    driven = Motion(manifest, actors, signals, own.meshes, parked=parked.table(ACTOR_SCHEMA))
+    driven = Motion(manifest, actors, signals, own.meshes, parked=standing)
     shown = driven.with_meshes(between(told, 0.85, 0.93))
     motion = resized(shown, asked.get("size", {}))
     told(0.93, "who passes through whom")
-    overlaps = overlaps_of(motion.actors, step_s, twin.mesh)
+    overlaps = overlaps_of(motion.actors, motion.parked, step_s, twin.mesh)
     manifest = {**motion.manifest, "overlaps": overlaps}
     manifest["warnings"] = rows_of(warnings_of_drive(manifest))
     made = {"actors": table_sha256(motion.actors), "meshes": meshes_sha256(motion.meshes)}
