@@ -13,6 +13,7 @@ ACTOR_SEMANTICS: dict[str, str] = {
     "motorcycle": "motorcyclist",
     "bicycle": "bicyclist",
     "pedestrian": "pedestrian",
+    "tram": "on-rails",
 }
 
 ACTOR_CLASSES: tuple[str, ...] = tuple(ACTOR_SEMANTICS)
