@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.coverage_map import Coverage, coverage
     from urbantwin.interface.dataset import Dataset, Frame, record
     from urbantwin.interface.exported import Exported, export
+    from urbantwin.interface.film import Film, film
     from urbantwin.interface.inspection import inspect
     from urbantwin.interface.measured_background import Background, background
     from urbantwin.interface.motion import Motion, drive
@@ -53,6 +54,7 @@ __all__ = [
     "Dataset",
     "Datasheet",
     "Exported",
+    "Film",
     "Frame",
     "InputError",
     "Motion",
@@ -81,6 +83,7 @@ __all__ = [
     "demo",
     "drive",
     "export",
+    "film",
     "init",
     "inspect",
     "open",

@@ -62,7 +62,7 @@ def test_the_version_is_the_packages(run_here: Run) -> None:
     ("arguments", "named"),
     [
         (("fly",), "fly"),
-        (("build", "site.yaml"), "--out"),
+        (("align", "frames", "twin"), "--out"),
         (("build", "-o", "twin"), "site"),
         (("traffic", "twin", "-o", "m", "--seconds", "-5"), "--seconds"),
         (("traffic", "twin", "-o", "m", "--seed", "-1"), "--seed"),

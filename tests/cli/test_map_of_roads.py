@@ -33,6 +33,7 @@ def test_from_a_map_to_frames(map_file, run_here, tmp_path):
     outcome = run_here("init", map_file, "-o", site, "--json")
     assert outcome.code == 0, outcome.err
     assert json.loads(outcome.out)["name"] == "Long Avenue / Cross Street"
+    assert json.loads(outcome.out)["next"] == f"urbantwin run {site / 'site.yaml'}"
     fields = yaml.safe_load((site / "site.yaml").read_text())
     fields |= {"region": {"radius_m": 60}, "closed_loop": False}
     fields["traffic"] |= {"duration_s": 1, "warmup_s": 20, "per_hour": {"car": 300}}

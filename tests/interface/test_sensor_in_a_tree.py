@@ -1,5 +1,6 @@
 """A tree where a pole would stand: `init` proposes another place, and `build` moves or tells."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -83,6 +84,10 @@ def test_a_build_moves_a_proposed_sensor_out_of_a_tree(overgrown: Path, built: u
     # The twin's own site holds the place where it stands now, which is nobody's proposal.
     kept = yaml.safe_load((built.folder / "rig.yaml").read_text())["sensors"][0]
     assert "proposed" not in kept
+    proposed = yaml.safe_load(overgrown.read_text())["rig"]["sensors"][0]
+    ways = [proposed[key] - kept[key] for key in ("east_m", "north_m", "height_m")]
+    moved = built.summary()["sensors_moved_from_their_proposal_m"]
+    assert moved == {one.name: pytest.approx(math.hypot(*ways), abs=0.06)}
     made_from = built.manifest["made_from"]["site"]["rig"]["sensors"][0]
     assert made_from["east_m"] == kept["east_m"] == one.east_m
 

@@ -21,7 +21,7 @@ urbantwin build site.yaml -o twin/ --json | jq .counts
 
 def build(
     site: Annotated[Path, typer.Argument(help="A site.yaml.")],
-    out: Out,
+    out: Out = None,
     pictures: Pictures = True,
     quiet: Quiet = False,
     as_json: AsJson = False,

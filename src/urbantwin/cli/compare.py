@@ -31,7 +31,7 @@ def compare(
     dataset: Annotated[
         Path, typer.Argument(help="A dataset, or a folder of clouds in the same frame.")
     ],
-    out: Out,
+    out: Out = None,
     arbitrary: Annotated[
         Path | None,
         typer.Option(

@@ -21,7 +21,7 @@ urbantwin coverage twin/ --rig rig.yaml -o coverage/ --cell 1
 
 def coverage(
     twin: Annotated[Path, typer.Argument(help="A twin's folder.")],
-    out: Out,
+    out: Out = None,
     rig: Annotated[
         Path | None, typer.Option(help="A rig.yaml; the twin's own rig if not given.")
     ] = None,

@@ -84,4 +84,4 @@ def init(
         force=force,
         progress=not quiet,
     )
-    Console(quiet=quiet, as_json=as_json).result(made.summary())
+    Console(quiet=quiet, as_json=as_json).result(made.proposal())

@@ -9,7 +9,15 @@ import typer
 
 __all__ = ["AsJson", "Layout", "Out", "Pictures", "Quiet", "RowWidth", "Seed", "Workers"]
 
-Out = Annotated[Path, typer.Option("--out", "-o", metavar="FOLDER", help="The folder to write.")]
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        "--out",
+        "-o",
+        metavar="FOLDER",
+        help="The folder to write.  [default: one beside what it is made from]",
+    ),
+]
 Layout = Annotated[
     str | None, typer.Option(help="Of the real frames.  [default: what their files tell]")
 ]

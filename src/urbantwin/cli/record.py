@@ -28,7 +28,7 @@ urbantwin record twin/ motion/ -o dataset/ --background corner=a.npz --backgroun
 def record(
     twin: Annotated[Path, typer.Argument(help="A twin's folder.")],
     motion: Annotated[Path, typer.Argument(help="The folder of a motion on that twin.")],
-    out: Out,
+    out: Out = None,
     rig: Annotated[
         Path | None, typer.Option(help="A rig.yaml; the twin's own rig if not given.")
     ] = None,

@@ -21,7 +21,7 @@ urbantwin run examples/two-avenues/site.yaml -o out/ --workers 2
 
 def run(
     site: Annotated[Path, typer.Argument(help="A site.yaml.")],
-    out: Out,
+    out: Out = None,
     workers: Workers = None,
     pictures: Pictures = True,
     quiet: Quiet = False,

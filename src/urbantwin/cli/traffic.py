@@ -22,7 +22,7 @@ urbantwin traffic twin/ -o motion/ --demand tuned/traffic.yaml
 
 def traffic(
     twin: Annotated[Path, typer.Argument(help="A twin's folder.")],
-    out: Out,
+    out: Out = None,
     seconds: Annotated[
         float | None,
         typer.Option(min=0.1, max=86400.0, help="Length of the motion; the site's if not given."),

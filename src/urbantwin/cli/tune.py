@@ -30,7 +30,7 @@ class _PointsIn(StrEnum):
 def tune(
     real: Annotated[Path, typer.Argument(help="Real frames of the rig, in the order of time.")],
     twin: Annotated[Path, typer.Argument(help="A twin's folder.")],
-    out: Out,
+    out: Out = None,
     motion: Annotated[
         Path | None, typer.Argument(help="A motion on it, to fit the actors of.")
     ] = None,

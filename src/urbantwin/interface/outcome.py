@@ -19,8 +19,12 @@ def outcome_of_twin(twin: Twin) -> dict[str, Any]:
     found: dict[str, Any] = {"roads": len(twin.roads.roads), "lanes": len(twin.roads.lanes)}
     for kind, counts in notes.get("mapped", {}).items():
         found[f"{kind}_of_mapped"] = {key: counts[key] for key in ("found", "mapped")}
-    seen = notes.get("sensors", {}).get("seen")
-    return found if seen is None else {**found, "junction_seen": seen}
+    sensors = notes.get("sensors", {})
+    if "seen" in sensors:
+        found["junction_seen"] = sensors["seen"]
+    if "moved_m" in sensors:
+        found["sensors_moved_from_their_proposal_m"] = sensors["moved_m"]
+    return found
 
 
 def outcome_of_motion(motion: Motion) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -65,6 +66,24 @@ class Site:
         resolved["region"] = {"area_m2": round(self.checked.region.area, 1)}
         return Summary(
             {"path": str(self.path), "kind": "site", **resolved, "inputs": self.checked.inputs()}
+        )
+
+    def proposal(self) -> Summary:
+        """Return what ``init`` decided, and what to do next: what else is usual is in the file."""
+        site = self.checked
+        sensors = {
+            one.name: f"{one.model}, {one.height_m:g} m above the ground"
+            for one in site.rig.sensors
+        }
+        return Summary(
+            path=str(self.path),
+            kind="site",
+            name=site.name,
+            anchor={"latitude": site.latitude, "longitude": site.longitude},
+            region={"area_m2": round(site.region.area, 1)},
+            traffic_per_hour={name: n for name, n in site.traffic.per_hour.items() if n},
+            sensors=sensors,
+            next=f"urbantwin run {shlex.quote(str(self.path))}",
         )
 
 

@@ -73,7 +73,8 @@ def paths_figure(
         figure.legend(
             handles=handles,
             loc="lower center",
-            ncols=len(handles),
+            bbox_to_anchor=(0.5, 0.02),
+            ncols=min(len(handles), 8),
             frameon=False,
             fontsize=11,
             labelcolor=style.INK,

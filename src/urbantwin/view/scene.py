@@ -8,9 +8,9 @@ that meet nothing near, over the neighbourhood, is the ambient light. Seeds are 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -177,7 +177,13 @@ def scene_figure(
     return figure
 
 
-def clear_camera(mesh: LabelledMesh, target: ArrayLike = (0.0, 0.0, 0.0)) -> Camera:
+def clear_camera(
+    mesh: LabelledMesh,
+    target: ArrayLike = (0.0, 0.0, 0.0),
+    *,
+    usual: Camera | None = None,
+    elevations_deg: Sequence[float] = ELEVATIONS_DEG,
+) -> Camera:
     """Return the camera that sees most of the junction at a place.
 
     Cameras all around and at several heights are tried, each by rays: how much it sees of the
@@ -188,16 +194,20 @@ def clear_camera(mesh: LabelledMesh, target: ArrayLike = (0.0, 0.0, 0.0)) -> Cam
     Args:
         mesh: the static world, site frame, metres.
         target: (3,) what is to be seen, metres.
+        usual: its distance, field and azimuth are those of the cameras that are tried.
+        elevations_deg: how high they stand, seen from the target; the lowest first.
     """
     caster = _Caster(mesh)
     middle = np.asarray(target, np.float64)
     places = _streets_about(mesh, middle)
-    best, most = Camera(target=target), -np.inf
-    for elevation in ELEVATIONS_DEG:
+    like = replace(usual or Camera(), target=target)
+    best, most = like, -np.inf
+    for elevation in elevations_deg:
         for turn in TURNS_DEG:
-            camera = Camera(target=target, azimuth_deg=-65.0 + turn, elevation_deg=elevation)
+            azimuth = like.azimuth_deg + turn
+            camera = replace(like, azimuth_deg=azimuth, elevation_deg=elevation)
             worth = _seen(caster, camera, places) - _in_the_way(caster, camera, middle)
-            worth -= STEEPNESS * (elevation - ELEVATIONS_DEG[0])
+            worth -= STEEPNESS * (elevation - elevations_deg[0])
             if worth > most + 1e-3:
                 best, most = camera, worth
     return best

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
@@ -45,7 +46,9 @@ def standing_rig(
     sight = sight_of_rig(rig, network, site.region, mesh)
     if sight is None:
         return StandingRig(spec)
-    return StandingRig(spec, sight.notes(), tuple(sight.warnings()))
+    moved = _moves(site.rig, spec)
+    notes = {**sight.notes(), **({"moved_m": moved} if moved else {})}
+    return StandingRig(spec, notes, tuple(sight.warnings()))
 
 
 def stand_in_sight(
@@ -98,6 +101,21 @@ def _stays(
         return False
     now = view_of(mounted, junction)
     return now.nearest_m >= CLEAR_M and best.score <= now.score + _WORTH
+
+
+def _moves(written: RigSpec, standing: RigSpec) -> dict[str, float]:
+    """Return how far each sensor that moved stands from where it was proposed, metres."""
+    away = {
+        one.name: float(np.linalg.norm(_place(now) - _place(one)))
+        for one, now in zip(written.sensors, standing.sensors, strict=True)
+        if one.proposed
+    }
+    return {name: round(metres, 1) for name, metres in away.items() if metres > 0.05}
+
+
+def _place(one: SensorSpec) -> NDArray[np.float64]:
+    """Return east, north and height above the ground (3,), metres; 0 where none is given."""
+    return np.nan_to_num(np.array([one.east_m, one.north_m, one.height_m], dtype=np.float64))
 
 
 def _moved(one: SensorSpec, best: View) -> SensorSpec:

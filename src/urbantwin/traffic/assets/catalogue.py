@@ -21,6 +21,7 @@ from urbantwin.traffic.assets.coat import COATED_CLASSES, bare_name, coated_mesh
 from urbantwin.traffic.assets.gait import GAIT_PHASES, stride_length, walker
 from urbantwin.traffic.assets.parts import parts
 from urbantwin.traffic.assets.person import Figure
+from urbantwin.traffic.assets.sized import bare_of_sized, sized_mesh
 from urbantwin.traffic.assets.solid import Solid, fitted, labelled
 from urbantwin.traffic.assets.tram import tram_bodies, tram_entries, tram_section
 from urbantwin.traffic.assets.two_wheeler import PEDAL_PHASES, hub_contacts, two_wheeler
@@ -84,9 +85,24 @@ def asset_names(actor_class: str) -> tuple[str, ...]:
 def asset(name: str) -> Asset:
     """Return an asset; a vehicle's name may have a coat, as ``car-sedan_black`` has.
 
+    Any name may have a size of its own: ``car-sedan_black@4.70x1.85x1.45`` (``sized``).
+
     Raises:
         InputError: there is no asset of that name.
     """
+    unsized, size = bare_of_sized(name)
+    if size is not None:
+        usual = asset(unsized)
+        factors = _factors(usual, size)
+        return replace(
+            usual,
+            name=name,
+            length=size[0],
+            width=size[1],
+            height=size[2],
+            contacts=usual.contacts * np.array(factors),
+            stride_m=usual.stride_m * factors[2],
+        )
     bare, coat = bare_name(name)
     if coat is not None and _entry(bare)["class"] in COATED_CLASSES:
         return replace(asset(bare), name=name)
@@ -129,13 +145,17 @@ def asset_mesh(name: str, phase: int = 0) -> LabelledMesh:
     """Return the mesh of an asset in its own frame; ``part`` counts its closed solids from 1.
 
     Args:
-        name: of the asset; a vehicle's may have a coat, as ``car-sedan_black`` has.
+        name: of the asset; a vehicle's may have a coat, as ``car-sedan_black`` has, and any may
+            have a size.
         phase: of the cycle of movement (0 <= phase < ``asset(name).phases``), or
             ``asset(name).standing``.
 
     Raises:
         InputError: there is no asset of that name, or no such phase of it.
     """
+    unsized, size = bare_of_sized(name)
+    if size is not None:
+        return sized_mesh(asset_mesh(unsized, phase), _factors(asset(unsized), size))
     bare, coat = bare_name(name)
     if coat is not None and _entry(bare)["class"] in COATED_CLASSES:
         return coated_mesh(asset_mesh(bare, phase), coat)
@@ -147,6 +167,11 @@ def asset_mesh(name: str, phase: int = 0) -> LabelledMesh:
         )
     solids = _solids(name, phase, halted=phase == standing > 0)
     return labelled(solids, semantic_id(ACTOR_SEMANTICS[entry["class"]]))
+
+
+def _factors(usual: Asset, size: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Return by what an asset is stretched to have a size."""
+    return size[0] / usual.length, size[1] / usual.width, size[2] / usual.height
 
 
 def _phases(entry: dict[str, Any]) -> tuple[int, int]:

@@ -1,0 +1,175 @@
+"""A film of a motion, so that a person sees the traffic before recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from urbantwin.artefact import check_file, replaced_file
+from urbantwin.errors import InputError
+from urbantwin.interface.motion import Motion
+from urbantwin.interface.place import AnyPath, beside
+from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.summary import Summary
+from urbantwin.number_text import finite_number
+from urbantwin.progress import between
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from urbantwin.interface.twin import Twin
+
+__all__ = ["Film", "film"]
+
+
+@dataclass(frozen=True)
+class Film:
+    """A film that was written; it stands for its file.
+
+    Attributes:
+        path: the file.
+        pictures: how many there are.
+        seconds: how long it takes to look at.
+        width: pixels.
+        height: pixels.
+    """
+
+    path: Path
+    pictures: int
+    seconds: float
+    width: int
+    height: int
+
+    def __fspath__(self) -> str:
+        """Return the file."""
+        return str(self.path)
+
+    def summary(self) -> Summary:
+        """Return what was written in a few values."""
+        return Summary(
+            path=str(self.path),
+            pictures=self.pictures,
+            seconds=self.seconds,
+            size=f"{self.width} x {self.height}",
+        )
+
+
+def film(  # noqa: PLR0913 - an option of the command each
+    motion: Motion | AnyPath,
+    out: AnyPath | None = None,
+    *,
+    twin: Twin | AnyPath | None = None,
+    view: str = "both",
+    start: float = 0.0,
+    stop: float | None = None,
+    fps: float = 10.0,
+    speed: float = 1.0,
+    width: int = 1280,
+    at: str | None = None,
+    radius: float | None = None,
+    progress: ShowProgress = True,
+) -> Film:
+    """Film a motion from above and from a street corner: signals, and actors by class.
+
+    Args:
+        motion: the motion, or its folder.
+        out: the ``.mp4`` or ``.gif`` to write; ``film.mp4`` beside the motion when not given, or
+            ``film.gif`` where there is no ffmpeg.
+        twin: that it was driven on; the one beside the motion when not given.
+        view: ``above``, ``corner`` or ``both``, side by side.
+        start: first moment, seconds of the motion.
+        stop: last moment; the end of the motion if not given.
+        fps: pictures per second, 0.1 to 50.
+        speed: seconds of the motion in a second of the film.
+        width: of the pictures, pixels.
+        at: the middle of what is shown, ``X,Y`` in metres of the site; its anchor if not given.
+        radius: how far around it is seen from above, metres; 100 or all of the region if not given.
+        progress: show how far it is; or a function that is told (share, doing).
+
+    Raises:
+        InputError: the motion, the twin or a value cannot be used, or MP4 needs ffmpeg.
+        StageError: ffmpeg failed.
+
+    Example:
+        >>> ut.film("out/motion", "film.gif", stop=10)
+    """
+    from urbantwin.interface.twin import Twin
+    from urbantwin.view.film import (
+        check_video_file,
+        film_colours,
+        film_pictures,
+        plan_film,
+        write_video,
+    )
+    from urbantwin.view.pictures import attributions
+
+    opened = Motion.open(motion)
+    place = _place(opened, out)
+    check_video_file(place)
+    ground = Twin.open(beside(opened, "twin") if twin is None else twin)
+    check_file(place, inputs=[opened.folder, ground.folder])
+    if ground.sha256 != opened.manifest["twin_sha256"]:
+        raise InputError(
+            "is not the twin that the motion was driven on",
+            file=ground.folder,
+            expected="that twin, by --twin",
+        )
+    plan = plan_film(
+        opened,
+        ground,
+        view=view,
+        start_s=start,
+        stop_s=stop,
+        rate_hz=fps,
+        speed=speed,
+        width=width,
+        at=None if at is None else _middle(at),
+        radius_m=radius,
+    )
+    shape = (0, 0)
+    with shown_stage("film", progress) as tell, replaced_file(place) as path:
+        tell(0.0, "drawing what stands")
+        picture = film_pictures(
+            plan, opened, ground, attribution=" · ".join(attributions(ground.manifest))
+        )
+        told = between(tell, 0.2, 1.0)
+        first, last = plan.times_s[0], plan.times_s[-1]
+
+        def drawn(time_s: float) -> NDArray[np.uint8]:
+            nonlocal shape
+            told((time_s - first) / max(last - first, 1e-9), "pictures")
+            made = picture(time_s)
+            shape = made.shape[:2]
+            return made
+
+        write_video(path, plan.times_s, drawn, rate_hz=plan.rate_hz, keep=film_colours())
+    count = len(plan.times_s)
+    return Film(place, count, round(count / plan.rate_hz, 3), shape[1], shape[0])
+
+
+def _middle(text: str) -> tuple[float, float]:
+    """Return the place that ``X,Y`` says.
+
+    Raises:
+        InputError: it says none.
+    """
+    numbers = [finite_number(one) for one in text.split(",")]
+    if len(numbers) != 2 or numbers[0] is None or numbers[1] is None:
+        raise InputError(f"{text!r:.40}", place="at", expected="X,Y in metres of the site")
+    return numbers[0], numbers[1]
+
+
+def _place(motion: Motion, out: AnyPath | None) -> Path:
+    """Return where the film goes."""
+    from urbantwin.view.film import check_video_file
+
+    if out is not None:
+        return Path(out)
+    place = beside(motion, "film.mp4")
+    try:
+        check_video_file(place)
+    except InputError:
+        return place.with_suffix(".gif")
+    return place

@@ -1,0 +1,91 @@
+"""Which lane an actor is on, from where it is, where it faces, and who may use the lane."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.roads import Lane, RoadNetwork
+
+__all__ = ["LanesBelow"]
+
+#: What a lane costs that its user may not use; against radians of turn and metres off its middle.
+_FORBIDDEN = 4.0
+_OFF_MIDDLE_PER_M = 0.3
+_LEVEL_PER_M = 1.0
+_WALKED = ("sidewalk", "crossing", "walkingarea")
+_NOT_USED = ("curb", "median", "island")
+
+
+@dataclass(frozen=True, eq=False)
+class LanesBelow:
+    """The lanes of a network, to be asked by place."""
+
+    roads: RoadNetwork
+    _lanes: list[Lane] = field(init=False)
+    _tree: shapely.STRtree = field(init=False)
+
+    def __post_init__(self) -> None:
+        lanes = [lane for lane in self.roads.lanes if lane.kind not in _NOT_USED]
+        object.__setattr__(self, "_lanes", lanes)
+        object.__setattr__(self, "_tree", shapely.STRtree([lane.polygon for lane in lanes]))
+
+    def at(
+        self,
+        xy: NDArray[np.float64],
+        yaw: NDArray[np.float64],
+        actor_class: str,
+        z: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.object_]:
+        """Return the id of the lane (N,) below each pose of an actor; empty beside all lanes.
+
+        Of several lanes it is the one that the actor may use, that leads where it faces, in whose
+        middle it is, and at whose height.
+
+        Args:
+            xy: (N, 2) places, site frame, metres.
+            yaw: (N,) headings, rad; of no account for people.
+            actor_class: who it is.
+            z: (N,) heights where they are known, metres.
+        """
+        found = np.full(len(xy), "", object)
+        point, number = self._tree.query(shapely.points(xy), predicate="intersects")
+        if not len(point):
+            return found
+        cost = np.empty(len(point))
+        walks = actor_class == "pedestrian"
+        for lane_number in np.unique(number):
+            mine = np.flatnonzero(number == lane_number)
+            lane = self._lanes[lane_number]
+            who = point[mine]
+            # Walking areas have no line of their own: they are taken where nothing else is.
+            allowed = actor_class in lane.allowed and (lane.kind in _WALKED) == walks
+            cost[mine] = 0.0 if allowed else _FORBIDDEN
+            if lane.kind != "walkingarea" and len(lane.centre) > 1:
+                away, turned = _beside(lane.centre[:, :2], xy[who], yaw[who])
+                cost[mine] += _OFF_MIDDLE_PER_M * away + (0.0 if walks else turned)
+            else:
+                cost[mine] += 1.0
+            if z is not None:
+                cost[mine] += _LEVEL_PER_M * np.abs(self.roads.height(lane.id, xy[who]) - z[who])
+        order = np.lexsort([number, cost, point])
+        first = order[np.concatenate([[True], np.diff(point[order]) != 0])]
+        names = np.array([lane.id for lane in self._lanes], object)
+        found[point[first]] = names[number[first]]
+        return found
+
+
+def _beside(
+    line: NDArray[np.float64], xy: NDArray[np.float64], yaw: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return how far points are from a line, metres, and how far they face from its direction."""
+    string, points = shapely.LineString(line), shapely.points(xy)
+    along = np.asarray(shapely.line_locate_point(string, points))
+    step = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    segment = np.searchsorted(np.cumsum(step), along, side="right").clip(0, len(step) - 1)
+    direction = np.diff(line, axis=0)[segment]
+    turned = np.angle(np.exp(1j * (yaw - np.arctan2(direction[:, 1], direction[:, 0]))))
+    return np.asarray(shapely.distance(string, points)), np.abs(turned)

@@ -1,0 +1,210 @@
+"""Prescribed actors: their way is given, not simulated; they stand on the twin's ground."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+from urbantwin.progress import Progress, each, untold
+from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.traffic.assets import COATED_CLASSES, Asset, asset, asset_names, coated_name
+from urbantwin.traffic.lane_below import LanesBelow
+from urbantwin.traffic.motion import ACTOR_SCHEMA, step_times
+from urbantwin.traffic.placement import Ground, stand
+from urbantwin.twin import Twin
+
+__all__ = ["PrescribedPath", "TwinSurface", "prescribed_table", "usual_asset"]
+
+_STANDING_MS = 0.15  # who is slower than this stands, m/s
+_GOLDEN = (5**0.5 - 1) / 2  # spreads the first postures
+_SHORT_M = 0.3  # who moved less than this has no direction of travel
+_SLACK_S = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class PrescribedPath:
+    """Where one actor is, at N moments. Between them it moves evenly.
+
+    Attributes:
+        actor_class: one of ``taxonomy.ACTOR_CLASSES``.
+        asset: name of its mesh, with a coat and a size where it has them.
+        time_s: (N,) ascending moments, seconds from the motion's start. It is there from the first
+            to the last of them.
+        xy: (N, 2) middle of its bounds, site frame, metres.
+        yaw: (N,) heading, rad; ``None`` to face where it goes.
+        speed: (N,) m/s along the heading; ``None`` for that of the path.
+        z: (N,) about how high it is, metres, which tells a bridge from the road below; ``None`` for
+            the level of the lane that it is on.
+    """
+
+    actor_class: str
+    asset: str
+    time_s: NDArray[np.float64]
+    xy: NDArray[np.float64]
+    yaw: NDArray[np.float64] | None = None
+    speed: NDArray[np.float64] | None = None
+    z: NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse what is no path.
+
+        Raises:
+            InputError: an unknown class or mesh; times that do not ascend; numbers that are none.
+        """
+        if self.actor_class not in ACTOR_CLASSES:
+            raise InputError(
+                f"unknown actor class '{self.actor_class}'", expected=", ".join(ACTOR_CLASSES)
+            )
+        asset(self.asset)
+        count = len(self.time_s)
+        if count == 0 or self.xy.shape != (count, 2):
+            raise InputError(
+                f"a path of {count} moments and {len(self.xy)} places",
+                expected="a place (x, y) for every moment, one at least",
+            )
+        if (np.diff(self.time_s) <= 0).any():
+            row = int(np.argmax(np.diff(self.time_s) <= 0)) + 1
+            raise InputError("time does not go on", place=f"moment {row}", expected="later times")
+        every = (self.time_s, self.xy, self.yaw, self.speed, self.z)
+        if not all(one is None or np.isfinite(one).all() for one in every):
+            raise InputError("a path with values that are not finite")
+
+    def heading(self) -> NDArray[np.float64]:
+        """Return the heading (N,), rad, without leaps of a turn."""
+        if self.yaw is not None:
+            return np.unwrap(self.yaw)
+        moved = np.zeros_like(self.xy) if len(self.xy) < 2 else np.gradient(self.xy, axis=0)
+        facing = np.arctan2(moved[:, 1], moved[:, 0])
+        known = np.flatnonzero(np.linalg.norm(moved, axis=1) > 1e-3)
+        if not len(known) or float(np.ptp(self.xy, axis=0).max()) < _SHORT_M:
+            return np.full(len(self.xy), facing[known[0]] if len(known) else 0.0)
+        return np.asarray(np.interp(np.arange(len(facing)), known, np.unwrap(facing[known])))
+
+    def pace(self, heading: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the speed (N,) along a heading (N,), m/s."""
+        if self.speed is not None:
+            return self.speed
+        if len(self.time_s) < 2:
+            return np.zeros(len(self.time_s))
+        velocity = np.gradient(self.xy, self.time_s, axis=0)
+        return velocity[:, 0] * np.cos(heading) + velocity[:, 1] * np.sin(heading)
+
+
+class TwinSurface:
+    """What prescribed actors stand on: the ground of a twin, and its lanes.
+
+    Args:
+        twin: the twin.
+    """
+
+    def __init__(self, twin: Twin) -> None:
+        self.ground = Ground(twin.ground_mesh, twin.roads)
+        self.lanes = LanesBelow(twin.roads)
+
+
+def usual_asset(actor_class: str, number: int) -> str:
+    """Return the mesh, with its coat, of the n-th actor of a class, where nothing is known of it.
+
+    Raises:
+        InputError: there is no such class.
+    """
+    names = asset_names(actor_class)
+    name = names[int((number * _GOLDEN) % 1.0 * len(names))]
+    return coated_name(name, number) if actor_class in COATED_CLASSES else name
+
+
+def prescribed_table(
+    paths: Sequence[PrescribedPath],
+    surface: TwinSurface,
+    *,
+    steps: int,
+    step_s: float,
+    first_track: int = 1,
+    tell: Progress = untold,
+) -> tuple[pa.Table, int]:
+    """Return the rows of actors whose paths are given, and how many poses are beside the ground.
+
+    Poses beside the ground are left out. A track's number tells the place of its path, and does not
+    depend on the other paths.
+
+    Args:
+        paths: who comes, and how.
+        surface: what they stand on.
+        steps: how many steps the motion has.
+        step_s: time between them.
+        first_track: number of the first path's track.
+        tell: called with the fraction done (0..1) and what is being done.
+    """
+    times = step_times(steps, step_s)
+    parts, outside = [], 0
+    for number, path in each(list(enumerate(paths)), tell, "on the ground"):
+        begin, end = path.time_s[0] - _SLACK_S, path.time_s[-1] + _SLACK_S
+        there = times[(times >= begin) & (times <= end)]
+        rows = _rows(path, there, first_track + number, surface)
+        kept = np.isfinite(rows["z"])
+        outside += int((~kept).sum())
+        parts.append({name: values[kept] for name, values in rows.items()})
+    if not parts:
+        return ACTOR_SCHEMA.empty_table(), 0
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    order = np.lexsort([columns["track"], columns["time_s"]])
+    arrays = [pa.array(columns[field.name][order], field.type) for field in ACTOR_SCHEMA]
+    return pa.table(arrays, schema=ACTOR_SCHEMA), outside
+
+
+def _rows(
+    path: PrescribedPath, times: NDArray[np.float64], track: int, surface: TwinSurface
+) -> dict[str, NDArray[np.generic]]:
+    """Return the columns of one actor at the steps at which it is there."""
+    mesh, heading = asset(path.asset), path.heading()
+    x, y, yaw, speed = (
+        np.interp(times, path.time_s, values)
+        for values in (*path.xy.T, heading, path.pace(heading))
+    )
+    xy = np.column_stack([x, y])
+    height = None if path.z is None else np.interp(times, path.time_s, path.z)
+    lane = surface.lanes.at(xy, yaw, path.actor_class, height)
+    names, which = np.unique(lane.astype(str), return_inverse=True)
+    ceiling = surface.ground.ceiling(xy, which.astype(np.int32), tuple(names.tolist()))
+    z, pitch, roll = stand(surface.ground, mesh.contacts, xy, yaw, ceiling)
+    values = {
+        "time_s": times,
+        "track": track,
+        "class": path.actor_class,
+        "asset": path.asset,
+        "phase": _phases(mesh, path, times, speed, track),
+        "x": x,
+        "y": y,
+        "z": z,
+        "yaw": np.angle(np.exp(1j * yaw)),
+        "pitch": pitch,
+        "roll": roll,
+        "length": mesh.length,
+        "width": mesh.width,
+        "height": mesh.height,
+        "speed": speed,
+        "lane": lane,
+    }
+    return {name: np.broadcast_to(np.asarray(one), times.shape) for name, one in values.items()}
+
+
+def _phases(
+    mesh: Asset,
+    path: PrescribedPath,
+    times: NDArray[np.float64],
+    speed: NDArray[np.float64],
+    track: int,
+) -> NDArray[np.int16]:
+    """Return the posture at each step: by the distance gone, or halted."""
+    moving = np.zeros(len(times))
+    if mesh.phases > 1:
+        gone = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path.xy, axis=0), axis=1))])
+        cycles = np.interp(times, path.time_s, gone) / mesh.stride_m + track * _GOLDEN
+        moving = np.floor(cycles % 1.0 * mesh.phases).clip(0, mesh.phases - 1)
+    halted = np.abs(speed) < _STANDING_MS
+    return np.where(halted, mesh.standing, moving).astype(np.int16)

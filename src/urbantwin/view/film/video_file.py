@@ -1,0 +1,139 @@
+"""Files of moving pictures: GIF by Pillow, MP4 by ffmpeg, which runs as a program beside us."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import shutil
+import subprocess
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from urbantwin.errors import InputError, StageError
+
+__all__ = ["check_video_file", "write_video"]
+
+#: A GIF counts time in hundredths of a second, and players slow down what is faster than 50 Hz.
+_TICK_S = 0.01
+#: Colours of a GIF are chosen from so many of its pictures.
+_SAMPLES = 5
+
+Picture = NDArray[np.uint8]
+
+
+def check_video_file(path: Path) -> None:
+    """Refuse a file that cannot be written as a film.
+
+    Raises:
+        InputError: the name ends otherwise than in ``.mp4`` or ``.gif``, or there is no ffmpeg.
+    """
+    kind = path.suffix.lower()
+    if kind not in (".mp4", ".gif"):
+        raise InputError("is no film", file=path, expected="a name that ends in .mp4 or .gif")
+    if kind == ".mp4" and _ffmpeg() is None:
+        raise InputError(
+            "needs ffmpeg, which is not installed",
+            file=path,
+            expected="pip install 'urbantwin[film]', an ffmpeg on the PATH, or a name in .gif",
+        )
+
+
+def write_video(
+    path: Path,
+    times_s: Sequence[float],
+    picture: Callable[[float], Picture],
+    *,
+    rate_hz: float,
+    keep: Sequence[tuple[int, int, int]] = (),
+) -> None:
+    """Write a film; a GIF of the same pictures has the same bytes.
+
+    Args:
+        path: the ``.mp4`` (H.264, which every player has) or ``.gif``.
+        times_s: of the pictures, one or more.
+        picture: makes the picture (height, width, 3) of a time, 0..255; sides of an MP4 are even.
+        rate_hz: pictures per second.
+        keep: colours that a GIF has to show as they are.
+
+    Raises:
+        InputError: see `check_video_file`.
+        StageError: ffmpeg failed.
+    """
+    check_video_file(path)
+    if path.suffix.lower() == ".gif":
+        _write_gif(path, times_s, picture, rate_hz, keep)
+    else:
+        _write_mp4(path, map(picture, times_s), rate_hz)
+
+
+def _write_gif(
+    path: Path,
+    times_s: Sequence[float],
+    picture: Callable[[float], Picture],
+    rate_hz: float,
+    keep: Sequence[tuple[int, int, int]],
+) -> None:
+    some = sorted({round(k * (len(times_s) - 1) / (_SAMPLES - 1)) for k in range(_SAMPLES)})
+    samples = np.concatenate([picture(times_s[number]) for number in some])
+    # One palette for all: what stands still keeps its colour, and is not stored again.
+    chosen = Image.fromarray(samples).quantize(255 - len(keep), method=Image.Quantize.MEDIANCUT)
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([value for one in keep for value in one] + (chosen.getpalette() or []))
+
+    def reduced(pixels: Picture) -> Image.Image:
+        return Image.fromarray(pixels).quantize(palette=palette, dither=Image.Dither.NONE)
+
+    first, *rest = times_s
+    # The hundredths of a second are shared out so that the film does not run away from the clock.
+    ends = np.round(np.arange(1, len(times_s) + 1) / rate_hz / _TICK_S).astype(int)
+    lasting = np.diff(ends, prepend=0) * 10
+    reduced(picture(first)).save(
+        path,
+        format="GIF",
+        save_all=True,
+        append_images=(reduced(picture(time_s)) for time_s in rest),
+        duration=lasting.tolist(),
+        loop=0,
+        disposal=1,
+    )
+
+
+def _write_mp4(path: Path, pictures: Iterable[Picture], rate_hz: float) -> None:
+    several = iter(pictures)
+    first = next(several)
+    height, width = first.shape[:2]
+    program = _ffmpeg()
+    assert program is not None
+    command = [program, "-y", "-loglevel", "error", "-f", "rawvideo", "-pix_fmt", "rgb24"]
+    command += ["-s", f"{width}x{height}", "-r", f"{rate_hz:g}", "-i", "-", "-an"]
+    command += ["-c:v", "libx264", "-preset", "medium", "-crf", "20", "-pix_fmt", "yuv420p"]
+    command += ["-movflags", "+faststart", "-fflags", "+bitexact", "-f", "mp4", str(path)]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        assert process.stdin is not None
+        assert process.stderr is not None
+        try:
+            with suppress(BrokenPipeError):  # it says why on its stderr
+                process.stdin.write(first.tobytes())
+                for one in several:
+                    process.stdin.write(one.tobytes())
+            with suppress(BrokenPipeError):
+                process.stdin.close()
+            said = process.stderr.read().decode(errors="replace").strip()
+        except BaseException:
+            process.kill()
+            raise
+    if process.returncode:
+        raise StageError(f"ffmpeg failed: {said.splitlines()[-1] if said else process.returncode}")
+
+
+def _ffmpeg() -> str | None:
+    """Return the program: that of the package ``imageio-ffmpeg``, else one on the PATH."""
+    if importlib.util.find_spec("imageio_ffmpeg") is not None:
+        with suppress(RuntimeError):  # the package carries none for this machine
+            return str(importlib.import_module("imageio_ffmpeg").get_ffmpeg_exe())
+    return shutil.which("ffmpeg")
