@@ -238,7 +238,7 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
     model = place_heads(model, network, ground, practice_of(country), surface.height)
     model, signs = add_signs(model, ground, extract, frame, country)
     redraw_sumo_network(out, network, buildings)
-    network = with_trams(network, extract, frame, region, closed_loop=closed_loop)
+    network = with_trams(network, extract, frame, region, elevation, closed_loop=closed_loop)
     add_rails(out, network.tracks)
     notes: dict[str, object] = {
         "roads": len(network.roads),

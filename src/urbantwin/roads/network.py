@@ -169,7 +169,7 @@ class Track:
 
     Attributes:
         id: of its edge in the SUMO network.
-        line: (N, 2) points from start to end, site frame.
+        line: (N, 3) points from start to end, site frame, at about the ground's height.
         speed: greatest, m/s.
         level: 0 on the ground, 1, 2, ... on bridges.
         successors: ids of the tracks that follow.
@@ -177,7 +177,7 @@ class Track:
     """
 
     id: str
-    line: Pairs
+    line: Triples
     speed: float
     level: int
     successors: tuple[str, ...]

@@ -65,6 +65,9 @@ TRUCKS = 0.04
 MOTORCYCLE_IN_CARS = 0.4
 #: Buses per hour on each line that is mapped, one direction: one every quarter of an hour.
 LINE_PER_HOUR = 4.0
+#: Trams per hour on each line that is mapped, one direction: one every ten minutes, as most
+#: networks run at midday on working days, where the line's ``interval`` says nothing.
+TRAM_LINE_PER_HOUR = 6.0
 #: The same at each stop, where stops are mapped and lines are not.
 STOP_PER_HOUR = 3.0
 #: One signalised junction carries no more, and a place has some, cars per hour: of streams that
@@ -98,6 +101,7 @@ def usual_per_hour(
     country: str = "",
     bus_lines: int = 0,
     bus_stops: int = 0,
+    trams: float = 0.0,
     walkers: float = 0.0,
 ) -> dict[str, int]:
     """Return how many come into a place per hour, by class of actors.
@@ -107,6 +111,7 @@ def usual_per_hour(
         country: ISO 3166-1 alpha-2; empty if unknown.
         bus_lines: lines that are mapped there, each direction by itself.
         bus_stops: stops that are mapped there.
+        trams: trams per hour on the lines that are mapped there, each direction by itself.
         walkers: people on foot per hour.
     """
     room = sum(LANE_PER_HOUR.get(kind, OTHER_PER_HOUR) * count for kind, count in lanes.items())
@@ -123,8 +128,10 @@ def usual_per_hour(
         "motorcycle": motor * share,
         "bicycle": cars * usual.bicycles,
         "pedestrian": walkers,
+        "tram": trams,
     }
-    return {name: _rounded(count) for name, count in found.items()}
+    rounded = {name: _rounded(count) for name, count in found.items()}
+    return {name: count for name, count in rounded.items() if count or name != "tram"}
 
 
 def _rounded(count: float) -> int:

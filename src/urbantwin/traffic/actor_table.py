@@ -10,7 +10,9 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from urbantwin.progress import Progress, between, each, untold
+from urbantwin.roads import Track
 from urbantwin.traffic.assets import COATED_CLASSES, Asset, coated_name
+from urbantwin.traffic.bending import with_bodies
 from urbantwin.traffic.demand import Demand
 from urbantwin.traffic.motion import ACTOR_SCHEMA, step_times
 from urbantwin.traffic.placement import Ground, stand
@@ -31,11 +33,13 @@ def actor_table(
     steps: int,
     step_s: float,
     asset: Callable[[str], Asset],
+    tracks: Sequence[Track] = (),
     tell: Progress = untold,
 ) -> tuple[pa.Table, int]:
     """Return the table of actors and how many poses were left out because there is no ground.
 
-    Tracks are numbered in the order of setting out.
+    Tracks are numbered in the order of setting out, and after them the further bodies of vehicles
+    that bend.
 
     Args:
         simulated: what SUMO saw.
@@ -44,11 +48,13 @@ def actor_table(
         steps: how many steps the motion has; steps before and after them only shape the paths.
         step_s: time between steps.
         asset: an asset's dimensions and contacts by name.
+        tracks: the rails of trams.
         tell: called with the fraction done (0..1) and what is being done.
     """
     smoothing, standing = between(tell, 0.0, 0.4), between(tell, 0.5, 0.9)
     columns = _poses(simulated, demand, steps=steps, step_s=step_s, asset=asset, tell=smoothing)
-    names = np.array([trip.asset for trip in demand.trips], object)
+    columns, trips = with_bodies(columns, demand, simulated, tracks, asset=asset)
+    names = np.array([trip.asset for trip in trips], object)
     trip = columns["trip"]
     tell(0.4, "heights of their lanes")
     ceiling = ground.ceiling(columns["xy"], columns["lane"], simulated.lanes)
@@ -70,7 +76,7 @@ def actor_table(
     trip = trip[order]
     driven, track = np.unique(trip, return_inverse=True)
     size = np.array([_size(asset(names[number])) for number in driven]).reshape(-1, 3)[track]
-    classes = [trip.actor_class for trip in demand.trips]
+    classes = [trip.actor_class for trip in trips]
     shown = [
         coated_name(name, number) if kind in COATED_CLASSES else name
         for number, (name, kind) in enumerate(zip(names.tolist(), classes, strict=True))

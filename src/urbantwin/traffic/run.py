@@ -113,6 +113,7 @@ def _driven(
         steps=steps,
         step_s=step_s,
         seed=seed,
+        roads=twin.roads,
         scratch=scratch,
         progress=lambda fraction, what: told(0.1 + 0.5 * fraction, what),
     )
@@ -124,6 +125,7 @@ def _driven(
         steps=steps,
         step_s=step_s,
         asset=asset,
+        tracks=twin.roads.tracks,
         tell=between(told, 0.6, 0.85, "actors"),
     )
     signals = signal_table(simulated.signals, twin.roads.signals, steps=steps, step_s=step_s)
@@ -183,13 +185,14 @@ def demand_of(
             outer_roads(twin),
             asked["per_hour"],
             seed,
-            stops=twin.roads.stops,
+            stops=(*twin.roads.stops, *twin.roads.tram_stops),
             bus_roads=frozenset(twin.roads.bus_roads),
         )
     if circulation is not None and circulation.drives:
         found = calibrate(
             circulation,
             twin.net_path,
+            roads=twin.roads,
             room=_room(twin),
             asset=asset,
             asset_names=asset_names,
@@ -215,14 +218,15 @@ def demand_of(
 
 
 def outer_roads(twin: Twin) -> frozenset[str]:
-    """Return the edges of the outer roads: those that no way of the map is.
+    """Return the edges of outer roads, which no way of the map is, and of outer tracks.
 
     Roads that are not made from ways have none: there one turns round where they end.
     """
     roads = twin.roads.roads
+    rails = frozenset(track.id for track in twin.roads.tracks if track.outer)
     if not any(road.ways for road in roads):
-        return frozenset()
-    return frozenset(road.id for road in roads if not road.ways)
+        return rails
+    return rails | frozenset(road.id for road in roads if not road.ways)
 
 
 def _room(twin: Twin) -> float:

@@ -46,7 +46,7 @@ def add_rails(path: Path, tracks: Sequence[Track]) -> None:
         links = [(one, by_id[n]) for one in entering for n in one.successors]
         ends = [track.line[-1] for track in entering]
         ends += [track.line[0] for track in tracks if nodes[track.id][0] == name]
-        groups["junction"].append(_junction(name, ends[0].tolist(), entering, links))
+        groups["junction"].append(_junction(name, ends[0][:2].tolist(), entering, links))
         groups["connection"] += [
             etree.Element(
                 "connection",
@@ -95,9 +95,9 @@ def _edge(track: Track, start: str, end: str) -> etree._Element:
         index="0",
         allow="tram",
         speed=f"{track.speed:.2f}",
-        length=f"{max(shapely.LineString(track.line).length, 0.1):.3f}",
+        length=f"{max(shapely.LineString(track.line[:, :2]).length, 0.1):.3f}",
         width=f"{RAIL_M:.2f}",
-        shape=" ".join(f"{x:.3f},{y:.3f}" for x, y in track.line.tolist()),
+        shape=" ".join(f"{x:.3f},{y:.3f}" for x, y, _ in track.line.tolist()),
     )
     return edge
 

@@ -14,6 +14,7 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.geometry import SiteFrame
+from urbantwin.ground import Elevation
 from urbantwin.number_text import finite_number
 from urbantwin.roads.grade_separation import way_layer
 from urbantwin.roads.network import BusStop, RoadNetwork, Track
@@ -67,6 +68,7 @@ def with_trams(
     extract: Extract,
     frame: SiteFrame,
     region: shapely.Polygon,
+    elevation: Elevation,
     *,
     closed_loop: bool,
 ) -> RoadNetwork:
@@ -80,6 +82,7 @@ def with_trams(
         extract: the map.
         frame: the site frame.
         region: tracks end at its border.
+        elevation: the ground.
         closed_loop: whether outer tracks lead every way out back to a way in.
     """
     arcs = _arcs(extract, frame, region, network.driving_side)
@@ -90,7 +93,7 @@ def with_trams(
     tracks = [
         Track(
             name,
-            np.round(arc.line, 4),
+            _on(elevation, arc.line),
             round(arc.speed, 3),
             arc.level,
             tuple(names[place[n]] for n in following[k] if n in place),
@@ -99,7 +102,7 @@ def with_trams(
         for name, arc, k in zip(names, arcs, used, strict=True)
     ]
     if closed_loop and tracks:
-        tracks = _closed(tracks, arcs, region)
+        tracks = _closed(tracks, arcs, region, elevation)
     stops = _stops(tracks, extract, frame, region)
     return replace(network, tracks=tuple(tracks), tram_stops=tuple(stops))
 
@@ -169,7 +172,12 @@ def _that_lead_on(arcs: Sequence[_Arc]) -> tuple[list[int], list[list[int]]]:
         used = kept
 
 
-def _closed(tracks: Sequence[Track], arcs: Sequence[_Arc], region: shapely.Polygon) -> list[Track]:
+def _closed(
+    tracks: Sequence[Track],
+    arcs: Sequence[_Arc],
+    region: shapely.Polygon,
+    elevation: Elevation,
+) -> list[Track]:
     """Return tracks with outer ones from every way out to the ways in."""
     middle = shapely.get_coordinates(region.centroid)[0]
     corners = shapely.get_coordinates(region.exterior)
@@ -190,7 +198,7 @@ def _closed(tracks: Sequence[Track], arcs: Sequence[_Arc], region: shapely.Polyg
     for a, b in pairs:
         name = f"tram-outer-{len(outer) + 1}"
         line = _around(arcs[a], arcs[b], middle, radius)
-        outer.append(Track(name, np.round(line, 4), SPEED_MS, 0, (tracks[b].id,), True))
+        outer.append(Track(name, _on(elevation, line), SPEED_MS, 0, (tracks[b].id,), True))
         onward[a].append(name)
     inner = [
         replace(track, successors=(*track.successors, *onward[k])) for k, track in enumerate(tracks)
@@ -217,7 +225,7 @@ def _stops(
 ) -> list[BusStop]:
     """Return where trams halt: with their middle at the mapped place, on every track there."""
     inner = [track for track in tracks if not track.outer]
-    lines = [shapely.LineString(track.line) for track in inner]
+    lines = [shapely.LineString(track.line[:, :2]) for track in inner]
     by_id = {track.id: k for k, track in enumerate(inner)}
     found: dict[int, list[tuple[float, str]]] = defaultdict(list)
     for node, tags in sorted(extract.node_tags.items()):
@@ -253,6 +261,10 @@ def _stops(
                 stops.append(BusStop(f"{inner[k].id}_0", name, round(start, 2), round(along, 2)))
             last = along
     return stops
+
+
+def _on(elevation: Elevation, line: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(np.round(np.column_stack([line, elevation.raw_at(line)]), 4), np.float64)
 
 
 def _direction(line: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -23,10 +23,10 @@ __all__ = ["TRAMS", "tram_bodies", "tram_entries", "tram_section"]
 #: to 2153: 30 m by 2.40 m; Essen: three bodies, 30 m; Berlin: 2.40 m). How it is divided and its
 #: height are assumed.
 TRAMS: dict[str, dict[str, Any]] = {
-    "tram-three-bodies": {"bodies": (10.6, 8.3, 10.6), "width": 2.40, "height": 3.45},
+    "tram-three-bodies": {"bodies": (10.4, 8.0, 10.4), "width": 2.40, "height": 3.45},
 }
 #: Between the ends of two bodies' bellows; how long those are; where the wheels at an end are.
-GAP_M, BELLOWS_M, END_AXLE_M = 0.25, 0.18, 0.62
+GAP_M, BELLOWS_M, END_AXLE_M = 0.6, 0.18, 0.62
 #: Axles of the bogie under a cab, metres behind the nose; standard gauge's wheels; floor's edge.
 CAB_AXLES_M = (2.3, 4.1)
 WHEEL_M, WHEEL_WIDTH_M, GAUGE_M, SKIRT_M = 0.60, 0.13, 1.435, 0.26
@@ -113,11 +113,21 @@ def _entry(size: list[float], front: bool, rear: bool) -> dict[str, Any]:
         "arch": 0.33,
         "inset": width / 2 - GAUGE_M / 2 - WHEEL_WIDTH_M,
     }
-    nose = [[0.10, SKIRT_M, "dark"], [0.0, 0.55, "lamps"], [0.02, 0.9, "paint"],
-            [0.10, 1.15, "windscreen"], [0.75, 2.65, "paint"], [1.05, roof - 0.06, "paint"],
-            [1.35, roof, "paint"]]  # fmt: skip
-    flat = [[0.0, SKIRT_M, "dark"], [0.0, 0.5, "paint"], [0.0, roof - 0.1, "paint"],
-            [0.1, roof, "paint"]]  # fmt: skip
+    nose: list[list[Any]] = [
+        [0.10, SKIRT_M, "dark"],
+        [0.0, 0.55, "lamps"],
+        [0.02, 0.9, "paint"],
+        [0.10, 1.15, "windscreen"],
+        [0.75, 2.65, "paint"],
+        [1.05, roof - 0.06, "paint"],
+        [1.35, roof, "paint"],
+    ]
+    flat: list[list[Any]] = [
+        [0.0, SKIRT_M, "dark"],
+        [0.0, 0.5, "paint"],
+        [0.0, roof - 0.1, "paint"],
+        [0.1, roof, "paint"],
+    ]
     first = nose if front else flat
     last = [[inner - x, z] for x, z, _ in (nose if rear else flat)][::-1]
     tags = [tag for _, _, tag in (nose if rear else flat)][::-1]

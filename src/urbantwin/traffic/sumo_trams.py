@@ -1,0 +1,331 @@
+"""Trams among the rest of traffic, in SUMO's process: everybody sees everybody.
+
+SUMO drives trams over their own rails and knows nothing of what they meet there. Before every step
+this finds what is in a tram's way (vehicles, people, signals that tell it to stop) and how fast it
+may be, and who must wait for a tram or follow it. Trams have the right of way where no signal
+tells.
+
+This file is found by its path and imports nothing of UrbanTwin (see ``sumo_worker``).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import libsumo
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+#: Braking for what is seen in time, and as hard as it has to be, m/s2.
+TRAM_BRAKING, TRAM_HARDEST = 1.1, 2.7
+CAR_BRAKING, CAR_HARDEST = 3.0, 6.0
+#: Half the width of a tram with room beside it, metres; room before who stands in the way.
+HALF_M, GAP_M = 1.55, 2.5
+#: How far ahead a tram looks, metres; others wait for it when it comes within so many seconds.
+AHEAD_M, COMING_S = 90.0, 6.0
+#: Vehicles farther from a tram than this are not looked at, metres.
+AROUND_M = 110.0
+#: People are expected where they will be so much later, seconds; they wait so far from the rails.
+EXPECTED_S, KERB_M = 1.2, 1.0
+#: Who drives waits so far before the rails, metres.
+BEFORE_M = 1.0
+#: A tram that was held by a signal for so long goes, for its signal is none that SUMO shows,
+#: seconds.
+PATIENCE_S = 100.0
+#: SUMO's checks of a speed that is set, without that of the greatest braking.
+SPEED_MODE = 31 - 4
+#: No lane changes of a vehicle's own beside a tram, else SUMO's default.
+NO_CHANGE, ANY_CHANGE = 512, 1621
+
+
+class _Tram:
+    """One tram in a step: its way, and where its ends are along it."""
+
+    def __init__(self, name: str, tracks: dict[str, Any]) -> None:
+        self.name = name
+        route = libsumo.vehicle.getRoute(name)
+        index = libsumo.vehicle.getRouteIndex(name)
+        self.length = libsumo.vehicle.getLength(name)
+        self.speed = libsumo.vehicle.getSpeed(name)
+        at = libsumo.vehicle.getLanePosition(name)
+        first = index
+        behind = self.length + 5.0 - at
+        while behind > 0 and first > 0:
+            first -= 1
+            behind -= tracks[route[first]][1][-1]
+        points: list[Floats] = []
+        self.starts: dict[str, float] = {}
+        total, k = 0.0, first
+        self.front = 0.0
+        while k < len(route) and (k <= index or total < self.front + AHEAD_M):
+            line, along = tracks[route[k]]
+            # Of a track that comes twice, the part near the front counts.
+            self.starts[route[k]] = total
+            if k == index:
+                self.front = total + at
+            points.append(line if not points else line[1:])
+            total += along[-1]
+            k += 1
+        self.line = np.vstack(points)
+        leg = np.diff(self.line, axis=0)
+        self.legs = np.maximum(np.hypot(leg[:, 0], leg[:, 1]), 1e-9)
+        self.unit = leg / self.legs[:, None]
+        self.along = np.concatenate([[0.0], np.cumsum(self.legs)])
+        self.stops = libsumo.vehicle.isStopped(name)
+        self.free = AHEAD_M  # how far it can go, metres
+
+    def locate(self, points: Floats) -> tuple[Floats, Floats]:
+        """Return how far along the way points (M, 2) are, and how far aside."""
+        rel = points[:, None] - self.line[None, :-1]
+        at = np.clip((rel * self.unit[None]).sum(axis=2), 0.0, self.legs[None])
+        off = rel - at[..., None] * self.unit[None]
+        away = np.hypot(off[..., 0], off[..., 1])
+        best = away.argmin(axis=1)
+        rows = np.arange(len(points))
+        return self.along[best] + at[rows, best], away[rows, best]
+
+
+class Trams:
+    """Makes trams and others heed each other.
+
+    Args:
+        known: what ``tram_conflicts.tram_conflicts`` returned.
+    """
+
+    def __init__(self, known: dict[str, Any]) -> None:
+        self.tracks = {}
+        for name, points in known.get("tracks", {}).items():
+            line = np.array(points, np.float64)
+            along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+            self.tracks[name] = line, along
+        self.outer = frozenset(known.get("outer", ()))
+        self.zones: dict[str, list[Any]] = known.get("zones", {})
+        self.on_track: dict[str, list[tuple[str, Any]]] = {}
+        for lane, rows in self.zones.items():
+            for row in rows:
+                self.on_track.setdefault(row[0], []).append((lane, row))
+        self.signals: dict[str, list[Any]] = known.get("signals", {})
+        self.held: dict[str, float] = {}
+        self.slowed: set[str] = set()
+        self.calmed: set[str] = set()
+        self.waiting: set[str] = set()
+
+    def heed(self, step_s: float) -> None:
+        """Set speeds for the step to come."""
+        if not self.tracks:
+            return
+        now = [
+            _Tram(name, self.tracks)
+            for name in libsumo.vehicle.getIDList()
+            if libsumo.vehicle.getVehicleClass(name) == "tram"
+        ]
+        seen = [tram for tram in now if not self._is_out(tram.name)]
+        names = list(libsumo.vehicle.getIDList())
+        places = np.array([libsumo.vehicle.getPosition(name) for name in names]).reshape(-1, 2)
+        people = list(libsumo.person.getIDList()) if seen else []
+        where = np.array([libsumo.person.getPosition(name) for name in people]).reshape(-1, 2)
+        slowed: dict[str, float] = {}
+        calmed: set[str] = set()
+        waiting: set[str] = set()
+        trams = {tram.name for tram in now}
+        for tram in seen:
+            self._obey_signals(tram, step_s)
+            nose = tram.line[np.searchsorted(tram.along, tram.front) - 1]
+            near = np.flatnonzero(np.hypot(*(places - nose).T) < AROUND_M)
+            in_way = self._vehicles_ahead(tram, [names[k] for k in near], trams)
+            waiting |= self._people(tram, people, where)
+            reserved = self._reserved(tram)
+            for k in near.tolist():
+                name = names[k]
+                if name in trams:
+                    continue
+                most = self._most(tram, name, reserved, name in in_way)
+                if most is not None:
+                    slowed[name] = min(slowed.get(name, math.inf), most)
+                if name in self._beside(tram, name, places[k]):
+                    calmed.add(name)
+            allowed = _safe(tram.free, 0.0, TRAM_BRAKING)
+            allowed = max(allowed, tram.speed - TRAM_HARDEST * step_s, 0.0)
+            libsumo.vehicle.setSpeedMode(tram.name, SPEED_MODE)
+            libsumo.vehicle.setSpeed(tram.name, allowed if tram.free < AHEAD_M else -1)
+        for name, most in slowed.items():
+            least = libsumo.vehicle.getSpeed(name) - CAR_HARDEST * step_s
+            libsumo.vehicle.setSpeed(name, max(most, least, 0.0))
+        self._release(set(slowed), calmed, waiting)
+
+    def _release(self, slowed: set[str], calmed: set[str], waiting: set[str]) -> None:
+        here, walk = set(libsumo.vehicle.getIDList()), set(libsumo.person.getIDList())
+        for name in sorted((self.slowed - slowed) & here):
+            libsumo.vehicle.setSpeed(name, -1)
+        for name in sorted(calmed - self.calmed):
+            libsumo.vehicle.setLaneChangeMode(name, NO_CHANGE)
+        for name in sorted((self.calmed - calmed) & here):
+            libsumo.vehicle.setLaneChangeMode(name, ANY_CHANGE)
+        for name in sorted(waiting - self.waiting):
+            libsumo.person.setSpeed(name, 0.0)
+        for name in sorted((self.waiting - waiting) & walk):
+            libsumo.person.setSpeed(name, -1)
+        self.slowed, self.calmed, self.waiting = slowed, calmed, waiting
+
+    def _is_out(self, name: str) -> bool:
+        if libsumo.vehicle.getRoadID(name) not in self.outer:
+            return False
+        at, length = libsumo.vehicle.getLanePosition(name), libsumo.vehicle.getLength(name)
+        lane = libsumo.vehicle.getLaneID(name)
+        return bool(at > length and libsumo.lane.getLength(lane) - at > AHEAD_M)
+
+    def _obey_signals(self, tram: _Tram, step_s: float) -> None:
+        held = False
+        for edge, start in tram.starts.items():
+            for stop, program, own, foes in self.signals.get(edge, ()):
+                ahead = start + stop - tram.front
+                if not -0.5 < ahead < AHEAD_M:
+                    continue
+                state = libsumo.trafficlight.getRedYellowGreenState(program)
+                go = not any(state[k] in "Gy" for k in foes)
+                if own:
+                    go = any(state[k] in "Gg" for k in own)
+                if ahead < 3.0 and self.held.get(tram.name, 0.0) > PATIENCE_S:
+                    go = True
+                # Who can no longer stop goes on, as at yellow.
+                if go or ahead < tram.speed**2 / (2 * TRAM_BRAKING) - 1.0:
+                    continue
+                tram.free = min(tram.free, max(ahead - 0.3, 0.0))
+                held = held or (ahead < 3.0 and tram.speed < 0.1)
+        self.held[tram.name] = self.held.get(tram.name, 0.0) + step_s if held else 0.0
+
+    def _vehicles_ahead(self, tram: _Tram, names: list[str], trams: set[str]) -> set[str]:
+        """Note who is in a tram's way; return them."""
+        found = set()
+        for name in names:
+            if name == tram.name:
+                continue
+            body = self._body(name, name in trams)
+            at, away = tram.locate(body)
+            half = HALF_M + (libsumo.vehicle.getWidth(name) / 2 - 0.25 if name in trams else 0.0)
+            inside = (away < half) & (at > tram.front - 1.0) & (at < tram.front + AHEAD_M)
+            if not inside.any():
+                continue
+            found.add(name)
+            gap = float(at[inside].min()) - tram.front - GAP_M
+            # Who drives ahead goes on; who crosses does not.
+            yaw = math.radians(90.0 - libsumo.vehicle.getAngle(name))
+            k = int(np.searchsorted(tram.along[:-1], at[inside].min(), "right")) - 1
+            along = float(tram.unit[k] @ np.array([math.cos(yaw), math.sin(yaw)]))
+            speed = libsumo.vehicle.getSpeed(name) * max(along, 0.0)
+            tram.free = min(
+                tram.free, max(gap, 0.0) + (speed**2 / (2 * CAR_BRAKING) if along > 0.9 else 0.0)
+            )
+        return found
+
+    def _body(self, name: str, is_tram: bool) -> Floats:
+        """Return points (M, 2) around a vehicle, or along the middle of a tram."""
+        if is_tram:
+            other = _Tram(name, self.tracks)
+            at = np.linspace(max(other.front - other.length, 0.0), other.front, 24)
+            return np.column_stack([np.interp(at, other.along, other.line[:, k]) for k in (0, 1)])
+        x, y = libsumo.vehicle.getPosition(name)
+        yaw = math.radians(90.0 - libsumo.vehicle.getAngle(name))
+        length, half = libsumo.vehicle.getLength(name), libsumo.vehicle.getWidth(name) / 2
+        back = np.linspace(0.0, length, max(2, int(length)))
+        ahead, left = (
+            np.array([math.cos(yaw), math.sin(yaw)]),
+            np.array([-math.sin(yaw), math.cos(yaw)]),
+        )
+        middle = np.array([x, y]) - back[:, None] * ahead
+        return np.vstack([middle + half * left, middle, middle - half * left])
+
+    def _people(self, tram: _Tram, people: list[str], where: Floats) -> set[str]:
+        """Brake for people on the rails; return those who wait until a tram has passed."""
+        near = np.flatnonzero(np.hypot(*(where - tram.line[-1]).T) < 2 * AROUND_M)
+        if not len(near):
+            return set()
+        at, away = tram.locate(where[near])
+        waits = set()
+        for k, along, off in zip(near.tolist(), at.tolist(), away.tolist(), strict=True):
+            ahead = along - tram.front
+            if off > 4.0 or not -tram.length - 1.0 < ahead < AHEAD_M:
+                continue
+            name = people[k]
+            if off < HALF_M + 0.1:
+                if ahead > -1.0:
+                    tram.free = min(tram.free, max(ahead - 2.0, 0.0))
+                continue
+            yaw = math.radians(90.0 - libsumo.person.getAngle(name))
+            step = EXPECTED_S * 1.5
+            later = where[k] + step * np.array([math.cos(yaw), math.sin(yaw)])
+            closer = float(tram.locate(later[None])[1][0])
+            comes = ahead / max(tram.speed, 1.0) < COMING_S and (tram.speed > 0.3 or ahead < 1.0)
+            if closer < HALF_M + 0.4 and closer < off and comes and off < HALF_M + KERB_M:
+                waits.add(name)
+        return waits
+
+    def _reserved(self, tram: _Tram) -> dict[str, list[Any]]:
+        """Return, by lane, the stretches that a tram is on, or will be soon."""
+        found: dict[str, list[Any]] = {}
+        reach = tram.front + min(tram.free, tram.speed * COMING_S + 12.0)
+        if tram.stops or (tram.speed < 0.1 and tram.free < 1.0):
+            reach = tram.front
+        for edge, start in tram.starts.items():
+            for lane, (_, a, b, c, d, together) in self.on_track.get(edge, ()):
+                if start + d > tram.front - tram.length - 0.5 and start + c < reach + 1.0:
+                    found.setdefault(lane, []).append((a, b, start + c, start + d, together))
+        return found
+
+    def _most(
+        self, tram: _Tram, name: str, reserved: dict[str, list[Any]], in_way: bool
+    ) -> float | None:
+        """Return how fast a vehicle may be for the sake of a tram; ``None`` for as it likes."""
+        speed = libsumo.vehicle.getSpeed(name)
+        lane = libsumo.vehicle.getLaneID(name)
+        at = libsumo.vehicle.getLanePosition(name)
+        most: float | None = None
+        offset = -at
+        lanes = [lane]
+        for link in libsumo.vehicle.getNextLinks(name):
+            lanes += [x for x in (link[4], link[0]) if x]
+        tail = tram.front - tram.length
+        for one in lanes:
+            length = libsumo.lane.getLength(one)
+            for a, b, c, d, together in reserved.get(one, ()):
+                begin = offset + a
+                if together and c < tram.front and offset + b > 0:
+                    # Behind a tram: follow its tail.
+                    share = (b - a) / max(d - c, 0.1)
+                    gap = offset + a + (tail - c) * share - GAP_M
+                    if gap + GAP_M > -0.5 and not in_way:
+                        allowed = _safe(max(gap, 0.0), tram.speed, CAR_BRAKING)
+                        most = allowed if most is None else min(most, allowed)
+                        continue
+                if begin <= 0 or in_way:
+                    continue  # it is on the rails, and the tram sees it
+                if begin - 0.2 < speed**2 / (2 * CAR_BRAKING * 1.3):
+                    tram.free = (
+                        min(tram.free, max(c - tram.front - 1.0, 0.0))
+                        if c > tram.front
+                        else tram.free
+                    )
+                    continue
+                allowed = _safe(max(begin - BEFORE_M, 0.0), 0.0, CAR_BRAKING)
+                most = allowed if most is None else min(most, allowed)
+            offset += length
+            if offset > 70.0:
+                break
+        return most
+
+    def _beside(self, tram: _Tram, name: str, place: Floats) -> set[str]:
+        """Return the vehicle if it drives beside a tram."""
+        at, away = tram.locate(place[None])
+        ahead = float(at[0]) - tram.front
+        return {name} if float(away[0]) < 7.0 and -tram.length - 8.0 < ahead < 12.0 else set()
+
+
+def _safe(gap_m: float, ahead_ms: float, braking: float) -> float:
+    """Return the speed from which one stops behind somebody who brakes as hard (Gipps), m/s."""
+    reaction = braking * 0.5
+    return max(
+        -reaction + math.sqrt(reaction**2 + ahead_ms**2 + 2 * braking * max(gap_m, 0.0)), 0.0
+    )
