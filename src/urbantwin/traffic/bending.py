@@ -32,6 +32,7 @@ def with_bodies(
     """Return poses in which vehicles that bend are their bodies, and whom they are of.
 
     The first body keeps the number of the vehicle's trip; the others have numbers after all trips.
+    What is on an outer track, where there are no rails, is left out.
 
     Args:
         columns: poses by trip and step, sorted: ``trip``, ``step``, ``xy``, ``yaw`` and others.
@@ -42,6 +43,7 @@ def with_bodies(
     """
     trips = list(demand.trips)
     lines = {track.id: track.line[:, :2] for track in tracks}
+    outer = {track.id for track in tracks if track.outer}
     bent: list[Columns] = []
     stays = np.ones(len(columns["trip"]), np.bool_)
     for number in np.unique(columns["trip"]).tolist():
@@ -53,20 +55,27 @@ def with_bodies(
         stays[rows] = False
         if trip.edges[0] in lines:
             source = _rows_of(simulated, number, columns["step"][rows])
-            track, nose_m = _on_track(trip, simulated, source, lines)
+            track, starts, edges, nose_m = _on_track(trip, simulated, source, lines)
             poses = on_rails(whole.bodies, track, nose_m)
+            inside = np.array([edge not in outer for edge in edges])
+            shown = [
+                inside[np.searchsorted(starts[1:-1], nose_m - body.middle_m, side="right")]
+                for body in whole.bodies
+            ]
         else:
+            shown = [np.ones(len(rows), np.bool_)] * len(whole.bodies)
             poses = towed(
                 whole.bodies, columns["xy"][rows], columns["yaw"][rows], length_m=whole.length
             )
         for k, (body, (middle, yaw)) in enumerate(zip(whole.bodies, poses, strict=True)):
             own = {name: values[rows] for name, values in columns.items()}
             own["xy"], own["yaw"] = middle, yaw
+            own = {name: values[shown[k]] for name, values in own.items()}
             part = replace(trip, asset=body.asset)
             if k == 0:
                 trips[number] = part
             else:
-                own["trip"] = np.full(len(rows), len(trips), own["trip"].dtype)
+                own["trip"] = np.full_like(own["trip"], len(trips))
                 trips.append(part)
             bent.append(own)
     if not bent:
@@ -88,8 +97,11 @@ def _on_track(
     simulated: Simulated,
     rows: NDArray[np.int64],
     lines: Mapping[str, NDArray[np.float64]],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the line of a tram's route and how far along it the nose is at rows (N,)."""
+) -> tuple[NDArray[np.float64], NDArray[np.float64], list[str], NDArray[np.float64]]:
+    """Return a tram's route: its line, the stations between its edges, the edges; and its nose's.
+
+    The nose's stations are those at rows (N,) of what SUMO saw.
+    """
     edges = [edge for edge in trip.edges if edge in lines]
     shapes = [shapely.LineString(lines[edge]) for edge in edges]
     starts = np.concatenate([[0.0], np.cumsum([shape.length for shape in shapes])])
@@ -100,4 +112,4 @@ def _on_track(
             at += 1
         nose_m[k] = starts[at] + shapes[at].project(shapely.Point(simulated.front[row]))
     points = [lines[edges[0]]] + [lines[edge][1:] for edge in edges[1:]]
-    return np.vstack(points), nose_m
+    return np.vstack(points), starts, edges, nose_m

@@ -18,12 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+#: From where to where ahead rails lie, whether a tram takes them, and where on its way.
+_Stretch = tuple[float, float, bool, float]
 
 #: Braking for what is seen in time, and as hard as it has to be, m/s2.
 TRAM_BRAKING, TRAM_HARDEST = 1.1, 2.7
 CAR_BRAKING, CAR_HARDEST = 3.0, 6.0
-#: Half the width of a tram with room beside it, metres; room before who stands in the way.
-HALF_M, GAP_M = 1.55, 2.5
+#: Half the width of a tram with room beside it, metres; room before who stands in the way. In a
+#: bend its bodies are chords: by half a square of their length over the radius, metres^2, wider.
+HALF_M, GAP_M, CHORD_M2 = 1.5, 2.5, 9.0
 #: How far ahead a tram looks, metres; others wait for it when it comes within so many seconds.
 AHEAD_M, COMING_S = 90.0, 6.0
 #: Vehicles farther from a tram than this are not looked at, metres.
@@ -32,9 +35,12 @@ AROUND_M = 110.0
 EXPECTED_S, KERB_M = 1.2, 1.0
 #: Who drives waits so far before the rails, metres.
 BEFORE_M = 1.0
-#: A tram that was held by a signal for so long goes, for its signal is none that SUMO shows,
-#: seconds.
-PATIENCE_S = 100.0
+#: How far ahead on its way somebody looks for rails; room that a car needs between two, metres.
+WAY_M, ROOM_M = 70.0, 7.0
+#: Where no street runs with the rails, a tram that waited for so long is given its way, seconds.
+PATIENCE_S = 15.0
+#: A junction with signals is at most so long, metres.
+JUNCTION_M = 100.0
 #: SUMO's checks of a speed that is set, without that of the greatest braking.
 SPEED_MODE = 31 - 4
 #: No lane changes of a vehicle's own beside a tram, else SUMO's default.
@@ -74,8 +80,12 @@ class _Tram:
         self.legs = np.maximum(np.hypot(leg[:, 0], leg[:, 1]), 1e-9)
         self.unit = leg / self.legs[:, None]
         self.along = np.concatenate([[0.0], np.cumsum(self.legs)])
+        turn = np.diff(np.unwrap(np.arctan2(self.unit[:, 1], self.unit[:, 0])))
+        bend = np.abs(turn) / np.maximum((self.legs[1:] + self.legs[:-1]) / 2, 2.0)
+        self.half = HALF_M + CHORD_M2 * np.minimum(np.concatenate([[0.0], bend, [0.0]]), 0.08)
         self.stops = libsumo.vehicle.isStopped(name)
-        self.free = AHEAD_M  # how far it can go, metres
+        # How far it can go, and how far it could if nobody crossed its way, metres.
+        self.free = self.room = AHEAD_M
 
     def locate(self, points: Floats) -> tuple[Floats, Floats]:
         """Return how far along the way points (M, 2) are, and how far aside."""
@@ -109,6 +119,7 @@ class Trams:
                 self.on_track.setdefault(row[0], []).append((lane, row))
         self.signals: dict[str, list[Any]] = known.get("signals", {})
         self.held: dict[str, float] = {}
+        self.passed: dict[str, dict[str, float]] = {}
         self.slowed: set[str] = set()
         self.calmed: set[str] = set()
         self.waiting: set[str] = set()
@@ -178,23 +189,31 @@ class Trams:
         return bool(at > length and libsumo.lane.getLength(lane) - at > AHEAD_M)
 
     def _obey_signals(self, tram: _Tram, step_s: float) -> None:
-        held = False
+        """Stop before signals; one that was passed counts no more on the same junction."""
+        held, driven = False, libsumo.vehicle.getDistance(tram.name)
+        passed = self.passed.setdefault(tram.name, {})
         for edge, start in tram.starts.items():
             for stop, program, own, foes in self.signals.get(edge, ()):
                 ahead = start + stop - tram.front
+                if -tram.speed < ahead < 0.0:
+                    passed.setdefault(program, driven)
                 if not -0.5 < ahead < AHEAD_M:
                     continue
+                if driven + ahead < passed.get(program, -math.inf) + JUNCTION_M:
+                    continue
+                passed.pop(program, None)
                 state = libsumo.trafficlight.getRedYellowGreenState(program)
-                go = not any(state[k] in "Gy" for k in foes)
-                if own:
-                    go = any(state[k] in "Gg" for k in own)
-                if ahead < 3.0 and self.held.get(tram.name, 0.0) > PATIENCE_S:
-                    go = True
+                go = any(state[k] in "Gg" for k in own)
+                if not own:
+                    go = not any(state[k] in "Gy" for k in foes)
+                    go = go or (ahead < 3.0 and self.held.get(tram.name, 0.0) > PATIENCE_S)
                 # Who can no longer stop goes on, as at yellow.
                 if go or ahead < tram.speed**2 / (2 * TRAM_BRAKING) - 1.0:
+                    held = held or (go and ahead < 3.0 and tram.speed < 0.1)
                     continue
                 tram.free = min(tram.free, max(ahead - 0.3, 0.0))
-                held = held or (ahead < 3.0 and tram.speed < 0.1)
+                held = held or ahead < 3.0
+        tram.room = tram.free
         self.held[tram.name] = self.held.get(tram.name, 0.0) + step_s if held else 0.0
 
     def _vehicles_ahead(self, tram: _Tram, names: list[str], trams: set[str]) -> set[str]:
@@ -205,7 +224,9 @@ class Trams:
                 continue
             body = self._body(name, name in trams)
             at, away = tram.locate(body)
-            half = HALF_M + (libsumo.vehicle.getWidth(name) / 2 - 0.25 if name in trams else 0.0)
+            half = np.interp(at, tram.along, tram.half) + (
+                libsumo.vehicle.getWidth(name) / 2 - 0.25 if name in trams else 0.0
+            )
             inside = (away < half) & (at > tram.front - 1.0) & (at < tram.front + AHEAD_M)
             if not inside.any():
                 continue
@@ -216,9 +237,10 @@ class Trams:
             k = int(np.searchsorted(tram.along[:-1], at[inside].min(), "right")) - 1
             along = float(tram.unit[k] @ np.array([math.cos(yaw), math.sin(yaw)]))
             speed = libsumo.vehicle.getSpeed(name) * max(along, 0.0)
-            tram.free = min(
-                tram.free, max(gap, 0.0) + (speed**2 / (2 * CAR_BRAKING) if along > 0.9 else 0.0)
-            )
+            if along > 0.9:
+                gap = max(gap, 0.0) + speed**2 / (2 * CAR_BRAKING)
+                tram.room = min(tram.room, gap)
+            tram.free = min(tram.free, max(gap, 0.0))
         return found
 
     def _body(self, name: str, is_tram: bool) -> Floats:
@@ -250,7 +272,8 @@ class Trams:
             if off > 4.0 or not -tram.length - 1.0 < ahead < AHEAD_M:
                 continue
             name = people[k]
-            if off < HALF_M + 0.1:
+            half = float(np.interp(along, tram.along, tram.half))
+            if off < half + 0.1:
                 if ahead > -1.0:
                     tram.free = min(tram.free, max(ahead - 2.0, 0.0))
                 continue
@@ -259,15 +282,15 @@ class Trams:
             later = where[k] + step * np.array([math.cos(yaw), math.sin(yaw)])
             closer = float(tram.locate(later[None])[1][0])
             comes = ahead / max(tram.speed, 1.0) < COMING_S and (tram.speed > 0.3 or ahead < 1.0)
-            if closer < HALF_M + 0.4 and closer < off and comes and off < HALF_M + KERB_M:
+            if closer < half + 0.4 and closer < off and comes and off < half + KERB_M:
                 waits.add(name)
         return waits
 
     def _reserved(self, tram: _Tram) -> dict[str, list[Any]]:
         """Return, by lane, the stretches that a tram is on, or will be soon."""
         found: dict[str, list[Any]] = {}
-        reach = tram.front + min(tram.free, tram.speed * COMING_S + 12.0)
-        if tram.stops or (tram.speed < 0.1 and tram.free < 1.0):
+        reach = tram.front + min(tram.room, tram.speed * COMING_S + 12.0)
+        if tram.stops:
             reach = tram.front
         for edge, start in tram.starts.items():
             for lane, (_, a, b, c, d, together) in self.on_track.get(edge, ()):
@@ -275,52 +298,88 @@ class Trams:
                     found.setdefault(lane, []).append((a, b, start + c, start + d, together))
         return found
 
-    def _most(
+    def _most(  # noqa: PLR0912 - all that a tram is to others
         self, tram: _Tram, name: str, reserved: dict[str, list[Any]], in_way: bool
     ) -> float | None:
         """Return how fast a vehicle may be for the sake of a tram; ``None`` for as it likes."""
         speed = libsumo.vehicle.getSpeed(name)
-        lane = libsumo.vehicle.getLaneID(name)
-        at = libsumo.vehicle.getLanePosition(name)
-        most: float | None = None
-        offset = -at
-        lanes = [lane]
-        for link in libsumo.vehicle.getNextLinks(name):
-            lanes += [x for x in (link[4], link[0]) if x]
         tail = tram.front - tram.length
-        for one in lanes:
-            length = libsumo.lane.getLength(one)
+        most = math.inf
+        crossed: list[_Stretch] = []
+        for one, offset in self._way_of(name):
             for a, b, c, d, together in reserved.get(one, ()):
-                begin = offset + a
-                if together and c < tram.front and offset + b > 0:
-                    # Behind a tram: follow its tail.
-                    share = (b - a) / max(d - c, 0.1)
-                    gap = offset + a + (tail - c) * share - GAP_M
-                    if gap + GAP_M > -0.5 and not in_way:
-                        allowed = _safe(max(gap, 0.0), tram.speed, CAR_BRAKING)
-                        most = allowed if most is None else min(most, allowed)
-                        continue
-                if begin <= 0 or in_way:
-                    continue  # it is on the rails, and the tram sees it
-                if begin - 0.2 < speed**2 / (2 * CAR_BRAKING * 1.3):
-                    tram.free = (
-                        min(tram.free, max(c - tram.front - 1.0, 0.0))
-                        if c > tram.front
-                        else tram.free
-                    )
+                if not (together and c < tram.front and offset + b > 0) or in_way:
                     continue
-                allowed = _safe(max(begin - BEFORE_M, 0.0), 0.0, CAR_BRAKING)
-                most = allowed if most is None else min(most, allowed)
-            offset += length
-            if offset > 70.0:
-                break
-        return most
+                # Behind a tram: follow its tail.
+                gap = offset + a + (tail - c) * (b - a) / max(d - c, 0.1) - GAP_M
+                if gap + GAP_M > -0.5:
+                    most = min(most, _safe(max(gap, 0.0), tram.speed, CAR_BRAKING))
+            taken = [row[:3] for row in reserved.get(one, ())]
+            for row in self.zones.get(one, ()):
+                at = [c for a, b, c in taken if (a, b) == (row[1], row[2])]
+                if not (row[5] and at):
+                    crossed.append((offset + row[1], offset + row[2], bool(at), min(at, default=0)))
+        if in_way:
+            return None if most == math.inf else most
+        ahead_m = self._room(name)
+        for group in _groups(crossed):
+            begin, end = group[0][0], max(row[1] for row in group)
+            if begin > 0.3:
+                # Nobody stops on rails: in only if all of them are free, and there is room behind.
+                full = ahead_m < end + libsumo.vehicle.getLength(name) + 1.0
+                if not full and not any(row[2] for row in group):
+                    continue
+                if begin - 0.2 > speed**2 / (2.6 * CAR_BRAKING):
+                    most = min(most, _safe(max(begin - BEFORE_M, 0.0), 0.0, CAR_BRAKING))
+                    continue
+            for first, _, is_taken, at in group:
+                if not is_taken:
+                    continue
+                if first > 0.3 and first > speed**2 / (2 * CAR_HARDEST):
+                    most = min(most, _safe(max(first - BEFORE_M, 0.0), 0.0, CAR_BRAKING))
+                elif at > tram.front:
+                    tram.free = min(tram.free, max(at - tram.front - 1.0, 0.0))
+        return None if most == math.inf else most
+
+    def _way_of(self, name: str) -> list[tuple[str, float]]:
+        """Return the lanes of a vehicle's way and how far ahead each begins."""
+        lane = libsumo.vehicle.getLaneID(name)
+        offset = -libsumo.vehicle.getLanePosition(name)
+        found = [(lane, offset)]
+        for link in libsumo.vehicle.getNextLinks(name):
+            for following in filter(None, (link[4], link[0])):
+                offset += libsumo.lane.getLength(lane)
+                if offset > WAY_M:
+                    return found
+                lane = following
+                found.append((lane, offset))
+        return found
+
+    def _room(self, name: str) -> float:
+        """Return how far ahead of a vehicle somebody stands, metres."""
+        leader = libsumo.vehicle.getLeader(name, WAY_M)
+        if not leader or not leader[0] or libsumo.vehicle.getSpeed(leader[0]) > 2.0:
+            return math.inf
+        return float(leader[1] + libsumo.vehicle.getMinGap(name))
 
     def _beside(self, tram: _Tram, name: str, place: Floats) -> set[str]:
         """Return the vehicle if it drives beside a tram."""
         at, away = tram.locate(place[None])
         ahead = float(at[0]) - tram.front
         return {name} if float(away[0]) < 7.0 and -tram.length - 8.0 < ahead < 12.0 else set()
+
+
+def _groups(rows: list[_Stretch]) -> list[list[_Stretch]]:
+    """Return stretches of a way, from where to where, in groups between which nobody has room."""
+    found: list[list[_Stretch]] = []
+    for row in sorted(rows):
+        if row[1] < 0:
+            continue
+        if found and row[0] < max(one[1] for one in found[-1]) + ROOM_M:
+            found[-1].append(row)
+        else:
+            found.append([row])
+    return found
 
 
 def _safe(gap_m: float, ahead_ms: float, braking: float) -> float:

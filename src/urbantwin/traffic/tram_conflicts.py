@@ -17,12 +17,16 @@ import shapely
 from lxml import etree
 from numpy.typing import NDArray
 
+from urbantwin.geometry import stations_of_points
 from urbantwin.roads import RoadNetwork, Track
 
 __all__ = ["tram_conflicts"]
 
 #: Half the width of a tram, of a bus, and room between them, metres.
 REACH_M = 1.2 + 1.25 + 0.15
+#: In a bend the bodies of a tram are chords: by half a square of their length over the radius,
+#: metres^2, it is wider; rails bend no more than this, 1/m.
+CHORD_M2, SHARPEST_PER_M = 9.0, 0.08
 #: Lanes are looked at so often, metres.
 STEP_M = 0.5
 #: Where a lane runs with the rails by less than this, a tram is somebody who drives ahead.
@@ -71,12 +75,13 @@ def tram_conflicts(net_path: Path, roads: RoadNetwork | None) -> dict[str, Any]:
 def _zones(line: NDArray[np.float64], track: Track) -> list[list[Any]]:
     """Return the stretches of a lane's line that a tram on a track reaches to."""
     rails, whole = shapely.LineString(track.line[:, :2]), shapely.LineString(line)
-    if rails.distance(whole) > REACH_M:
+    if rails.distance(whole) > REACH_M + CHORD_M2 * SHARPEST_PER_M:
         return []
     at = np.linspace(0.0, whole.length, max(2, int(np.ceil(whole.length / STEP_M)) + 1))
     points = shapely.line_interpolate_point(whole, at)
-    near = shapely.distance(rails, points) <= REACH_M
     on_rails = shapely.line_locate_point(rails, points)
+    swept = CHORD_M2 * np.interp(on_rails, *_bend(track.line[:, :2]))
+    near = shapely.distance(rails, points) <= REACH_M + swept
     found = []
     for run in np.split(np.arange(len(at)), np.flatnonzero(np.diff(near)) + 1):
         if not near[run[0]]:
@@ -87,6 +92,15 @@ def _zones(line: NDArray[np.float64], track: Track) -> list[list[Any]]:
         together = len(along) > 0 and bool(np.mean(along > SHARED_COS) > 0.9)
         found.append([track.id, *np.round([a, b, c, d], 2).tolist(), together])
     return found
+
+
+def _bend(line: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the stations (N,) of a line's points and the curvature (N,) there, 1/m."""
+    leg = np.diff(line, axis=0)
+    turn = np.abs(np.diff(np.unwrap(np.arctan2(leg[:, 1], leg[:, 0]))))
+    length = np.maximum(np.linalg.norm(leg, axis=1), 1e-9)
+    bend = turn / np.maximum((length[1:] + length[:-1]) / 2, 2.0)
+    return stations_of_points(line), np.concatenate([[0.0], bend, [0.0]]).clip(0, SHARPEST_PER_M)
 
 
 def _links(net_path: Path) -> list[dict[str, Any]]:
