@@ -254,8 +254,10 @@ def _counts(
     per_hour: Mapping[str, float], demand: Demand, simulated: Simulated, actors: pa.Table
 ) -> dict[str, dict[str, float | int]]:
     """Return, for each class, how many were asked for, came in, and are seen in the motion."""
-    tracks = actors.group_by(["track", "class"]).aggregate([])
-    seen = Counter(tracks["class"].to_pylist())
+    tracks = actors.group_by(["track", "class", "asset"]).aggregate([])
+    behind = {body.asset for name in asset_names("tram") for body in asset(name).bodies[1:]}
+    shown = zip(tracks["class"].to_pylist(), tracks["asset"].to_pylist(), strict=True)
+    seen = Counter(kind for kind, name in shown if name not in behind)
     left_out = {item.actor_class: item.count for item in demand.left_out}
     counts: dict[str, dict[str, float | int]] = {}
     for name in ACTOR_CLASSES:

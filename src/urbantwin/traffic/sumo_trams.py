@@ -56,6 +56,7 @@ class _Tram:
         index = libsumo.vehicle.getRouteIndex(name)
         self.length = libsumo.vehicle.getLength(name)
         self.speed = libsumo.vehicle.getSpeed(name)
+        self.nose = np.array(libsumo.vehicle.getPosition(name))
         at = libsumo.vehicle.getLanePosition(name)
         first = index
         behind = self.length + 5.0 - at
@@ -144,8 +145,7 @@ class Trams:
         trams = {tram.name for tram in now}
         for tram in seen:
             self._obey_signals(tram, step_s)
-            nose = tram.line[np.searchsorted(tram.along, tram.front) - 1]
-            near = np.flatnonzero(np.hypot(*(places - nose).T) < AROUND_M)
+            near = np.flatnonzero(np.hypot(*(places - tram.nose).T) < AROUND_M)
             in_way = self._vehicles_ahead(tram, [names[k] for k in near], trams)
             waiting |= self._people(tram, people, where)
             reserved = self._reserved(tram)
@@ -206,7 +206,9 @@ class Trams:
                 go = any(state[k] in "Gg" for k in own)
                 if not own:
                     go = not any(state[k] in "Gy" for k in foes)
-                    go = go or (ahead < 3.0 and self.held.get(tram.name, 0.0) > PATIENCE_S)
+                    if ahead < 3.0 and self.held.get(tram.name, 0.0) > PATIENCE_S:
+                        passed[program] = driven
+                        go = True
                 # Who can no longer stop goes on, as at yellow.
                 if go or ahead < tram.speed**2 / (2 * TRAM_BRAKING) - 1.0:
                     held = held or (go and ahead < 3.0 and tram.speed < 0.1)
@@ -262,7 +264,7 @@ class Trams:
 
     def _people(self, tram: _Tram, people: list[str], where: Floats) -> set[str]:
         """Brake for people on the rails; return those who wait until a tram has passed."""
-        near = np.flatnonzero(np.hypot(*(where - tram.line[-1]).T) < 2 * AROUND_M)
+        near = np.flatnonzero(np.hypot(*(where - tram.nose).T) < AROUND_M)
         if not len(near):
             return set()
         at, away = tram.locate(where[near])
@@ -316,9 +318,11 @@ class Trams:
                     most = min(most, _safe(max(gap, 0.0), tram.speed, CAR_BRAKING))
             taken = [row[:3] for row in reserved.get(one, ())]
             for row in self.zones.get(one, ()):
-                at = [c for a, b, c in taken if (a, b) == (row[1], row[2])]
-                if not (row[5] and at):
-                    crossed.append((offset + row[1], offset + row[2], bool(at), min(at, default=0)))
+                trams_at = [c for a, b, c in taken if (a, b) == (row[1], row[2])]
+                if row[5] and trams_at:
+                    continue
+                rails = offset + row[1], offset + row[2]
+                crossed.append((*rails, bool(trams_at), min(trams_at, default=0.0)))
         if in_way:
             return None if most == math.inf else most
         ahead_m = self._room(name)
@@ -335,7 +339,9 @@ class Trams:
             for first, _, is_taken, at in group:
                 if not is_taken:
                     continue
-                if first > 0.3 and first > speed**2 / (2 * CAR_HARDEST):
+                if first < 0.3:
+                    continue  # it is there, and the tram sees whether it is in its way
+                if first > speed**2 / (2 * CAR_HARDEST):
                     most = min(most, _safe(max(first - BEFORE_M, 0.0), 0.0, CAR_BRAKING))
                 elif at > tram.front:
                     tram.free = min(tram.free, max(at - tram.front - 1.0, 0.0))
@@ -343,10 +349,11 @@ class Trams:
 
     def _way_of(self, name: str) -> list[tuple[str, float]]:
         """Return the lanes of a vehicle's way and how far ahead each begins."""
-        lane = libsumo.vehicle.getLaneID(name)
-        offset = -libsumo.vehicle.getLanePosition(name)
+        lane = str(libsumo.vehicle.getLaneID(name))
+        offset = -float(libsumo.vehicle.getLanePosition(name))
         found = [(lane, offset)]
-        for link in libsumo.vehicle.getNextLinks(name):
+        links: Any = libsumo.vehicle.getNextLinks(name)
+        for link in links:
             for following in filter(None, (link[4], link[0])):
                 offset += libsumo.lane.getLength(lane)
                 if offset > WAY_M:
