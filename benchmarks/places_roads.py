@@ -7,7 +7,7 @@ paint on the ground for arrows, which are recognised by their shape.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from itertools import combinations
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
@@ -32,8 +32,13 @@ NEAR_SIGNAL_M, NEAR_JUNCTION_M = 15.0, 30.0
 PARALLEL = np.radians(35.0)
 #: Lanes are looked for this far beyond the mapped ones, each this wide, metres.
 LANE_M, BESIDE_M = 3.3, 1.2
-#: Arrows are looked for over this length before a lane's end, in cells of this side, metres.
-ARROW_REACH_M, CELL_M = 22.0, 0.05
+#: Ways through a junction nearer to each other are one lane, metres.
+APART_M = 1.8
+#: Arrows are looked for over this length before a lane's end, in cells of this side, metres; the
+#: arrow of a lane that is too short for one stands where it leads straight on.
+ARROW_REACH_M, CELL_M, SHORT_M, STRAIGHT = 22.0, 0.05, 11.0, np.radians(45.0)
+#: Lengths of arrows; the shorter ones are read on short lanes alone.
+ARROWS_M = (6.0, 5.0, 4.0, 3.0)
 WAYS = ("left", "through", "right", "around")
 #: `turn:lanes` as the arrow that shows it; merges have arrows of their own and are not judged.
 TURN = {
@@ -71,11 +76,13 @@ def measure(twin: Twin, streets: MappedStreets) -> dict[str, Any]:
     stopped = {name for name in stopped if twin.roads.lane_by_id[name].kind != "crossing"}
     shown = {strip for one in twin.lane_model.signals if one.dynamic for strip in one.strip.split()}
     found, mapped = 0, 0
-    driven = _DrivenLanes(twin)
+    driven, through = _DrivenLanes(twin), _DrivenLanes(twin, within_junctions=True)
     for section in streets.sections():
         if inside.contains(shapely.Point(section.x, section.y)):
             mapped += section.lanes
-            found += min(section.lanes, len(driven.across(section)))
+            found += min(
+                section.lanes, _side_by_side([*driven.across(section), *through.across(section)])
+            )
     return {
         "crossings": [len(here) - len(missing), len(here)],
         "missing_crossings": [[round(one.x, 1), round(one.y, 1)] for one in missing],
@@ -121,14 +128,24 @@ def _turn(a: float, b: float) -> float:
     return float(abs((a - b + np.pi) % (2 * np.pi) - np.pi))
 
 
-class _DrivenLanes:
-    """The lanes outside junctions that cars or buses use."""
+def _side_by_side(found: list[tuple[float, Lane]]) -> int:
+    """How many lanes lie side by side: ways through a junction may begin or end in one lane."""
+    count, last = 0, -np.inf
+    for aside, _ in sorted(found, key=lambda one: one[0]):
+        if aside - last > APART_M:
+            count, last = count + 1, aside
+    return count
 
-    def __init__(self, twin: Twin) -> None:
+
+class _DrivenLanes:
+    """The lanes that cars or buses use outside junctions, or their ways through junctions."""
+
+    def __init__(self, twin: Twin, *, within_junctions: bool = False) -> None:
+        kinds = ("connection",) if within_junctions else ("driving", "bus")
         self.lanes = [
             lane
             for lane in twin.roads.lanes
-            if lane.kind in ("driving", "bus") and not lane.junction
+            if lane.kind in kinds and bool(lane.junction) == within_junctions
         ]
         self._tree = shapely.STRtree([shapely.LineString(x.centre[:, :2]) for x in self.lanes])
 
@@ -230,9 +247,9 @@ def painted_arrow(twin: Twin, lane: Lane) -> tuple[str, ...]:
     if not image.any():
         return ()
     best, read = 0.66, ()
-    for ways in _combinations():
-        shape = _template(ways, lane.width)
-        if shape.shape[0] > image.shape[0]:
+    for ways, length in product(_combinations(), ARROWS_M):
+        shape = _template(ways, lane.width, length)
+        if shape.shape[0] > image.shape[0] or (length < ARROWS_M[0] and lane.length > SHORT_M):
             continue
         hit = fftconvolve(image, shape[::-1, ::-1], mode="same")
         ones = fftconvolve(image, np.ones_like(shape), mode="same")
@@ -244,7 +261,7 @@ def painted_arrow(twin: Twin, lane: Lane) -> tuple[str, ...]:
 
 def _paint_before(twin: Twin, lane: Lane) -> NDArray[np.float64]:
     """An image of the paint before a lane's end, along by across, lane marks left out."""
-    line = shapely.LineString(lane.centre[:, :2])
+    line = _driven_line(twin, lane)
     length = min(ARROW_REACH_M, line.length)
     along = np.arange(line.length - length, line.length, CELL_M)
     half = lane.width / 2 - 0.2
@@ -262,15 +279,46 @@ def _paint_before(twin: Twin, lane: Lane) -> NDArray[np.float64]:
     return np.minimum(image, 1.0)
 
 
+def _driven_line(twin: Twin, lane: Lane) -> shapely.LineString:
+    """What one drives before a lane's end: from the lane that leads straight into a short one."""
+    points = lane.centre[:, :2]
+    if lane.length < ARROW_REACH_M:
+        points = np.vstack([*_straight(twin, lane, ahead=False), points])
+    if lane.length < SHORT_M and lane.id not in {head.lane for head in twin.roads.signals}:
+        points = np.vstack([points, *_straight(twin, lane, ahead=True)])
+    return shapely.LineString(points)
+
+
+def _straight(twin: Twin, lane: Lane, *, ahead: bool) -> list[NDArray[np.float64]]:
+    """The way that leads most nearly straight on through a junction, and the lane beyond it."""
+    known, found = twin.roads.lane_by_id, []
+    for way in twin.roads.lanes:
+        after = [known[name] for name in way.successors if name in known]
+        before = [x for x in twin.roads.lanes if way.id in x.successors]
+        near, far = (before, after) if ahead else (after, before)
+        if way.kind != "connection" or lane.id not in {x.id for x in near} or not far:
+            continue
+        beyond = far[0]
+        legs = np.diff(way.centre[:, :2], axis=0)[[0, -1]]
+        turn = _turn(*(float(np.arctan2(leg[1], leg[0])) for leg in legs))
+        if turn < STRAIGHT and not beyond.junction:
+            found.append((turn, way.id, way, beyond))
+    if not found:
+        return []
+    _, _, way, beyond = min(found, key=lambda one: one[:2])
+    parts = [way.centre[:, :2], beyond.centre[:, :2]]
+    return parts if ahead else parts[::-1]
+
+
 def _combinations() -> Iterator[tuple[str, ...]]:
     for count in range(1, len(WAYS) + 1):
         yield from combinations(WAYS, count)
 
 
-def _template(ways: tuple[str, ...], width: float) -> NDArray[np.float64]:
-    """The cells of an arrow, 6 m long, along by across."""
-    wide = 6.0 * min(width / 3.0, 1.15)
-    shape = shapely.affinity.scale(arrow(ways), 6.0, wide, origin=(0, 0))
-    x = np.arange(-6.0 + CELL_M / 2, 0.0, CELL_M)
+def _template(ways: tuple[str, ...], width: float, length: float) -> NDArray[np.float64]:
+    """The cells of an arrow, along by across."""
+    wide = 6.0 * min(width / 3.0, 1.15) * (1.0 if length == ARROWS_M[0] else 0.9)
+    shape = shapely.affinity.scale(arrow(ways), length, wide, origin=(0, 0))
+    x = np.arange(-length + CELL_M / 2, 0.0, CELL_M)
     y = np.arange(-1.5, 1.5, CELL_M)
     return shapely.contains_xy(shape, *np.meshgrid(x, y, indexing="ij")).astype(np.float64)

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.measured_background import Background, background
     from urbantwin.interface.motion import Motion, drive
     from urbantwin.interface.opening import Package, open
+    from urbantwin.interface.recorded_traffic import replay
     from urbantwin.interface.report import Report, compare
     from urbantwin.interface.reproduction import Reproduction, reproduce
     from urbantwin.interface.sensor_catalogue import Datasheet, SensorCatalogue, sensors
@@ -88,6 +89,7 @@ __all__ = [
     "inspect",
     "open",
     "record",
+    "replay",
     "reproduce",
     "run",
     "sensors",

@@ -25,7 +25,7 @@ def test_frames_of_a_fixed_sensor_become_its_background(tmp_path, run_here):
     scanner = Scanner(flat_world(), place_rig(spec, flat_world()), 0)
     real = tmp_path / "real"
     real.mkdir()
-    for number in range(6):
+    for number in range(11):
         np.save(real / f"{number:03d}.npy", scanner.scan(number, []).points)
     outcome = run_here(
         "background", real, "--sensor", "VLP-16", "-o", tmp_path / "measured.npz", "--json"
@@ -33,7 +33,7 @@ def test_frames_of_a_fixed_sensor_become_its_background(tmp_path, run_here):
     assert outcome.code == 0
     told = json.loads(outcome.out)
     (measured,) = load_backgrounds(tmp_path / "measured.npz")
-    assert told["frames"] == told["of"] == 6
+    assert told["frames"] == told["of"] == 11
     (one,) = told["sensors"]
     assert one["beams"] == measured.known.size == 16 * 1800
     assert one["with_background"] == measured.known.sum() > 3000

@@ -18,8 +18,8 @@ from urbantwin import __version__
 
 Run = Callable[..., Any]
 COMMANDS = tuple(
-    "align background build carla compare coverage demo export init inspect record reproduce run "
-    "sensors traffic tune verify".split()
+    "align background build carla compare coverage demo export film init inspect record reproduce "
+    "run sensors traffic tune verify".split()
 )
 
 

@@ -92,7 +92,7 @@ def motion(twin):
                 "time_s": time_s,
                 "track": 9,
                 "class": "car",
-                "asset": "car-van",
+                "asset": "car-minibus",
                 "x": 15.0,
                 "y": 24.0,
                 "yaw": np.pi / 4,

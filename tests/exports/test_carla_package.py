@@ -310,7 +310,8 @@ def test_each_class_of_traffic_has_blueprints_of_its_own(exported):
         ]
     )
     expected = {
-        "car": ["vehicle.audi.a2", "vehicle.mercedes.sprinter"],
+        "car": ["vehicle.audi.a2"],
+        "van": ["vehicle.mercedes.sprinter"],
         "truck": ["vehicle.carlamotors.carlacola"],
         "bus": ["vehicle.mitsubishi.fusorosa"],
         "motorcycle": ["vehicle.yamaha.yzf"],

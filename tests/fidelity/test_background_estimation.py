@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from urbantwin.errors import InputError
-from urbantwin.fidelity.background_estimation import measured_backgrounds
+from urbantwin.fidelity.background_estimation import LEAST_FRAMES, measured_backgrounds
 from urbantwin.fidelity.beam_assignment import BeamsOf, beams_of_rig
 from urbantwin.fidelity.frame import Frame
 from urbantwin.geometry import LabelledMesh, Pose
@@ -68,6 +68,32 @@ def test_range_spread_and_drop_out_are_those_that_frames_were_made_with():
     assert found.intensity[0] == pytest.approx(0.2, abs=1e-6)
 
 
+def looks_at(one: BeamsOf, range_m: np.ndarray, returned: np.ndarray) -> list[Frame]:
+    """A frame for each row (F, N) of ranges, in which the beams that returned have a point."""
+    aim = one.directions.reshape(-1, 3)
+    return [Frame(aim[kept] * far[kept, None]) for far, kept in zip(range_m, returned, strict=True)]
+
+
+def test_as_many_frames_are_needed_as_show_a_half_lost_surface_twice():
+    """At most 1 - (n + 1) / 2^n: of n looks that return with probability 1/2, two or more do."""
+    one, generator = beams(), np.random.default_rng(2)
+    true = np.broadcast_to(generator.uniform(8, 90, (1, one.count)), (LEAST_FRAMES, one.count))
+    frames = looks_at(one, true, generator.random(true.shape) < 0.5)
+    with pytest.raises(InputError, match=f"10 frames.*{LEAST_FRAMES} frames or more"):
+        measured_backgrounds(frames[:-1], [one])
+    with pytest.raises(InputError, match="1 frame does not tell"):
+        measured_backgrounds(frames[:1], [one])
+    (found,) = measured_backgrounds(frames, [one])
+    assert 0.9 < found.known.mean() <= 1 - (LEAST_FRAMES + 1) / 2**LEAST_FRAMES
+
+
+def test_frames_of_a_sensor_that_moved_are_refused():
+    one, generator = beams(), np.random.default_rng(3)
+    passing = generator.uniform(3, 90, (LEAST_FRAMES, one.count))
+    with pytest.raises(InputError, match="stands still"):
+        measured_backgrounds(looks_at(one, passing, passing > 0), [one])
+
+
 @pytest.mark.parametrize("rings", [None, "numbered", "from the lowest"])
 def test_points_find_their_beams_with_and_without_rings_in_a_tilted_frame(rings):
     """A level frame of a sensor that looks 8 degrees down: its pose is given."""
@@ -83,7 +109,7 @@ def test_points_find_their_beams_with_and_without_rings_in_a_tilted_frame(rings)
     np.testing.assert_array_equal(rows[np.argsort(beam)], np.arange(len(aim)))
     np.testing.assert_allclose(found, range_m)
     with pytest.raises(InputError, match="points lie on beams of VLP-16"):
-        measured_backgrounds([frame] * 5, [beams(1800)])
+        measured_backgrounds([frame] * LEAST_FRAMES, [beams(1800)])
 
 
 def test_a_twin_without_a_wall_that_was_measured_records_the_wall(tmp_path):
@@ -93,7 +119,7 @@ def test_a_twin_without_a_wall_that_was_measured_records_the_wall(tmp_path):
     bare = rig(effects=False)
     save_backgrounds(
         tmp_path / "measured.npz",
-        measured_backgrounds([frame] * 3, beams_of_rig(bare), intensity_scale=1.0),
+        measured_backgrounds([frame] * LEAST_FRAMES, beams_of_rig(bare), intensity_scale=1.0),
     )
     one = rig_with_backgrounds(bare, [str(tmp_path / "measured.npz")])
     twin = Scanner(ground(), one, 0).scan(0, [])
@@ -198,7 +224,7 @@ def test_each_sensor_of_a_rig_has_its_own_background(tmp_path):
     pair = two_sensors()
     scanner = Scanner(with_wall, pair, 0)
     frames = []
-    for number in range(5):
+    for number in range(LEAST_FRAMES):
         one = scanner.scan(number, [])
         frames.append(
             Frame(
@@ -259,5 +285,5 @@ def test_what_is_no_background_is_said(tmp_path):
     save_backgrounds(file, [MeasuredBackground(image(1), image(1)[:, 1:], image(1), image(1))])
     with pytest.raises(InputError, match="different sizes"):
         load_backgrounds(file)
-    with pytest.raises(InputError, match="0 of 0 points"):
+    with pytest.raises(InputError, match=r"0 frames do not tell.*11 frames or more"):
         measured_backgrounds([], [beams()])

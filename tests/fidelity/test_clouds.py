@@ -9,6 +9,7 @@ import pytest
 
 from urbantwin.errors import InputError
 from urbantwin.fidelity import cloud_files, read_cloud
+from urbantwin.fidelity.readers import open_recording
 
 from ..real_files import FOREGROUND
 
@@ -40,6 +41,50 @@ def test_reads_what_open3d_writes(tmp_path, suffix, ascii_, compressed):
     # Six significant digits is what its ascii files have.
     np.testing.assert_allclose(cloud.points, POINTS[:, :3], rtol=1e-5, atol=1e-5)
     np.testing.assert_allclose(cloud.intensity, POINTS[:, 3], rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("turned", [False, True], ids=["row by row", "column by column"])
+@pytest.mark.parametrize("suffix", ["pcd", "npy"])
+def test_an_image_of_points_has_rings_and_columns(tmp_path, suffix, turned):
+    ring, column = np.divmod(np.arange(80 * 1800), 1800)
+    table = np.column_stack([column, ring, np.ones_like(ring)]).astype(np.float32)
+    image = table.reshape(80, 1800, 3)
+    image = image.transpose(1, 0, 2) if turned else image
+    path = tmp_path / f"a.{suffix}"
+    if suffix == "npy":
+        np.save(path, image)
+    else:
+        cloud = o3d.t.geometry.PointCloud(o3d.core.Tensor(image.reshape(-1, 3).copy()))
+        assert o3d.t.io.write_point_cloud(str(path), cloud, write_ascii=False)
+        height, width = image.shape[:2]
+        data = path.read_bytes().replace(b"WIDTH 144000", b"WIDTH %d" % width)
+        path.write_bytes(data.replace(b"HEIGHT 1\n", b"HEIGHT %d\n" % height))
+    frame = open_recording(path).read(0)
+    # Every point says by its place which ring and column it is.
+    np.testing.assert_array_equal(frame.column, frame.points[:, 0])
+    np.testing.assert_array_equal(frame.ring, frame.points[:, 1])
+
+
+def test_a_pcd_whose_header_puts_the_ring_elsewhere_is_refused(tmp_path):
+    """x, y, z, intensity as float32 and a ring as uint16, as PCL writes them."""
+    rows = np.zeros(50, [("xyzi", "<f4", 4), ("ring", "<u2")])
+    rows["xyzi"] = POINTS[:50]
+    rows["ring"] = np.arange(50) % 16
+    for sizes, types, match in (
+        ("4 4 4 4 2", "F F F F U", None),
+        ("4 4 4 2 2", "F F F U U", "18 bytes for each of its 50 points"),
+        ("4 4 2 4 4", "F F U F U", "has ring"),
+    ):
+        header = f"VERSION 0.7\nFIELDS x y z intensity ring\nSIZE {sizes}\nTYPE {types}\n"
+        header += "COUNT 1 1 1 1 1\nWIDTH 50\nHEIGHT 1\nPOINTS 50\nDATA binary\n"
+        path = tmp_path / "a.pcd"
+        path.write_bytes(header.encode() + rows.tobytes())
+        recording = open_recording(path)
+        if match is None:
+            np.testing.assert_array_equal(recording.read(0).ring, rows["ring"])
+            continue
+        with pytest.raises(InputError, match=match):
+            recording.read(0)
 
 
 def test_compressed_pcd_of_repeating_values(tmp_path):

@@ -47,7 +47,7 @@ def rays_at(actors, mesh):
     return actors.SweepRays(np.broadcast_to(EYE, way.shape), EYE + reach[:, None] * way)
 
 
-@pytest.mark.parametrize("name", ["car-sedan", "car-van"])
+@pytest.mark.parametrize("name", ["car-sedan", "car-minibus"])
 def test_a_car_beside_its_box_is_found(modules, name):
     log, world, actors = modules
     size, shift = np.array([4.5, 1.8, 1.6]), np.array([0.15, -0.35, 0.0])

@@ -14,6 +14,7 @@ import yaml
 from pyarrow import feather
 from scipy.spatial.transform import Rotation
 
+import urbantwin as ut
 from urbantwin.errors import InputError
 from urbantwin.fidelity.readers import open_recording
 
@@ -120,6 +121,10 @@ def test_kitti(tmp_path):
     frame = recording.read(0)
     check(frame, world=False)
     assert frame.boxes.source_names == ("Van", "Person_sitting", "Bus")
+    told = ut.inspect(tmp_path, progress=False)
+    assert (told["kind"], told["layout"], told["frames"]) == ("recording", "KITTI", 1)
+    assert told["first"]["points"] == len(frame.points)
+    assert sum(told["first"]["boxes"].values()) == 3
     label = tmp_path / "training/label_2/000007.txt"
     label.write_text("Car 0 0\n")
     with pytest.raises(InputError, match=r"000007\.txt: line 1"):

@@ -21,12 +21,12 @@ from urbantwin.geometry import LabelledMesh
 from urbantwin.interface.rig import rig_on
 from urbantwin.lidar.background import MeasuredBackground
 from urbantwin.lidar.background_file import load_backgrounds, save_backgrounds
+from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.roads.opendrive import write_opendrive
 from urbantwin.roads.signals.programs import described_signals
 from urbantwin.traffic import Motion
 from urbantwin.traffic.demand import plan_demand
 from urbantwin.traffic.motion import describe as describe_motion
-from urbantwin.traffic.network import StreetNetwork
 from urbantwin.twin import Twin, load_twin
 from urbantwin.view.labelled_frame import read_labelled_points
 from urbantwin.view.surface_colours import surface_colours
@@ -100,7 +100,7 @@ def use_network(twin: Twin) -> None:
     asked = twin.site["traffic"]
     plan_demand(
         network, asked["per_hour"], warmup_s=10, duration_s=1, seed=1,
-        asset_names=lambda name: (f"{name}-x",),
+        body=lambda name, number: f"{name}-x",
     )  # fmt: skip
 
 

@@ -57,7 +57,9 @@ def test_coverage_and_background_are_read_as_they_were_written(line: Line, tmp_p
     assert opened.plot()._repr_png_().startswith(b"\x89PNG")
     assert made.plot()._repr_png_().startswith(b"\x89PNG")
 
-    measured = ut.background(line.dataset, tmp_path / "a.npz", twin=line.twin, progress=False)
+    second = {"stop": 1.0, "workers": 1, "pictures": False, "progress": False}
+    frames = ut.record(line.twin, line.motion, tmp_path / "frames", **second)
+    measured = ut.background(frames, tmp_path / "a.npz", twin=line.twin, progress=False)
     images = ut.open(tmp_path / "a.npz").sensors
     assert len(images) == len(measured.sensors) == 1
     np.testing.assert_array_equal(images[0].range_m, measured.sensors[0].range_m)

@@ -51,6 +51,9 @@ def test_frames_now_and_then_are_single_turns(street):
 
     rare = placed(2.0)
     assert (rare.turns_per_second, rare.frame_window_s, rare.columns) == (10.0, 0.1, 1800)
+    for own in (10.0, 20.0):  # its own rate is how fast it turns, not how much a frame holds
+        told = placed(1.0, rate_hz=own)
+        assert (told.turns_per_second, told.frame_window_s) == (own, 1 / own)
     swift = placed(20.0)
     assert (swift.turns_per_second, swift.frame_window_s, swift.columns) == (20.0, 0.05, 900)
     # Who asks for a rate of its own gets all of its turns.

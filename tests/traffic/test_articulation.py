@@ -29,10 +29,10 @@ def test_bodies_of_a_tram_are_chords_of_the_circle_that_its_track_is():
             )
         # Two bodies share the joint between them.
         for (a, one), (b, other) in pairwise(zip(bodies, poses, strict=True)):
-            assert a.guides_m[1] == b.guides_m[0]
+            assert np.isclose(a.guides_m[1], b.guides_m[0])
             tail = one[0] - _unit(one[1]) * (asset(a.asset).length / 2)
             nose_of_next = other[0] + _unit(other[1]) * (asset(b.asset).length / 2)
-            assert np.linalg.norm(tail - nose_of_next, axis=1).max() < 0.6
+            assert np.linalg.norm(tail - nose_of_next, axis=1).max() < 0.7
 
 
 def test_a_straight_tram_is_as_long_as_the_catalogue_says():

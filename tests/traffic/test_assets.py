@@ -26,8 +26,9 @@ WHEELED = [name for name in NAMES if name not in WALKERS]
 
 
 def sizes():
-    text = files("urbantwin.traffic.assets").joinpath("assets.yaml").read_text()
-    entries = yaml.safe_load(text) | tram_entries()
+    folder, entries = files("urbantwin.traffic.assets"), tram_entries()
+    for name in ("assets.yaml", "cars.yaml"):
+        entries |= yaml.safe_load(folder.joinpath(name).read_text())
     return {name: entry.get("size") for name, entry in entries.items()}
 
 
@@ -51,7 +52,8 @@ def first_hits(mesh, origins, direction):
 @pytest.mark.parametrize(
     ("actor_class", "least"),
     [
-        ("car", 5),
+        ("car", 25),
+        ("van", 5),
         ("truck", 3),
         ("bus", 1),
         ("motorcycle", 1),

@@ -16,14 +16,14 @@ import shapely
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads, sumo_binary
+from urbantwin.roads.assignment.circuit import Circuit
+from urbantwin.roads.assignment.routing_graph import WayGraph, driven_graph, walked_graph
+from urbantwin.roads.assignment.street_network import StreetNetwork, has_walkway
 from urbantwin.site import read_extract
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.assets import asset, asset_names
-from urbantwin.traffic.circuit import Circuit
+from urbantwin.traffic.assets import Fleet, asset
 from urbantwin.traffic.circulation import Circulation
 from urbantwin.traffic.flow_calibration import calibrate
-from urbantwin.traffic.network import StreetNetwork, has_walkway
-from urbantwin.traffic.routing_graph import WayGraph, driven_graph, walked_graph
 from urbantwin.traffic.simulation import observe, sumo_options, write_routes
 
 SECONDS = 1500
@@ -71,10 +71,10 @@ def circulation(town: tuple[Path, frozenset[str]]) -> Circulation:
 
 @pytest.fixture(scope="module")
 def demand(town: tuple[Path, frozenset[str]], circulation: Circulation):
-    found = calibrate(circulation, town[0], room=500.0, asset=asset, asset_names=asset_names)
+    found = calibrate(circulation, town[0], room=500.0, asset=asset, body=Fleet().body)
     assert found.carried == 1.0
     return circulation.demand(
-        found.populations, warmup_s=120.0, duration_s=SECONDS - 120, asset_names=asset_names
+        found.populations, warmup_s=120.0, duration_s=SECONDS - 120, body=Fleet().body
     )
 
 
@@ -85,7 +85,8 @@ def seen(town: tuple[Path, frozenset[str]], demand):
 
 def test_nobody_leaves_nobody_is_lifted_and_nobody_is_stuck(demand, seen) -> None:
     planned = Counter(trip.actor_class for trip in demand.trips)
-    for column, name in enumerate(ACTOR_CLASSES):
+    for name in PER_HOUR:
+        column = ACTOR_CLASSES.index(name)
         assert planned[name] > 0
         assert (seen.observed.least[2:, column] == planned[name]).all()
         assert (seen.observed.most[2:, column] == planned[name]).all()
@@ -104,9 +105,10 @@ def test_speed_does_not_fall_with_time(seen) -> None:
 def test_as_many_pass_as_were_asked_for(seen) -> None:
     """Within 15 % and the chance of counting (three standard deviations of a Poisson count)."""
     hours = (len(seen.observed.entries) - 3) / 60
-    for column, name in enumerate(ACTOR_CLASSES):
+    for name, per_hour in PER_HOUR.items():
+        column = ACTOR_CLASSES.index(name)
         counted = seen.observed.entries[3:, column].sum()
-        asked = PER_HOUR[name] * hours
+        asked = per_hour * hours
         # One vehicle more or less is the finest that there is.
         one = asked / max(seen.observed.most[-1, column], 1)
         assert abs(counted - asked) < 0.15 * asked + 0.5 * one + 3 * np.sqrt(asked), name
@@ -158,9 +160,7 @@ def test_walks_go_on_where_the_one_before_ended(demand) -> None:
 def test_trips_depend_on_the_seed_and_on_nothing_else(town, circulation: Circulation) -> None:
     def planned(seed: int, **more: float):
         made = Circulation(StreetNetwork(town[0], REGION), town[1], {**PER_HOUR, **more}, seed)
-        return made.demand(
-            made.populations(), warmup_s=60, duration_s=60, asset_names=asset_names
-        ).trips
+        return made.demand(made.populations(), warmup_s=60, duration_s=60, body=Fleet().body).trips
 
     assert planned(7) == planned(7)
     assert planned(7) != planned(8)
@@ -226,7 +226,7 @@ def test_who_never_meets_an_outer_road_goes_round_from_gate_to_gate(outside: int
     """Half the ring is 80 s and 100 m, whether or not there are outer roads elsewhere."""
     circuit = Circuit.of(square_of_footways(outside))
     assert circuit is not None
-    assert circuit.usual(seed=1) == (pytest.approx(80.0), pytest.approx(100.0))
+    assert circuit.usual() == (pytest.approx(80.0), pytest.approx(100.0))
     assert circuit.room_m == 200.0
 
 
@@ -239,7 +239,7 @@ def test_no_more_walk_than_there_is_room(town: tuple[Path, frozenset[str]]) -> N
     length = sum(edge.getLength() for edge in network.streets if has_walkway(edge))
     assert few.without_room == 0
     assert few.count < crowd.count <= length / 2.8
-    demand = many.demand([crowd], warmup_s=0.0, duration_s=1.0, asset_names=asset_names)
+    demand = many.demand([crowd], warmup_s=0.0, duration_s=1.0, body=Fleet().body)
     assert len(demand.trips) == crowd.count
     (left,) = demand.left_out
     assert (left.count, left.why) == (crowd.without_room, "no room on the footways")

@@ -11,9 +11,9 @@ import pytest
 import shapely
 
 from urbantwin.errors import StageError
-from urbantwin.traffic.assets import asset_names
+from urbantwin.roads.assignment.street_network import StreetNetwork
+from urbantwin.traffic.assets import Fleet
 from urbantwin.traffic.demand import Demand, plan_demand
-from urbantwin.traffic.network import StreetNetwork
 
 REGION = shapely.box(-150, -150, 150, 150)
 
@@ -23,7 +23,7 @@ def plan(
 ) -> Demand:
     network = StreetNetwork(net, REGION)
     times = {"warmup_s": 60.0, "duration_s": duration_s}
-    return plan_demand(network, per_hour, seed=seed, asset_names=asset_names, **times)
+    return plan_demand(network, per_hour, seed=seed, body=Fleet().body, **times)
 
 
 def test_counts_are_the_rates_times_the_period(crossing_net: Path) -> None:

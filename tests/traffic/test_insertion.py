@@ -83,8 +83,8 @@ def test_it_drives_where_it_is_told_and_stands_on_the_slope(
 def test_a_size_stretches_mesh_box_and_contacts(motion: Motion, surface: TwinSurface) -> None:
     name = sized_name("car-sedan_black", 5.2, 2.0, 1.6)
     changed, (track,) = inserted(motion, [eastwards(name)], surface)
-    (key,) = [key for key in changed.meshes if key[0] == name]
-    assert np.ptp(changed.meshes[key].vertices, axis=0) == pytest.approx([5.2, 2.0, 1.6], abs=1e-6)
+    mesh = changed.mesh(name, 0)
+    assert np.ptp(mesh.vertices, axis=0) == pytest.approx([5.2, 2.0, 1.6], abs=1e-6)
     row = changed.at(2.0)
     row = row[row["track"] == track][0]
     assert (row["length"], row["width"], row["height"]) == (5.2, 2.0, 1.6)

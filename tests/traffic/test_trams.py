@@ -11,11 +11,11 @@ import shapely
 
 from urbantwin.artefact import sha256_of, write_json
 from urbantwin.roads import BusStop, Track
+from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.roads.rails import add_rails
 from urbantwin.traffic import run_traffic
 from urbantwin.traffic.assets import asset, asset_names
 from urbantwin.traffic.demand import plan_demand
-from urbantwin.traffic.network import StreetNetwork
 from urbantwin.traffic.simulation import TRAM_DWELL_S, simulate
 from urbantwin.twin import load_twin
 
@@ -47,8 +47,8 @@ def tram_twin(crossing_twin, tmp_path_factory):
 @pytest.fixture(scope="module")
 def motion(tram_twin, tmp_path_factory):
     out = tmp_path_factory.mktemp("motions") / "motion"
-    changes = {"per_hour": ASKED, "warmup_s": 60.0}
-    return run_traffic(tram_twin, out, seconds=90.0, seed=3, changes=changes)
+    changes = {"per_hour": ASKED, "warmup_s": 40.0}
+    return run_traffic(tram_twin, out, seconds=60.0, seed=3, changes=changes)
 
 
 def outlines(rows) -> np.ndarray:
@@ -66,7 +66,9 @@ def test_trams_come_as_often_as_asked_and_stay_on_their_rails(motion, records):
     trams = rows[rows["class"] == "tram"]
     seen = motion.manifest["classes"]["tram"]
     assert seen["seen"] >= 2
-    assert len(np.unique(trams.track)) == seen["seen"] * len(asset(asset_names("tram")[0]).bodies)
+    # Of the last one perhaps not all bodies have come.
+    bodies = len(np.unique(trams.track)) / len(asset(asset_names("tram")[0]).bodies)
+    assert seen["seen"] - 1 < bodies <= seen["seen"]
     np.testing.assert_allclose(np.abs(trams.y), OFFSET_M, atol=0.01)
     assert (np.sign(np.cos(trams.yaw)) == -np.sign(trams.y)).all()
     assert trams.speed.max() > 8.0
@@ -105,7 +107,7 @@ def test_trams_halt_at_stops_and_at_red(tram_twin):
         warmup_s=0.0,
         duration_s=240.0,
         seed=5,
-        asset_names=asset_names,
+        body=lambda name, number: asset_names(name)[0],
     )
     demand = replace(
         demand,
@@ -150,7 +152,11 @@ def test_trams_halt_at_stops_and_at_red(tram_twin):
     assert waited >= 1
 
 
-def test_the_same_seed_gives_the_same_trams(tram_twin, motion, tmp_path):
-    changes = {"per_hour": ASKED, "warmup_s": 60.0}
-    again = run_traffic(tram_twin, tmp_path / "again", seconds=90.0, seed=3, changes=changes)
-    assert again.manifest["made"] == motion.manifest["made"]
+def test_the_same_seed_gives_the_same_trams(tram_twin, tmp_path):
+    changes = {"per_hour": ASKED, "warmup_s": 20.0}
+    made = [
+        run_traffic(tram_twin, tmp_path / name, seconds=10.0, seed=3, changes=changes).manifest
+        for name in ("one", "other")
+    ]
+    assert made[0]["classes"]["tram"]["seen"]
+    assert made[0]["made"] == made[1]["made"]

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 
 import urbantwin as ut
-from urbantwin.traffic.circuit import Circuit
-from urbantwin.traffic.network import StreetNetwork
-from urbantwin.traffic.routing_graph import walked_graph
+from urbantwin.roads.assignment.circuit import Circuit
+from urbantwin.roads.assignment.routing_graph import walked_graph
+from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.traffic.run import outer_roads
 
 

@@ -28,12 +28,16 @@ urbantwin export twin/ --to ply -o scene.ply
 urbantwin export twin/ --to usd -o scene.usd
 urbantwin export twin/ --to fbx -o scene.fbx
 urbantwin export twin/ --to cityjson -o buildings.city.json
+urbantwin export out/motion/ --to tracks -o tracks.csv
+urbantwin export out/motion/ --to openlabel -o openlabel.json
 urbantwin export out/dataset/ --to challenge -o submission/
 """
 
 
 def export(
-    twin: Annotated[Path, typer.Argument(help="A twin; for challenge, a dataset.")],
+    twin: Annotated[
+        Path, typer.Argument(help="A twin; for challenge, a dataset; for tracks, a motion.")
+    ],
     to: Annotated[
         str,
         typer.Option(
@@ -41,8 +45,9 @@ def export(
             metavar="FORMAT",
             help="opendrive, carla (a package of a map), sumo (a run that is set up) or "
             "geojson (for QGIS: one file, or one per layer in a folder), plan (SVG, PNG), or the "
-            "scene as glb, obj, ply, usd, fbx, or its buildings as cityjson; or a dataset's "
-            "frames as a submission to the UrbanTwin challenge (challenge).",
+            "scene as glb, obj, ply, usd, fbx, or its buildings as cityjson; a motion as tracks "
+            "(CSV) or openlabel (ASAM OpenLABEL); or a dataset's frames as a submission to the "
+            "UrbanTwin challenge (challenge).",
         ),
     ],
     version: Annotated[

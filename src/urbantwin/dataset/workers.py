@@ -21,7 +21,7 @@ from urbantwin.errors import StageError
 from urbantwin.geometry import LabelledMesh, SurfaceMaterials
 from urbantwin.lidar import Rig, Scanner
 from urbantwin.processes import worker_pool
-from urbantwin.traffic.assets import asset_mesh
+from urbantwin.traffic.assets import asset_mesh, mesh_among
 
 __all__ = ["Recipe", "Task", "record_frames"]
 
@@ -79,8 +79,7 @@ class _Recorder:
         )
 
     def _mesh(self, asset: str, phase: int) -> LabelledMesh:
-        own = self._recipe.meshes.get((asset, phase))
-        return asset_mesh(asset, phase) if own is None else own
+        return mesh_among(self._recipe.meshes, asset, phase, asset_mesh)
 
     def record(self, task: Task) -> int:
         rig = self._recipe.rig

@@ -20,7 +20,14 @@ from urbantwin.lidar.background import MeasuredBackground
 from urbantwin.lidar.background_file import save_backgrounds
 from urbantwin.progress import Progress, untold
 
-__all__ = ["measure_recording", "measured_backgrounds"]
+__all__ = ["LEAST_FRAMES", "measure_recording", "measured_backgrounds"]
+
+#: Of a range there are two looks at least: what sends back every second look is met so often in
+#: 99 of 100 cases (binomial), and found to stand still in nine of ten.
+LEAST_FRAMES = 11
+#: This share of the points is of what stands still, or the sensor does not: of 24 frames of a car's
+#: sensor in different streets (KITTI) 44 %, of simulated fixed sensors more than 90 %.
+_LEAST_STILL = 0.6
 
 #: Looks of a sensor that are kept at a time; of longer recordings, frames spread evenly.
 _MOST_LOOKS = 30_000_000
@@ -47,7 +54,8 @@ def measured_backgrounds(
         file: for errors.
 
     Raises:
-        InputError: no frame, or most points lie on no beam of the sensors.
+        InputError: fewer than `LEAST_FRAMES` frames, most points lie on no beam of the sensors,
+            or most points are of nothing that stands still.
     """
     looks: list[list[tuple[NDArray[np.int32], NDArray[np.float32], NDArray[np.float32]]]] = [
         [] for _ in sensors
@@ -61,6 +69,12 @@ def measured_backgrounds(
             rows, beam, range_m = one.of(frame)
             found = (range_m[rows].astype(np.float32), light[rows].astype(np.float32))
             kept.append((beam.astype(np.int32), *found))
+    if count < LEAST_FRAMES:
+        raise InputError(
+            f"{count} {'frame does' if count == 1 else 'frames do'} not tell what stands still",
+            file=file,
+            expected=f"{LEAST_FRAMES} frames or more, over half a minute where traffic waits",
+        )
     on = sum(len(beam) for kept in looks for beam, *_ in kept)
     if on < max(1, _LEAST_ON * points):
         names = ", ".join(one.sensor.name for one in sensors)
@@ -70,7 +84,21 @@ def measured_backgrounds(
             expected="frames of that sensor in its own frame, or its pose in theirs",
         )
     scale = full_scale(brightest) if intensity_scale is None else intensity_scale
-    return [_background(one, _modes(one, looks.pop(0), count), scale) for one in tuple(sensors)]
+    backgrounds = []
+    for one in sensors:
+        mine = looks.pop(0)
+        points = sum(len(beam) for beam, *_ in mine)
+        modes = _modes(one, mine, count)
+        still = float((modes.share.sum(axis=1) * modes.looks).sum()) / max(1, points)
+        if still < _LEAST_STILL:
+            raise InputError(
+                f"{still:.0%} of the points of {one.name or one.sensor.name} are of what "
+                "stands still",
+                file=file,
+                expected="frames of a sensor that stands still, in its own frame",
+            )
+        backgrounds.append(_background(one, modes, scale))
+    return backgrounds
 
 
 def measure_recording(

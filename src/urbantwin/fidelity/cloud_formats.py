@@ -21,6 +21,8 @@ FORMATS = (".npy", ".bin", ".pcd", ".ply", ".las", ".laz")
 _INTENSITY = ("intensity", "scalar_intensity", "i", "reflectivity", "reflectance", "remission")
 #: nuScenes' rows: x, y, z, intensity and the ring, in files that end so.
 _NUSCENES = ".pcd.bin"
+#: An image of points of a LiDAR has so many rings and columns.
+_FEWEST_RINGS, _MOST_RINGS, _MOST_COLUMNS = 4, 256, 8192
 #: Rows of ``.npy`` have no more values than this; of ``.bin`` as many as these.
 _WIDEST = 64
 _WIDTHS = (3, 4, 5, 6)
@@ -61,9 +63,11 @@ def read_fields(path: Path, columns: int | None = None) -> Fields:
         return _from_npy(path)
     if kind == ".bin":
         return _from_bin(path, columns)
-    if kind in (".pcd", ".ply"):
-        fields = read_pcd(path) if kind == ".pcd" else _from_ply(path)
-        return {name.lower(): values for name, values in fields.items()}
+    if kind == ".pcd":
+        named, shape = read_pcd(path)
+        return _organised({name.lower(): values for name, values in named.items()}, *shape)
+    if kind == ".ply":
+        return {name.lower(): values for name, values in _from_ply(path).items()}
     if kind in (".las", ".laz"):
         return _from_las(path)
     raise InputError(f"{kind} is unknown", file=path, expected=", ".join(FORMATS))
@@ -100,7 +104,11 @@ def position_and_intensity(
 def _from_npy(path: Path) -> Fields:
     array = read_array(path, "a .npy array")
     if array.dtype.names:
-        return {name.lower(): array[name].ravel() for name in array.dtype.names}
+        named: Fields = {name.lower(): array[name].ravel() for name in array.dtype.names}
+        return _organised(named, *array.shape) if array.ndim == 2 else named
+    image = array.shape[:2] if array.ndim == 3 and _is_turn(*array.shape[:2]) else None
+    if image is not None:
+        array = array.reshape(-1, array.shape[2])
     if array.ndim != 2 or not 3 <= array.shape[1] <= _WIDEST or array.dtype.kind not in "fiu":
         raise InputError(
             f"is an array of {array.dtype} of shape {array.shape}",
@@ -108,7 +116,26 @@ def _from_npy(path: Path) -> Fields:
             expected=f"numbers of shape (N, 3 to {_WIDEST})",
         )
     with np.errstate(over="ignore", invalid="ignore"):
-        return _columns(array.astype(np.float64))
+        fields = _columns(array.astype(np.float64))
+    return fields if image is None else _organised(fields, *image)
+
+
+def _is_turn(height: int, width: int) -> bool:
+    """Return whether an image may be of channels by columns, either way round."""
+    few, many = sorted((height, width))
+    return _FEWEST_RINGS <= few <= _MOST_RINGS and few <= many <= _MOST_COLUMNS
+
+
+def _organised(fields: Fields, height: int, width: int) -> Fields:
+    """Add ring and column to the points of an image, row by row, if it is one of a LiDAR.
+
+    Drivers write a row for each channel, or for each column of the turn.
+    """
+    if not _is_turn(height, width) or "ring" in fields:
+        return fields
+    axes = np.divmod(np.arange(height * width), width)
+    ring, column = axes if height <= width else axes[::-1]
+    return {**fields, "ring": ring, "column": fields.get("column", column)}
 
 
 def _from_bin(path: Path, columns: int | None) -> Fields:

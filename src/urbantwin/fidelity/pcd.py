@@ -16,8 +16,12 @@ __all__ = ["read_pcd"]
 _KINDS = {"F": "f", "I": "i", "U": "u"}
 
 
-def read_pcd(path: Path) -> dict[str, NDArray[np.float64]]:
+def read_pcd(path: Path) -> tuple[dict[str, NDArray[np.float64]], tuple[int, int]]:
     """Read every field of one value per point as float64 (N,); VIEWPOINT is not applied.
+
+    Returns:
+        The fields by name, and height and width of the image that the points are, row by row:
+        1 and N where they are none.
 
     Raises:
         InputError: not a PCD file, a header that contradicts itself, or less data than it says.
@@ -32,6 +36,7 @@ def read_pcd(path: Path) -> dict[str, NDArray[np.float64]]:
         points = int(header.get("POINTS", ["-1"])[0])
         if points < 0:
             points = int(header["WIDTH"][0]) * int(header["HEIGHT"][0])
+        shape = int(header.get("HEIGHT", ["1"])[0]), int(header.get("WIDTH", [points])[0])
         encoding = header["DATA"][0]
         if points < 0 or min(counts) < 0:
             raise ValueError
@@ -47,10 +52,18 @@ def read_pcd(path: Path) -> dict[str, NDArray[np.float64]]:
             "the header is not valid", file=path, expected="a PCD 0.7 header"
         ) from None
 
+    if shape[0] * shape[1] != points:
+        shape = 1, points
     if encoding == "ascii":
-        return _ascii(path, body, names, counts, points)
+        return _ascii(path, body, names, counts, points), shape
     if encoding == "binary":
         _check_size(path, len(body), points * record.itemsize)
+        if points and len(body) >= points * (record.itemsize + 1):
+            raise InputError(
+                f"has {len(body) / points:.4g} bytes for each of its {points} points",
+                file=path,
+                expected=f"{record.itemsize}, as SIZE and COUNT of its header say",
+            )
         table = np.frombuffer(body, record, count=points)
         arrays = [table[f"{index}"] for index in range(len(names))]
     elif encoding == "binary_compressed":
@@ -68,11 +81,12 @@ def read_pcd(path: Path) -> dict[str, NDArray[np.float64]]:
             expected="ascii, binary or binary_compressed",
         )
     with np.errstate(invalid="ignore"):  # of bits that are no number: they become NaN
-        return {
+        fields = {
             name: array[:, 0].astype(np.float64)
             for name, array in zip(names, arrays, strict=True)
             if array.shape[1] == 1
         }
+    return fields, shape
 
 
 def _split(path: Path, data: bytes) -> tuple[dict[str, list[str]], bytes]:

@@ -52,9 +52,10 @@ def export(
     """Write a twin for other programs: OpenDRIVE, CARLA, SUMO, GeoJSON, a plan, 3D scenes.
 
     Args:
-        twin: the twin, or its folder; for ``challenge``, a dataset.
+        twin: the twin, or its folder; for ``challenge``, a dataset; for ``tracks`` and
+            ``openlabel``, a motion.
         to: ``opendrive``, ``carla``, ``sumo``, ``geojson``, ``plan``, ``glb``, ``obj``, ``ply``,
-            ``usd``, ``fbx``, ``cityjson`` or ``challenge``.
+            ``usd``, ``fbx``, ``cityjson``, ``tracks`` (CSV), ``openlabel`` or ``challenge``.
         out: the file or folder to write; one named after the twin, in the current folder, when not
             given.
         version: of OpenDRIVE: 1.8, or 1.4 for CARLA; 1.8 if not given.
@@ -80,6 +81,16 @@ def export(
             found = None if detections is None else Path(detections)
             notes = write_challenge(Path(twin), folder, frames=frames, detections=found)
         return Exported(folder, to, tuple(notes))
+    if to in ("tracks", "openlabel"):
+        from urbantwin.exports.tracks import write_openlabel, write_tracks
+        from urbantwin.traffic import Motion
+
+        file = place or Path("tracks.csv" if to == "tracks" else "openlabel.json")
+        with shown_stage("export", progress, brief=True) as tell:
+            tell(0.0, "reading the motion")
+            motion = Motion.load(Path(twin))
+            (write_tracks if to == "tracks" else write_openlabel)(motion, file)
+        return Exported(file, to)
     from urbantwin.exports import export_twin
 
     with shown_stage("export", progress, brief=True) as tell:

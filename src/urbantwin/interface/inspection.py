@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -22,7 +23,8 @@ CLOUDS = (".npy", ".bin", ".pcd", ".ply")
 EXPECTED = (
     "a twin, motion, dataset, report or coverage; a site.yaml, rig.yaml or sensor; an "
     "OpenStreetMap extract (.osm, .osm.bz2, .osm.gz, .osm.pbf), a map of the roads (.xodr, "
-    "Lanelet2 .osm), a DEM (.tif), a cloud (.npy, .bin, .pcd, .ply) or geometry (.glb, .gltf, "
+    "Lanelet2 .osm), a DEM (.tif), a cloud (.npy, .bin, .pcd, .ply), a recording (KITTI, "
+    "nuScenes, Argoverse 2 and others, .pcap of an Ouster) or geometry (.glb, .gltf, "
     ".obj, .ply, .stl, .fbx, .las, .laz, CityJSON, tileset.json, .3tz, a folder of photogrammetry)"
 )
 GEOMETRY = (
@@ -36,7 +38,7 @@ def inspect(path: AnyPath, *, progress: ShowProgress = True) -> Summary:
 
     Args:
         path: a twin, motion, dataset, report or coverage; a site.yaml, rig.yaml or sensor; an
-            OpenStreetMap extract, a DEM, a cloud or a file of geometry.
+            OpenStreetMap extract, a DEM, a cloud, a recording or a file of geometry.
         progress: show how far it is; or a function that is told (share, doing).
 
     Returns:
@@ -78,6 +80,7 @@ def _by_ending(name: str, progress: Progress) -> Callable[[Path], dict[str, Any]
         ((".tif", ".tiff"), _dem),
         ((".ply",), _mesh_or_cloud),
         (CLOUDS, _cloud),
+        ((".pcap",), _recording),
         ((".json",), _geometry_or_roads),
         (GEOMETRY, _geometry),
     ):
@@ -95,19 +98,46 @@ def _folder(folder: Path) -> dict[str, Any]:
         return {"kind": "run", **parts}
     if (folder / "site.yaml").is_file():
         return _yaml(folder / "site.yaml")
+
     from urbantwin.fidelity.clouds import cloud_files
+    from urbantwin.fidelity.readers.layouts import layout_of
+    from urbantwin.reconstruct.formats import holds_model
 
-    clouds = [path for path in folder.iterdir() if path.suffix.lower() in CLOUDS]
-    if (folder / "tileset.json").is_file() or not clouds:
-        from urbantwin.reconstruct.formats import holds_model
-
-        if (folder / "tileset.json").is_file() or holds_model(folder):
-            return _geometry(folder)
-        raise InputError("holds nothing that UrbanTwin knows", file=folder, expected=EXPECTED)
+    layout = layout_of(folder)
+    model = (folder / "tileset.json").is_file() or (layout is None and holds_model(folder))
+    if model:
+        return _geometry(folder)
+    if layout != "plain":
+        return _recording(folder)
     return {
         "kind": "clouds",
         "frames": len(cloud_files(folder)),
         "first": _cloud(cloud_files(folder)[0]),
+    }
+
+
+def _recording(path: Path) -> dict[str, Any]:
+    """Describe a recording of a layout that is known: its frames, and what the first has."""
+    import numpy as np
+
+    from urbantwin.fidelity.readers import open_recording
+    from urbantwin.fidelity.readers.layouts import LAYOUTS
+
+    recording = open_recording(path)
+    frame = recording.read(0)
+    first: dict[str, Any] = {"name": frame.name, "points": len(frame.points)}
+    for name in ("intensity", "ring", "column", "time_s"):
+        values = getattr(frame, name)
+        if values is not None:
+            first[name] = [round(float(one), 6) for one in (np.nanmin(values), np.nanmax(values))]
+    if frame.boxes is not None:
+        first["boxes"] = dict(Counter(frame.boxes.class_names).most_common())
+    return {
+        "kind": "recording",
+        "layout": LAYOUTS[recording.layout].title,
+        "frames": len(recording),
+        "first": first,
+        "notes": list(recording.notes),
     }
 
 

@@ -28,11 +28,16 @@ def outcome_of_twin(twin: Twin) -> dict[str, Any]:
 
 
 def outcome_of_motion(motion: Motion) -> dict[str, Any]:
-    """Return how many actors there are, and the share of the traffic asked for that is carried."""
+    """Return how many actors there are, the share of traffic carried, and how many overlap."""
     told = motion.manifest
     seen = {name: row["seen"] for name, row in told.get("classes", {}).items() if row["seen"]}
     carried = told.get("circulation", {}).get("carried_share_of_motor_traffic")
-    return {"actors": seen, **({} if carried is None else {"traffic_carried_of_asked": carried})}
+    met = told.get("overlaps")
+    return {
+        "actors": seen,
+        **({} if carried is None else {"traffic_carried_of_asked": carried}),
+        **({} if met is None else {"overlaps": met["actors"], "overlaps_with_scene": met["scene"]}),
+    }
 
 
 def outcome_of_dataset(dataset: Dataset) -> dict[str, Any]:

@@ -110,11 +110,7 @@ def window_of(spec: RigSpec, models: Sequence[Sensor]) -> float:
     if spec.window_s is not None:
         return spec.window_s
     between_s = 1.0 / spec.rate_hz
-    rare = any(
-        one.rate_hz is None and spin_of(model, spec.rate_hz) != spec.rate_hz
-        for one, model in zip(spec.sensors, models, strict=True)
-    )
-    if not rare:
+    if all(spin_of(model, spec.rate_hz) == spec.rate_hz for model in models):
         return between_s
     turns = (
         1.0 / turns_per_second_of(model, one, spec.rate_hz)

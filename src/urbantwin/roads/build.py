@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import partial
 from itertools import compress
@@ -18,6 +18,7 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.progress import Progress, untold
 from urbantwin.result_warning import ResultWarning
+from urbantwin.roads.assignment.movement_flows import movement_flows
 from urbantwin.roads.building_ground import building_ground
 from urbantwin.roads.bus_stops import with_buses
 from urbantwin.roads.cross_section import prepare_ways, write_sumo_edges
@@ -36,6 +37,7 @@ from urbantwin.roads.junctions import with_junctions_of_map
 from urbantwin.roads.lane_polylines import network_of_model
 from urbantwin.roads.loop import OuterRoads, close_loop
 from urbantwin.roads.main_component import LeftOut, Part, main_component
+from urbantwin.roads.merging_lanes import zip_merging_lanes
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.netconvert import sumo_network
 from urbantwin.roads.network import RoadNetwork
@@ -57,7 +59,7 @@ from urbantwin.roads.signals.signalised_junctions import mapped_signals
 from urbantwin.roads.signals.signs import add_signs
 from urbantwin.roads.streets import planar_model, with_furniture
 from urbantwin.roads.sumo_geometry import redraw_sumo_network
-from urbantwin.roads.sumo_network import read_sumo_network
+from urbantwin.roads.sumo_network import edges_of_pieces, read_sumo_network
 from urbantwin.site.extract import Extract, Way, WayPiece
 from urbantwin.site.junction_proposal import way_lanes
 from urbantwin.site.signals import SignalPlan
@@ -107,6 +109,7 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
     out: Path,
     plans: Sequence[SignalPlan] = (),
     closed_loop: bool = False,
+    per_hour: Mapping[str, float] | None = None,
     tell: Progress = untold,
 ) -> BuiltRoads:
     """Build the lane network of a region and write SUMO's network beside it.
@@ -120,6 +123,8 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
         out: the ``.net.xml`` to write.
         plans: programs of signals to use instead of those that are assumed.
         closed_loop: whether outer roads beyond the region lead every way out back to a way in.
+        per_hour: who comes into the region, by class of actors: assumed programs serve them where
+            the loop is closed.
         tell: called with the share done (0..1) and the current task.
 
     Raises:
@@ -198,7 +203,7 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
             out=out,
         )
     tell(0.25, "signals")
-    set_default_programs(out)
+    _serve(out, {piece.id for piece in pieces if piece.way == 0}, per_hour or {})
     planned = set_programs(out, plans, frame)
     raw = corners_before_buildings(
         read_sumo_network(
@@ -269,6 +274,13 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
         "netconvert_warnings": len(warnings),
     }
     return BuiltRoads(model, network, surface, notes)
+
+
+def _serve(net: Path, outer: Set[int], per_hour: Mapping[str, float]) -> None:
+    """Let merging lanes take turns, and give signals programs that serve who comes."""
+    zip_merging_lanes(net)
+    flows = movement_flows(net, edges_of_pieces(net, outer), per_hour)
+    set_default_programs(net, flows=flows)
 
 
 def _main_component(

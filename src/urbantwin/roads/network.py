@@ -217,6 +217,20 @@ class RoadNetwork:
         """Every lane by its id."""
         return {lane.id: lane for lane in self.lanes}
 
+    @cached_property
+    def lanes_into(self) -> dict[str, tuple[str, ...]]:
+        """Lane id -> ids of the lanes that lead on to it."""
+        found: dict[str, list[str]] = {}
+        for lane in self.lanes:
+            for name in lane.successors:
+                found.setdefault(name, []).append(lane.id)
+        return {name: tuple(before) for name, before in found.items()}
+
+    @cached_property
+    def stopped_lanes(self) -> frozenset[str]:
+        """Ids of the lanes that signals stop."""
+        return frozenset(head.lane for head in self.signals)
+
     def height(self, lane_id: str, xy: ArrayLike) -> NDArray[np.float64]:
         """Return the carriageway's height (N,) on a lane's centre nearest to (N, 2) points.
 

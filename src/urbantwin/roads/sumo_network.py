@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from urbantwin.roads.network import Junction, Lane, Road, RoadNetwork, SignalHead, SignalProgram
 
-__all__ = ["read_sumo_network"]
+__all__ = ["edges_of_pieces", "read_sumo_network"]
 
 #: SUMO's vehicle classes of our classes of actors.
 VEHICLE_CLASSES = {
@@ -99,6 +99,13 @@ def read_sumo_network(
         if lane in by_id
     )
     return RoadNetwork(driving_side, tuple(roads), tuple(lanes), junctions, signals, programs)
+
+
+def edges_of_pieces(net: Path, pieces: Set[int]) -> frozenset[str]:
+    """Return the ids of the edges that are made of some pieces of ways alone."""
+    edges = etree.parse(net).getroot().iterfind("edge")
+    own = ((str(edge.get("id")), _ways(edge, {})) for edge in edges)
+    return frozenset(name for name, found in own if found and set(found) <= pieces)
 
 
 def _shape(item: etree._Element) -> NDArray[np.float64]:

@@ -300,6 +300,7 @@ traffic:
   # that is not listed has none.
   per_hour:
 {counts}
+  guessed: true         # no more come than signals let through; without this line all are tried
   duration_s: 20        # length of the recorded motion
   warmup_s: 120         # simulated before it, so that the streets are not empty
   step_s: 0.1           # between two steps of the simulation

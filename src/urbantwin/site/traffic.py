@@ -15,12 +15,13 @@ __all__ = ["DEFAULT_PER_HOUR", "TrafficSpec", "load_traffic_changes"]
 
 #: A moderately busy urban junction in the middle of the day, all approaches together.
 DEFAULT_PER_HOUR: dict[str, float] = {
-    "car": 1200.0,
+    "car": 1080.0,
     "truck": 60.0,
     "bus": 40.0,
     "motorcycle": 60.0,
     "bicycle": 150.0,
     "pedestrian": 400.0,
+    "van": 120.0,
 }
 
 
@@ -50,6 +51,8 @@ class TrafficSpec(Strict):
     Attributes:
         per_hour: actors that come into the region per hour, by class, over all streets together. A
             class that is not named has none.
+        guessed: whether these are guesses: no more motor vehicles come then than the signals' lanes
+            have green for.
         duration_s: length of the motion, seconds.
         warmup_s: simulated before the motion starts, so that the streets are not empty, seconds.
         step_s: time between two steps of the simulation, seconds.
@@ -58,6 +61,7 @@ class TrafficSpec(Strict):
     """
 
     per_hour: dict[ActorClass, PerHour] = Field(default_factory=lambda: dict(DEFAULT_PER_HOUR))
+    guessed: bool = False
     duration_s: Annotated[Seconds, Field(gt=0.0)] = 60.0
     warmup_s: Annotated[Seconds, Field(ge=0.0)] = 120.0
     step_s: Annotated[float, Field(ge=0.01, le=1.0, allow_inf_nan=False)] = 0.1

@@ -1,6 +1,6 @@
 """Names shared by every stage: semantic classes, materials, classes of actors."""
 
-from urbantwin.taxonomy.actor import ACTOR_CLASSES, ACTOR_SEMANTICS
+from urbantwin.taxonomy.actor import ACTOR_CLASSES, ACTOR_SEMANTICS, ROAD_USERS
 from urbantwin.taxonomy.material import WAVELENGTHS_NM, Material, material_id, materials
 from urbantwin.taxonomy.semantic import (
     GROUND_CLASSES,
@@ -13,6 +13,7 @@ __all__ = [
     "ACTOR_CLASSES",
     "ACTOR_SEMANTICS",
     "GROUND_CLASSES",
+    "ROAD_USERS",
     "WAVELENGTHS_NM",
     "Material",
     "SemanticClass",

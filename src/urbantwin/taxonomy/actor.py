@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-__all__ = ["ACTOR_CLASSES", "ACTOR_SEMANTICS"]
+__all__ = ["ACTOR_CLASSES", "ACTOR_SEMANTICS", "ROAD_USERS"]
 
 #: Class of a box -> semantic class of its points. A two-wheeler includes its rider, as in
-#: SemanticKITTI, where the vehicle counts as part of the bicyclist or motorcyclist.
+#: SemanticKITTI, where the vehicle counts as part of the bicyclist or motorcyclist, and where
+#: vans are cars. A class keeps its place for good: random numbers are drawn by it.
 ACTOR_SEMANTICS: dict[str, str] = {
     "car": "car",
     "truck": "truck",
@@ -13,7 +14,11 @@ ACTOR_SEMANTICS: dict[str, str] = {
     "motorcycle": "motorcyclist",
     "bicycle": "bicyclist",
     "pedestrian": "pedestrian",
+    "van": "car",
     "tram": "on-rails",
 }
 
 ACTOR_CLASSES: tuple[str, ...] = tuple(ACTOR_SEMANTICS)
+
+#: The classes that rules of access to lanes tell apart. Vans go where cars go.
+ROAD_USERS: tuple[str, ...] = ("car", "truck", "bus", "motorcycle", "bicycle", "pedestrian")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from urbantwin.progress import Progress, between, each, untold
 from urbantwin.roads import Track
-from urbantwin.traffic.assets import COATED_CLASSES, Asset, coated_name
+from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.bending import with_bodies
 from urbantwin.traffic.demand import Demand
 from urbantwin.traffic.motion import ACTOR_SCHEMA, step_times
@@ -60,8 +60,9 @@ def actor_table(
     ceiling = ground.ceiling(columns["xy"], columns["lane"], simulated.lanes)
     z, pitch, roll = np.full((3, len(trip)), np.nan)
     phase = np.zeros(len(trip), np.int16)
+    known, kind = np.unique(names.astype(str), return_inverse=True)
     for name in each(sorted(set(names[trip])), standing, "on the ground"):
-        rows = np.flatnonzero(names[trip] == name)
+        rows = np.flatnonzero(kind[trip] == np.searchsorted(known, name))
         mesh = asset(name)
         xy, yaw = columns["xy"][rows], columns["yaw"][rows]
         z[rows], pitch[rows], roll[rows] = stand(ground, mesh.contacts, xy, yaw, ceiling[rows])
@@ -77,15 +78,11 @@ def actor_table(
     driven, track = np.unique(trip, return_inverse=True)
     size = np.array([_size(asset(names[number])) for number in driven]).reshape(-1, 3)[track]
     classes = [trip.actor_class for trip in trips]
-    shown = [
-        coated_name(name, number) if kind in COATED_CLASSES else name
-        for number, (name, kind) in enumerate(zip(names.tolist(), classes, strict=True))
-    ]
     values = {
         "time_s": step_times(steps, step_s)[columns["step"][order]],
         "track": track + 1,
         "class": _texts(classes, trip),
-        "asset": _texts(shown, trip),
+        "asset": _texts(names.tolist(), trip),
         "phase": phase[order],
         "x": columns["xy"][order, 0],
         "y": columns["xy"][order, 1],

@@ -12,11 +12,12 @@ from collections.abc import Callable, Mapping, Sequence, Set
 import numpy as np
 
 from urbantwin.roads import BusStop
+from urbantwin.roads.assignment.circuit import Circuit
+from urbantwin.roads.assignment.movement_flows import IN_CARS, flows_of_circuits
+from urbantwin.roads.assignment.routing_graph import driven_graph, walked_graph
+from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.circuit import Circuit
-from urbantwin.traffic.demand import Demand, LeftOut, Population, Trip, systematic
-from urbantwin.traffic.network import StreetNetwork
-from urbantwin.traffic.routing_graph import driven_graph, walked_graph
+from urbantwin.traffic.demand import Demand, LeftOut, Population, Trip
 from urbantwin.traffic.vehicle_types import ACTOR_KINDS
 
 __all__ = ["Circulation"]
@@ -84,13 +85,21 @@ class Circulation:
                 self._missing[name] = f"no way round that allows SUMO's class {vclass!r}"
                 continue
             self._circuits[name] = circuit
-            self._usual[name] = circuit.usual(seed)
+            self._usual[name] = circuit.usual()
 
     @property
     def drives(self) -> bool:
         """Whether any of those who drive find a way round."""
         driving = [name for name, rate in self.per_hour.items() if rate > 0 and name != _ON_FOOT]
         return any(name in self._circuits for name in driving)
+
+    def flows(self) -> dict[tuple[str, str, str], float]:
+        """Return (edge, next edge, the one after that) -> cars an hour, of motor traffic."""
+        return flows_of_circuits(
+            (circuit, self.per_hour[name] * IN_CARS[name])
+            for name, circuit in self._circuits.items()
+            if name in IN_CARS
+        )
 
     def populations(
         self, pace: Mapping[str, float] | None = None, *, carried: float = 1.0
@@ -120,7 +129,7 @@ class Circulation:
         *,
         warmup_s: float,
         duration_s: float,
-        asset_names: Callable[[str], tuple[str, ...]],
+        body: Callable[[str, int], str],
     ) -> Demand:
         """Plan everybody's passages, from coming in to beyond the end of the motion.
 
@@ -131,7 +140,7 @@ class Circulation:
             populations: how many of each class.
             warmup_s: how long traffic runs before the motion starts.
             duration_s: how long the motion is.
-            asset_names: the meshes of a class.
+            body: the asset of the n-th actor of a class.
         """
         trips: list[Trip] = []
         left_out = [
@@ -147,12 +156,7 @@ class Circulation:
         needed_s = (warmup_s + duration_s) * _FASTEST + 120.0
         for group in populations:
             number = ACTOR_CLASSES.index(group.actor_class)
-            meshes = asset_names(group.actor_class)
-            if not meshes:
-                left_out.append(LeftOut(group.actor_class, group.count, "no mesh of this class"))
-                continue
             random = np.random.Generator(np.random.Philox(key=[self.seed, number]))
-            which = systematic(np.ones(len(meshes)), group.count, random)
             places = (random.permutation(group.count) + random.random(group.count)) / group.count
             for k in range(group.count):
                 own = np.random.Generator(
@@ -162,7 +166,7 @@ class Circulation:
                 trips.append(
                     self._trip(
                         group.actor_class,
-                        meshes[which[k]],
+                        body(group.actor_class, k),
                         depart_s,
                         float(places[k]),
                         needed_s,

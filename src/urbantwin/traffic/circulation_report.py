@@ -59,6 +59,8 @@ def circulation_report(demand: Demand, seen: Observed, warmup_s: float) -> dict[
         "counted_for_s": round(hours * 3600),
         "carried_share_of_motor_traffic": round(demand.carried, 3),
         "held_up": demand.held_up,
+        "share_of_guess": round(demand.bound.share, 3),
+        "guess_lowered_because": demand.bound.because,
         "mean_speed_of_vehicles": speeds,
         "longest_halt_s": round(seen.longest_halt_s, 1),
         "halted_longer_than_s": STUCK_S,

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
 from urbantwin.roads import BusStop
+from urbantwin.roads.assignment.street_network import StreetNetwork, Streets
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.network import StreetNetwork, Streets
+from urbantwin.traffic.guessed_volumes import Bound
 from urbantwin.traffic.vehicle_types import ACTOR_KINDS
 
 __all__ = [
@@ -98,6 +99,7 @@ class Demand:
         carried: share of the motor traffic asked for that the streets can carry.
         held_up: where and why they carry no more; empty where they do.
         stops: where buses halt.
+        bound: how much of guessed volumes comes.
     """
 
     trips: tuple[Trip, ...]
@@ -107,6 +109,7 @@ class Demand:
     carried: float = 1.0
     held_up: str = ""
     stops: tuple[BusStop, ...] = ()
+    bound: Bound = field(default_factory=Bound)
 
     @property
     def circulates(self) -> bool:
@@ -121,14 +124,14 @@ def plan_demand(
     warmup_s: float,
     duration_s: float,
     seed: int,
-    asset_names: Callable[[str], tuple[str, ...]],
+    body: Callable[[str, int], str],
 ) -> Demand:
     """Plan the trips of every class.
 
     Setting-out times are stratified: the period is cut into as many equal parts as there are
     trips and each trip sets out at a random instant of its own part, so a class comes as often
-    as it was asked for, and evenly. Routes and meshes are drawn in the same way from their
-    weights (systematic sampling; Cochran, Sampling Techniques, 1977, ch. 8).
+    as it was asked for, and evenly. Routes are drawn in the same way from their weights
+    (systematic sampling; Cochran, Sampling Techniques, 1977, ch. 8).
 
     Args:
         network: the streets.
@@ -136,7 +139,7 @@ def plan_demand(
         warmup_s: how long traffic runs before the motion starts.
         duration_s: how long the motion is.
         seed: the same seed gives the same trips.
-        asset_names: the meshes of a class.
+        body: the asset of the n-th actor of a class.
     """
     trips: list[Trip] = []
     left_out: list[LeftOut] = []
@@ -158,16 +161,11 @@ def plan_demand(
             )
             left_out.append(LeftOut(actor_class, count, why))
             continue
-        meshes = asset_names(actor_class)
-        if not meshes:
-            left_out.append(LeftOut(actor_class, count, "no mesh of this class"))
-            continue
         depart_s = (np.arange(count) + random.random(count)) * (period_s / count)
-        which = systematic(np.ones(len(meshes)), count, random)
         pairs = systematic(routes.weight, count, random)
         place, lead_m = random.random(count), _WALKING_MS * (warmup_s - depart_s)
         for k in range(count):
-            asset, at = meshes[which[k]], round(float(depart_s[k]), 2)
+            asset, at = body(actor_class, k), round(float(depart_s[k]), 2)
             if walks:
                 # Walkers need minutes to reach the middle. Those of the warm-up begin where they
                 # will have spread over their whole way by the time the motion starts.

@@ -84,7 +84,7 @@ def calibrate(
     roads: RoadNetwork | None = None,
     room: float,
     asset: Callable[[str], Asset],
-    asset_names: Callable[[str], tuple[str, ...]],
+    body: Callable[[str, int], str],
     scratch: Path | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Calibrated:
@@ -96,7 +96,7 @@ def calibrate(
         roads: its lanes, where trams meet other traffic.
         room: how many cars fit onto the network's lanes bumper to bumper.
         asset: the mesh of a name.
-        asset_names: the meshes of a class.
+        body: the asset of the n-th actor of a class.
         scratch: a folder for SUMO's files; the system's when not given.
         progress: called with the fraction done.
 
@@ -108,9 +108,7 @@ def calibrate(
         size: float, motor: float, others: Mapping[str, float], seconds: int = PILOT_S
     ) -> _Pilot:
         populations = circulation.populations(_by_class({**others, "motor": motor}), carried=size)
-        demand = circulation.demand(
-            populations, warmup_s=0.0, duration_s=seconds, asset_names=asset_names
-        )
+        demand = circulation.demand(populations, warmup_s=0.0, duration_s=seconds, body=body)
         if not demand.trips:
             return _Pilot(size, 1.0, others, {})
         seen = observe(

@@ -23,7 +23,7 @@ from urbantwin.geometry import LabelledMesh
 from urbantwin.geometry.mesh import MESH_FORM
 from urbantwin.progress import Progress, each, untold
 from urbantwin.result_warning import ResultWarning, warnings_of
-from urbantwin.traffic.assets import asset_mesh
+from urbantwin.traffic.assets import AssetName, asset_mesh, mesh_among
 from urbantwin.traffic.motion_validity import (
     MeshKey,
     MotionManifest,
@@ -141,23 +141,25 @@ class Motion:
         return digest.hexdigest()
 
     def mesh(self, asset: str, phase: int) -> LabelledMesh:
-        """Return the mesh of an asset in a phase: the motion's own, else the catalogue's.
+        """Return the mesh of an asset in a phase: of the motion's own bodies, else the catalogue's.
 
         Raises:
             InputError: neither has it.
         """
-        own = self.meshes.get((asset, phase))
-        return asset_mesh(asset, phase) if own is None else own
+        return mesh_among(self.meshes, asset, phase, asset_mesh)
 
     def with_meshes(self, tell: Progress = untold) -> Motion:
-        """Return the motion with the mesh of every asset and phase that its actors show.
+        """Return the motion with the mesh of every body and phase that its actors show.
 
         Args:
             tell: called with the fraction done (0..1) and what is being done.
         """
         shown = self.actors.select(["asset", "phase"]).group_by(["asset", "phase"]).aggregate([])
-        keys = sorted(zip(shown["asset"].to_pylist(), shown["phase"].to_pylist(), strict=True))
-        meshes = {key: self.mesh(*key) for key in each(keys, tell, "meshes of the actors")}
+        pairs = zip(shown["asset"].to_pylist(), shown["phase"].to_pylist(), strict=True)
+        keys = {(AssetName.of(asset).unsized, phase) for asset, phase in pairs}
+        # Phase 0 sizes the others.
+        keys |= {(asset, 0) for asset, _ in keys}
+        meshes = {key: self.mesh(*key) for key in each(sorted(keys), tell, "meshes of the actors")}
         return replace(self, meshes=meshes)
 
     def save(self, folder: Path) -> None:

@@ -43,6 +43,11 @@ class _Circulation(Part):
     carried_share_of_motor_traffic: Annotated[float, Field(ge=0, le=1e6)] | None = None
 
 
+class _Overlaps(Part):
+    actors: _Count
+    scene: _Count
+
+
 class MotionManifest(Part):
     """What of ``motion.json`` everything that uses a motion relies on."""
 
@@ -52,6 +57,7 @@ class MotionManifest(Part):
     steps: Annotated[int, Field(ge=1, le=10_000_000)]
     classes: dict[str, _Class] = Field(default_factory=dict)
     circulation: _Circulation = _Circulation()
+    overlaps: _Overlaps | None = None
 
 
 class MotionReport(MotionManifest):

@@ -40,6 +40,7 @@ class PrescribedPath:
         speed: (N,) m/s along the heading; ``None`` for that of the path.
         z: (N,) about how high it is, metres, which tells a bridge from the road below; ``None`` for
             the level of the lane that it is on.
+        absent: spans (from, to), seconds, between which it is not there.
     """
 
     actor_class: str
@@ -49,6 +50,7 @@ class PrescribedPath:
     yaw: NDArray[np.float64] | None = None
     speed: NDArray[np.float64] | None = None
     z: NDArray[np.float64] | None = None
+    absent: tuple[tuple[float, float], ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse what is no path.
@@ -145,6 +147,8 @@ def prescribed_table(
     for number, path in each(list(enumerate(paths)), tell, "on the ground"):
         begin, end = path.time_s[0] - _SLACK_S, path.time_s[-1] + _SLACK_S
         there = times[(times >= begin) & (times <= end)]
+        for gone, back in path.absent:
+            there = there[(there <= gone + _SLACK_S) | (there >= back - _SLACK_S)]
         rows = _rows(path, there, first_track + number, surface)
         kept = np.isfinite(rows["z"])
         outside += int((~kept).sum())

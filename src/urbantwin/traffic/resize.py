@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pyarrow as pa
 
+from urbantwin.traffic.assets import AssetName
 from urbantwin.traffic.motion import Motion
 
 __all__ = ["resized"]
@@ -32,7 +33,13 @@ def resized(motion: Motion, size: Mapping[str, Mapping[str, float]]) -> Motion:
         place = actors.schema.get_field_index(axis)
         values = actors[axis].to_numpy() * by_row[:, number]
         actors = actors.set_column(place, actors.schema.field(axis), pa.array(values))
-    shown = dict(zip(actors["asset"].to_pylist(), classes, strict=True))
+    pairs = actors.select(["asset", "class"]).group_by(["asset", "class"]).aggregate([])
+    shown = {
+        AssetName.of(name).unsized: actor_class
+        for name, actor_class in zip(
+            pairs["asset"].to_pylist(), pairs["class"].to_pylist(), strict=True
+        )
+    }
     meshes = {
         (asset, phase): replace(mesh, vertices=mesh.vertices * factors[shown[asset]])
         if shown.get(asset) in factors

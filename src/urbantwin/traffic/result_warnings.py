@@ -52,6 +52,18 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
             "",
             "look at the motion",
         )
+    overlaps = manifest.get("overlaps", {})
+    for count, of, kinds in (
+        (overlaps.get("actors", 0), "pairs of actors pass through each other", "between"),
+        (overlaps.get("scene", 0), "actors pass through what stands there", "with"),
+    ):
+        if count:
+            yield ResultWarning(
+                "overlaps",
+                f"{count} {of}",
+                ", ".join(f"{number} {name}" for name, number in overlaps[kinds].items()),
+                "motion.json says under overlaps where the worst are",
+            )
     if manifest["poses_outside_ground"]:
         yield ResultWarning(
             "traffic",

@@ -16,9 +16,12 @@ from urbantwin.artefact import replaced_folder
 from urbantwin.errors import InputError
 from urbantwin.progress import between, untold
 from urbantwin.result_warning import rows_of
+from urbantwin.roads.assignment.movement_flows import IN_CARS
+from urbantwin.roads.assignment.street_network import StreetNetwork
+from urbantwin.site.country import country_of
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.actor_table import actor_table
-from urbantwin.traffic.assets import asset, asset_names
+from urbantwin.traffic.assets import Fleet, asset, asset_names
 from urbantwin.traffic.bottleneck import bottleneck
 from urbantwin.traffic.circulation import Circulation
 from urbantwin.traffic.circulation_report import circulation_report
@@ -26,8 +29,9 @@ from urbantwin.traffic.demand import Demand, plan_demand
 from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
 from urbantwin.traffic.flow_calibration import calibrate
 from urbantwin.traffic.footing import on_footways
+from urbantwin.traffic.guessed_volumes import Bound, bound_of_signals
 from urbantwin.traffic.motion import MOTION_VERSION, Motion
-from urbantwin.traffic.network import StreetNetwork
+from urbantwin.traffic.overlap import overlaps_of
 from urbantwin.traffic.placement import Ground
 from urbantwin.traffic.resize import resized
 from urbantwin.traffic.result_warnings import warnings_of_drive
@@ -152,11 +156,14 @@ def _driven(
     }
     if demand.circulates:
         manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)
-    manifest["warnings"] = rows_of(warnings_of_drive(manifest))
-    shown = Motion(manifest, actors, signals).with_meshes(between(told, 0.85, 0.95))
+    shown = Motion(manifest, actors, signals).with_meshes(between(told, 0.85, 0.93))
     motion = resized(shown, asked.get("size", {}))
+    told(0.93, "who passes through whom")
+    overlaps = overlaps_of(motion.actors, step_s, twin.mesh)
+    manifest = {**motion.manifest, "overlaps": overlaps}
+    manifest["warnings"] = rows_of(warnings_of_drive(manifest))
     made = {"actors": table_sha256(motion.actors), "meshes": meshes_sha256(motion.meshes)}
-    return replace(motion, manifest={**motion.manifest, "made": made})
+    return replace(motion, manifest={**manifest, "made": made})
 
 
 def demand_of(
@@ -178,7 +185,8 @@ def demand_of(
     """
     asked = asked or twin.site["traffic"]
     network = StreetNetwork(twin.net_path, twin.region)
-    circulation = None
+    body = Fleet(country_of(*_anchor(twin)), seed).body
+    circulation, bound = None, Bound()
     if twin.site.get("closed_loop"):
         circulation = Circulation(
             network,
@@ -188,6 +196,9 @@ def demand_of(
             stops=(*twin.roads.stops, *twin.roads.tram_stops),
             bus_roads=frozenset(twin.roads.bus_roads),
         )
+        if asked.get("guessed"):
+            bound = bound_of_signals(twin.net_path, circulation.flows())
+            circulation.per_hour = bound.of(circulation.per_hour, IN_CARS)
     if circulation is not None and circulation.drives:
         found = calibrate(
             circulation,
@@ -195,7 +206,7 @@ def demand_of(
             roads=twin.roads,
             room=_room(twin),
             asset=asset,
-            asset_names=asset_names,
+            body=body,
             scratch=scratch,
             progress=progress,
         )
@@ -203,18 +214,23 @@ def demand_of(
             found.populations,
             warmup_s=float(asked["warmup_s"]),
             duration_s=duration_s,
-            asset_names=asset_names,
+            body=body,
         )
         held_up = bottleneck(twin.roads, found.standing) if found.carried < 1 else ""
-        return replace(demand, carried=found.carried, held_up=held_up)
+        return replace(demand, carried=found.carried, held_up=held_up, bound=bound)
     return plan_demand(
         network,
         asked["per_hour"],
         warmup_s=float(asked["warmup_s"]),
         duration_s=duration_s,
         seed=seed,
-        asset_names=asset_names,
+        body=body,
     )
+
+
+def _anchor(twin: Twin) -> tuple[float, float]:
+    anchor = twin.manifest["anchor"]
+    return float(anchor["latitude"]), float(anchor["longitude"])
 
 
 def outer_roads(twin: Twin) -> frozenset[str]:

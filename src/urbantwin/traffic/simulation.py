@@ -351,7 +351,12 @@ def write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> N
             vehicle = etree.SubElement(root, "vehicle", **common, **how)
             etree.SubElement(vehicle, "route", edges=edges)
             dwell_s = TRAM_DWELL_S if trip.actor_class == "tram" else DWELL_S
-            for halt in trip.halts:
+            for halt, before in zip(trip.halts, (-1, *trip.halts), strict=False):
+                if halt == before:
+                    # SUMO would halt twice in one passage: it goes by another street in between.
+                    here = trip.edges.index(demand.stops[halt].lane.rpartition("_")[0])
+                    passed = {"edge": trip.edges[here + 1], "speed": "99", "duration": "0"}
+                    etree.SubElement(vehicle, "stop", **passed)
                 etree.SubElement(vehicle, "stop", busStop=str(halt), duration=f"{dwell_s:g}")
     etree.ElementTree(root).write(str(path), encoding="utf-8", xml_declaration=True)
 

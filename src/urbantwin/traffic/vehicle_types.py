@@ -32,12 +32,16 @@ _DRIVER = {
     "speedFactor": "normc(1.00,0.10,0.70,1.20)",
     "sigma": "0.3",
     "minGapLat": "0.4",
+    # Where a lane becomes several that are as good as each other, not all take the rightmost.
+    "lcContRight": "0.5",
     **_STEERING,
 }
 _HEAVY = {**_DRIVER, "speedFactor": "normc(0.93,0.05,0.70,1.05)"}
 
+_CAR = {**_DRIVER, "minGap": "2.0", "latAlignment": "center"}
+
 ACTOR_KINDS: dict[str, ActorKind] = {
-    "car": ActorKind("passenger", {**_DRIVER, "minGap": "2.0", "latAlignment": "center"}),
+    "car": ActorKind("passenger", _CAR),
     "truck": ActorKind("truck", {**_HEAVY, "latAlignment": "center"}),
     "bus": ActorKind("bus", {**_HEAVY, "latAlignment": "center"}),
     "motorcycle": ActorKind(
@@ -68,6 +72,7 @@ ACTOR_KINDS: dict[str, ActorKind] = {
     "pedestrian": ActorKind(
         "pedestrian", {"desiredMaxSpeed": "1.34", "speedFactor": "normc(1.00,0.19,0.50,1.60)"}
     ),
+    "van": ActorKind("passenger", _CAR),
     # Starting and service braking of trams in streets, m/s2; with magnetic brakes they reach 2.7
     # (BOStrab, braking guidelines).
     "tram": ActorKind(

@@ -127,6 +127,7 @@ def build_twin(  # noqa: PLR0915 - stage by stage
                 out=net,
                 plans=site.signals,
                 closed_loop=site.closed_loop,
+                per_hour=site.traffic.per_hour,
                 tell=between(tell, 0.0, ROADS, "roads"),
             )
         tell(ROADS, "writing the roads")

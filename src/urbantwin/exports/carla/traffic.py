@@ -25,8 +25,13 @@ __all__ = ["BLUEPRINTS", "carla_traffic"]
 BLUEPRINTS: dict[str, dict[str, Any]] = {
     "car": {
         "filter": "vehicle.*",
-        "base_type": ["car", "van"],
+        "base_type": ["car"],
         "except": ["vehicle.*police*", "vehicle.ford.ambulance", "vehicle.micro.microlino"],
+    },
+    "van": {
+        "filter": "vehicle.*",
+        "base_type": ["van"],
+        "except": ["vehicle.ford.ambulance"],
     },
     "truck": {
         "filter": "vehicle.*",

@@ -61,6 +61,7 @@ _OURS = {
     "motorcycle": "Motorcycle",
     "bus": "Bus",
     "truck": "Truck",
+    "van": "Van",
 }
 
 

@@ -26,6 +26,8 @@ _NAMES = {
 _SHORTEST_S, _LONGEST_S = 1e-3, 2.0
 #: Rings, columns and instances are less than this.
 _LARGEST = 2.0**62
+#: No sensor has more channels; what says so is read at the wrong place.
+_MOST_RINGS = 4095
 
 
 def frame_of(
@@ -71,6 +73,12 @@ def frame_of(
                 f"{len(values)} values of {attribute} for {len(table)} points", file=file
             )
     usable = usable_points(file, table, intensity)
+    if "ring" in found and np.nanmax(found["ring"][usable.rows]) > _MOST_RINGS:
+        raise InputError(
+            f"has ring {np.nanmax(found['ring'][usable.rows]):.0f}",
+            file=file,
+            expected=f"0 to {_MOST_RINGS} (do its header's sizes and order say where the ring is?)",
+        )
     of_points: dict[str, Any] = {
         attribute: _as_kept(attribute, values[usable.rows])
         for attribute, values in found.items()

@@ -23,10 +23,11 @@ __all__ = [
     "track_of",
 ]
 
-#: What datasets call our classes, in lower case without anything but letters. Vans are cars, as
-#: in nuScenes and Argoverse 2, which have no class for them.
+#: What datasets call our classes, in lower case without anything but letters. Where
+#: a dataset has no class for vans (nuScenes, Argoverse 2), they are among its cars.
 _CALLED = {
-    "car": "car van vehicle regularvehicle policecar vehiclecar vehicleemergencypolice",
+    "car": "car vehicle regularvehicle policecar vehiclecar vehicleemergencypolice",
+    "van": "van minivan cargovan vehiclevan",
     "truck": """truck boxtruck truckcab largevehicle concretetruck longvehicle vehicletruck
         vehicleconstruction vehicleemergencyambulance constructionvehicle trucktrailer othervehicle
         """,

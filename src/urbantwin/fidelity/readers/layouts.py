@@ -22,7 +22,7 @@ from urbantwin.fidelity.readers.recording import Recording
 from urbantwin.fidelity.readers.semantic_kitti import is_semantic_kitti, open_semantic_kitti
 from urbantwin.fidelity.readers.tumtraf import is_tumtraf, open_tumtraf
 
-__all__ = ["LAYOUTS", "Layout", "open_recording"]
+__all__ = ["LAYOUTS", "Layout", "layout_of", "open_recording"]
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def _opened(path: Path, layout: str | None, columns: int | None) -> Recording:
         if not LAYOUTS[layout].recognises(path):
             raise InputError(f"is not laid out as {LAYOUTS[layout].title}", file=path)
         return LAYOUTS[layout].opens(path, columns)
-    found = _layout_of(path)
+    found = layout_of(path)
     if found is not None:
         return LAYOUTS[found].opens(path, columns)
     inside = _inside(path)
@@ -113,7 +113,8 @@ def _opened(path: Path, layout: str | None, columns: int | None) -> Recording:
     )
 
 
-def _layout_of(path: Path) -> str | None:
+def layout_of(path: Path) -> str | None:
+    """Return which of ``LAYOUTS`` a folder or file itself has, or None."""
     if path.is_file() and not is_ouster(path):
         return "plain" if is_plain(path) else None
     return next((name for name, one in LAYOUTS.items() if one.recognises(path)), None)
@@ -125,7 +126,7 @@ def _inside(path: Path, depth: int = 2) -> list[tuple[Path, str]]:
         return []
     found: list[tuple[Path, str]] = []
     for folder in sorted(one for one in path.iterdir() if one.is_dir()):
-        layout = _layout_of(folder)
+        layout = layout_of(folder)
         if layout is not None:
             found.append((folder, layout))
         elif depth > 1:

@@ -24,7 +24,7 @@ __all__ = ["KINDS", "ActorTerms", "Clusters", "actor_changes", "actor_knobs", "c
 
 #: What clusters are classified as, and the classes whose actors they are.
 KINDS = {
-    "vehicles": ("car", "truck", "bus"),
+    "vehicles": ("car", "truck", "bus", "van"),
     "small": ("motorcycle", "bicycle", "pedestrian"),
 }
 #: Farther away, points of an actor are too few to cluster, metres.

@@ -30,8 +30,10 @@ from urbantwin.roads.junctions.cluster import (
 from urbantwin.roads.junctions.lane_links import Arrows, lane_links
 from urbantwin.roads.junctions.mapped_marks import Marks
 from urbantwin.roads.junctions.mouth import SHORTEST_M, Arm, mouths
+from urbantwin.roads.junctions.moved_apart import moved_apart
 from urbantwin.roads.junctions.opposed_turns import passing_in_front
 from urbantwin.roads.junctions.outline import outline_of
+from urbantwin.roads.junctions.owned_crossings import marks_of_junctions
 from urbantwin.roads.junctions.passage import Passage, passages_of
 from urbantwin.roads.junctions.plain import (
     INTO_M,
@@ -52,6 +54,8 @@ SLIP_M = 45.0
 #: How much of a road between two junctions is left where no mark says less, and the least that
 #: a junction keeps of an arm, metres.
 ROAD_LEFT_M, LEAST_M = 12.0, 2.0
+#: What netconvert cuts off a road at a junction that is not made here, about, metres.
+OTHERS_M = 6.0
 #: Shorter remainders of edges between others belong to the junction, metres; a share that is none.
 STUMP_M, NOTHING = 5.0, 1e-6
 #: Points of the map's way this near its ends, or twice as near sharper bends, are not kept to:
@@ -105,13 +109,17 @@ def consolidated(
         if not any(edge.id in apart for edge in [*plain.arriving[node], *plain.leaving[node]])
     ]
     clusters = [_cluster(group, chains, marks, apart) for group in [*groups, *single]]
-    cuts = _cuts(clusters, strips, marks)
+    signalised = {one for one in meeting if is_signalised(plain, one)}
+    cuts = _cuts(clusters, strips, marks, signalised, meeting)
     spans = _spans(plain, chains, cuts)
     # Edges that an arm loses altogether belong to the junction at that end.
     clusters = [_grown(cluster, spans) for cluster in clusters]
     home = {node: cluster.id for cluster in clusters for node in cluster.nodes}
     inner = {name for cluster in clusters for name in cluster.inner}
     edges = _edges(plain, spans, home, inner)
+    edges = moved_apart(
+        edges, _drawn(plain, edges, clusters), still=apart, driving_side=driving_side
+    )
     new_strips = {edge.id: Strip(edge, outward) for edge in edges.values()}
     nodes = {name: node for name, node in plain.nodes.items() if name not in home}
     links = [
@@ -129,6 +137,17 @@ def consolidated(
     network = PlainNetwork(nodes, edges, tuple(links), (), plain.location)
     wide = {cluster.id for cluster in clusters if cluster.id not in plain.nodes}
     return _with_slip_signals(network, wide, _stopping(marks, spans))
+
+
+def _drawn(
+    plain: PlainNetwork, edges: Mapping[str, PlainEdge], clusters: Sequence[_Cluster]
+) -> PlainNetwork:
+    """Return edges as a network whose junctions are nodes that have some outline."""
+    some = np.zeros((3, 2))
+    nodes = dict(plain.nodes)
+    for cluster in clusters:
+        nodes[cluster.id] = PlainNode(cluster.id, np.zeros(2), {}, some)
+    return PlainNetwork(nodes, edges, (), (), plain.location)
 
 
 def _cluster(
@@ -157,13 +176,22 @@ def _cluster(
 
 
 def _cuts(
-    clusters: Sequence[_Cluster], strips: Mapping[str, Strip], marks: Marks
+    clusters: Sequence[_Cluster],
+    strips: Mapping[str, Strip],
+    marks: Marks,
+    signalised: Collection[str],
+    meeting: Collection[str],
 ) -> dict[tuple[str, ...], list[float]]:
     """Return chain (its edges) -> metres that it gives at its start and at its end."""
     cuts: dict[tuple[str, ...], list[float]] = defaultdict(lambda: [0.0, 0.0])
     spare: dict[tuple[str, ...], list[float]] = defaultdict(lambda: [0.0, 0.0])
-    for cluster in clusters:
-        found = mouths(cluster.arms, strips, marks)
+    home = {node for cluster in clusters for node in cluster.nodes}
+    others = set(meeting) - home
+    own = marks_of_junctions(
+        [(cluster.arms, bool(cluster.nodes & set(signalised))) for cluster in clusters], marks
+    )
+    for cluster, mine in zip(clusters, own, strict=True):
+        found = mouths(cluster.arms, strips, mine)
         for arm, (reach, marked) in zip(cluster.arms, found, strict=True):
             for chain, at in ((arm.outward, 0), (arm.inward, 1)):
                 if chain is not None:
@@ -172,6 +200,8 @@ def _cuts(
                     spare[names][at] = 0.0 if marked else max(reach - LEAST_M, 0.0)
     for names, given in cuts.items():
         length = sum(strips[name].edge.line.length for name in names)
+        ends = {strips[names[0]].edge.start, strips[names[-1]].edge.end}
+        length = max(length - OTHERS_M * len(ends & others), 0.5 * length)
         # Between two junctions that leave too little of a road, what no mark holds gives way first.
         over = sum(given) - max(length - ROAD_LEFT_M, 0.5 * length)
         if over > 0.0:
@@ -306,7 +336,7 @@ def _junction(
         links.append(PlainLink(start, end, k, j, {"shape": shape_text(line)}))
         width = max(strips[start].edge.lanes[k].width, strips[end].edge.lanes[j].width)
         swept.append(shapely.LineString(line).buffer(width / 2, cap_style="flat"))
-    across, outside = [], []
+    across, outside, ends = [], [], []
     for edge in edges.values():
         for at_end in (False, True):
             if (edge.end if at_end else edge.start) != cluster.id:
@@ -315,9 +345,10 @@ def _junction(
             length = float(strip.middle.length)
             mouth = length - INTO_M if at_end else INTO_M
             across.append(strip.corners(mouth, driven=True))
+            ends.append(strip.area(*((mouth, length) if at_end else (0.0, mouth))))
             first, last = (length - BEYOND_M, mouth) if at_end else (mouth, BEYOND_M)
             outside.append(strip.area(max(first, 0.0), min(last, length)))
-    outline = outline_of(swept, across, outside)
+    outline = outline_of(swept, across, outside, ends)
     signals = any(is_signalised(plain, node) for node in cluster.nodes)
     attributes = {"type": "traffic_light", "tl": cluster.id} if signals else {"type": "priority"}
     middle = shapely.Polygon(outline).centroid
@@ -325,7 +356,10 @@ def _junction(
 
 
 def _drivable(ways: Iterable[Way], curves: Mapping[Way, Curve]) -> list[Way]:
-    """Return ways without those that nobody can drive, where there are others from and to there."""
+    """Return ways without those that nobody can drive, where every lane has another way on.
+
+    Nor does the last way to a street go.
+    """
     radius: dict[tuple[str, str], float] = {}
     for way in ways:
         curve = curves[way]
@@ -333,12 +367,15 @@ def _drivable(ways: Iterable[Way], curves: Mapping[Way, Curve]) -> list[Way]:
         bend = np.abs(np.gradient(np.unwrap(curve.at(s)[:, 2]), s)).max()
         pair = way[0], way[2]
         radius[pair] = min(radius.get(pair, np.inf), 1.0 / max(float(bend), 1e-6))
-    left = dict(radius)
+    left = list(curves)
     for pair in sorted(radius, key=lambda pair: (radius[pair], pair)):
-        others = left.keys() - {pair}
-        if radius[pair] < TIGHTEST_M and all(any(o[k] == pair[k] for o in others) for k in (0, 1)):
-            del left[pair]
-    return [way for way in ways if (way[0], way[2]) in left]
+        if radius[pair] >= TIGHTEST_M:
+            break
+        others = [way for way in left if (way[0], way[2]) != pair]
+        led, met = {way[:2] for way in others}, {way[2] for way in others}
+        if pair[1] in met and all(way[:2] in led for way in left if (way[0], way[2]) == pair):
+            left = others
+    return [way for way in ways if way in left]
 
 
 def _curves(
@@ -436,10 +473,11 @@ def _with_slip_signals(
 
 
 def _stopping(marks: Marks, spans: Mapping[str, tuple[float, float]]) -> set[str]:
-    """Return the edges that have a stop line on what is left of them."""
+    """Return the edges that end at a stop line, or have one on what is left of them."""
     found = set()
     for name, shares in marks.stop_lines.items():
-        first, last = spans.get(name, (0.0, 1.0))
-        if any(first < share < last for share in shares):
+        # Where the road ends before its stop line, or at it, that is where the line is painted.
+        first, _ = spans.get(name, (0.0, 1.0))
+        if any(first < share for share in shares):
             found.add(name)
     return found

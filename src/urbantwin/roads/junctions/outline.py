@@ -22,6 +22,7 @@ def outline_of(
     swept: Sequence[shapely.Geometry],
     mouths: Sequence[NDArray[np.float64]],
     outside: Sequence[shapely.Geometry],
+    ends: Sequence[shapely.Geometry] = (),
 ) -> NDArray[np.float64]:
     """Return the outline (M, 2) of a junction.
 
@@ -29,14 +30,16 @@ def outline_of(
         swept: what its traffic drives over.
         mouths: the ends (2, 2) of the line across each arm where it ends.
         outside: the arms beyond their mouths, which are no part of it.
+        ends: what arms have within it: theirs, also where another arm runs beyond its mouth.
     """
     lines = [shapely.LineString(mouth).buffer(0.3, cap_style="flat") for mouth in mouths]
     whole = _connected(area_union([*swept, *lines]))
     closed = whole.buffer(CORNER_M, quad_segs=8).buffer(-CORNER_M, quad_segs=8)
     closed = area_union([closed, whole])
     closed = area_difference(closed, area_union(list(outside)))
-    if closed.geom_type != "Polygon":
-        closed = max(closed.geoms, key=lambda part: part.area)
+    closed = max(shapely.get_parts(closed), key=lambda part: float(part.area))
+    closed = _connected(area_union([closed, *ends]))
+    closed = max(shapely.get_parts(closed), key=lambda part: float(part.area))
     ring = shapely.simplify(closed.exterior, 0.1)
     return np.asarray(shapely.get_coordinates(shapely.orient_polygons(shapely.Polygon(ring)))[:-1])
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
-from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.taxonomy import ROAD_USERS
 
 __all__ = ["PAINTED", "allowed_of", "default_speed", "kind_of", "mark_of", "speed_of"]
 
@@ -84,7 +84,7 @@ def allowed_of(tags: dict[str, str]) -> tuple[str, ...]:
     for name in sorted(said, key=lambda n: (n.count(":"), n)):
         classes = set(PARTICIPANTS.get(name, ()))
         users = users | classes if said[name] == "yes" else users - classes
-    return tuple(name for name in ACTOR_CLASSES if name in users)
+    return tuple(name for name in ROAD_USERS if name in users)
 
 
 def speed_of(texts: Iterable[str]) -> float | None:

@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 from shapely.affinity import affine_transform
 
+from urbantwin.roads.marking.approach_line import approach_line
 from urbantwin.roads.marking.lane_turns import turns
 from urbantwin.roads.network import Lane, RoadNetwork
 
@@ -15,8 +16,12 @@ __all__ = ["ARROW_M", "arrow", "arrow_at", "turn_arrow"]
 
 #: Length of an arrow, and how far its tip is from the stop line, metres.
 ARROW_M, BEFORE_STOP_M = 6.0, 2.5
-#: The shortest arrow that is painted where the map signs one, and how near the stop line, metres.
-SHORTEST_M, CLOSEST_M = 3.0, 0.8
+#: Lengths of arrows where the map signs one and room lacks (TSRGD 2016, diagram 1038: 4 m; US MUTCD
+#: figure 3B-24: 2.4 to 3.9 m), and how near the stop line and the lane's start, metres.
+LENGTHS_M, CLOSEST_M = (6.0, 5.0, 4.0, 3.0), 0.8
+#: Lanes from this length on have their signed arrow twice, this far apart (US MUTCD 3B.20: at least
+#: two, one of them near where the lane begins), metres.
+LONG_M, AGAIN_M = 45.0, 30.0
 #: Turns as the map names them (OSM wiki, "Key:turn") -> as they are painted.
 PAINTED = {
     "left": "left", "slight_left": "left", "sharp_left": "left", "merge_to_left": "left",
@@ -29,35 +34,54 @@ LANE_M, WIDEST = 3.0, 1.15
 
 
 def turn_arrow(network: RoadNetwork, lane: Lane) -> shapely.Geometry | None:
-    """Return the arrow before a lane's stop line, site frame, metres.
+    """Return the arrows before a lane's stop line, site frame, metres.
 
-    What the map signs is painted as it is. Where it signs nothing for a street, arrows show where
-    lanes lead; none where the lane leads to no junction, or where no signal stops it and it can
-    only go on or may go anywhere. None on a lane that is too short.
+    What the map signs is painted as it is, and once more where the lane is long. Where it signs
+    nothing for a street, arrows show where lanes lead; none where the lane leads to no junction,
+    or where no signal stops it and it can only go on or may go anywhere. Where a signed lane is
+    too short, its arrow stands further upstream (`approach_line`); elsewhere none is painted on it.
     """
-    if lane.kind == "bicycle" or lane.length < SHORTEST_M + 2 * CLOSEST_M:
+    if lane.kind == "bicycle":
         return None
-    before = min(BEFORE_STOP_M, (lane.length - SHORTEST_M) / 2)
-    length = min(ARROW_M, lane.length - 2 * before)
-    if lane.arrows is not None:
-        words = {PAINTED[word] for word in lane.arrows if word in PAINTED}
-        signed = tuple(way for way in ORDER if way in words)
-        return arrow_at(signed, lane, lane.length - before, length) if signed else None
+    if lane.arrows is None:
+        return _led(network, lane)
+    words = {PAINTED[word] for word in lane.arrows if word in PAINTED}
+    ways = tuple(way for way in ORDER if way in words)
+    line: shapely.LineString | None = shapely.LineString(lane.centre[:, :2])
+    if lane.length < ARROW_M + 2 * BEFORE_STOP_M:
+        line = approach_line(network, lane)
+    if not ways or line is None or line.length < LENGTHS_M[-1] + 2 * CLOSEST_M + 1e-6:
+        return None
+    before = float(np.clip((line.length - ARROW_M) / 2, CLOSEST_M, BEFORE_STOP_M))
+    room = line.length - before - CLOSEST_M
+    length, tip = next(x for x in LENGTHS_M if x <= room), line.length - before
+    tips = [tip] if line.length < LONG_M else [tip, tip - AGAIN_M]
+    return shapely.union_all([arrow_on(line, ways, lane.width, at, length) for at in tips])
+
+
+def _led(network: RoadNetwork, lane: Lane) -> shapely.Geometry | None:
+    """Return the arrow for where a lane leads."""
     ways = turns(network, lane)
-    if not ways or length < ARROW_M:
+    if not ways or lane.length < ARROW_M + 2 * BEFORE_STOP_M:
         return None
     plain = ways == ("through",) or {"left", "through", "right"} <= set(ways)
-    if plain and lane.id not in {head.lane for head in network.signals}:
+    if plain and lane.id not in network.stopped_lanes:
         return None
     return arrow_at(ways, lane, lane.length - BEFORE_STOP_M, ARROW_M)
 
 
 def arrow_at(ways: tuple[str, ...], lane: Lane, at: float, length: float) -> shapely.Geometry:
     """Return an arrow with its tip on a lane's middle, ``at`` metres from the lane's start."""
-    line = shapely.LineString(lane.centre[:, :2])
+    return arrow_on(shapely.LineString(lane.centre[:, :2]), ways, lane.width, at, length)
+
+
+def arrow_on(
+    line: shapely.LineString, ways: tuple[str, ...], width: float, at: float, length: float
+) -> shapely.Geometry:
+    """Return an arrow with its tip on a line, ``at`` metres from its start, in a lane so wide."""
     a, b = (np.array(line.interpolate(s).coords[0]) for s in (max(at - length, 0.0), at))
     c, s = (b - a) / max(float(np.linalg.norm(b - a)), 1e-9)
-    wide = ARROW_M * min(lane.width / LANE_M, WIDEST)
+    wide = ARROW_M * min(width / LANE_M, WIDEST)
     wide *= 1.0 if length >= ARROW_M else 0.9
     return affine_transform(arrow(ways), [length * c, -wide * s, length * s, wide * c, b[0], b[1]])
 

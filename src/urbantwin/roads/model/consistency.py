@@ -12,7 +12,7 @@ from urbantwin.errors import InputError
 from urbantwin.roads.model.lane_section import LANE_KINDS
 from urbantwin.roads.model.profile import Profile
 from urbantwin.roads.model.road import ModelRoad
-from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.taxonomy import ROAD_USERS
 
 if TYPE_CHECKING:
     from urbantwin.roads.model.model import LaneModel
@@ -75,7 +75,7 @@ def _check_road(road: ModelRoad, file: Path, place: str) -> None:
         if len(section.by_id) < len(section.lanes) or 0 in section.by_id:
             raise InputError("has lanes without ids of their own", file=file, place=here)
         for index, lane in enumerate(section.lanes):
-            if lane.kind not in LANE_KINDS or not set(lane.allowed) <= set(ACTOR_CLASSES):
+            if lane.kind not in LANE_KINDS or not set(lane.allowed) <= set(ROAD_USERS):
                 raise InputError(
                     f"is of kind {lane.kind[:40]!r} for {', '.join(lane.allowed)[:80]}",
                     file=file,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.taxonomy import ROAD_USERS
 
 __all__ = [
     "ACCESS",
@@ -74,5 +74,5 @@ METRES_PER_SECOND = {"m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704, "": 1.0}
 def usual_users(kind: str) -> tuple[str, ...]:
     """Return the classes of actors that use a kind of lane by default."""
     if kind == "driving":
-        return tuple(name for name in ACTOR_CLASSES if name not in ("pedestrian", "tram"))
+        return tuple(name for name in ROAD_USERS if name != "pedestrian")
     return {"bus": ("bus",), "bicycle": ("bicycle",), "sidewalk": ("pedestrian",)}.get(kind, ())

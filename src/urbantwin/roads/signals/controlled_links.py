@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -15,7 +15,14 @@ from numpy.typing import NDArray
 from urbantwin.geometry import stations_of_points, wrapped
 from urbantwin.roads.model.furniture import Phase
 
-__all__ = ["COMPASS", "Link", "Signalised", "signalised_junctions"]
+__all__ = [
+    "COMPASS",
+    "Link",
+    "Signalised",
+    "outgoing_of_lanes",
+    "rows_of_junction",
+    "signalised_junctions",
+]
 
 #: Names of directions and their bearings, degrees clockwise from north.
 COMPASS = {
@@ -35,6 +42,8 @@ MOVEMENTS = {
 }
 #: The approach's direction is measured over this much of its end, metres.
 APPROACH_M = 25.0
+#: On a road that is shorter nobody changes lanes who can be on the right one before, metres.
+CHANGING_M = 60.0
 
 
 @dataclass(frozen=True)
@@ -95,6 +104,7 @@ class Signalised:
         yields: (junction, row, row): the former gives way to the latter.
         offset: seconds by which the program starts late.
         phases: what it shows.
+        onward: lane of a short road behind the junction -> the edges that one comes to from it.
     """
 
     program: str
@@ -106,6 +116,7 @@ class Signalised:
     yields: frozenset[tuple[str, int, int]]
     offset: float
     phases: tuple[Phase, ...]
+    onward: Mapping[str, frozenset[str]] = field(default_factory=dict)
 
     @property
     def size(self) -> int:
@@ -155,9 +166,7 @@ def signalised_junctions(root: etree._Element) -> list[Signalised]:
     """
     edges = {edge.get("id"): edge for edge in root.iter("edge")}
     lanes = {lane.get("id"): lane for lane in root.iter("lane")}
-    outgoing: dict[str, list[etree._Element]] = defaultdict(list)
-    for item in root.iter("connection"):
-        outgoing[f"{item.get('from')}_{item.get('fromLane')}"].append(item)
+    outgoing = outgoing_of_lanes(root)
     links: dict[str, list[Link]] = defaultdict(list)
     foes: dict[str, set[tuple[str, int, int]]] = defaultdict(set)
     yields: dict[str, set[tuple[str, int, int]]] = defaultdict(set)
@@ -167,15 +176,7 @@ def signalised_junctions(root: etree._Element) -> list[Signalised]:
         if junction.get("type") == "internal":
             continue
         name = junction.get("id")
-        # The table of conflicts leaves out the ways between sidewalks and corners.
-        rows = [
-            item
-            for lane in junction.get("incLanes", "").split()
-            for item in outgoing[lane]
-            if edges[item.get("to")].get("function") in (None, "crossing")
-            and edges[item.get("from")].get("function") in (None, "walkingarea")
-            and (":" in item.get("to") or ":" not in item.get("from"))
-        ]
+        rows = rows_of_junction(junction, outgoing, edges)
         programs = {item.get("tl") for item in rows} - {None}
         for program in programs:
             at[program].append(junction)
@@ -208,9 +209,41 @@ def signalised_junctions(root: etree._Element) -> list[Signalised]:
                 frozenset(yields[program]),
                 float(logic.get("offset", 0)),
                 tuple((float(p.get("duration")), p.get("state")) for p in logic.iter("phase")),
+                {
+                    link.to: frozenset(str(item.get("to")) for item in outgoing.get(link.to, ()))
+                    for link in links[program]
+                    if float(lanes[link.to].get("length")) < CHANGING_M
+                },
             )
         )
     return found
+
+
+def outgoing_of_lanes(root: etree._Element) -> Mapping[str, list[etree._Element]]:
+    """Return lane -> the connections that begin on it."""
+    found: dict[str, list[etree._Element]] = defaultdict(list)
+    for item in root.iter("connection"):
+        found[f"{item.get('from')}_{item.get('fromLane')}"].append(item)
+    return found
+
+
+def rows_of_junction(
+    junction: etree._Element,
+    outgoing: Mapping[str, list[etree._Element]],
+    edges: Mapping[str, etree._Element],
+) -> list[etree._Element]:
+    """Return the connections in the order of the junction's table of conflicts.
+
+    It leaves out the ways between sidewalks and corners.
+    """
+    return [
+        item
+        for lane in junction.get("incLanes", "").split()
+        for item in outgoing.get(lane, ())
+        if edges[item.get("to")].get("function") in (None, "crossing")
+        and edges[item.get("from")].get("function") in (None, "walkingarea")
+        and (":" in item.get("to") or ":" not in item.get("from"))
+    ]
 
 
 def _shape(lane: etree._Element) -> NDArray[np.float64]:

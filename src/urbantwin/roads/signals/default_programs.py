@@ -2,25 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+import numpy as np
 from lxml import etree
 
 from urbantwin.roads.model.furniture import Phase
-from urbantwin.roads.signals.controlled_links import Signalised, signalised_junctions
+from urbantwin.roads.signals.capacity import Flows, LaneLoad, lane_loads, on_lanes
+from urbantwin.roads.signals.controlled_links import Link, Signalised, signalised_junctions
 from urbantwin.roads.signals.coordination import COORDINATED_M, neighbourhoods, offsets
 from urbantwin.roads.signals.green_times import (
     LONGEST_CYCLE_S,
+    SATURATION_VEH_H,
     SHORTEST_CYCLE_S,
+    STEP_S,
     cycle_s,
     green_seconds,
 )
 from urbantwin.roads.signals.inner_links import Feed, feeds
 from urbantwin.roads.signals.intergreen import Change, Intergreens
-from urbantwin.roads.signals.lane_flows import flow_ratios, lane_volumes, link_flows
+from urbantwin.roads.signals.lane_flows import assumed_flows, flow_ratios, link_flows
 from urbantwin.roads.signals.phases import phases_of_stages, walks
 from urbantwin.roads.signals.plan_check import WALK_S
 from urbantwin.roads.signals.stages import Stage, critical_ratios, stages_of
@@ -36,22 +40,30 @@ CROSSING_RED_S = 12.0
 #: A cycle is long enough that lasts this share less than the best one: delays differ by 10 to 20 %
 #: between 0.75 and 1.5 of the best (Webster, 1958).
 NEARLY = 1.25
+#: A lane that carries more than this share of what it can is full (0.85 to 0.9 by HCM 2016, 19, and
+#: RiLSA 2015, of all lanes of an approach; drivers do not spread over them that evenly); one that
+#: carries less than the other has ample green.
+FULL, AMPLE = 0.75, 0.6
+#: Greens are shared out anew so often, each time so much (exponent) towards the fullest lanes.
+SHARED_OUT, TOWARDS, LITTLE = 10, 0.6, 0.02
+#: So often turns of full lanes are taken apart; a second of too long a cycle is this bad.
+APART, TOO_LONG = 3, 100.0
 
 
-def set_default_programs(net: Path, *, volumes: Mapping[str, float] | None = None) -> None:
+def set_default_programs(net: Path, *, flows: Flows | None = None) -> None:
     """Give every signalised junction a program in place of netconvert's.
 
     Args:
         net: the ``.net.xml``, rewritten.
-        volumes: edge -> vehicles an hour; of others they are assumed by their class and lanes.
+        flows: cars an hour; assumed by the streets' class and lanes when none are given.
     """
     tree = etree.parse(net)
     root = tree.getroot()
     there = signalised_junctions(root)
     ways = feeds(root, there, COORDINATED_M)
-    on_lanes = lane_volumes(root, volumes)
+    flows = flows or assumed_flows(root, there)
     left_hand = root.get("lefthand") == "true"
-    timings = {item.program: _timing(item, ways, on_lanes, left_hand=left_hand) for item in there}
+    timings = {item.program: _timing(item, ways, flows, left_hand=left_hand) for item in there}
     logics = {item.get("id"): item for item in root.iter("tlLogic")}
     for names in neighbourhoods(timings, ways):
         cycle = max(timings[name].cycle for name in names)
@@ -63,7 +75,7 @@ def set_default_programs(net: Path, *, volumes: Mapping[str, float] | None = Non
         flow = {
             (name, index): ratio
             for name in names
-            for index, ratio in link_flows(timings[name].traffic, on_lanes).items()
+            for index, ratio in link_flows(timings[name].carried).items()
         }
         for name, offset in offsets(programs, ways, flow, first).items():
             _write(logics[name], offset, programs[name])
@@ -73,12 +85,13 @@ def set_default_programs(net: Path, *, volumes: Mapping[str, float] | None = Non
 
 
 def _timing(
-    junction: Signalised, ways: Sequence[Feed], volumes: Mapping[str, float], *, left_hand: bool
+    junction: Signalised, ways: Sequence[Feed], flows: Flows, *, left_hand: bool
 ) -> _Timing:
     """Return a junction's timing, if need be with less care for a cycle that is not too long.
 
     First turns across have no stages of their own, then traffic may wait at all inner stop lines,
-    then greens are as short as they may be.
+    then greens are as short as they may be. Where lanes are full that turns across hold up, their
+    streets go one after the other, if that helps.
     """
     found: list[_Timing] = []
     for protects, inner, shortest in (
@@ -87,11 +100,17 @@ def _timing(
         (False, (), SHORTEST_GREEN_S),
         (False, (), LEAST_GREEN_S),
     ):
-        traffic = Traffic(junction, inner, left_hand=left_hand, protects=protects)
-        found.append(_Timing(junction, traffic, volumes, shortest))
-        if found[-1].cycle <= LONGEST_CYCLE_S:
-            return found[-1]
-    return min(found, key=lambda timing: timing.cycle)
+        apart: frozenset[int] = frozenset()
+        for _ in range(APART):
+            traffic = Traffic(junction, inner, left_hand=left_hand, protects=protects, apart=apart)
+            found.append(_Timing(junction, traffic, flows, shortest))
+            held_up = found[-1].held_up
+            if held_up <= apart:
+                break
+            apart |= held_up
+        if min(timing.score for timing in found) <= FULL:
+            break
+    return min(found, key=lambda timing: timing.score)
 
 
 def _write(logic: etree._Element, offset: float, phases: Sequence[Phase]) -> None:
@@ -110,12 +129,17 @@ class _Timing:
 
     junction: Signalised
     traffic: Traffic
-    volumes: Mapping[str, float]
+    flows: Flows
     shortest_s: float
 
     @cached_property
+    def carried(self) -> dict[Link, float]:
+        """Cars an hour on each link."""
+        return on_lanes(self.junction, self.flows, lambda link: SATURATION_VEH_H)
+
+    @cached_property
     def _flow(self) -> list[float]:
-        return flow_ratios(self.traffic, self.volumes)
+        return flow_ratios(self.traffic, self.carried)
 
     @cached_property
     def _intergreens(self) -> Intergreens:
@@ -185,10 +209,34 @@ class _Timing:
             found.append(max(least))
         return found
 
-    @property
+    @cached_property
     def cycle(self) -> float:
-        """The cycle that the junction needs, seconds."""
-        return cycle_s(self.ratios, self._lost(self.stages), self._needed(self.stages))
+        """The cycle that the junction needs, seconds: longer where lanes would be full."""
+        needed = self._needed(self.stages)
+        cycle = cycle_s(self.ratios, self._lost(self.stages), needed)
+        while cycle < LONGEST_CYCLE_S and self._shared_out(cycle)[0] > FULL:
+            cycle += STEP_S
+        return cycle
+
+    @cached_property
+    def score(self) -> float:
+        """How full the fullest lane is; worse than any where the cycle is too long."""
+        too_long = max(self.cycle - LONGEST_CYCLE_S, 0.0)
+        return too_long * TOO_LONG or max(self._shared_out(self.cycle)[0], FULL)
+
+    @cached_property
+    def held_up(self) -> frozenset[int]:
+        """Links of full lanes that wait for gaps in opposing traffic."""
+        full = {one.lane for one in self._loads(self.phases(self.cycle)) if one.load > FULL}
+        behind = {
+            inner.lane
+            for link in self.junction.links
+            if link.lane in full
+            for k in self._behind.get(link.index, ())
+            for inner in self.junction.of_index[k]
+        }
+        links = (link for link in self.junction.links if link.lane in full | behind)
+        return frozenset(link.index for link in links if self.traffic.waits_for_gaps(link))
 
     def fits(self, cycle: float) -> bool:
         """Whether half of a common cycle, seconds, is long enough, or nearly so.
@@ -196,10 +244,47 @@ class _Timing:
         Twice as often a green lets fewer vehicles wait between neighbours.
         """
         least = self._needed(self.stages)
-        return cycle.is_integer() and least <= cycle and self.cycle <= NEARLY * cycle
+        fits = cycle.is_integer() and least <= cycle and self.cycle <= NEARLY * cycle
+        return fits and self._shared_out(cycle)[0] <= max(self.score, FULL)
 
     def phases(self, cycle: float) -> tuple[Phase, ...]:
         """Return the phases for a cycle, seconds."""
-        least, lost = self._least(self.stages), self._lost(self.stages)
-        seconds = green_seconds(self.ratios, least, cycle - lost)
-        return phases_of_stages(self.junction, self.stages, seconds, self._changes(self.stages))
+        return self._shared_out(cycle)[1]
+
+    def _loads(self, phases: Sequence[Phase]) -> list[LaneLoad]:
+        return lane_loads(self.junction, phases, self.flows, self._behind)
+
+    @cached_property
+    def _behind(self) -> dict[int, list[int]]:
+        return {k: [feed.to_index for feed in ways] for k, ways in self.traffic.inner.items()}
+
+    @cached_property
+    def _known(self) -> dict[float, tuple[float, tuple[Phase, ...]]]:
+        return {}
+
+    def _shared_out(self, cycle: float) -> tuple[float, tuple[Phase, ...]]:
+        """Return how full the fullest lane is, and the phases, where greens are fair.
+
+        Greens in proportion to critical flow ratios, then more of it where lanes are fullest.
+        """
+        if cycle not in self._known:
+            changes, stages = self._changes(self.stages), self.stages
+            least, lost = self._least(stages), self._lost(stages)
+            green_on = [
+                {link.lane for k in green for link in self.junction.of_index[k]} for green in stages
+            ]
+            ratios = np.maximum(self.ratios, LITTLE)
+            found: list[tuple[float, tuple[Phase, ...]]] = []
+            for _ in range(SHARED_OUT):
+                seconds = green_seconds(ratios.tolist(), least, cycle - lost)
+                phases = phases_of_stages(self.junction, stages, seconds, changes)
+                loads = self._loads(phases)
+                fullest = loads[0].load if loads else 0.0
+                found.append((fullest, phases))
+                if fullest <= AMPLE:
+                    break
+                load_of = {one.lane: one.load for one in loads}
+                full = [max((load_of.get(x, 0.0) for x in on), default=0.0) for on in green_on]
+                ratios *= np.maximum(np.array(full) / fullest, LITTLE) ** TOWARDS
+            self._known[cycle] = min(found, key=lambda one: round(one[0], 6))
+        return self._known[cycle]

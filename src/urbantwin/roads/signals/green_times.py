@@ -16,6 +16,7 @@ __all__ = [
     "LONGEST_CYCLE_S",
     "SATURATION_VEH_H",
     "SHORTEST_CYCLE_S",
+    "STEP_S",
     "cycle_s",
     "green_seconds",
 ]

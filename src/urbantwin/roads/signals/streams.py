@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -56,6 +56,7 @@ class Traffic:
         feeds: ways between its own stop lines.
         left_hand: whether traffic keeps to the left.
         protects: whether turns across many lanes have a stage of their own.
+        apart: links that go with no opposing traffic, whoever shares their lanes.
     """
 
     def __init__(
@@ -65,9 +66,10 @@ class Traffic:
         *,
         left_hand: bool,
         protects: bool = True,
+        apart: Collection[int] = (),
     ) -> None:
         self.junction = junction
-        self._protects = protects
+        self._protects, self._apart = protects, frozenset(apart)
         self._across = ("right" if left_hand else "left", "u-turn")
         self._kerb = "left" if left_hand else "right"
         inner: dict[int, list[Feed]] = defaultdict(list)
@@ -114,7 +116,7 @@ class Traffic:
             for other, *_ in own
             if turn_between(link.bearing, other.bearing) > FACING_DEG
         }
-        return frozenset(found | facing)
+        return frozenset(found | facing) | self._apart
 
     @cached_property
     def permitted(self) -> frozenset[int]:
@@ -124,7 +126,7 @@ class Traffic:
             for link, lanes, opposing in self._turning_lanes
             if lanes > 1 or opposing > GAPS_UP_TO
         }
-        return self.protected - lonely
+        return self.protected - lonely - self._apart
 
     @cached_property
     def _turning_lanes(self) -> list[tuple[Link, int, int]]:
@@ -228,8 +230,8 @@ class Traffic:
         found: list[tuple[set[int], set[str]]] = []
         for members in kinds.values():
             own = ({link.index for link in members}, {link.lane for link in members})
-            # What shares a letter of the program shares all.
-            for other in [x for x in found if x[0] & own[0]]:
+            # What shares a letter of the program shares all, and so do those who share a lane.
+            for other in [x for x in found if x[0] & own[0] or x[1] & own[1]]:
                 found.remove(other)
                 own = (own[0] | other[0], own[1] | other[1])
             found.append(own)

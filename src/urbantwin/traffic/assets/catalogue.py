@@ -1,10 +1,13 @@
-"""The actor catalogue: names, sizes and meshes of everything that moves (data: ``assets.yaml``)."""
+"""The actor catalogue: names, sizes and meshes of everything that moves.
+
+Its data: ``assets.yaml``, drawn point by point, and ``cars.yaml``, drawn from measures.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from importlib.resources import files
 from typing import Any
 
@@ -15,18 +18,23 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
 from urbantwin.taxonomy import ACTOR_CLASSES, ACTOR_SEMANTICS, semantic_id
+from urbantwin.traffic.assets.asset_name import AssetName, Size
 from urbantwin.traffic.assets.body import Body
 from urbantwin.traffic.assets.car import axle_wheels, body, car, contact_points, plates, seats
-from urbantwin.traffic.assets.coat import COATED_CLASSES, bare_name, coated_mesh
+from urbantwin.traffic.assets.car_shape import drawn
+from urbantwin.traffic.assets.coat import COATED_CLASSES, coated_mesh
 from urbantwin.traffic.assets.gait import GAIT_PHASES, stride_length, walker
 from urbantwin.traffic.assets.parts import parts
 from urbantwin.traffic.assets.person import Figure
-from urbantwin.traffic.assets.sized import bare_of_sized, sized_mesh
+from urbantwin.traffic.assets.scaled import scaled_mesh
 from urbantwin.traffic.assets.solid import Solid, fitted, labelled
 from urbantwin.traffic.assets.tram import tram_bodies, tram_entries, tram_section
 from urbantwin.traffic.assets.two_wheeler import PEDAL_PHASES, hub_contacts, two_wheeler
 
 __all__ = ["Asset", "asset", "asset_mesh", "asset_names"]
+
+#: Where the catalogue is written.
+_FILES = ("assets.yaml", "cars.yaml")
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,29 +91,26 @@ def asset_names(actor_class: str) -> tuple[str, ...]:
 
 @cache
 def asset(name: str) -> Asset:
-    """Return an asset; a vehicle's name may have a coat, as ``car-sedan_black`` has.
-
-    Any name may have a size of its own: ``car-sedan_black@4.70x1.85x1.45`` (``sized``).
+    """Return an asset; its name may say a size and a coat, see `asset_name`.
 
     Raises:
         InputError: there is no asset of that name.
     """
-    unsized, size = bare_of_sized(name)
-    if size is not None:
-        usual = asset(unsized)
-        factors = _factors(usual, size)
+    parsed = AssetName.of(name)
+    if parsed.size is not None:
+        usual = asset(parsed.unsized)
+        factors = _factors(usual, parsed.size)
         return replace(
             usual,
             name=name,
-            length=size[0],
-            width=size[1],
-            height=size[2],
-            contacts=usual.contacts * np.array(factors),
+            length=parsed.size[0],
+            width=parsed.size[1],
+            height=parsed.size[2],
+            contacts=usual.contacts * factors,
             stride_m=usual.stride_m * factors[2],
         )
-    bare, coat = bare_name(name)
-    if coat is not None and _entry(bare)["class"] in COATED_CLASSES:
-        return replace(asset(bare), name=name)
+    if parsed.coat and _has_coat(parsed.body):
+        return replace(asset(parsed.body), name=name)
     entry = _entry(name)
     phases, standing = _phases(entry)
     size = np.ptp(asset_mesh(name).vertices, axis=0)
@@ -140,25 +145,24 @@ def asset(name: str) -> Asset:
     )
 
 
-@cache
+@lru_cache(maxsize=512)
 def asset_mesh(name: str, phase: int = 0) -> LabelledMesh:
     """Return the mesh of an asset in its own frame; ``part`` counts its closed solids from 1.
 
     Args:
-        name: of the asset; a vehicle's may have a coat, as ``car-sedan_black`` has, and any may
-            have a size.
+        name: of the asset; it may say a size and a coat, see `asset_name`.
         phase: of the cycle of movement (0 <= phase < ``asset(name).phases``), or
             ``asset(name).standing``.
 
     Raises:
         InputError: there is no asset of that name, or no such phase of it.
     """
-    unsized, size = bare_of_sized(name)
-    if size is not None:
-        return sized_mesh(asset_mesh(unsized, phase), _factors(asset(unsized), size))
-    bare, coat = bare_name(name)
-    if coat is not None and _entry(bare)["class"] in COATED_CLASSES:
-        return coated_mesh(asset_mesh(bare, phase), coat)
+    parsed = AssetName.of(name)
+    if parsed.size is not None:
+        unsized = parsed.unsized
+        return scaled_mesh(asset_mesh(unsized, phase), _factors(asset(unsized), parsed.size))
+    if parsed.coat and _has_coat(parsed.body):
+        return coated_mesh(asset_mesh(parsed.body, phase), parsed.coat)
     entry = _entry(name)
     phases, standing = _phases(entry)
     if not (0 <= phase < phases or phase == standing):
@@ -167,11 +171,6 @@ def asset_mesh(name: str, phase: int = 0) -> LabelledMesh:
         )
     solids = _solids(name, phase, halted=phase == standing > 0)
     return labelled(solids, semantic_id(ACTOR_SEMANTICS[entry["class"]]))
-
-
-def _factors(usual: Asset, size: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Return by what an asset is stretched to have a size."""
-    return size[0] / usual.length, size[1] / usual.width, size[2] / usual.height
 
 
 def _phases(entry: dict[str, Any]) -> tuple[int, int]:
@@ -223,11 +222,21 @@ def _first_phase(name: str) -> list[Solid]:
 
 @cache
 def _entries() -> dict[str, dict[str, Any]]:
-    text = files(__package__).joinpath("assets.yaml").read_text()
-    entries: dict[str, dict[str, Any]] = yaml.load(
-        text, getattr(yaml, "CSafeLoader", yaml.SafeLoader)
-    )
-    return entries | tram_entries()
+    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    entries: dict[str, dict[str, Any]] = {}
+    for name in _FILES:
+        entries |= yaml.load(files(__package__).joinpath(name).read_text(), loader)
+    return {name: drawn(entry) for name, entry in entries.items()} | tram_entries()
+
+
+def _has_coat(body: str) -> bool:
+    """Return whether a body has a coat."""
+    return _entries().get(body, {}).get("class") in COATED_CLASSES
+
+
+def _factors(usual: Asset, size: Size) -> tuple[float, float, float]:
+    """Return by what an asset is stretched to have a size."""
+    return size[0] / usual.length, size[1] / usual.width, size[2] / usual.height
 
 
 def _entry(name: str) -> dict[str, Any]:

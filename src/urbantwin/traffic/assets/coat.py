@@ -14,28 +14,24 @@ import numpy as np
 from urbantwin.geometry import LabelledMesh
 from urbantwin.taxonomy import material_id
 
-__all__ = ["COATED_CLASSES", "COATS", "bare_name", "coated_mesh", "coated_name"]
+__all__ = ["COATED_CLASSES", "COATS", "coat_at", "coated_mesh", "coated_name"]
 
 #: Coat -> share of vehicles.
 COATS: dict[str, float] = {"white": 4 / 19, "grey": 6 / 19, "black": 9 / 19}
 #: Classes of actors that have a coat.
-COATED_CLASSES = ("car", "truck", "bus")
+COATED_CLASSES = ("car", "truck", "bus", "van")
 _GOLDEN = (5**0.5 - 1) / 2  # spreads the coats evenly over few vehicles too
-_BETWEEN = "_"
 
 
 def coated_name(name: str, number: int) -> str:
     """Return the name of an asset in the coat of the n-th vehicle."""
-    place = (number + 0.5) * _GOLDEN % 1.0
+    return f"{name}_{coat_at((number + 0.5) * _GOLDEN % 1.0)}"
+
+
+def coat_at(place: float) -> str:
+    """Return the coat of the vehicle at a place, 0..1, among all of them."""
     ends = np.cumsum(list(COATS.values()))
-    coat = list(COATS)[min(int(np.searchsorted(ends, place, side="right")), len(COATS) - 1)]
-    return f"{name}{_BETWEEN}{coat}"
-
-
-def bare_name(name: str) -> tuple[str, str | None]:
-    """Return an asset's name without its coat, and the coat; ``None`` for one without."""
-    bare, between, coat = name.rpartition(_BETWEEN)
-    return (bare, coat) if between and coat in COATS else (name, None)
+    return list(COATS)[min(int(np.searchsorted(ends, place, side="right")), len(COATS) - 1)]
 
 
 def coated_mesh(mesh: LabelledMesh, coat: str) -> LabelledMesh:

@@ -6,21 +6,23 @@ the way is a detour; no actor returns to where it came from while there is anoth
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import scipy.sparse
 import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
-from urbantwin.traffic.routing_graph import WayGraph
+from urbantwin.roads.assignment.routing_graph import WayGraph
 
 __all__ = ["Circuit"]
 
 #: A way over another gate seems so much longer, seconds.
 _DETOUR_S = 1000.0
-#: How many passages are tried to know what is usual.
-_TRIED = 400
+#: So many passages one after the other are as good as endless; shares below this do not count.
+_ROUNDS, _SELDOM = 400, 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,9 +88,12 @@ class Circuit:
         """Draw a passage: the states after ``start``, the last at a gate again."""
         row = self._row[start]
         column = int(np.searchsorted(np.cumsum(self.chance[row]), random.random(), side="right"))
-        last = int(self.target[row, min(column, len(self.gates) - 1)])
+        return self._way(row, int(self.target[row, min(column, len(self.gates) - 1)]))
+
+    def _way(self, row: int, last: int) -> list[int]:
+        """Return the states after a start, up to one where a passage ends."""
         states = [last]
-        while (before := int(self._before[row, states[-1]])) != start:
+        while (before := int(self._before[row, states[-1]])) != self.starts[row]:
             states.append(before)
         return states[::-1]
 
@@ -98,24 +103,49 @@ class Circuit:
         total = np.cumsum(load)
         return int(self.starts[np.searchsorted(total, share * total[-1], side="right")])
 
-    def usual(self, seed: int) -> tuple[float, float]:
+    def usual(self) -> tuple[float, float]:
         """Return the free travel time and the length of the usual way round.
 
         The way round is from one entry into the region to the next; of who stays inside, from one
         gate to the next.
         """
-        random = np.random.Generator(np.random.Philox(key=[seed, 0]))
-        state, seconds, metres, entries = self.begin(random.random()), 0.0, 0.0, 0
-        for _ in range(_TRIED):
-            stays = not self.graph.outer[state]
-            for following in self.passage(state, random):
-                seconds += float(self.graph.seconds[state, following])
-                metres += float(self.graph.metres[state, following])
-                entries += bool(self.graph.outer[state] and not self.graph.outer[following])
-                stays &= not self.graph.outer[following]
-                state = following
-            entries += stays
-        return seconds / max(entries, 1), metres / max(entries, 1)
+        flows = self.flows()
+        pairs = tuple(np.array(list(flows)).T)
+        share = np.array(list(flows.values()))
+        seconds, metres = (np.asarray(x[pairs]) for x in (self.graph.seconds, self.graph.metres))
+        return float(share @ seconds), float(share @ metres)
+
+    def flows(self, states: int = 2) -> dict[tuple[int, ...], float]:
+        """Return how often it goes through so many states one after the other, for each entry.
+
+        In the long run; the last of a passage are followed by nothing: -1.
+        """
+        found: dict[tuple[int, ...], float] = defaultdict(float)
+        entries = 0.0
+        outer = self.graph.outer
+        for row, often in enumerate(self._visits()):
+            for column in np.flatnonzero(self.chance[row] * often > _SELDOM):
+                share = float(often * self.chance[row, column])
+                way = [int(self.starts[row]), *self._way(row, int(self.target[row, column]))]
+                padded = [*way, *[-1] * (states - 2)]
+                for first in range(len(way) - 1):
+                    found[tuple(padded[first : first + states])] += share
+                came = sum(bool(outer[a] and not outer[b]) for a, b in pairwise(way))
+                entries += share * (came or not outer[way].any())
+        return {part: share / max(entries, _SELDOM) for part, share in found.items()}
+
+    def _visits(self) -> NDArray[np.float64]:
+        """Return how often passages begin at each start, in the long run (K,); the sum is 1."""
+        onward = np.zeros((len(self.starts), len(self.starts)))
+        for k, targets in enumerate(self.target):
+            for column in np.flatnonzero(self.chance[k]):
+                onward[k, self._row[int(targets[column])]] += self.chance[k, column]
+        load = self.graph.weight[self.graph.gate[self.starts]]
+        found = load / load.sum()
+        for _ in range(_ROUNDS):
+            # Half stay where they are, or two gates would take turns for ever.
+            found = 0.5 * (found + found @ onward)
+        return np.asarray(found)
 
 
 def _ways(

@@ -15,7 +15,7 @@ import scipy.sparse
 import scipy.sparse.csgraph
 from numpy.typing import NDArray
 
-from urbantwin.traffic.network import Edge, StreetNetwork, has_walkway
+from urbantwin.roads.assignment.street_network import Edge, StreetNetwork, has_walkway
 
 __all__ = ["WALKING_MS", "WayGraph", "driven_graph", "walked_graph"]
 

@@ -1,0 +1,79 @@
+"""A motion's tracks for other programs: CSV, and ASAM OpenLABEL."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import csv
+
+from urbantwin.artefact import replaced_file
+from urbantwin.traffic import Motion
+
+__all__ = ["write_openlabel", "write_tracks"]
+
+_COLUMNS = {
+    "track": "track_id",
+    "time_s": "time_s",
+    "class": "class",
+    "x": "x",
+    "y": "y",
+    "z": "z",
+    "yaw": "yaw_rad",
+    "speed": "speed_mps",
+    "length": "length",
+    "width": "width",
+    "height": "height",
+}
+_PLACES = 6  # micrometres, microradians
+
+
+def write_tracks(motion: Motion, path: Path) -> None:
+    """Write a motion's actors as CSV: a row for each and step, site frame, metres, rad, seconds.
+
+    x and y are the middle of the bounds, z is the ground. ``urbantwin replay`` reads it.
+    """
+    columns = {}
+    for name, written in _COLUMNS.items():
+        column = motion.actors[name]
+        if pa.types.is_floating(column.type):
+            column = pa.array(np.round(column.to_numpy(), _PLACES))
+        columns[written] = column
+    stream = pa.BufferOutputStream()
+    csv.write_csv(pa.table(columns), stream, csv.WriteOptions(quoting_style="none"))
+    with replaced_file(path) as scratch:
+        scratch.write_bytes(stream.getvalue().to_pybytes())
+
+
+def write_openlabel(motion: Motion, path: Path) -> None:
+    """Write a motion's actors as ASAM OpenLABEL 1.0.0: a cuboid for each in every frame."""
+    rows = {name: motion.actors[name].to_pylist() for name in motion.actors.column_names}
+    frames: dict[str, Any] = {
+        str(k): {"frame_properties": {"timestamp": float(time_s)}, "objects": {}}
+        for k, time_s in enumerate(motion.times())
+    }
+    objects: dict[str, Any] = {}
+    for k, time_s in enumerate(rows["time_s"]):
+        name = str(rows["track"][k])
+        objects.setdefault(name, {"name": f"actor {name}", "type": rows["class"][k]})
+        up = rows["height"][k] / 2
+        roll, pitch, yaw = (rows[one][k] for one in ("roll", "pitch", "yaw"))
+        middle = (rows["x"][k], rows["y"][k], rows["z"][k] + up)
+        sides = (rows["length"][k], rows["width"][k], rows["height"][k])
+        values = [round(float(one), _PLACES) for one in (*middle, roll, pitch, yaw, *sides)]
+        cuboid = {"name": "box", "coordinate_system": "site", "val": values}
+        frame = frames[str(round(time_s / motion.step_s))]
+        frame["objects"][name] = {"object_data": {"cuboid": [cuboid]}}
+    whole = {
+        "openlabel": {
+            "metadata": {"schema_version": "1.0.0", "name": "tracks"},
+            "coordinate_systems": {"site": {"type": "scene_cs", "parent": ""}},
+            "objects": objects,
+            "frames": frames,
+        }
+    }
+    with replaced_file(path) as scratch:
+        scratch.write_text(json.dumps(whole, separators=(",", ":")) + "\n")

@@ -1,0 +1,223 @@
+"""Ways that part or run side by side, moved apart until their lanes no longer overlap.
+
+Where a carriageway parts, the map draws both ways from one point, and their lanes lie on each other
+until the lines are as far apart as the lanes are wide. On streets they lie side by side there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.geometry import stations_of_points
+from urbantwin.roads.junctions.cluster import Chain, chains_of, meeting_nodes
+from urbantwin.roads.junctions.plain import PlainEdge, PlainNetwork
+from urbantwin.roads.junctions.strip import Strip
+
+__all__ = ["moved_apart"]
+
+#: Ways that part by more than this are told apart at once, as a cosine.
+PARALLEL = np.cos(np.radians(35.0))
+#: The furthest that a way is moved, how fast it comes back to where it is mapped (metres a metre),
+#: and the room between borders, metres.
+FURTHEST_M, TAPER, ROOM_M = 3.5, 0.12, 0.1
+STEP_M = 2.0
+#: How often places are compared: the third of three side by side gives way after the second.
+ROUNDS = 5
+#: Lines nearer to each other all along are one street drawn twice, metres.
+ONE_M = 1.0
+#: Less than this is not moved, metres.
+NOTHING_M = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class _Street:
+    """Both directions of a street between two junctions, or the one that there is.
+
+    Attributes:
+        ahead, back: its chains; ``back`` is ``None`` for one direction.
+        places: (N, 2) the middle of all lanes.
+        half: (N,) half their width.
+        free: whether its start and its end may move.
+    """
+
+    ahead: Chain
+    back: Chain | None
+    places: NDArray[np.float64]
+    half: NDArray[np.float64]
+    free: tuple[bool, bool]
+
+    @cached_property
+    def stations(self) -> NDArray[np.float64]:
+        return stations_of_points(self.places)
+
+    @cached_property
+    def steps(self) -> NDArray[np.float64]:
+        """Unit vectors (N, 2) ahead."""
+        return _directions(self.places)
+
+    @cached_property
+    def line(self) -> shapely.LineString:
+        return shapely.LineString(self.places)
+
+    def moved(self, by: NDArray[np.float64]) -> _Street:
+        """Return it moved to the left by metres (N,), headings as they were."""
+        normal = np.column_stack([-self.steps[:, 1], self.steps[:, 0]])
+        return replace(self, places=self.places + by[:, None] * normal)
+
+
+def moved_apart(
+    edges: Mapping[str, PlainEdge],
+    plain: PlainNetwork,
+    *,
+    still: Collection[str],
+    driving_side: str,
+) -> dict[str, PlainEdge]:
+    """Return edges by id, of which those that overlapped lie side by side.
+
+    Args:
+        edges: the edges between junctions.
+        plain: a network of them.
+        still: edges that stay where they are, and that nothing gives way to: bridges, outer roads.
+        driving_side: ``right`` or ``left``.
+    """
+    outward = -1 if driving_side == "right" else 1
+    streets = _streets(plain, still, outward)
+    by = [np.zeros(len(street.places)) for street in streets]
+    bands = [
+        shapely.LineString(s.places).buffer(float(s.half.max()) + FURTHEST_M / 2) for s in streets
+    ]
+    near = shapely.STRtree(bands).query(np.array(bands, object), predicate="intersects")
+    pairs = [(a, b) for a, b in near.T.tolist() if a != b]
+    for _ in range(ROUNDS):
+        # Who gives way to one comes near the next.
+        now = [street.moved(push) for street, push in zip(streets, by, strict=True)]
+        pushes = [push.copy() for push in by]
+        for a, b in pairs:
+            pushes[a] += _push(now[a], now[b])
+        by = [_tapered(street, push) for street, push in zip(streets, pushes, strict=True)]
+    moved = dict(edges)
+    for street, push in zip(streets, by, strict=True):
+        if np.abs(push).max() < NOTHING_M:
+            continue
+        moved |= _shifted(street.ahead, edges, street.stations, push)
+        if street.back is not None:
+            length = float(street.stations[-1])
+            moved |= _shifted(street.back, edges, length - street.stations[::-1], -push[::-1])
+    return moved
+
+
+def _streets(plain: PlainNetwork, still: Collection[str], outward: int) -> list[_Street]:
+    meeting = meeting_nodes(plain)
+    chains = {chain.nodes: chain for chain in chains_of(plain, meeting)}
+    found, done = [], set[tuple[str, ...]]()
+    for nodes, chain in sorted(chains.items()):
+        back = chains.get(nodes[::-1])
+        if nodes in done or any(edge.id in still for edge in chain.edges):
+            continue
+        if back is not None and len(back.edges) == len(chain.edges):
+            done.add(nodes[::-1])
+        else:
+            back = None
+        places, half = _middle(chain, back, outward)
+        if len(places) > 1:
+            free = (
+                bool(len(plain.nodes[nodes[0]].outline)),
+                bool(len(plain.nodes[nodes[-1]].outline)),
+            )
+            found.append(_Street(chain, back, places, half, free))
+    return found
+
+
+def _middle(
+    chain: Chain, back: Chain | None, outward: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the middle (N, 2) of all lanes along a chain, and half of their width (N,)."""
+    lines, halves = [], []
+    for k, edge in enumerate(chain.edges):
+        strip = Strip(edge, outward)
+        low, high = strip.driven()
+        if back is not None:
+            against = Strip(back.edges[-1 - k], outward).driven()
+            wide = against[1] - against[0]
+            low, high = (low, high + wide) if outward < 0 else (low - wide, high)
+        line = strip.middle
+        points = shapely.get_coordinates(line.segmentize(STEP_M))
+        leg = np.gradient(points, axis=0)
+        leg /= np.maximum(np.linalg.norm(leg, axis=1, keepdims=True), 1e-9)
+        lines.append(points + (low + high) / 2 * np.column_stack([-leg[:, 1], leg[:, 0]]))
+        halves.append(np.full(len(points), (high - low) / 2))
+    places, half = np.vstack(lines), np.concatenate(halves)
+    kept = np.concatenate([[True], np.linalg.norm(np.diff(places, axis=0), axis=1) > 1e-3])
+    return places[kept], half[kept]
+
+
+def _directions(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    leg = np.gradient(points, axis=0)
+    return np.asarray(leg / np.maximum(np.linalg.norm(leg, axis=1, keepdims=True), 1e-9))
+
+
+def _push(street: _Street, other: _Street) -> NDArray[np.float64]:
+    """Return how far (N,) to the left each place of a street gives way to another.
+
+    The narrower one gives way more, as where lanes part from a carriageway that had them all.
+    """
+    line = other.line
+    along = shapely.line_locate_point(line, shapely.points(street.places))
+    nearest = shapely.get_coordinates(shapely.line_interpolate_point(line, along))
+    number = np.abs(other.stations[:, None] - along[None]).argmin(axis=0)
+    ahead = street.steps
+    cosine = (ahead * other.steps[number]).sum(axis=1)
+    gap = nearest - street.places
+    left = ahead[:, 0] * gap[:, 1] - ahead[:, 1] * gap[:, 0]
+    beside = (along > 0.0) & (along < line.length) & (np.abs(cosine) > PARALLEL)
+    need = street.half + other.half[number] + ROOM_M
+    over = np.where(beside, need - np.abs(left), 0.0)
+    if not (over > 0.0).any() or np.abs(left[beside]).max() < ONE_M:
+        return np.zeros(len(street.places))
+    # On which side the other lies is told where they are furthest apart.
+    side = np.sign(left[beside][np.abs(left[beside]).argmax()])
+    lacking = np.where(beside, np.maximum(need - side * left, 0.0), 0.0)
+    return np.asarray(-side * lacking * other.half[number] / (need - ROOM_M))
+
+
+def _tapered(street: _Street, push: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a push that begins and ends gently, and is none where a street must not move."""
+    s = street.stations
+    push = np.clip(push, -FURTHEST_M, FURTHEST_M)
+    reach = np.maximum(np.abs(push)[None] - TAPER * np.abs(s[:, None] - s[None]), 0.0)
+    most = reach.argmax(axis=1)
+    by = reach[np.arange(len(s)), most] * np.sign(push)[most]
+    limit = np.full(len(s), np.inf)
+    if not street.free[0]:
+        limit = np.minimum(limit, TAPER * s)
+    if not street.free[1]:
+        limit = np.minimum(limit, TAPER * (s[-1] - s))
+    return np.asarray(np.clip(by, -limit, limit))
+
+
+def _shifted(
+    chain: Chain,
+    edges: Mapping[str, PlainEdge],
+    stations: NDArray[np.float64],
+    by: NDArray[np.float64],
+) -> dict[str, PlainEdge]:
+    """Return a chain's edges, moved to the left by what is told at stations along it."""
+    found, before = {}, 0.0
+    scale = float(stations[-1]) / max(chain.length, 1e-9)
+    for edge in chain.edges:
+        length = float(edge.line.length)
+        points = shapely.get_coordinates(edge.line.segmentize(STEP_M))
+        at = (before + stations_of_points(points)) * scale
+        ahead = _directions(points)
+        normal = np.column_stack([-ahead[:, 1], ahead[:, 0]])
+        aside = np.interp(at, stations, by)
+        if np.abs(aside).max() >= NOTHING_M:
+            found[edge.id] = replace(edges[edge.id], shape=points + aside[:, None] * normal)
+        before += length
+    return found

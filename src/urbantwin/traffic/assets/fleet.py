@@ -1,0 +1,140 @@
+"""The fleet of a region: which body, of which size, in which coat, the n-th actor of a class is.
+
+Places in the distributions follow the additive recurrence of Roberts (R-sequence: multiples of
+powers of a generalised golden ratio; M. Roberts, The unreasonable effectiveness of quasirandom
+sequences, 2018): few actors already spread over the distributions as many do, and each depends on
+the seed, its class and its number alone, not on how many others there are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.traffic.assets.asset_name import AssetName, Size
+from urbantwin.traffic.assets.catalogue import asset, asset_names
+from urbantwin.traffic.assets.coat import COATED_CLASSES, coat_at
+
+__all__ = ["Fleet", "region_of"]
+
+#: Region of the tables by country (ISO 3166-1 alpha-2); Europe's for all others.
+_REGIONS = {"US": "north-america", "CA": "north-america", "MX": "north-america", "JP": "japan"}
+_USUAL = "europe"
+#: Nobody is farther from the mean than this, standard deviations.
+_FARTHEST = 2.3
+#: How much of the scatter of widths goes with that of lengths.
+_TOGETHER = 0.6
+#: What is drawn of an actor: kind and body, length, width, height, coat.
+_DRAWN = 5
+#: Actors of the same size share a mesh. Steps of sizes: of who has many postures, as a part of the
+#: size; of length, width and height of vehicles, metres.
+_COARSE, _STEPS_M = 0.02, (0.02, 0.01, 0.01)
+
+
+def region_of(country: str) -> str:
+    """Return the region of the tables for a country (ISO 3166-1 alpha-2; empty if unknown)."""
+    return _REGIONS.get(country, _USUAL)
+
+
+@dataclass(frozen=True)
+class Fleet:
+    """The actors that a region has.
+
+    Attributes:
+        country: ISO 3166-1 alpha-2; empty if unknown.
+        seed: of what is drawn.
+    """
+
+    country: str = ""
+    seed: int = 1
+
+    def body(self, actor_class: str, number: int) -> str:
+        """Return the asset of the n-th actor of a class, by its name (`AssetName`).
+
+        Args:
+            actor_class: one of ``taxonomy.ACTOR_CLASSES``.
+            number: from 0.
+        """
+        kinds = _kinds(region_of(self.country), actor_class)
+        at = _places(self.seed, ACTOR_CLASSES.index(actor_class), number)
+        share = np.cumsum([kind["share"] for kind in kinds])
+        place = float(at[0] * share[-1])
+        which = min(int(np.searchsorted(share, place, side="right")), len(kinds) - 1)
+        kind = kinds[which]
+        within = (place - float(share[which] - kind["share"])) / kind["share"]
+        bodies = kind["bodies"]
+        body = bodies[min(int(within * len(bodies)), len(bodies) - 1)]
+        coat = coat_at(float(at[4])) if actor_class in COATED_CLASSES else ""
+        return str(AssetName(body, coat, _size(kind, body, at)))
+
+
+def _size(kind: dict[str, Any], body: str, at: NDArray[np.float64]) -> Size | None:
+    """Return the size of an actor, in steps, so that many share one; ``None``: its body's own."""
+    found = asset(body)
+    if not kind.keys() & {"scatter", "length", "width", "height"}:
+        return None
+    away = np.clip(ndtri(np.clip(at[1:4], 1e-6, 1 - 1e-6)), -_FARTHEST, _FARTHEST)
+    if "scatter" in kind:
+        factor = 1.0 + kind["scatter"] * float(away[0])
+        factor = round(factor / _COARSE) * _COARSE
+        return found.length * factor, found.width * factor, found.height * factor
+    along, across, up = away.tolist()
+    across = _TOGETHER * along + (1 - _TOGETHER**2) ** 0.5 * across
+    sides = []
+    for side, scatter, step in (
+        ("length", along, _STEPS_M[0]),
+        ("width", across, _STEPS_M[1]),
+        ("height", up, _STEPS_M[2]),
+    ):
+        mean, deviation = kind.get(side, (getattr(found, side), 0.0))
+        sides.append(round((mean + deviation * scatter) / step) * step)
+    return sides[0], sides[1], sides[2]
+
+
+def _places(seed: int, stream: int, number: int) -> NDArray[np.float64]:
+    """Return where (5,), 0..1, the n-th actor of a stream stands in what is drawn."""
+    return np.asarray((_shift(seed, stream) + (number + 1) * _steps()) % 1.0)
+
+
+@cache
+def _shift(seed: int, stream: int) -> NDArray[np.float64]:
+    key = [seed, 7_000_000_000 + stream]
+    return np.random.Generator(np.random.Philox(key=key)).random(_DRAWN)
+
+
+@cache
+def _steps() -> NDArray[np.float64]:
+    ratio = 1.5
+    for _ in range(64):  # the root of x^(d+1) = x + 1
+        ratio = (1.0 + ratio) ** (1.0 / (_DRAWN + 1))
+    return ratio ** -np.arange(1.0, _DRAWN + 1)
+
+
+@cache
+def _kinds(region: str, actor_class: str) -> list[dict[str, Any]]:
+    """Return the kinds of a class in a region: those of Europe where the region has no others.
+
+    Where no table has the class, its bodies come equally often, each in its own size.
+    """
+    tables = _tables()
+    found = tables[region].get(actor_class) or tables[_USUAL].get(actor_class)
+    if found:
+        return list(found.values())
+    return [{"share": 1.0, "bodies": [name]} for name in asset_names(actor_class)]
+
+
+@cache
+def _tables() -> dict[str, dict[str, dict[str, dict[str, Any]]]]:
+    text = files(__package__).joinpath("fleet.yaml").read_text()
+    tables: dict[str, dict[str, dict[str, dict[str, Any]]]] = yaml.load(
+        text, getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    )
+    return tables

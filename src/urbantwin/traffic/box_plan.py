@@ -1,0 +1,143 @@
+"""Boxes of actors in plan: who is near whom, and how deep two boxes lie in each other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+__all__ = ["PlanBoxes", "meetings", "near_pairs", "shared_areas"]
+
+#: Steps lie so far apart as a third axis that no two of them are near each other, metres.
+_STEP_APART_M = 1e4
+#: Boxes that reach farther from their middle than this are searched for by themselves, metres:
+#: people and two-wheelers then need not be compared with all within a bus's length.
+_SMALL_M = 1.2
+#: Steps that are compared at a time.
+_STEPS = 1000
+
+
+@dataclass(frozen=True, eq=False)
+class PlanBoxes:
+    """N boxes from above, site frame.
+
+    Attributes:
+        step: (N,) int, when.
+        xy: (N, 2) middles, metres.
+        yaw: (N,) headings, rad.
+        half: (N, 2) half the length and half the width, metres.
+    """
+
+    step: NDArray[np.integer]
+    xy: NDArray[np.float64]
+    yaw: NDArray[np.float64]
+    half: NDArray[np.float64]
+
+    def take(self, rows: NDArray[np.integer]) -> PlanBoxes:
+        """Return some of them."""
+        return PlanBoxes(self.step[rows], self.xy[rows], self.yaw[rows], self.half[rows])
+
+    @property
+    def axes(self) -> NDArray[np.float64]:
+        """Directions ahead and to the left (N, 2, 2), a unit vector in each row."""
+        c, s = np.cos(self.yaw), np.sin(self.yaw)
+        return np.stack([np.stack([c, s], -1), np.stack([-s, c], -1)], axis=1)
+
+    @property
+    def polygons(self) -> NDArray[np.object_]:
+        """Their outlines (N,), shapely polygons."""
+        ahead, left = np.moveaxis(self.axes * self.half[..., None], 1, 0)
+        corners = [a * ahead + b * left for a, b in ((1, 1), (1, -1), (-1, -1), (-1, 1))]
+        return np.asarray(shapely.polygons(self.xy[:, None] + np.stack(corners, axis=1)))
+
+
+def near_pairs(boxes: PlanBoxes, within_m: float) -> NDArray[np.int64]:
+    """Return the pairs (P, 2) whose circles about their boxes come nearer than this in a step.
+
+    Args:
+        boxes: in any order.
+        within_m: metres, 0 for circles that touch.
+    """
+    found = [np.zeros((0, 2), np.int64)]
+    order = np.argsort(boxes.step, kind="stable")
+    chunk = boxes.step[order] // _STEPS
+    for rows in np.split(order, np.flatnonzero(np.diff(chunk)) + 1):
+        found.extend(rows[pairs] for pairs in _near(boxes.take(rows), within_m))
+    pairs = np.sort(np.concatenate(found), axis=1)
+    return pairs[np.lexsort(pairs.T[::-1])]
+
+
+def _near(boxes: PlanBoxes, within_m: float) -> Iterator[NDArray[np.int64]]:
+    reach = np.hypot(*boxes.half.T)
+    place = np.column_stack([boxes.xy, boxes.step * _STEP_APART_M])
+    small = np.flatnonzero(reach <= _SMALL_M)
+    large = np.flatnonzero(reach > _SMALL_M)
+    if len(small) > 1:
+        close = KDTree(place[small]).query_pairs(2 * _SMALL_M + within_m, output_type="ndarray")
+        yield from _reaching(boxes, reach, small[close], within_m)
+    if not len(large):
+        return
+    tree = KDTree(place[large])
+    if len(large) > 1:
+        widest = 2 * float(reach[large].max()) + within_m
+        yield from _reaching(
+            boxes, reach, large[tree.query_pairs(widest, output_type="ndarray")], within_m
+        )
+    beside = tree.query_ball_point(place[small], reach[large].max() + _SMALL_M + within_m)
+    count = [len(one) for one in beside]
+    others = np.array([k for one in beside for k in one], np.int64)
+    yield from _reaching(
+        boxes, reach, np.column_stack([np.repeat(small, count), large[others]]), within_m
+    )
+
+
+def _reaching(
+    boxes: PlanBoxes, reach: NDArray[np.float64], pairs: NDArray[np.int64], within_m: float
+) -> Iterator[NDArray[np.int64]]:
+    one, other = pairs.T
+    apart = np.hypot(*(boxes.xy[one] - boxes.xy[other]).T)
+    yield pairs[apart < reach[one] + reach[other] + within_m]
+
+
+def meetings(
+    boxes: PlanBoxes, pairs: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return how deep the boxes of pairs lie in each other (P,), and the way out (P, 2).
+
+    By the theorem of separating axes (Gottschalk, Lin and Manocha, SIGGRAPH 1996): of the four
+    directions of the sides, the one along which they overlap least. A negative depth is a gap.
+    The way out is a unit vector along which the first moves away from the other.
+
+    Args:
+        boxes: of both.
+        pairs: (P, 2) rows of boxes.
+    """
+    one, other = pairs.T
+    axes, half = boxes.axes, boxes.half
+    between = boxes.xy[one] - boxes.xy[other]
+    tried = np.concatenate([axes[one], axes[other]], axis=1)
+    along = np.einsum("pad,pd->pa", tried, between)
+    radius = sum(
+        np.abs(np.einsum("pad,pd->pa", tried, axes[side, k])) * half[side, k, None]
+        for side in (one, other)
+        for k in (0, 1)
+    )
+    deep = np.asarray(radius) - np.abs(along)
+    least = deep.argmin(axis=1)
+    row = np.arange(len(pairs))
+    sign = np.where(along[row, least] < 0, -1.0, 1.0)
+    return deep[row, least], tried[row, least] * sign[:, None]
+
+
+def shared_areas(boxes: PlanBoxes, pairs: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Return the area that the boxes of each pair share (P,), square metres."""
+    area = np.zeros(len(pairs))
+    deep, _ = meetings(boxes, pairs)
+    met = np.flatnonzero(deep > 0)
+    one, other = (boxes.take(pairs[met, side]).polygons for side in (0, 1))
+    area[met] = shapely.area(shapely.intersection(one, other))
+    return area

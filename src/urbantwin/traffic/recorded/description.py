@@ -1,0 +1,157 @@
+"""Description of recorded tracks: which column is what, units, where the frame lies, classes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, field_validator
+
+from urbantwin.site.conditions import Angle, Strict
+from urbantwin.site.yaml_document import Document, nearest, read_document, wrong
+from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.traffic.recorded.actor_class import IGNORED
+
+__all__ = ["COLUMNS", "SignalsSpec", "TracksSpec", "load_description"]
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+Name = Annotated[str, Field(min_length=1)]
+TimeUnit = Literal["s", "ms", "us", "ns"]
+
+#: What a column can be.
+COLUMNS = (
+    *("track", "time", "frame", "class", "x", "y", "z", "latitude", "longitude"),
+    *("yaw", "length", "width", "height"),
+)
+
+
+class Origin(Strict):
+    """Where x, y are zero: x east, y north."""
+
+    latitude: Annotated[float, Field(ge=-90, le=90)]
+    longitude: Annotated[float, Field(ge=-180, le=180)]
+
+
+class FramePose(Strict):
+    """Where the tracks' frame stands in the site frame: metres, degrees counter-clockwise."""
+
+    x: Finite = 0.0
+    y: Finite = 0.0
+    z: Finite = 0.0
+    yaw_deg: Angle = 0.0
+
+
+class UnitsSpec(Strict):
+    """Units of columns: of times, and of angles."""
+
+    time: TimeUnit | None = None
+    angle: Literal["rad", "deg"] | None = None
+
+
+class SignalsSpec(Strict):
+    """A table of what groups of signals showed.
+
+    Attributes:
+        file: CSV: a row for every group and moment, or for every change.
+        group: the column that names the group.
+        time: the column of the time, by the clock of the tracks.
+        state: the column of what it shows.
+        unit: of the time.
+        states: what a state is in SUMO's letters (``G`` ``g`` ``y`` ``u`` ``r`` ``O``), beside
+            those of SAE J2735 and colours, which are known.
+        places: group -> its stop lines (x, y) in the tracks' frame.
+    """
+
+    file: Name
+    group: Name = "signal_group_id"
+    time: Name = "timestamp_ms"
+    state: Name = "movement_state"
+    unit: TimeUnit | None = None
+    states: dict[str, Literal["G", "g", "y", "u", "r", "O", "o"]] = Field(default_factory=dict)
+    places: dict[str, list[tuple[Finite, Finite]]] = Field(default_factory=dict)
+
+    @field_validator("places", mode="before")
+    @classmethod
+    def _groups_are_text(cls, value: Any) -> Any:  # noqa: ANN401
+        if not isinstance(value, dict):
+            return value
+        return {
+            str(group): [tuple(one) if isinstance(one, list) else one for one in lines]
+            if isinstance(lines, list)
+            else lines
+            for group, lines in value.items()
+        }
+
+
+class TracksSpec(Strict):
+    """What a description says; all but ``tracks`` may be left out where the file tells it.
+
+    Attributes:
+        tracks: the file.
+        format: of the file; by its name and content without it.
+        columns: of a CSV: what -> the name of its column.
+        units: of the columns.
+        rate_hz: frames per second, where moments are numbered only.
+        heading: what ``yaw`` is measured from and which way round.
+        point: which point of the actor x and y are.
+        origin: where x, y are zero, latitude and longitude; or
+        crs: the coordinate reference system of x, y: ``EPSG:25832``; or
+        pose: the tracks' frame in the site frame. Without any of them it is the site frame.
+        classes: class of the recording -> ours, or ``ignore``.
+        sizes: ``recorded``: as far as they are those of such an actor; ``catalogue``: as our
+            meshes are.
+        signals: what the signals showed.
+    """
+
+    tracks: Name
+    format: Literal["csv", "openlabel", "nuscenes", "kitti", "openscenario"] | None = None
+    columns: dict[str, Name] = Field(default_factory=dict)
+    units: UnitsSpec = UnitsSpec()
+    rate_hz: Annotated[float, Field(gt=0, le=1e4)] | None = None
+    heading: Literal["east-counter-clockwise", "north-clockwise"] = "east-counter-clockwise"
+    point: Literal["centre", "front"] = "centre"
+    origin: Origin | None = None
+    crs: Name | None = None
+    pose: FramePose | None = None
+    classes: dict[str, str] = Field(default_factory=dict)
+    sizes: Literal["recorded", "catalogue"] = "recorded"
+    signals: SignalsSpec | None = None
+
+    @field_validator("columns")
+    @classmethod
+    def _columns_are_known(cls, value: dict[str, str]) -> dict[str, str]:
+        for name in value:
+            if name not in COLUMNS:
+                raise wrong(f"has a column {name!r}", nearest(name, COLUMNS))
+        return value
+
+    @field_validator("classes")
+    @classmethod
+    def _classes_are_known(cls, value: dict[str, str]) -> dict[str, str]:
+        for name in value.values():
+            if name not in (*ACTOR_CLASSES, IGNORED):
+                raise wrong(f"has {name!r}", nearest(name, (*ACTOR_CLASSES, IGNORED)))
+        return value
+
+    @field_validator("pose")
+    @classmethod
+    def _lies_in_one_place(cls, value: Any, info: Any) -> Any:  # noqa: ANN401
+        given = [name for name in ("origin", "crs") if info.data.get(name) is not None]
+        if len(given) + (value is not None) > 1:
+            raise wrong("is given twice", "one of origin, crs and pose")
+        return value
+
+
+def load_description(path: Path) -> tuple[TracksSpec, Document | None]:
+    """Return what is said of tracks, and where; nothing is, if ``path`` is a file of tracks.
+
+    Args:
+        path: a description (``.yaml``, ``.yml``), or the tracks themselves.
+
+    Raises:
+        InputError: the description is missing or wrong; file, field and line are named.
+    """
+    if path.suffix.lower() not in (".yaml", ".yml"):
+        return TracksSpec(tracks=path.name), None
+    document = read_document(path, kind="a description of tracks")
+    return document.validated(TracksSpec), document

@@ -1,0 +1,277 @@
+"""Replay: recorded tracks as a motion on a twin."""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from urbantwin import __version__
+from urbantwin.artefact import replaced_folder, sha256_of
+from urbantwin.errors import InputError
+from urbantwin.progress import Progress, between, each, untold
+from urbantwin.result_warning import ResultWarning, rows_of
+from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.traffic.assets import asset, asset_names, coated_name, sized_name
+from urbantwin.traffic.assets.coat import COATED_CLASSES
+from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
+from urbantwin.traffic.motion import MOTION_VERSION, Motion
+from urbantwin.traffic.prescribed import PrescribedPath, TwinSurface, prescribed_table, usual_asset
+from urbantwin.traffic.recorded.description import load_description
+from urbantwin.traffic.recorded.read import files_of, read_recording
+from urbantwin.traffic.recorded.track import RecordedSignals, RecordedTrack, Recording
+from urbantwin.traffic.signals import SIGNAL_SCHEMA
+from urbantwin.traffic.track_smoothing import SmoothTrack, smooth_track
+from urbantwin.twin import Twin
+
+__all__ = ["replay"]
+
+_LONGEST_S = 86400.0
+#: Sizes beyond these shares of the smallest and the largest mesh of the class are no measurement.
+_LEAST, _MOST = 0.7, 1.4
+_SIDES = ("length", "width", "height")
+_SHARE = 0.02  # poses beside the ground that are worth a warning
+
+
+def replay(
+    twin: Twin,
+    tracks: Path,
+    out: Path,
+    *,
+    step_s: float | None = None,
+    smooth: bool = True,
+    also: Callable[[Motion, Path], None] | None = None,
+    progress: Progress = untold,
+) -> Motion:
+    """Write a motion of recorded tracks.
+
+    Args:
+        twin: what they move on.
+        tracks: a description of tracks (YAML), or a file of tracks.
+        out: the folder to write.
+        step_s: time between two steps; the site's ``traffic.step_s`` when not given.
+        smooth: take the noise off their paths.
+        also: given the motion and its folder before it appears, for what else belongs into it.
+        progress: called with the fraction done and what is being done.
+
+    Raises:
+        InputError: the tracks, the step or ``out`` cannot be used.
+    """
+    step = float(twin.site["traffic"]["step_s"] if step_s is None else step_s)
+    if not 0.001 <= step <= 10.0:
+        raise InputError(f"a step of {step:g} s", place="step", expected="0.001 to 10 seconds")
+    with replaced_folder(out, kind="motion", inputs=[twin.folder, *files_of(tracks)]) as folder:
+        progress(0.0, "reading tracks")
+        recording = read_recording(tracks, twin.frame)
+        sized = load_description(tracks)[0].sizes == "recorded"
+        motion = _replayed(twin, recording, step, smooth, sized, between(progress, 0.1, 0.9))
+        recorded = {**motion.manifest["recorded"], "files": _named(files_of(tracks))}
+        motion = replace(motion, manifest={**motion.manifest, "recorded": recorded})
+        progress(0.9, "writing the motion")
+        motion.write(folder)
+        if also is not None:
+            progress(0.95, "drawing the paths")
+            also(motion, folder)
+    progress(1.0, "done")
+    return motion
+
+
+def _replayed(
+    twin: Twin, recording: Recording, step_s: float, smooth: bool, sized: bool, tell: Progress
+) -> Motion:
+    """Return the motion of a recording."""
+    if recording.duration_s > _LONGEST_S:
+        raise InputError(
+            f"lasts {recording.duration_s:.0f} s", file=recording.file, expected="up to a day"
+        )
+    steps = int(np.floor(recording.duration_s / step_s + 1e-6)) + 1
+    tracks: list[RecordedTrack] = []
+    paths: list[PrescribedPath] = []
+    smoothed: list[SmoothTrack] = []
+    strange: dict[str, Counter[str]] = defaultdict(Counter)
+    for track in each(recording.tracks, between(tell, 0.0, 0.4), "smoothing their paths"):
+        one = smooth_track(track, step_s, smooth=smooth)
+        if one is None:
+            continue
+        name = (
+            _asset_of(track, len(paths), strange)
+            if sized
+            else usual_asset(track.actor_class, len(paths))
+        )
+        tracks.append(track)
+        smoothed.append(one)
+        paths.append(
+            PrescribedPath(
+                track.actor_class, name, one.time_s, one.xy, one.yaw, one.speed, one.z, one.absent
+            )
+        )
+    actors, outside = prescribed_table(
+        paths, TwinSurface(twin), steps=steps, step_s=step_s, tell=between(tell, 0.4, 0.9)
+    )
+    if not actors.num_rows:
+        raise InputError(
+            "none of its tracks comes onto the ground of the twin",
+            file=recording.file,
+            expected="tracks within the twin's region; is their origin or CRS another?",
+        )
+    signals, without_place = signal_rows(recording.signals, steps * step_s)
+    seen = Counter(actors.group_by(["track", "class"]).aggregate([])["class"].to_pylist())
+    manifest: dict[str, Any] = {
+        "kind": "motion",
+        "version": MOTION_VERSION,
+        "urbantwin": __version__,
+        "twin_sha256": twin.sha256,
+        "seed": 0,
+        "step_s": step_s,
+        "steps": steps,
+        "duration_s": round(steps * step_s, 9),
+        "classes": {name: {"seen": seen[name]} for name in ACTOR_CLASSES},
+        "left_out": [
+            {"class": name, "count": count, "why": "no class of actors"}
+            for name, count in sorted(recording.left_out.items())
+        ],
+        "teleports": 0,
+        "collisions": 0,
+        "poses_outside_ground": outside,
+        "recorded": _recorded(recording, tracks, smoothed, smooth=smooth),
+    }
+    warned = _warnings(recording, strange, outside, actors.num_rows, without_place)
+    manifest["warnings"] = rows_of(warned)
+    motion = Motion(manifest, actors, signals).with_meshes(between(tell, 0.9, 1.0))
+    made = {"actors": table_sha256(motion.actors), "meshes": meshes_sha256(motion.meshes)}
+    return replace(motion, manifest={**manifest, "made": made})
+
+
+def signal_rows(signals: RecordedSignals | None, until_s: float) -> tuple[pa.Table, list[str]]:
+    """Return the table of what recorded groups showed, and the groups whose place is not known.
+
+    A group is a program ``recorded``'s link. Those that were dark all the time are left out.
+    """
+    rows: list[tuple[float, str, int, str, float, float]] = []
+    without: list[str] = []
+    for link, (group, shown) in enumerate(signals.shown.items() if signals else ()):
+        if all(letter == "O" for _, letter in shown):
+            continue
+        number = int(group) if group.isdigit() else link
+        if not signals or group not in signals.places:
+            without.append(group)
+            continue
+        before = [at for at, _ in shown if at <= 0]
+        for at, letter in shown:
+            if at < until_s and (at >= 0 or at == max(before)):
+                rows += [
+                    (max(at, 0.0), "recorded", number, letter, x, y)
+                    for x, y in signals.places[group]
+                ]
+    rows.sort()
+    columns = zip(*rows, strict=True) if rows else [[]] * len(SIGNAL_SCHEMA)
+    arrays = [
+        pa.array(list(values), field.type)
+        for values, field in zip(columns, SIGNAL_SCHEMA, strict=True)
+    ]
+    return pa.table(arrays, schema=SIGNAL_SCHEMA), without
+
+
+def _asset_of(track: RecordedTrack, number: int, strange: Mapping[str, Counter[str]]) -> str:
+    """Return the mesh of a track: the class's that is nearest to its size, stretched to it."""
+    names = asset_names(track.actor_class)
+    sizes = np.array([[getattr(asset(name), side) for side in _SIDES] for name in names])
+    known = np.isfinite(track.size)
+    if not known.any():
+        return usual_asset(track.actor_class, number)
+    low, high = sizes.min(axis=0) * _LEAST, sizes.max(axis=0) * _MOST
+    beside = known & ((track.size < low) | (track.size > high))
+    if beside.any():
+        told = " x ".join(f"{side:.2f}" for side in track.size[known])
+        strange[track.actor_class][told] += 1
+        return usual_asset(track.actor_class, number)
+    away = np.abs(np.log(sizes[:, known] / track.size[known])).sum(axis=1)
+    chosen = int(np.argmin(away))
+    size = np.where(known, track.size, sizes[chosen])
+    name = names[chosen]
+    if track.actor_class in COATED_CLASSES:
+        name = coated_name(name, number)
+    return sized_name(name, *size.tolist())
+
+
+def _recorded(
+    recording: Recording,
+    tracks: list[RecordedTrack],
+    smoothed: list[SmoothTrack],
+    *,
+    smooth: bool,
+) -> dict[str, Any]:
+    """Return what the manifest says of the recording."""
+    moved: dict[str, list[np.ndarray[Any, Any]]] = defaultdict(list)
+    for track, one in zip(tracks, smoothed, strict=True):
+        moved[track.actor_class].append(one.moved_m)
+    spans = {
+        kind: [
+            {"track": number, "from_s": round(begin, 6), "to_s": round(end, 6)}
+            for number, one in enumerate(smoothed, 1)
+            for begin, end in getattr(one, kind)
+        ]
+        for kind in ("filled", "absent")
+    }
+    return {
+        "begins_s": recording.begins_s,
+        "names": {str(number): track.name for number, track in enumerate(tracks, 1)},
+        "smoothing": "robust cubic smoothing splines" if smooth else "none",
+        "moved_m": {
+            name: {
+                "rms": round(float(np.sqrt(np.mean(np.concatenate(found) ** 2))), 4),
+                "most": round(float(np.concatenate(found).max()), 4),
+            }
+            for name, found in sorted(moved.items())
+        },
+        **spans,
+    }
+
+
+def _warnings(
+    recording: Recording,
+    strange: Mapping[str, Counter[str]],
+    outside: int,
+    poses: int,
+    without_place: list[str],
+) -> list[ResultWarning]:
+    """Return what is wrong with a replayed motion."""
+    found = [ResultWarning("tracks", one) for one in recording.assumed]
+    for name, sizes in strange.items():
+        (size, count), total = sizes.most_common(1)[0], sum(sizes.values())
+        found.append(
+            ResultWarning(
+                f"tracks {name}",
+                f"{total} have sizes that no {name} has ({count}: {size} m)",
+                "the recording's sizes are templates or wrong",
+                "the catalogue's sizes are used",
+            )
+        )
+    if outside > _SHARE * (outside + poses):
+        found.append(
+            ResultWarning(
+                "tracks",
+                f"{outside} of {outside + poses} poses lie beside the ground",
+                "the recording reaches beyond the twin",
+                "make the region larger",
+            )
+        )
+    if without_place:
+        found.append(
+            ResultWarning(
+                "signals",
+                f"groups {', '.join(without_place)} are left out",
+                "nothing says where their stop lines are",
+                "tell them under signals.places",
+            )
+        )
+    return found
+
+
+def _named(files: list[Path]) -> list[dict[str, str]]:
+    return [{"name": path.name, "sha256": sha256_of(path)} for path in files]

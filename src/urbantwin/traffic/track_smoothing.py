@@ -1,0 +1,200 @@
+"""Smoothing of recorded tracks: noise taken off, resampled to the steps of a motion, gaps filled.
+
+Positions are fitted by cubic smoothing splines (Reinsch, Numerische Mathematik 10, 1967), twice
+more with less weight on what lies far beside (iterated weights of Huber's estimator; Holland and
+Welsch, Communications in Statistics A6, 1977): trackers leap when they begin. A spline can be asked
+at any moment, its derivative is the velocity, and it bridges what is missing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline, make_smoothing_spline
+
+from urbantwin.traffic.recorded.track import RecordedTrack
+
+__all__ = ["LONGEST_FILLED_S", "SmoothTrack", "smooth_positions", "smooth_track"]
+
+#: A longer gap is not filled: too much can happen meanwhile, seconds.
+LONGEST_FILLED_S = 2.0
+_GAP = 1.5  # so many usual intervals are a gap
+_FEWEST = 5  # moments that a spline is fitted to
+#: Price of bending against squared distance from the moments, for moments a second apart. Stiffer
+#: tells moments that were held out worse, softer leaves accelerations that no vehicle has
+#: (docs/recorded_traffic.md).
+_STIFFNESS = 1e-3
+#: Farther beside than so many times the usual, and than so much, is an outlier (metres).
+_BESIDE, _BESIDE_M = 3.0, 0.15
+_REWEIGHTED = 2
+#: Who is slower than this has no direction of travel, m/s, nor who came no farther, metres.
+_SLOW_MS, _SHORT_M = 0.5, 1.0
+#: The noise of a heading is that of many frames: it is a mean over so long, seconds.
+_HEADING_S = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothTrack:
+    """A track at N moments that follow each other by the motion's step.
+
+    Attributes:
+        time_s: (N,) seconds.
+        xy: (N, 2) middle of its bounds, metres.
+        yaw: (N,) heading, rad, without leaps.
+        speed: (N,) along the heading, m/s.
+        z: (N,) about how high it is, metres; ``None`` where nothing is said.
+        filled: spans that were missing and are filled, seconds.
+        absent: spans that are missing, seconds.
+        moved_m: (M,) how far smoothing moved each of the recorded moments.
+    """
+
+    time_s: NDArray[np.float64]
+    xy: NDArray[np.float64]
+    yaw: NDArray[np.float64]
+    speed: NDArray[np.float64]
+    z: NDArray[np.float64] | None
+    filled: tuple[tuple[float, float], ...]
+    absent: tuple[tuple[float, float], ...]
+    moved_m: NDArray[np.float64]
+
+
+def smooth_track(track: RecordedTrack, step_s: float, *, smooth: bool = True) -> SmoothTrack | None:
+    """Return a track at the steps that it spans; ``None`` if it spans none.
+
+    Args:
+        track: as it was recorded.
+        step_s: time between two steps, seconds; the first is at 0.
+        smooth: take noise off; else moments are only joined.
+    """
+    first = int(np.ceil(track.time_s[0] / step_s - 1e-6))
+    last = int(np.floor(track.time_s[-1] / step_s + 1e-6))
+    if last < first:
+        return None
+    times = np.round(np.arange(first, last + 1) * step_s, 9)
+    filled, absent = _gaps(track.time_s)
+    pieces = _pieces(track.time_s, absent)
+    xy, velocity = np.empty((len(times), 2)), np.empty((len(times), 2))
+    moved = np.zeros(len(track.time_s))
+    for mine in pieces:
+        begin, end = track.time_s[mine[0]] - 1e-6, track.time_s[mine[-1]] + 1e-6
+        here = (times >= begin) & (times <= end)
+        own = track.time_s[mine]
+        at, going = smooth_positions(
+            own, track.xy[mine], np.concatenate([times[here], own]), smooth=smooth
+        )
+        count = int(here.sum())
+        xy[here], velocity[here] = at[:count], going[:count]
+        moved[mine] = np.linalg.norm(at[count:] - track.xy[mine], axis=1)
+    between = np.zeros(len(times), np.bool_)
+    for gone, back in absent:
+        between |= (times > gone + 1e-6) & (times < back - 1e-6)
+    if between.all():
+        return None
+    kept = ~between
+    times, xy, velocity = times[kept], xy[kept], velocity[kept]
+    yaw = _heading(track, times, xy, velocity, step_s, smooth=smooth)
+    speed = velocity[:, 0] * np.cos(yaw) + velocity[:, 1] * np.sin(yaw)
+    known = np.isfinite(track.z)
+    z = np.interp(times, track.time_s[known], track.z[known]) if known.any() else None
+    return SmoothTrack(times, xy, yaw, speed, z, filled, absent, moved)
+
+
+def smooth_positions(
+    time_s: NDArray[np.float64],
+    xy: NDArray[np.float64],
+    at_s: NDArray[np.float64],
+    *,
+    smooth: bool = True,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return positions (M, 2), m, and velocities (M, 2), m/s, at moments (M,) of a path.
+
+    Args:
+        time_s: (N,) ascending moments.
+        xy: (N, 2) where it was then, metres.
+        at_s: (M,) moments within.
+        smooth: fit a smoothing spline; else the interpolating one.
+    """
+    if len(time_s) == 1:
+        return np.repeat(xy, len(at_s), axis=0), np.zeros((len(at_s), 2))
+    if len(time_s) < _FEWEST:
+        velocity = np.gradient(xy, time_s, axis=0)
+        return tuple(  # type: ignore[return-value]
+            np.column_stack([np.interp(at_s, time_s, values) for values in one.T])
+            for one in (xy, velocity)
+        )
+    # Seconds and metres from the first moment: better conditioned.
+    since, ask, weight = time_s - time_s[0], at_s - time_s[0], np.ones(len(time_s))
+    price = _STIFFNESS / float(np.median(np.diff(time_s)))
+    near = xy - xy[0]
+    for turn in range(1 + _REWEIGHTED):
+        if smooth:
+            lines = [make_smoothing_spline(since, one, weight, lam=price) for one in near.T]
+        else:
+            lines = [CubicSpline(since, one, bc_type="natural") for one in near.T]
+        if not smooth or turn == _REWEIGHTED:
+            break
+        beside = np.hypot(*(line(since) - one for line, one in zip(lines, near.T, strict=True)))
+        usual = max(_BESIDE * 1.4826 * float(np.median(beside)), _BESIDE_M)
+        weight = np.minimum(1.0, usual / np.maximum(beside, 1e-9))
+    place = np.column_stack([line(ask) for line in lines]) + xy[0]
+    return place, np.column_stack([line.derivative()(ask) for line in lines])
+
+
+def _gaps(
+    time_s: NDArray[np.float64],
+) -> tuple[tuple[tuple[float, float], ...], tuple[tuple[float, float], ...]]:
+    """Return the gaps that are filled and those that are not, as spans of time."""
+    passed = np.diff(time_s)
+    usual = float(np.median(passed)) if len(passed) else 0.0
+    wide = np.flatnonzero(passed > _GAP * usual)
+    spans = [(float(time_s[k]), float(time_s[k + 1])) for k in wide]
+    short = tuple(one for one in spans if one[1] - one[0] <= LONGEST_FILLED_S)
+    return short, tuple(one for one in spans if one not in short)
+
+
+def _pieces(
+    time_s: NDArray[np.float64], absent: tuple[tuple[float, float], ...]
+) -> list[NDArray[np.int64]]:
+    """Return the moments between the gaps that are not filled."""
+    cuts = np.searchsorted(time_s, [back for _, back in absent])
+    return np.split(np.arange(len(time_s)), cuts)
+
+
+def _heading(
+    track: RecordedTrack,
+    times: NDArray[np.float64],
+    xy: NDArray[np.float64],
+    velocity: NDArray[np.float64],
+    step_s: float,
+    *,
+    smooth: bool,
+) -> NDArray[np.float64]:
+    """Return the heading (N,), rad: as recorded, else where it goes; who stands keeps it."""
+    known = np.isfinite(track.yaw)
+    pace = np.linalg.norm(velocity, axis=1)
+    far = bool(np.ptp(xy, axis=0).max() >= _SHORT_M)
+    sure = pace >= _SLOW_MS
+    if known.any():
+        recorded = np.unwrap(track.yaw[known])
+        yaw = np.interp(times, track.time_s[known], recorded)
+        if not smooth:
+            return yaw
+        if not far:
+            return np.full(len(times), _mean_angle(recorded))
+    elif far and sure.any():
+        yaw = np.arctan2(velocity[:, 1], velocity[:, 0])
+    else:
+        moved = track.xy[-1] - track.xy[0]
+        return np.full(len(times), float(np.arctan2(moved[1], moved[0])))
+    if sure.any():
+        at = np.flatnonzero(sure)
+        yaw = np.interp(np.arange(len(times)), at, np.unwrap(yaw[at]))
+    half = round(_HEADING_S / step_s / 2)
+    padded = np.pad(yaw, half, mode="edge")
+    return np.asarray(np.convolve(padded, np.full(2 * half + 1, 1 / (2 * half + 1)), "valid"))
+
+
+def _mean_angle(yaw: NDArray[np.float64]) -> float:
+    return float(np.arctan2(np.sin(yaw).mean(), np.cos(yaw).mean()))

@@ -1,0 +1,133 @@
+"""Replay: our own motion there and back again, gaps, noise, and a real recording."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from urbantwin.errors import InputError
+from urbantwin.exports.tracks import write_openlabel, write_tracks
+from urbantwin.traffic import Motion, run_traffic
+from urbantwin.traffic.recorded.csv_rows import csv_rows
+from urbantwin.traffic.recorded.description import TracksSpec
+from urbantwin.traffic.recorded.track import RecordedTrack
+from urbantwin.traffic.replay import replay
+from urbantwin.traffic.track_smoothing import smooth_positions, smooth_track
+from urbantwin.twin import Twin
+
+SECONDS = 6.0
+
+
+@pytest.fixture(scope="module")
+def motion(crossing_twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Motion:
+    folder = tmp_path_factory.mktemp("driven") / "motion"
+    run_traffic(crossing_twin, folder, seconds=SECONDS)
+    return Motion.load(folder)
+
+
+def track_of(times: np.ndarray, xy: np.ndarray, yaw: float = np.nan) -> RecordedTrack:
+    nothing = np.full(len(times), np.nan)
+    return RecordedTrack("a", "car", times, xy, nothing + yaw, nothing, np.full(3, np.nan))
+
+
+@pytest.mark.parametrize("write", [write_tracks, write_openlabel])
+def test_a_motion_comes_back_as_it_was(
+    motion: Motion,
+    crossing_twin: Twin,
+    write: Callable[[Motion, Path], None],
+    tmp_path: Path,
+    records: Callable[..., np.recarray],
+) -> None:
+    file = tmp_path / ("tracks.csv" if write is write_tracks else "labels.json")
+    write(motion, file)
+    again = replay(crossing_twin, file, tmp_path / "again", smooth=False)
+    before, after = records(motion.actors), records(again.actors)
+    names = {int(key): int(name) for key, name in again.manifest["recorded"]["names"].items()}
+    track = np.array([names[one] for one in after.track])
+    there = dict(zip(zip(track, np.round(after.time_s, 6), strict=True), after, strict=True))
+    rows = [(row, there[row.track, round(row.time_s, 6)]) for row in before]
+    # Nobody is lost, and nobody is added but in the gaps of those who were left out for a step.
+    assert len(after) == len(before) + sum(
+        round((one["to_s"] - one["from_s"]) / motion.step_s) - 1
+        for one in again.manifest["recorded"]["filled"]
+    )
+    for name, tolerance in {"x": 1e-5, "y": 1e-5, "z": 0.01, "pitch": 0.01, "roll": 0.01}.items():
+        away = [abs(a[name] - b[name]) for a, b in rows]
+        assert max(away) < tolerance, name
+    turned = [abs(np.angle(np.exp(1j * (a.yaw - b.yaw)))) for a, b in rows]
+    assert max(turned) < 1e-5
+    vehicles = [(a, b) for a, b in rows if a["class"] not in ("pedestrian",)]
+    assert np.mean([a.lane == b.lane for a, b in vehicles]) > 0.9
+    for side in ("length", "width", "height"):
+        # A person's box is that of the moment, a track's size is one.
+        away = [abs(a[side] - b[side]) for a, b in vehicles]
+        assert max(away) < 0.011, side
+    Motion.load(tmp_path / "again")
+
+
+def test_gaps_are_filled_and_marked_or_left_open() -> None:
+    times = np.round(np.arange(0, 12, 0.1), 9)
+    keep = ((times < 3) | (times > 4)) & ((times < 6) | (times > 9.05))
+    xy = np.column_stack([10 * times, np.zeros_like(times)])
+    one = smooth_track(track_of(times[keep], xy[keep]), 0.1)
+    assert one is not None
+    assert one.filled == (pytest.approx((2.9, 4.1)),)
+    assert one.absent == (pytest.approx((5.9, 9.1)),)
+    assert not ((one.time_s > 5.95) & (one.time_s < 9.05)).any()
+    assert one.xy[:, 0] == pytest.approx(10 * one.time_s, abs=0.01)
+    assert one.speed == pytest.approx(10.0, abs=0.01)
+
+
+def test_noise_is_taken_off_and_a_leap_is_no_path() -> None:
+    random = np.random.default_rng(4)
+    times = np.arange(0, 20, 0.1)
+    turn = 0.05 * times
+    true = np.column_stack([150 * np.sin(turn), 150 * (1 - np.cos(turn))])  # 7.5 m/s on a circle
+    noisy = true + random.normal(0, 0.1, true.shape)
+    noisy[1] += [2.0, 0.0]  # a tracker that begins
+    one = smooth_track(track_of(times, noisy), 0.1)
+    assert one is not None
+    before = np.linalg.norm(noisy - true, axis=1)
+    after = np.linalg.norm(one.xy - true, axis=1)
+    assert np.sqrt((after[5:-5] ** 2).mean()) < 0.6 * np.sqrt((before[5:-5] ** 2).mean())
+    assert after[1] < 0.3
+    assert one.speed[10:-10] == pytest.approx(7.5, abs=0.6)
+    assert np.abs(one.yaw - turn)[10:-10].max() < np.radians(4)
+
+
+def test_who_stands_keeps_the_heading() -> None:
+    random = np.random.default_rng(5)
+    times = np.arange(0, 20, 0.1)
+    gone = np.minimum(8 * times, 40.0)  # drives north for 5 s and waits
+    xy = np.column_stack([np.zeros_like(gone), gone]) + random.normal(0, 0.03, (len(gone), 2))
+    one = smooth_track(track_of(times, xy), 0.1)
+    assert one is not None
+    assert np.abs(one.yaw[70:] - np.pi / 2).max() < np.radians(8)
+    assert np.ptp(one.yaw[80:]) < 1e-9
+
+
+def test_tracks_beside_the_twin_are_refused(crossing_twin: Twin, tmp_path: Path) -> None:
+    rows = "\n".join(f"1,{k / 10},car,{500 + k},0" for k in range(20))
+    (tmp_path / "t.csv").write_text(f"track,time_s,class,x,y\n{rows}\n")
+    with pytest.raises(InputError, match=r"t\.csv: none of its tracks comes onto the ground"):
+        replay(crossing_twin, tmp_path / "t.csv", tmp_path / "motion")
+    assert not (tmp_path / "motion").exists()
+
+
+def test_the_recording_of_karlsruhe_is_told_between_its_moments(shared_data: Path) -> None:
+    file = shared_data / "tracks" / "karlsruhe-k733" / "vehicle_tracks_000.csv"
+    rows = csv_rows(file, TracksSpec(tracks=file.name))
+    away, pull = [], []
+    for name in sorted(set(rows.track)):
+        mine = np.flatnonzero(rows.track == name)
+        if len(mine) < 40:
+            continue
+        held = np.arange(len(mine)) % 5 == 2
+        held[:10] = False  # its tracker begins
+        times, xy = rows.time_s[mine], rows.xyz[mine, :2]
+        at, velocity = smooth_positions(times[~held], xy[~held], times)
+        away.append(np.linalg.norm(at - xy, axis=1)[held])
+        pull.append(np.linalg.norm(np.gradient(velocity, times, axis=0), axis=1)[5:-5])
+    assert np.sqrt(np.mean(np.concatenate(away) ** 2)) < 0.12
+    assert np.quantile(np.concatenate(pull), 0.99) < 8.5  # of the file's own: 60
