@@ -3,7 +3,8 @@
 Of the driven ways (those that vehicles use, tunnels left out), in a plane about the anchor:
 crossings, signals, lanes and turn arrows.
 
-- **Crossing**: a node `highway=crossing` of a driven way (not `crossing=no`), and the place where a
+- **Crossing**: a node `highway=crossing` of a driven way (not `crossing=no`), or
+  `highway=traffic_signals` with `crossing=*`, and the place where a
   way `footway=crossing` (`path`, `cycleway`) crosses one on its own layer. Places on one way less
   than 4 m apart are one crossing; each carriageway of a dual one has its own.
 - **Signal**: a node of a driven way with `highway=traffic_signals` or `crossing=traffic_signals`.
@@ -127,7 +128,7 @@ class MappedStreets:
             street = shapely.LineString(self._lines[way])
             for node in nodes:
                 tags = self._tags.get(node, {})
-                if tags.get("highway") == "crossing" and tags.get("crossing") != "no":
+                if _is_crossing(tags):
                     found[way].append(Crossing(*self._at[node], street, tags))
         streets = [shapely.LineString(self._lines[way]) for way, _, _ in self.driven]
         tree = shapely.STRtree(streets)
@@ -256,6 +257,13 @@ class MappedStreets:
                 keys = ("turn:lanes", f"turn:lanes:{'forward' if index == 0 else 'backward'}")
                 return any(key in tags for key in keys) and (same or _one_way(tags) == 0)
         return False
+
+
+def _is_crossing(tags: dict[str, str]) -> bool:
+    kind, crossing = tags.get("highway"), tags.get("crossing")
+    return crossing != "no" and (
+        kind == "crossing" or (kind == "traffic_signals" and crossing is not None)
+    )
 
 
 def _is_driven(tags: dict[str, str]) -> bool:

@@ -243,7 +243,15 @@ def painted_arrow(twin: Twin, lane: Lane) -> tuple[str, ...]:
     The arrow's own shapes, one for each combination of turns, are moved along the lane over the
     raster of paint; the one whose cells agree best is read, if two thirds of them do.
     """
-    image = _paint_before(twin, lane)
+    read = _read(_paint_before(twin, _driven_line(twin, lane), lane.width), lane)
+    if not read and lane.length < SHORT_M and lane.id not in {h.lane for h in twin.roads.signals}:
+        ahead = _driven_line(twin, lane, beyond=True)
+        read = _read(_paint_before(twin, ahead, lane.width), lane)
+    return read
+
+
+def _read(image: NDArray[np.float64], lane: Lane) -> tuple[str, ...]:
+    """The arrow in an image of a lane's paint."""
     if not image.any():
         return ()
     best, read = 0.66, ()
@@ -259,12 +267,11 @@ def painted_arrow(twin: Twin, lane: Lane) -> tuple[str, ...]:
     return read
 
 
-def _paint_before(twin: Twin, lane: Lane) -> NDArray[np.float64]:
-    """An image of the paint before a lane's end, along by across, lane marks left out."""
-    line = _driven_line(twin, lane)
+def _paint_before(twin: Twin, line: shapely.LineString, width: float) -> NDArray[np.float64]:
+    """An image of the paint before a line's end, along by across, lane marks left out."""
     length = min(ARROW_REACH_M, line.length)
     along = np.arange(line.length - length, line.length, CELL_M)
-    half = lane.width / 2 - 0.2
+    half = width / 2 - 0.2
     across = np.arange(-half, half, CELL_M)
     middle = shapely.get_coordinates(shapely.line_interpolate_point(line, along))
     step = shapely.get_coordinates(shapely.line_interpolate_point(line, along + 0.01))
@@ -279,12 +286,15 @@ def _paint_before(twin: Twin, lane: Lane) -> NDArray[np.float64]:
     return np.minimum(image, 1.0)
 
 
-def _driven_line(twin: Twin, lane: Lane) -> shapely.LineString:
-    """What one drives before a lane's end: from the lane that leads straight into a short one."""
+def _driven_line(twin: Twin, lane: Lane, *, beyond: bool = False) -> shapely.LineString:
+    """What one drives before a lane's end, from the lane that leads straight into a short one.
+
+    ``beyond``: to the end of the lane that it leads straight on to.
+    """
     points = lane.centre[:, :2]
     if lane.length < ARROW_REACH_M:
         points = np.vstack([*_straight(twin, lane, ahead=False), points])
-    if lane.length < SHORT_M and lane.id not in {head.lane for head in twin.roads.signals}:
+    if beyond:
         points = np.vstack([points, *_straight(twin, lane, ahead=True)])
     return shapely.LineString(points)
 

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from urbantwin.errors import InputError, StageError, UrbanTwinError
     from urbantwin.fidelity.clouds import Cloud
     from urbantwin.fidelity.readers.recording import Recording
+    from urbantwin.interface.actor_catalogue import ActorCatalogue, actors
     from urbantwin.interface.aligned_rig import AlignedRig, align
     from urbantwin.interface.carla_frames import CarlaFrames, carla
     from urbantwin.interface.coverage_map import Coverage, coverage
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 __all__ = [
+    "ActorCatalogue",
     "AlignedRig",
     "Background",
     "CarlaFrames",
@@ -75,6 +77,7 @@ __all__ = [
     "UrbanTwinError",
     "Verification",
     "__version__",
+    "actors",
     "align",
     "background",
     "build",

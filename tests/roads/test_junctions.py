@@ -12,6 +12,7 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads
 from urbantwin.roads.marking import arrow_at, guide_lines, turn_arrow
+from urbantwin.roads.marking.turn_arrow import arrow_on
 from urbantwin.site import read_extract
 from urbantwin.site.junction_proposal import propose_junction
 
@@ -278,3 +279,17 @@ def test_the_arrow_of_a_short_lane_stands_upstream(build):
         assert x0 < lane.centre[0, 0] - 2.0
         assert x1 - x0 == pytest.approx(6.0, abs=0.2)
         assert x1 <= lane.centre[-1, 0] - 2.0
+
+
+def test_arrows_follow_a_lane_that_bends():
+    """On a bend of 12 m radius every part of an arrow is as far from the lane's middle as drawn."""
+    angle = np.linspace(0.0, np.pi / 2, 60)
+    line = shapely.LineString(12.0 * np.column_stack([np.sin(angle), 1 - np.cos(angle)]))
+    straight = shapely.LineString([(0, 0), (line.length, 0)])
+    for ways in (("through",), ("left", "through"), ("right",)):
+        flat, bent = (arrow_on(one, ways, 3.0, 14.0, 6.0) for one in (straight, line))
+        low, high = flat.bounds[1], flat.bounds[3]
+        corners = shapely.get_coordinates(bent)
+        aside = 12.0 - np.linalg.norm(corners - [0.0, 12.0], axis=1)
+        assert (aside.min(), aside.max()) == pytest.approx((low, high), abs=0.03)
+        assert bent.area == pytest.approx(flat.area, rel=0.05)

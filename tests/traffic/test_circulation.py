@@ -17,6 +17,7 @@ from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads, sumo_binary
 from urbantwin.roads.assignment.circuit import Circuit
+from urbantwin.roads.assignment.movement_flows import IN_CARS
 from urbantwin.roads.assignment.routing_graph import WayGraph, driven_graph, walked_graph
 from urbantwin.roads.assignment.street_network import StreetNetwork, has_walkway
 from urbantwin.site import read_extract
@@ -24,6 +25,7 @@ from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import Fleet, asset
 from urbantwin.traffic.circulation import Circulation
 from urbantwin.traffic.flow_calibration import calibrate
+from urbantwin.traffic.guessed_volumes import bound_of_signals
 from urbantwin.traffic.simulation import observe, sumo_options, write_routes
 
 SECONDS = 1500
@@ -243,3 +245,31 @@ def test_no_more_walk_than_there_is_room(town: tuple[Path, frozenset[str]]) -> N
     assert len(demand.trips) == crowd.count
     (left,) = demand.left_out
     assert (left.count, left.why) == (crowd.without_room, "no room on the footways")
+
+
+def test_flows_are_those_of_everybody_who_comes_in(town, circulation: Circulation) -> None:
+    """In cars: trucks and buses count twice, motorcycles 0.7 (movement_flows.IN_CARS)."""
+    flows = circulation.flows()
+    entries = sum(n for (a, b, _), n in flows.items() if a in town[1] and b not in town[1])
+    assert entries == pytest.approx(500 + 2 * 40 + 2 * 30 + 0.7 * 40)
+    # As many come to a street as go on from it.
+    for edge in {b for _, b, _ in flows}:
+        comes = sum(n for (_, b, _), n in flows.items() if b == edge)
+        goes = sum(n for (a, _, _), n in flows.items() if a == edge)
+        assert comes == pytest.approx(goes, rel=1e-6)
+
+
+def test_guesses_are_lowered_to_what_signals_can_let_through(
+    town, circulation: Circulation
+) -> None:
+    light = bound_of_signals(town[0], circulation.flows())
+    assert (light.share, light.because) == (1.0, "")
+    crowd = bound_of_signals(
+        town[0], {way: 10 * count for way, count in circulation.flows().items()}
+    )
+    # Four lanes each way: no more than 1,800 cars an hour on each of eight lanes, half of the time.
+    come = 10 * (500 + 2 * 40 + 2 * 30 + 0.7 * 40) * crowd.share
+    assert 1000 < come < 8 * 1800 / 2
+    assert "its signal can let" in crowd.because
+    lowered = crowd.of({"car": 100.0, "pedestrian": 50.0}, IN_CARS)
+    assert lowered == {"car": 100.0 * crowd.share, "pedestrian": 50.0}

@@ -10,7 +10,15 @@ import yaml
 
 from urbantwin.errors import InputError
 from urbantwin.taxonomy import ACTOR_CLASSES, material_id
-from urbantwin.traffic.assets import AssetName, Fleet, asset, asset_mesh, asset_names, mesh_among
+from urbantwin.traffic.assets import (
+    AssetName,
+    Fleet,
+    OwnBodies,
+    asset,
+    asset_mesh,
+    asset_names,
+    mesh_among,
+)
 
 GERMANY = Fleet("DE", 1)
 
@@ -132,3 +140,20 @@ def test_of_a_sized_actor_its_body_is_kept():
         found.vertices, asset_mesh("car-sedan_black@4.90x1.80x1.45").vertices
     )
     assert mesh_among(kept, "car-sedan_black", 0, refuse) is body
+
+
+def test_bodies_of_a_site_take_their_share_and_have_their_own_size() -> None:
+    mesh = asset_mesh("van-cube")
+    own = OwnBodies({"own-cube": "van"}, {"own-cube": 0.25}, {("own-cube", 0): mesh})
+    fleet = Fleet("DE", 4, own)
+    names = [fleet.body("van", number) for number in range(400)]
+    assert np.mean([name == "own-cube" for name in names]) == pytest.approx(0.25, abs=0.02)
+    assert {fleet.body("car", number) for number in range(50)}.isdisjoint({"own-cube"})
+    found = own.asset("own-cube")
+    np.testing.assert_allclose(
+        [found.length, found.width, found.height], np.ptp(mesh.vertices, axis=0)
+    )
+    assert found.actor_class == "van"
+    assert own.asset("car-sedan") is asset("car-sedan")
+    # The others are who they are without it, or one of the table all the same.
+    assert all(asset(name).actor_class == "van" for name in names if name != "own-cube")

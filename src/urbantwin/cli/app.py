@@ -12,6 +12,7 @@ import typer
 
 from urbantwin import __version__
 from urbantwin.cli import (
+    actors,
     align,
     background,
     build,
@@ -97,6 +98,7 @@ for command, examples in (
     (verify.verify, verify.EXAMPLES),
     (reproduce.reproduce, reproduce.EXAMPLES),
     (sensors.sensors, sensors.EXAMPLES),
+    (actors.actors, actors.EXAMPLES),
 ):
     app.command(epilog=_examples(examples))(command)
 

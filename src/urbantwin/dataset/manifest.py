@@ -130,6 +130,7 @@ def recipe_of_rig(rig: Rig) -> dict[str, Any]:
             "rate_hz": rig.rate_hz,
             "frame": rig.frame,
             "fused": rig.fused,
+            "boxes": rig.boxes,
             "conditions": as_json(rig.conditions),
             "ride": as_json(rig.ride),
             "carrier": rig.carrier,

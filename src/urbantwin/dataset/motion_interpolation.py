@@ -94,21 +94,29 @@ def posed_actors(rows: Rows, paths: Sequence[ActorPath | None] | None = None) ->
     ways = [None] * len(rows) if paths is None else paths
     rotations = rotation_from_ypr(rows["yaw"], rows["pitch"], rows["roll"])
     translations = np.column_stack([rows["x"], rows["y"], rows["z"]])
-    velocities = rows["speed"][:, None] * rotations[:, :, 0]
+    ahead = rows["speed"][:, None] * rotations[:, :, 0]
+    velocities = [
+        velocity if way is None else way.velocity_at(0.0)
+        for velocity, way in zip(ahead, ways, strict=True)
+    ]
     return [
-        PosedActor(int(track), str(kind), str(asset), int(phase), Pose(turn, place), velocity, path)
-        for track, kind, asset, phase, turn, place, velocity, path in zip(
-            rows["track"],
-            rows["class"],
-            rows["asset"],
-            rows["phase"],
-            rotations,
-            translations,
-            (
-                velocity if way is None else way.velocity_at(0.0)
-                for velocity, way in zip(velocities, ways, strict=True)
-            ),
-            ways,
-            strict=True,
+        PosedActor(
+            int(row["track"]),
+            str(row["class"]),
+            str(row["asset"]),
+            int(row["phase"]),
+            Pose(turn, place),
+            velocity,
+            path,
+            _size(row),
+        )
+        for row, turn, place, velocity, path in zip(
+            rows, rotations, translations, velocities, ways, strict=True
         )
     ]
+
+
+def _size(row: np.void) -> tuple[float, float, float] | None:
+    """Return the size of an actor's box, metres; ``None`` where the table does not know it."""
+    size = float(row["length"]), float(row["width"]), float(row["height"])
+    return size if min(size) > 0 else None

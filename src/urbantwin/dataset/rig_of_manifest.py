@@ -54,6 +54,7 @@ def rig_of_manifest(manifest: Mapping[str, Any]) -> Rig | None:
             ride=None if rig["ride"] is None else RideSpec.model_validate(rig["ride"]),
             carrier=rig["carrier"],
             fused=bool(rig["fused"]),
+            boxes=rig.get("boxes", "tight"),
         )
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError, ValidationError):
         return None
@@ -79,6 +80,7 @@ class _Told(Part):
     frame: Literal["sensor", "level", "site"]
     carrier: int | None
     fused: bool
+    boxes: Literal["track", "tight"] = "tight"
     sensors: Annotated[list[_ToldSensor], Field(min_length=1, max_length=64)]
 
 

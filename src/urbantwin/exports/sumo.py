@@ -11,8 +11,7 @@ from lxml import etree
 from urbantwin import traffic
 from urbantwin.artefact import replaced_folder, write_json
 from urbantwin.geometry import LabelledMesh
-from urbantwin.traffic.assets import asset
-from urbantwin.traffic.run import demand_of
+from urbantwin.traffic.run import demand_of, own_bodies
 from urbantwin.traffic.simulation import (
     curves_of,
     sumo_options,
@@ -54,7 +53,7 @@ def write_sumo(twin: Twin, folder: Path) -> None:
         shutil.copyfile(twin.net_path, scratch / "network.net.xml")
         write_json(scratch / "curves.json", curves_of(twin.net_path))
         shutil.copyfile(DRIVER, scratch / "drive.py")
-        write_routes(scratch / "demand.rou.xml", demand, asset)
+        write_routes(scratch / "demand.rou.xml", demand, own_bodies(twin).asset)
         write_stops(scratch / "stops.add.xml", demand)
         _split_types(scratch / "demand.rou.xml", scratch / "types.add.xml")
         _write_buildings(scratch / "buildings.add.xml", twin.mesh)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -56,7 +56,13 @@ class Motion(DrivenMotion):
     def load(cls, folder: Path) -> Motion:
         """Read a motion's folder; see `open`."""
         read = DrivenMotion.load(folder)
-        return cls(read.manifest, read.actors, read.signals, read.meshes, folder)
+        return cls.of(read, folder)
+
+    @classmethod
+    def of(cls, driven: DrivenMotion, folder: Path) -> Motion:
+        """Return a motion that lies in a folder."""
+        parts = {one.name: getattr(driven, one.name) for one in fields(DrivenMotion)}
+        return cls(**parts, folder=folder)
 
     def __fspath__(self) -> str:
         """Return the folder."""
@@ -158,4 +164,4 @@ def drive(
             progress=tell,
         )
     tell_result("traffic", place, made.warnings, progress)
-    return Motion(made.manifest, made.actors, made.signals, made.meshes, place)
+    return Motion.of(made, place)

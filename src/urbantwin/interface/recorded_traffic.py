@@ -70,4 +70,4 @@ def replay(
             progress=tell,
         )
     tell_result("replay", place, made.warnings, progress)
-    return Motion(made.manifest, made.actors, made.signals, made.meshes, place)
+    return Motion.of(made, place)

@@ -62,6 +62,8 @@ class PosedActor:
         site_SE3_asset: its pose at the frame's time.
         velocity: (3,) metres per second, site frame.
         path: how it moves around the frame's time; ``None``: straight on with ``velocity``.
+        size: length, width and height of its track's box, metres; ``None``: it has none, and its
+            box is that of its mesh.
     """
 
     track: int
@@ -71,6 +73,7 @@ class PosedActor:
     site_SE3_asset: Pose  # noqa: N815
     velocity: NDArray[np.float64]
     path: ActorPath | None = None
+    size: tuple[float, float, float] | None = None
 
     @property
     def way(self) -> ActorPath:

@@ -110,6 +110,7 @@ def place_rig(
         ride=spec.ride,
         carrier=None if spec.ride is None else spec.ride.track,
         fused=spec.fused,
+        boxes=spec.boxes,
     )
 
 

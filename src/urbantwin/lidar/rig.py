@@ -130,6 +130,8 @@ class Rig:
         ride: the actor that was asked to carry it; ``None``: it stands.
         carrier: the track of the actor that carries it, once that is known.
         fused: whether a frame holds the points of all sensors; else each has a dataset.
+        boxes: ``track``: a label has the size of its actor's track, where it is known; ``tight``:
+            the bounds of the mesh at its moment.
     """
 
     sensors: tuple[MountedSensor, ...]
@@ -140,6 +142,7 @@ class Rig:
     ride: RideSpec | None = None
     carrier: int | None = None
     fused: bool = True
+    boxes: Literal["track", "tight"] = "track"
 
     def dataset_pose(self, carrier: ActorPath | None = None) -> Pose:
         """Return ``dataset_SE3_site`` of a frame: of a rig that rides, it moves with its carrier.

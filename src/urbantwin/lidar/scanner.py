@@ -26,7 +26,7 @@ from urbantwin.lidar.returns import ReturnModel
 from urbantwin.lidar.rig import MountedSensor, Rig
 from urbantwin.lidar.sensor_path import SensorPath
 from urbantwin.lidar.shapes import MeshSource, PresentActors, ShapeTable
-from urbantwin.lidar.standing import seen_at, standing_at
+from urbantwin.lidar.standing import seen_at, standing_at, track_boxes
 from urbantwin.lidar.static_view import StaticView
 from urbantwin.lidar.static_world import World
 from urbantwin.lidar.sweep import Sweep
@@ -147,7 +147,10 @@ class Scanner:
         # Label what was seen, and what was not.
         poses = [_pose_of(path) for path in paths]
         bordering = self._borders.of(time_s, poses, StandingActors.at(when_s, present))
-        return labelled(seen, others, standing.boxes, when_s, bordering, dataset_SE3_site)
+        boxes = standing.boxes
+        if rig.boxes == "track":
+            boxes = track_boxes(standing, [one.size for one in others])
+        return labelled(seen, others, boxes, when_s, bordering, dataset_SE3_site)
 
     def _carrier(self, actors: Sequence[PosedActor]) -> ActorPath | None:
         """Return the path of the actor that carries the rig."""

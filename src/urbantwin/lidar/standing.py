@@ -14,7 +14,7 @@ from urbantwin.lidar.compiled.boxes import tight_boxes
 from urbantwin.lidar.compiled.pose import poses_at
 from urbantwin.lidar.shapes import PresentActors
 
-__all__ = ["Standing", "seen_at", "standing_at"]
+__all__ = ["Standing", "seen_at", "standing_at", "track_boxes"]
 
 
 class Standing(NamedTuple):
@@ -51,3 +51,20 @@ def standing_at(
     shapes, shape = actors.shapes, actors.shape
     first, count = shapes.first_hull[shape], shapes.hull_size[shape]
     return Standing(turned, placed, tight_boxes(turned, placed, shapes.hull, first, count))
+
+
+def track_boxes(
+    standing: Standing, sizes: Sequence[tuple[float, float, float] | None]
+) -> NDArray[np.float64]:
+    """Return the boxes (A, 7) that actors have in all of their track, the tight one without a size.
+
+    A box of a size stands over the actor's origin, which is on the ground under its middle, and
+    turns with its heading; half its height goes the way that is up for the actor.
+    """
+    boxes = standing.boxes.copy()
+    for number, size in enumerate(sizes):
+        if size is not None:
+            up = standing.rotation[number, :, 2]
+            boxes[number, :3] = standing.place[number] + up * (size[2] / 2)
+            boxes[number, 3:6] = size
+    return boxes

@@ -20,7 +20,7 @@ from urbantwin.progress import Progress, untold
 from urbantwin.result_warning import ResultWarning
 from urbantwin.roads.assignment.movement_flows import movement_flows
 from urbantwin.roads.building_ground import building_ground
-from urbantwin.roads.bus_stops import with_buses
+from urbantwin.roads.bus_stops import bus_ways, with_buses
 from urbantwin.roads.cross_section import prepare_ways, write_sumo_edges
 from urbantwin.roads.driving_side import country_of
 from urbantwin.roads.grade_separation import (
@@ -203,7 +203,7 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
             out=out,
         )
     tell(0.25, "signals")
-    _serve(out, {piece.id for piece in pieces if piece.way == 0}, per_hour or {})
+    _serve(out, pieces, bus_ways(extract), per_hour or {})
     planned = set_programs(out, plans, frame)
     raw = corners_before_buildings(
         read_sumo_network(
@@ -276,11 +276,14 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
     return BuiltRoads(model, network, surface, notes)
 
 
-def _serve(net: Path, outer: Set[int], per_hour: Mapping[str, float]) -> None:
+def _serve(
+    net: Path, pieces: Sequence[WayPiece], bus: Set[int], per_hour: Mapping[str, float]
+) -> None:
     """Let merging lanes take turns, and give signals programs that serve who comes."""
     zip_merging_lanes(net)
-    flows = movement_flows(net, edges_of_pieces(net, outer), per_hour)
-    set_default_programs(net, flows=flows)
+    outer = edges_of_pieces(net, {piece.id for piece in pieces if piece.way == 0})
+    lines = edges_of_pieces(net, {piece.id for piece in pieces if piece.way in bus})
+    set_default_programs(net, flows=movement_flows(net, outer, per_hour, bus_roads=lines))
 
 
 def _main_component(

@@ -13,7 +13,7 @@ from urbantwin.geometry import SiteFrame, stations_of_points
 from urbantwin.roads.network import BusStop, Lane, Road, RoadNetwork
 from urbantwin.site.extract import Extract
 
-__all__ = ["with_buses"]
+__all__ = ["bus_ways", "with_buses"]
 
 #: A stop's pole or platform is beside the kerb lane of its road: so far from the lane's middle at
 #: most, metres, and on the kerb's side of it, or hardly on the other.
@@ -38,13 +38,7 @@ def with_buses(network: RoadNetwork, extract: Extract, frame: SiteFrame) -> Road
         extract: the map.
         frame: the site frame.
     """
-    ways = {
-        member
-        for relation in extract.relations.values()
-        if relation.tags.get("type") == "route" and relation.tags.get("route") in BUS_ROUTES
-        for kind, member, _ in relation.members
-        if kind == "w"
-    }
+    ways = bus_ways(extract)
     roads = tuple(road.id for road in network.roads if ways.intersection(road.ways))
     side = 1.0 if network.driving_side == "left" else -1.0
     kerbs = list(_kerb_lanes(network))
@@ -70,6 +64,17 @@ def with_buses(network: RoadNetwork, extract: Extract, frame: SiteFrame) -> Road
         for stop in _stops(network.lane_by_id[lane_id], sorted(places))
     ]
     return replace(network, bus_roads=roads, stops=tuple(stops))
+
+
+def bus_ways(extract: Extract) -> frozenset[int]:
+    """Return the ids of the ways that mapped bus lines run on."""
+    return frozenset(
+        member
+        for relation in extract.relations.values()
+        if relation.tags.get("type") == "route" and relation.tags.get("route") in BUS_ROUTES
+        for kind, member, _ in relation.members
+        if kind == "w"
+    )
 
 
 def _kerb_lanes(network: RoadNetwork) -> Iterator[tuple[Road, Lane]]:

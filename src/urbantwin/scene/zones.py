@@ -49,6 +49,11 @@ OTHER_WAYS: dict[str, tuple[float, str, str]] = {
     "cycleway": (2.0, "sidewalk", "asphalt"),
 }
 
+#: Values of ``parking=*`` that are no ground with cars on it (OSM wiki, "Key:parking").
+NOT_ON_THE_GROUND = frozenset(
+    {"underground", "multi-storey", "rooftop", "garage", "garages", "sheds"}
+)
+
 
 @dataclass(frozen=True)
 class Zone:
@@ -189,7 +194,7 @@ def _flush_areas(
             width, semantic, material = OTHER_WAYS[highway]
             area = shape if is_area else shape.buffer(width / 2, cap_style="flat")
             groups.setdefault((semantic, material), []).append(area)
-        elif tags.get("amenity") == "parking" and is_area:
+        elif tags.get("amenity") == "parking" and is_area and _is_open(tags):
             groups.setdefault(("parking", "asphalt"), []).append(shape)
         elif is_area and (cover := mapped_cover(tags)) is not None:
             groups.setdefault(cover, []).append(shape)
@@ -206,6 +211,11 @@ def _flush_areas(
     return [
         (areas[key], *key) for key in sorted(areas, key=lambda key: (order.index(key[0]), key[1]))
     ]
+
+
+def _is_open(tags: dict[str, str]) -> bool:
+    """Return whether cars of a car park stand on the ground under the sky."""
+    return tags.get("parking", "surface") not in NOT_ON_THE_GROUND and "building" not in tags
 
 
 def _is_below(tags: dict[str, str]) -> bool:

@@ -310,6 +310,7 @@ traffic:
 rig:
   rate_hz: 10           # frames per second
   frame: level          # of the points: sensor, level (sensor's place and heading, upright) or site
+  boxes: track          # of the labels: one size per track, or tight about the mesh at its moment
   sensors:
     # A pole beside the junction, looking at its middle{seen}.
     # More sensors: more items. docs/rigs.md has all that a rig can say: heights, timing, echoes,

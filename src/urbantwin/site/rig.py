@@ -150,6 +150,8 @@ class RigSpec(Strict):
         frame: of the dataset's points: ``sensor`` (that of the first sensor), ``level`` (its place
             and heading, gravity-aligned) or ``site``.
         fused: the sensors' points in one frame; ``False``: a dataset for each sensor.
+        boxes: ``track``: labels have one size for a whole track, as annotators draw them;
+            ``tight``: each is the bounds of the mesh at its moment.
         conditions: the weather and the sun.
         reflectivity: times the table of materials, by name.
         sway: how the sensors' poles sway in the wind.
@@ -163,6 +165,7 @@ class RigSpec(Strict):
     window_s: Annotated[float, Field(gt=0.0, le=10.0, allow_inf_nan=False)] | None = None
     frame: Literal["sensor", "level", "site"] = "level"
     fused: bool = True
+    boxes: Literal["track", "tight"] = "track"
     conditions: Conditions = Conditions()
     reflectivity: Reflectivities = Field(default_factory=dict)
     ride: RideSpec | None = None

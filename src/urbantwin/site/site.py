@@ -28,7 +28,7 @@ from urbantwin.site.region import (
 )
 from urbantwin.site.rig import RigSpec, load_rig_spec, rig_spec_from
 from urbantwin.site.signals import SignalPlan, SignalSpec
-from urbantwin.site.traffic import TrafficSpec
+from urbantwin.site.traffic import OwnAssetSpec, TrafficSpec
 from urbantwin.site.yaml_document import Document, read_document, wrong
 
 __all__ = ["InputFile", "Site", "check_extract", "load_site"]
@@ -229,9 +229,24 @@ class Site:
             **self._imagery(),
             **self._signals(),
             "closed_loop": self.closed_loop,
-            "traffic": self.traffic.model_dump(exclude=None if self.traffic.size else {"size"}),
+            "traffic": self._traffic(),
             "rig": self.rig.written(),
         }
+
+    @property
+    def own_assets(self) -> list[tuple[OwnAssetSpec, Path]]:
+        """The meshes that join the catalogue of actors, with their files."""
+        return [(one, self.file.parent / one.file) for one in self.traffic.assets]
+
+    def _traffic(self) -> dict[str, Any]:
+        empty = {name for name in ("size", "assets") if not getattr(self.traffic, name)}
+        value = self.traffic.model_dump(exclude=empty)
+        if self.traffic.assets:
+            value["assets"] = [
+                one.model_dump(by_alias=True, exclude_defaults=True) | {"file": path.name}
+                for one, path in self.own_assets
+            ]
+        return value
 
     def _geometry(self) -> dict[str, Any]:
         sources = []
@@ -262,7 +277,7 @@ class Site:
         """Return every file and folder that the site names, and its own."""
         given = (self.osm, self.roads, self.dem, *self.geometry, *self.imagery)
         named = [one.path for one in given if one is not None and one.path is not None]
-        return [self.file, self.rig_file, *named]
+        return [self.file, self.rig_file, *named, *(path for _, path in self.own_assets)]
 
     def inputs(self) -> list[dict[str, str]]:
         """Return what the site is made from: kind, name, sha256, licence and attribution."""
@@ -289,7 +304,19 @@ class Site:
             }
             for kind, item in files
             if item
-        ] + sources
+        ] + [
+            *sources,
+            *(
+                {
+                    "kind": "actor",
+                    "name": path.name,
+                    "sha256": sha256_of(path),
+                    "licence": one.licence,
+                    "attribution": one.attribution,
+                }
+                for one, path in self.own_assets
+            ),
+        ]
 
 
 def _file_entry(item: InputFile) -> dict[str, str]:
@@ -327,6 +354,9 @@ def load_site(path: Path) -> Site:
     else:
         rig_file = path
         rig = rig_spec_from(document.part("rig"), frame)
+    for number, one in enumerate(raw.traffic.assets):
+        where = ("traffic", "assets", number, "file")
+        _must_exist(document, where, path.parent / one.file, "a mesh as glTF")
     return Site(
         file=path,
         name=raw.name,

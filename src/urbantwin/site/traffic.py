@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, Field, field_validator
 
+from urbantwin.errors import InputError
 from urbantwin.site.conditions import Strict
 from urbantwin.site.yaml_document import nearest, read_document, wrong
 from urbantwin.taxonomy import ACTOR_CLASSES
@@ -23,6 +25,9 @@ DEFAULT_PER_HOUR: dict[str, float] = {
     "pedestrian": 400.0,
     "van": 120.0,
 }
+#: Share of parking spaces that are taken by day: below the 85 % at which a street counts as full
+#: and drivers begin to search (Shoup, The High Cost of Free Parking, 2005, chapter 12).
+USUALLY_PARKED = 0.7
 
 
 def _known_class(name: str) -> str:
@@ -34,6 +39,7 @@ def _known_class(name: str) -> str:
 ActorClass = Annotated[str, AfterValidator(_known_class)]
 PerHour = Annotated[float, Field(ge=0.0, le=100_000.0, allow_inf_nan=False)]
 SizeFactor = Annotated[float, Field(ge=0.5, le=2.0, allow_inf_nan=False)]
+Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
 Seconds = Annotated[float, Field(le=86400.0, allow_inf_nan=False)]
 
 
@@ -43,6 +49,40 @@ class SizeSpec(Strict):
     length: SizeFactor = 1.0
     width: SizeFactor = 1.0
     height: SizeFactor = 1.0
+
+
+class ParkedSpec(Strict):
+    """Which share of the parking spaces is taken, 0..1, along streets and in car parks."""
+
+    street: Share = USUALLY_PARKED
+    car_park: Share = USUALLY_PARKED
+
+
+class OwnAssetSpec(Strict):
+    """A mesh that joins the catalogue of actors.
+
+    Attributes:
+        file: glTF, relative to ``site.yaml``.
+        actor_class: written ``class``: what its boxes are labelled with.
+        scale: metres of one of its units.
+        forward: its axis that points ahead; found from its shape if not given.
+        share: which share of the actors of its class it is.
+        licence: on what terms it may be used.
+        attribution: who made it.
+    """
+
+    file: Annotated[str, Field(min_length=1)]
+    actor_class: Annotated[ActorClass, Field(alias="class")]
+    scale: Annotated[float, Field(gt=0.0, le=1000.0, allow_inf_nan=False)] = 1.0
+    forward: Literal["x", "-x", "z", "-z"] | None = None
+    share: Share = 0.1
+    licence: str = "not stated"
+    attribution: str = "not stated"
+
+    @property
+    def name(self) -> str:
+        """What the asset is called: ``own-`` and the file's name in letters, digits and dashes."""
+        return "own-" + re.sub("[^a-z0-9]+", "-", Path(self.file).stem.lower()).strip("-")
 
 
 class TrafficSpec(Strict):
@@ -58,6 +98,9 @@ class TrafficSpec(Strict):
         step_s: time between two steps of the simulation, seconds.
         seed: of every random choice; the same seed gives the same traffic.
         size: by class, how large its actors are against the catalogue's.
+        parked: share of the parking spaces that are taken, 0..1: of all, or by ``street`` and
+            ``car_park``.
+        assets: meshes that join the catalogue.
     """
 
     per_hour: dict[ActorClass, PerHour] = Field(default_factory=lambda: dict(DEFAULT_PER_HOUR))
@@ -67,6 +110,25 @@ class TrafficSpec(Strict):
     step_s: Annotated[float, Field(ge=0.01, le=1.0, allow_inf_nan=False)] = 0.1
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
     size: dict[ActorClass, SizeSpec] = Field(default_factory=dict)
+    parked: ParkedSpec = Field(default_factory=ParkedSpec)
+
+    assets: list[OwnAssetSpec] = Field(default_factory=list)
+
+    @field_validator("assets")
+    @classmethod
+    def _told_apart(cls, value: list[OwnAssetSpec]) -> list[OwnAssetSpec]:
+        names = [one.name for one in value]
+        for name in names:
+            if names.count(name) > 1:
+                raise wrong(f"has two files that are called {name!r}", "files of different names")
+        return value
+
+    @field_validator("parked", mode="before")
+    @classmethod
+    def _of_all(cls, value: object) -> object:
+        if isinstance(value, int | float) and not isinstance(value, bool):
+            return {"street": value, "car_park": value}
+        return value
 
     @field_validator("per_hour")
     @classmethod
@@ -80,5 +142,13 @@ def load_traffic_changes(path: Path) -> dict[str, Any]:
     Raises:
         InputError: the file is missing or wrong; it names the file, the field and the line.
     """
-    found = read_document(path, kind="traffic").validated(TrafficSpec)
+    document = read_document(path, kind="traffic")
+    found = document.validated(TrafficSpec)
+    if found.assets:
+        raise InputError(
+            "brings meshes along",
+            file=path,
+            place=document.place(("assets",)),
+            expected="them under `traffic:` of site.yaml: `urbantwin build` reads them",
+        )
     return found.model_dump(exclude_unset=True)

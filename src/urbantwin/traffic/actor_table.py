@@ -10,30 +10,37 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from urbantwin.progress import Progress, between, each, untold
-from urbantwin.roads import Track
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.bending import with_bodies
-from urbantwin.traffic.demand import Demand
+from urbantwin.traffic.box_plan import PlanBoxes
+from urbantwin.traffic.demand import Demand, Trip
+from urbantwin.traffic.footing import Footways
 from urbantwin.traffic.motion import ACTOR_SCHEMA, step_times
+from urbantwin.traffic.obstacles import Obstacles
 from urbantwin.traffic.placement import Ground, stand
+from urbantwin.traffic.separation import Moving, separated
 from urbantwin.traffic.simulation import Simulated
+from urbantwin.traffic.steering import faced, steered
+from urbantwin.traffic.track_box import track_size
 from urbantwin.traffic.trajectory import smoothed
+from urbantwin.twin import Twin
 
 __all__ = ["actor_table"]
 
 _STANDING_MS = 0.15  # who is slower than this stands, m/s
+_BESIDE_M = 2.0  # people who pass each other use the footway beside their lane
 _GOLDEN = (5**0.5 - 1) / 2  # spreads the first postures of those who set out together
 
 
 def actor_table(
     simulated: Simulated,
     demand: Demand,
+    twin: Twin,
     ground: Ground,
     *,
     steps: int,
     step_s: float,
     asset: Callable[[str], Asset],
-    tracks: Sequence[Track] = (),
     tell: Progress = untold,
 ) -> tuple[pa.Table, int]:
     """Return the table of actors and how many poses were left out because there is no ground.
@@ -44,19 +51,23 @@ def actor_table(
     Args:
         simulated: what SUMO saw.
         demand: the trips that it refers to.
-        ground: what actors stand on.
+        twin: what they go between.
+        ground: what they stand on.
         steps: how many steps the motion has; steps before and after them only shape the paths.
         step_s: time between steps.
         asset: an asset's dimensions and contacts by name.
-        tracks: the rails of trams.
         tell: called with the fraction done (0..1) and what is being done.
     """
     smoothing, standing = between(tell, 0.0, 0.4), between(tell, 0.5, 0.9)
-    columns = _poses(simulated, demand, steps=steps, step_s=step_s, asset=asset, tell=smoothing)
-    columns, trips = with_bodies(columns, demand, simulated, tracks, asset=asset)
+    columns = _poses(simulated, demand, step_s=step_s, asset=asset, tell=smoothing)
+    columns, trips = with_bodies(columns, demand, simulated, twin.roads.tracks, asset=asset)
+    tell(0.4, "past each other")
+    columns = _apart(columns, simulated.lanes, trips, twin, ground, step_s=step_s, asset=asset)
+    kept = (columns["step"] >= 0) & (columns["step"] < steps)
+    columns = {name: values[kept] for name, values in columns.items()}
     names = np.array([trip.asset for trip in trips], object)
     trip = columns["trip"]
-    tell(0.4, "heights of their lanes")
+    tell(0.48, "heights of their lanes")
     ceiling = ground.ceiling(columns["xy"], columns["lane"], simulated.lanes)
     z, pitch, roll = np.full((3, len(trip)), np.nan)
     phase = np.zeros(len(trip), np.int16)
@@ -76,7 +87,7 @@ def actor_table(
     order = order[~np.isnan(z[order])]
     trip = trip[order]
     driven, track = np.unique(trip, return_inverse=True)
-    size = np.array([_size(asset(names[number])) for number in driven]).reshape(-1, 3)[track]
+    size = np.array([track_size(asset(names[number])) for number in driven]).reshape(-1, 3)[track]
     classes = [trip.actor_class for trip in trips]
     values = {
         "time_s": step_times(steps, step_s)[columns["step"][order]],
@@ -104,12 +115,11 @@ def _poses(
     simulated: Simulated,
     demand: Demand,
     *,
-    steps: int,
     step_s: float,
     asset: Callable[[str], Asset],
     tell: Progress,
 ) -> dict[str, NDArray[Any]]:
-    """Return smoothed poses of the motion's steps, trip by trip, as columns."""
+    """Return smoothed poses, trip by trip, as columns."""
     order = np.lexsort([simulated.step, simulated.trip])
     trip, step = simulated.trip[order], simulated.step[order]
     breaks = np.flatnonzero((np.diff(trip) != 0) | (np.diff(step) != 1)) + 1
@@ -127,23 +137,60 @@ def _poses(
             walks=whose.actor_class == "pedestrian",
         )
         xy[rows], yaw[rows], distance[rows] = path.xy, path.yaw, path.distance_m
-    kept = (step >= 0) & (step < steps)
+        yaw[rows] = steered(path.xy, path.yaw, _rear_m(asset(whose.asset)))
     return {
-        "trip": trip[kept],
-        "step": step[kept],
-        "xy": xy[kept],
-        "yaw": yaw[kept],
-        "distance": distance[kept],
-        "speed": simulated.speed[order][kept],
-        "lane": simulated.lane[order][kept],
+        "trip": trip,
+        "step": step,
+        "xy": xy,
+        "yaw": yaw,
+        "distance": distance,
+        "speed": simulated.speed[order],
+        "lane": simulated.lane[order],
     }
+
+
+def _apart(
+    columns: dict[str, NDArray[Any]],
+    lanes: Sequence[str],
+    trips: Sequence[Trip],
+    twin: Twin,
+    ground: Ground,
+    *,
+    step_s: float,
+    asset: Callable[[str], Asset],
+) -> dict[str, NDArray[Any]]:
+    """Return poses of which no two overlap, where that can be had."""
+    meshes = [asset(trip.asset) for trip in trips]
+    trip, stands = columns["trip"], columns["speed"] < _STANDING_MS
+    striding = np.array([[mesh.length, mesh.width] for mesh in meshes]).reshape(-1, 2)
+    still = np.array([track_size(mesh)[:2] for mesh in meshes]).reshape(-1, 2)
+    size = np.where(stands[:, None], still[trip], striding[trip])
+    level = ground.levels(lanes)[columns["lane"]]
+    boxes = PlanBoxes(columns["step"], columns["xy"], columns["yaw"], size / 2)
+    classes = tuple(one.actor_class for one in trips)
+    moving = Moving(trip, boxes, columns["speed"], level, columns["lane"], classes)
+    blocks = Obstacles(twin.mesh).blocks(ground.top)
+    footways = Footways(twin.roads, lanes, beyond_m=_BESIDE_M)
+    xy, speed = separated(moving, blocks, footways, step_s)
+    yaw = columns["yaw"].copy()
+    breaks = np.flatnonzero((np.diff(trip) != 0) | (np.diff(columns["step"]) != 1)) + 1
+    for rows in np.split(np.arange(len(trip)), breaks):
+        if not (xy[rows] != columns["xy"][rows]).any():
+            continue
+        if classes[trip[rows[0]]] == "pedestrian":
+            yaw[rows] = faced(xy[rows], columns["xy"][rows], yaw[rows], speed[rows], step_s)
+        else:
+            yaw[rows] = steered(xy[rows], yaw[rows], _rear_m(meshes[trip[rows[0]]]))
+    return {**columns, "xy": xy, "yaw": yaw, "speed": speed}
+
+
+def _rear_m(mesh: Asset) -> float:
+    """Return how far behind its middle an asset's rear axle is, metres; 0 without one."""
+    behind = mesh.contacts[mesh.contacts[:, 0] < -0.1, 0]
+    return -float(behind.mean()) if len(behind) else 0.0
 
 
 def _texts(names: Sequence[str], index: NDArray[Any]) -> pa.Array:
     """Return ``names[index]`` as a column, without a Python object per row."""
     indices = pa.array(index.astype(np.int32))
     return pa.DictionaryArray.from_arrays(indices, pa.array(names, pa.string())).cast(pa.string())
-
-
-def _size(asset: Asset) -> tuple[float, float, float]:
-    return asset.length, asset.width, asset.height

@@ -87,12 +87,11 @@ def _near(boxes: PlanBoxes, within_m: float) -> Iterator[NDArray[np.int64]]:
         yield from _reaching(
             boxes, reach, large[tree.query_pairs(widest, output_type="ndarray")], within_m
         )
-    beside = tree.query_ball_point(place[small], reach[large].max() + _SMALL_M + within_m)
-    count = [len(one) for one in beside]
-    others = np.array([k for one in beside for k in one], np.int64)
-    yield from _reaching(
-        boxes, reach, np.column_stack([np.repeat(small, count), large[others]]), within_m
+    beside = KDTree(place[small]).sparse_distance_matrix(
+        tree, float(reach[large].max()) + _SMALL_M + within_m, output_type="ndarray"
     )
+    pairs = np.column_stack([small[beside["i"]], large[beside["j"]]])
+    yield from _reaching(boxes, reach, pairs, within_m)
 
 
 def _reaching(

@@ -43,6 +43,8 @@ FALLS = 0.6
 #: Where junctions are saturated a longer pilot tells whether it goes on so; its last part must have
 #: this share of the flow, else the population is lessened, at most so often.
 LONG_S, HOLDS, LESS, TIMES = 900, 0.85, 0.75, 1
+#: Where a longer pilot carries less than was asked for, so many more are tried, so often.
+MORE, TIMES_MORE = 1.2, 2
 #: Of populations whose flows differ by no more than this the smallest is taken: it is farthest from
 #: locking up.
 ALIKE = 0.05
@@ -160,6 +162,13 @@ def calibrate(
             best = replace(long, flow=min(long.flow, best.flow))
             break
         best = replace(long, size=best.size * LESS)
+    for _ in range(TIMES_MORE):
+        if best.flow >= 1.0 - TOLERANCE or best.size * MORE > most:
+            break
+        further = pilot(best.size * MORE, free, little.pace, LONG_S)
+        if further.flow < best.flow + ALIKE:
+            break
+        best = further
     standing = {lane: total / best.seconds for lane, total in best.queued.items()}
     carried = 1.0 if best.flow >= 1.0 - TOLERANCE else best.flow
     return Calibrated(planned(best), carried, standing)
@@ -167,7 +176,8 @@ def calibrate(
 
 def _best(found: list[_Pilot]) -> _Pilot:
     """Return the smallest population that brings what was asked for, or about the highest flow."""
-    wanted = min(1.0 - TOLERANCE, max(one.flow for one in found) - ALIKE)
+    most = max(one.flow for one in found)
+    wanted = 1.0 - TOLERANCE if most >= 1.0 - TOLERANCE else most - ALIKE
     return min((one for one in found if one.flow >= wanted), key=lambda one: one.size)
 
 

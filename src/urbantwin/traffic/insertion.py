@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pyarrow as pa
@@ -64,7 +65,8 @@ def inserted(
     manifest["classes"] = _counted(manifest.get("classes", {}), rows)
     added = Motion(manifest, rows, motion.signals, motion.meshes).with_meshes().meshes
     actors = both.take(order).combine_chunks()
-    return Motion(manifest, actors, motion.signals, {**added, **motion.meshes}), tracks
+    meshes = {**added, **motion.meshes}
+    return replace(motion, manifest=manifest, actors=actors, meshes=meshes), tracks
 
 
 def _counted(classes: dict[str, dict[str, float]], rows: pa.Table) -> dict[str, dict[str, float]]:

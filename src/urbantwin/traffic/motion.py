@@ -7,6 +7,7 @@ import json
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from urbantwin.traffic.motion_validity import (
     MeshKey,
     MotionManifest,
     MotionReport,
+    check_actors,
     check_motion,
     read_meshes,
 )
@@ -37,7 +39,7 @@ __all__ = ["ACTOR_SCHEMA", "MOTION_VERSION", "Motion", "describe"]
 
 MOTION_VERSION = 1
 
-_TABLE = "a table of the motion"
+_TABLE, _PARKED = "a table of the motion", "parked.parquet"
 
 ACTOR_SCHEMA = pa.schema(
     [
@@ -79,12 +81,15 @@ class Motion:
         meshes: ``meshes.npz``: mesh of each asset and phase that the actors show. With them a
             motion stays what it is when the catalogue of actors changes, and recording need not
             make them again.
+        parked: ``parked.parquet``, the same columns, one row for each vehicle that is parked: it
+            stands there at every step.
     """
 
     manifest: dict[str, Any]
     actors: pa.Table
     signals: pa.Table
     meshes: Mapping[MeshKey, LabelledMesh] = field(default_factory=dict)
+    parked: pa.Table = field(default_factory=ACTOR_SCHEMA.empty_table, kw_only=True)
 
     @property
     def step_s(self) -> float:
@@ -117,13 +122,17 @@ class Motion:
             )
         column = self._time
         first, last = np.searchsorted(column, times[nearest] + np.array([-1e-6, 1e-6]))
-        part = self.actors.slice(int(first), int(last - first))
-        rows = np.empty(part.num_rows, _ROW)
-        for kind in ACTOR_SCHEMA:
-            column = part[kind.name]
-            text = pa.types.is_string(kind.type)
-            rows[kind.name] = column.to_pylist() if text else column.to_numpy()
-        return rows
+        rows = _rows_of(self.actors.slice(int(first), int(last - first)))
+        if not self.parked.num_rows:
+            return rows
+        standing = self._standing.copy()
+        standing["time_s"] = times[nearest]
+        both = np.concatenate([rows, standing])
+        return both[np.argsort(both["track"], kind="stable")]
+
+    @cached_property
+    def _standing(self) -> NDArray[np.void]:
+        return _rows_of(self.parked)
 
     @property
     def _time(self) -> NDArray[np.float64]:
@@ -132,7 +141,7 @@ class Motion:
     def sha256(self) -> str:
         """Return a hash of everything that the motion holds, in hexadecimal."""
         digest = hashlib.sha256(json.dumps(self.manifest, sort_keys=True).encode())
-        for table in (self.actors, self.signals):
+        for table in (self.actors, self.signals, self.parked):
             digest.update(_parquet(table))
         for key, mesh in sorted(self.meshes.items()):
             digest.update(repr(key).encode())
@@ -154,7 +163,10 @@ class Motion:
         Args:
             tell: called with the fraction done (0..1) and what is being done.
         """
-        shown = self.actors.select(["asset", "phase"]).group_by(["asset", "phase"]).aggregate([])
+        both = pa.concat_tables(
+            [one.select(["asset", "phase"]) for one in (self.actors, self.parked)]
+        )
+        shown = both.group_by(["asset", "phase"]).aggregate([])
         pairs = zip(shown["asset"].to_pylist(), shown["phase"].to_pylist(), strict=True)
         keys = {(AssetName.of(asset).unsized, phase) for asset, phase in pairs}
         # Phase 0 sizes the others.
@@ -175,6 +187,8 @@ class Motion:
         """Write the files of a motion into a folder that is there."""
         (folder / "actors.parquet").write_bytes(_parquet(self.actors))
         (folder / "signals.parquet").write_bytes(_parquet(self.signals))
+        if self.parked.num_rows:
+            (folder / _PARKED).write_bytes(_parquet(self.parked))
         _write_meshes(folder / "meshes.npz", self.meshes)
         write_json(folder / "motion.json", self.manifest)
 
@@ -203,8 +217,11 @@ class Motion:
             read_parquet(folder / "actors.parquet", _TABLE, schema=ACTOR_SCHEMA),
             read_parquet(folder / "signals.parquet", _TABLE, schema=SIGNAL_SCHEMA),
             read_meshes(folder / "meshes.npz"),
+            **_read_parked(folder / _PARKED),
         )
         check_motion(motion.actors, motion.signals, told.steps * told.step_s, folder)
+        if motion.parked.num_rows:
+            check_actors(motion.parked, folder / _PARKED)
         return motion
 
 
@@ -232,6 +249,7 @@ def describe(folder: Path) -> dict[str, Any]:
         "step_s": motion.step_s,
         "duration_s": motion.manifest["duration_s"],
         "actors": {name: counts[name] for name in sorted(counts)},
+        "parked": motion.parked.num_rows,
         "poses": motion.actors.num_rows,
         "signal_links": len(
             motion.signals.select(["signal", "link"]).group_by(["signal", "link"]).aggregate([])
@@ -240,6 +258,23 @@ def describe(folder: Path) -> dict[str, Any]:
         "teleports": motion.manifest["teleports"],
         "collisions": motion.manifest["collisions"],
     }
+
+
+def _rows_of(table: pa.Table) -> NDArray[np.void]:
+    """Return a table of actors as a structured array."""
+    rows = np.empty(table.num_rows, _ROW)
+    for kind in ACTOR_SCHEMA:
+        column = table[kind.name]
+        text = pa.types.is_string(kind.type)
+        rows[kind.name] = column.to_pylist() if text else column.to_numpy()
+    return rows
+
+
+def _read_parked(path: Path) -> dict[str, pa.Table]:
+    """Read the parked vehicles of a motion that has any."""
+    if not path.exists():
+        return {}
+    return {"parked": read_parquet(path, _TABLE, schema=ACTOR_SCHEMA)}
 
 
 def _write_meshes(path: Path, meshes: Mapping[MeshKey, LabelledMesh]) -> None:

@@ -18,7 +18,14 @@ from urbantwin.geometry import LabelledMesh
 from urbantwin.geometry.mesh import MESH_FORM, checked_mesh
 from urbantwin.taxonomy import ACTOR_CLASSES
 
-__all__ = ["MeshKey", "MotionManifest", "MotionReport", "check_motion", "read_meshes"]
+__all__ = [
+    "MeshKey",
+    "MotionManifest",
+    "MotionReport",
+    "check_actors",
+    "check_motion",
+    "read_meshes",
+]
 
 #: Name of an asset and its phase.
 MeshKey = tuple[str, int]
@@ -90,6 +97,19 @@ def check_motion(actors: pa.Table, signals: pa.Table, until_s: float, folder: Pa
             problem = f"goes from {times[0]:g} to {times[-1]:g} s"
             expected = f"0 to {until_s:g} s, as motion.json says"
             raise InputError(problem, file=path, place="time_s", expected=expected)
+    check_actors(actors, file)
+
+
+def check_actors(actors: pa.Table, file: Path) -> None:
+    """Refuse rows of actors that cannot be.
+
+    Args:
+        actors: by their schema, nothing missing, all finite.
+        file: where they are from, for errors.
+
+    Raises:
+        InputError: a row is wrong; the column is named.
+    """
     for name, most in _MOST.items():
         values = actors[name].to_numpy()
         if len(values) and np.abs(values).max() > most:

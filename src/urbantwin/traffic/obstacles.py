@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -16,6 +18,10 @@ __all__ = ["Obstacles"]
 _SOLID = ("building", "fence", "other-structure", "trunk", "pole", "traffic-sign", "other-object")
 #: Curbs, steps and plinths up to the knee are stepped over or driven on, metres above the ground.
 _KNEE_M = 0.45
+#: What begins above this is over everybody's head, metres.
+_HEAD_M = 2.0
+#: Objects that are smaller than this in plan are passed as one, metres.
+_SMALL_M = 3.0
 
 
 class Obstacles:
@@ -30,7 +36,8 @@ class Obstacles:
         solid = np.flatnonzero(np.isin(scene.semantic, list(self._name)))
         corners = scene.vertices[scene.faces[solid]]
         self._low, self._high = corners[..., 2].min(axis=1), corners[..., 2].max(axis=1)
-        self._semantic = scene.semantic[solid]
+        self._semantic, self._part = scene.semantic[solid], scene.part[solid]
+        self._corners = corners
         # An upright triangle is a line in plan: along its longest side.
         ring = shapely.linestrings(corners[:, [0, 1, 2, 0], :2])
         flat = np.abs(_doubled_area(corners)) < 1e-6
@@ -62,6 +69,49 @@ class Obstacles:
         for row, shape in self.beside(boxes, z, height).tolist():
             found[row] = self._name[int(self._semantic[shape])]
         return found
+
+    def blocks(self, height: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> PlanBoxes:
+        """Return what stands between knee and head of whoever is on the ground, as boxes in plan.
+
+        What is small (a post, a bench) is one box; of a wall each triangle is one.
+
+        Args:
+            height: returns the height (N,) of the ground under points (N, 2).
+        """
+        middle = self._corners.mean(axis=1)
+        ground = height(middle[:, :2])
+        rows = np.flatnonzero((self._high > ground + _KNEE_M) & (self._low < ground + _HEAD_M))
+        key = np.column_stack([self._semantic[rows], self._part[rows]])
+        _, group = np.unique(key, axis=0, return_inverse=True)
+        plan = self._corners[rows, :, :2]
+        count = int(group.max(initial=-1)) + 1
+        low, high = np.full((count, 2), np.inf), np.full((count, 2), -np.inf)
+        np.minimum.at(low, group, plan.min(axis=1))
+        np.maximum.at(high, group, plan.max(axis=1))
+        small = ((high - low) < _SMALL_M).all(axis=1)
+        own = plan[~small[group]]
+        side = np.roll(own, -1, axis=1) - own
+        longest = np.linalg.norm(side, axis=2).argmax(axis=1)
+        along = side[np.arange(len(own)), longest]
+        yaw = np.arctan2(along[:, 1], along[:, 0])
+        c, s = np.cos(yaw), np.sin(yaw)
+        turned = np.stack(
+            [
+                own[..., 0] * c[:, None] + own[..., 1] * s[:, None],
+                own[..., 1] * c[:, None] - own[..., 0] * s[:, None],
+            ],
+            axis=-1,
+        )
+        least, most = turned.min(axis=1), turned.max(axis=1)
+        u, v = ((least + most) / 2).T
+        xy = np.concatenate(
+            [(low + high)[small] / 2, np.column_stack([c * u - s * v, s * u + c * v])]
+        )
+        half = np.concatenate([(high - low)[small] / 2, (most - least) / 2])
+        yaw = np.concatenate([np.zeros(small.sum()), yaw])
+        found = np.round(np.column_stack([xy, half, yaw % np.pi]), 2)
+        _, rows = np.unique(found, axis=0, return_index=True)
+        return PlanBoxes(np.zeros(len(rows), np.int64), xy[rows], yaw[rows], half[rows])
 
 
 def _doubled_area(corners: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -33,6 +35,17 @@ class Ground:
         self._probe = DownwardProbe(mesh)
         self._roads = roads
         self._highest = float(mesh.vertices[:, 2].max(initial=0.0)) + _CLEARANCE_M
+
+    def top(self, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the height (N,) of the highest ground at points (N, 2); nan where is none."""
+        return self.height(xy, np.full(len(xy), self._highest))
+
+    def levels(self, names: Sequence[str]) -> NDArray[np.int64]:
+        """Return the level (L,) of lanes by their names; 0 of those that are not known."""
+        known = self._roads.lane_by_id
+        rails = {f"{track.id}_0": track.level for track in self._roads.tracks}
+        found = [known[name].level if name in known else rails.get(name, 0) for name in names]
+        return np.array(found, np.int64)
 
     def ceiling(
         self, xy: NDArray[np.float64], lane: NDArray[np.int32], names: tuple[str, ...]

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pyarrow as pa
 
-from urbantwin.traffic.assets import AssetName
+from urbantwin.traffic.assets import AssetName, sized_name
 from urbantwin.traffic.motion import Motion
 
 __all__ = ["resized"]
@@ -19,6 +19,8 @@ _AXES = ("length", "width", "height")
 def resized(motion: Motion, size: Mapping[str, Mapping[str, float]]) -> Motion:
     """Return a motion with actors of other sizes; where they go stays.
 
+    Sizes are whole centimetres.
+
     Args:
         motion: with the meshes of its actors.
         size: by class, factors of ``length``, ``width`` and ``height``; 1 where not given.
@@ -26,25 +28,33 @@ def resized(motion: Motion, size: Mapping[str, Mapping[str, float]]) -> Motion:
     if not size:
         return motion
     factors = {name: [float(one.get(axis, 1.0)) for axis in _AXES] for name, one in size.items()}
-    classes = motion.actors["class"].to_pylist()
-    by_row = np.array([factors.get(name, [1.0, 1.0, 1.0]) for name in classes]).reshape(-1, 3)
-    actors = motion.actors
-    for number, axis in enumerate(_AXES):
-        place = actors.schema.get_field_index(axis)
-        values = actors[axis].to_numpy() * by_row[:, number]
-        actors = actors.set_column(place, actors.schema.field(axis), pa.array(values))
-    pairs = actors.select(["asset", "class"]).group_by(["asset", "class"]).aggregate([])
-    shown = {
-        AssetName.of(name).unsized: actor_class
-        for name, actor_class in zip(
-            pairs["asset"].to_pylist(), pairs["class"].to_pylist(), strict=True
-        )
-    }
-    meshes = {
-        (asset, phase): replace(mesh, vertices=mesh.vertices * factors[shown[asset]])
-        if shown.get(asset) in factors
-        else mesh
-        for (asset, phase), mesh in motion.with_meshes().meshes.items()
-    }
     manifest = {**motion.manifest, "size": {k: dict(v) for k, v in size.items()}}
-    return Motion(manifest, actors, motion.signals, meshes)
+    return replace(
+        motion,
+        manifest=manifest,
+        actors=_stretched(motion.actors, factors),
+        parked=_stretched(motion.parked, factors),
+    ).with_meshes()
+
+
+def _stretched(table: pa.Table, factors: Mapping[str, list[float]]) -> pa.Table:
+    """Return a table of actors with the sides, and the names, of other sizes."""
+    if not table.num_rows:
+        return table
+    assets = table["asset"].combine_chunks().dictionary_encode()
+    index = assets.indices.to_numpy()
+    _, first = np.unique(index, return_index=True)
+    classes = [table["class"][int(row)].as_py() for row in first]
+    names = assets.dictionary.to_pylist()
+    sides = np.array([[table[axis][int(row)].as_py() for axis in _AXES] for row in first])
+    for number, name in enumerate(classes):
+        if name in factors:
+            sides[number] = np.maximum(np.round(sides[number] * factors[name], 2), 0.01)
+            names[number] = sized_name(AssetName.of(names[number]).unsized, *sides[number])
+    shown = pa.DictionaryArray.from_arrays(assets.indices, pa.array(names)).cast(pa.string())
+    columns = {"asset": shown}
+    columns |= {axis: pa.array(sides[index, number]) for number, axis in enumerate(_AXES)}
+    for name, column in columns.items():
+        place = table.schema.get_field_index(name)
+        table = table.set_column(place, table.schema.field(place), column)
+    return table

@@ -19,9 +19,10 @@ from urbantwin.result_warning import rows_of
 from urbantwin.roads.assignment.movement_flows import IN_CARS
 from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.site.country import country_of
+from urbantwin.site.traffic import OwnAssetSpec
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.actor_table import actor_table
-from urbantwin.traffic.assets import Fleet, asset, asset_names
+from urbantwin.traffic.assets import Fleet, OwnBodies, asset, asset_names
 from urbantwin.traffic.bottleneck import bottleneck
 from urbantwin.traffic.circulation import Circulation
 from urbantwin.traffic.circulation_report import circulation_report
@@ -30,8 +31,9 @@ from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
 from urbantwin.traffic.flow_calibration import calibrate
 from urbantwin.traffic.footing import on_footways
 from urbantwin.traffic.guessed_volumes import Bound, bound_of_signals
-from urbantwin.traffic.motion import MOTION_VERSION, Motion
+from urbantwin.traffic.motion import ACTOR_SCHEMA, MOTION_VERSION, Motion
 from urbantwin.traffic.overlap import overlaps_of
+from urbantwin.traffic.parked import park
 from urbantwin.traffic.placement import Ground
 from urbantwin.traffic.resize import resized
 from urbantwin.traffic.result_warnings import warnings_of_drive
@@ -39,7 +41,7 @@ from urbantwin.traffic.signals import signal_table
 from urbantwin.traffic.simulation import Simulated, simulate
 from urbantwin.twin import Twin
 
-__all__ = ["demand_of", "outer_roads", "run_traffic"]
+__all__ = ["demand_of", "outer_roads", "own_bodies", "run_traffic"]
 
 #: Length of road that a standing car takes, with the gap before it, metres.
 CAR_SPACE_M = 7.0
@@ -100,6 +102,7 @@ def _driven(
 ) -> Motion:
     """Return the motion of ``steps`` steps that a twin's traffic makes."""
     step_s, warmup_s, seed = float(asked["step_s"]), float(asked["warmup_s"]), asked["seed"]
+    own = own_bodies(twin)
     told(0.0, "planning trips")
     demand = demand_of(
         twin,
@@ -112,7 +115,7 @@ def _driven(
     simulated = simulate(
         twin.net_path,
         demand,
-        asset,
+        own.asset,
         warmup_s=warmup_s,
         steps=steps,
         step_s=step_s,
@@ -122,14 +125,15 @@ def _driven(
         progress=lambda fraction, what: told(0.1 + 0.5 * fraction, what),
     )
     told(0.6, "actors")
+    ground = Ground(twin.ground_mesh, twin.roads)
     actors, outside = actor_table(
         on_footways(simulated, demand, twin.roads),
         demand,
-        Ground(twin.ground_mesh, twin.roads),
+        twin,
+        ground,
         steps=steps,
         step_s=step_s,
-        asset=asset,
-        tracks=twin.roads.tracks,
+        asset=own.asset,
         tell=between(told, 0.6, 0.85, "actors"),
     )
     signals = signal_table(simulated.signals, twin.roads.signals, steps=steps, step_s=step_s)
@@ -156,7 +160,17 @@ def _driven(
     }
     if demand.circulates:
         manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)
-    shown = Motion(manifest, actors, signals).with_meshes(between(told, 0.85, 0.93))
+    parked = park(
+        twin.roads,
+        twin.mesh,
+        ground,
+        asked.get("parked", {}),
+        fleet=Fleet(country_of(*_anchor(twin)), seed, own),
+        asset=own.asset,
+    )
+    manifest["parked"] = parked.notes
+    driven = Motion(manifest, actors, signals, own.meshes, parked=parked.table(ACTOR_SCHEMA))
+    shown = driven.with_meshes(between(told, 0.85, 0.93))
     motion = resized(shown, asked.get("size", {}))
     told(0.93, "who passes through whom")
     overlaps = overlaps_of(motion.actors, step_s, twin.mesh)
@@ -185,7 +199,8 @@ def demand_of(
     """
     asked = asked or twin.site["traffic"]
     network = StreetNetwork(twin.net_path, twin.region)
-    body = Fleet(country_of(*_anchor(twin)), seed).body
+    own = own_bodies(twin)
+    body = Fleet(country_of(*_anchor(twin)), seed, own).body
     circulation, bound = None, Bound()
     if twin.site.get("closed_loop"):
         circulation = Circulation(
@@ -205,7 +220,7 @@ def demand_of(
             twin.net_path,
             roads=twin.roads,
             room=_room(twin),
-            asset=asset,
+            asset=own.asset,
             body=body,
             scratch=scratch,
             progress=progress,
@@ -225,6 +240,16 @@ def demand_of(
         duration_s=duration_s,
         seed=seed,
         body=body,
+    )
+
+
+def own_bodies(twin: Twin) -> OwnBodies:
+    """Return the bodies that a twin's site brings along."""
+    told = [OwnAssetSpec.model_validate(one) for one in twin.site["traffic"].get("assets", ())]
+    return OwnBodies(
+        {one.name: one.actor_class for one in told},
+        {one.name: one.share for one in told},
+        {(name, 0): mesh for name, mesh in twin.own_meshes.items()},
     )
 
 

@@ -31,6 +31,8 @@ _STEERING = {"lcMaxSpeedLatStanding": "0", "lcMaxSpeedLatFactor": "0.25"}
 _DRIVER = {
     "speedFactor": "normc(1.00,0.10,0.70,1.20)",
     "sigma": "0.3",
+    # Queues then leave a signal at 1,900 cars an hour of green (HCM 2016, 19: the base rate).
+    "tau": "1.35",
     "minGapLat": "0.4",
     # Where a lane becomes several that are as good as each other, not all take the rightmost.
     "lcContRight": "0.5",
@@ -48,6 +50,7 @@ ACTOR_KINDS: dict[str, ActorKind] = {
         "motorcycle",
         {
             **_DRIVER,
+            "tau": "1.0",
             "accel": "3.5",
             "decel": "4.5",
             "minGap": "1.5",

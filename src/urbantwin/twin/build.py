@@ -17,6 +17,7 @@ from urbantwin.errors import InputError
 from urbantwin.ground import Elevation
 from urbantwin.progress import Progress, between, untold
 from urbantwin.reconstruct import Reconstruction, outcome
+from urbantwin.reconstruct.actor_mesh import read_actor_mesh
 from urbantwin.result_warning import rows_of
 from urbantwin.roads import BuiltRoads, build_roads, driving_side
 from urbantwin.roads.driving_side import country_of
@@ -37,6 +38,7 @@ from urbantwin.site import (
 )
 from urbantwin.twin.found_of_mapped import found_of_mapped, share_known
 from urbantwin.twin.ground import SurveyedSite, survey_ground
+from urbantwin.twin.own_meshes import write_own_meshes
 from urbantwin.twin.provenance import made_from
 from urbantwin.twin.result_warnings import warnings_of_build
 from urbantwin.twin.sensor_files import copy_sensor_files
@@ -166,6 +168,11 @@ def build_twin(  # noqa: PLR0915 - stage by stage
         if stand is not None:
             stood = stand(site, roads.network, scene.mesh, anchor_height_m(ground_notes))
             site = replace(site, rig=stood.spec)
+        own = {
+            one.name: read_actor_mesh(path, one.actor_class, scale=one.scale, forward=one.forward)
+            for one, path in site.own_assets
+        }
+        write_own_meshes(folder, own)
         of_sources = _written_geometry(folder, found, watch)
         mapped = found_of_mapped(
             None if imported else extract, site.frame, site.region, roads.network

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from urbantwin.artefact import sha256_of
+from urbantwin.reconstruct.actor_mesh import buffers_beside
 from urbantwin.site import Site
 from urbantwin.site.geotiff import files_beside
 from urbantwin.twin.sensor_files import pattern_beside, sensor_file
@@ -63,6 +64,8 @@ def made_from(
             tiles = _address(["imagery", number, "xyz"], document["imagery"][number])
             note = pictures[number] if pictures else {}
             files.append({**tiles, "pixels_sha256": note.get("pixels_sha256", "")})
+    for number, (_, path) in enumerate(site.own_assets):
+        files.append(_entry(["traffic", "assets", number, "file"], path, buffers_beside(path)))
     document["rig"], of_rig = rig_and_files(document["rig"], site.rig_file.parent)
     return {"site": document, "files": files + [_below("rig", one) for one in of_rig]}
 

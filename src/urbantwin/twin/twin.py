@@ -22,6 +22,7 @@ from urbantwin.site import RigSpec, load_rig_spec
 from urbantwin.site.yaml_document import read_document
 from urbantwin.taxonomy import GROUND_CLASSES, semantic_id
 from urbantwin.twin.manifest import KeptSite, TwinManifest, check_region, file_inside
+from urbantwin.twin.own_meshes import OWN_MESHES, read_own_meshes
 
 __all__ = ["GROUND_CLASSES", "Twin", "load_twin"]
 
@@ -81,6 +82,13 @@ class Twin:
         if name not in self.manifest.get("files", {}):
             return PartColours()
         return PartColours.load(self._file(name))
+
+    @cached_property
+    def own_meshes(self) -> dict[str, LabelledMesh]:
+        """Meshes of actors that the site brings along, by name."""
+        if OWN_MESHES not in self.manifest.get("files", {}):
+            return {}
+        return read_own_meshes(self._file(OWN_MESHES))
 
     @cached_property
     def lane_model(self) -> LaneModel:

@@ -147,6 +147,7 @@ def _naming(document: Mapping[str, Any]) -> Iterator[At]:
     if isinstance(document.get("rig"), str):
         yield ("rig",)
     yield from _naming_sources(document)
+    yield from _naming_actors(document)
     for before, rig in (((), document), (("rig",), document.get("rig"))):
         for number, one in enumerate(_list(rig, "sensors")):
             model = one.get("model") if isinstance(one, Mapping) else None
@@ -166,6 +167,12 @@ def _naming_sources(document: Mapping[str, Any]) -> Iterator[At]:
                 yield from (
                     (name, number, one) for one in fields if isinstance(source.get(one), str)
                 )
+
+
+def _naming_actors(document: Mapping[str, Any]) -> Iterator[At]:
+    for number, one in enumerate(_list(document.get("traffic"), "assets")):
+        if isinstance(one, Mapping) and isinstance(one.get("file"), str):
+            yield ("traffic", "assets", number, "file")
 
 
 def _list(document: object, name: str) -> list[Any]:

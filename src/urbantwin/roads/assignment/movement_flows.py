@@ -19,7 +19,11 @@ IN_CARS = {"car": 1.0, "van": 1.0, "truck": 2.0, "bus": 2.0, "motorcycle": 0.7}
 
 
 def movement_flows(
-    net: Path, outer: Set[str], per_hour: Mapping[str, float]
+    net: Path,
+    outer: Set[str],
+    per_hour: Mapping[str, float],
+    *,
+    bus_roads: Set[str] = frozenset(),
 ) -> dict[tuple[str, str, str], float]:
     """Return (edge, next edge, the one after that) -> cars an hour.
 
@@ -29,13 +33,22 @@ def movement_flows(
         net: the SUMO network.
         outer: ids of the edges of outer roads.
         per_hour: who comes into the region, by class of actors.
+        bus_roads: ids of the edges that bus lines run on.
     """
-    graph = driven_graph(StreetNetwork(net, None), "passenger", outer) if outer else None
-    circuit = None if graph is None else Circuit.of(graph)
-    if circuit is None:
+    if not outer:
         return {}
-    cars = sum(per_hour.get(name, 0.0) * size for name, size in IN_CARS.items())
-    return flows_of_circuits([(circuit, cars)])
+    network = StreetNetwork(net, None)
+    found = []
+    for vclass, names, preferred in (
+        ("passenger", IN_CARS.keys() - {"bus"}, frozenset[str]()),
+        ("bus", {"bus"}, bus_roads),
+    ):
+        graph = driven_graph(network, vclass, outer, preferred)
+        circuit = None if graph is None else Circuit.of(graph)
+        if circuit is not None:
+            cars = sum(per_hour.get(name, 0.0) * IN_CARS[name] for name in sorted(names))
+            found.append((circuit, cars))
+    return flows_of_circuits(found)
 
 
 def flows_of_circuits(

@@ -20,7 +20,7 @@ from urbantwin.roads.cross_section.lane_tags import metres
 from urbantwin.roads.sidewalk import WALKED
 from urbantwin.site.extract import Extract, Way, WayPiece
 
-__all__ = ["WALKED", "MappedCrossing", "mapped_crossings"]
+__all__ = ["WALKED", "MappedCrossing", "is_crossing_node", "is_crossing_way", "mapped_crossings"]
 
 #: Two crossings of one carriageway are one, mapped twice, if they lie closer than this, metres, and
 #: less than that to each other's side.
@@ -111,13 +111,13 @@ def mapped_crossings(
         for node in way.nodes:
             if node in at_node:
                 footways[node].append(way)
-        if _is_crossing_way(way):
+        if is_crossing_way(way):
             crossing_ways.append(way)
     found: list[MappedCrossing] = []
     for node in sorted(at_node):
         tags = extract.node_tags.get(node, {})
-        here = [way for way in footways[node] if _is_crossing_way(way)]
-        if not _is_crossing_node(tags) and not (here and tags.get("crossing") != "no"):
+        here = [way for way in footways[node] if is_crossing_way(way)]
+        if not is_crossing_node(tags) and not (here and tags.get("crossing") != "no"):
             continue
         told = {**tags, **{k: v for way in here for k, v in way.tags.items()}, **_told(tags)}
         place = _Place(tuple(at_node[node]), position[node], str(node))
@@ -132,7 +132,8 @@ def mapped_crossings(
     return tuple(_once(found))
 
 
-def _is_crossing_node(tags: Mapping[str, str]) -> bool:
+def is_crossing_node(tags: Mapping[str, str]) -> bool:
+    """Whether a node of a street is a crossing."""
     if tags.get("crossing") == "no" or "railway" in tags:
         return False
     return tags.get("highway") == "crossing" or (
@@ -140,7 +141,8 @@ def _is_crossing_node(tags: Mapping[str, str]) -> bool:
     )
 
 
-def _is_crossing_way(way: Way) -> bool:
+def is_crossing_way(way: Way) -> bool:
+    """Whether a way for people on foot is a crossing."""
     tags = way.tags
     if tags.get("crossing") == "no" or tags.get("tunnel", "no") != "no" or "bridge" in tags:
         return False

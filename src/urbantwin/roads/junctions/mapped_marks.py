@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from urbantwin.roads.sidewalk import WALKED
+from urbantwin.roads.junctions.mapped_crossings import is_crossing_node, is_crossing_way
 from urbantwin.site.extract import Extract, WayPiece
 
 __all__ = ["Marks", "mapped_marks"]
@@ -34,9 +34,8 @@ def mapped_marks(extract: Extract, pieces: Sequence[WayPiece], meeting: Collecti
         pieces: segments of ways; each becomes the edge of its id, and the one of minus its id.
         meeting: nodes where streets meet, whose signals are no stop lines.
     """
-    walked = {
-        node for way in extract.highways() if way.tags["highway"] in WALKED for node in way.nodes
-    }
+    # A footway that only meets a street is no crossing of it.
+    crossed = {node for way in extract.highways() if is_crossing_way(way) for node in way.nodes}
     lines: dict[str, list[float]] = defaultdict(list)
     crossings: dict[str, list[float]] = defaultdict(list)
     for piece in pieces:
@@ -48,9 +47,7 @@ def mapped_marks(extract: Extract, pieces: Sequence[WayPiece], meeting: Collecti
             if node in meeting:
                 continue
             tags = extract.node_tags.get(node, {})
-            if (
-                node in walked or "crossing" in tags or tags.get("highway") == "crossing"
-            ) and tags.get("crossing") != "no":
+            if is_crossing_node(tags) or (node in crossed and tags.get("crossing") != "no"):
                 crossings[str(piece.id)].append(at)
                 crossings[f"-{piece.id}"].append(1.0 - at)
             if tags.get("highway") == "traffic_signals":

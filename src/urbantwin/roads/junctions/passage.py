@@ -15,8 +15,8 @@ from urbantwin.roads.junctions.strip import Strip, heading_of
 
 __all__ = ["Passage", "passages_of"]
 
-#: Turning by more than this leads back the way one came, radians.
-BACK = np.radians(150.0)
+#: Turning by more than this leads back the way one came, and between carriageways, radians.
+BACK, BACK_BETWEEN = np.radians(150.0), np.radians(120.0)
 #: The most steps of the search for the ways on from one edge.
 MOST_STEPS = 4000
 
@@ -119,9 +119,11 @@ def _paths(
 
 def _turns_back(passage: Passage) -> bool:
     """Whether a way leads back along the street that it came by."""
-    if abs(passage.turn) < BACK:
-        return False
     entry, way_out = passage.entry, passage.exit
+    # Where carriageways of one street part, at their end, they lead back at less of an angle.
+    parting = len(passage.path) == 2 and entry.start != way_out.end
+    if abs(passage.turn) < (BACK_BETWEEN if parting else BACK):
+        return False
     if entry.start == way_out.end or entry.id.lstrip("-") == way_out.id.lstrip("-"):
         return True
     names = entry.attributes.get("name", ""), way_out.attributes.get("name", "")

@@ -141,13 +141,16 @@ class Layout:
         first: int,
         last: int,
         joints: Mapping[int, int] | None = None,
+        half: int | None = None,
     ) -> None:
         """Add an outer road as two ways that meet halfway; arguments as for ``add``.
 
         In one piece, netconvert would cut a road off where it comes near its own beginning.
+        ``half`` is the number of the point where they meet; halfway along the road if not given.
         """
-        along = stations_of_points(points)
-        half = int(np.abs(along[1:-1] - along[-1] / 2).argmin()) + 1
+        if half is None:
+            along = stations_of_points(points)
+            half = int(np.abs(along[1:-1] - along[-1] / 2).argmin()) + 1
         known = dict(joints or {})
         middle = known.get(half) or self.new_node()
         before = {k: node for k, node in known.items() if k < half}

@@ -109,7 +109,10 @@ def join_carriageways(layout: Layout, exit_: Gate, entry: Gate) -> None:
     lines = (turnaround_line(stem, splay) for stem in STEMS_M for splay in SPLAYS)
     line = layout.with_most_room(lines, area_of, exit_.street, entry.street)
     layout.space.take(area_of(line))
-    layout.add_halves(line, tags, first=exit_.node, last=entry.node)
+    # They meet at the tip: one leg may be much longer than the other, and where the two ways lie
+    # side by side netconvert would take the turn itself for a junction.
+    tip = int((line[1:-1] @ ahead).argmax()) + 1
+    layout.add_halves(line, tags, first=exit_.node, last=entry.node, half=tip)
 
 
 def _apart(gate: Gate, other: Gate) -> float:

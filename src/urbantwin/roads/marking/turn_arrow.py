@@ -6,6 +6,8 @@ from functools import cache
 
 import numpy as np
 import shapely
+import shapely.ops
+from numpy.typing import NDArray
 from shapely.affinity import affine_transform
 
 from urbantwin.roads.marking.approach_line import approach_line
@@ -29,6 +31,8 @@ PAINTED = {
     "through": "through", "reverse": "around",
 }  # fmt: skip
 ORDER: tuple[str, ...] = ("left", "through", "right", "around")
+#: Arrows are bent where the line that they stand on is further from straight than this, metres.
+BENT_M = 0.1
 #: An arrow of unit length is drawn for lanes this wide, metres; narrower ones get narrower arrows.
 LANE_M, WIDEST = 3.0, 1.15
 
@@ -79,11 +83,32 @@ def arrow_on(
     line: shapely.LineString, ways: tuple[str, ...], width: float, at: float, length: float
 ) -> shapely.Geometry:
     """Return an arrow with its tip on a line, ``at`` metres from its start, in a lane so wide."""
-    a, b = (np.array(line.interpolate(s).coords[0]) for s in (max(at - length, 0.0), at))
+    ends = line.interpolate([max(at - length, 0.0), at])
+    a, b = shapely.get_coordinates(ends)
     c, s = (b - a) / max(float(np.linalg.norm(b - a)), 1e-9)
     wide = ARROW_M * min(width / LANE_M, WIDEST)
     wide *= 1.0 if length >= ARROW_M else 0.9
+    middle = shapely.ops.substring(line, max(at - length, 0.0), at)
+    if shapely.hausdorff_distance(middle, shapely.LineString([a, b])) > BENT_M:
+        return _bent(arrow(ways), line, wide, at, length)
     return affine_transform(arrow(ways), [length * c, -wide * s, length * s, wide * c, b[0], b[1]])
+
+
+def _bent(
+    shape: shapely.Geometry, line: shapely.LineString, wide: float, at: float, length: float
+) -> shapely.Geometry:
+    """Return an arrow of unit length drawn along a line that bends."""
+
+    def placed(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        along = np.clip(at + length * points[:, 0], 0.0, line.length)
+        reach = np.clip([along - 1.0, along + 1.0], 0.0, line.length)
+        here, back, ahead = (shapely.get_coordinates(line.interpolate(s)) for s in (along, *reach))
+        step = ahead - back
+        step /= np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-9)
+        left = np.column_stack([-step[:, 1], step[:, 0]])
+        return np.asarray(here + wide * points[:, 1:] * left)
+
+    return shapely.make_valid(shapely.transform(shape.segmentize(0.1), placed))
 
 
 @cache

@@ -5,6 +5,7 @@ from urbantwin.traffic.assets.body import Body
 from urbantwin.traffic.assets.catalogue import Asset, asset, asset_mesh, asset_names
 from urbantwin.traffic.assets.coat import COATED_CLASSES, COATS, coated_mesh, coated_name
 from urbantwin.traffic.assets.fleet import Fleet
+from urbantwin.traffic.assets.own import OwnBodies
 from urbantwin.traffic.assets.scaled import mesh_among, scaled_mesh
 
 __all__ = [
@@ -14,6 +15,7 @@ __all__ = [
     "AssetName",
     "Body",
     "Fleet",
+    "OwnBodies",
     "asset",
     "asset_mesh",
     "asset_names",

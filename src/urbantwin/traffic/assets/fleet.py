@@ -8,7 +8,7 @@ the seed, its class and its number alone, not on how many others there are.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.resources import files
 from typing import Any
@@ -22,6 +22,7 @@ from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets.asset_name import AssetName, Size
 from urbantwin.traffic.assets.catalogue import asset, asset_names
 from urbantwin.traffic.assets.coat import COATED_CLASSES, coat_at
+from urbantwin.traffic.assets.own import OwnBodies
 
 __all__ = ["Fleet", "region_of"]
 
@@ -51,10 +52,12 @@ class Fleet:
     Attributes:
         country: ISO 3166-1 alpha-2; empty if unknown.
         seed: of what is drawn.
+        own: bodies that the site brings along.
     """
 
     country: str = ""
     seed: int = 1
+    own: OwnBodies = field(default_factory=OwnBodies)
 
     def body(self, actor_class: str, number: int) -> str:
         """Return the asset of the n-th actor of a class, by its name (`AssetName`).
@@ -65,6 +68,12 @@ class Fleet:
         """
         kinds = _kinds(region_of(self.country), actor_class)
         at = _places(self.seed, ACTOR_CLASSES.index(actor_class), number)
+        taken = 0.0
+        for name, share_of in self.own.of_class(actor_class):
+            taken += share_of
+            if at[0] < taken:
+                return name
+        at[0] = (at[0] - taken) / (1.0 - taken)
         share = np.cumsum([kind["share"] for kind in kinds])
         place = float(at[0] * share[-1])
         which = min(int(np.searchsorted(share, place, side="right")), len(kinds) - 1)

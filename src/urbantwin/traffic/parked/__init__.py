@@ -1,0 +1,5 @@
+"""Parked vehicles: the spaces of parking lanes and car parks, and who stands in them."""
+
+from urbantwin.traffic.parked.occupancy import FIRST_PARKED_TRACK, ParkedVehicles, park
+
+__all__ = ["FIRST_PARKED_TRACK", "ParkedVehicles", "park"]

@@ -1,0 +1,240 @@
+"""Who is parked: spaces taken at random, each by a vehicle of the fleet that fits.
+
+A space decides by a random stream of its own whether it is taken, by whom, and how well: one
+space more or less changes no other, and who drives changes nobody who is parked.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.geometry import LabelledMesh
+from urbantwin.roads import RoadNetwork
+from urbantwin.traffic.assets import Asset, Fleet
+from urbantwin.traffic.box_plan import PlanBoxes
+from urbantwin.traffic.obstacles import Obstacles
+from urbantwin.traffic.parked.spaces import (
+    Space,
+    car_park_spaces,
+    rectangle,
+    service_ground,
+    street_spaces,
+)
+from urbantwin.traffic.placement import Ground, stand
+
+__all__ = ["FIRST_PARKED_TRACK", "ParkedVehicles", "park"]
+
+#: Parked vehicles have the tracks from here on, so that who drives does not renumber them.
+FIRST_PARKED_TRACK = 30_001
+#: Nobody parks nearer to a bus stop's sign than this, metres (StVO, sign 224: 15 m to each side).
+STOP_M = 15.0
+#: Distance of the wheels' side from the kerb: mean and standard deviation, metres. The law wants
+#: less than 0.3 m where there is one (US Uniform Vehicle Code 11-1004: 12 inches).
+KERB_M = (0.22, 0.07)
+#: How a vehicle stands in its space: along it as a part of the room that is left, and askew, rad
+#: (standard deviations, assumed).
+ASKEW_RAD, ALONG_SHARE = 0.012, 0.25
+#: One in so many parks backwards in a space across the road (assumed).
+BACKWARDS = 0.3
+#: Room that stays before and behind, and to the next in a row, so that doors open, metres.
+GAP_ALONG_M, DOOR_M = 0.5, 0.55
+#: Vans among the parked, as `site.usual_traffic.VANS`; how many are tried until one fits.
+VANS, TRIES = 0.10, 6
+_STREAM = 8_000_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class ParkedVehicles:
+    """Who is parked.
+
+    Attributes:
+        rows: of the motion's actors, one per vehicle.
+        notes: by kind of space, how many there are, and how many are taken; why some are not.
+    """
+
+    rows: list[dict[str, Any]] = field(default_factory=list)
+    notes: dict[str, dict[str, int]] = field(default_factory=dict)
+
+    def table(self, schema: pa.Schema) -> pa.Table:
+        """Return the rows as a table of a schema."""
+        return pa.Table.from_pylist(self.rows, schema=schema)
+
+
+def park(
+    network: RoadNetwork,
+    mesh: LabelledMesh,
+    ground: Ground,
+    share: Mapping[str, float],
+    *,
+    fleet: Fleet,
+    asset: Callable[[str], Asset],
+) -> ParkedVehicles:
+    """Fill the spaces of a site.
+
+    Nobody is parked on a crossing, before a driveway, within 15 m of a bus stop, where a wall, a
+    pole or a tree stands, or in another vehicle.
+
+    Args:
+        network: the lanes.
+        mesh: the static world.
+        ground: what vehicles stand on.
+        share: by kind of space, which share of those that can be used is taken, 0..1.
+        fleet: of the region; its seed decides.
+        asset: an asset's dimensions and contacts by name.
+    """
+    spaces = [
+        *(street_spaces(network) if share.get("street", 0) > 0 else ()),
+        *(car_park_spaces(mesh, network) if share.get("car_park", 0) > 0 else ()),
+    ]
+    if not spaces:
+        return ParkedVehicles()
+    counts: dict[str, Counter[str]] = {}
+    tried: list[_Tried] = []
+    driveways = service_ground(mesh, network)
+    for number, space in enumerate(spaces):
+        count = counts.setdefault(space.kind, Counter(spaces=0, taken=0))
+        count["spaces"] += 1
+        random = np.random.Generator(np.random.Philox(key=[fleet.seed, _STREAM + number]))
+        if random.random() >= share[space.kind]:
+            continue
+        if space.kind == "street" and driveways.intersects(space.beyond()):
+            count["driveway"] += 1
+            continue
+        found = _vehicle(space, number, random, fleet, asset)
+        if found is None:
+            count["too_small"] += 1
+        else:
+            tried.append(found)
+    for one, why in zip(tried, _hindered(tried, network, mesh), strict=True):
+        counts[one.space.kind][why or "taken"] += 1
+        one.stays = not why
+    rows: list[dict[str, Any]] = []
+    for one in (one for one in tried if one.stays):
+        ceiling = np.array([one.space.place[2] + 1.5])
+        contacts, yaw = one.asset.contacts, np.array([one.yaw])
+        z, pitch, roll = stand(ground, contacts, one.xy[None], yaw, ceiling)
+        if not np.isfinite(z[0]):
+            counts[one.space.kind].update(taken=-1, no_ground=1)
+            continue
+        rows.append(
+            {
+                "track": FIRST_PARKED_TRACK + len(rows),
+                "class": one.asset.actor_class,
+                "asset": one.asset.name,
+                "phase": one.asset.standing,
+                **dict(zip("xy", one.xy.tolist(), strict=True)),
+                "z": float(z[0]),
+                "yaw": float(np.angle(np.exp(1j * one.yaw))),
+                "pitch": float(pitch[0]),
+                "roll": float(roll[0]),
+                "length": one.asset.length,
+                "width": one.asset.width,
+                "height": one.asset.height,
+                "speed": 0.0,
+                "lane": one.space.lane,
+                "time_s": 0.0,
+            }
+        )
+    return ParkedVehicles(rows, {kind: dict(sorted(one.items())) for kind, one in counts.items()})
+
+
+@dataclass(eq=False)
+class _Tried:
+    """A vehicle that fits a space: where it would stand (2,), and whether nothing hinders it."""
+
+    space: Space
+    asset: Asset
+    xy: NDArray[np.float64]
+    yaw: float
+    stays: bool = True
+
+    def outline(self) -> shapely.Polygon:
+        """Return its area in plan."""
+        return rectangle(self.xy, self.yaw, self.asset.length, self.asset.width)
+
+
+def _hindered(tried: Sequence[_Tried], network: RoadNetwork, mesh: LabelledMesh) -> list[str]:
+    """Return of each vehicle what keeps it from standing there; an empty text for nothing."""
+    if not tried:
+        return []
+    kept_free = _kept_free(network)
+    outlines = [one.outline() for one in tried]
+    boxes = PlanBoxes(
+        np.zeros(len(tried), np.int64),
+        np.array([one.xy for one in tried]),
+        np.array([one.yaw for one in tried]),
+        np.array([[one.asset.length, one.asset.width] for one in tried]) / 2 + 0.05,
+    )
+    z = np.array([one.space.place[2] for one in tried])
+    met = Obstacles(mesh).met(boxes, z, np.array([one.asset.height for one in tried]))
+    why = [
+        "kept_free" if kept_free.intersects(outline) else "in_the_way" if what else ""
+        for outline, what in zip(outlines, met, strict=True)
+    ]
+    # The first come stays.
+    pairs = shapely.STRtree(outlines).query(outlines, predicate="intersects").T
+    for one, other in sorted(pairs.tolist()):
+        if one < other and not why[one] and not why[other]:
+            why[other] = "next_to_another"
+    return why
+
+
+def _vehicle(
+    space: Space,
+    number: int,
+    random: np.random.Generator,
+    fleet: Fleet,
+    asset: Callable[[str], Asset],
+) -> _Tried | None:
+    """Return the vehicle that takes a space; ``None``: none fits."""
+    off = random.normal(size=3)
+    backwards = space.kerb == 0 and random.random() < BACKWARDS
+    for attempt in range(TRIES):
+        kind = "van" if random.random() < VANS else "car"
+        name = fleet.body(kind, 1_000_000 + number * TRIES + attempt)
+        size = asset(name)
+        if space.kerb:
+            room = space.length - GAP_ALONG_M - size.length
+            fits = room >= 0 and size.width <= space.width + 0.15
+        else:
+            room = space.length + 0.2 - size.length
+            fits = room >= 0 and size.width <= space.width - DOOR_M
+        if fits:
+            break
+    else:
+        return None
+    ahead = np.array([np.cos(space.yaw), np.sin(space.yaw)])
+    left = np.array([-ahead[1], ahead[0]])
+    xy = space.place[:2] + ahead * np.clip(off[0] * ALONG_SHARE, -0.5, 0.5) * room
+    if space.kerb:
+        away = max(KERB_M[0] + KERB_M[1] * float(off[1]), 0.08)
+        xy = xy + left * space.kerb * (space.width / 2 - away - size.width / 2)
+    else:
+        play = (space.width - DOOR_M - size.width) / 2
+        xy = xy + left * np.clip(off[1] * 0.4, -1.0, 1.0) * max(play, 0.0)
+    yaw = space.yaw + float(np.clip(off[2], -2.5, 2.5)) * ASKEW_RAD
+    return _Tried(space, size, xy, yaw + (np.pi if backwards else 0.0))
+
+
+def _kept_free(network: RoadNetwork) -> shapely.Geometry:
+    """Return where nobody parks: crossings, the ways through junctions, about bus stops."""
+    areas = [lane.polygon for lane in network.lanes if lane.kind == "crossing"]
+    areas = [area.buffer(1.0) for area in areas]
+    areas += [lane.polygon.buffer(-0.3) for lane in network.lanes if lane.kind == "connection"]
+    for stop in network.stops:
+        lane = network.lane_by_id.get(stop.lane)
+        if lane is not None:
+            line = shapely.LineString(lane.centre[:, :2])
+            places = [line.interpolate(at) for at in (stop.start_m, stop.end_m)]
+            areas.append(shapely.LineString(places).buffer(STOP_M))
+    found = shapely.union_all([area for area in areas if not area.is_empty], grid_size=1e-3)
+    shapely.prepare(found)
+    return found

@@ -1,0 +1,82 @@
+"""Boxes of tracks: one size, whatever limbs do, and where the actor is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from urbantwin.geometry import Pose
+from urbantwin.lidar import PosedActor
+from urbantwin.lidar.scanner import Scanner
+from urbantwin.traffic.assets import asset, asset_names
+from urbantwin.traffic.track_box import track_size
+
+WALKER = asset_names("pedestrian")[0]
+
+
+@pytest.fixture(scope="module")
+def walked(rig_of, ground_mesh):
+    """The same walker in every phase, labelled with both kinds of boxes."""
+    world = ground_mesh(half=60.0)
+    rig = rig_of(world, {"model": "OS1-128", "columns": 1024})
+    size = track_size(asset(WALKER))
+    pose = Pose.from_ypr((8.0, 9.0, 0.0), 0.7, 0.0, 0.0)
+    found = {}
+    for kind in ("track", "tight"):
+        scanner = Scanner(world, replace(rig, boxes=kind), 3)
+        found[kind] = [
+            scanner.scan(0, [PosedActor(1, "pedestrian", WALKER, k, pose, np.zeros(3), size=size)])
+            for k in range(13)
+        ]
+    return found, rig
+
+
+def test_a_track_s_box_does_not_breathe_and_a_tight_one_does(walked):
+    found, rig = walked
+    boxes = {kind: np.array([one.boxes[0].box for one in frames]) for kind, frames in found.items()}
+    np.testing.assert_allclose(np.ptp(boxes["track"], axis=0), 0, atol=1e-12)
+    assert np.ptp(boxes["tight"][:, 3]) > 0.5
+    low, high = boxes["tight"][:12, 3].min(), boxes["tight"][:12, 3].max()
+    assert low < boxes["track"][0, 3] < high
+    # Over the actor's place, turned as it is.
+    at = rig.dataset_SE3_site.apply(np.array([[8.0, 9.0, 0.0]]))[0]
+    box = boxes["track"][0]
+    np.testing.assert_allclose(box[:3], at + [0, 0, box[5] / 2], atol=1e-9)
+    assert box[6] == pytest.approx(boxes["tight"][0, 6])
+
+
+def test_points_are_the_same_whatever_the_boxes(walked):
+    found, _ = walked
+    for one, other in zip(found["track"], found["tight"], strict=True):
+        np.testing.assert_array_equal(one.points, other.points)
+        np.testing.assert_array_equal(one.instance, other.instance)
+        assert one.boxes[0].num_points == other.boxes[0].num_points > 20
+
+
+def test_most_of_a_walker_is_in_its_box(walked):
+    """What stands out of the middle box is a foot or a hand at the end of its swing."""
+    found, _ = walked
+    for frame in found["track"]:
+        x, y, z, length, width, _, yaw = frame.boxes[0].box
+        own = frame.points[frame.instance == 1, :3].astype(float) - [x, y, z]
+        c, s = np.cos(yaw), np.sin(yaw)
+        along = np.abs(own[:, 0] * c + own[:, 1] * s)
+        aside = np.abs(own[:, 1] * c - own[:, 0] * s)
+        inside = (along < length / 2 + 0.02) & (aside < width / 2 + 0.02)
+        assert inside.mean() > 0.85
+        assert along.max() < length / 2 + 0.2
+
+
+def test_an_actor_without_a_size_has_its_mesh_s_box(rig_of, ground_mesh):
+    world = ground_mesh(half=60.0)
+    rig = rig_of(world, {"model": "OS1-128", "columns": 512})
+    pose = Pose.from_ypr((8.0, 9.0, 0.0), 0.7, -0.05, 0.0)
+    actor = PosedActor(1, "car", asset_names("car")[0], 0, pose, np.zeros(3))
+    tight = Scanner(world, replace(rig, boxes="tight"), 3).scan(0, [actor]).boxes[0].box
+    np.testing.assert_array_equal(Scanner(world, rig, 3).scan(0, [actor]).boxes[0].box, tight)
+    known = replace(actor, size=(4.0, 1.7, 1.5))
+    box = Scanner(world, rig, 3).scan(0, [known]).boxes[0].box
+    np.testing.assert_allclose(box[3:6], [4.0, 1.7, 1.5])
+    up = pose.rotation[:, 2] * 0.75
+    at = rig.dataset_SE3_site.apply((pose.translation + up)[None])[0]
+    np.testing.assert_allclose(box[:3], at, atol=1e-9)
