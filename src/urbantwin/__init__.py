@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.measured_background import Background, background
     from urbantwin.interface.motion import Motion, drive
     from urbantwin.interface.opening import Package, open
-    from urbantwin.interface.recorded_traffic import replay
+    from urbantwin.interface.recorded_traffic import Calibration, calibrate, replay
     from urbantwin.interface.report import Report, compare
     from urbantwin.interface.reproduction import Reproduction, reproduce
     from urbantwin.interface.sensor_catalogue import Datasheet, SensorCatalogue, sensors
@@ -51,6 +51,7 @@ __all__ = [
     "ActorCatalogue",
     "AlignedRig",
     "Background",
+    "Calibration",
     "CarlaFrames",
     "Cloud",
     "Coverage",
@@ -81,6 +82,7 @@ __all__ = [
     "align",
     "background",
     "build",
+    "calibrate",
     "carla",
     "compare",
     "coverage",

@@ -21,13 +21,13 @@ from urbantwin.traffic.assets.tram import tram_entries
 WHOLE = [name for actor_class in ACTOR_CLASSES for name in asset_names(actor_class)]
 #: Vehicles that bend are seen as their bodies.
 NAMES = [shown for name in WHOLE for shown in ([x.asset for x in asset(name).bodies] or [name])]
-WALKERS = asset_names("pedestrian")
+WALKERS = [name for name in asset_names("pedestrian") if asset(name).stride_m > 0]
 WHEELED = [name for name in NAMES if name not in WALKERS]
 
 
 def sizes():
     folder, entries = files("urbantwin.traffic.assets"), tram_entries()
-    for name in ("assets.yaml", "cars.yaml"):
+    for name in ("assets.yaml", "cars.yaml", "light.yaml"):
         entries |= yaml.safe_load(folder.joinpath(name).read_text())
     return {name: entry.get("size") for name, entry in entries.items()}
 

@@ -17,6 +17,7 @@ EXAMPLES = """
 urbantwin traffic twin/ -o motion/
 urbantwin traffic twin/ -o motion/ --seconds 300 --seed 7
 urbantwin traffic twin/ -o motion/ --demand tuned/traffic.yaml
+urbantwin traffic twin/ -o motion/ --counts counts.csv
 """
 
 
@@ -32,6 +33,10 @@ def traffic(
         Path | None,
         typer.Option(help="Fields of `traffic:` that replace the site's: tuned/traffic.yaml."),
     ] = None,
+    counts: Annotated[
+        Path | None,
+        typer.Option(help="A table (CSV): approach, turn, class, begin, count."),
+    ] = None,
     pictures: Pictures = True,
     quiet: Quiet = False,
     as_json: AsJson = False,
@@ -43,6 +48,7 @@ def traffic(
         seconds=seconds,
         seed=seed,
         demand=demand,
+        counts=counts,
         pictures=pictures,
         progress=not quiet,
     )

@@ -115,6 +115,7 @@ def drive(
     seconds: float | None = None,
     seed: int | None = None,
     demand: AnyPath | None = None,
+    counts: AnyPath | None = None,
     pictures: bool = True,
     progress: ShowProgress = True,
 ) -> Motion:
@@ -126,7 +127,10 @@ def drive(
             when not given.
         seconds: length of the motion, 0.1 to 86400; the site's ``traffic.duration_s`` if not given.
         seed: that everything random follows from; the site's ``traffic.seed`` if not given.
-        demand: a file of fields of ``traffic:`` that replace the site's, as ``tune`` writes it.
+        demand: a file of fields of ``traffic:`` that replace the site's, as ``tune`` and
+            ``calibrate`` write it.
+        counts: a table (CSV) of vehicles by approach, turn and quarter of an hour, or by origin and
+            destination.
         pictures: draw the paths of the actors into the motion's folder.
         progress: show how far it is; or a function that is told (share, doing).
 
@@ -139,12 +143,17 @@ def drive(
     """
     from urbantwin.interface.twin import Twin
     from urbantwin.site import load_traffic_changes
+    from urbantwin.traffic.counts_table import read_counts
     from urbantwin.traffic.run import run_traffic
 
     place = beside(twin, "motion", out)
     file = None if demand is None else Path(demand)
-    check_folder(place, kind="motion", inputs=[Path(twin), file])
+    check_folder(
+        place, kind="motion", inputs=[Path(twin), file, None if counts is None else Path(counts)]
+    )
     changes = None if file is None else load_traffic_changes(file)
+    if counts is not None:
+        changes = {**(changes or {}), "counts": read_counts(Path(counts))}
     loaded = Twin.open(twin)
 
     def draw(driven: DrivenMotion, folder: Path) -> None:

@@ -1,20 +1,22 @@
-"""Recorded traffic: tracks that are replayed on a twin."""
+"""Recorded traffic: tracks that are replayed on a twin, or that its traffic is calibrated to."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from urbantwin.artefact import check_folder
 from urbantwin.interface.motion import Motion
 from urbantwin.interface.place import AnyPath, beside
 from urbantwin.interface.stage import ShowProgress, shown_stage, tell_result
+from urbantwin.interface.summary import Summary
 from urbantwin.interface.twin import Twin
 
 if TYPE_CHECKING:
     from urbantwin.traffic.motion import Motion as DrivenMotion
 
-__all__ = ["replay"]
+__all__ = ["Calibration", "calibrate", "replay"]
 
 
 def replay(
@@ -71,3 +73,86 @@ def replay(
         )
     tell_result("replay", place, made.warnings, progress)
     return Motion.of(made, place)
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """What a recording told of a site's traffic; it stands for its folder.
+
+    Attributes:
+        folder: with ``traffic.yaml``, ``site.yaml`` and ``calibration.json``.
+        report: what was measured, what was tried, and how well a simulation agrees with it.
+    """
+
+    folder: Path
+    report: dict[str, Any]
+
+    def __fspath__(self) -> str:
+        """Return the folder."""
+        return str(self.folder)
+
+    def summary(self) -> Summary:
+        """Return what was found in a few values."""
+        told = self.report
+        return Summary(
+            path=str(self.folder),
+            fitted_s=told["fitted_s"],
+            vehicles=sum(row["count"] for row in told["measured"]["turns"]),
+            signals=told["signals"]
+            and {name: told["signals"][name] for name in ("cycle_s", "green_s")},
+            not_told=told["not_told"],
+            **{
+                name: told[name]
+                for name in ("fitted", "held_out", "recording_with_itself_held_out")
+                if name in told
+            },
+        )
+
+
+def calibrate(
+    tracks: AnyPath,
+    site: AnyPath,
+    out: AnyPath | None = None,
+    *,
+    fit_share: float = 0.6,
+    gap: float = 5.0,
+    seconds: float = 3600.0,
+    seed: int | None = None,
+    progress: ShowProgress = True,
+) -> Calibration:
+    """Fit a site's demand, drivers and signals to recorded tracks, and judge by the rest of them.
+
+    Args:
+        tracks: a description of recorded tracks (YAML), or the tracks themselves.
+        site: the ``site.yaml``.
+        out: the folder to write: ``traffic.yaml`` for ``drive(demand=...)``, ``site.yaml`` with
+            traffic and signals, ``calibration.json``; ``calibrated`` beside the site when not
+            given.
+        fit_share: share of the recording that is fitted to, 0.1 to 1; what comes later judges.
+        gap: seconds between the two parts.
+        seconds: length of the simulation that is judged, up to 86400; 0 simulates nothing.
+        seed: of the simulations; 1 if not given.
+        progress: show how far it is; or a function that is told (share, doing).
+
+    Raises:
+        InputError: the tracks, the site or ``out`` cannot be used; a row of the tracks is named.
+        StageError: netconvert or SUMO failed.
+
+    Example:
+        >>> ut.calibrate("tracks.yaml", "site.yaml", "calibrated/").report["held_out"]
+    """
+    from urbantwin.traffic.calibration import calibrate_traffic
+
+    place = Path(site).parent / "calibrated" if out is None else Path(out)
+    with shown_stage("calibrate", progress) as tell:
+        report = calibrate_traffic(
+            Path(tracks),
+            Path(site),
+            place,
+            fit_share=fit_share,
+            gap_s=gap,
+            seconds=seconds,
+            seed=1 if seed is None else seed,
+            progress=tell,
+        )
+    return Calibration(place, report)

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, field_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from urbantwin.errors import InputError
 from urbantwin.site.conditions import Strict
@@ -49,6 +49,60 @@ class SizeSpec(Strict):
     length: SizeFactor = 1.0
     width: SizeFactor = 1.0
     height: SizeFactor = 1.0
+
+
+class CountSpec(Strict):
+    """What was counted of one way through the junction.
+
+    Attributes:
+        approach: where it comes from: the id of a road, an arm of the junction (``north``), or the
+            name of a street that has one approach.
+        turn: where it goes: ``left``, ``through``, ``right``, ``u-turn``, or the id of a road, an
+            arm, or a street's name.
+        actor_class: of which class; without it, the motor traffic, shared out as ``per_hour`` is.
+        per_hour: how many in an hour; or
+        per_quarter: how many in each quarter of an hour from the motion's start on; the last one
+            holds from then on, and the first one before.
+        row: where it was written, for errors.
+    """
+
+    approach: Annotated[str, Field(min_length=1)]
+    turn: Annotated[str, Field(min_length=1)]
+    actor_class: ActorClass | None = None
+    per_hour: PerHour | None = None
+    per_quarter: list[PerHour] | None = None
+    row: str = ""
+
+    @field_validator("approach", "turn", mode="before")
+    @classmethod
+    def _numbers_are_ids(cls, value: Any) -> Any:  # noqa: ANN401
+        return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+    @model_validator(mode="after")
+    def _says_how_many_once(self) -> CountSpec:
+        if (self.per_hour is None) == (not self.per_quarter):
+            raise wrong("has no number, or two", "per_hour or per_quarter")
+        return self
+
+
+class DriverSpec(Strict):
+    """How the drivers of a class drive, where it is not as usual.
+
+    Attributes:
+        speed_factor: mean of the desired speed as a share of the limit.
+        speed_spread: its standard deviation.
+        headway_s: time that they keep to who is ahead, seconds.
+        standing_gap_m: distance that they keep when they stand, metres.
+        acceleration: most that they speed up with, m/s2.
+        critical_gap_s: shortest gap in the other traffic that they take, seconds.
+    """
+
+    speed_factor: Annotated[float, Field(ge=0.1, le=2.0)] | None = None
+    speed_spread: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
+    headway_s: Annotated[float, Field(ge=0.1, le=10.0)] | None = None
+    standing_gap_m: Annotated[float, Field(ge=0.1, le=20.0)] | None = None
+    acceleration: Annotated[float, Field(ge=0.2, le=10.0)] | None = None
+    critical_gap_s: Annotated[float, Field(ge=0.1, le=20.0)] | None = None
 
 
 class ParkedSpec(Strict):
@@ -98,6 +152,9 @@ class TrafficSpec(Strict):
         step_s: time between two steps of the simulation, seconds.
         seed: of every random choice; the same seed gives the same traffic.
         size: by class, how large its actors are against the catalogue's.
+        counts: what was counted, way by way. Classes that are counted come as the counts say, pass
+            through and leave, and ``per_hour`` says nothing of them.
+        drivers: by class, how its drivers drive.
         parked: share of the parking spaces that are taken, 0..1: of all, or by ``street`` and
             ``car_park``.
         assets: meshes that join the catalogue.
@@ -110,6 +167,8 @@ class TrafficSpec(Strict):
     step_s: Annotated[float, Field(ge=0.01, le=1.0, allow_inf_nan=False)] = 0.1
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
     size: dict[ActorClass, SizeSpec] = Field(default_factory=dict)
+    counts: list[CountSpec] = Field(default_factory=list)
+    drivers: dict[ActorClass, DriverSpec] = Field(default_factory=dict)
     parked: ParkedSpec = Field(default_factory=ParkedSpec)
 
     assets: list[OwnAssetSpec] = Field(default_factory=list)

@@ -23,6 +23,7 @@ __all__ = [
     "departure_count",
     "plan_demand",
     "systematic",
+    "together",
 ]
 
 _WALKING_MS = 1.34  # mean free walking speed (Weidmann, ETH IVT 90, 1993)
@@ -99,6 +100,9 @@ class Demand:
         carried: share of the motor traffic asked for that the streets can carry.
         held_up: where and why they carry no more; empty where they do.
         stops: where buses halt.
+        manners: by class, attributes of SUMO's vehicle type that are not as usual.
+        counted: of each row that was counted, the edge by which they leave, and the numbers of its
+            trips.
         bound: how much of guessed volumes comes.
     """
 
@@ -109,6 +113,8 @@ class Demand:
     carried: float = 1.0
     held_up: str = ""
     stops: tuple[BusStop, ...] = ()
+    manners: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    counted: tuple[tuple[str, tuple[int, ...]], ...] = ()
     bound: Bound = field(default_factory=Bound)
 
     @property
@@ -177,6 +183,22 @@ def plan_demand(
                 trips.append(Trip(actor_class, asset, at, routes.drive(int(pairs[k]))))
     trips.sort(key=lambda trip: (trip.depart_s, ACTOR_CLASSES.index(trip.actor_class)))
     return Demand(tuple(trips), tuple(left_out))
+
+
+def together(first: Demand, second: Demand) -> Demand:
+    """Return two demands as one in which nobody circulates; counted rows are the first's."""
+    both = [(trip.depart_s, 0, k) for k, trip in enumerate(first.trips)]
+    both += [(trip.depart_s, 1, k) for k, trip in enumerate(second.trips)]
+    both.sort()
+    place = {(which, k): number for number, (_, which, k) in enumerate(both)}
+    return Demand(
+        tuple((first, second)[which].trips[k] for _, which, k in both),
+        first.left_out + second.left_out,
+        counted=tuple(
+            (leaving, tuple(sorted(place[0, trip] for trip in row)))
+            for leaving, row in first.counted
+        ),
+    )
 
 
 def departure_count(per_hour: float, period_s: float) -> int:

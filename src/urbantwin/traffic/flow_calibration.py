@@ -40,9 +40,9 @@ GROWTH = 1.6
 WORTHWHILE = 0.3
 #: A flow that falls below this share within a pilot is that of streets that lock up.
 FALLS = 0.6
-#: Where junctions are saturated a longer pilot tells whether it goes on so; its last part must have
-#: this share of the flow, else the population is lessened, at most so often.
-LONG_S, HOLDS, LESS, TIMES = 900, 0.85, 0.75, 1
+#: A longer pilot tells whether it goes on so: its last part must have this share of the flow, and
+#: nobody may stand for longer than this, seconds; else there are fewer, at most so often.
+LONG_S, HOLDS, LONGEST_HALT_S, LESS, TIMES = 900, 0.85, 200.0, 0.75, 3
 #: Where a longer pilot carries less than was asked for, so many more are tried, so often.
 MORE, TIMES_MORE = 1.2, 2
 #: Of populations whose flows differ by no more than this the smallest is taken: it is farthest from
@@ -69,7 +69,7 @@ class Calibrated:
 class _Pilot:
     """A pilot: times the population that would do at the speed in little traffic, and its flow.
 
-    ``flow`` is a share of what was asked for.
+    ``flow`` is a share of what was asked for, ``queued`` how long vehicles stood on each lane.
     """
 
     size: float
@@ -77,6 +77,7 @@ class _Pilot:
     pace: Mapping[str, float]
     queued: Mapping[str, float]
     seconds: int = PILOT_S
+    longest_halt_s: float = 0.0
 
 
 def calibrate(
@@ -124,7 +125,8 @@ def calibrate(
             scratch=scratch,
         ).observed
         flow = _flow(populations, seen, (seconds - PILOT_S) // 60 + SETTLING_MIN)
-        return _Pilot(size, flow, _pace(populations, seen, others), seen.queued, seconds)
+        pace, halt_s = _pace(populations, seen, others), seen.longest_halt_s
+        return _Pilot(size, flow, pace, seen.queued, seconds, halt_s)
 
     little = pilot(LITTLE, FIRST_GUESS["motor"], FIRST_GUESS)
     free = little.pace["motor"]
@@ -156,9 +158,9 @@ def calibrate(
         before = now
         size = min(size * min(1.0 / max(now.flow, 0.1), GROWTH), most)
     best = _best(found)
-    for _ in range(TIMES if best.flow < 1.0 - TOLERANCE else 0):
+    for _ in range(TIMES):
         long = pilot(best.size, free, little.pace, LONG_S)
-        if long.flow >= HOLDS * best.flow:
+        if long.flow >= HOLDS * best.flow and long.longest_halt_s < LONGEST_HALT_S:
             best = replace(long, flow=min(long.flow, best.flow))
             break
         best = replace(long, size=best.size * LESS)
@@ -166,7 +168,7 @@ def calibrate(
         if best.flow >= 1.0 - TOLERANCE or best.size * MORE > most:
             break
         further = pilot(best.size * MORE, free, little.pace, LONG_S)
-        if further.flow < best.flow + ALIKE:
+        if further.flow < best.flow + ALIKE or further.longest_halt_s > LONGEST_HALT_S:
             break
         best = further
     standing = {lane: total / best.seconds for lane, total in best.queued.items()}

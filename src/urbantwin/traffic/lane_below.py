@@ -9,6 +9,7 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.roads import Lane, RoadNetwork
+from urbantwin.taxonomy import ROAD_USERS
 
 __all__ = ["LanesBelow"]
 
@@ -57,12 +58,13 @@ class LanesBelow:
             return found
         cost = np.empty(len(point))
         walks = actor_class == "pedestrian"
+        user = actor_class if actor_class in ROAD_USERS else "car"
         for lane_number in np.unique(number):
             mine = np.flatnonzero(number == lane_number)
             lane = self._lanes[lane_number]
             who = point[mine]
             # Walking areas have no line of their own: they are taken where nothing else is.
-            allowed = actor_class in lane.allowed and (lane.kind in _WALKED) == walks
+            allowed = user in lane.allowed and (lane.kind in _WALKED) == walks
             cost[mine] = 0.0 if allowed else _FORBIDDEN
             if lane.kind != "walkingarea" and len(lane.centre) > 1:
                 away, turned = _beside(lane.centre[:, :2], xy[who], yaw[who])

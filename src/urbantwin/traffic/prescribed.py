@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.progress import Progress, each, untold
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.assets import COATED_CLASSES, Asset, asset, asset_names, coated_name
+from urbantwin.traffic.assets import Asset, Fleet, asset, asset_names
 from urbantwin.traffic.lane_below import LanesBelow
 from urbantwin.traffic.motion import ACTOR_SCHEMA, step_times
 from urbantwin.traffic.placement import Ground, stand
@@ -115,9 +115,8 @@ def usual_asset(actor_class: str, number: int) -> str:
     Raises:
         InputError: there is no such class.
     """
-    names = asset_names(actor_class)
-    name = names[int((number * _GOLDEN) % 1.0 * len(names))]
-    return coated_name(name, number) if actor_class in COATED_CLASSES else name
+    asset_names(actor_class)
+    return Fleet().body(actor_class, number)
 
 
 def prescribed_table(

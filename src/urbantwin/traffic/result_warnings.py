@@ -27,6 +27,16 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
             manifest["circulation"].get("held_up") or "more jams the streets",
             "lower traffic.per_hour, or give counted flows and signal programs in site.yaml",
         )
+    for row in manifest.get("counts", []):
+        asked, driven = row["asked_per_hour"], row["driven_per_hour"]
+        # A count is a random number, too: by chance alone it is off by its root.
+        if driven < ENOUGH * asked - (asked * 3600 / manifest["duration_s"]) ** 0.5:
+            yield ResultWarning(
+                f"counts {row['approach']} {row['turn']}",
+                f"{driven:.0f} of {asked:.0f} {row['class']} an hour are driven",
+                "the approach is the bottleneck, or the motion is short",
+                "see motion.json; lengthen traffic.warmup_s, or give signal programs in site.yaml",
+            )
     for row in manifest["left_out"]:
         yield ResultWarning(f"traffic {row['class']}", f"{row['count']} are left out", row["why"])
     for name, row in manifest["classes"].items():

@@ -21,16 +21,18 @@ from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.site.country import country_of
 from urbantwin.site.traffic import OwnAssetSpec
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.actor_table import actor_table
+from urbantwin.traffic.actor_table import Place, actor_table
 from urbantwin.traffic.assets import Fleet, OwnBodies, asset, asset_names
 from urbantwin.traffic.bottleneck import bottleneck
 from urbantwin.traffic.circulation import Circulation
 from urbantwin.traffic.circulation_report import circulation_report
-from urbantwin.traffic.demand import Demand, plan_demand
+from urbantwin.traffic.counts import counted_demand, counted_report, is_counted
+from urbantwin.traffic.demand import Demand, plan_demand, together
 from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
 from urbantwin.traffic.flow_calibration import calibrate
 from urbantwin.traffic.footing import on_footways
 from urbantwin.traffic.guessed_volumes import Bound, bound_of_signals
+from urbantwin.traffic.manners import manners_of
 from urbantwin.traffic.motion import ACTOR_SCHEMA, MOTION_VERSION, Motion
 from urbantwin.traffic.overlap import overlaps_of
 from urbantwin.traffic.parked import park
@@ -126,11 +128,19 @@ def _driven(
     )
     told(0.6, "actors")
     ground = Ground(twin.ground_mesh, twin.roads)
+    parked = park(
+        twin.roads,
+        twin.mesh,
+        ground,
+        asked.get("parked", {}),
+        fleet=Fleet(country_of(*_anchor(twin)), seed, own),
+        asset=own.asset,
+    )
+    standing = parked.table(ACTOR_SCHEMA)
     actors, outside = actor_table(
         on_footways(simulated, demand, twin.roads),
         demand,
-        twin,
-        ground,
+        Place.of(twin.roads, ground, twin.mesh, standing),
         steps=steps,
         step_s=step_s,
         asset=own.asset,
@@ -158,22 +168,18 @@ def _driven(
         "collisions": simulated.collisions,
         "poses_outside_ground": outside,
     }
+    if demand.counted:
+        manifest["counts"] = counted_report(
+            asked["counts"], asked["per_hour"], demand, simulated, steps=steps, step_s=step_s
+        )
     if demand.circulates:
         manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)
-    parked = park(
-        twin.roads,
-        twin.mesh,
-        ground,
-        asked.get("parked", {}),
-        fleet=Fleet(country_of(*_anchor(twin)), seed, own),
-        asset=own.asset,
-    )
     manifest["parked"] = parked.notes
-    driven = Motion(manifest, actors, signals, own.meshes, parked=parked.table(ACTOR_SCHEMA))
+    driven = Motion(manifest, actors, signals, own.meshes, parked=standing)
     shown = driven.with_meshes(between(told, 0.85, 0.93))
     motion = resized(shown, asked.get("size", {}))
     told(0.93, "who passes through whom")
-    overlaps = overlaps_of(motion.actors, step_s, twin.mesh)
+    overlaps = overlaps_of(motion.actors, motion.parked, step_s, twin.mesh)
     manifest = {**motion.manifest, "overlaps": overlaps}
     manifest["warnings"] = rows_of(warnings_of_drive(manifest))
     made = {"actors": table_sha256(motion.actors), "meshes": meshes_sha256(motion.meshes)}
@@ -198,6 +204,9 @@ def demand_of(
         StageError: SUMO failed.
     """
     asked = asked or twin.site["traffic"]
+    manners = manners_of(asked.get("drivers", {}))
+    if asked.get("counts"):
+        return replace(_counted(twin, asked, duration_s, seed), manners=manners)
     network = StreetNetwork(twin.net_path, twin.region)
     own = own_bodies(twin)
     body = Fleet(country_of(*_anchor(twin)), seed, own).body
@@ -232,8 +241,8 @@ def demand_of(
             body=body,
         )
         held_up = bottleneck(twin.roads, found.standing) if found.carried < 1 else ""
-        return replace(demand, carried=found.carried, held_up=held_up, bound=bound)
-    return plan_demand(
+        return replace(demand, carried=found.carried, held_up=held_up, bound=bound, manners=manners)
+    planned = plan_demand(
         network,
         asked["per_hour"],
         warmup_s=float(asked["warmup_s"]),
@@ -241,6 +250,35 @@ def demand_of(
         seed=seed,
         body=body,
     )
+    return replace(planned, manners=manners)
+
+
+def _counted(twin: Twin, asked: Mapping[str, Any], duration_s: float, seed: int) -> Demand:
+    """Return the demand of a site that has counts: everybody passes through."""
+    outer = outer_roads(twin) if twin.site.get("closed_loop") else frozenset()
+    network = StreetNetwork(twin.net_path, twin.region, without=outer)
+    counts, per_hour = asked["counts"], asked["per_hour"]
+    warmup_s = float(asked["warmup_s"])
+    body = Fleet(country_of(*_anchor(twin)), seed).body
+    counted = counted_demand(
+        counts,
+        twin.roads,
+        network,
+        per_hour,
+        warmup_s=warmup_s,
+        duration_s=duration_s,
+        seed=seed,
+        body=body,
+    )
+    others = plan_demand(
+        network,
+        {name: rate for name, rate in per_hour.items() if not is_counted(name, counts)},
+        warmup_s=warmup_s,
+        duration_s=duration_s,
+        seed=seed,
+        body=body,
+    )
+    return together(counted, others)
 
 
 def own_bodies(twin: Twin) -> OwnBodies:

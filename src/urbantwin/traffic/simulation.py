@@ -332,7 +332,7 @@ def write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> N
         kind, mesh = ACTOR_KINDS[actor_class], asset(name)
         bounds = {"length": mesh.length, "width": mesh.width, "height": mesh.height}
         values = {attribute: f"{value:.3f}" for attribute, value in bounds.items()}
-        values |= dict(kind.parameters)
+        values |= {**kind.parameters, **demand.manners.get(actor_class, {})}
         etree.SubElement(root, "vType", id=name, vClass=kind.vclass, **values)
     for number, trip in enumerate(demand.trips):
         common = {"id": str(number), "type": trip.asset, "depart": f"{trip.depart_s:.2f}"}

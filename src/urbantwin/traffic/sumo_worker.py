@@ -40,6 +40,10 @@ Row = tuple[int, int, float, float, float, float, int]
 TYPES = [("step", "i4"), ("trip", "i4"), ("x", "f8"), ("y", "f8")]
 TYPES += [("angle_deg", "f8"), ("speed", "f8"), ("lane", "i4")]
 MANY_ROWS = 200_000
+#: Who halts for longer, seconds, so far from the middle of its lane, metres, may move sideways on
+#: the spot at this speed, m/s.
+WEDGED_S, ASIDE_M, SLIDES_MS = 40.0, 0.3, "0.3"
+SIDEWAYS = "laneChangeModel.lcMaxSpeedLatStanding"
 
 
 class Watch:
@@ -60,6 +64,7 @@ class Watch:
         self.stuck: dict[str, tuple[float, str]] = {}
         self.longest_halt_s = 0.0
         self.queued: dict[str, float] = {}
+        self.freed: set[str] = set()
 
     def look(self, time_s: float) -> None:
         """Note how things stand at a whole second."""
@@ -88,11 +93,26 @@ class Watch:
                 if halt_s > self.stuck_s:
                     self.stuck[name] = (time_s, domain.getLaneID(name))
                 if halt_s > 0 and domain is libsumo.vehicle:
+                    self._free(name, halt_s)
                     lane = domain.getLaneID(name)
                     self.queued[lane] = self.queued.get(lane, 0.0) + 1.0
+        for name in self.freed & set(libsumo.vehicle.getIDList()):
+            if libsumo.vehicle.getSpeed(name) > 1.0:
+                libsumo.vehicle.setParameter(name, SIDEWAYS, "0")
+                self.freed.discard(name)
         for kind, number in enumerate(present):
             row["least"][kind] = min(row["least"][kind], number)
             row["most"][kind] = max(row["most"][kind], number)
+
+    def _free(self, name: str, halt_s: float) -> None:
+        """Let who halts for long beside the middle of a lane slide back to where it can go on.
+
+        Two-wheelers that overtake halfway on a lane that is not theirs would stand there for ever.
+        """
+        aside = abs(libsumo.vehicle.getLateralLanePosition(name)) > ASIDE_M
+        if halt_s > WEDGED_S and aside and name not in self.freed:
+            libsumo.vehicle.setParameter(name, SIDEWAYS, SLIDES_MS)
+            self.freed.add(name)
 
 
 class Recorder:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
+from collections.abc import Set
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -78,12 +79,20 @@ class StreetNetwork:
     Args:
         path: the ``.net.xml``.
         region: the site's region (site frame), or ``None`` where every gate counts alike.
+        without: ids of edges that are not there for anybody: outer roads, where traffic passes
+            through.
 
     Raises:
         StageError: the file is not a SUMO network.
     """
 
-    def __init__(self, path: Path, region: shapely.Polygon | None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        region: shapely.Polygon | None,
+        *,
+        without: Set[str] = frozenset(),
+    ) -> None:
         try:
             etree.parse(path)  # first, because sumolib leaves a file that it cannot read open
         except etree.XMLSyntaxError as error:
@@ -94,7 +103,8 @@ class StreetNetwork:
             )
         self._border = None if region is None else shapely.boundary(region)
         streets = self._net.getEdges(withInternal=False)
-        self._streets = sorted(streets, key=lambda edge: str(edge.getID()))
+        there = (edge for edge in streets if edge.getID() not in without)
+        self._streets = sorted(there, key=lambda edge: str(edge.getID()))
 
     @property
     def streets(self) -> list[Edge]:

@@ -138,7 +138,9 @@ def build_imported_roads(
         InputError: a plan for signals cannot be used.
         StageError: netconvert failed.
     """
-    sumo = sumo_network_of_model(prepared.model, out)
+    said = [plan.spec.place for plan in plans]
+    lit = [frame.site_from_lonlat([(place[1], place[0])])[0] for place in said if place]
+    sumo = sumo_network_of_model(prepared.model, out, lit=lit)
     planned = set_programs(out, plans, frame)
     model = sumo.model
     raw = read_sumo_network(

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from lxml import etree
+from numpy.typing import NDArray
 
 from urbantwin.roads.imported.crosswalks import Crosswalk, crosswalks_of_model
 from urbantwin.roads.imported.edges import edges_of_model
@@ -17,7 +19,7 @@ from urbantwin.roads.imported.nodes import Nodes, loops
 from urbantwin.roads.imported.plain_xml import OUTER, PlainNetwork, junction_outline, write_plain
 from urbantwin.roads.imported.road_cut import with_border
 from urbantwin.roads.imported.signal_programs import with_programs
-from urbantwin.roads.imported.traffic_lights import lights_of_model
+from urbantwin.roads.imported.traffic_lights import lights_of_model, lights_of_places
 from urbantwin.roads.model import LaneModel, ModelRoad
 from urbantwin.roads.netconvert import run_netconvert, write_network
 from urbantwin.roads.signals.default_programs import set_default_programs
@@ -52,12 +54,15 @@ class SumoNetwork:
     notes: dict[str, object]
 
 
-def sumo_network_of_model(model: LaneModel, out: Path) -> SumoNetwork:
+def sumo_network_of_model(
+    model: LaneModel, out: Path, *, lit: Sequence[NDArray[np.float64]] = ()
+) -> SumoNetwork:
     """Run netconvert on a lane model and write its network.
 
     Args:
         model: the lane model, site frame.
         out: the ``.net.xml`` to write.
+        lit: places (2,) of junctions with signals that the map does not have.
 
     Raises:
         StageError: netconvert failed.
@@ -66,9 +71,9 @@ def sumo_network_of_model(model: LaneModel, out: Path) -> SumoNetwork:
     nodes = Nodes(model)
     edges = edges_of_model(model, borders)
     links = lane_links(Lanes(model, edges))
-    lights = lights_of_model(model, nodes)
     crosswalks = crosswalks_of_model(model, edges, nodes)
     outlines = {junction.id: junction_outline(model, junction.id) for junction in model.junctions}
+    lights = {**lights_of_places(nodes, outlines, lit), **lights_of_model(model, nodes)}
     plain = PlainNetwork(model, edges, nodes, links, lights, crosswalks, outlines)
     mapped = any(area.kind == "crosswalk" for area in model.areas)
     options = {

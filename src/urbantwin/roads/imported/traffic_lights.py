@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
 from urbantwin.roads.imported.nodes import Nodes
 from urbantwin.roads.model import LaneModel, RoadSignal
 
-__all__ = ["lights_of_model", "node_of_signal"]
+__all__ = ["lights_of_model", "lights_of_places", "node_of_signal"]
 
 #: Signals stand at most this far before the end of the street that they are for, metres.
 FARTHEST_M = 40.0
+#: A place that a person gives may be this far from its junction, metres.
+NEAREST_M = 40.0
 
 
 def lights_of_model(model: LaneModel, nodes: Nodes) -> dict[str, str]:
@@ -29,6 +37,35 @@ def lights_of_model(model: LaneModel, nodes: Nodes) -> dict[str, str]:
             if junction in at_junction and dynamic & set(controller.signals):
                 node = at_junction[junction]
                 found.setdefault(node, controller.name if controller.phases else node)
+    return found
+
+
+def lights_of_places(
+    nodes: Nodes,
+    outlines: Mapping[int, NDArray[np.float64]],
+    places: Sequence[NDArray[np.float64]],
+) -> dict[str, str]:
+    """Return node -> id of a traffic light for the junctions nearest to places.
+
+    Some maps have no signals where there are some: who plans a program for a place says that there
+    is a light.
+
+    Args:
+        nodes: of the lane model.
+        outlines: junction -> its outline (M, 2).
+        places: (2,) each, site frame, metres; those without a junction nearby are left alone.
+    """
+    areas = {
+        node: shapely.Polygon(outlines[junction])
+        for node, junction in nodes.junctions.items()
+        if len(outlines.get(junction, ())) > 2
+    }
+    found: dict[str, str] = {}
+    for place in places:
+        away = {node: shapely.distance(area, shapely.Point(place)) for node, area in areas.items()}
+        node = min(away, key=lambda one: (away[one], one), default=None)
+        if node is not None and away[node] <= NEAREST_M:
+            found[node] = node
     return found
 
 

@@ -1,6 +1,7 @@
 """The actor catalogue: names, sizes and meshes of everything that moves.
 
-Its data: ``assets.yaml``, drawn point by point, and ``cars.yaml``, drawn from measures.
+Its data: ``assets.yaml`` and ``light.yaml``, drawn point by point, and ``cars.yaml``, drawn from
+measures.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ from urbantwin.traffic.assets.two_wheeler import PEDAL_PHASES, hub_contacts, two
 __all__ = ["Asset", "asset", "asset_mesh", "asset_names"]
 
 #: Where the catalogue is written.
-_FILES = ("assets.yaml", "cars.yaml")
+_FILES = ("assets.yaml", "cars.yaml", "light.yaml")
 
 
 @dataclass(frozen=True, eq=False)

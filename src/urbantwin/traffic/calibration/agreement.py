@@ -1,0 +1,88 @@
+"""How well two measurements of traffic agree, and how well a recording agrees with itself."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import ks_2samp
+
+from urbantwin.traffic.calibration.measured import Measured
+
+__all__ = ["agreement", "own_spread"]
+
+_HALVINGS, _FEWEST = 200, 8
+
+
+def agreement(recorded: Measured, simulated: Measured) -> dict[str, Any]:
+    """Return differences of shares, in points, and Kolmogorov-Smirnov distances."""
+    return {
+        "class_shares_points": _shares(recorded.classes, simulated.classes),
+        "turn_shares_points": _shares(recorded.turns, simulated.turns),
+        "speed_ks": _distance(_joined(recorded.speeds), _joined(simulated.speeds)),
+        "headway_ks": _distance(recorded.all_headways, simulated.all_headways),
+        "vehicles": sum(recorded.turns.values()),
+        "vehicles_simulated": sum(simulated.turns.values()),
+        "headways": len(recorded.all_headways),
+    }
+
+
+def own_spread(recorded: Measured, seed: int = 1) -> dict[str, Any]:
+    """Return by how much a recording differs from itself by chance.
+
+    Shares: 1.96 standard errors of the share with the largest. Distributions: distances of two
+    halves of the vehicles (of the headways), drawn at random 200 times: median and 95 %.
+    """
+    random = np.random.Generator(np.random.Philox(key=[seed, 2000]))
+    speeds, headways = list(recorded.speeds), [np.array([h]) for h in recorded.all_headways]
+    return {
+        "class_shares_points": _error(recorded.classes),
+        "turn_shares_points": _error(recorded.turns),
+        "speed_ks": _halves(speeds, random),
+        "headway_ks": _halves(headways, random),
+    }
+
+
+def _shares(first: Mapping[Any, int], second: Mapping[Any, int]) -> float | None:
+    """Return the largest difference of shares, in points."""
+    a, b = sum(first.values()), sum(second.values())
+    if not a or not b:
+        return None
+    names = set(first) | set(second)
+    return round(100 * max(abs(first.get(x, 0) / a - second.get(x, 0) / b) for x in names), 1)
+
+
+def _error(counts: Mapping[Any, int]) -> float | None:
+    whole = sum(counts.values())
+    if not whole:
+        return None
+    share = np.array(list(counts.values())) / whole
+    return round(float(196 * np.sqrt(share * (1 - share) / whole).max()), 1)
+
+
+def _distance(first: NDArray[np.float64], second: NDArray[np.float64]) -> float | None:
+    if len(first) < _FEWEST or len(second) < _FEWEST:
+        return None
+    return round(float(ks_2samp(first, second, method="asymp").statistic), 3)
+
+
+def _halves(
+    parts: list[NDArray[np.float64]], random: np.random.Generator
+) -> dict[str, float] | None:
+    if len(parts) < _FEWEST:
+        return None
+    found = []
+    for _ in range(_HALVINGS):
+        order = random.permutation(len(parts))
+        one, two = (np.concatenate([parts[k] for k in half]) for half in np.array_split(order, 2))
+        found.append(float(ks_2samp(one, two, method="asymp").statistic))
+    return {
+        "median": round(float(np.median(found)), 3),
+        "p95": round(float(np.quantile(found, 0.95)), 3),
+    }
+
+
+def _joined(parts: tuple[NDArray[np.float64], ...]) -> NDArray[np.float64]:
+    return np.concatenate(parts) if parts else np.zeros(0)

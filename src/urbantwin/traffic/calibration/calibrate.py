@@ -1,0 +1,325 @@
+"""Calibrating a site's traffic to a recording, and judging it on a part that was not used."""
+
+from __future__ import annotations
+
+import os
+from collections import defaultdict
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from urbantwin import __version__
+from urbantwin.artefact import passing_folder, replaced_folder, sha256_of, write_json
+from urbantwin.errors import InputError
+from urbantwin.progress import Progress, between, untold
+from urbantwin.site import load_site
+from urbantwin.site.yaml_document import read_document
+from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.traffic.calibration.agreement import agreement, own_spread
+from urbantwin.traffic.calibration.measured import Measured, measured
+from urbantwin.traffic.calibration.parameters import traffic_of
+from urbantwin.traffic.calibration.passages import JunctionLinks, Passage, SeenTrack, passages_of
+from urbantwin.traffic.calibration.signal_timing import Timing, timing_of
+from urbantwin.traffic.calibration.simulated import seen_area, simulated_tracks
+from urbantwin.traffic.recorded.read import files_of, read_recording
+from urbantwin.traffic.recorded.track import Recording
+from urbantwin.traffic.track_smoothing import smooth_track
+from urbantwin.twin import Twin
+from urbantwin.twin.build import build_twin
+
+__all__ = ["calibrate_traffic"]
+
+_STEP_S = 0.1
+#: What of drivers is tried in simulations, and by which distance it is chosen; for how long.
+_TRIED: dict[str, tuple[tuple[float, ...], str]] = {
+    "speed_factor": ((0.55, 0.65, 0.75, 0.85, 0.95, 1.05), "speed_ks"),
+    "headway_s": ((0.7, 1.0, 1.3, 1.6, 2.0), "headway_ks"),
+}
+_TRIAL_S = 600.0
+_LONGEST_NAME = 500
+
+
+def calibrate_traffic(
+    tracks: Path,
+    site: Path,
+    out: Path,
+    *,
+    fit_share: float = 0.6,
+    gap_s: float = 5.0,
+    seconds: float = 3600.0,
+    seed: int = 1,
+    progress: Progress = untold,
+) -> dict[str, Any]:
+    """Write what a recording tells of a site's traffic, and how well a simulation agrees with it.
+
+    The recording is cut in time: what comes first is fitted to, what comes after a gap judges.
+
+    Args:
+        tracks: a description of tracks (YAML), or a file of tracks.
+        site: the ``site.yaml``.
+        out: the folder to write: ``traffic.yaml`` for ``urbantwin traffic --demand``, ``site.yaml``
+            with traffic and signals, ``calibration.json``.
+        fit_share: share of the recording that is fitted to; 1: all, and nothing judges.
+        gap_s: between the two parts, seconds.
+        seconds: how long the simulation that is judged lasts; 0 for none.
+        seed: of the simulations.
+        progress: called with the fraction done and what is being done.
+
+    Returns:
+        The content of ``calibration.json``.
+
+    Raises:
+        InputError: the tracks or the site cannot be used.
+        StageError: netconvert or SUMO failed.
+    """
+    if not 0.1 <= fit_share <= 1.0:
+        raise InputError(f"a share of {fit_share:g}", place="fit_share", expected="0.1 to 1")
+    loaded = load_site(site)
+    inputs = [*files_of(tracks), *loaded.files()]
+    with (
+        replaced_folder(out, kind="calibration", inputs=inputs) as folder,
+        passing_folder("urbantwin-calibrate") as scratch,
+    ):
+        progress(0.0, "reading tracks")
+        recording = read_recording(tracks, loaded.frame)
+        seen = _smoothed(recording)
+        end_s = recording.duration_s
+        fit_s = end_s * fit_share
+        document = dict(read_document(site, kind="a site").value)
+        document = _elsewhere(document, site.parent.resolve(), None)
+        if recording.signals is not None:
+            _lit(document, loaded.frame.lonlat_from_site(_middle(seen)[None])[0])
+        twin = _built(document, scratch, between(progress, 0.05, 0.25))
+        links = JunctionLinks.of(twin.net_path, twin.roads)
+        passages = passages_of(seen, twin.roads, links)
+        timing = None
+        if recording.signals is not None:
+            timing = timing_of(recording.signals, passages, links, fit_s)
+            _timed(document, timing)
+            twin = _built(document, scratch, between(progress, 0.25, 0.4))
+        part = measured(seen, passages, twin.roads, 0.0, fit_s)
+        sizes: dict[str, list[np.ndarray[Any, Any]]] = defaultdict(list)
+        for one in seen:
+            if one.time_s[0] < fit_s:
+                sizes[one.track.actor_class].append(one.track.size)
+        traffic, missing = traffic_of(
+            part, passages, {name: np.array(found) for name, found in sizes.items()}, 0.0
+        )
+        asked = {**twin.site["traffic"], **traffic, "seed": seed}
+        asked["per_hour"] = {name: traffic["per_hour"].get(name, 0.0) for name in ACTOR_CLASSES}
+        trials: dict[str, Any] = {}
+        if seconds > 0:
+            trials = _tried(twin, asked, part, seen, scratch, between(progress, 0.4, 0.7))
+            traffic["drivers"] = asked["drivers"]
+        report: dict[str, Any] = {
+            "kind": "calibration",
+            "urbantwin": __version__,
+            "tracks": [{"name": x.name, "sha256": sha256_of(x)} for x in files_of(tracks)],
+            "recorded_s": round(end_s, 3),
+            "fitted_s": [0.0, round(fit_s, 3)],
+            "measured": _told(part),
+            "signals": _signals_told(timing),
+            "not_told": missing,
+            "trials": trials,
+        }
+        if seconds > 0:
+            report["simulated_s"] = seconds
+            report |= _judged(
+                twin,
+                asked,
+                (part, passages, seen),
+                (fit_s + gap_s, end_s),
+                seconds,
+                scratch,
+                between(progress, 0.7, 1.0),
+            )
+        document["traffic"] = {**dict(document.get("traffic") or {}), **traffic}
+        _dump(folder / "site.yaml", _elsewhere(document, site.parent.resolve(), out.resolve()))
+        _dump(folder / "traffic.yaml", traffic)
+        write_json(folder / "calibration.json", report)
+    progress(1.0, "done")
+    return report
+
+
+def _smoothed(recording: Recording) -> list[SeenTrack]:
+    found = []
+    for track in recording.tracks:
+        one = smooth_track(track, _STEP_S)
+        if one is not None:
+            found.append(SeenTrack(track, one.time_s, one.xy, one.yaw, one.speed))
+    return found
+
+
+def _middle(seen: list[SeenTrack]) -> np.ndarray[Any, Any]:
+    """Return the middle of where everybody was."""
+    return np.asarray(np.median(np.concatenate([one.xy[::10] for one in seen]), axis=0))
+
+
+def _elsewhere(value: Any, here: Path, there: Path | None) -> Any:  # noqa: ANN401
+    """Return a site's document with its files as they are called from another folder, or whole."""
+    if isinstance(value, dict):
+        return {key: _elsewhere(one, here, there) for key, one in value.items()}
+    if isinstance(value, list):
+        return [_elsewhere(one, here, there) for one in value]
+    if isinstance(value, str) and value and "\n" not in value and len(value) < _LONGEST_NAME:
+        file = here / value
+        if file.is_file():
+            return str(file) if there is None else os.path.relpath(file, there)
+    return value
+
+
+def _lit(document: dict[str, Any], lonlat: np.ndarray[Any, Any]) -> None:
+    """Let the junction have signals, where no program of the site says which it is."""
+    if not document.get("signals"):
+        place = {"latitude": round(float(lonlat[1]), 7), "longitude": round(float(lonlat[0]), 7)}
+        document["signals"] = [{"junction": place, "offset": 0.0}]
+
+
+def _timed(document: dict[str, Any], timing: Timing | None) -> None:
+    """Give the junction the timing that was recorded."""
+    if timing is None:
+        return
+    first = dict(document["signals"][0])
+    first.pop("phases", None)
+    first.pop("cycle", None)
+    first["minimum_green"] = 0.0
+    first["states"] = [{"seconds": seconds, "state": state} for seconds, state in timing.states]
+    document["signals"] = [first, *document["signals"][1:]]
+
+
+def _built(document: dict[str, Any], folder: Path, progress: Progress) -> Twin:
+    """Return the twin of a site's document, built in a folder that passes."""
+    file = folder / "site.yaml"
+    _dump(file, document)
+    return build_twin(load_site(file), folder / "twin", progress)
+
+
+def _tried(
+    twin: Twin,
+    asked: dict[str, Any],
+    part: Measured,
+    seen: list[SeenTrack],
+    scratch: Path,
+    progress: Progress,
+) -> dict[str, Any]:
+    """Choose what is told best by simulations: by which their distributions are nearest.
+
+    First the desired speed, by speeds; then the headway that drivers keep, by headways.
+
+    Returns:
+        The distances of what was tried; ``asked["drivers"]`` has what was chosen.
+    """
+    told: dict[str, Any] = {}
+    area = seen_area(seen)
+    runs = sum(len(values) + 2 for values, _ in _TRIED.values())
+    done = 0
+    for field, (values, measure) in _TRIED.items():
+        found: dict[float, float] = {}
+        queue = list(values)
+        while queue:
+            value = queue.pop(0)
+            tell = between(progress, done / runs, (done + 1) / runs)
+            done += 1
+            drivers = {name: {**one, field: value} for name, one in asked["drivers"].items()}
+            tracks = simulated_tracks(
+                twin,
+                {**asked, "drivers": drivers},
+                _TRIAL_S,
+                area,
+                scratch=scratch,
+                told=partial(_tell_trial, tell, f"trying {field} {value:g}"),
+            )
+            distance = agreement(part, _measured(twin, tracks, _TRIAL_S))[measure]
+            if distance is not None:
+                found[value] = distance
+            if not queue and found and len(found) == len(values):
+                near = min(found, key=lambda one: (found[one], one))
+                half = (values[1] - values[0]) / 2
+                queue = [round(near - half, 3), round(near + half, 3)]
+        if found:
+            best = min(found, key=lambda one: (found[one], one))
+            asked["drivers"] = {
+                name: {**one, field: best} for name, one in asked["drivers"].items()
+            }
+        told[f"{measure} by {field}"] = {f"{value:g}": one for value, one in sorted(found.items())}
+    return told
+
+
+def _tell_trial(tell: Progress, what: str, share: float) -> None:
+    tell(share, what)
+
+
+def _measured(twin: Twin, tracks: list[SeenTrack], seconds: float) -> Measured:
+    links = JunctionLinks.of(twin.net_path, twin.roads)
+    passages = passages_of(tracks, twin.roads, links)
+    return measured(tracks, passages, twin.roads, 0.0, seconds)
+
+
+def _judged(
+    twin: Twin,
+    asked: dict[str, Any],
+    recorded: tuple[Measured, list[Passage], list[SeenTrack]],
+    rest: tuple[float, float],
+    seconds: float,
+    scratch: Path,
+    progress: Progress,
+) -> dict[str, Any]:
+    """Return how a simulation agrees with the part that was fitted to, and with the other."""
+    part, passages, seen = recorded
+    tracks = simulated_tracks(
+        twin,
+        asked,
+        seconds,
+        seen_area(seen),
+        scratch=scratch,
+        told=lambda share: progress(share, "simulating what is judged"),
+    )
+    simulated = _measured(twin, tracks, seconds)
+    found: dict[str, Any] = {"simulated": _told(simulated), "fitted": agreement(part, simulated)}
+    found["recording_with_itself_fitted"] = own_spread(part)
+    if rest[1] - rest[0] > 1.0:
+        other = measured(seen, passages, twin.roads, *rest)
+        found["held_out_s"] = [round(rest[0], 3), round(rest[1], 3)]
+        found["held_out"] = agreement(other, simulated)
+        found["recording_with_itself_held_out"] = own_spread(other)
+        found["fitted_with_held_out"] = agreement(other, part)
+    return found
+
+
+def _told(part: Measured) -> dict[str, Any]:
+    speeds = np.concatenate(part.speeds) if part.speeds else np.zeros(0)
+    return {
+        "seconds": round(part.seconds, 3),
+        "classes": part.classes,
+        "turns": [
+            {"approach": a, "exit": b, "count": count}
+            for (a, b), count in sorted(part.turns.items())
+        ],
+        "speed_quartiles_ms": _quartiles(speeds),
+        "headway_quartiles_s": _quartiles(part.all_headways),
+    }
+
+
+def _quartiles(values: np.ndarray[Any, Any]) -> list[float]:
+    return (
+        [round(float(x), 2) for x in np.quantile(values, [0.25, 0.5, 0.75])] if len(values) else []
+    )
+
+
+def _signals_told(timing: Timing | None) -> dict[str, Any] | None:
+    if timing is None:
+        return None
+    return {
+        "cycle_s": timing.cycle_s,
+        "cycles_seen": timing.cycles,
+        "green_s": timing.greens,
+        "group_of_link": {str(link): group for link, group in sorted(timing.group_of.items())},
+        "links_told_by_passages": list(timing.certain),
+    }
+
+
+def _dump(path: Path, value: dict[str, Any]) -> None:
+    path.write_text(yaml.safe_dump(value, sort_keys=False, allow_unicode=True, width=100))

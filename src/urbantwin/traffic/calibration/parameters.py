@@ -1,0 +1,144 @@
+"""What a site's traffic is told of a recording: flows, turns, sizes, drivers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from urbantwin.errors import InputError
+from urbantwin.traffic.assets import asset, asset_names
+from urbantwin.traffic.calibration.measured import Measured
+from urbantwin.traffic.calibration.passages import MOTORS, Passage
+
+__all__ = ["traffic_of"]
+
+_QUARTER_S = 900.0
+_FEWEST = 5
+_FOLLOWS_S = 4.0
+_SIZE = (0.5, 2.0)
+_SAME_M = 0.01
+
+
+def traffic_of(
+    part: Measured,
+    passages: Sequence[Passage],
+    sizes: dict[str, np.ndarray[Any, Any]],
+    begin_s: float,
+) -> tuple[dict[str, Any], list[str]]:
+    """Return fields of ``traffic:`` and what could not be told.
+
+    Args:
+        part: what was measured of the part of the recording that is fitted to.
+        passages: of the whole recording.
+        sizes: class -> (N, 3) sizes of its tracks, nan where nothing was told.
+        begin_s: when the part begins, seconds.
+
+    Raises:
+        InputError: nobody passed.
+    """
+    if not part.turns:
+        raise InputError("nobody passes the junction in the part that is fitted to")
+    untold: list[str] = []
+    hours = part.seconds / 3600
+    traffic: dict[str, Any] = {
+        "per_hour": {name: round(count / hours, 1) for name, count in part.new.items()},
+        "counts": _counts(part, passages, begin_s, hours),
+    }
+    size = {}
+    for name, every in sizes.items():
+        found = _size(name, every)
+        if isinstance(found, str):
+            untold.append(found)
+        else:
+            size[name] = found
+    if size:
+        traffic["size"] = size
+    driver: dict[str, float] = {}
+    following = np.array([one for lane in part.headways.values() for one in lane])
+    following = following[(following > 0.3) & (following <= _FOLLOWS_S)]
+    gap = _median(part.gaps, "standing gaps", untold)
+    if gap is not None:
+        driver["standing_gap_m"] = gap
+    headway = _median(following, "following headways", untold)
+    if headway is not None and part.passing:
+        # At a stop line vehicles follow by the drivers' headway and the time that a vehicle and
+        # the gap before it take to pass (Treiber and Kesting, Traffic Flow Dynamics, 2013, 8.3).
+        length = float(np.median(part.lengths)) if part.lengths else 4.6
+        driver["headway_s"] = headway - (length + (gap or 2.0)) / max(
+            float(np.median(part.passing)), 3.0
+        )
+        driver["headway_s"] = float(np.clip(driver["headway_s"], 0.5, 3.0))
+    if _median(part.accelerations, "accelerations", untold) is not None:
+        # Most are held up by who is ahead; the quickest quarter sets out as it likes.
+        quick = float(np.quantile(part.accelerations, 0.75))
+        driver["acceleration"] = float(np.clip(quick, 0.8, 4.5))
+    untold.append("critical gaps: too few gaps were taken and refused; the usual one stays")
+    rounded = {name: round(value, 2) for name, value in driver.items()}
+    traffic["drivers"] = {name: dict(rounded) for name in MOTORS if name in part.classes}
+    return traffic, untold
+
+
+def _counts(
+    part: Measured, passages: Sequence[Passage], begin_s: float, hours: float
+) -> list[dict[str, Any]]:
+    """Return rows of counts: way by way and class by class, by quarter of an hour."""
+    end_s = begin_s + part.seconds
+    rows = []
+    for approach, leaving in sorted(part.turns):
+        mine = [one for one in passages if (one.approach, one.leaving) == (approach, leaving)]
+        for name in MOTORS:
+            at = np.array(
+                [
+                    float(np.nan_to_num(one.passed_s, nan=one.seen.time_s[0]))
+                    for one in mine
+                    if one.seen.track.actor_class == name
+                ]
+            )
+            at = at[(at >= begin_s) & (at < end_s)]
+            if not len(at):
+                continue
+            row: dict[str, Any] = {"approach": approach, "turn": leaving, "actor_class": name}
+            if part.seconds >= 2 * _QUARTER_S:
+                quarters = int(part.seconds // _QUARTER_S)
+                edges = begin_s + _QUARTER_S * np.arange(quarters + 1)
+                row["per_quarter"] = [float(count) for count in np.histogram(at, edges)[0]]
+            else:
+                row["per_hour"] = round(len(at) / hours, 1)
+            rows.append(row)
+    return rows
+
+
+def _size(name: str, every: np.ndarray[Any, Any]) -> dict[str, float] | str:
+    """Return factors of the catalogue's sizes by the medians of a class, or why there are none."""
+    usual = np.array(
+        [[asset(x).length, asset(x).width, asset(x).height] for x in asset_names(name)]
+    )
+    usual = np.median(usual, axis=0)
+    known = np.isfinite(every).any(axis=0)
+    if not known.any():
+        return f"sizes of {name}: not recorded"
+    if (
+        len(every) >= _FEWEST
+        and (
+            np.nanmax(every[:, known], axis=0) - np.nanmin(every[:, known], axis=0) < _SAME_M
+        ).all()
+    ):
+        told = " x ".join(f"{side:.2f}" for side in every[0, known])
+        return f"sizes of {name}: all {len(every)} are {told} m, a template and no measurement"
+    if len(every) < _FEWEST:
+        return f"sizes of {name}: {len(every)} tracks are too few"
+    factors = np.nanmedian(every, axis=0) / usual
+    return {
+        side: round(float(np.clip(factor, *_SIZE)), 3)
+        for side, factor, told in zip(("length", "width", "height"), factors, known, strict=True)
+        if told
+    }
+
+
+def _median(values: Any, what: str, untold: list[str]) -> float | None:  # noqa: ANN401
+    if len(values) < _FEWEST:
+        untold.append(f"{what}: {len(values)} are too few, the usual stays")
+        return None
+    return float(np.median(values))

@@ -1,0 +1,186 @@
+"""Passages: who came over which approach, left by which exit, and when it passed the stop line."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from lxml import etree
+from numpy.typing import NDArray
+
+from urbantwin.roads import Road, RoadNetwork
+from urbantwin.roads.signals.controlled_links import Signalised, signalised_junctions
+from urbantwin.traffic.counts import main_junction
+from urbantwin.traffic.lane_below import LanesBelow
+from urbantwin.traffic.recorded.track import RecordedTrack
+
+__all__ = ["MOTORS", "JunctionLinks", "Passage", "SeenTrack", "passages_of"]
+
+_FIRST, _SLOWEST_MS = 10, 3.0  # moments, and a speed, to tell what was before a track
+#: Classes whose passages are counted.
+MOTORS = ("car", "van", "truck", "bus", "motorcycle")
+
+
+@dataclass(frozen=True, eq=False)
+class SeenTrack:
+    """A track with its velocity, resampled.
+
+    Attributes:
+        track: as it was recorded, or simulated.
+        time_s: (N,) seconds.
+        xy: (N, 2) metres.
+        yaw: (N,) rad.
+        speed: (N,) m/s.
+    """
+
+    track: RecordedTrack
+    time_s: NDArray[np.float64]
+    xy: NDArray[np.float64]
+    yaw: NDArray[np.float64]
+    speed: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Passage:
+    """One vehicle's way over the junction; what was not seen of it is empty, or nan.
+
+    Attributes:
+        seen: the vehicle.
+        lanes: (N,) the lane below it, moment by moment.
+        approach: road that it came by.
+        leaving: road that it left by.
+        lane: lane of the approach from which it entered the junction.
+        passed_s: when its middle did, seconds; of one first seen behind the stop line, when it did
+            by the speed that it was seen with.
+    """
+
+    seen: SeenTrack
+    lanes: NDArray[np.object_]
+    approach: str
+    leaving: str
+    lane: str
+    passed_s: float
+
+
+@dataclass(frozen=True)
+class JunctionLinks:
+    """The ways over the main junction, from SUMO's network.
+
+    Attributes:
+        junction: its id.
+        ways: lane within -> (lane before, road after).
+        links: (lane before, road after) -> numbers of the signal's links.
+        signals: what its signals control; ``None`` without any.
+    """
+
+    junction: str
+    ways: dict[str, tuple[str, str]]
+    links: dict[tuple[str, str], tuple[int, ...]]
+    signals: Signalised | None
+
+    @classmethod
+    def of(cls, net: Path, roads: RoadNetwork) -> JunctionLinks:
+        """Read them from a network."""
+        junction = main_junction(roads)
+        into = {road.id for road in roads.roads if road.to_junction == junction}
+        ways: dict[str, tuple[str, str]] = {}
+        links: dict[tuple[str, str], list[int]] = defaultdict(list)
+        root, program = etree.parse(net).getroot(), ""
+        follow: dict[str, str] = {}
+        for item in root.iterfind("connection"):
+            before = f"{item.get('from')}_{item.get('fromLane')}"
+            if item.get("via"):
+                follow[before] = item.get("via")
+            if item.get("from") not in into or not item.get("via"):
+                continue
+            way = (before, item.get("to"))
+            ways[item.get("via")] = way
+            if item.get("tl"):
+                program = item.get("tl")
+                links[way].append(int(item.get("linkIndex")))
+        # A way over a large junction is of several lanes.
+        for first, way in list(ways.items()):
+            lane = first
+            while (lane := follow.get(lane, "")) and lane not in ways:
+                ways[lane] = way
+        there = signalised_junctions(root) if program else []
+        signals = next((one for one in there if one.program == program), None)
+        found = {way: tuple(numbers) for way, numbers in links.items()}
+        return cls(junction, ways, found, signals)
+
+
+def passages_of(
+    tracks: Iterable[SeenTrack], roads: RoadNetwork, links: JunctionLinks
+) -> list[Passage]:
+    """Return the passages of motor vehicles over the main junction, in the order of the tracks."""
+    below = LanesBelow(roads)
+    road_of = {lane: road for road in roads.roads for lane in road.lanes}
+    found = []
+    for seen in tracks:
+        if seen.track.actor_class not in MOTORS:
+            continue
+        # What stands on the map as lanes for cars serves all of them.
+        lanes = below.at(seen.xy, seen.yaw, "car")
+        came = [k for k, one in enumerate(lanes) if _to(road_of, one) == links.junction]
+        approach = lane = leaving = ""
+        passed = np.nan
+        if came:
+            last = came[-1]
+            lane = str(lanes[last])
+            approach = road_of[lane].id
+            if last + 1 < len(lanes):
+                passed = _after(seen, last, roads.lane_by_id[lane].centre[-1, :2])
+        left = [k for k, one in enumerate(lanes) if _from(road_of, one) == links.junction]
+        left = [k for k in left if not came or k > came[-1]]
+        if left:
+            leaving = road_of[str(lanes[left[0]])].id
+        if not approach or not leaving:
+            lane, leaving = _by_ways(lanes, links, lane, leaving)
+            approach = road_of[lane].id if lane else ""
+            if lane and not came:
+                passed = _before(seen, roads.lane_by_id[lane].centre[-1, :2])
+        if approach or leaving:
+            found.append(Passage(seen, lanes, approach, leaving, lane, passed))
+    return found
+
+
+def _after(seen: SeenTrack, last: int, end: NDArray[np.float64]) -> float:
+    """Return when a vehicle passed a stop line, between its last moment before and the next."""
+    away = float(np.linalg.norm(seen.xy[last] - end))
+    step = float(np.linalg.norm(seen.xy[last + 1] - seen.xy[last]))
+    share = min(away / step, 1.0) if step > 0 else 1.0
+    return float(seen.time_s[last] + share * (seen.time_s[last + 1] - seen.time_s[last]))
+
+
+def _before(seen: SeenTrack, end: NDArray[np.float64]) -> float:
+    """Return when a vehicle that was first seen behind a stop line passed it, seconds."""
+    speed = float(np.abs(seen.speed[:_FIRST]).mean())
+    away = float(np.linalg.norm(seen.xy[0] - end))
+    return float(seen.time_s[0]) - away / max(speed, _SLOWEST_MS)
+
+
+def _by_ways(
+    lanes: NDArray[np.object_], links: JunctionLinks, lane: str, leaving: str
+) -> tuple[str, str]:
+    """Return the lane before and the road after by the ways over the junction that it was on."""
+    votes: dict[tuple[str, str], int] = defaultdict(int)
+    for one in lanes:
+        way = links.ways.get(str(one))
+        if way and (not lane or way[0] == lane) and (not leaving or way[1] == leaving):
+            votes[way] += 1
+    if not votes:
+        return lane, leaving
+    return max(votes, key=lambda way: (votes[way], way))
+
+
+def _to(road_of: dict[str, Road], lane: object) -> str:
+    road = road_of.get(str(lane))
+    return "" if road is None else road.to_junction
+
+
+def _from(road_of: dict[str, Road], lane: object) -> str:
+    road = road_of.get(str(lane))
+    return "" if road is None else road.from_junction

@@ -1,0 +1,194 @@
+"""Signal timing: which recorded group governs which link, and the cycle that was shown."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.roads.signals.controlled_links import Link, Signalised
+from urbantwin.traffic.calibration.passages import JunctionLinks, Passage
+from urbantwin.traffic.recorded.track import RecordedSignals
+
+__all__ = ["Timing", "timing_of"]
+
+Shown = Sequence[tuple[float, str]]
+#: Drivers start after green begins and some pass at yellow (RiLSA 2015, 2.5: 3 s at 50 km/h);
+#: tracks and phases may be off by some tenths: seconds.
+_BEFORE_S, _AFTER_S = 0.5, 4.0
+_STEP_S = 0.1
+_YELLOW_S = 3.0
+_MISSED = 0.02  # chance of a passage at red
+_CYCLE_S = (20.0, 180.0)
+
+
+@dataclass(frozen=True)
+class Timing:
+    """The timing of a junction's signals.
+
+    Attributes:
+        cycle_s: median time between two beginnings of green of a group.
+        cycles: how many such times there are.
+        group_of: link -> group.
+        certain: links whose group passages tell.
+        states: (seconds, one letter for each link), one cycle as it was shown.
+        greens: group -> seconds of green in it.
+    """
+
+    cycle_s: float
+    cycles: int
+    group_of: dict[int, str]
+    certain: tuple[int, ...]
+    states: tuple[tuple[float, str], ...]
+    greens: dict[str, float]
+
+
+def timing_of(
+    signals: RecordedSignals, passages: Sequence[Passage], links: JunctionLinks, until_s: float
+) -> Timing | None:
+    """Return the timing that was recorded; ``None`` where no group repeats, or nothing has signals.
+
+    Each link gets the group that was green when those passed who took it (the likeliest, by
+    passages as independent draws); links that nobody took get that of their lane's other links,
+    then of their road's.
+
+    Args:
+        signals: what groups showed.
+        passages: who passed, and when.
+        links: of the junction.
+        until_s: what was shown until then, seconds.
+    """
+    shown = {
+        group: changes
+        for group, changes in signals.shown.items()
+        if any(letter == "y" for _, letter in changes) and any(x in "Gg" for _, x in changes)
+    }
+    starts = {group: _starts(changes) for group, changes in shown.items()}
+    periods = [period for found in starts.values() for period in np.diff(found)]
+    periods = [one for one in periods if _CYCLE_S[0] <= one <= _CYCLE_S[1]]
+    if links.signals is None or not periods:
+        return None
+    cycle_s = round(float(np.median(periods)), 1)
+    group_of, certain = _groups(shown, passages, links, until_s)
+    if not group_of:
+        return None
+    times = np.arange(0.0, cycle_s - _STEP_S / 2, _STEP_S)
+    letters = {group: _letters(shown[group], times) for group in set(group_of.values())}
+    return Timing(
+        cycle_s,
+        len(periods),
+        group_of,
+        certain,
+        _states(letters, group_of, links.signals, len(times)),
+        {
+            group: round(float(np.isin(found, ["G", "g"]).sum() * _STEP_S), 1)
+            for group, found in sorted(letters.items())
+        },
+    )
+
+
+def _starts(changes: Shown) -> list[float]:
+    """Return when green began."""
+    return [at for at, letter in changes[1:] if letter in "Gg"]
+
+
+def _letters(changes: Shown, times: NDArray[np.float64]) -> NDArray[np.str_]:
+    begins = np.array([at for at, _ in changes])
+    number = np.searchsorted(begins, times + 1e-9, side="right") - 1
+    return np.asarray(np.array([letter for _, letter in changes])[number.clip(0)])
+
+
+def _groups(
+    shown: Mapping[str, Shown],
+    passages: Sequence[Passage],
+    links: JunctionLinks,
+    until_s: float,
+) -> tuple[dict[int, str], tuple[int, ...]]:
+    passed: dict[tuple[str, str], list[float]] = defaultdict(list)
+    for one in passages:
+        way = (one.lane, one.leaving)
+        if way in links.links and np.isfinite(one.passed_s) and one.passed_s < until_s:
+            passed[way].append(one.passed_s)
+    chosen: dict[tuple[str, str], str] = {}
+    every = np.arange(0.0, until_s, _STEP_S)
+    share = {group: float(_open(changes, every).mean()) for group, changes in shown.items()}
+    for way, times in passed.items():
+        at = np.array(times)
+        score = {
+            group: float(
+                np.where(
+                    _open(changes, at), np.log((1 - _MISSED) / max(share[group], 1e-3)), 0.0
+                ).sum()
+                + np.where(_open(changes, at), 0.0, np.log(_MISSED)).sum()
+            )
+            for group, changes in shown.items()
+        }
+        best = max(score, key=lambda group: (score[group], -len(group), group))
+        if score[best] > 0:
+            chosen[way] = str(best)
+    group_of: dict[int, str] = {}
+    for way, numbers in links.links.items():
+        near = [
+            *([chosen[way]] if way in chosen else []),
+            *(group for other, group in chosen.items() if other[0] == way[0]),
+            *(group for other, group in chosen.items() if _road(other) == _road(way)),
+        ]
+        for number in numbers if near else ():
+            group_of[number] = near[0]
+    certain = tuple(sorted(k for way in chosen for k in links.links[way]))
+    return group_of, certain
+
+
+def _open(changes: Shown, times: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return whether one may pass at times: at green, and a little before and after."""
+    found = np.zeros(len(times), np.bool_)
+    ends = [at for at, _ in changes[1:]] + [np.inf]
+    for (begin, letter), end in zip(changes, ends, strict=True):
+        if letter in "Gg":
+            found |= (times >= begin - _BEFORE_S) & (times <= end + _AFTER_S)
+    return found
+
+
+def _road(way: tuple[str, str]) -> str:
+    return way[0].rpartition("_")[0]
+
+
+def _states(
+    letters: Mapping[str, NDArray[np.str_]],
+    group_of: Mapping[int, str],
+    signals: Signalised,
+    moments: int,
+) -> tuple[tuple[float, str], ...]:
+    """Return a cycle as phases; links whose group is not known blink: who comes gives way."""
+    rows = np.full((moments, signals.size), "o")
+    for link, group in group_of.items():
+        rows[:, link] = letters[group]
+    for column in rows.T:
+        _close(column)
+    whole = [_with_right_of_way(row, signals) for row in rows]
+    cuts = [0, *(k for k in range(1, moments) if whole[k] != whole[k - 1]), moments]
+    return tuple((round((end - begin) * _STEP_S, 1), whole[begin]) for begin, end in pairwise(cuts))
+
+
+def _close(column: NDArray[np.str_]) -> None:
+    """Let green end with yellow where the cycle is cut."""
+    if column[-1] in ("G", "g") and column[0] in ("r", "u"):
+        column[-round(_YELLOW_S / _STEP_S) :] = "y"
+
+
+def _with_right_of_way(row: NDArray[np.str_], signals: Signalised) -> str:
+    """Return a state in which, of those who meet at green, one gives way."""
+    lit = [link for link in signals.links if row[link.index] in ("G", "g")]
+    state = list(row)
+    first: list[Link] = []
+    for link in sorted(lit, key=lambda one: (one.is_turn, one.index)):
+        waits = any(signals.gives_way(link, other) for other in lit)
+        meets = any(signals.are_foes(link, one) and link.road != one.road for one in first)
+        state[link.index] = "g" if waits or meets else "G"
+        if not waits and not meets:
+            first.append(link)
+    return "".join(state)

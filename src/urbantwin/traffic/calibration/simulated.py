@@ -1,0 +1,86 @@
+"""A simulation as tracks, seen where the recording saw: to be measured as it was."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+
+from urbantwin.traffic.assets import asset
+from urbantwin.traffic.calibration.passages import SeenTrack
+from urbantwin.traffic.recorded.track import RecordedTrack
+from urbantwin.traffic.run import demand_of
+from urbantwin.traffic.simulation import simulate
+from urbantwin.twin import Twin
+
+__all__ = ["seen_area", "simulated_tracks"]
+
+_STEP_S = 0.2
+#: Beside the recorded paths so much is seen, metres.
+_BESIDE_M = 3.0
+
+
+def seen_area(tracks: list[SeenTrack]) -> shapely.Geometry:
+    """Return where tracks were seen."""
+    lines = [shapely.LineString(one.xy) for one in tracks if len(one.xy) > 1]
+    return shapely.union_all([line.simplify(0.2).buffer(_BESIDE_M) for line in lines])
+
+
+def simulated_tracks(
+    twin: Twin,
+    asked: Mapping[str, Any],
+    seconds: float,
+    area: shapely.Geometry,
+    *,
+    scratch: Path,
+    told: Callable[[float], None],
+) -> list[SeenTrack]:
+    """Return what of a simulation would have been seen in an area, track by track.
+
+    Args:
+        twin: on which.
+        asked: ``traffic`` of the site.
+        seconds: how long.
+        area: what is seen.
+        scratch: a folder for SUMO's files.
+        told: called with the share that is done.
+    """
+    seed, warmup_s = int(asked["seed"]), float(asked["warmup_s"])
+    demand = demand_of(twin, asked=asked, duration_s=seconds, seed=seed, scratch=scratch)
+    steps = round(seconds / _STEP_S)
+    found = simulate(
+        twin.net_path,
+        demand,
+        asset,
+        warmup_s=warmup_s,
+        steps=steps,
+        step_s=_STEP_S,
+        seed=seed,
+        scratch=scratch,
+        progress=lambda share, _: told(share),
+    )
+    kept = np.flatnonzero((found.step >= 0) & (found.step < steps))
+    order = kept[np.lexsort([found.step[kept], found.trip[kept]])]
+    cuts = np.flatnonzero(np.diff(found.trip[order])) + 1
+    shapely.prepare(area)
+    tracks = []
+    for rows in np.split(order, cuts) if len(order) else []:
+        trip = demand.trips[int(found.trip[rows[0]])]
+        mesh = asset(trip.asset)
+        yaw = np.pi / 2 - np.radians(found.angle_deg[rows])
+        ahead = np.column_stack([np.cos(yaw), np.sin(yaw)])
+        xy = found.front[rows] - ahead * mesh.length / 2
+        inside = np.flatnonzero(shapely.intersects_xy(area, *xy.T))
+        if len(inside) < 3:
+            continue
+        part = slice(int(inside[0]), int(inside[-1]) + 1)
+        times = np.asarray(found.step[rows][part] * _STEP_S, np.float64)
+        size = np.array([mesh.length, mesh.width, mesh.height])
+        nothing = np.full(len(times), np.nan)
+        name = str(found.trip[rows[0]])
+        track = RecordedTrack(name, trip.actor_class, times, xy[part], yaw[part], nothing, size)
+        tracks.append(SeenTrack(track, times, xy[part], yaw[part], found.speed[rows][part]))
+    return tracks

@@ -1,0 +1,50 @@
+"""How drivers drive, as attributes of SUMO's vehicle types."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from urbantwin.traffic.vehicle_types import ACTOR_KINDS
+
+__all__ = ["manners_of"]
+
+#: Field of ``traffic.drivers`` -> SUMO's attribute.
+_ATTRIBUTES = {
+    "headway_s": "tau",
+    "standing_gap_m": "minGap",
+    "acceleration": "accel",
+    "critical_gap_s": "jmTimegapMinor",
+}
+#: Desired speeds are cut so many standard deviations from their mean.
+_CUT = 2.5
+
+
+def manners_of(drivers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, str]]:
+    """Return by class the attributes of SUMO's vehicle type that a site changes.
+
+    Args:
+        drivers: ``traffic.drivers`` of the site.
+    """
+    found: dict[str, dict[str, str]] = {}
+    for name, one in drivers.items():
+        values = {
+            attribute: f"{one[field]:g}"
+            for field, attribute in _ATTRIBUTES.items()
+            if one.get(field) is not None
+        }
+        if one.get("speed_factor") is not None or one.get("speed_spread") is not None:
+            mean, spread = _usual(name)
+            mean = mean if one.get("speed_factor") is None else one["speed_factor"]
+            spread = spread if one.get("speed_spread") is None else one["speed_spread"]
+            low, high = max(mean - _CUT * spread, 0.1), mean + _CUT * spread
+            values["speedFactor"] = f"normc({mean:.3f},{spread:.3f},{low:.3f},{high:.3f})"
+        found[name] = values
+    return found
+
+
+def _usual(name: str) -> tuple[float, float]:
+    """Return mean and standard deviation of the usual desired speed of a class."""
+    text = ACTOR_KINDS[name].parameters.get("speedFactor", "normc(1,0.1,0.2,2)")
+    mean, spread = text.removeprefix("normc(").rstrip(")").split(",")[:2]
+    return float(mean), float(spread)

@@ -1,0 +1,135 @@
+"""Calibration: what is known of a simulation is found again in what was seen of it."""
+
+from collections import Counter
+
+import numpy as np
+import pytest
+import shapely
+
+from urbantwin.traffic.calibration.agreement import agreement, own_spread
+from urbantwin.traffic.calibration.measured import Measured, measured
+from urbantwin.traffic.calibration.parameters import traffic_of
+from urbantwin.traffic.calibration.passages import JunctionLinks, Passage, SeenTrack, passages_of
+from urbantwin.traffic.calibration.signal_timing import timing_of
+from urbantwin.traffic.calibration.simulated import simulated_tracks
+from urbantwin.traffic.recorded.track import RecordedSignals
+from urbantwin.twin import Twin
+
+SECONDS, WARMUP_S, GAP_M = 420.0, 60.0, 3.2
+FLOWS = {("wc", "ce"): 400.0, ("wc", "cs"): 150.0, ("ec", "cw"): 350.0, ("nc", "cs"): 250.0}
+
+
+@pytest.fixture(scope="module")
+def links(crossing_twin: Twin) -> JunctionLinks:
+    return JunctionLinks.of(crossing_twin.net_path, crossing_twin.roads)
+
+
+@pytest.fixture(scope="module")
+def tracks(crossing_twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> list[SeenTrack]:
+    asked = {
+        **crossing_twin.site["traffic"],
+        "per_hour": {},
+        "warmup_s": WARMUP_S,
+        "counts": [
+            {"approach": start, "turn": end, "actor_class": "car", "per_hour": rate}
+            for (start, end), rate in FLOWS.items()
+        ],
+        "drivers": {"car": {"standing_gap_m": GAP_M, "speed_factor": 0.8, "speed_spread": 0.02}},
+    }
+    return simulated_tracks(
+        crossing_twin,
+        asked,
+        SECONDS,
+        shapely.box(-140, -140, 140, 140),
+        scratch=tmp_path_factory.mktemp("sumo"),
+        told=lambda _: None,
+    )
+
+
+@pytest.fixture(scope="module")
+def passages(tracks: list[SeenTrack], crossing_twin: Twin, links: JunctionLinks) -> list[Passage]:
+    return passages_of(tracks, crossing_twin.roads, links)
+
+
+@pytest.fixture(scope="module")
+def whole(tracks: list[SeenTrack], passages: list[Passage], crossing_twin: Twin) -> Measured:
+    return measured(tracks, passages, crossing_twin.roads, 0.0, SECONDS)
+
+
+def test_everybody_is_found_on_the_way_that_was_taken(whole: Measured) -> None:
+    assert set(whole.turns) == set(FLOWS)
+    for way, rate in FLOWS.items():
+        # Who sets out evenly passes in platoons: a cycle's worth may be missing or too many.
+        assert whole.turns[way] == pytest.approx(rate * SECONDS / 3600, abs=rate * 60 / 3600 + 2)
+
+
+def test_flows_and_gaps_of_drivers_are_found_again(
+    whole: Measured, passages: list[Passage], tracks: list[SeenTrack]
+) -> None:
+    sizes = {"car": np.array([one.track.size for one in tracks])}
+    traffic, _ = traffic_of(whole, passages, sizes, 0.0)
+    counted = {(row["approach"], row["turn"]): row["per_hour"] for row in traffic["counts"]}
+    assert counted == {
+        way: pytest.approx(count * 3600 / SECONDS, abs=0.1) for way, count in whole.turns.items()
+    }
+    assert traffic["drivers"]["car"]["standing_gap_m"] == pytest.approx(GAP_M, abs=0.4)
+    assert traffic["size"]["car"]["length"] == pytest.approx(1.0, abs=0.1)
+    assert max(float(speeds.max()) for speeds in whole.speeds) < 0.8 * 13.9 * 1.1
+
+
+def test_groups_of_signals_are_told_by_who_passes(
+    crossing_twin: Twin, links: JunctionLinks, passages: list[Passage]
+) -> None:
+    (program,) = crossing_twin.roads.programs
+    cycle = sum(seconds for seconds, _ in program.phases)
+    states = []  # of every link, each second
+    for second in range(round(SECONDS)):
+        at = (second + WARMUP_S - program.offset) % cycle
+        for seconds, state in program.phases:
+            if at < seconds:
+                states.append(state)
+                break
+            at -= seconds
+    # A group for every link, by names that tell nothing.
+    shown = {}
+    for link in range(len(states[0])):
+        letters = [state[link] for state in states]
+        changes = [k for k in range(len(letters)) if k == 0 or letters[k] != letters[k - 1]]
+        shown[f"group {link}"] = tuple((float(k), letters[k]) for k in changes)
+    timing = timing_of(RecordedSignals(shown), passages, links, SECONDS)
+    assert timing is not None
+    assert timing.cycle_s == pytest.approx(cycle, abs=0.5)
+    taken = Counter(
+        number
+        for one in passages
+        if np.isfinite(one.passed_s)
+        for number in links.links.get((one.lane, one.leaving), ())
+    )
+    often = [link for link, count in taken.items() if count >= 8]
+    assert len(often) >= 3
+    for link in often:
+        green = {
+            name: [at for at, letter in changes if letter in "Gg"]
+            for name, changes in (("own", shown[f"group {link}"]),)
+        }["own"]
+        found = [at for at, letter in shown[timing.group_of[link]] if letter in "Gg"]
+        assert found == green
+    assert sum(seconds for seconds, _ in timing.states) == pytest.approx(cycle, abs=0.5)
+
+
+def test_a_measurement_agrees_with_itself_and_not_with_another(
+    whole: Measured, tracks: list[SeenTrack], crossing_twin: Twin, links: JunctionLinks
+) -> None:
+    same = agreement(whole, whole)
+    assert (same["speed_ks"], same["headway_ks"], same["turn_shares_points"]) == (0, 0, 0)
+    slow = [
+        SeenTrack(one.track, one.time_s, one.xy, one.yaw, one.speed / 2)
+        for one in tracks
+        if one.track.actor_class == "car"
+    ]
+    other = measured(
+        slow, passages_of(slow, crossing_twin.roads, links), crossing_twin.roads, 0.0, SECONDS
+    )
+    assert agreement(whole, other)["speed_ks"] > 0.5
+    spread = own_spread(whole)
+    assert 0 < spread["speed_ks"]["median"] < spread["speed_ks"]["p95"] < 0.4
