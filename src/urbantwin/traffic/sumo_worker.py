@@ -28,12 +28,13 @@ def _beside(name: str) -> ModuleType:
     spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
     assert spec is not None
     assert spec.loader is not None
-    found = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(found)
-    return found
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
-sumo_curves, sumo_staging = _beside("sumo_curves"), _beside("sumo_staging")
+sumo_curves, sumo_trams = _beside("sumo_curves"), _beside("sumo_trams")
+sumo_staging = _beside("sumo_staging")
 
 #: Step, trip, x, y, angle, speed, lane. A trip's number is its name in SUMO.
 Row = tuple[int, int, float, float, float, float, int]
@@ -195,8 +196,11 @@ def simulate(job: dict[str, Any]) -> None:
     total = job["warmup_substeps"] + last * substeps + 1
     curves = sumo_curves.Curves(job["curves"])
     staging = sumo_staging.Staging(job["staged"])
+    trams = sumo_trams.Trams(job["trams"])
+    step_s = libsumo.simulation.getDeltaT()
     for made in range(total):
         curves.slow_down()
+        trams.heed(step_s)
         staging.act()
         libsumo.simulationStep()
         recorder.count_incidents()
