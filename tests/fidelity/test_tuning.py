@@ -341,6 +341,7 @@ def test_density_and_size_of_actors_are_found(tmp_path):
 
 def test_resized_actors_have_the_bounds_that_they_say(place):
     row = {"track": 4, "class": "car", "asset": "car-sedan", "length": 4.0, "width": 2.0}
+    row["height"] = 1.5
     motion = motion_of(
         place[0], [row, row | {"track": 5, "class": "pedestrian", "asset": "pedestrian-man"}]
     )
