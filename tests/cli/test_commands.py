@@ -21,7 +21,6 @@ COMMANDS = tuple(
     "actors align background build calibrate carla compare coverage demo export film init "
     "inspect record replay reproduce run sensors traffic tune verify".split()
 )
-)
 
 
 def test_help_lists_every_command_and_is_quick(run_program: Run) -> None:
