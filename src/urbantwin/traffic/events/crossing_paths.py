@@ -51,7 +51,8 @@ def near_miss(event: NearMiss, setting: Setting) -> Scripted:
         event.at_s,
         event.within_s,
         classes=_VEHICLES,
-        yaw=spot.yaw,
+        # Metres and degrees say a place, not which lane of a junction.
+        yaw=None if event.place.lane is None and event.place.street is None else spot.yaw,
         until_s=setting.until_s - _AFTER_S,
         near_m=2.5 if event.place.lane is not None else 6.0,
     )

@@ -134,7 +134,7 @@ class Surroundings:
         within_s: float,
         *,
         classes: tuple[str, ...],
-        yaw: float,
+        yaw: float | None,
         until_s: float,
         near_m: float = 2.0,
         least_ms: float = 2.0,
@@ -146,13 +146,13 @@ class Surroundings:
             at_s: the time.
             within_s: how far from it.
             classes: whom to take.
-            yaw: where it goes, within 60 degrees, rad.
+            yaw: where it goes, within 60 degrees, rad; ``None`` for anywhere.
             until_s: it is there before.
             near_m: its middle comes as near as this.
             least_ms: and is as fast as this.
         """
         away = np.hypot(*(self.xy - xy).T)
-        right = np.cos(self.yaw - yaw) > 0.5
+        right = np.cos(self.yaw - (self.yaw if yaw is None else yaw)) > 0.5
         there = (away < near_m) & (self.speed > least_ms) & right & np.isin(self.kind, classes)
         there &= (np.abs(self.time_s - at_s) <= within_s) & (self.time_s <= until_s)
         found = []
