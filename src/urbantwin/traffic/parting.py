@@ -30,6 +30,8 @@ _PASSING_MS = 0.4
 #: Who would have to step aside by more than this, metres, goes the shortest way out: those of the
 #: size of people, and beside longer ones.
 ASIDE_M, _ROUND_M, _LONG_M = 1.2, 2.4, 1.2
+#: No vehicle stands farther than this ahead of where it stopped, metres: it may be a stop line.
+_CREEP_M = 0.3
 #: Weight of the constraints against that of the paths, and rounds of both.
 _RHO, _ROUNDS = 8.0, 40
 _KEEP = 1e7  # weight of who is not to be moved
@@ -194,12 +196,24 @@ class PartingPaths:
         way, least = _ways(both, speed, np.concatenate([self.moving.actor, number]), pairs)
         # Whom others push off the footway comes back.
         off, inward, far = self._off(place)
-        border = np.column_stack([off, np.full(len(off), len(both.yaw))])
+        over, back, beyond = self._over(place)
+        bound = np.concatenate([off, over])
+        border = np.column_stack([bound, np.full(len(bound), len(both.yaw))])
         return (
             np.concatenate([pairs, border]),
-            np.concatenate([way, inward]),
-            np.concatenate([least, far]),
+            np.concatenate([way, inward, back]),
+            np.concatenate([least, far, beyond]),
         )
+
+    def _over(
+        self, place: NDArray[np.float64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return which vehicles stand too far ahead of where they stopped, as `_off` does."""
+        ahead = self.moving.boxes.axes[:, 0]
+        by = ((place - self.moving.boxes.xy) * ahead).sum(axis=1)
+        stands = ~self.on_foot & (self.moving.speed < STANDING_MS)
+        rows = np.flatnonzero(stands & (by > _CREEP_M))
+        return rows, -ahead[rows], by[rows] - _CREEP_M
 
     def _off(
         self, place: NDArray[np.float64]
