@@ -22,7 +22,7 @@ from urbantwin.site.country import country_of
 from urbantwin.site.traffic import OwnAssetSpec
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.actor_table import Place, actor_table
-from urbantwin.traffic.assets import Fleet, OwnBodies
+from urbantwin.traffic.assets import Fleet, OwnBodies, asset, asset_names
 from urbantwin.traffic.bottleneck import bottleneck
 from urbantwin.traffic.circulation import Circulation
 from urbantwin.traffic.circulation_report import circulation_report
@@ -122,6 +122,7 @@ def _driven(
         steps=steps,
         step_s=step_s,
         seed=seed,
+        roads=twin.roads,
         scratch=scratch,
         progress=lambda fraction, what: told(0.1 + 0.5 * fraction, what),
     )
@@ -216,7 +217,7 @@ def demand_of(
             outer_roads(twin),
             asked["per_hour"],
             seed,
-            stops=twin.roads.stops,
+            stops=(*twin.roads.stops, *twin.roads.tram_stops),
             bus_roads=frozenset(twin.roads.bus_roads),
         )
         if asked.get("guessed"):
@@ -226,6 +227,7 @@ def demand_of(
         found = calibrate(
             circulation,
             twin.net_path,
+            roads=twin.roads,
             room=_room(twin),
             asset=own.asset,
             body=body,
@@ -295,14 +297,15 @@ def _anchor(twin: Twin) -> tuple[float, float]:
 
 
 def outer_roads(twin: Twin) -> frozenset[str]:
-    """Return the edges of the outer roads: those that no way of the map is.
+    """Return the edges of outer roads, which no way of the map is, and of outer tracks.
 
     Roads that are not made from ways have none: there one turns round where they end.
     """
     roads = twin.roads.roads
+    rails = frozenset(track.id for track in twin.roads.tracks if track.outer)
     if not any(road.ways for road in roads):
-        return frozenset()
-    return frozenset(road.id for road in roads if not road.ways)
+        return rails
+    return rails | frozenset(road.id for road in roads if not road.ways)
 
 
 def _room(twin: Twin) -> float:
@@ -330,8 +333,10 @@ def _counts(
     per_hour: Mapping[str, float], demand: Demand, simulated: Simulated, actors: pa.Table
 ) -> dict[str, dict[str, float | int]]:
     """Return, for each class, how many were asked for, came in, and are seen in the motion."""
-    tracks = actors.group_by(["track", "class"]).aggregate([])
-    seen = Counter(tracks["class"].to_pylist())
+    tracks = actors.group_by(["track", "class", "asset"]).aggregate([])
+    behind = {body.asset for name in asset_names("tram") for body in asset(name).bodies[1:]}
+    shown = zip(tracks["class"].to_pylist(), tracks["asset"].to_pylist(), strict=True)
+    seen = Counter(kind for kind, name in shown if name not in behind)
     left_out = {item.actor_class: item.count for item in demand.left_out}
     counts: dict[str, dict[str, float | int]] = {}
     for name in ACTOR_CLASSES:
