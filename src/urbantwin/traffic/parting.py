@@ -136,7 +136,7 @@ class PartingPaths:
         self.moving, self.blocks, self.tree = moving, blocks, tree
         self.footways, self.step_s = footways, step_s
         self.joined, self.kept, actor = moving.joined, ~changed, moving.actor
-        gives = [_GIVES[name] for name in moving.classes]
+        gives = [_GIVES.get(name, _GIVES["car"]) for name in moving.classes]
         kind = np.array([[one.along, one.aside, one.change_s, *one.most_m] for one in gives])[actor]
         self.on_foot = np.array([name == "pedestrian" for name in moving.classes])[actor]
         self.scale = np.sqrt(kind[:, :2])
