@@ -309,7 +309,7 @@ def test_strides_are_those_of_people():
     assert asset("pedestrian-woman").stride_m == pytest.approx(1.28, rel=0.08)
 
 
-@pytest.mark.parametrize("name", WALKERS)
+@pytest.mark.parametrize("name", [name for name in WALKERS if name != "pedestrian-stroller"])
 def test_arms_swing_against_legs_and_the_head_goes_straight_on(name):
     mesh = asset_mesh(name, 0)
     skin, rubber = (

@@ -173,6 +173,9 @@ def _solids(name: str, phase: int, *, halted: bool) -> list[Solid]:
     entry = _entry(name)
     match entry["builder"]:
         case "walker":
+            if "stands" in entry:
+                now = pushing(entry, None if halted else phase)
+                return fitted(now, entry["size"], like=_first_phase(name))
             return walker(Figure(**entry["figure"]), None if halted else phase)
         case "two-wheeler":
             first = _first_phase(name)
@@ -192,8 +195,9 @@ def _solids(name: str, phase: int, *, halted: bool) -> list[Solid]:
 
 @cache
 def _first_phase(name: str) -> list[Solid]:
-    """Return the solids of a two-wheeler in phase 0: it sizes all phases."""
-    return two_wheeler(_entry(name))
+    """Return the solids of an asset in phase 0: it sizes all phases."""
+    entry = _entry(name)
+    return pushing(entry, 0) if entry["builder"] == "walker" else two_wheeler(entry)
 
 
 @cache
@@ -222,6 +226,13 @@ def _entry(name: str) -> dict[str, Any]:
         raise InputError(
             f"unknown asset '{name}'", expected=f"one of {', '.join(_entries())}"
         ) from None
+
+
+def pushing(entry: Mapping[str, Any], phase: int | None) -> list[Solid]:
+    """Return the solids of who walks in a phase, or stands, behind what is pushed."""
+    ahead = [entry["size"][0] / 2 - entry["stands"], 0.0, 0.0]
+    person = walker(Figure(**entry["figure"]), phase)
+    return [solid.moved(ahead) for solid in person] + parts(entry)
 
 
 def bus(entry: Mapping[str, Any]) -> list[Solid]:
