@@ -14,8 +14,9 @@ from urbantwin.geometry import LabelledMesh
 from urbantwin.progress import Progress, between, each, untold
 from urbantwin.roads import RoadNetwork
 from urbantwin.traffic.assets import Asset
+from urbantwin.traffic.bending import with_bodies
 from urbantwin.traffic.box_plan import PlanBoxes
-from urbantwin.traffic.demand import Demand
+from urbantwin.traffic.demand import Demand, Trip
 from urbantwin.traffic.footing import Footways
 from urbantwin.traffic.motion import ACTOR_SCHEMA, step_times
 from urbantwin.traffic.obstacles import Obstacles
@@ -66,11 +67,13 @@ def actor_table(
     steps: int,
     step_s: float,
     asset: Callable[[str], Asset],
+    by_trip: bool = False,
     tell: Progress = untold,
 ) -> tuple[pa.Table, int]:
     """Return the table of actors and how many poses were left out because there is no ground.
 
-    Tracks are numbered in the order of setting out.
+    Tracks are numbered in the order of setting out, and after them the further bodies of vehicles
+    that bend.
 
     Args:
         simulated: what SUMO saw.
@@ -79,16 +82,18 @@ def actor_table(
         steps: how many steps the motion has; steps before and after them only shape the paths.
         step_s: time between steps.
         asset: an asset's dimensions and contacts by name.
+        by_trip: let a track's number be that of its trip, whoever else is there.
         tell: called with the fraction done (0..1) and what is being done.
     """
     smoothing, standing = between(tell, 0.0, 0.4), between(tell, 0.5, 0.9)
     columns = _poses(simulated, demand, step_s=step_s, asset=asset, tell=smoothing)
+    columns, trips = with_bodies(columns, demand, simulated, place.roads.tracks, asset=asset)
     tell(0.4, "past each other")
     ground = place.ground
-    columns = _apart(columns, simulated.lanes, demand, place, step_s=step_s, asset=asset)
+    columns = _apart(columns, simulated.lanes, trips, place, step_s=step_s, asset=asset)
     kept = (columns["step"] >= 0) & (columns["step"] < steps)
     columns = {name: values[kept] for name, values in columns.items()}
-    names = np.array([trip.asset for trip in demand.trips], object)
+    names = np.array([trip.asset for trip in trips], object)
     trip = columns["trip"]
     tell(0.48, "heights of their lanes")
     ceiling = ground.ceiling(columns["xy"], columns["lane"], simulated.lanes)
@@ -111,10 +116,10 @@ def actor_table(
     trip = trip[order]
     driven, track = np.unique(trip, return_inverse=True)
     size = np.array([track_size(asset(names[number])) for number in driven]).reshape(-1, 3)[track]
-    classes = [trip.actor_class for trip in demand.trips]
+    classes = [trip.actor_class for trip in trips]
     values = {
         "time_s": step_times(steps, step_s)[columns["step"][order]],
-        "track": track + 1,
+        "track": trip if by_trip else track + 1,
         "class": _texts(classes, trip),
         "asset": _texts(names.tolist(), trip),
         "phase": phase[order],
@@ -175,21 +180,21 @@ def _poses(
 def _apart(
     columns: dict[str, NDArray[Any]],
     lanes: Sequence[str],
-    demand: Demand,
+    trips: Sequence[Trip],
     place: Place,
     *,
     step_s: float,
     asset: Callable[[str], Asset],
 ) -> dict[str, NDArray[Any]]:
     """Return poses of which no two overlap, where that can be had."""
-    meshes = [asset(trip.asset) for trip in demand.trips]
+    meshes = [asset(trip.asset) for trip in trips]
     trip, stands = columns["trip"], columns["speed"] < _STANDING_MS
     striding = np.array([[mesh.length, mesh.width] for mesh in meshes]).reshape(-1, 2)
     still = np.array([track_size(mesh)[:2] for mesh in meshes]).reshape(-1, 2)
     size = np.where(stands[:, None], still[trip], striding[trip])
     level = place.ground.levels(lanes)[columns["lane"]]
     boxes = PlanBoxes(columns["step"], columns["xy"], columns["yaw"], size / 2)
-    classes = tuple(one.actor_class for one in demand.trips)
+    classes = tuple(one.actor_class for one in trips)
     moving = Moving(trip, boxes, columns["speed"], level, columns["lane"], classes)
     footways = Footways(place.roads, lanes, beyond_m=_BESIDE_M)
     xy, speed = separated(moving, place.blocks, footways, step_s)

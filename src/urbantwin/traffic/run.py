@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,7 @@ import pyarrow as pa
 from urbantwin import __version__
 from urbantwin.artefact import replaced_folder
 from urbantwin.errors import InputError
-from urbantwin.progress import between, untold
+from urbantwin.progress import Progress, between, untold
 from urbantwin.result_warning import rows_of
 from urbantwin.roads.assignment.movement_flows import IN_CARS
 from urbantwin.roads.assignment.street_network import StreetNetwork
@@ -22,12 +24,15 @@ from urbantwin.site.country import country_of
 from urbantwin.site.traffic import OwnAssetSpec
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.actor_table import Place, actor_table
-from urbantwin.traffic.assets import Fleet, OwnBodies
+from urbantwin.traffic.assets import Fleet, OwnBodies, asset, asset_names
 from urbantwin.traffic.bottleneck import bottleneck
 from urbantwin.traffic.circulation import Circulation
 from urbantwin.traffic.circulation_report import circulation_report
 from urbantwin.traffic.counts import counted_demand, counted_report, is_counted
 from urbantwin.traffic.demand import Demand, plan_demand, together
+from urbantwin.traffic.events.put_in import StagedEvent, staged_table, with_events
+from urbantwin.traffic.events.reacting import REACTING, everybody, plan_events, reactions
+from urbantwin.traffic.events.scenario import scenario_events
 from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
 from urbantwin.traffic.flow_calibration import calibrate
 from urbantwin.traffic.footing import on_footways
@@ -39,6 +44,7 @@ from urbantwin.traffic.parked import park
 from urbantwin.traffic.placement import Ground
 from urbantwin.traffic.resize import resized
 from urbantwin.traffic.result_warnings import warnings_of_drive
+from urbantwin.traffic.signal_offset import net_with_offsets
 from urbantwin.traffic.signals import signal_table
 from urbantwin.traffic.simulation import Simulated, simulate
 from urbantwin.twin import Twin
@@ -114,17 +120,22 @@ def _driven(
         scratch=scratch,
         progress=lambda fraction: told(0.1 * fraction, "finding how many circulate"),
     )
-    simulated = simulate(
-        twin.net_path,
+    net_path, offsets = twin.net_path, asked.get("signal_offsets")
+    if offsets:
+        net_path = net_with_offsets(net_path, offsets, scratch / "offset.net.xml")
+    drive = partial(
+        simulate,
+        net_path,
         demand,
         own.asset,
         warmup_s=warmup_s,
         steps=steps,
         step_s=step_s,
         seed=seed,
+        roads=twin.roads,
         scratch=scratch,
-        progress=lambda fraction, what: told(0.1 + 0.5 * fraction, what),
     )
+    simulated = drive(progress=lambda fraction, what: told(0.1 + 0.5 * fraction, what))
     told(0.6, "actors")
     ground = Ground(twin.ground_mesh, twin.roads)
     parked = park(
@@ -136,15 +147,36 @@ def _driven(
         asset=own.asset,
     )
     standing = parked.table(ACTOR_SCHEMA)
-    actors, outside = actor_table(
-        on_footways(simulated, demand, twin.roads),
-        demand,
-        Place.of(twin.roads, ground, twin.mesh, standing),
-        steps=steps,
-        step_s=step_s,
-        asset=own.asset,
-        tell=between(told, 0.6, 0.85, "actors"),
-    )
+    standing_among = Place.of(twin.roads, ground, twin.mesh, standing)
+    scenario = list(enumerate(scenario_events(asked.get("scenario", ()))))
+    reacting = [(n, one) for n, one in scenario if one.event in REACTING]
+
+    def tabled(seen: Simulated, whose: Demand, tell: Progress) -> tuple[pa.Table, int]:
+        return actor_table(
+            on_footways(seen, whose, twin.roads),
+            whose,
+            standing_among,
+            steps=steps,
+            step_s=step_s,
+            asset=own.asset,
+            by_trip=bool(reacting),
+            tell=tell,
+        )
+
+    actors, outside = tabled(simulated, demand, between(told, 0.6, 0.85, "actors"))
+    staged: list[StagedEvent] = []
+    if reacting:
+        told(0.85, "the same with events")
+        start_s = math.ceil(warmup_s * 1000 / round(step_s * 1000)) * step_s
+        plan = plan_events(reacting, twin, demand, start_s)
+        simulated = drive(staged=plan.rows)
+        demand = everybody(demand, plan)
+        with_them, outside = tabled(simulated, demand, untold)
+        actors, staged = staged_table(
+            actors, with_them, reactions(simulated, reacting, start_s, steps * step_s), reacting
+        )
+    if offsets:
+        net_path.unlink()  # the folder is the motion's
     signals = signal_table(simulated.signals, twin.roads.signals, steps=steps, step_s=step_s)
     manifest = {
         "kind": "motion",
@@ -173,10 +205,14 @@ def _driven(
         )
     if demand.circulates:
         manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)
+    if scenario:
+        manifest["events"] = []
     manifest["parked"] = parked.notes
     driven = Motion(manifest, actors, signals, own.meshes, parked=standing)
     shown = driven.with_meshes(between(told, 0.85, 0.93))
     motion = resized(shown, asked.get("size", {}))
+    if scenario:
+        motion = with_events(motion, twin, scenario, staged)
     told(0.93, "who passes through whom")
     overlaps = overlaps_of(motion.actors, motion.parked, step_s, twin.mesh)
     manifest = {**motion.manifest, "overlaps": overlaps}
@@ -216,7 +252,7 @@ def demand_of(
             outer_roads(twin),
             asked["per_hour"],
             seed,
-            stops=twin.roads.stops,
+            stops=(*twin.roads.stops, *twin.roads.tram_stops),
             bus_roads=frozenset(twin.roads.bus_roads),
         )
         if asked.get("guessed"):
@@ -226,6 +262,7 @@ def demand_of(
         found = calibrate(
             circulation,
             twin.net_path,
+            roads=twin.roads,
             room=_room(twin),
             asset=own.asset,
             body=body,
@@ -295,14 +332,15 @@ def _anchor(twin: Twin) -> tuple[float, float]:
 
 
 def outer_roads(twin: Twin) -> frozenset[str]:
-    """Return the edges of the outer roads: those that no way of the map is.
+    """Return the edges of outer roads, which no way of the map is, and of outer tracks.
 
     Roads that are not made from ways have none: there one turns round where they end.
     """
     roads = twin.roads.roads
+    rails = frozenset(track.id for track in twin.roads.tracks if track.outer)
     if not any(road.ways for road in roads):
-        return frozenset()
-    return frozenset(road.id for road in roads if not road.ways)
+        return rails
+    return rails | frozenset(road.id for road in roads if not road.ways)
 
 
 def _room(twin: Twin) -> float:
@@ -330,8 +368,10 @@ def _counts(
     per_hour: Mapping[str, float], demand: Demand, simulated: Simulated, actors: pa.Table
 ) -> dict[str, dict[str, float | int]]:
     """Return, for each class, how many were asked for, came in, and are seen in the motion."""
-    tracks = actors.group_by(["track", "class"]).aggregate([])
-    seen = Counter(tracks["class"].to_pylist())
+    tracks = actors.group_by(["track", "class", "asset"]).aggregate([])
+    behind = {body.asset for name in asset_names("tram") for body in asset(name).bodies[1:]}
+    shown = zip(tracks["class"].to_pylist(), tracks["asset"].to_pylist(), strict=True)
+    seen = Counter(kind for kind, name in shown if name not in behind)
     left_out = {item.actor_class: item.count for item in demand.left_out}
     counts: dict[str, dict[str, float | int]] = {}
     for name in ACTOR_CLASSES:

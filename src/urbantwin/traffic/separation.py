@@ -77,6 +77,8 @@ _GIVES = {
     "van": _Give(0.6, 0.05, 1.5, (5.0, 0.8)),
     "truck": _Give(0.3, 0.02, 1.8, (5.0, 0.6)),
     "bus": _Give(0.3, 0.02, 1.8, (5.0, 0.6)),
+    # Who runs on rails stays on them, and to its time.
+    "tram": _Give(1e-6, 1e-6, 2.0, (0.0, 0.0)),
 }
 
 

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,10 +21,12 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact import passing_folder
 from urbantwin.errors import InputError, StageError
+from urbantwin.roads import RoadNetwork
 from urbantwin.roads.curve_speed import REAR_M, SPACING_M, lane_speeds
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand import Demand
+from urbantwin.traffic.tram_conflicts import tram_conflicts
 from urbantwin.traffic.vehicle_types import ACTOR_KINDS
 
 __all__ = [
@@ -52,6 +54,9 @@ _FASTEST = 1.25  # nobody drives faster than so many times a lane's speed
 #: A bus halts at a stop for so long, seconds (Transit Capacity and Quality of Service Manual 2013,
 #: chapter 6: 15 s at a typical stop outside of city centres).
 DWELL_S = 15.0
+#: A tram, with more doors and more people at each of its stops (the same: 30 s and less for most
+#: stops of streetcars), for so long, seconds.
+TRAM_DWELL_S = 20.0
 STUCK_S = 300.0  # who stays and halts for longer is reported
 _SUBLANE_M = 0.8  # two-wheelers pass each other and cars within a lane
 
@@ -99,6 +104,7 @@ class Simulated:
         departed: trips that entered the network.
         sumo: SUMO's version.
         observed: what was seen each second, warm-up included.
+        staged: what became of each event that was staged (``sumo_staging.Staging.told``).
     """
 
     step: NDArray[np.int32]
@@ -114,6 +120,7 @@ class Simulated:
     departed: frozenset[int]
     sumo: str
     observed: Observed
+    staged: tuple[dict[str, Any], ...] = ()
 
 
 def simulate(  # noqa: PLR0913 - SUMO has as many sides
@@ -125,6 +132,8 @@ def simulate(  # noqa: PLR0913 - SUMO has as many sides
     steps: int,
     step_s: float,
     seed: int,
+    staged: Sequence[Mapping[str, Any]] = (),
+    roads: RoadNetwork | None = None,
     scratch: Path | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Simulated:
@@ -138,6 +147,8 @@ def simulate(  # noqa: PLR0913 - SUMO has as many sides
         steps: how many steps are kept.
         step_s: time between them; SUMO itself steps 0.1 s or an integer part of ``step_s``.
         seed: SUMO's seed.
+        staged: events that others react to, as ``sumo_staging`` takes them.
+        roads: the lanes, where trams meet other traffic.
         scratch: a folder for SUMO's files; the system's when not given.
         progress: called with the fraction done and what is being done.
 
@@ -154,11 +165,12 @@ def simulate(  # noqa: PLR0913 - SUMO has as many sides
         "first_step": -min(margin, warmup_steps),
         "last_step": steps - 1 + margin,
         "substeps": substeps,
+        "staged": list(staged),
     }
-    return _worked(net_path, demand, asset, options, job, scratch, progress)
+    return _worked(net_path, demand, asset, options, job, roads, scratch, progress)
 
 
-def observe(
+def observe(  # noqa: PLR0913 - the same
     net_path: Path,
     demand: Demand,
     asset: Callable[[str], Asset],
@@ -166,6 +178,7 @@ def observe(
     seconds: int,
     step_ms: int,
     seed: int,
+    roads: RoadNetwork | None = None,
     scratch: Path | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Simulated:
@@ -178,6 +191,7 @@ def observe(
         seconds: for how long.
         step_ms: SUMO's step.
         seed: SUMO's seed.
+        roads: the lanes, where trams meet other traffic.
         scratch: a folder for SUMO's files; the system's when not given.
         progress: called with the fraction done and what is being done.
 
@@ -186,8 +200,9 @@ def observe(
     """
     options = sumo_options(step_ms, seed, circulates=True)
     steps = round(seconds * 1000 / step_ms)
-    job = {"warmup_substeps": steps, "first_step": 1, "last_step": 0, "substeps": 1}
-    return _worked(net_path, demand, asset, options, job, scratch, progress)
+    job: dict[str, Any] = {"warmup_substeps": steps, "first_step": 1, "last_step": 0, "substeps": 1}
+    job["staged"] = []
+    return _worked(net_path, demand, asset, options, job, roads, scratch, progress)
 
 
 def _worked(
@@ -195,7 +210,8 @@ def _worked(
     demand: Demand,
     asset: Callable[[str], Asset],
     options: dict[str, object],
-    job: Mapping[str, object],
+    job: Mapping[str, Any],
+    roads: RoadNetwork | None,
     scratch: Path | None,
     progress: Callable[[float, str], None] | None,
 ) -> Simulated:
@@ -213,11 +229,15 @@ def _worked(
                 routes,
                 {**options, "additional-files": folder / "stops.add.xml"},
             ),
-            "classes": [ACTOR_CLASSES.index(trip.actor_class) for trip in demand.trips],
+            "classes": [
+                *(ACTOR_CLASSES.index(trip.actor_class) for trip in demand.trips),
+                *(number for row in job["staged"] for number in row.get("classes", ())),
+            ],
             "kinds": len(ACTOR_CLASSES),
             "outer": sorted(demand.outer),
             "stuck_s": STUCK_S,
             "curves": curves_of(net_path),
+            "trams": tram_conflicts(net_path, roads),
             "arrays": str(folder / "rows.npy"),
             "texts": str(folder / "outcome.json"),
         }
@@ -339,13 +359,14 @@ def write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> N
                 how = {"departLane": "best", "departSpeed": "max", "departPos": "random_free"}
             vehicle = etree.SubElement(root, "vehicle", **common, **how)
             etree.SubElement(vehicle, "route", edges=edges)
+            dwell_s = TRAM_DWELL_S if trip.actor_class == "tram" else DWELL_S
             for halt, before in zip(trip.halts, (-1, *trip.halts), strict=False):
                 if halt == before:
                     # SUMO would halt twice in one passage: it goes by another street in between.
                     here = trip.edges.index(demand.stops[halt].lane.rpartition("_")[0])
                     passed = {"edge": trip.edges[here + 1], "speed": "99", "duration": "0"}
                     etree.SubElement(vehicle, "stop", **passed)
-                etree.SubElement(vehicle, "stop", busStop=str(halt), duration=f"{DWELL_S:g}")
+                etree.SubElement(vehicle, "stop", busStop=str(halt), duration=f"{dwell_s:g}")
     etree.ElementTree(root).write(str(path), encoding="utf-8", xml_declaration=True)
 
 
@@ -423,6 +444,7 @@ def _read(arrays: Path, texts: Path) -> Simulated:
         collisions=len(outcome["collisions"]),
         departed=frozenset(outcome["departed"]),
         sumo=outcome["sumo"],
+        staged=tuple(outcome["staged"]),
         observed=Observed(
             **seen,
             longest_halt_s=outcome["longest_halt_s"],
