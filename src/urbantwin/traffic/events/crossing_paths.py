@@ -39,6 +39,8 @@ _MARGIN_M = 0.5
 _EXACT_S = 0.06
 #: Parked cars stand so far from the kerb, and from each other where the child comes out, metres.
 _KERB_M, _BETWEEN_M = 0.3, 1.6
+#: Cars that cannot be parked all the time stand so long before and after the meeting, seconds.
+_STAND_S = 8.0
 #: Places that are tried for parked cars lie so far from the asked one along the street, metres.
 _SHIFTS_M = tuple(sorted((4.0 * k for k in range(-8, 9)), key=abs))
 
@@ -147,8 +149,15 @@ def _child(event: ChildBetweenParkedCars, setting: Setting, spot: Spot, track: i
             continue
         side = -1.0 if setting.twin.roads.driving_side == "right" else 1.0
         parked: list[PrescribedPath] = []
-        for further_m in (0.0, 1.2, 2.2):  # at the kerb, half or all on the sidewalk
-            cars, out_m = _parked(setting, way, station, side, further_m)
+        # All the time, at the kerb, or half or all on the sidewalk; else as long as it takes.
+        around = max(meets_s - _STAND_S, 0.0), min(meets_s + _STAND_S, setting.until_s)
+        ways_to_stand = [
+            (further, span)
+            for span in ((0.0, setting.until_s), around)
+            for further in (0, 1.2, 2.2)
+        ]
+        for further_m, span in ways_to_stand:
+            cars, out_m = _parked(setting, way, station, side, further_m, span)
             passages = [passage_of_path(car, setting.others.motion) for car in cars]
             nearest_ones = [setting.others.nearest(one) for one in passages]
             in_the_way = [one for one in nearest_ones if one is not None and one.gap_m < 0.1]
@@ -194,11 +203,16 @@ def _child(event: ChildBetweenParkedCars, setting: Setting, spot: Spot, track: i
 
 
 def _parked(
-    setting: Setting, way: Way, station: float, side: float, further_m: float
+    setting: Setting,
+    way: Way,
+    station: float,
+    side: float,
+    further_m: float,
+    span: tuple[float, float],
 ) -> tuple[list[PrescribedPath], float]:
     """Return two parked cars on one side of a way, and how far out a child stands behind them.
 
-    They stand at the kerb, or further from the way by some metres.
+    They stand at the kerb, or further from the way by some metres, from one time to another.
     """
     at, yaw = way.at(np.array([station]))[0], way.heading(station)
     across = side * np.array([-np.sin(yaw), np.cos(yaw)])
@@ -220,7 +234,7 @@ def _parked(
             PrescribedPath(
                 "car",
                 name,
-                np.array([0.0, max(setting.until_s, 1e-3)]),
+                np.array([span[0], max(span[1], span[0] + 1e-3)]),
                 np.array([place, place]),
                 yaw=np.full(2, heading),
                 speed=np.zeros(2),
