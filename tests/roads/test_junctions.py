@@ -11,7 +11,7 @@ import sumolib
 from urbantwin.geometry import SiteFrame
 from urbantwin.ground import Elevation
 from urbantwin.roads import build_roads
-from urbantwin.roads.marking import arrow_at, guide_lines, turn_arrow
+from urbantwin.roads.marking import arrow_at, guide_lines, lines_through, turn_arrow
 from urbantwin.roads.marking.turn_arrow import arrow_on
 from urbantwin.site import read_extract
 from urbantwin.site.junction_proposal import propose_junction
@@ -293,3 +293,34 @@ def test_arrows_follow_a_lane_that_bends():
         aside = 12.0 - np.linalg.norm(corners - [0.0, 12.0], axis=1)
         assert (aside.min(), aside.max()) == pytest.approx((low, high), abs=0.03)
         assert bent.area == pytest.approx(flat.area, rel=0.05)
+
+
+def test_lines_between_lanes_go_on_past_a_minor_street(build):
+    """Three lanes straight on: two lines between them, which the turns do not have."""
+    three = ONE_WAY | {"lanes": "3"}
+    nodes = {1: (-150, 0, {}), 2: (0, 0, {}), 3: (150, 0, {}), 4: (0, 150, {})}
+    built, _ = build(nodes, {1: ([1, 2, 3], three), 2: ([2, 4], STREET)})
+    lines = list(lines_through(built.network, built.model))
+    widths = {lane.width for lane in built.network.lanes if lane.road and lane.kind == "driving"}
+    middle = sorted(float(line.points[:, 1].mean()) for line in lines)
+    assert len(lines) == 2
+    assert middle[1] - middle[0] == pytest.approx(max(widths), abs=0.05)
+    assert all(np.ptp(line.points[:, 1]) < 0.05 for line in lines)
+    # At signals the lines end.
+    nodes[2] = (0, 0, SIGNAL)
+    built, _ = build(nodes, {1: ([1, 2, 3], three), 2: ([2, 4], STREET)})
+    assert not list(lines_through(built.network, built.model))
+
+
+def test_a_crossing_and_its_stop_lines_are_one_signal(build):
+    """A street is crossed at lights, with a stop line mapped on either side."""
+    stop = SIGNAL | {"crossing": "no", "traffic_signals": "pedestrian_crossing"}
+    nodes = {1: (-150, 0, {}), 2: (150, 0, {}), 3: (0, 0, {"highway": "crossing"})}
+    nodes[3][2]["crossing"] = "traffic_signals"
+    for number, x, told in ((4, -4, "forward"), (5, 4, "backward")):
+        nodes[number] = (x, 0, stop | {"traffic_signals:direction": told})
+    network = build(nodes, {1: ([1, 4, 3, 5, 2], STREET)})[0].network
+    assert len(network.programs) == 1
+    stopped = [network.lane_by_id[name] for name in sorted(network.stopped_lanes)]
+    assert sorted(lane.kind for lane in stopped) == ["crossing", "driving", "driving"]
+    assert all(lane.length > 100 for lane in stopped if lane.kind == "driving")

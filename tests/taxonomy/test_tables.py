@@ -15,7 +15,8 @@ from urbantwin.taxonomy import (
 #: Learning map of SemanticKITTI, config/semantic-kitti.yaml: label -> name (the classes we use).
 SEMANTIC_KITTI = {
     1: "outlier",
-    10: "car", 13: "bus", 15: "motorcycle", 18: "truck", 30: "person", 31: "bicyclist",
+    10: "car", 13: "bus", 15: "motorcycle", 16: "on-rails", 18: "truck", 30: "person",
+    31: "bicyclist",
     32: "motorcyclist", 40: "road", 44: "parking", 48: "sidewalk", 49: "other-ground",
     50: "building", 51: "fence", 52: "other-structure", 70: "vegetation", 71: "trunk",
     72: "terrain", 80: "pole", 81: "traffic-sign", 99: "other-object",

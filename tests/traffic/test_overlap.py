@@ -88,7 +88,7 @@ def test_a_pair_counts_once_and_where_it_is_worst() -> None:
         (0.1, 1, "car", 0.0, 0.0, 0.0), (0.1, 2, "bus", 1.0, 0.0, 0.0),
         (0.1, 3, "car", 0.0, 1.04, 0.0), (0.2, 1, "car", 50.0, 0.0, 0.0),
     ]  # fmt: skip
-    found = overlaps_of(table(rows), 0.1, LabelledMesh.empty())
+    found = overlaps_of(table(rows), ACTOR_SCHEMA.empty_table(), 0.1, LabelledMesh.empty())
     assert (found["actors"], found["between"], found["scene"]) == (1, {"bus and car": 1}, 0)
     (worst,) = found["worst"]
     assert (worst["tracks"], worst["time_s"], worst["area_m2"]) == ([1, 2], 0.1, 1.0)
@@ -105,7 +105,7 @@ def test_what_stands_in_the_way_is_met_between_knee_and_head() -> None:
     )
     rows = [(0.0, n, "car", 10.0 * (n - 1), 0.0, 0.0) for n in (1, 2, 3, 4)]
     rows.append((0.0, 5, "car", 0.0, 0.53, 0.0))  # touches the pole by 2 cm
-    found = overlaps_of(table(rows), 0.1, scene)
+    found = overlaps_of(table(rows), ACTOR_SCHEMA.empty_table(), 0.1, scene)
     assert (found["scene"], found["with"]) == (1, {"car and pole": 1})
 
 
@@ -128,5 +128,13 @@ def test_boxes_that_rays_cross_meet_the_scene() -> None:
         hits = rays.cast(origins, np.tile(ahead, (41, 1)).astype(np.float32))
         inside = rays.cast(origins, np.tile([0, 0, 1.0], (41, 1)).astype(np.float32))
         expected += bool((hits.range_m < 1.9).any() or np.isfinite(inside.range_m).any())
-    found = overlaps_of(table(rows), 0.1, scene)
+    found = overlaps_of(table(rows), ACTOR_SCHEMA.empty_table(), 0.1, scene)
     assert found["scene"] == expected > 10
+
+
+def test_who_drives_into_a_parked_car_is_counted_at_whatever_step() -> None:
+    rows = [(round(0.1 * n, 1), 1, "bus", 1.0 * n, 0.0, 0.0) for n in range(20)]
+    parked = table([(0.0, 7, "car", 15.0, 0.4, 0.3), (0.0, 8, "car", 15.0, 2.0, 0.0)])
+    found = overlaps_of(table(rows), parked, 0.1, LabelledMesh.empty())
+    assert found["between"] == {"bus and car": 1}
+    assert found["worst"][0]["tracks"] == [1, 7]

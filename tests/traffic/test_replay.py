@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from urbantwin.cli import main
 from urbantwin.errors import InputError
 from urbantwin.exports.tracks import write_openlabel, write_tracks
 from urbantwin.traffic import Motion, run_traffic
@@ -131,3 +132,56 @@ def test_the_recording_of_karlsruhe_is_told_between_its_moments(shared_data: Pat
         pull.append(np.linalg.norm(np.gradient(velocity, times, axis=0), axis=1)[5:-5])
     assert np.sqrt(np.mean(np.concatenate(away) ** 2)) < 0.12
     assert np.quantile(np.concatenate(pull), 0.99) < 8.5  # of the file's own: 60
+
+
+def test_signals_stand_at_the_stop_lines_of_those_who_pass_at_green(
+    crossing_twin: Twin, tmp_path: Path, records: Callable[..., np.recarray]
+) -> None:
+    heads = {head.lane: head for head in crossing_twin.roads.signals}
+    west = heads["wc_1"]
+    # Ten from the west pass from 42 s on, where a is green; c's stop line is told, d is dark.
+    rows = [
+        f"{number},{(420 + 30 * number + k) / 10},car,{west.x - 30 + 1.2 * k},{west.y}"
+        for number in range(10)
+        for k in range(80)
+    ]
+    (tmp_path / "t.csv").write_text("track,time_s,class,x,y\n" + "\n".join(rows) + "\n")
+    states = [("a", 0, "red"), ("a", 20, "green"), ("a", 50, "yellow"), ("a", 53, "red")]
+    states += [("b", 0, "green"), ("b", 19, "yellow"), ("b", 22, "red")]
+    states += [("c", 0, "red"), ("c", 30, "green"), ("d", 0, "dark")]
+    table = "\n".join(f"{group},{at + 22},{state}" for group, at, state in states)
+    (tmp_path / "s.csv").write_text(f"g,t,s\n{table}\n")
+    (tmp_path / "t.yaml").write_text(
+        "tracks: t.csv\nsignals:\n  {file: s.csv, group: g, time: t, state: s, unit: s,\n"
+        "   places: {c: [[1.0, 2.0]]}}\n"
+    )
+    motion = replay(crossing_twin, tmp_path / "t.yaml", tmp_path / "motion")
+    shown = records(motion.signals)
+    told = shown[shown.signal == "recorded"]
+    assert list(zip(told.time_s, told.state, told.x, told.y, strict=True)) == [
+        (0.0, "r", 1.0, 2.0),
+        (10.0, "G", 1.0, 2.0),
+    ]
+    own = shown[(shown.signal == west.program) & (shown.x == west.x) & (shown.y == west.y)]
+    assert set(zip(own.time_s, own.state, strict=True)) == {
+        (0.0, "G"),
+        (30.0, "y"),
+        (33.0, "r"),
+    }
+    assert "groups b are left out" in motion.manifest["warnings"][-1]["problem"]
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["replay", "none.yaml", "--twin", "twin", "-o", "motion"],
+        ["calibrate", "none.csv", "--site", "none.yaml", "-o", "calibrated"],
+    ],
+)
+def test_what_is_not_there_is_one_line(
+    command: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(command) == 2
+    error = capsys.readouterr().err.strip()
+    assert "not found" in error
+    assert "\n" not in error

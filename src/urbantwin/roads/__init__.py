@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         RoadNetwork,
         SignalHead,
         SignalProgram,
+        Track,
     )
 
 __all__ = [
@@ -33,6 +34,7 @@ __all__ = [
     "RoadSurface",
     "SignalHead",
     "SignalProgram",
+    "Track",
     "build_roads",
     "driving_side",
     "sumo_binary",

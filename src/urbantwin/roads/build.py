@@ -41,6 +41,7 @@ from urbantwin.roads.merging_lanes import zip_merging_lanes
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.netconvert import sumo_network
 from urbantwin.roads.network import RoadNetwork
+from urbantwin.roads.rails import add_rails, with_trams
 from urbantwin.roads.side_lanes import (
     add_side_lanes,
     before_buildings,
@@ -98,7 +99,7 @@ class BuiltRoads:
     warnings: tuple[ResultWarning, ...] = ()
 
 
-def build_roads(  # noqa: PLR0913 - all that roads are made of
+def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
     extract: Extract,
     frame: SiteFrame,
     region: shapely.Polygon,
@@ -242,6 +243,8 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
     model = place_heads(model, network, ground, practice_of(country), surface.height)
     model, signs = add_signs(model, ground, extract, frame, country)
     redraw_sumo_network(out, network, buildings)
+    network = with_trams(network, extract, frame, region, elevation, closed_loop=closed_loop)
+    add_rails(out, network.tracks)
     notes: dict[str, object] = {
         "roads": len(network.roads),
         "junctions": len(network.junctions),
@@ -262,6 +265,8 @@ def build_roads(  # noqa: PLR0913 - all that roads are made of
         "signal_heads": sum(signal.dynamic for signal in model.signals),
         "signs": signs,
         "bus_stops": len(network.stops),
+        "tram_tracks": sum(not track.outer for track in network.tracks),
+        "tram_stops": len(network.tram_stops),
         "closed_loop": loop.notes,
         "lifted_ways": len(level_of_way),
         "left_out_tunnels": len(tunnels),

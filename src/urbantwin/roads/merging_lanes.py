@@ -36,6 +36,8 @@ def zip_merging_lanes(net: Path) -> int:
     for junction in root.iterfind("junction"):
         rows = rows_of_junction(junction, outgoing, edges)
         table = {int(item.get("index")): item for item in junction.iterfind("request")}
+        if len(table) != len(rows):
+            continue  # Nobody meets anybody there.
         merging: dict[tuple[str, ...], list[int]] = defaultdict(list)
         for row, item in enumerate(rows):
             if item.get("tl") is None and edges[item.get("to")].get("function") is None:

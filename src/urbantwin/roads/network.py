@@ -16,7 +16,16 @@ from urbantwin.artefact.typed_document import Numbers, Pairs, Triples, read_type
 from urbantwin.errors import InputError
 from urbantwin.geometry import area_difference, area_intersection, area_union, stations_of_points
 
-__all__ = ["BusStop", "Junction", "Lane", "Road", "RoadNetwork", "SignalHead", "SignalProgram"]
+__all__ = [
+    "BusStop",
+    "Junction",
+    "Lane",
+    "Road",
+    "RoadNetwork",
+    "SignalHead",
+    "SignalProgram",
+    "Track",
+]
 
 #: Kinds of lanes that vehicles drive or stand on, at the height of the carriageway.
 CARRIAGEWAY_KINDS = ("driving", "bus", "bicycle", "parking", "shoulder")
@@ -155,6 +164,27 @@ class BusStop:
 
 
 @dataclass(frozen=True)
+class Track:
+    """A track that trams run on, in one direction, between two switches.
+
+    Attributes:
+        id: of its edge in the SUMO network.
+        line: (N, 3) points from start to end, site frame, at about the ground's height.
+        speed: greatest, m/s.
+        level: 0 on the ground, 1, 2, ... on bridges.
+        successors: ids of the tracks that follow.
+        outer: whether it lies beyond the region and leads a way out back to a way in.
+    """
+
+    id: str
+    line: Triples
+    speed: float
+    level: int
+    successors: tuple[str, ...]
+    outer: bool
+
+
+@dataclass(frozen=True)
 class RoadNetwork:
     """All lanes of a site.
 
@@ -167,6 +197,8 @@ class RoadNetwork:
         programs: the signals' programs.
         bus_roads: ids of the roads that mapped bus lines run on.
         stops: where buses halt.
+        tracks: what trams run on.
+        tram_stops: where trams halt, on the lanes of tracks.
     """
 
     driving_side: str
@@ -177,6 +209,8 @@ class RoadNetwork:
     programs: tuple[SignalProgram, ...]
     bus_roads: tuple[str, ...] = ()
     stops: tuple[BusStop, ...] = ()
+    tracks: tuple[Track, ...] = ()
+    tram_stops: tuple[BusStop, ...] = ()
 
     @cached_property
     def lane_by_id(self) -> dict[str, Lane]:
@@ -260,6 +294,8 @@ class RoadNetwork:
             lane["widths"] = np.round(lane["widths"], 4).tolist()
         for junction in value["junctions"]:
             junction["outline"] = np.round(junction["outline"], 4).tolist()
+        for track in value["tracks"]:
+            track["line"] = track["line"].tolist()
         write_json(path, {"kind": "roads", **value})
 
     @classmethod
@@ -299,6 +335,13 @@ class RoadNetwork:
                 raise InputError(
                     "is not a lane", file=file, place=place, expected="a width, a level"
                 )
+        tracks = {track.id for track in self.tracks}
+        rails = {f"{name}_0" for name in tracks}
+        for number, track in enumerate(self.tracks):
+            if len(track.line) < 2 or not set(track.successors) <= tracks:
+                raise InputError("is not a track", file=file, place=f"tracks[{number}]")
+        if not {stop.lane for stop in self.tram_stops} <= rails:
+            raise InputError("names a track that is not there", file=file, place="tram_stops")
         named = [(f"roads[{k}].lanes", one.lanes) for k, one in enumerate(self.roads)]
         named += [(f"stops[{k}].lane", (one.lane,)) for k, one in enumerate(self.stops)]
         for place, names in named:

@@ -12,7 +12,7 @@ from urbantwin.site.country import country_of
 from urbantwin.site.extract import Extract, OsmFeature
 from urbantwin.site.extract_coverage import mapped_area
 from urbantwin.site.junction_proposal import STREETS, way_lanes
-from urbantwin.site.usual_traffic import usual_per_hour
+from urbantwin.site.usual_traffic import TRAM_LINE_PER_HOUR, usual_per_hour
 
 __all__ = ["lanes_leading_in", "per_hour_around", "walkers_around"]
 
@@ -52,6 +52,7 @@ def per_hour_around(extract: Extract, frame: SiteFrame, region: shapely.Polygon)
         country=country_of(frame.latitude, frame.longitude),
         bus_lines=_bus_lines(extract, frame, region),
         bus_stops=stops,
+        trams=_trams(extract, frame, region),
         walkers=walkers_around(features),
     )
 
@@ -129,3 +130,40 @@ def _bus_lines(extract: Extract, frame: SiteFrame, region: shapely.Polygon) -> i
         and any(kind == "w" and way in near for kind, way, _ in relation.members)
         for relation in extract.relations.values()
     )
+
+
+def _trams(extract: Extract, frame: SiteFrame, region: shapely.Polygon) -> float:
+    """Return how many trams an hour run on rails through a region, each direction by itself.
+
+    A line's ``interval`` counts; rails in the open without any mapped line have two directions.
+    """
+    near = {
+        way.id
+        for way in extract.ways.values()
+        if way.tags.get("railway") in ("tram", "light_rail")
+        and way.tags.get("tunnel", "no") == "no"
+        and "service" not in way.tags
+        and not way.tags.get("layer", "0").startswith("-")
+        and len(line := extract.way_line(way, frame)) > 1
+        and region.intersects(shapely.LineString(line))
+    }
+    lines = [
+        relation.tags
+        for relation in extract.relations.values()
+        if relation.tags.get("type") == "route"
+        and relation.tags.get("route") in ("tram", "light_rail")
+        and any(kind == "w" and way in near for kind, way, _ in relation.members)
+    ]
+    if near and not lines:
+        return 2 * TRAM_LINE_PER_HOUR
+    return sum(60.0 / _interval_min(tags.get("interval", "")) for tags in lines)
+
+
+def _interval_min(text: str) -> float:
+    """Return minutes between two departures: ``10``, ``00:10`` or ``00:10:00``, else the usual."""
+    parts = [finite_number(part) for part in text.split(":")]
+    known = [part for part in parts if part is not None]
+    minutes = 0.0
+    if len(known) == len(parts):
+        minutes = known[0] if len(known) == 1 else 60.0 * known[0] + known[1]
+    return minutes if 1.0 <= minutes <= 120.0 else 60.0 / TRAM_LINE_PER_HOUR

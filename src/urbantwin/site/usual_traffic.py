@@ -69,6 +69,9 @@ VANS = 0.10
 MOTORCYCLE_IN_CARS = 0.4
 #: Buses per hour on each line that is mapped, one direction: one every quarter of an hour.
 LINE_PER_HOUR = 4.0
+#: Trams per hour on each line that is mapped, one direction: one every ten minutes, as most
+#: networks run at midday on working days, where the line's ``interval`` says nothing.
+TRAM_LINE_PER_HOUR = 6.0
 #: The same at each stop, where stops are mapped and lines are not.
 STOP_PER_HOUR = 3.0
 #: One signalised junction carries no more, and a place has some, cars per hour: of streams that
@@ -102,6 +105,7 @@ def usual_per_hour(
     country: str = "",
     bus_lines: int = 0,
     bus_stops: int = 0,
+    trams: float = 0.0,
     walkers: float = 0.0,
 ) -> dict[str, int]:
     """Return how many come into a place per hour, by class of actors.
@@ -111,6 +115,7 @@ def usual_per_hour(
         country: ISO 3166-1 alpha-2; empty if unknown.
         bus_lines: lines that are mapped there, each direction by itself.
         bus_stops: stops that are mapped there.
+        trams: trams per hour on the lines that are mapped there, each direction by itself.
         walkers: people on foot per hour.
     """
     room = sum(LANE_PER_HOUR.get(kind, OTHER_PER_HOUR) * count for kind, count in lanes.items())
@@ -128,8 +133,10 @@ def usual_per_hour(
         "bicycle": cars * usual.bicycles,
         "pedestrian": walkers,
         "van": motor * (1.0 - share) * (1.0 - TRUCKS) * VANS,
+        "tram": trams,
     }
-    return {name: _rounded(count) for name, count in found.items()}
+    rounded = {name: _rounded(count) for name, count in found.items()}
+    return {name: count for name, count in rounded.items() if count or name != "tram"}
 
 
 def _rounded(count: float) -> int:

@@ -15,6 +15,7 @@ ACTOR_SEMANTICS: dict[str, str] = {
     "bicycle": "bicyclist",
     "pedestrian": "pedestrian",
     "van": "car",
+    "tram": "on-rails",
 }
 
 ACTOR_CLASSES: tuple[str, ...] = tuple(ACTOR_SEMANTICS)

@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from urbantwin.geometry import LabelledMesh
 from urbantwin.progress import Progress, between, each, untold
+from urbantwin.roads import RoadNetwork
 from urbantwin.traffic.assets import Asset
+from urbantwin.traffic.bending import with_bodies
 from urbantwin.traffic.box_plan import PlanBoxes
-from urbantwin.traffic.demand import Demand
+from urbantwin.traffic.demand import Demand, Trip
 from urbantwin.traffic.footing import Footways
 from urbantwin.traffic.motion import ACTOR_SCHEMA, step_times
 from urbantwin.traffic.obstacles import Obstacles
@@ -22,20 +26,43 @@ from urbantwin.traffic.simulation import Simulated
 from urbantwin.traffic.steering import faced, steered
 from urbantwin.traffic.track_box import track_size
 from urbantwin.traffic.trajectory import smoothed
-from urbantwin.twin import Twin
 
-__all__ = ["actor_table"]
+__all__ = ["Place", "actor_table"]
 
 _STANDING_MS = 0.15  # who is slower than this stands, m/s
 _BESIDE_M = 2.0  # people who pass each other use the footway beside their lane
 _GOLDEN = (5**0.5 - 1) / 2  # spreads the first postures of those who set out together
 
 
+@dataclass(frozen=True, eq=False)
+class Place:
+    """What actors go between and stand on.
+
+    Attributes:
+        roads: the lanes.
+        ground: what they stand on.
+        blocks: what stands in their way all the time, in plan.
+    """
+
+    roads: RoadNetwork
+    ground: Ground
+    blocks: PlanBoxes
+
+    @classmethod
+    def of(cls, roads: RoadNetwork, ground: Ground, scene: LabelledMesh, parked: pa.Table) -> Place:
+        """Return the place with what of a scene, and which parked vehicles, stand in the way."""
+        x, y, yaw, length, width = (
+            parked[name].to_numpy() for name in ("x", "y", "yaw", "length", "width")
+        )
+        half = np.column_stack([length, width]) / 2
+        cars = PlanBoxes(np.zeros(len(x), np.int64), np.column_stack([x, y]), yaw, half)
+        return cls(roads, ground, PlanBoxes.joined([Obstacles(scene).blocks(ground.top), cars]))
+
+
 def actor_table(
     simulated: Simulated,
     demand: Demand,
-    twin: Twin,
-    ground: Ground,
+    place: Place,
     *,
     steps: int,
     step_s: float,
@@ -44,13 +71,13 @@ def actor_table(
 ) -> tuple[pa.Table, int]:
     """Return the table of actors and how many poses were left out because there is no ground.
 
-    Tracks are numbered in the order of setting out.
+    Tracks are numbered in the order of setting out, and after them the further bodies of vehicles
+    that bend.
 
     Args:
         simulated: what SUMO saw.
         demand: the trips that it refers to.
-        twin: what they go between.
-        ground: what they stand on.
+        place: what they go between and stand on.
         steps: how many steps the motion has; steps before and after them only shape the paths.
         step_s: time between steps.
         asset: an asset's dimensions and contacts by name.
@@ -58,11 +85,13 @@ def actor_table(
     """
     smoothing, standing = between(tell, 0.0, 0.4), between(tell, 0.5, 0.9)
     columns = _poses(simulated, demand, step_s=step_s, asset=asset, tell=smoothing)
+    columns, trips = with_bodies(columns, demand, simulated, place.roads.tracks, asset=asset)
     tell(0.4, "past each other")
-    columns = _apart(columns, simulated.lanes, demand, twin, ground, step_s=step_s, asset=asset)
+    ground = place.ground
+    columns = _apart(columns, simulated.lanes, trips, place, step_s=step_s, asset=asset)
     kept = (columns["step"] >= 0) & (columns["step"] < steps)
     columns = {name: values[kept] for name, values in columns.items()}
-    names = np.array([trip.asset for trip in demand.trips], object)
+    names = np.array([trip.asset for trip in trips], object)
     trip = columns["trip"]
     tell(0.48, "heights of their lanes")
     ceiling = ground.ceiling(columns["xy"], columns["lane"], simulated.lanes)
@@ -85,7 +114,7 @@ def actor_table(
     trip = trip[order]
     driven, track = np.unique(trip, return_inverse=True)
     size = np.array([track_size(asset(names[number])) for number in driven]).reshape(-1, 3)[track]
-    classes = [trip.actor_class for trip in demand.trips]
+    classes = [trip.actor_class for trip in trips]
     values = {
         "time_s": step_times(steps, step_s)[columns["step"][order]],
         "track": track + 1,
@@ -149,26 +178,24 @@ def _poses(
 def _apart(
     columns: dict[str, NDArray[Any]],
     lanes: Sequence[str],
-    demand: Demand,
-    twin: Twin,
-    ground: Ground,
+    trips: Sequence[Trip],
+    place: Place,
     *,
     step_s: float,
     asset: Callable[[str], Asset],
 ) -> dict[str, NDArray[Any]]:
     """Return poses of which no two overlap, where that can be had."""
-    meshes = [asset(trip.asset) for trip in demand.trips]
+    meshes = [asset(trip.asset) for trip in trips]
     trip, stands = columns["trip"], columns["speed"] < _STANDING_MS
     striding = np.array([[mesh.length, mesh.width] for mesh in meshes]).reshape(-1, 2)
     still = np.array([track_size(mesh)[:2] for mesh in meshes]).reshape(-1, 2)
     size = np.where(stands[:, None], still[trip], striding[trip])
-    level = ground.levels(lanes)[columns["lane"]]
+    level = place.ground.levels(lanes)[columns["lane"]]
     boxes = PlanBoxes(columns["step"], columns["xy"], columns["yaw"], size / 2)
-    classes = tuple(one.actor_class for one in demand.trips)
+    classes = tuple(one.actor_class for one in trips)
     moving = Moving(trip, boxes, columns["speed"], level, columns["lane"], classes)
-    blocks = Obstacles(twin.mesh).blocks(ground.top)
-    footways = Footways(twin.roads, lanes, beyond_m=_BESIDE_M)
-    xy, speed = separated(moving, blocks, footways, step_s)
+    footways = Footways(place.roads, lanes, beyond_m=_BESIDE_M)
+    xy, speed = separated(moving, place.blocks, footways, step_s)
     yaw = columns["yaw"].copy()
     breaks = np.flatnonzero((np.diff(trip) != 0) | (np.diff(columns["step"]) != 1)) + 1
     for rows in np.split(np.arange(len(trip)), breaks):

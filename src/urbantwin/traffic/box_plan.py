@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-__all__ = ["PlanBoxes", "meetings", "near_pairs", "shared_areas"]
+__all__ = ["PlanBoxes", "meetings", "near_pairs", "rows_beside", "shared_areas"]
 
 #: Steps lie so far apart as a third axis that no two of them are near each other, metres.
 _STEP_APART_M = 1e4
@@ -36,6 +36,16 @@ class PlanBoxes:
     xy: NDArray[np.float64]
     yaw: NDArray[np.float64]
     half: NDArray[np.float64]
+
+    @classmethod
+    def joined(cls, parts: Sequence[PlanBoxes]) -> PlanBoxes:
+        """Return boxes one after the other."""
+        return cls(
+            np.concatenate([one.step for one in parts]),
+            np.concatenate([one.xy for one in parts]),
+            np.concatenate([one.yaw for one in parts]),
+            np.concatenate([one.half for one in parts]),
+        )
 
     def take(self, rows: NDArray[np.integer]) -> PlanBoxes:
         """Return some of them."""
@@ -100,6 +110,24 @@ def _reaching(
     one, other = pairs.T
     apart = np.hypot(*(boxes.xy[one] - boxes.xy[other]).T)
     yield pairs[apart < reach[one] + reach[other] + within_m]
+
+
+def rows_beside(
+    tree: shapely.STRtree, boxes: PlanBoxes, within_m: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the rows (P,) of boxes that outlines of a tree come near to, and which these are (P,).
+
+    Args:
+        tree: of outlines in plan, at every step.
+        boxes: N of them.
+        within_m: boxes are grown by so much to each side, metres.
+    """
+    reach = np.hypot(*boxes.half.T) + within_m
+    row, _ = tree.query(shapely.points(boxes.xy), predicate="dwithin", distance=reach)
+    near = np.unique(row)
+    wide = replace(boxes, half=boxes.half + within_m).take(near)
+    row, block = tree.query(wide.polygons, predicate="intersects")
+    return near[row], block
 
 
 def meetings(

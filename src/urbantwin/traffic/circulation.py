@@ -24,7 +24,7 @@ __all__ = ["Circulation"]
 
 #: Everybody has come in after this long, or after half of the warm-up if that is shorter, seconds.
 _COMING_IN_S = 60.0
-_ON_FOOT, _BUS = "pedestrian", "bus"
+_ON_FOOT, _BUS, _TRAM = "pedestrian", "bus", "tram"
 #: Nobody comes in on a street that is shorter than this, where a queue leaves no room, metres.
 _ROOM_M = 25.0
 #: Length of footway per walker below which no more come in, metres: 5.6 m2 (60 square feet) at the
@@ -43,7 +43,7 @@ class Circulation:
         outer: ids of the edges of outer roads.
         per_hour: passages through the region per hour and class.
         seed: the same seed gives the same traffic.
-        stops: where buses halt.
+        stops: where buses and trams halt.
         bus_roads: ids of the edges that mapped lines run on.
     """
 
@@ -114,7 +114,7 @@ class Circulation:
         for name in self._circuits:
             seconds, metres = self._usual[name]
             rate = self.per_hour[name]
-            share = 1.0 if name in ("bicycle", "pedestrian") else carried
+            share = 1.0 if name in ("bicycle", "pedestrian", _TRAM) else carried
             took = seconds / (pace or {}).get(name, 1.0)
             wanted = max(1, int(np.floor(rate * share * took / 3600.0 + 0.5)))
             count = wanted
@@ -208,7 +208,7 @@ class Circulation:
             states = passages[0] + [state for passage in passages[1:] for state in passage[1:]]
             edges = tuple(graph.edges[state] for state in states)
             halts: tuple[int, ...] = ()
-            if actor_class == _BUS:
+            if actor_class in (_BUS, _TRAM):
                 # Who sets out may do so behind a stop on the first street.
                 halts = tuple(k for edge in edges[1:] for k in self._stops_of.get(edge, ()))
             return Trip(actor_class, asset, depart_s, edges, anywhere=True, halts=halts)

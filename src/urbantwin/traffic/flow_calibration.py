@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from urbantwin.roads import RoadNetwork
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.circulation import Circulation
@@ -27,7 +28,7 @@ PILOT_S, SETTLING_MIN, STEP_MS = 480, 3, 500
 #: Pilots at most after the first, and what is near enough to the wish.
 PILOTS, TOLERANCE = 5, 0.06
 #: Speed as a share of free speed before anything is known.
-FIRST_GUESS = {"motor": 0.5, "bicycle": 0.7, "pedestrian": 0.85}
+FIRST_GUESS = {"motor": 0.5, "bicycle": 0.7, "pedestrian": 0.85, "tram": 0.5}
 #: The first pilot is one of little traffic, of this share of what was asked for.
 LITTLE = 0.25
 #: There are never more vehicles than this share of those that fit onto the lanes bumper to bumper.
@@ -83,6 +84,7 @@ def calibrate(
     circulation: Circulation,
     net_path: Path,
     *,
+    roads: RoadNetwork | None = None,
     room: float,
     asset: Callable[[str], Asset],
     body: Callable[[str, int], str],
@@ -94,6 +96,7 @@ def calibrate(
     Args:
         circulation: the closed network.
         net_path: the SUMO network.
+        roads: its lanes, where trams meet other traffic.
         room: how many cars fit onto the network's lanes bumper to bumper.
         asset: the mesh of a name.
         body: the asset of the n-th actor of a class.
@@ -118,6 +121,7 @@ def calibrate(
             seconds=seconds,
             step_ms=STEP_MS,
             seed=circulation.seed,
+            roads=roads,
             scratch=scratch,
         ).observed
         flow = _flow(populations, seen, (seconds - PILOT_S) // 60 + SETTLING_MIN)

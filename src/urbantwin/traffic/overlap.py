@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
+import shapely
 from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh
-from urbantwin.traffic.box_plan import PlanBoxes, near_pairs, shared_areas
+from urbantwin.traffic.box_plan import PlanBoxes, near_pairs, rows_beside, shared_areas
 from urbantwin.traffic.obstacles import Obstacles
 
 __all__ = ["OVERLAP_M2", "overlaps_of"]
@@ -24,11 +25,14 @@ TOUCH_M = 0.05
 _TOLD = 20
 
 
-def overlaps_of(actors: pa.Table, step_s: float, scene: LabelledMesh) -> dict[str, Any]:
+def overlaps_of(
+    actors: pa.Table, parked: pa.Table, step_s: float, scene: LabelledMesh
+) -> dict[str, Any]:
     """Return who overlaps whom or what at any step, each pair once.
 
     Args:
         actors: of a motion.
+        parked: its parked vehicles, which stand at every step.
         step_s: time between its steps.
         scene: the static world.
 
@@ -39,7 +43,7 @@ def overlaps_of(actors: pa.Table, step_s: float, scene: LabelledMesh) -> dict[st
         ``worst``: the pairs that share most, with when, where and how much.
     """
     columns = {
-        name: actors[name].to_numpy()
+        name: np.concatenate([actors[name].to_numpy(), parked[name].to_numpy()])
         for name in ("time_s", "track", "class", "x", "y", "z", "yaw", "length", "width", "height")
     }
     boxes = PlanBoxes(
@@ -48,13 +52,22 @@ def overlaps_of(actors: pa.Table, step_s: float, scene: LabelledMesh) -> dict[st
         columns["yaw"],
         np.column_stack([columns["length"], columns["width"]]) / 2,
     )
-    pairs = near_pairs(boxes, 0.0)
+    moving, still = np.split(np.arange(len(boxes.yaw)), [actors.num_rows])
+    tree = shapely.STRtree(boxes.take(still).polygons)
+    beside, stands = rows_beside(tree, boxes.take(moving), 0.0)
+    pairs = np.concatenate(
+        [near_pairs(boxes.take(moving), 0.0), np.column_stack([beside, still[stands]])]
+    )
     pairs = pairs[np.abs(columns["z"][pairs[:, 0]] - columns["z"][pairs[:, 1]]) < LEVEL_M]
     area = shared_areas(boxes, pairs)
     deep = area > OVERLAP_M2
     met = _worst(columns, pairs[deep], area[deep])
     kinds = Counter(" and ".join(sorted(one["classes"])) for one in met)
-    hit = _scene_hits(columns, boxes, Obstacles(scene))
+    hit = _scene_hits(
+        {name: values[moving] for name, values in columns.items()},
+        boxes.take(moving),
+        Obstacles(scene),
+    )
     return {
         "actors": len(met),
         "between": dict(sorted(kinds.items())),

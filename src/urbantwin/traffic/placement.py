@@ -5,9 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
-from urbantwin.geometry import DownwardProbe, LabelledMesh, rotation_from_ypr
+from urbantwin.geometry import (
+    DownwardProbe,
+    LabelledMesh,
+    rotation_from_ypr,
+    stations_of_points,
+)
 from urbantwin.roads import RoadNetwork
 
 __all__ = ["Ground", "stand"]
@@ -37,22 +43,33 @@ class Ground:
     def levels(self, names: Sequence[str]) -> NDArray[np.int64]:
         """Return the level (L,) of lanes by their names; 0 of those that are not known."""
         known = self._roads.lane_by_id
-        return np.array([known[name].level if name in known else 0 for name in names], np.int64)
+        rails = {f"{track.id}_0": track.level for track in self._roads.tracks}
+        found = [known[name].level if name in known else rails.get(name, 0) for name in names]
+        return np.array(found, np.int64)
 
     def ceiling(
         self, xy: NDArray[np.float64], lane: NDArray[np.int32], names: tuple[str, ...]
     ) -> NDArray[np.float64]:
         """Return the height (N,) where rays start for points (N, 2) on lanes (N,)."""
         start = np.full(len(xy), self._highest)
+        rails = {f"{track.id}_0": track for track in self._roads.tracks if not track.level}
         order = np.argsort(lane, kind="stable")
         for group in np.split(order, np.flatnonzero(np.diff(lane[order])) + 1):
             if len(group) and (name := names[lane[group[0]]]) in self._roads.lane_by_id:
                 start[group] = self._roads.height(name, xy[group]) + _CLEARANCE_M
+            elif len(group) and name in rails:
+                start[group] = _height_along(rails[name].line, xy[group]) + _CLEARANCE_M
         return start
 
     def height(self, xy: NDArray[np.float64], ceiling: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the height (N,) of the ground under points (N, 2); nan where there is none."""
         return self._probe.height_below(np.column_stack([xy, ceiling]))
+
+
+def _height_along(line: NDArray[np.float64], xy: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the height (N,) of a line (P, 3) where it is nearest to points (N, 2)."""
+    at = shapely.line_locate_point(shapely.LineString(line[:, :2]), shapely.points(xy))
+    return np.asarray(np.interp(at, stations_of_points(line[:, :2]), line[:, 2]))
 
 
 def stand(

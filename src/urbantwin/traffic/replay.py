@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
 
 from urbantwin import __version__
 from urbantwin.artefact import replaced_folder, sha256_of
@@ -19,13 +18,14 @@ from urbantwin.result_warning import ResultWarning, rows_of
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import asset, asset_names, coated_name, sized_name
 from urbantwin.traffic.assets.coat import COATED_CLASSES
+from urbantwin.traffic.calibration.passages import SeenTrack
 from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
 from urbantwin.traffic.motion import MOTION_VERSION, Motion
 from urbantwin.traffic.prescribed import PrescribedPath, TwinSurface, prescribed_table, usual_asset
 from urbantwin.traffic.recorded.description import load_description
 from urbantwin.traffic.recorded.read import files_of, read_recording
-from urbantwin.traffic.recorded.track import RecordedSignals, RecordedTrack, Recording
-from urbantwin.traffic.signals import SIGNAL_SCHEMA
+from urbantwin.traffic.recorded.track import RecordedTrack, Recording
+from urbantwin.traffic.recorded_signals import recorded_signal_table
 from urbantwin.traffic.track_smoothing import SmoothTrack, smooth_track
 from urbantwin.twin import Twin
 
@@ -119,7 +119,13 @@ def _replayed(
             file=recording.file,
             expected="tracks within the twin's region; is their origin or CRS another?",
         )
-    signals, without_place = signal_rows(recording.signals, steps * step_s)
+    seen_tracks = [
+        SeenTrack(track, one.time_s, one.xy, one.yaw, one.speed)
+        for track, one in zip(tracks, smoothed, strict=True)
+    ]
+    signals, without_place = recorded_signal_table(
+        recording.signals, twin, seen_tracks, steps * step_s
+    )
     seen = Counter(actors.group_by(["track", "class"]).aggregate([])["class"].to_pylist())
     manifest: dict[str, Any] = {
         "kind": "motion",
@@ -145,36 +151,6 @@ def _replayed(
     motion = Motion(manifest, actors, signals).with_meshes(between(tell, 0.9, 1.0))
     made = {"actors": table_sha256(motion.actors), "meshes": meshes_sha256(motion.meshes)}
     return replace(motion, manifest={**manifest, "made": made})
-
-
-def signal_rows(signals: RecordedSignals | None, until_s: float) -> tuple[pa.Table, list[str]]:
-    """Return the table of what recorded groups showed, and the groups whose place is not known.
-
-    A group is a program ``recorded``'s link. Those that were dark all the time are left out.
-    """
-    rows: list[tuple[float, str, int, str, float, float]] = []
-    without: list[str] = []
-    for link, (group, shown) in enumerate(signals.shown.items() if signals else ()):
-        if all(letter == "O" for _, letter in shown):
-            continue
-        number = int(group) if group.isdigit() else link
-        if not signals or group not in signals.places:
-            without.append(group)
-            continue
-        before = [at for at, _ in shown if at <= 0]
-        for at, letter in shown:
-            if at < until_s and (at >= 0 or at == max(before)):
-                rows += [
-                    (max(at, 0.0), "recorded", number, letter, x, y)
-                    for x, y in signals.places[group]
-                ]
-    rows.sort()
-    columns = zip(*rows, strict=True) if rows else [[]] * len(SIGNAL_SCHEMA)
-    arrays = [
-        pa.array(list(values), field.type)
-        for values, field in zip(columns, SIGNAL_SCHEMA, strict=True)
-    ]
-    return pa.table(arrays, schema=SIGNAL_SCHEMA), without
 
 
 def _asset_of(track: RecordedTrack, number: int, strange: Mapping[str, Counter[str]]) -> str:

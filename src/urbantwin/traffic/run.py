@@ -21,8 +21,8 @@ from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.site.country import country_of
 from urbantwin.site.traffic import OwnAssetSpec
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.actor_table import actor_table
-from urbantwin.traffic.assets import Fleet, OwnBodies
+from urbantwin.traffic.actor_table import Place, actor_table
+from urbantwin.traffic.assets import Fleet, OwnBodies, asset, asset_names
 from urbantwin.traffic.bottleneck import bottleneck
 from urbantwin.traffic.circulation import Circulation
 from urbantwin.traffic.circulation_report import circulation_report
@@ -122,16 +122,25 @@ def _driven(
         steps=steps,
         step_s=step_s,
         seed=seed,
+        roads=twin.roads,
         scratch=scratch,
         progress=lambda fraction, what: told(0.1 + 0.5 * fraction, what),
     )
     told(0.6, "actors")
     ground = Ground(twin.ground_mesh, twin.roads)
+    parked = park(
+        twin.roads,
+        twin.mesh,
+        ground,
+        asked.get("parked", {}),
+        fleet=Fleet(country_of(*_anchor(twin)), seed, own),
+        asset=own.asset,
+    )
+    standing = parked.table(ACTOR_SCHEMA)
     actors, outside = actor_table(
         on_footways(simulated, demand, twin.roads),
         demand,
-        twin,
-        ground,
+        Place.of(twin.roads, ground, twin.mesh, standing),
         steps=steps,
         step_s=step_s,
         asset=own.asset,
@@ -165,20 +174,12 @@ def _driven(
         )
     if demand.circulates:
         manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)
-    parked = park(
-        twin.roads,
-        twin.mesh,
-        ground,
-        asked.get("parked", {}),
-        fleet=Fleet(country_of(*_anchor(twin)), seed, own),
-        asset=own.asset,
-    )
     manifest["parked"] = parked.notes
-    driven = Motion(manifest, actors, signals, own.meshes, parked=parked.table(ACTOR_SCHEMA))
+    driven = Motion(manifest, actors, signals, own.meshes, parked=standing)
     shown = driven.with_meshes(between(told, 0.85, 0.93))
     motion = resized(shown, asked.get("size", {}))
     told(0.93, "who passes through whom")
-    overlaps = overlaps_of(motion.actors, step_s, twin.mesh)
+    overlaps = overlaps_of(motion.actors, motion.parked, step_s, twin.mesh)
     manifest = {**motion.manifest, "overlaps": overlaps}
     manifest["warnings"] = rows_of(warnings_of_drive(manifest))
     made = {"actors": table_sha256(motion.actors), "meshes": meshes_sha256(motion.meshes)}
@@ -216,7 +217,7 @@ def demand_of(
             outer_roads(twin),
             asked["per_hour"],
             seed,
-            stops=twin.roads.stops,
+            stops=(*twin.roads.stops, *twin.roads.tram_stops),
             bus_roads=frozenset(twin.roads.bus_roads),
         )
         if asked.get("guessed"):
@@ -226,6 +227,7 @@ def demand_of(
         found = calibrate(
             circulation,
             twin.net_path,
+            roads=twin.roads,
             room=_room(twin),
             asset=own.asset,
             body=body,
@@ -295,14 +297,15 @@ def _anchor(twin: Twin) -> tuple[float, float]:
 
 
 def outer_roads(twin: Twin) -> frozenset[str]:
-    """Return the edges of the outer roads: those that no way of the map is.
+    """Return the edges of outer roads, which no way of the map is, and of outer tracks.
 
     Roads that are not made from ways have none: there one turns round where they end.
     """
     roads = twin.roads.roads
+    rails = frozenset(track.id for track in twin.roads.tracks if track.outer)
     if not any(road.ways for road in roads):
-        return frozenset()
-    return frozenset(road.id for road in roads if not road.ways)
+        return rails
+    return rails | frozenset(road.id for road in roads if not road.ways)
 
 
 def _room(twin: Twin) -> float:
@@ -330,8 +333,10 @@ def _counts(
     per_hour: Mapping[str, float], demand: Demand, simulated: Simulated, actors: pa.Table
 ) -> dict[str, dict[str, float | int]]:
     """Return, for each class, how many were asked for, came in, and are seen in the motion."""
-    tracks = actors.group_by(["track", "class"]).aggregate([])
-    seen = Counter(tracks["class"].to_pylist())
+    tracks = actors.group_by(["track", "class", "asset"]).aggregate([])
+    behind = {body.asset for name in asset_names("tram") for body in asset(name).bodies[1:]}
+    shown = zip(tracks["class"].to_pylist(), tracks["asset"].to_pylist(), strict=True)
+    seen = Counter(kind for kind, name in shown if name not in behind)
     left_out = {item.actor_class: item.count for item in demand.left_out}
     counts: dict[str, dict[str, float | int]] = {}
     for name in ACTOR_CLASSES:

@@ -26,7 +26,7 @@ import shapely
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from urbantwin.traffic.box_plan import PlanBoxes, meetings, near_pairs
+from urbantwin.traffic.box_plan import PlanBoxes, meetings, near_pairs, rows_beside
 from urbantwin.traffic.footing import Footways
 
 __all__ = ["Moving", "separated"]
@@ -77,6 +77,8 @@ _GIVES = {
     "van": _Give(0.6, 0.05, 1.5, (5.0, 0.8)),
     "truck": _Give(0.3, 0.02, 1.8, (5.0, 0.6)),
     "bus": _Give(0.3, 0.02, 1.8, (5.0, 0.6)),
+    # Who runs on rails stays on them, and to its time.
+    "tram": _Give(1e-6, 1e-6, 2.0, (0.0, 0.0)),
 }
 
 
@@ -141,7 +143,7 @@ def separated(
     tree = shapely.STRtree(blocks.polygons)
     pairs = moving.pairs(_NEAR_M, xy)
     deep, _ = meetings(moving.boxes, pairs)
-    hit = _beside(tree, moving.boxes, 0.0)[0]
+    hit = rows_beside(tree, moving.boxes, 0.0)[0]
     meeting = np.zeros(len(xy), np.bool_)
     meeting[pairs[deep > -_GAP_M]], meeting[hit] = True, True
     if not meeting.any():
@@ -162,18 +164,6 @@ def separated(
     xy[rows] = paths.place(moved)
     speed[rows] = paths.speeds(moved)
     return xy, speed
-
-
-def _beside(
-    tree: shapely.STRtree, boxes: PlanBoxes, within_m: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the rows (P,) of boxes that blocks come near to, and which blocks (P,)."""
-    reach = np.hypot(*boxes.half.T) + within_m
-    row, _ = tree.query(shapely.points(boxes.xy), predicate="dwithin", distance=reach)
-    near = np.unique(row)
-    wide = replace(boxes, half=boxes.half + within_m).take(near)
-    row, block = tree.query(wide.polygons, predicate="intersects")
-    return near[row], block
 
 
 def _around(moving: Moving, meeting: NDArray[np.bool_], step_s: float) -> NDArray[np.bool_]:
@@ -284,13 +274,8 @@ class _Paths:
         count = len(place)
         boxes, blocks = replace(self.moving.boxes, xy=place), self.blocks
         pairs = self.moving.pairs(_NEAR_M, place)
-        row, block = _beside(self.tree, boxes, _NEAR_M)
-        both = PlanBoxes(
-            np.concatenate([boxes.step, blocks.step]),
-            np.concatenate([boxes.xy, blocks.xy]),
-            np.concatenate([boxes.yaw, blocks.yaw]),
-            np.concatenate([boxes.half, blocks.half]),
-        )
+        row, block = rows_beside(self.tree, boxes, _NEAR_M)
+        both = PlanBoxes.joined([boxes, blocks])
         pairs = np.concatenate([pairs, np.column_stack([row, block + count])])
         speed = np.concatenate([self.moving.speed, np.zeros(len(blocks.yaw))])
         number = np.arange(len(blocks.yaw)) + len(self.moving.classes)

@@ -21,11 +21,12 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact import passing_folder
 from urbantwin.errors import InputError, StageError
-from urbantwin.roads import BusStop
+from urbantwin.roads import BusStop, RoadNetwork
 from urbantwin.roads.curve_speed import REAR_M, SPACING_M, lane_speeds
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand import Demand
+from urbantwin.traffic.tram_conflicts import tram_conflicts
 from urbantwin.traffic.vehicle_types import ACTOR_KINDS
 
 __all__ = [
@@ -55,6 +56,9 @@ _FASTEST = 1.25  # nobody drives faster than so many times a lane's speed
 DWELL_S = 15.0
 #: Who comes back to a stop halts so much before where it halted last, metres.
 AGAIN_M = 0.01
+#: A tram, with more doors and more people at each of its stops (the same: 30 s and less for most
+#: stops of streetcars), for so long, seconds.
+TRAM_DWELL_S = 20.0
 STUCK_S = 300.0  # who stays and halts for longer is reported
 _SUBLANE_M = 0.8  # two-wheelers pass each other and cars within a lane
 
@@ -128,6 +132,7 @@ def simulate(  # noqa: PLR0913 - SUMO has as many sides
     steps: int,
     step_s: float,
     seed: int,
+    roads: RoadNetwork | None = None,
     scratch: Path | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Simulated:
@@ -141,6 +146,7 @@ def simulate(  # noqa: PLR0913 - SUMO has as many sides
         steps: how many steps are kept.
         step_s: time between them; SUMO itself steps 0.1 s or an integer part of ``step_s``.
         seed: SUMO's seed.
+        roads: the lanes, where trams meet other traffic.
         scratch: a folder for SUMO's files; the system's when not given.
         progress: called with the fraction done and what is being done.
 
@@ -158,10 +164,10 @@ def simulate(  # noqa: PLR0913 - SUMO has as many sides
         "last_step": steps - 1 + margin,
         "substeps": substeps,
     }
-    return _worked(net_path, demand, asset, options, job, scratch, progress)
+    return _worked(net_path, demand, asset, options, job, roads, scratch, progress)
 
 
-def observe(
+def observe(  # noqa: PLR0913 - the same
     net_path: Path,
     demand: Demand,
     asset: Callable[[str], Asset],
@@ -169,6 +175,7 @@ def observe(
     seconds: int,
     step_ms: int,
     seed: int,
+    roads: RoadNetwork | None = None,
     scratch: Path | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Simulated:
@@ -181,6 +188,7 @@ def observe(
         seconds: for how long.
         step_ms: SUMO's step.
         seed: SUMO's seed.
+        roads: the lanes, where trams meet other traffic.
         scratch: a folder for SUMO's files; the system's when not given.
         progress: called with the fraction done and what is being done.
 
@@ -190,7 +198,7 @@ def observe(
     options = sumo_options(step_ms, seed, circulates=True)
     steps = round(seconds * 1000 / step_ms)
     job = {"warmup_substeps": steps, "first_step": 1, "last_step": 0, "substeps": 1}
-    return _worked(net_path, demand, asset, options, job, scratch, progress)
+    return _worked(net_path, demand, asset, options, job, roads, scratch, progress)
 
 
 def _worked(
@@ -199,6 +207,7 @@ def _worked(
     asset: Callable[[str], Asset],
     options: dict[str, object],
     job: Mapping[str, object],
+    roads: RoadNetwork | None,
     scratch: Path | None,
     progress: Callable[[float, str], None] | None,
 ) -> Simulated:
@@ -221,6 +230,7 @@ def _worked(
             "outer": sorted(demand.outer),
             "stuck_s": STUCK_S,
             "curves": curves_of(net_path),
+            "trams": tram_conflicts(net_path, roads),
             "arrays": str(folder / "rows.npy"),
             "texts": str(folder / "outcome.json"),
         }
@@ -342,9 +352,10 @@ def write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> N
                 how = {"departLane": "best", "departSpeed": "max", "departPos": "random_free"}
             vehicle = etree.SubElement(root, "vehicle", **common, **how)
             etree.SubElement(vehicle, "route", edges=edges)
+            dwell_s = TRAM_DWELL_S if trip.actor_class == "tram" else DWELL_S
             for halt, end_m in _ends_of_halts(trip.halts, demand.stops):
                 where = {"busStop": str(halt), "endPos": f"{end_m:.2f}"}
-                etree.SubElement(vehicle, "stop", **where, duration=f"{DWELL_S:g}")
+                etree.SubElement(vehicle, "stop", **where, duration=f"{dwell_s:g}")
     etree.ElementTree(root).write(str(path), encoding="utf-8", xml_declaration=True)
 
 

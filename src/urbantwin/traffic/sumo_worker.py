@@ -16,18 +16,24 @@ import os
 import sys
 import threading
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import libsumo
 import numpy as np
 
+
 # By its path: nothing in this folder may be found by its name (see `simulation`).
-_BESIDE = Path(__file__).with_name("sumo_curves.py")
-_SPEC = importlib.util.spec_from_file_location("sumo_curves", _BESIDE)
-assert _SPEC is not None
-assert _SPEC.loader is not None
-sumo_curves = importlib.util.module_from_spec(_SPEC)
-_SPEC.loader.exec_module(sumo_curves)
+def _beside(name: str) -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, Path(__file__).with_name(f"{name}.py"))
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+sumo_curves, sumo_trams = _beside("sumo_curves"), _beside("sumo_trams")
 
 #: Step, trip, x, y, angle, speed, lane. A trip's number is its name in SUMO.
 Row = tuple[int, int, float, float, float, float, int]
@@ -186,8 +192,11 @@ def simulate(job: dict[str, Any]) -> None:
     first, last, substeps = job["first_step"], job["last_step"], job["substeps"]
     total = job["warmup_substeps"] + last * substeps + 1
     curves = sumo_curves.Curves(job["curves"])
+    trams = sumo_trams.Trams(job["trams"])
+    step_s = libsumo.simulation.getDeltaT()
     for made in range(total):
         curves.slow_down()
+        trams.heed(step_s)
         libsumo.simulationStep()
         recorder.count_incidents()
         if made % per_second == 0:

@@ -76,5 +76,19 @@ ACTOR_KINDS: dict[str, ActorKind] = {
         "pedestrian", {"desiredMaxSpeed": "1.34", "speedFactor": "normc(1.00,0.19,0.50,1.60)"}
     ),
     "van": ActorKind("passenger", _CAR),
+    # Starting and service braking of trams in streets, m/s2; with magnetic brakes they reach 2.7
+    # (BOStrab, braking guidelines).
+    "tram": ActorKind(
+        "tram",
+        {
+            "accel": "1.0",
+            "decel": "1.2",
+            "emergencyDecel": "2.7",
+            "speedFactor": "1",
+            "minGap": "3.0",
+            "latAlignment": "center",
+            **_STEERING,
+        },
+    ),
 }
 assert tuple(ACTOR_KINDS) == ACTOR_CLASSES

@@ -71,9 +71,11 @@ def _portrait(mesh: LabelledMesh, number: int) -> NDArray[np.uint8]:
         semantic_id("sidewalk"),
         material_id("concrete"),
     )
+    # Long ones fill the width, tall ones the height.
+    tall = 0.56 * float(high[2] - low[2]) * PIXELS[0] / PIXELS[1]
     camera = Camera(
         target=middle,
-        distance_m=reach / np.tan(np.radians(_FIELD_DEG / 2)) * 1.05,
+        distance_m=max(reach, tall) / np.tan(np.radians(_FIELD_DEG / 2)) * 1.05,
         azimuth_deg=-38.0,
         elevation_deg=16.0,
         field_deg=_FIELD_DEG,

@@ -19,6 +19,7 @@ from urbantwin.roads.marking import (
     arrow_at,
     guide_lines,
     lane_marks,
+    lines_through,
     painted,
     stop_lines,
     strokes,
@@ -42,7 +43,8 @@ _DRIVEN = ("driving", "bus", "bicycle")
 
 def draw_marks(axes: Axes, network: RoadNetwork, model: LaneModel | None, look: Look) -> None:
     """Draw what is painted on the road."""
-    for line in [*lane_marks(network, model), *(guide_lines(model) if model else ())]:
+    across = [*guide_lines(model), *lines_through(network, model)] if model else []
+    for line in [*lane_marks(network, model), *across]:
         if line.kind == "curb":
             continue
         ribbons = [_ribbon(points, _LINE_M) for points in strokes(line)]

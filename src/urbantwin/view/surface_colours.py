@@ -15,6 +15,7 @@ _BY_CLASS = {
     "unlabelled": "#a0a0a0",
     "car": "#3d6fb4",
     "bus": "#d8a21b",
+    "on-rails": "#2d7a4f",
     "truck": "#d9dcdf",
     "motorcycle": "#35373b",
     "motorcyclist": "#8c2f3f",
@@ -94,7 +95,9 @@ _ON_ACTORS = {
     "paint-grey": "#8d949b",
     "paint-black": "#25282c",
 }
-_ACTORS = ("car", "bus", "truck", "motorcycle", "motorcyclist", "bicyclist", "pedestrian")
+_ACTORS = (
+    "car", "bus", "on-rails", "truck", "motorcycle", "motorcyclist", "bicyclist", "pedestrian",
+)  # fmt: skip
 #: Paints of cars and coats of people, from part to part.
 _PAINTS = ("#2f6db5", "#b9322c", "#e6e7e8", "#25282c", "#8d949b", "#c9ccd0", "#2c6e5b", "#d6a431")
 

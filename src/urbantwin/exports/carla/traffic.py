@@ -42,6 +42,7 @@ BLUEPRINTS: dict[str, dict[str, Any]] = {
     "motorcycle": {"filter": "vehicle.*", "base_type": ["motorcycle"], "except": []},
     "bicycle": {"filter": "vehicle.*", "base_type": ["bicycle"], "except": []},
     "pedestrian": {"filter": "walker.pedestrian.*", "base_type": [], "except": []},
+    "tram": {"filter": "", "base_type": [], "except": []},  # CARLA has none
 }
 _NORMC = re.compile(r"normc\(([-\d.,\s]+)\)")
 

@@ -38,6 +38,7 @@ _CALLED = {
     "pedestrian": """pedestrian person personsitting child roadworker officialsignaler
         humanpedestrianadult humanpedestrianchild humanpedestrianconstructionworker
         humanpedestrianpoliceofficer""",
+    "tram": "tram railedvehicle onrails streetcar",
 }
 #: How far a matrix that is written with few digits may be from a rotation; places on Earth, metres.
 _ROUND, _FURTHEST_M = 0.01, 1e8

@@ -29,9 +29,9 @@ __all__ = ["is_semantic_kitti", "open_semantic_kitti"]
 #: Classes of theirs that we do not have -> the nearest of ours (semantic-kitti.yaml): bicycles
 #: that stand and moving people and vehicles among them.
 _NEAREST = {
-    11: "other-object", 13: "bus", 16: "other-object", 20: "truck", 60: "road",
+    11: "other-object", 13: "bus", 20: "truck", 60: "road",
     252: "car", 253: "bicyclist", 254: "pedestrian", 255: "motorcyclist",
-    256: "bus", 257: "bus", 258: "truck", 259: "truck",
+    256: "on-rails", 257: "bus", 258: "truck", 259: "truck",
 }  # fmt: skip
 _LARGEST = 1 << 16
 

@@ -80,7 +80,7 @@ def driven_graph(
         preferred: ids of edges; where there are any, other streets seem longer, and hardly anybody
             comes in by them.
     """
-    edges = [edge for edge in network.streets if edge.allows(vclass)]
+    edges = network.allowing(vclass)
     if not edges:
         return None
     index = {edge.getID(): number for number, edge in enumerate(edges)}

@@ -118,6 +118,13 @@ class StreetNetwork:
         found = [edge for edge in inside if edge.getFunction() in ("walkingarea", "crossing")]
         return sorted(found, key=lambda edge: str(edge.getID()))
 
+    def allowing(self, vclass: str) -> list[Edge]:
+        """Return the streets that a SUMO class may use; trams run on nothing but rails."""
+        edges = [edge for edge in self._streets if edge.allows(vclass)]
+        if vclass == "tram":
+            return [edge for edge in edges if not edge.allows("passenger")]
+        return edges
+
     def way_over(self, edge: Edge, following: Edge) -> float:
         """Return the length of the way over the junction between two edges, metres."""
         lanes = (item.getViaLaneID() for item in edge.getOutgoing().get(following, []))
@@ -129,7 +136,7 @@ class StreetNetwork:
         A street without a way on is an exit, one without a way to it an entry; turning round does
         not count as a way. In a network without such ends (a ring) every edge is both.
         """
-        edges = [edge for edge in self._streets if edge.allows(vclass)]
+        edges = self.allowing(vclass)
         if not edges:
             return None
         index = {edge.getID(): number for number, edge in enumerate(edges)}

@@ -174,21 +174,27 @@ def _beside(
     targets: Sequence[int],
     kerb: str,
 ) -> None:
-    """Add the links of lanes that cars may not use: bus and bicycle lanes, beside the kerb."""
+    """Add the links of lanes that cars may not use: bus and bicycle lanes.
+
+    Beside the kerb they do not turn across the cars' lanes, nor in the middle of the road.
+    """
     inner = "left" if kerb == "right" else "right"
     entry, way_out = passage.entry, passage.exit
-    for k, lane in enumerate(entry.lanes):
-        for name in ("bus", "bicycle"):
-            if k in cars or not lane.admits(name):
+    taken = set(cars)
+    for name in ("bus", "bicycle"):
+        mine = [k for k, lane in enumerate(entry.lanes) if lane.admits(name) and k not in taken]
+        own = [
+            j
+            for j, other in enumerate(way_out.lanes)
+            if other.admits(name) and not other.admits("passenger")
+        ]
+        taken |= set(mine)
+        for number, k in enumerate(mine):
+            in_the_middle = bool(cars) and k > max(cars)
+            if word == (kerb if in_the_middle else inner):
                 continue
-            if word == inner:
-                continue
-            own = [
-                j
-                for j, other in enumerate(way_out.lanes)
-                if other.admits(name) and not other.admits("passenger")
-            ]
-            ends = own or list(targets)
-            if ends:
-                found.setdefault((entry.id, k, way_out.id, ends[0]), passage)
-            break
+            if own:
+                found.setdefault((entry.id, k, way_out.id, own[min(number, len(own) - 1)]), passage)
+            elif targets:
+                end = targets[-1] if in_the_middle else targets[0]
+                found.setdefault((entry.id, k, way_out.id, end), passage)

@@ -3,6 +3,7 @@
 from urbantwin.roads.marking.give_way import GIVE_WAY
 from urbantwin.roads.marking.guide_line import guide_lines
 from urbantwin.roads.marking.lane_turns import turns
+from urbantwin.roads.marking.line_through import lines_through
 from urbantwin.roads.marking.lines import Line, lane_marks, stop_lines, strokes
 from urbantwin.roads.marking.paint import PAINT_KINDS, Paint, painted
 from urbantwin.roads.marking.turn_arrow import ARROW_M, arrow, arrow_at, turn_arrow
@@ -18,6 +19,7 @@ __all__ = [
     "arrow_at",
     "guide_lines",
     "lane_marks",
+    "lines_through",
     "painted",
     "stop_lines",
     "strokes",

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from urbantwin.roads.marking.crossing_marks import crossing_marks
 from urbantwin.roads.marking.give_way import parking_bays, teeth
 from urbantwin.roads.marking.guide_line import guide_lines
+from urbantwin.roads.marking.line_through import lines_through
 from urbantwin.roads.marking.lines import DASH_M, GAP_M, MOTOR, lane_marks, stop_lines, strokes
 from urbantwin.roads.marking.turn_arrow import turn_arrow
 from urbantwin.roads.marking.zebra import zebra_of_area
@@ -71,7 +72,8 @@ def painted(network: RoadNetwork, model: LaneModel | None = None) -> Paint:
         found += [("line", level, quads) for level, quads in _borders(network)]
         found += [("stop", level, [quad]) for level, quad in _stop_lines(network)]
     else:
-        for line in [*lane_marks(network, model), *guide_lines(model)]:
+        through = lines_through(network, model)
+        for line in [*lane_marks(network, model), *guide_lines(model), *through]:
             if line.kind != "curb":
                 quads = [quad for points in strokes(line) for quad in _ribbon(points, LINE_M)]
                 found.append(("line", line.level, quads))

@@ -87,7 +87,10 @@ def mapped_signals(extract: Extract, ways: Iterable[Way], frame: SiteFrame) -> M
         for node in way.nodes
         if node in legs
     }
-    crossings = walked | {n for n in legs if "crossing" in extract.node_tags.get(n, {})}
+    # ``crossing=no`` is told of stop lines beside crossings.
+    crossings = walked | {
+        n for n in legs if extract.node_tags.get(n, {}).get("crossing", "no") != "no"
+    }
     own: set[int] = set()
     bare: set[int] = set()  # junctions with a signal on an arm, no crossing between
     arms: dict[int, set[int]] = defaultdict(set)  # junction -> arms with a signal

@@ -1,6 +1,7 @@
-"""The actor catalogue: meshes of cars, vans, trucks, buses, two-wheelers with riders, walkers."""
+"""The actor catalogue: meshes of vehicles, two-wheelers with riders, and walkers."""
 
 from urbantwin.traffic.assets.asset_name import AssetName, sized_name
+from urbantwin.traffic.assets.body import Body
 from urbantwin.traffic.assets.catalogue import Asset, asset, asset_mesh, asset_names
 from urbantwin.traffic.assets.coat import COATED_CLASSES, COATS, coated_mesh, coated_name
 from urbantwin.traffic.assets.fleet import Fleet
@@ -12,6 +13,7 @@ __all__ = [
     "COATS",
     "Asset",
     "AssetName",
+    "Body",
     "Fleet",
     "OwnBodies",
     "asset",

@@ -1,6 +1,7 @@
 """The actor catalogue: names, sizes and meshes of everything that moves.
 
-Its data: ``assets.yaml``, drawn point by point, and ``cars.yaml``, drawn from measures.
+Its data: ``assets.yaml`` and ``light.yaml``, drawn point by point, and ``cars.yaml``, drawn from
+measures.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
 from urbantwin.taxonomy import ACTOR_CLASSES, ACTOR_SEMANTICS, semantic_id
 from urbantwin.traffic.assets.asset_name import AssetName, Size
+from urbantwin.traffic.assets.body import Body
 from urbantwin.traffic.assets.car import axle_wheels, body, car, contact_points, plates, seats
 from urbantwin.traffic.assets.car_shape import drawn
 from urbantwin.traffic.assets.coat import COATED_CLASSES, coated_mesh
@@ -27,12 +29,13 @@ from urbantwin.traffic.assets.parts import parts
 from urbantwin.traffic.assets.person import Figure
 from urbantwin.traffic.assets.scaled import scaled_mesh
 from urbantwin.traffic.assets.solid import Solid, fitted, labelled
+from urbantwin.traffic.assets.tram import tram_bodies, tram_entries, tram_section
 from urbantwin.traffic.assets.two_wheeler import PEDAL_PHASES, hub_contacts, two_wheeler
 
 __all__ = ["Asset", "asset", "asset_mesh", "asset_names"]
 
 #: Where the catalogue is written.
-_FILES = ("assets.yaml", "cars.yaml")
+_FILES = ("assets.yaml", "cars.yaml", "light.yaml")
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +58,7 @@ class Asset:
             left before right; the origin for a person.
         stride_m: distance travelled in one cycle, metres; 0 for a rigid asset. Phase ``k``
             shows the asset ``k / phases`` of that distance into the cycle.
+        bodies: of a vehicle that bends: its stiff bodies from the nose, assets of their own.
     """
 
     name: str
@@ -66,6 +70,7 @@ class Asset:
     height: float
     contacts: NDArray[np.float64]
     stride_m: float
+    bodies: tuple[Body, ...] = ()
 
 
 def asset_names(actor_class: str) -> tuple[str, ...]:
@@ -78,7 +83,11 @@ def asset_names(actor_class: str) -> tuple[str, ...]:
         raise InputError(
             f"unknown actor class '{actor_class}'", expected=f"one of {', '.join(ACTOR_CLASSES)}"
         )
-    return tuple(name for name, entry in _entries().items() if entry["class"] == actor_class)
+    return tuple(
+        name
+        for name, entry in _entries().items()
+        if entry["class"] == actor_class and "part_of" not in entry
+    )
 
 
 @cache
@@ -108,11 +117,19 @@ def asset(name: str) -> Asset:
     size = np.ptp(asset_mesh(name).vertices, axis=0)
     contacts: list[list[float]] = [[0.0, 0.0, 0.0]]
     stride = 0.0
+    bodies: tuple[Body, ...] = ()
     match entry["builder"]:
         case "walker":
             stride = stride_length(Figure(**entry["figure"]))
         case "two-wheeler":
             contacts, stride = hub_contacts(entry), entry.get("stride", 0.0)
+        case "tram":
+            bodies = tram_bodies(name)
+            contacts = [
+                [float(x) + entry["size"][0] / 2 - one.middle_m, float(y), 0.0]
+                for one in bodies
+                for x, y, _ in asset(one.asset).contacts
+            ]
         case _:
             contacts = contact_points(entry)
     return Asset(
@@ -125,6 +142,7 @@ def asset(name: str) -> Asset:
         height=float(size[2]),
         contacts=np.array(contacts),
         stride_m=stride,
+        bodies=bodies,
     )
 
 
@@ -172,6 +190,9 @@ def _solids(name: str, phase: int, *, halted: bool) -> list[Solid]:
     entry = _entry(name)
     match entry["builder"]:
         case "walker":
+            if "stands" in entry:
+                now = pushing(entry, None if halted else phase)
+                return fitted(now, entry["size"], like=_first_phase(name))
             return walker(Figure(**entry["figure"]), None if halted else phase)
         case "two-wheeler":
             first = _first_phase(name)
@@ -184,6 +205,14 @@ def _solids(name: str, phase: int, *, halted: bool) -> list[Solid]:
             solids = truck(entry)
         case "bus":
             solids = bus(entry)
+        case "tram":
+            return [
+                solid.moved([entry["size"][0] / 2 - one.middle_m, 0.0, 0.0])
+                for one in tram_bodies(name)
+                for solid in _solids(one.asset, 0, halted=False)
+            ]
+        case "tram-body":
+            solids = tram_section(entry)
         case _:
             solids = car(entry)
     return fitted(solids, entry["size"])
@@ -191,8 +220,9 @@ def _solids(name: str, phase: int, *, halted: bool) -> list[Solid]:
 
 @cache
 def _first_phase(name: str) -> list[Solid]:
-    """Return the solids of a two-wheeler in phase 0: it sizes all phases."""
-    return two_wheeler(_entry(name))
+    """Return the solids of an asset in phase 0: it sizes all phases."""
+    entry = _entry(name)
+    return pushing(entry, 0) if entry["builder"] == "walker" else two_wheeler(entry)
 
 
 @cache
@@ -201,7 +231,7 @@ def _entries() -> dict[str, dict[str, Any]]:
     entries: dict[str, dict[str, Any]] = {}
     for name in _FILES:
         entries |= yaml.load(files(__package__).joinpath(name).read_text(), loader)
-    return {name: drawn(entry) for name, entry in entries.items()}
+    return {name: drawn(entry) for name, entry in entries.items()} | tram_entries()
 
 
 def _has_coat(body: str) -> bool:
@@ -221,6 +251,13 @@ def _entry(name: str) -> dict[str, Any]:
         raise InputError(
             f"unknown asset '{name}'", expected=f"one of {', '.join(_entries())}"
         ) from None
+
+
+def pushing(entry: Mapping[str, Any], phase: int | None) -> list[Solid]:
+    """Return the solids of who walks in a phase, or stands, behind what is pushed."""
+    ahead = [entry["size"][0] / 2 - entry["stands"], 0.0, 0.0]
+    person = walker(Figure(**entry["figure"]), phase)
+    return [solid.moved(ahead) for solid in person] + parts(entry)
 
 
 def bus(entry: Mapping[str, Any]) -> list[Solid]:

@@ -31,6 +31,8 @@ GAIT_PHASES = 12
 SHOULDER_MEAN, SHOULDER_SWING = np.radians(-6.0), np.radians(21.0)
 ELBOW_MEAN, ELBOW_SWING = np.radians(30.0), np.radians(13.0)
 ABDUCTION = np.radians(7.0)
+#: Shoulder and elbow of who pushes something at the height of the waist (assumed).
+PUSHING = np.radians(28.0), np.radians(50.0)
 
 
 @cache
@@ -67,7 +69,8 @@ def standing(figure: Figure) -> Posture:
     """Return the posture of a figure that waits: legs and arms down, feet side by side."""
     upright = np.array([0.02, 0.03, 0.01])
     legs = np.array([_limb(figure, upright, side) for side in (1.0, -1.0)])
-    arms = np.array([_hanging(figure, 0.02, 0.15, side) for side in (1.0, -1.0)])
+    shoulder, elbow = PUSHING if figure.pushes else (0.02, 0.15)
+    arms = np.array([_hanging(figure, shoulder, elbow, side) for side in (1.0, -1.0)])
     return _upright(figure, legs, arms)
 
 
@@ -158,6 +161,8 @@ def _limb(figure: Figure, angles: NDArray[np.float64], side: float) -> NDArray[n
 
 
 def _arm(figure: Figure, part: float, side: float) -> NDArray[np.float64]:
+    if figure.pushes:
+        return _hanging(figure, *PUSHING, side)
     swing = -np.cos(2 * np.pi * part)
     flexion = SHOULDER_MEAN + SHOULDER_SWING * swing
     return _hanging(figure, flexion, ELBOW_MEAN + ELBOW_SWING * swing, side)

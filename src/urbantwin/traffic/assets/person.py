@@ -28,6 +28,7 @@ class Figure:
         coat: length of a coat or skirt below the hip, as part of the thigh; 0 for none.
         backpack: carries one.
         helmet: wears one.
+        pushes: holds something before it with both hands.
     """
 
     stature: float
@@ -36,6 +37,7 @@ class Figure:
     coat: float = 0.0
     backpack: bool = False
     helmet: bool = False
+    pushes: bool = False
 
     def length(self, segment: str) -> float:
         """Return a segment's length in metres."""

@@ -1,4 +1,4 @@
-"""Bicycles, scooters and motorcycles with their riders."""
+"""Bicycles, scooters, motorcycles and wheelchairs with who rides them."""
 
 from __future__ import annotations
 
@@ -32,7 +32,9 @@ def two_wheeler(entry: Mapping[str, Any], phase: int = 0, *, halted: bool = Fals
     length = entry["size"][0]
     solids = parts(entry)
     for behind in entry["wheels"]["hubs"]:
-        solids += _wheel(entry["wheels"], length / 2 - behind)
+        wheel = _wheel(entry["wheels"], length / 2 - behind)
+        for y in _tracks(entry):
+            solids += [solid.moved([0.0, y, 0.0]) for solid in wheel]
     feet = np.array([place(foot, length) for foot in entry["rider"]["feet"]])
     if "cranks" in entry:
         feet = _pedals(entry, phase)
@@ -47,8 +49,16 @@ def two_wheeler(entry: Mapping[str, Any], phase: int = 0, *, halted: bool = Fals
 
 
 def hub_contacts(entry: Mapping[str, Any]) -> list[list[float]]:
-    """Return where the wheels touch the ground (2, 3), the front wheel first."""
-    return [[entry["size"][0] / 2 - behind, 0.0, 0.0] for behind in entry["wheels"]["hubs"]]
+    """Return where the wheels touch the ground (K, 3), the front first, left before right."""
+    length = entry["size"][0]
+    hubs = entry["wheels"]["hubs"]
+    return [[length / 2 - behind, y, 0.0] for behind in hubs for y in _tracks(entry)]
+
+
+def _tracks(entry: Mapping[str, Any]) -> tuple[float, ...]:
+    """Return where across an axle its wheels are: one in the middle, or one on each side."""
+    half = entry["wheels"].get("half_track", 0.0)
+    return (half, -half) if half else (0.0,)
 
 
 def _wheel(wheels: Mapping[str, Any], x: float) -> list[Solid]:

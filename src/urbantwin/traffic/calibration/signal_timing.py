@@ -14,7 +14,7 @@ from urbantwin.roads.signals.controlled_links import Link, Signalised
 from urbantwin.traffic.calibration.passages import JunctionLinks, Passage
 from urbantwin.traffic.recorded.track import RecordedSignals
 
-__all__ = ["Timing", "timing_of"]
+__all__ = ["Timing", "groups_of_links", "timing_of"]
 
 Shown = Sequence[tuple[float, str]]
 #: Drivers start after green begins and some pass at yellow (RiLSA 2015, 2.5: 3 s at 50 km/h);
@@ -62,11 +62,7 @@ def timing_of(
         links: of the junction.
         until_s: what was shown until then, seconds.
     """
-    shown = {
-        group: changes
-        for group, changes in signals.shown.items()
-        if any(letter == "y" for _, letter in changes) and any(x in "Gg" for _, x in changes)
-    }
+    shown = _of_vehicles(signals)
     starts = {group: _starts(changes) for group, changes in shown.items()}
     periods = [period for found in starts.values() for period in np.diff(found)]
     periods = [one for one in periods if _CYCLE_S[0] <= one <= _CYCLE_S[1]]
@@ -89,6 +85,22 @@ def timing_of(
             for group, found in sorted(letters.items())
         },
     )
+
+
+def groups_of_links(
+    signals: RecordedSignals, passages: Sequence[Passage], links: JunctionLinks, until_s: float
+) -> dict[int, str]:
+    """Return link -> group, as far as those who passed tell: see `timing_of`."""
+    return _groups(_of_vehicles(signals), passages, links, until_s)[0]
+
+
+def _of_vehicles(signals: RecordedSignals) -> dict[str, Shown]:
+    """Return the groups that are for vehicles: those that show green and yellow."""
+    return {
+        group: changes
+        for group, changes in signals.shown.items()
+        if any(letter == "y" for _, letter in changes) and any(x in "Gg" for _, x in changes)
+    }
 
 
 def _starts(changes: Shown) -> list[float]:

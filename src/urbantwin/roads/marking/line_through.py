@@ -1,0 +1,107 @@
+"""Lines between lanes that go on side by side through a junction.
+
+Where carriageways part or merge, and past a minor street, the lines between the lanes of the street
+that goes straight on are painted on (US MUTCD 3B.08; German RMS 1, 4.3: the broken line goes on
+along the major road).
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+import shapely
+
+from urbantwin.geometry import wrapped
+from urbantwin.roads.marking.lines import MOTOR, Line
+from urbantwin.roads.model import LaneModel, ModelRoad, SectionLane
+from urbantwin.roads.network import RoadNetwork
+
+__all__ = ["lines_through"]
+
+#: Ways that turn by more do not go straight on, radians.
+STRAIGHT = np.radians(25.0)
+#: Lanes that part leave no line between them: how much further apart than wide, metres.
+PARTED_M = 1.0
+#: Room beside crossings, metres.
+CLEAR_M = 0.5
+STEP_M = 1.0
+
+
+def lines_through(network: RoadNetwork, model: LaneModel) -> Iterator[Line]:
+    """Yield the lines between lanes that lead side by side through a junction without signals."""
+    controlled = {junction for item in model.controllers for junction in item.junctions}
+    ways: dict[int, list[ModelRoad]] = defaultdict(list)
+    for road in model.roads:
+        if road.junction >= 0 and road.junction not in controlled:
+            ways[road.junction].append(road)
+    walked = shapely.union_all(
+        [lane.polygon.buffer(CLEAR_M) for lane in network.lanes if lane.kind == "crossing"]
+    )
+    for mine in ways.values():
+        for road in mine:
+            for other in mine:
+                if _is_beside(road, other) and not _is_crossed(model, road, mine):
+                    for line in _between(road, other):
+                        rest = shapely.get_parts(line.difference(walked))
+                        yield from (
+                            Line("broken", shapely.get_coordinates(part), road.level)
+                            for part in rest
+                        )
+
+
+def _lane(road: ModelRoad) -> SectionLane:
+    return road.sections[0].lanes[0]
+
+
+def _ends(road: ModelRoad) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Return the road and the lane that a way comes from, and those that it leads to."""
+    lane, ends = _lane(road), (road.predecessor, road.successor)
+    roads = [-1 if end is None else end.id for end in ends]
+    return (roads[0], lane.predecessor or 0), (roads[1], lane.successor or 0)
+
+
+def _is_beside(road: ModelRoad, other: ModelRoad) -> bool:
+    """Whether another way leads from the next lane outwards to the next lane outwards."""
+    if not all(_lane(x).kind in MOTOR for x in (road, other)):
+        return False
+    for (at, lane), (there, next_lane) in zip(_ends(road), _ends(other), strict=True):
+        if at != there or lane * next_lane <= 0 or abs(next_lane) != abs(lane) + 1:
+            return False
+    return max(_turn(road), _turn(other)) < float(STRAIGHT)
+
+
+def _turn(road: ModelRoad) -> float:
+    first, last = road.curve.at([0.0, road.length])[:, 2]
+    return abs(float(wrapped(last - first)))
+
+
+def _is_crossed(model: LaneModel, road: ModelRoad, ways: Sequence[ModelRoad]) -> bool:
+    """Whether a way from a street that is no smaller leads across."""
+    (start, _), (end, _) = _ends(road)
+    return any(
+        bool(way.curve.line.crosses(road.curve.line))
+        and _lanes(model, _ends(way)[0]) >= _lanes(model, _ends(road)[0])
+        for way in ways
+        if _ends(way)[0][0] != start and _ends(way)[1][0] != end
+    )
+
+
+def _lanes(model: LaneModel, end: tuple[int, int]) -> int:
+    """Return how many lanes for motors a road has on one side of its middle."""
+    road, lane = model.road_by_id[end[0]], end[1]
+    most = max(road.sections, key=lambda section: len(section.lanes)).lanes
+    return sum(one.kind in MOTOR and one.id * lane > 0 for one in most)
+
+
+def _between(road: ModelRoad, other: ModelRoad) -> Iterator[shapely.LineString]:
+    """Yield the line midway between two ways, where they are side by side all along."""
+    count = max(3, int(road.length / STEP_M) + 1)
+    share = np.linspace(0.0, 1.0, count)
+    here, there = (one.curve.at(share * one.length)[:, :2] for one in (road, other))
+    wide = (
+        _lane(road).width.at(share * road.length) + _lane(other).width.at(share * other.length)
+    ) / 2
+    if (np.linalg.norm(there - here, axis=1) < wide + PARTED_M).all():
+        yield shapely.LineString((here + there) / 2)

@@ -1,0 +1,397 @@
+"""Trams among the rest of traffic, in SUMO's process: everybody sees everybody.
+
+SUMO drives trams over their own rails and knows nothing of what they meet there. Before every step
+this finds what is in a tram's way (vehicles, people, signals that tell it to stop) and how fast it
+may be, and who must wait for a tram or follow it. Trams have the right of way where no signal
+tells.
+
+This file is found by its path and imports nothing of UrbanTwin (see ``sumo_worker``).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import libsumo
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+#: From where to where ahead rails lie, whether a tram takes them, and where on its way.
+_Stretch = tuple[float, float, bool, float]
+
+#: Braking for what is seen in time, and as hard as it has to be, m/s2.
+TRAM_BRAKING, TRAM_HARDEST = 1.1, 2.7
+CAR_BRAKING, CAR_HARDEST = 3.0, 6.0
+#: Half the width of a tram with room beside it, metres; room before who stands in the way. In a
+#: bend its bodies are chords: by half a square of their length over the radius, metres^2, wider.
+HALF_M, GAP_M, CHORD_M2 = 1.5, 2.5, 9.0
+#: How far ahead a tram looks, metres; others wait for it when it comes within so many seconds.
+AHEAD_M, COMING_S = 90.0, 6.0
+#: Vehicles farther from a tram than this are not looked at, metres.
+AROUND_M = 110.0
+#: People are expected where they will be so much later, seconds; they wait so far from the rails.
+EXPECTED_S, KERB_M = 1.2, 1.0
+#: Who drives waits so far before the rails, metres.
+BEFORE_M = 1.0
+#: How far ahead on its way somebody looks for rails; room that a car needs between two, metres.
+WAY_M, ROOM_M = 70.0, 7.0
+#: Where no street runs with the rails, a tram that waited for so long is given its way, seconds.
+PATIENCE_S = 15.0
+#: A junction with signals is at most so long, metres.
+JUNCTION_M = 100.0
+#: SUMO's checks of a speed that is set, without that of the greatest braking.
+SPEED_MODE = 31 - 4
+#: No lane changes of a vehicle's own beside a tram, else SUMO's default.
+NO_CHANGE, ANY_CHANGE = 512, 1621
+
+
+class _Tram:
+    """One tram in a step: its way, and where its ends are along it."""
+
+    def __init__(self, name: str, tracks: dict[str, Any]) -> None:
+        self.name = name
+        route = libsumo.vehicle.getRoute(name)
+        index = libsumo.vehicle.getRouteIndex(name)
+        self.length = libsumo.vehicle.getLength(name)
+        self.speed = libsumo.vehicle.getSpeed(name)
+        self.nose = np.array(libsumo.vehicle.getPosition(name))
+        at = libsumo.vehicle.getLanePosition(name)
+        first = index
+        behind = self.length + 5.0 - at
+        while behind > 0 and first > 0:
+            first -= 1
+            behind -= tracks[route[first]][1][-1]
+        points: list[Floats] = []
+        self.starts: dict[str, float] = {}
+        total, k = 0.0, first
+        self.front = 0.0
+        while k < len(route) and (k <= index or total < self.front + AHEAD_M):
+            line, along = tracks[route[k]]
+            # Of a track that comes twice, the part near the front counts.
+            self.starts[route[k]] = total
+            if k == index:
+                self.front = total + at
+            points.append(line if not points else line[1:])
+            total += along[-1]
+            k += 1
+        self.line = np.vstack(points)
+        leg = np.diff(self.line, axis=0)
+        self.legs = np.maximum(np.hypot(leg[:, 0], leg[:, 1]), 1e-9)
+        self.unit = leg / self.legs[:, None]
+        self.along = np.concatenate([[0.0], np.cumsum(self.legs)])
+        turn = np.diff(np.unwrap(np.arctan2(self.unit[:, 1], self.unit[:, 0])))
+        bend = np.abs(turn) / np.maximum((self.legs[1:] + self.legs[:-1]) / 2, 2.0)
+        self.half = HALF_M + CHORD_M2 * np.minimum(np.concatenate([[0.0], bend, [0.0]]), 0.08)
+        self.stops = libsumo.vehicle.isStopped(name)
+        # How far it can go, and how far it could if nobody crossed its way, metres.
+        self.free = self.room = AHEAD_M
+
+    def locate(self, points: Floats) -> tuple[Floats, Floats]:
+        """Return how far along the way points (M, 2) are, and how far aside."""
+        rel = points[:, None] - self.line[None, :-1]
+        at = np.clip((rel * self.unit[None]).sum(axis=2), 0.0, self.legs[None])
+        off = rel - at[..., None] * self.unit[None]
+        away = np.hypot(off[..., 0], off[..., 1])
+        best = away.argmin(axis=1)
+        rows = np.arange(len(points))
+        return self.along[best] + at[rows, best], away[rows, best]
+
+
+class Trams:
+    """Makes trams and others heed each other.
+
+    Args:
+        known: what ``tram_conflicts.tram_conflicts`` returned.
+    """
+
+    def __init__(self, known: dict[str, Any]) -> None:
+        self.tracks = {}
+        for name, points in known.get("tracks", {}).items():
+            line = np.array(points, np.float64)
+            along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
+            self.tracks[name] = line, along
+        self.outer = frozenset(known.get("outer", ()))
+        self.zones: dict[str, list[Any]] = known.get("zones", {})
+        self.on_track: dict[str, list[tuple[str, Any]]] = {}
+        for lane, rows in self.zones.items():
+            for row in rows:
+                self.on_track.setdefault(row[0], []).append((lane, row))
+        self.signals: dict[str, list[Any]] = known.get("signals", {})
+        self.held: dict[str, float] = {}
+        self.passed: dict[str, dict[str, float]] = {}
+        self.slowed: set[str] = set()
+        self.calmed: set[str] = set()
+        self.waiting: set[str] = set()
+
+    def heed(self, step_s: float) -> None:
+        """Set speeds for the step to come."""
+        if not self.tracks:
+            return
+        now = [
+            _Tram(name, self.tracks)
+            for name in libsumo.vehicle.getIDList()
+            if libsumo.vehicle.getVehicleClass(name) == "tram"
+        ]
+        seen = [tram for tram in now if not self._is_out(tram.name)]
+        names = list(libsumo.vehicle.getIDList())
+        places = np.array([libsumo.vehicle.getPosition(name) for name in names]).reshape(-1, 2)
+        people = list(libsumo.person.getIDList()) if seen else []
+        where = np.array([libsumo.person.getPosition(name) for name in people]).reshape(-1, 2)
+        slowed: dict[str, float] = {}
+        calmed: set[str] = set()
+        waiting: set[str] = set()
+        trams = {tram.name for tram in now}
+        for tram in seen:
+            self._obey_signals(tram, step_s)
+            near = np.flatnonzero(np.hypot(*(places - tram.nose).T) < AROUND_M)
+            in_way = self._vehicles_ahead(tram, [names[k] for k in near], trams)
+            waiting |= self._people(tram, people, where)
+            reserved = self._reserved(tram)
+            for k in near.tolist():
+                name = names[k]
+                if name in trams:
+                    continue
+                most = self._most(tram, name, reserved, name in in_way)
+                if most is not None:
+                    slowed[name] = min(slowed.get(name, math.inf), most)
+                if name in self._beside(tram, name, places[k]):
+                    calmed.add(name)
+            allowed = _safe(tram.free, 0.0, TRAM_BRAKING)
+            allowed = max(allowed, tram.speed - TRAM_HARDEST * step_s, 0.0)
+            libsumo.vehicle.setSpeedMode(tram.name, SPEED_MODE)
+            libsumo.vehicle.setSpeed(tram.name, allowed if tram.free < AHEAD_M else -1)
+        for name, most in slowed.items():
+            least = libsumo.vehicle.getSpeed(name) - CAR_HARDEST * step_s
+            libsumo.vehicle.setSpeed(name, max(most, least, 0.0))
+        self._release(set(slowed), calmed, waiting)
+
+    def _release(self, slowed: set[str], calmed: set[str], waiting: set[str]) -> None:
+        here, walk = set(libsumo.vehicle.getIDList()), set(libsumo.person.getIDList())
+        for name in sorted((self.slowed - slowed) & here):
+            libsumo.vehicle.setSpeed(name, -1)
+        for name in sorted(calmed - self.calmed):
+            libsumo.vehicle.setLaneChangeMode(name, NO_CHANGE)
+        for name in sorted((self.calmed - calmed) & here):
+            libsumo.vehicle.setLaneChangeMode(name, ANY_CHANGE)
+        for name in sorted(waiting - self.waiting):
+            libsumo.person.setSpeed(name, 0.0)
+        for name in sorted((self.waiting - waiting) & walk):
+            libsumo.person.setSpeed(name, -1)
+        self.slowed, self.calmed, self.waiting = slowed, calmed, waiting
+
+    def _is_out(self, name: str) -> bool:
+        if libsumo.vehicle.getRoadID(name) not in self.outer:
+            return False
+        at, length = libsumo.vehicle.getLanePosition(name), libsumo.vehicle.getLength(name)
+        lane = libsumo.vehicle.getLaneID(name)
+        return bool(at > length and libsumo.lane.getLength(lane) - at > AHEAD_M)
+
+    def _obey_signals(self, tram: _Tram, step_s: float) -> None:
+        """Stop before signals; one that was passed counts no more on the same junction."""
+        held, driven = False, libsumo.vehicle.getDistance(tram.name)
+        passed = self.passed.setdefault(tram.name, {})
+        for edge, start in tram.starts.items():
+            for stop, program, own, foes in self.signals.get(edge, ()):
+                ahead = start + stop - tram.front
+                if -tram.speed < ahead < 0.0:
+                    passed.setdefault(program, driven)
+                if not -0.5 < ahead < AHEAD_M:
+                    continue
+                if driven + ahead < passed.get(program, -math.inf) + JUNCTION_M:
+                    continue
+                passed.pop(program, None)
+                state = libsumo.trafficlight.getRedYellowGreenState(program)
+                go = any(state[k] in "Gg" for k in own)
+                if not own:
+                    go = not any(state[k] in "Gy" for k in foes)
+                    if ahead < 3.0 and self.held.get(tram.name, 0.0) > PATIENCE_S:
+                        passed[program] = driven
+                        go = True
+                # Who can no longer stop goes on, as at yellow.
+                if go or ahead < tram.speed**2 / (2 * TRAM_BRAKING) - 1.0:
+                    held = held or (go and ahead < 3.0 and tram.speed < 0.1)
+                    continue
+                tram.free = min(tram.free, max(ahead - 0.3, 0.0))
+                held = held or ahead < 3.0
+        tram.room = tram.free
+        self.held[tram.name] = self.held.get(tram.name, 0.0) + step_s if held else 0.0
+
+    def _vehicles_ahead(self, tram: _Tram, names: list[str], trams: set[str]) -> set[str]:
+        """Note who is in a tram's way; return them."""
+        found = set()
+        for name in names:
+            if name == tram.name:
+                continue
+            body = self._body(name, name in trams)
+            at, away = tram.locate(body)
+            half = np.interp(at, tram.along, tram.half) + (
+                libsumo.vehicle.getWidth(name) / 2 - 0.25 if name in trams else 0.0
+            )
+            inside = (away < half) & (at > tram.front - 1.0) & (at < tram.front + AHEAD_M)
+            if not inside.any():
+                continue
+            found.add(name)
+            gap = float(at[inside].min()) - tram.front - GAP_M
+            # Who drives ahead goes on; who crosses does not.
+            yaw = math.radians(90.0 - libsumo.vehicle.getAngle(name))
+            k = int(np.searchsorted(tram.along[:-1], at[inside].min(), "right")) - 1
+            along = float(tram.unit[k] @ np.array([math.cos(yaw), math.sin(yaw)]))
+            speed = libsumo.vehicle.getSpeed(name) * max(along, 0.0)
+            if along > 0.9:
+                gap = max(gap, 0.0) + speed**2 / (2 * CAR_BRAKING)
+                tram.room = min(tram.room, gap)
+            tram.free = min(tram.free, max(gap, 0.0))
+        return found
+
+    def _body(self, name: str, is_tram: bool) -> Floats:
+        """Return points (M, 2) around a vehicle, or along the middle of a tram."""
+        if is_tram:
+            other = _Tram(name, self.tracks)
+            at = np.linspace(max(other.front - other.length, 0.0), other.front, 24)
+            return np.column_stack([np.interp(at, other.along, other.line[:, k]) for k in (0, 1)])
+        x, y = libsumo.vehicle.getPosition(name)
+        yaw = math.radians(90.0 - libsumo.vehicle.getAngle(name))
+        length, half = libsumo.vehicle.getLength(name), libsumo.vehicle.getWidth(name) / 2
+        back = np.linspace(0.0, length, max(2, int(length)))
+        ahead, left = (
+            np.array([math.cos(yaw), math.sin(yaw)]),
+            np.array([-math.sin(yaw), math.cos(yaw)]),
+        )
+        middle = np.array([x, y]) - back[:, None] * ahead
+        return np.vstack([middle + half * left, middle, middle - half * left])
+
+    def _people(self, tram: _Tram, people: list[str], where: Floats) -> set[str]:
+        """Brake for people on the rails; return those who wait until a tram has passed."""
+        near = np.flatnonzero(np.hypot(*(where - tram.nose).T) < AROUND_M)
+        if not len(near):
+            return set()
+        at, away = tram.locate(where[near])
+        waits = set()
+        for k, along, off in zip(near.tolist(), at.tolist(), away.tolist(), strict=True):
+            ahead = along - tram.front
+            if off > 4.0 or not -tram.length - 1.0 < ahead < AHEAD_M:
+                continue
+            name = people[k]
+            half = float(np.interp(along, tram.along, tram.half))
+            if off < half + 0.1:
+                if ahead > -1.0:
+                    tram.free = min(tram.free, max(ahead - 2.0, 0.0))
+                continue
+            yaw = math.radians(90.0 - libsumo.person.getAngle(name))
+            step = EXPECTED_S * 1.5
+            later = where[k] + step * np.array([math.cos(yaw), math.sin(yaw)])
+            closer = float(tram.locate(later[None])[1][0])
+            comes = ahead / max(tram.speed, 1.0) < COMING_S and (tram.speed > 0.3 or ahead < 1.0)
+            if closer < half + 0.4 and closer < off and comes and off < half + KERB_M:
+                waits.add(name)
+        return waits
+
+    def _reserved(self, tram: _Tram) -> dict[str, list[Any]]:
+        """Return, by lane, the stretches that a tram is on, or will be soon."""
+        found: dict[str, list[Any]] = {}
+        reach = tram.front + min(tram.room, tram.speed * COMING_S + 12.0)
+        if tram.stops:
+            reach = tram.front
+        for edge, start in tram.starts.items():
+            for lane, (_, a, b, c, d, together) in self.on_track.get(edge, ()):
+                if start + d > tram.front - tram.length - 0.5 and start + c < reach + 1.0:
+                    found.setdefault(lane, []).append((a, b, start + c, start + d, together))
+        return found
+
+    def _most(  # noqa: PLR0912 - all that a tram is to others
+        self, tram: _Tram, name: str, reserved: dict[str, list[Any]], in_way: bool
+    ) -> float | None:
+        """Return how fast a vehicle may be for the sake of a tram; ``None`` for as it likes."""
+        speed = libsumo.vehicle.getSpeed(name)
+        tail = tram.front - tram.length
+        most = math.inf
+        crossed: list[_Stretch] = []
+        for one, offset in self._way_of(name):
+            for a, b, c, d, together in reserved.get(one, ()):
+                if not (together and c < tram.front and offset + b > 0) or in_way:
+                    continue
+                # Behind a tram: follow its tail.
+                gap = offset + a + (tail - c) * (b - a) / max(d - c, 0.1) - GAP_M
+                if gap + GAP_M > -0.5:
+                    most = min(most, _safe(max(gap, 0.0), tram.speed, CAR_BRAKING))
+            taken = [row[:3] for row in reserved.get(one, ())]
+            for row in self.zones.get(one, ()):
+                trams_at = [c for a, b, c in taken if (a, b) == (row[1], row[2])]
+                if row[5] and trams_at:
+                    continue
+                rails = offset + row[1], offset + row[2]
+                crossed.append((*rails, bool(trams_at), min(trams_at, default=0.0)))
+        if in_way:
+            return None if most == math.inf else most
+        ahead_m = self._room(name)
+        for group in _groups(crossed):
+            begin, end = group[0][0], max(row[1] for row in group)
+            if begin > 0.3:
+                # Nobody stops on rails: in only if all of them are free, and there is room behind.
+                full = ahead_m < end + libsumo.vehicle.getLength(name) + 1.0
+                if not full and not any(row[2] for row in group):
+                    continue
+                if begin - 0.2 > speed**2 / (2.6 * CAR_BRAKING):
+                    most = min(most, _safe(max(begin - BEFORE_M, 0.0), 0.0, CAR_BRAKING))
+                    continue
+            for first, _, is_taken, at in group:
+                if not is_taken:
+                    continue
+                if first < 0.3:
+                    continue  # it is there, and the tram sees whether it is in its way
+                if first > speed**2 / (2 * CAR_HARDEST):
+                    most = min(most, _safe(max(first - BEFORE_M, 0.0), 0.0, CAR_BRAKING))
+                elif at > tram.front:
+                    tram.free = min(tram.free, max(at - tram.front - 1.0, 0.0))
+        return None if most == math.inf else most
+
+    def _way_of(self, name: str) -> list[tuple[str, float]]:
+        """Return the lanes of a vehicle's way and how far ahead each begins."""
+        lane = str(libsumo.vehicle.getLaneID(name))
+        offset = -float(libsumo.vehicle.getLanePosition(name))
+        found = [(lane, offset)]
+        links: Any = libsumo.vehicle.getNextLinks(name)
+        for link in links:
+            for following in filter(None, (link[4], link[0])):
+                offset += libsumo.lane.getLength(lane)
+                if offset > WAY_M:
+                    return found
+                lane = following
+                found.append((lane, offset))
+        return found
+
+    def _room(self, name: str) -> float:
+        """Return how far ahead of a vehicle somebody stands, metres."""
+        leader = libsumo.vehicle.getLeader(name, WAY_M)
+        if not leader or not leader[0] or libsumo.vehicle.getSpeed(leader[0]) > 2.0:
+            return math.inf
+        return float(leader[1] + libsumo.vehicle.getMinGap(name))
+
+    def _beside(self, tram: _Tram, name: str, place: Floats) -> set[str]:
+        """Return the vehicle if it drives beside a tram."""
+        at, away = tram.locate(place[None])
+        ahead = float(at[0]) - tram.front
+        return {name} if float(away[0]) < 7.0 and -tram.length - 8.0 < ahead < 12.0 else set()
+
+
+def _groups(rows: list[_Stretch]) -> list[list[_Stretch]]:
+    """Return stretches of a way, from where to where, in groups between which nobody has room."""
+    found: list[list[_Stretch]] = []
+    for row in sorted(rows):
+        if row[1] < 0:
+            continue
+        if found and row[0] < max(one[1] for one in found[-1]) + ROOM_M:
+            found[-1].append(row)
+        else:
+            found.append([row])
+    return found
+
+
+def _safe(gap_m: float, ahead_ms: float, braking: float) -> float:
+    """Return the speed from which one stops behind somebody who brakes as hard (Gipps), m/s."""
+    reaction = braking * 0.5
+    return max(
+        -reaction + math.sqrt(reaction**2 + ahead_ms**2 + 2 * braking * max(gap_m, 0.0)), 0.0
+    )
