@@ -211,7 +211,12 @@ def _apart(
 
 
 def _rear_m(mesh: Asset) -> float:
-    """Return how far behind its middle an asset's rear axle is, metres; 0 without one."""
+    """Return how far behind its middle an asset's rear axle is, metres; 0 without one.
+
+    A tram has none in this sense: both its bogies are on the rails, as SUMO's heading has them.
+    """
+    if mesh.actor_class == "tram":
+        return 0.0
     behind = mesh.contacts[mesh.contacts[:, 0] < -0.1, 0]
     return -float(behind.mean()) if len(behind) else 0.0
 
