@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.summary import Summary
     from urbantwin.interface.tuning import Tuning, tune
     from urbantwin.interface.twin import Twin, build
+    from urbantwin.interface.variation import Variation, vary
     from urbantwin.interface.verification import Verification, verify
     from urbantwin.interface.whole_line import Run, demo, run
     from urbantwin.result_warning import ResultWarning
@@ -76,6 +77,7 @@ __all__ = [
     "Tuning",
     "Twin",
     "UrbanTwinError",
+    "Variation",
     "Verification",
     "__version__",
     "actors",
@@ -99,6 +101,7 @@ __all__ = [
     "run",
     "sensors",
     "tune",
+    "vary",
     "verify",
 ]
 

@@ -18,8 +18,8 @@ from urbantwin import __version__
 
 Run = Callable[..., Any]
 COMMANDS = tuple(
-    "align background build carla compare coverage demo export film init inspect record reproduce "
-    "run sensors traffic tune verify".split()
+    "actors align background build calibrate carla compare coverage demo export film init "
+    "inspect record replay reproduce run sensors traffic tune verify".split()
 )
 
 

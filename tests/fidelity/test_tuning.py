@@ -341,14 +341,18 @@ def test_density_and_size_of_actors_are_found(tmp_path):
 
 def test_resized_actors_have_the_bounds_that_they_say(place):
     row = {"track": 4, "class": "car", "asset": "car-sedan", "length": 4.0, "width": 2.0}
+    row["height"] = 1.5
     motion = motion_of(
         place[0], [row, row | {"track": 5, "class": "pedestrian", "asset": "pedestrian-man"}]
     )
-    before = motion.with_meshes()
     after = resized(motion, {"car": {"length": 1.1, "height": 0.9}})
-    for key, times in ((("car-sedan", 0), [1.1, 1.0, 0.9]), (("pedestrian-man", 0), [1, 1, 1])):
-        spans = [np.ptp(one.meshes[key].vertices, axis=0) for one in (before, after)]
-        np.testing.assert_allclose(spans[1], spans[0] * times)
+    car, person = after.actors.to_pylist()
+    span = np.ptp(after.mesh(car["asset"], 0).vertices, axis=0)
+    np.testing.assert_allclose(span, [car["length"], car["width"], car["height"]], rtol=1e-6)
+    before = motion.actors.to_pylist()[0]
+    assert car["height"] == pytest.approx(0.9 * before["height"], abs=0.005)
+    assert person["asset"] == "pedestrian-man"
+    assert after.mesh("pedestrian-man", 0) is motion.mesh("pedestrian-man", 0)
     assert after.actors["length"].to_pylist() == pytest.approx([4.4, 4.0])
 
 

@@ -70,7 +70,8 @@ def test_sensors_apart_are_datasets_of_their_own(line: Line, tmp_path: Path) -> 
 def test_motion_and_twin_have_their_tables(line: Line) -> None:
     table = pq.read_table(line.motion.folder / "actors.parquet")
     assert line.motion.actors.equals(table)
-    assert len(line.motion.at(0.0)) == sum(one == 0.0 for one in table["time_s"].to_pylist())
+    moving = sum(one == 0.0 for one in table["time_s"].to_pylist())
+    assert len(line.motion.at(0.0)) == moving + line.motion.parked.num_rows
     with np.load(line.twin.folder / "scene.npz") as scene:
         np.testing.assert_array_equal(line.twin.mesh.faces, scene["faces"])
     assert {lane.kind for lane in line.twin.lanes} >= {"driving", "sidewalk"}

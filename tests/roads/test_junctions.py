@@ -324,3 +324,19 @@ def test_a_crossing_and_its_stop_lines_are_one_signal(build):
     stopped = [network.lane_by_id[name] for name in sorted(network.stopped_lanes)]
     assert sorted(lane.kind for lane in stopped) == ["crossing", "driving", "driving"]
     assert all(lane.length > 100 for lane in stopped if lane.kind == "driving")
+
+
+def test_ways_side_by_side_move_apart_in_the_closed_loop_too(write_osm, tmp_path):
+    """Both part from one street and run on 5 m apart to the border, where outer roads begin."""
+    nodes = {1: (-150, 0, {}), 2: (-90, 0, {}), 3: (-60, 0, {}), 4: (150, 0, {})}
+    nodes |= {5: (-60, -5, {}), 6: (150, -5, {})}
+    ways = {1: ([1, 2], ONE_WAY | {"lanes": "4"}), 2: ([2, 3, 4], ONE_WAY), 3: ([2, 5, 6], ONE_WAY)}
+    extract = read_extract(write_osm(nodes, ways))
+    for loop in (False, True):
+        built = build_roads(
+            extract, HERE, shapely.box(-140, -140, 140, 140), Elevation.flat(),
+            driving_side="right", out=tmp_path / "n.net.xml", closed_loop=loop,
+        )  # fmt: skip
+        one, other = areas(built.network, 2, 3)
+        inside = shapely.box(-140, -140, 110, 140)
+        assert one.intersection(other).intersection(inside).area < 1.0

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from urbantwin.errors import InputError
+from urbantwin.interface.outcome import outcome_of_motion
 from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.traffic import run_traffic
 from urbantwin.traffic.counts import counted_demand, turn_of
@@ -87,6 +88,9 @@ def test_what_was_asked_and_driven_stand_side_by_side(
     }
     east = sum(len(times) > 0 and times[0] > 0 for times in came.values())
     assert told[0]["driven_per_hour"] == pytest.approx(east * 20)
+    outcome = outcome_of_motion(motion)
+    assert outcome["counted_asked_per_hour"] == 480.0
+    assert outcome["counted_driven_per_hour"] == sum(row["driven_per_hour"] for row in told)
 
 
 @pytest.mark.parametrize(

@@ -32,6 +32,7 @@ from urbantwin.cli import (
     sensors,
     traffic,
     tune,
+    vary,
     verify,
 )
 from urbantwin.cli.console import error_line
@@ -89,6 +90,7 @@ for command, examples in (
     (calibrate.calibrate, calibrate.EXAMPLES),
     (film.film, film.EXAMPLES),
     (record.record, record.EXAMPLES),
+    (vary.vary, vary.EXAMPLES),
     (coverage.coverage, coverage.EXAMPLES),
     (align.align, align.EXAMPLES),
     (background.background, background.EXAMPLES),

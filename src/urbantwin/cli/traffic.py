@@ -17,6 +17,7 @@ EXAMPLES = """
 urbantwin traffic twin/ -o motion/
 urbantwin traffic twin/ -o motion/ --seconds 300 --seed 7
 urbantwin traffic twin/ -o motion/ --demand tuned/traffic.yaml
+urbantwin traffic twin/ -o motion/ --scenario scenario.yaml
 urbantwin traffic twin/ -o motion/ --counts counts.csv
 """
 
@@ -33,6 +34,10 @@ def traffic(
         Path | None,
         typer.Option(help="Fields of `traffic:` that replace the site's: tuned/traffic.yaml."),
     ] = None,
+    scenario: Annotated[
+        Path | None,
+        typer.Option(help="A scenario.yaml: rare events at a place and a time (docs/events.md)."),
+    ] = None,
     counts: Annotated[
         Path | None,
         typer.Option(help="A table (CSV): approach, turn, class, begin, count."),
@@ -48,6 +53,7 @@ def traffic(
         seconds=seconds,
         seed=seed,
         demand=demand,
+        scenario=scenario,
         counts=counts,
         pictures=pictures,
         progress=not quiet,

@@ -31,8 +31,9 @@ if TYPE_CHECKING:
     from urbantwin.geometry import Pose
     from urbantwin.interface.motion import Motion
     from urbantwin.interface.twin import Twin
+    from urbantwin.site.rig import RigSpec
 
-__all__ = ["Dataset", "Frame", "record"]
+__all__ = ["Dataset", "Frame", "record", "recorded"]
 
 _BOX = ("x", "y", "z", "length", "width", "height", "yaw")
 
@@ -334,12 +335,9 @@ def record(  # noqa: PLR0913 - the options of the command
     Example:
         >>> dataset = ut.record(twin, motion, rig="rig.yaml", weather="rain", visibility=800)
     """
-    from urbantwin.dataset.provenance import asked_of
-    from urbantwin.dataset.recording import record as record_frames
     from urbantwin.interface.motion import Motion
-    from urbantwin.interface.rig import placed, rig_spec_on
+    from urbantwin.interface.rig import rig_spec_on
     from urbantwin.interface.twin import Twin
-    from urbantwin.lidar.background_file import rig_with_backgrounds
     from urbantwin.site.rig_changes import RigChanges
 
     changes = RigChanges(
@@ -361,7 +359,68 @@ def record(  # noqa: PLR0913 - the options of the command
     given = [background] if isinstance(background, str | os.PathLike) else background
     measured = [os.fspath(one) for one in given]
     spec, file = rig_spec_on(on, rig_file, changes)
-    mounted = rig_with_backgrounds(placed(spec, on, file), measured, fused=fuse)
+    return recorded(
+        on,
+        moving,
+        spec,
+        file,
+        place,
+        background=measured,
+        fuse=fuse,
+        start_s=start,
+        stop_s=stop,
+        backend=backend,
+        workers=workers,
+        seed=seed,
+        inputs=inputs,
+        pictures=pictures,
+        progress=progress,
+    )
+
+
+def recorded(  # noqa: PLR0913 - the options of the command
+    on: Twin,
+    moving: Motion,
+    spec: RigSpec,
+    rig_file: Path,
+    place: Path,
+    *,
+    background: Sequence[str] = (),
+    fuse: bool = False,
+    start_s: float = 0.0,
+    stop_s: float | None = None,
+    backend: str = "embree",
+    workers: int | None = None,
+    seed: int | None = None,
+    inputs: Sequence[Path] = (),
+    pictures: bool = True,
+    progress: ShowProgress = True,
+) -> Dataset:
+    """Record what a rig sees; see `record`.
+
+    Args:
+        on: the twin.
+        moving: the motion.
+        spec: the rig with every change to it.
+        rig_file: where it was written, beside which its files are.
+        place: the folder to write.
+        background: ``FILE`` or ``NAME=FILE`` of what real sensors measured.
+        fuse: where nobody measured, the twin is seen.
+        start_s: no frame before this time of the motion.
+        stop_s: no frame after this time.
+        backend: what casts the rays.
+        workers: processes to work with.
+        seed: of every random choice.
+        inputs: what it is made from.
+        pictures: draw pictures into the folder.
+        progress: show how far it is.
+    """
+    from urbantwin.dataset.provenance import asked_of
+    from urbantwin.dataset.recording import record as record_frames
+    from urbantwin.interface.rig import placed
+    from urbantwin.lidar.background_file import rig_with_backgrounds
+
+    mounted = rig_with_backgrounds(placed(spec, on, rig_file), list(background), fused=fuse)
     with shown_stage("record", progress) as tell:
 
         def also(folder: Path) -> None:
@@ -377,11 +436,11 @@ def record(  # noqa: PLR0913 - the options of the command
             place,
             workers=workers,
             seed=seed,
-            start_s=start,
-            stop_s=stop,
-            rig_file=file,
+            start_s=start_s,
+            stop_s=stop_s,
+            rig_file=rig_file,
             backend=backend,
-            asked=asked_of(spec, file, on, background=measured, fuse=fuse),
+            asked=asked_of(spec, rig_file, on, background=background, fuse=fuse),
             inputs=inputs,
             also=also if pictures else None,
             progress=tell,

@@ -108,13 +108,14 @@ class Motion(DrivenMotion):
         return figure_of_motion(self, twin)
 
 
-def drive(
+def drive(  # noqa: PLR0913 - the options of the command
     twin: Twin | AnyPath,
     out: AnyPath | None = None,
     *,
     seconds: float | None = None,
     seed: int | None = None,
     demand: AnyPath | None = None,
+    scenario: AnyPath | None = None,
     counts: AnyPath | None = None,
     pictures: bool = True,
     progress: ShowProgress = True,
@@ -129,9 +130,10 @@ def drive(
         seed: that everything random follows from; the site's ``traffic.seed`` if not given.
         demand: a file of fields of ``traffic:`` that replace the site's, as ``tune`` and
             ``calibrate`` write it.
+        scenario: a ``scenario.yaml``: rare events, each by its name, at a place and a time.
         counts: a table (CSV) of vehicles by approach, turn and quarter of an hour, or by origin and
             destination.
-        pictures: draw the paths of the actors into the motion's folder.
+        pictures: draw the paths of the actors, and each event, into the motion's folder.
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
@@ -148,19 +150,26 @@ def drive(
 
     place = beside(twin, "motion", out)
     file = None if demand is None else Path(demand)
-    check_folder(
-        place, kind="motion", inputs=[Path(twin), file, None if counts is None else Path(counts)]
-    )
-    changes = None if file is None else load_traffic_changes(file)
-    if counts is not None:
-        changes = {**(changes or {}), "counts": read_counts(Path(counts))}
+    events = None if scenario is None else Path(scenario)
+    table = None if counts is None else Path(counts)
+    check_folder(place, kind="motion", inputs=[Path(twin), file, events, table])
+    changes = {} if file is None else load_traffic_changes(file)
+    if table is not None:
+        changes = {**changes, "counts": read_counts(table)}
     loaded = Twin.open(twin)
+    if events is not None:
+        from urbantwin.traffic.events import load_scenario
+
+        usual = changes.get("duration_s", loaded.site["traffic"]["duration_s"])
+        until_s = usual if seconds is None else seconds
+        changes = {**changes, "scenario": load_scenario(events, loaded, until_s)}
 
     def draw(driven: DrivenMotion, folder: Path) -> None:
-        from urbantwin.view.pictures import picture_of_motion
+        from urbantwin.view.pictures import picture_of_motion, pictures_of_events
 
         (folder / "pictures").mkdir()
         picture_of_motion(driven, loaded, folder / "pictures" / "paths.png")
+        pictures_of_events(driven, loaded, folder / "pictures")
 
     with shown_stage("traffic", progress) as tell:
         made = run_traffic(

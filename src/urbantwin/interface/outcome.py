@@ -33,8 +33,14 @@ def outcome_of_motion(motion: Motion) -> dict[str, Any]:
     seen = {name: row["seen"] for name, row in told.get("classes", {}).items() if row["seen"]}
     carried = told.get("circulation", {}).get("carried_share_of_motor_traffic")
     met = told.get("overlaps")
+    counted = {
+        f"counted_{name}": round(sum(row[name] for row in told["counts"]), 1)
+        for name in ("asked_per_hour", "driven_per_hour")
+        if told.get("counts")
+    }
     return {
         "actors": seen,
+        **counted,
         **({} if carried is None else {"traffic_carried_of_asked": carried}),
         **({} if met is None else {"overlaps": met["actors"], "overlaps_with_scene": met["scene"]}),
     }

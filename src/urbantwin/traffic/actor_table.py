@@ -67,6 +67,7 @@ def actor_table(
     steps: int,
     step_s: float,
     asset: Callable[[str], Asset],
+    by_trip: bool = False,
     tell: Progress = untold,
 ) -> tuple[pa.Table, int]:
     """Return the table of actors and how many poses were left out because there is no ground.
@@ -81,6 +82,7 @@ def actor_table(
         steps: how many steps the motion has; steps before and after them only shape the paths.
         step_s: time between steps.
         asset: an asset's dimensions and contacts by name.
+        by_trip: let a track's number be that of its trip, whoever else is there.
         tell: called with the fraction done (0..1) and what is being done.
     """
     smoothing, standing = between(tell, 0.0, 0.4), between(tell, 0.5, 0.9)
@@ -117,7 +119,7 @@ def actor_table(
     classes = [trip.actor_class for trip in trips]
     values = {
         "time_s": step_times(steps, step_s)[columns["step"][order]],
-        "track": track + 1,
+        "track": trip if by_trip else track + 1,
         "class": _texts(classes, trip),
         "asset": _texts(names.tolist(), trip),
         "phase": phase[order],
@@ -209,7 +211,12 @@ def _apart(
 
 
 def _rear_m(mesh: Asset) -> float:
-    """Return how far behind its middle an asset's rear axle is, metres; 0 without one."""
+    """Return how far behind its middle an asset's rear axle is, metres; 0 without one.
+
+    A tram has none in this sense: both its bogies are on the rails, as SUMO's heading has them.
+    """
+    if mesh.actor_class == "tram":
+        return 0.0
     behind = mesh.contacts[mesh.contacts[:, 0] < -0.1, 0]
     return -float(behind.mean()) if len(behind) else 0.0
 

@@ -26,7 +26,7 @@ __all__ = ["counted_demand", "counted_report", "is_counted", "main_junction", "t
 
 _ARMS = ("east", "north-east", "north", "north-west", "west", "south-west", "south", "south-east")
 _TURNS = ("left", "through", "right", "u-turn")
-_NOT_MOTORS = ("bicycle", "pedestrian")
+_NOT_MOTORS = ("bicycle", "pedestrian", "tram")
 _QUARTER_S = 900.0
 #: A change of direction of less is through, of more a u-turn, degrees.
 _THROUGH_DEG, _BACK_DEG = 35.0, 150.0
@@ -151,6 +151,7 @@ def counted_report(
                 "approach": row["approach"],
                 "turn": row["turn"],
                 "class": row.get("actor_class") or "motor traffic",
+                "has_way": bool(trips) or asked < 1,
                 "asked_per_hour": round(asked * 3600 / duration_s, 1),
                 "driven_per_hour": round(
                     int(((came >= 0) & (came < steps)).sum()) * 3600 / duration_s, 1

@@ -30,7 +30,10 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
     for row in manifest.get("counts", []):
         asked, driven = row["asked_per_hour"], row["driven_per_hour"]
         # A count is a random number, too: by chance alone it is off by its root.
-        if driven < ENOUGH * asked - (asked * 3600 / manifest["duration_s"]) ** 0.5:
+        if (
+            row["has_way"]
+            and driven < ENOUGH * asked - (asked * 3600 / manifest["duration_s"]) ** 0.5
+        ):
             yield ResultWarning(
                 f"counts {row['approach']} {row['turn']}",
                 f"{driven:.0f} of {asked:.0f} {row['class']} an hour are driven",

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +16,7 @@ import pyarrow as pa
 from urbantwin import __version__
 from urbantwin.artefact import replaced_folder
 from urbantwin.errors import InputError
-from urbantwin.progress import between, untold
+from urbantwin.progress import Progress, between, untold
 from urbantwin.result_warning import rows_of
 from urbantwin.roads.assignment.movement_flows import IN_CARS
 from urbantwin.roads.assignment.street_network import StreetNetwork
@@ -28,6 +30,9 @@ from urbantwin.traffic.circulation import Circulation
 from urbantwin.traffic.circulation_report import circulation_report
 from urbantwin.traffic.counts import counted_demand, counted_report, is_counted
 from urbantwin.traffic.demand import Demand, plan_demand, together
+from urbantwin.traffic.events.put_in import StagedEvent, staged_table, with_events
+from urbantwin.traffic.events.reacting import REACTING, everybody, plan_events, reactions
+from urbantwin.traffic.events.scenario import scenario_events
 from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
 from urbantwin.traffic.flow_calibration import calibrate
 from urbantwin.traffic.footing import on_footways
@@ -39,6 +44,7 @@ from urbantwin.traffic.parked import park
 from urbantwin.traffic.placement import Ground
 from urbantwin.traffic.resize import resized
 from urbantwin.traffic.result_warnings import warnings_of_drive
+from urbantwin.traffic.signal_offset import net_with_offsets
 from urbantwin.traffic.signals import signal_table
 from urbantwin.traffic.simulation import Simulated, simulate
 from urbantwin.twin import Twin
@@ -114,8 +120,12 @@ def _driven(
         scratch=scratch,
         progress=lambda fraction: told(0.1 * fraction, "finding how many circulate"),
     )
-    simulated = simulate(
-        twin.net_path,
+    net_path, offsets = twin.net_path, asked.get("signal_offsets")
+    if offsets:
+        net_path = net_with_offsets(net_path, offsets, scratch / "offset.net.xml")
+    drive = partial(
+        simulate,
+        net_path,
         demand,
         own.asset,
         warmup_s=warmup_s,
@@ -124,8 +134,8 @@ def _driven(
         seed=seed,
         roads=twin.roads,
         scratch=scratch,
-        progress=lambda fraction, what: told(0.1 + 0.5 * fraction, what),
     )
+    simulated = drive(progress=lambda fraction, what: told(0.1 + 0.5 * fraction, what))
     told(0.6, "actors")
     ground = Ground(twin.ground_mesh, twin.roads)
     parked = park(
@@ -137,15 +147,36 @@ def _driven(
         asset=own.asset,
     )
     standing = parked.table(ACTOR_SCHEMA)
-    actors, outside = actor_table(
-        on_footways(simulated, demand, twin.roads),
-        demand,
-        Place.of(twin.roads, ground, twin.mesh, standing),
-        steps=steps,
-        step_s=step_s,
-        asset=own.asset,
-        tell=between(told, 0.6, 0.85, "actors"),
-    )
+    standing_among = Place.of(twin.roads, ground, twin.mesh, standing)
+    scenario = list(enumerate(scenario_events(asked.get("scenario", ()))))
+    reacting = [(n, one) for n, one in scenario if one.event in REACTING]
+
+    def tabled(seen: Simulated, whose: Demand, tell: Progress) -> tuple[pa.Table, int]:
+        return actor_table(
+            on_footways(seen, whose, twin.roads),
+            whose,
+            standing_among,
+            steps=steps,
+            step_s=step_s,
+            asset=own.asset,
+            by_trip=bool(reacting),
+            tell=tell,
+        )
+
+    actors, outside = tabled(simulated, demand, between(told, 0.6, 0.85, "actors"))
+    staged: list[StagedEvent] = []
+    if reacting:
+        told(0.85, "the same with events")
+        start_s = math.ceil(warmup_s * 1000 / round(step_s * 1000)) * step_s
+        plan = plan_events(reacting, twin, demand, start_s)
+        simulated = drive(staged=plan.rows)
+        demand = everybody(demand, plan)
+        with_them, outside = tabled(simulated, demand, untold)
+        actors, staged = staged_table(
+            actors, with_them, reactions(simulated, reacting, start_s, steps * step_s), reacting
+        )
+    if offsets:
+        net_path.unlink()  # the folder is the motion's
     signals = signal_table(simulated.signals, twin.roads.signals, steps=steps, step_s=step_s)
     manifest = {
         "kind": "motion",
@@ -174,10 +205,14 @@ def _driven(
         )
     if demand.circulates:
         manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)
+    if scenario:
+        manifest["events"] = []
     manifest["parked"] = parked.notes
     driven = Motion(manifest, actors, signals, own.meshes, parked=standing)
     shown = driven.with_meshes(between(told, 0.85, 0.93))
     motion = resized(shown, asked.get("size", {}))
+    if scenario:
+        motion = with_events(motion, twin, scenario, staged)
     told(0.93, "who passes through whom")
     overlaps = overlaps_of(motion.actors, motion.parked, step_s, twin.mesh)
     manifest = {**motion.manifest, "overlaps": overlaps}

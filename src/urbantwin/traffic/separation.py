@@ -19,111 +19,28 @@ aside as far as their lane allows; the heavier, the less.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from urbantwin.traffic.box_plan import PlanBoxes, meetings, near_pairs, rows_beside
+from urbantwin.traffic.box_plan import PlanBoxes, meetings, rows_beside
 from urbantwin.traffic.footing import Footways
+from urbantwin.traffic.parting import (
+    ASIDE_M,
+    GAP_M,
+    MOVED_M,
+    NEAR_M,
+    STANDING_MS,
+    Moving,
+    PartingPaths,
+)
 
 __all__ = ["Moving", "separated"]
 
-#: Room between boxes, metres.
-_GAP_M = 0.04
-#: Less than this is no change, metres.
-_MOVED_M = 0.01
-#: Pairs are looked after that come this near, metres.
-_NEAR_M = 0.3
-#: Actors move past each other at more than this, m/s, and pass on one side; else they are moved
-#: apart wherever it is shortest.
-_PASSING_MS = 0.4
-#: Who would have to step aside by more than this, metres, goes the shortest way out: those of the
-#: size of people, and beside longer ones.
-_ASIDE_M, _ROUND_M, _LONG_M = 1.2, 2.4, 1.2
-_STANDING_MS = 0.15
 #: Paths are changed for so long before and after a meeting, seconds.
 _BEFORE_S = 5.0
-#: Weight of the constraints against that of the paths, and rounds of both.
-_RHO, _ROUNDS, _OUTER = 8.0, 40, 6
-_KEEP = 1e7  # weight of who is not to be moved
-_STIFF_S = 30.0  # how stiffly who stands keeps to its place
-
-
-@dataclass(frozen=True)
-class _Give:
-    """How readily a class gives way.
-
-    Attributes:
-        along: share of what a person gives, along its way.
-        aside: share to the side.
-        change_s: time within which it changes its way.
-        most_m: farthest that it is moved, along and aside, metres.
-    """
-
-    along: float
-    aside: float
-    change_s: float
-    most_m: tuple[float, float]
-
-
-_GIVES = {
-    "pedestrian": _Give(1.0, 1.0, 0.8, (2.0, 2.0)),
-    "bicycle": _Give(1.0, 0.5, 1.0, (4.0, 1.0)),
-    "motorcycle": _Give(1.0, 0.3, 1.2, (4.0, 1.0)),
-    "car": _Give(0.6, 0.05, 1.5, (5.0, 0.8)),
-    "van": _Give(0.6, 0.05, 1.5, (5.0, 0.8)),
-    "truck": _Give(0.3, 0.02, 1.8, (5.0, 0.6)),
-    "bus": _Give(0.3, 0.02, 1.8, (5.0, 0.6)),
-    # Who runs on rails stays on them, and to its time.
-    "tram": _Give(1e-6, 1e-6, 2.0, (0.0, 0.0)),
-}
-
-
-@dataclass(frozen=True, eq=False)
-class Moving:
-    """Where actors are, one row each and step; an actor's rows follow each other in time.
-
-    Attributes:
-        actor: (N,) whose row it is.
-        boxes: in plan, at their steps.
-        speed: (N,) m/s.
-        level: (N,) of the road that they are on: actors of two levels never meet.
-        lane: (N,) number of the lane that they are on.
-        classes: the class of each actor, by its number.
-    """
-
-    actor: NDArray[np.integer]
-    boxes: PlanBoxes
-    speed: NDArray[np.float64]
-    level: NDArray[np.integer]
-    lane: NDArray[np.integer]
-    classes: tuple[str, ...]
-
-    def take(self, rows: NDArray[np.integer]) -> Moving:
-        """Return some rows."""
-        return Moving(
-            self.actor[rows],
-            self.boxes.take(rows),
-            self.speed[rows],
-            self.level[rows],
-            self.lane[rows],
-            self.classes,
-        )
-
-    @property
-    def joined(self) -> NDArray[np.bool_]:
-        """Whether each row is followed by the next step of the same actor (N - 1,)."""
-        return np.asarray((np.diff(self.actor) == 0) & (np.diff(self.boxes.step) == 1))
-
-    def pairs(self, within_m: float, xy: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return the pairs (P, 2) of rows that are near each other, were they at ``xy``."""
-        pairs = near_pairs(replace(self.boxes, xy=xy), within_m)
-        one, other = pairs.T
-        met = (self.level[one] == self.level[other]) & (self.actor[one] != self.actor[other])
-        return np.asarray(pairs[met])
+#: The ways along which pairs part are found anew so often, at the most.
+_OUTER = 6
 
 
 def separated(
@@ -141,25 +58,25 @@ def separated(
     """
     xy, speed = moving.boxes.xy.copy(), moving.speed.copy()
     tree = shapely.STRtree(blocks.polygons)
-    pairs = moving.pairs(_NEAR_M, xy)
+    pairs = moving.pairs(NEAR_M, xy)
     deep, _ = meetings(moving.boxes, pairs)
     hit = rows_beside(tree, moving.boxes, 0.0)[0]
     meeting = np.zeros(len(xy), np.bool_)
-    meeting[pairs[deep > -_GAP_M]], meeting[hit] = True, True
+    meeting[pairs[deep > -GAP_M]], meeting[hit] = True, True
     if not meeting.any():
         return xy, speed
     changed = _around(moving, meeting, step_s)
     # Whoever else comes near keeps its path, and so does everybody before and after.
-    near = moving.pairs(2 * _ASIDE_M, xy)
+    near = moving.pairs(2 * ASIDE_M, xy)
     there = changed | _within(changed, moving.actor, 2)
     there |= _within(changed[::-1], moving.actor[::-1], 2)[::-1]
     there[near[changed[near].any(axis=1)]] = True
     rows = np.flatnonzero(there)
-    paths = _Paths(moving.take(rows), changed[rows], blocks, tree, footways, step_s)
+    paths = PartingPaths(moving.take(rows), changed[rows], blocks, tree, footways, step_s)
     moved = np.zeros((len(rows), 2))
     for _ in range(_OUTER):
         before, moved = moved, paths.apart(moved)
-        if np.abs(moved - before).max() < _MOVED_M:
+        if np.abs(moved - before).max() < MOVED_M:
             break
     xy[rows] = paths.place(moved)
     speed[rows] = paths.speeds(moved)
@@ -173,9 +90,9 @@ def _around(moving: Moving, meeting: NDArray[np.bool_], step_s: float) -> NDArra
     as long as it stands.
     """
     reach = round(_BEFORE_S / step_s)
-    still = moving.speed < _STANDING_MS
+    still = moving.speed < STANDING_MS
     stay = np.cumsum(np.concatenate([[True], ~(moving.joined & still[1:] & still[:-1])]))
-    near = moving.pairs(_ASIDE_M, moving.boxes.xy)
+    near = moving.pairs(ASIDE_M, moving.boxes.xy)
     wanted = meeting.copy()
     for _ in range(2):
         stays = np.zeros(int(stay[-1]) + 1, np.bool_)
@@ -194,182 +111,3 @@ def _within(wanted: NDArray[np.bool_], actor: NDArray[np.integer], reach: int) -
     row = np.arange(len(wanted))
     last = np.maximum.accumulate(np.where(wanted, row, -1))
     return np.asarray((last >= 0) & (row - last <= reach) & (actor[last] == actor))
-
-
-class _Paths:
-    """The paths of the actors of some rows, as banded systems; what stands follows after them.
-
-    Args:
-        moving: their rows.
-        changed: (N,) which of them may be moved.
-        blocks: what stands in the way.
-        tree: of the outlines of the blocks.
-        footways: where people are to stay.
-        step_s: time between steps.
-    """
-
-    def __init__(
-        self,
-        moving: Moving,
-        changed: NDArray[np.bool_],
-        blocks: PlanBoxes,
-        tree: shapely.STRtree,
-        footways: Footways,
-        step_s: float,
-    ) -> None:
-        self.moving, self.blocks, self.tree = moving, blocks, tree
-        self.footways, self.step_s = footways, step_s
-        self.joined, self.kept, actor = moving.joined, ~changed, moving.actor
-        gives = [_GIVES[name] for name in moving.classes]
-        kind = np.array([[one.along, one.aside, one.change_s, *one.most_m] for one in gives])[actor]
-        self.on_foot = np.array([name == "pedestrian" for name in moving.classes])[actor]
-        self.scale = np.sqrt(kind[:, :2])
-        self.most = kind[:, 3:]
-        self.change = kind[:, 2] / step_s
-        heading = np.where(self.on_foot, 0.0, moving.boxes.yaw)
-        c, s = np.cos(heading), np.sin(heading)
-        #: Where displacements along and aside lead, (N, 2, 2).
-        self.axes = np.stack([np.column_stack([c, s]), np.column_stack([-s, c])], axis=1)
-        self.axes *= self.scale[..., None] * changed[:, None, None]
-
-    def place(self, moved: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return where displacements (N, 2) along and aside lead, (N, 2) site frame."""
-        return np.asarray(self.moving.boxes.xy + np.einsum("na,nad->nd", moved, self.axes))
-
-    def apart(self, moved: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return displacements (N, 2) nearer to those with which nobody overlaps."""
-        place, count = self.place(moved), len(moved)
-        pairs, way, least = self._contacts(place)
-        near, beside = pairs[:, 0], np.minimum(pairs[:, 1], count)
-        # How a pair's distance along its way changes with the displacements of both.
-        axes = np.concatenate([self.axes, np.zeros((1, 2, 2))])
-        sides = np.stack([near, beside], axis=1)
-        slope = np.einsum("psad,pd->psa", axes[sides], way) * np.array([1.0, -1.0])[:, None]
-        size = np.maximum((slope**2).sum(axis=(1, 2)), 1e-6)
-        here = np.concatenate([moved, np.zeros((1, 2))])
-        short = least + (slope * here[sides]).sum(axis=(1, 2))
-        times = np.bincount(sides.ravel(), minlength=count + 1)[:count]
-        system = self._system()
-        system[2] += _RHO * times
-        factor = cholesky_banded(system)
-        dual = np.zeros((len(pairs), 2, 2))
-        for _ in range(_ROUNDS):
-            wanted = here[sides] + dual
-            lack = np.maximum(short - (slope * wanted).sum(axis=(1, 2)), 0.0)
-            there = wanted + (lack / size)[:, None, None] * slope
-            dual = wanted - there
-            pull = (there - dual).reshape(-1, 2)
-            right = [np.bincount(sides.ravel(), one, count + 1)[:count] for one in pull.T]
-            here[:count] = cho_solve_banded((factor, False), _RHO * np.column_stack(right))
-        most = self.most / self.scale
-        return np.asarray(np.clip(here[:count], -most, most))
-
-    def _contacts(
-        self, place: NDArray[np.float64]
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return pairs (P, 2), the way along which they are to part, and how far yet (P,).
-
-        The second of a pair that is no row is a block, or the border of the footway.
-        """
-        count = len(place)
-        boxes, blocks = replace(self.moving.boxes, xy=place), self.blocks
-        pairs = self.moving.pairs(_NEAR_M, place)
-        row, block = rows_beside(self.tree, boxes, _NEAR_M)
-        both = PlanBoxes.joined([boxes, blocks])
-        pairs = np.concatenate([pairs, np.column_stack([row, block + count])])
-        speed = np.concatenate([self.moving.speed, np.zeros(len(blocks.yaw))])
-        number = np.arange(len(blocks.yaw)) + len(self.moving.classes)
-        way, least = _ways(both, speed, np.concatenate([self.moving.actor, number]), pairs)
-        # Whom others push off the footway comes back.
-        off, inward, far = self._off(place)
-        border = np.column_stack([off, np.full(len(off), len(both.yaw))])
-        return (
-            np.concatenate([pairs, border]),
-            np.concatenate([way, inward]),
-            np.concatenate([least, far]),
-        )
-
-    def _off(
-        self, place: NDArray[np.float64]
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
-        """Return who was pushed off the footway (R,), the way back (R, 2), and how far (R,)."""
-        start = self.moving.boxes.xy
-        rows = np.flatnonzero(self.on_foot & (np.abs(place - start).max(axis=1) > _MOVED_M))
-        inward = self.footways.way_in(self.moving.lane[rows], place[rows])
-        outside = np.isfinite(inward[:, 0])
-        rows, inward = rows[outside], inward[outside]
-        before = self.footways.way_in(self.moving.lane[rows], start[rows])
-        length = np.linalg.norm(inward, axis=1)
-        far = length - np.nan_to_num(np.linalg.norm(before, axis=1))
-        pushed = far > _MOVED_M
-        return rows[pushed], inward[pushed] / length[pushed, None], far[pushed]
-
-    def _system(self) -> NDArray[np.float64]:
-        """Return the paths' matrix (3, N) in upper banded form: place, change, bend."""
-        joined, stands = self.joined, self.moving.speed < _STANDING_MS
-        band = np.zeros((3, len(stands)))
-        band[2] = np.where(self.kept, _KEEP, 1.0)
-        # First differences, where one of both stands.
-        tie = np.where(joined & (stands[1:] | stands[:-1]), (_STIFF_S / self.step_s) ** 2, 0.0)
-        band[2, 1:] += tie
-        band[2, :-1] += tie
-        band[1, 1:] -= tie
-        # Second differences.
-        bend = np.where(joined[1:] & joined[:-1], self.change[1:-1] ** 4, 0.0)
-        for k, weight in enumerate((1.0, 4.0, 1.0)):
-            band[2, k : len(stands) - 2 + k] += weight * bend
-        band[1, 1:-1] -= 2 * bend
-        band[1, 2:] -= 2 * bend
-        band[0, 2:] += bend
-        return band
-
-    def speeds(self, moved: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the speeds (N,) with displacements (N, 2)."""
-        shift = self.place(moved) - self.moving.boxes.xy
-        change = np.zeros_like(shift)
-        change[1:][self.joined] = np.diff(shift, axis=0)[self.joined] / self.step_s
-        ahead = self.moving.boxes.axes[:, 0]
-        return np.asarray(np.maximum(self.moving.speed + (change * ahead).sum(axis=1), 0.0))
-
-
-def _ways(
-    boxes: PlanBoxes,
-    speed: NDArray[np.float64],
-    actor: NDArray[np.integer],
-    pairs: NDArray[np.int64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return along which way each pair is to part (P, 2), and how far yet (P,), metres.
-
-    Who moves past somebody passes on the side on which they are when they are nearest, for the
-    whole of the meeting; others part wherever it is shortest.
-    """
-    one, other = pairs.T
-    _, shortest = meetings(boxes, pairs)
-    velocity = speed[:, None] * boxes.axes[:, 0]
-    past = velocity[one] - velocity[other]
-    pace = np.hypot(*past.T)
-    between = boxes.xy[one] - boxes.xy[other]
-    aside = np.column_stack([-past[:, 1], past[:, 0]]) / np.maximum(pace, 1e-9)[:, None]
-    offset = (aside * between).sum(axis=1)
-    key = actor[one].astype(np.int64) * (int(actor.max(initial=0)) + 1) + actor[other]
-    _, met = np.unique(key, return_inverse=True)
-    weight = np.exp(-((between**2).sum(axis=1))) * (pace > _PASSING_MS)
-    side = np.bincount(met, offset * weight)
-    sign = np.where(side[met] < 0, -1.0, 1.0)
-    aside *= sign[:, None]
-    most = np.where(boxes.half[pairs].max(axis=(1, 2)) > _LONG_M, _ROUND_M, _ASIDE_M)
-    passes = (pace > _PASSING_MS) & (_reach(boxes, pairs, aside) - sign * offset < most)
-    way = np.where(passes[:, None], aside, shortest)
-    least = _reach(boxes, pairs, way) + _GAP_M - (way * between).sum(axis=1)
-    # On which side does not matter before they are beside each other.
-    onward = past / np.maximum(pace, 1e-9)[:, None]
-    ahead = np.abs((onward * between).sum(axis=1)) > _reach(boxes, pairs, onward) + _GAP_M
-    return way, np.where(passes & ahead, -np.inf, least)
-
-
-def _reach(
-    boxes: PlanBoxes, pairs: NDArray[np.int64], way: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the sum of what both boxes of a pair reach along a way (P,)."""
-    along = np.abs(np.einsum("psad,pd->psa", boxes.axes[pairs], way))
-    return np.asarray((along * boxes.half[pairs]).sum(axis=(1, 2)))

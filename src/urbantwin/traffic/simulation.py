@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -104,6 +104,7 @@ class Simulated:
         departed: trips that entered the network.
         sumo: SUMO's version.
         observed: what was seen each second, warm-up included.
+        staged: what became of each event that was staged (``sumo_staging.Staging.told``).
     """
 
     step: NDArray[np.int32]
@@ -119,6 +120,7 @@ class Simulated:
     departed: frozenset[int]
     sumo: str
     observed: Observed
+    staged: tuple[dict[str, Any], ...] = ()
 
 
 def simulate(  # noqa: PLR0913 - SUMO has as many sides
@@ -130,6 +132,7 @@ def simulate(  # noqa: PLR0913 - SUMO has as many sides
     steps: int,
     step_s: float,
     seed: int,
+    staged: Sequence[Mapping[str, Any]] = (),
     roads: RoadNetwork | None = None,
     scratch: Path | None = None,
     progress: Callable[[float, str], None] | None = None,
@@ -144,6 +147,7 @@ def simulate(  # noqa: PLR0913 - SUMO has as many sides
         steps: how many steps are kept.
         step_s: time between them; SUMO itself steps 0.1 s or an integer part of ``step_s``.
         seed: SUMO's seed.
+        staged: events that others react to, as ``sumo_staging`` takes them.
         roads: the lanes, where trams meet other traffic.
         scratch: a folder for SUMO's files; the system's when not given.
         progress: called with the fraction done and what is being done.
@@ -161,6 +165,7 @@ def simulate(  # noqa: PLR0913 - SUMO has as many sides
         "first_step": -min(margin, warmup_steps),
         "last_step": steps - 1 + margin,
         "substeps": substeps,
+        "staged": list(staged),
     }
     return _worked(net_path, demand, asset, options, job, roads, scratch, progress)
 
@@ -195,7 +200,8 @@ def observe(  # noqa: PLR0913 - the same
     """
     options = sumo_options(step_ms, seed, circulates=True)
     steps = round(seconds * 1000 / step_ms)
-    job = {"warmup_substeps": steps, "first_step": 1, "last_step": 0, "substeps": 1}
+    job: dict[str, Any] = {"warmup_substeps": steps, "first_step": 1, "last_step": 0, "substeps": 1}
+    job["staged"] = []
     return _worked(net_path, demand, asset, options, job, roads, scratch, progress)
 
 
@@ -204,7 +210,7 @@ def _worked(
     demand: Demand,
     asset: Callable[[str], Asset],
     options: dict[str, object],
-    job: Mapping[str, object],
+    job: Mapping[str, Any],
     roads: RoadNetwork | None,
     scratch: Path | None,
     progress: Callable[[float, str], None] | None,
@@ -223,7 +229,10 @@ def _worked(
                 routes,
                 {**options, "additional-files": folder / "stops.add.xml"},
             ),
-            "classes": [ACTOR_CLASSES.index(trip.actor_class) for trip in demand.trips],
+            "classes": [
+                *(ACTOR_CLASSES.index(trip.actor_class) for trip in demand.trips),
+                *(number for row in job["staged"] for number in row.get("classes", ())),
+            ],
             "kinds": len(ACTOR_CLASSES),
             "outer": sorted(demand.outer),
             "stuck_s": STUCK_S,
@@ -435,6 +444,7 @@ def _read(arrays: Path, texts: Path) -> Simulated:
         collisions=len(outcome["collisions"]),
         departed=frozenset(outcome["departed"]),
         sumo=outcome["sumo"],
+        staged=tuple(outcome["staged"]),
         observed=Observed(
             **seen,
             longest_halt_s=outcome["longest_halt_s"],

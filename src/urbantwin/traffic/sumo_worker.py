@@ -34,6 +34,7 @@ def _beside(name: str) -> ModuleType:
 
 
 sumo_curves, sumo_trams = _beside("sumo_curves"), _beside("sumo_trams")
+sumo_staging = _beside("sumo_staging")
 
 #: Step, trip, x, y, angle, speed, lane. A trip's number is its name in SUMO.
 Row = tuple[int, int, float, float, float, float, int]
@@ -77,7 +78,7 @@ class Watch:
         row = self.minutes[minute]
         present = [0] * self.kinds
         for domain in (libsumo.vehicle, libsumo.person):
-            for name in domain.getIDList():
+            for name in filter(sumo_staging.is_actor, domain.getIDList()):
                 kind = self.classes[int(name)]
                 present[kind] += 1
                 row["samples"][kind] += 1
@@ -136,13 +137,14 @@ class Recorder:
             self.teleports += 1
         for collision in libsumo.simulation.getCollisions():
             self.collisions.add((collision.collider, collision.victim))
-        self.departed |= {int(name) for name in libsumo.simulation.getDepartedIDList()}
+        came = filter(sumo_staging.is_actor, libsumo.simulation.getDepartedIDList())
+        self.departed |= {int(name) for name in came}
         self.departed |= {int(name) for name in libsumo.simulation.getDepartedPersonIDList()}
 
     def record(self, step: int) -> None:
         """Note positions and changes of signals as step ``step`` of the motion."""
         for domain in (libsumo.vehicle, libsumo.person):
-            for name in sorted(domain.getIDList(), key=int):
+            for name in sorted(filter(sumo_staging.is_actor, domain.getIDList()), key=int):
                 x, y = domain.getPosition(name)
                 lane = domain.getLaneID(name)
                 if not lane:  # being teleported, or between two stages
@@ -164,7 +166,7 @@ class Recorder:
         self.parts.append(np.array(self.rows, TYPES))
         self.rows = []
 
-    def write(self, arrays: Path, texts: Path, watch: Watch) -> None:
+    def write(self, arrays: Path, texts: Path, watch: Watch, staged: list[dict[str, Any]]) -> None:
         """Write the positions (NPY) and everything else (JSON)."""
         self.pack()
         np.save(arrays, np.concatenate(self.parts))
@@ -179,6 +181,7 @@ class Recorder:
             "teleports": self.teleports,
             "collisions": sorted(self.collisions),
             "departed": sorted(self.departed),
+            "staged": staged,
         }
         texts.write_text(json.dumps(outcome))
 
@@ -192,11 +195,13 @@ def simulate(job: dict[str, Any]) -> None:
     first, last, substeps = job["first_step"], job["last_step"], job["substeps"]
     total = job["warmup_substeps"] + last * substeps + 1
     curves = sumo_curves.Curves(job["curves"])
+    staging = sumo_staging.Staging(job["staged"])
     trams = sumo_trams.Trams(job["trams"])
     step_s = libsumo.simulation.getDeltaT()
     for made in range(total):
         curves.slow_down()
         trams.heed(step_s)
+        staging.act()
         libsumo.simulationStep()
         recorder.count_incidents()
         if made % per_second == 0:
@@ -207,7 +212,7 @@ def simulate(job: dict[str, Any]) -> None:
         if made % max(total // 100, 1) == 0:
             sys.stdout.write(f"progress {made / total:.3f}\n")
             sys.stdout.flush()
-    recorder.write(Path(job["arrays"]), Path(job["texts"]), watch)
+    recorder.write(Path(job["arrays"]), Path(job["texts"]), watch, staging.told())
     libsumo.close()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from urbantwin.twin import Twin
 from urbantwin.view import style
 from urbantwin.view.birdseye import birdseye_figure
 from urbantwin.view.coverage import coverage_figure
+from urbantwin.view.event_picture import event_figure
 from urbantwin.view.ground_materials import ground_figure
 from urbantwin.view.histogram import histogram_figure
 from urbantwin.view.labelled_frame import LabelledPoints, read_labelled_points
@@ -42,6 +44,7 @@ __all__ = [
     "picture_of_coverage",
     "picture_of_motion",
     "pictures_of_dataset",
+    "pictures_of_events",
     "pictures_of_twin",
     "sight_on",
     "title_of",
@@ -202,7 +205,7 @@ def pictures_of_dataset(
     drawn.append(style.save(_figure_of_counts(manifest), out / "histogram.png"))
     if twin is not None and motion is not None:
         tell(0.6, "drawing the scene")
-        meshes = [twin.mesh, *actor_meshes(rows_at(motion, frame.time_s))]
+        meshes = [twin.mesh, *actor_meshes(rows_at(motion, frame.time_s), motion.mesh)]
         drawn.append(
             scene_picture(
                 LabelledMesh.concatenate(meshes),
@@ -288,12 +291,19 @@ def figure_of_coverage(coverage: Coverage, rig: Rig, twin: Twin) -> Figure:
     )
 
 
-def actor_meshes(rows: Rows) -> list[LabelledMesh]:
-    """Return the posed meshes of the actors at one moment, their track as ``part``."""
+def actor_meshes(
+    rows: Rows, mesh_of: Callable[[str, int], LabelledMesh] = asset_mesh
+) -> list[LabelledMesh]:
+    """Return the posed meshes of the actors at one moment, their track as ``part``.
+
+    Args:
+        rows: the actors.
+        mesh_of: the mesh of an asset and phase: a motion's own, else the catalogue's.
+    """
     meshes = []
     for row in rows:
         pose = Pose.from_ypr([row["x"], row["y"], row["z"]], row["yaw"], row["pitch"], row["roll"])
-        mesh = asset_mesh(str(row["asset"]), int(row["phase"])).transformed(pose)
+        mesh = mesh_of(str(row["asset"]), int(row["phase"])).transformed(pose)
         meshes.append(
             LabelledMesh.build(
                 mesh.vertices, mesh.faces, mesh.semantic, mesh.material, int(row["track"])
@@ -319,3 +329,13 @@ def _size(twin: Twin) -> str:
     x0, y0, x1, y1 = twin.region.bounds
     triangles = len(twin.mesh.faces)
     return f"{x1 - x0:.0f} x {y1 - y0:.0f} m   {triangles:,} triangles"
+
+
+def pictures_of_events(motion: Motion, twin: Twin, folder: Path) -> list[Path]:
+    """Draw each event of a motion into a folder, ``event-01-near_miss.png`` and so on."""
+    drawn = []
+    for number, event in enumerate(motion.manifest.get("events", ()), 1):
+        figure = event_figure(motion, twin, event, attribution=attributions(twin.manifest))
+        path = folder / f"event-{number:02d}-{event['event']}.png"
+        drawn.append(style.save(figure, path))
+    return drawn

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import groupby
 
 import numpy as np
 import shapely
@@ -114,11 +115,13 @@ def moved_apart(
 
 def _streets(plain: PlainNetwork, still: Collection[str], outward: int) -> list[_Street]:
     meeting = meeting_nodes(plain)
-    chains = {chain.nodes: chain for chain in chains_of(plain, meeting)}
+    chains = {
+        part.nodes: part for chain in chains_of(plain, meeting) for part in _parts(chain, still)
+    }
     found, done = [], set[tuple[str, ...]]()
     for nodes, chain in sorted(chains.items()):
         back = chains.get(nodes[::-1])
-        if nodes in done or any(edge.id in still for edge in chain.edges):
+        if nodes in done:
             continue
         if back is not None and len(back.edges) == len(chain.edges):
             done.add(nodes[::-1])
@@ -132,6 +135,12 @@ def _streets(plain: PlainNetwork, still: Collection[str], outward: int) -> list[
             )
             found.append(_Street(chain, back, places, half, free))
     return found
+
+
+def _parts(chain: Chain, still: Collection[str]) -> list[Chain]:
+    """Return the parts of a chain between edges that stay where they are."""
+    runs = groupby(chain.edges, key=lambda edge: edge.id in still)
+    return [Chain(tuple(edges)) for fixed, edges in runs if not fixed]
 
 
 def _middle(

@@ -1,0 +1,330 @@
+"""Counterfactuals: recordings that differ in one factor."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from urbantwin.artefact import check_folder, replaced_folder, write_json
+from urbantwin.errors import StageError
+from urbantwin.interface.dataset import Dataset, recorded
+from urbantwin.interface.motion import Motion
+from urbantwin.interface.place import AnyPath
+from urbantwin.interface.stage import ShowProgress, shown_stage
+from urbantwin.interface.summary import Summary
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from urbantwin.interface.twin import Twin
+    from urbantwin.variation import Factor, RunFile
+
+__all__ = ["Variation", "vary"]
+
+
+@dataclass(frozen=True, repr=False)
+class Variation:
+    """Recordings that differ in one factor, in one folder.
+
+    Attributes:
+        folder: with a folder for each recording, and ``comparison``.
+        manifest: ``comparison/variation.json``.
+    """
+
+    folder: Path
+    manifest: dict[str, Any]
+
+    def __fspath__(self) -> str:
+        """Return the folder."""
+        return str(self.folder)
+
+    def __repr__(self) -> str:
+        """Return the factor and the folder."""
+        names = ", ".join(row["name"] for row in self.manifest["variants"])
+        return f"Variation of {self.manifest['factor']}: {names} ({self.folder})"
+
+    @property
+    def base(self) -> Dataset:
+        """The recording without the change."""
+        return Dataset(self.folder / "base" / "dataset")
+
+    def dataset(self, name: str) -> Dataset:
+        """Return the recording of a variant, by the name of its folder."""
+        return Dataset(self.folder / name / "dataset")
+
+    @property
+    def fates(self) -> pa.Table:
+        """What became of every object in every frame, by ``variant``."""
+        from urbantwin.artefact.tables import read_parquet
+
+        return read_parquet(self.folder / "comparison" / "fates.parquet", "fates of objects")
+
+    def summary(self) -> Summary:
+        """Return the proof and the fates in a few values."""
+        rows = {
+            row["name"]: {
+                "only_this_differs": row["proof"]["one_factor"],
+                "actors_changed": len(row["proof"]["actors"]["changed"]),
+                "actors_added": len(row["proof"]["actors"]["added"]),
+                **row["fates"],
+                "became": row["became"],
+            }
+            for row in self.manifest["variants"]
+        }
+        base = self.manifest["base"]["fates"]
+        return Summary(path=str(self.folder), factor=self.manifest["factor"], base=base, **rows)
+
+
+def vary(
+    run: AnyPath,
+    out: AnyPath | None = None,
+    *,
+    changes: str,
+    workers: int | None = None,
+    pictures: bool = True,
+    progress: ShowProgress = True,
+) -> Variation:
+    """Record the same again with one factor changed, prove it, and say what became of each object.
+
+    Args:
+        run: a ``run.yaml``, or the folder that ``run`` or ``demo`` wrote.
+        out: the folder for the recordings; ``variation`` beside the run when not given.
+        changes: the factor and its values: ``sensor.height=4,5,6.5``, ``sensor.NAME.FIELD=VALUE``,
+            ``signal.PROGRAM.offset=SECONDS``, ``scenario=FILE``, ``weather=rain``.
+        workers: processes to record with; every number gives the same bytes.
+        pictures: draw what became of the objects.
+        progress: show how far it is; or a function that is told (share, doing), of each stage.
+
+    Raises:
+        InputError: the run or the factor cannot be used.
+        StageError: a stage failed, or more than the factor differs.
+
+    Example:
+        >>> ut.vary("run.yaml", changes="sensor.height=4,6.5").fates
+    """
+    from urbantwin.interface.twin import Twin
+    from urbantwin.variation import load_run, read_factor
+
+    described, factor = load_run(Path(run)), read_factor(changes)
+    place = _place(described, out)
+    inputs = [described.twin, described.motion, described.scenario, described.rig]
+    comparison = place / "comparison"
+    names = ["base", *(factor.name_of(value) for value in factor.values)]
+    for name in names:
+        for kind in ("dataset", "motion"):
+            check_folder(place / name / kind, kind=kind, inputs=inputs)
+    check_folder(comparison, kind="variation", inputs=inputs)
+    twin = Twin.open(described.twin)
+    _rigs(described, factor, twin)  # refuse what is wrong before anything is made
+    motion = _driven(described, twin, place / "base" / "motion", {}, progress)
+    made = [_recorded(described, None, "", twin, motion, place / "base", workers, progress)]
+    motions = [motion]
+    for name, value in zip(names[1:], factor.values, strict=True):
+        own = motion
+        if factor.changes_traffic:
+            traffic = _traffic_of(described, factor, value, twin, motion)
+            own = _driven(described, twin, place / name / "motion", traffic, progress)
+        motions.append(own)
+        made.append(_recorded(described, factor, value, twin, own, place / name, workers, progress))
+    return _compared(place, factor, names, twin, made, motions, inputs, pictures, progress)
+
+
+def _place(described: RunFile, out: AnyPath | None) -> Path:
+    if out is not None:
+        return Path(out)
+    beside = described.file if described.file.is_dir() else described.file.parent
+    return beside / "variation"
+
+
+def _rigs(described: RunFile, factor: Factor, twin: Twin) -> None:
+    """Refuse values of a sensor that it cannot have, and signals and scenarios that are not there.
+
+    Raises:
+        InputError: see `Factor`.
+    """
+    from urbantwin.errors import InputError
+    from urbantwin.interface.rig import placed, rig_spec_on
+
+    spec, file = rig_spec_on(twin, described.rig)
+    for value in factor.values:
+        if factor.kind == "sensor":
+            placed(factor.rig_with(spec, value), twin, file)
+        elif factor.kind == "scenario":
+            factor.scenario_of(value, described.file)
+    if factor.changes_traffic and described.motion is not None:
+        asked = Motion.open(described.motion).manifest.get("asked")
+        if asked is None:
+            raise InputError(
+                "does not say what traffic was asked for",
+                file=described.motion,
+                expected="a motion of urbantwin traffic, or traffic: in the run",
+            )
+    if factor.kind == "signal":
+        known = sorted({one.program for one in twin.roads.signals})
+        if factor.of not in known:
+            raise InputError(
+                f"there is no signal program {factor.of!r:.60}",
+                place=f"--set {factor.text}",
+                expected="one of " + ", ".join(known) if known else "a twin with signals",
+            )
+
+
+def _traffic_of(
+    described: RunFile, factor: Factor, value: str, twin: Twin, motion: Motion
+) -> dict[str, Any]:
+    """Return what of the traffic a variant asks for besides the base's."""
+    if factor.kind == "signal":
+        return {"signal_offsets": {factor.of: factor.number_of(value)}}
+    from urbantwin.traffic.events import load_scenario
+
+    until_s = float(motion.manifest["duration_s"])
+    file = factor.scenario_of(value, described.file)
+    return {"scenario": load_scenario(file, twin, until_s)}
+
+
+def _driven(
+    described: RunFile, twin: Twin, place: Path, changes: dict[str, Any], progress: ShowProgress
+) -> Motion:
+    """Return the run's motion, or one with changes to its traffic."""
+    from urbantwin.site import load_traffic_changes
+    from urbantwin.traffic.events import load_scenario
+    from urbantwin.traffic.run import run_traffic
+
+    if described.motion is not None and not changes:
+        return Motion.open(described.motion)
+    asked: dict[str, Any] = {}
+    seconds, seed = described.seconds, described.traffic_seed
+    if described.motion is not None:
+        asked = dict(Motion.open(described.motion).manifest["asked"])
+        seconds, seed = float(asked["duration_s"]), int(asked["seed"])
+    elif described.demand is not None:
+        asked = load_traffic_changes(described.demand)
+    usual = asked.get("duration_s", twin.site["traffic"]["duration_s"])
+    if described.scenario is not None:
+        until_s = float(usual) if seconds is None else seconds
+        asked["scenario"] = load_scenario(described.scenario, twin, until_s)
+    asked |= changes
+    with shown_stage("traffic", progress) as tell:
+        made = run_traffic(twin, place, seconds=seconds, seed=seed, changes=asked, progress=tell)
+    return Motion(made.manifest, made.actors, made.signals, made.meshes, place)
+
+
+def _recorded(
+    described: RunFile,
+    factor: Factor | None,
+    value: str,
+    twin: Twin,
+    motion: Motion,
+    place: Path,
+    workers: int | None,
+    progress: ShowProgress,
+) -> Dataset:
+    """Return a recording of a motion, with the factor's value where it is one of the recording."""
+    from urbantwin.interface.rig import rig_spec_on
+    from urbantwin.site.rig_changes import RigChanges
+
+    changes = RigChanges(
+        effects=described.effects,
+        weather=described.weather,
+        visibility_m=described.visibility,
+    )
+    if factor is not None and factor.kind == "weather":
+        changes = replace(changes, weather=value)
+    if factor is not None and factor.kind == "visibility":
+        changes = replace(changes, visibility_m=factor.number_of(value))
+    spec, file = rig_spec_on(twin, described.rig, changes)
+    if factor is not None and factor.kind == "sensor":
+        spec = factor.rig_with(spec, value)
+    return recorded(
+        twin,
+        motion,
+        spec,
+        file,
+        place / "dataset",
+        start_s=described.start,
+        stop_s=described.stop,
+        workers=workers,
+        seed=described.seed,
+        inputs=[twin.folder, motion.folder],
+        pictures=False,
+        progress=progress,
+    )
+
+
+def _compared(  # noqa: PLR0913, PLR0917 - what was made, and of what
+    place: Path,
+    factor: Factor,
+    names: list[str],
+    twin: Twin,
+    made: list[Dataset],
+    motions: list[Motion],
+    inputs: list[Path | None],
+    pictures: bool,
+    progress: ShowProgress,
+) -> Variation:
+    """Prove what differs, and find what became of every object."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    from urbantwin.variation import FATES, fates_of, proof_of
+
+    tables, rows = [], []
+    with shown_stage("compare", progress) as tell:
+        for number, (name, dataset, motion) in enumerate(zip(names, made, motions, strict=True)):
+            tell(number / len(names), f"what became of every object: {name}")
+            table = fates_of(dataset.folder, motion, twin)
+            tables.append(table.add_column(0, "variant", pa.array([name] * table.num_rows)))
+            counts = Counter(table["fate"].to_pylist())
+            row: dict[str, Any] = {"name": name, "fates": {fate: counts[fate] for fate in FATES}}
+            if number:
+                proof = proof_of(made[0].manifest, dataset.manifest, motions[0], motion)
+                if not proof.one_factor:
+                    fields = sorted({field for field, _, _ in proof.changed}) or ["nothing"]
+                    raise StageError(
+                        f"{name} does not differ from the base in one factor: "
+                        f"{', '.join(fields[:6])} differ"
+                    )
+                row |= {"proof": proof.told(), "became": _became(tables[0], tables[-1])}
+            rows.append(row)
+        manifest = {
+            "kind": "variation",
+            "factor": factor.text,
+            "twin_sha256": twin.sha256,
+            "base": rows[0],
+            "variants": rows[1:],
+            "warnings": [],
+        }
+        with replaced_folder(
+            place / "comparison", kind="variation", inputs=[one for one in inputs if one]
+        ) as folder:
+            pq.write_table(pa.concat_tables(tables), folder / "fates.parquet", compression="zstd")
+            write_json(folder / "variation.json", manifest)
+            if pictures:
+                from urbantwin.view.fates import fates_figure
+                from urbantwin.view.style import save
+
+                (folder / "pictures").mkdir()
+                save(fates_figure(rows, factor.text), folder / "pictures" / "fates.png")
+    return Variation(place, manifest)
+
+
+def _became(before: pa.Table, after: pa.Table) -> dict[str, int]:
+    """Return how many objects went from one fate to another: ``seen to hidden``: 3."""
+    fates = [
+        dict(
+            zip(
+                zip(table["frame"].to_pylist(), table["track"].to_pylist(), strict=True),
+                table["fate"].to_pylist(),
+                strict=True,
+            )
+        )
+        for table in (before, after)
+    ]
+    moves = Counter(
+        f"{fates[0].get(key, 'not there')} to {fates[1].get(key, 'not there')}"
+        for key in sorted({*fates[0], *fates[1]})
+        if fates[0].get(key) != fates[1].get(key)
+    )
+    return dict(sorted(moves.items()))

@@ -1,0 +1,136 @@
+"""A truck that stands before a sensor."""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError, StageError
+from urbantwin.geometry import DownwardProbe, rotation_from_ypr
+from urbantwin.geometry.embree import EmbreeScene
+from urbantwin.traffic.assets import asset_mesh, asset_names
+from urbantwin.traffic.events.scenario import BlockedSensor
+from urbantwin.traffic.events.scripted import CLEAR_M, Scripted, Setting
+from urbantwin.traffic.events.surroundings import passage_of_path
+from urbantwin.traffic.prescribed import PrescribedPath
+
+__all__ = ["blocked_sensor"]
+
+#: A truck may stand so near to a sensor, and so far from it, metres.
+_NEAREST_M, _FARTHEST_M = 2.0, 18.0
+#: The streets within this distance of the anchor are what a sensor is to see, metres.
+_JUNCTION_M = 35.0
+
+
+def blocked_sensor(event: BlockedSensor, setting: Setting) -> Scripted:
+    """Let a truck stand where it hides most of the junction from the sensor.
+
+    Places are the lanes that trucks use around the sensor; what is hidden is found by rays to the
+    streets around the anchor that nothing else hides.
+    """
+    twin = setting.twin
+    standing = {name: (east, north) for name, east, north in twin.rig_spec().standing()}
+    name = event.sensor or next(iter(standing), "")
+    if name not in standing:
+        raise InputError(
+            f"the rig has no sensor {name!r:.40} that stands",
+            place="sensor",
+            expected=", ".join(standing) or "a rig that stands",
+        )
+    spec = next(one for one in twin.rig_spec().sensors if one.name == name)
+    probe = DownwardProbe(twin.ground_mesh)
+    top = float(twin.mesh.vertices[:, 2].max()) + 1.0
+    east, north = standing[name]
+    ground = float(probe.height_below(np.array([[east, north, top]]))[0])
+    eye = np.array([east, north, (ground if np.isfinite(ground) else 0.0) + (spec.height_m or 5.0)])
+    seen = _seen_places(setting, eye, probe, top)
+    if not len(seen):
+        raise StageError(f"blocked_sensor: {name} sees nothing of the junction as it is")
+    from_s, until_s = event.at_s, min(event.at_s + event.lasts_s, setting.until_s)
+    tried = []
+    for truck in asset_names("truck"):
+        scene = EmbreeScene(asset_mesh(truck).vertices, asset_mesh(truck).faces)
+        for at, yaw in _stands(setting, eye[:2]):
+            height = float(probe.height_below(np.array([[*at, top]]))[0])
+            if np.isfinite(height):
+                hidden = _hidden(scene, eye, seen, np.array([*at, height]), yaw)
+                tried.append((-round(hidden, 6), truck, tuple(at.tolist()), yaw))
+    for minus, truck, (x, y), yaw in sorted(tried):
+        if -minus < event.least_share:
+            break
+        path = PrescribedPath(
+            "truck",
+            truck,
+            np.array([from_s, until_s]),
+            np.array([(x, y), (x, y)]),
+            yaw=np.array([yaw, yaw]),
+            speed=np.zeros(2),
+        )
+        other = setting.others.nearest(passage_of_path(path, setting.others.motion))
+        if other is None or other.gap_m >= CLEAR_M:
+            told = {"sensor": name, "share_of_junction_hidden": -minus}
+            return Scripted((path,), from_s, until_s, told=told)
+    most = -min(tried)[0] if tried else 0.0
+    raise StageError(
+        f"blocked_sensor at {event.at_s:g} s cannot be staged: a truck on a free lane beside "
+        f"{name} hides less than {event.least_share:.0%} of the junction (at best {most:.0%}, were "
+        "all lanes free): the sensor stands too high or too far from lanes"
+    )
+
+
+def _seen_places(
+    setting: Setting, eye: NDArray[np.float64], probe: DownwardProbe, top: float
+) -> NDArray[np.float64]:
+    """Return places (N, 3) on the streets of the junction that the sensor sees."""
+    spread = np.arange(-_JUNCTION_M, _JUNCTION_M + 1, 2.0)
+    x, y = (grid.ravel() for grid in np.meshgrid(spread, spread))
+    on_road = shapely.contains_xy(setting.twin.roads.carriageway(0), x, y)
+    on_road &= np.hypot(x, y) <= _JUNCTION_M
+    xy = np.column_stack([x[on_road], y[on_road]])
+    z = probe.height_below(np.column_stack([xy, np.full(len(xy), top)])) + 0.8
+    places = np.column_stack([xy, z])[np.isfinite(z)]
+    mesh = setting.twin.mesh
+    way = places - eye
+    reach = np.linalg.norm(way, axis=1)
+    origins = np.tile(eye.astype(np.float32), (len(way), 1))
+    scene = EmbreeScene(mesh.vertices, mesh.faces)
+    hit = scene.cast_single(origins, (way / reach[:, None]).astype(np.float32))
+    return np.asarray(places[hit.range_m > reach - 0.3])
+
+
+def _stands(setting: Setting, at: NDArray[np.float64]) -> list[tuple[NDArray[np.float64], float]]:
+    """Return where trucks could stand around a sensor, and their headings."""
+    found = []
+    for lane in setting.twin.roads.lanes:
+        parks = lane.kind == "parking"
+        if not parks and (lane.kind not in ("driving", "bus") or "truck" not in lane.allowed):
+            continue
+        line = shapely.LineString(lane.centre[:, :2])
+        for along in np.arange(3.0, line.length - 3.0, 2.0):
+            ends = [
+                shapely.get_coordinates(line.interpolate(along + way))[0] for way in (-1.0, 0, 1.0)
+            ]
+            away = float(np.hypot(*(ends[1] - at)))
+            if _NEAREST_M < away < _FARTHEST_M:
+                found.append((ends[1], float(np.arctan2(*(ends[2] - ends[0])[::-1]))))
+    return found
+
+
+def _hidden(
+    scene: EmbreeScene,
+    eye: NDArray[np.float64],
+    seen: NDArray[np.float64],
+    at: NDArray[np.float64],
+    yaw: float,
+) -> float:
+    """Return the share of places (N, 3) that a truck at a place hides from a sensor."""
+    turn = rotation_from_ypr(yaw, 0.0, 0.0)
+    origin = (eye - at) @ turn
+    way = (seen - eye) @ turn
+    reach = np.linalg.norm(way, axis=1)
+    hit = scene.cast_single(
+        np.tile(origin.astype(np.float32), (len(way), 1)),
+        (way / reach[:, None]).astype(np.float32),
+    )
+    return float((hit.range_m < reach).mean())

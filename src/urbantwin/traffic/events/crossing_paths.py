@@ -1,0 +1,445 @@
+"""Actors who cross the way of a vehicle of the traffic by as little as is asked for."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.errors import StageError
+from urbantwin.traffic.assets import asset
+from urbantwin.traffic.events.lane_way import Way, lane_way
+from urbantwin.traffic.events.measures import conflict
+from urbantwin.traffic.events.places import Spot, find_spot
+from urbantwin.traffic.events.scenario import ChildBetweenParkedCars, NearMiss
+from urbantwin.traffic.events.scripted import CLEAR_M, MOMENT_S, Scripted, Setting
+from urbantwin.traffic.events.surroundings import passage_of_path
+from urbantwin.traffic.prescribed import PrescribedPath, usual_asset
+
+__all__ = ["child_between_parked_cars", "near_miss"]
+
+#: Usual speeds of who crosses, m/s.
+_SPEEDS = {"car": 8.0, "motorcycle": 9.0, "bicycle": 5.0, "pedestrian": 1.4}
+_VEHICLES = ("car", "truck", "bus")
+#: Who crosses comes from so far and goes so far, metres.
+_BEFORE_M = {"pedestrian": 6.0, "bicycle": 25.0}
+_BEYOND_M = {"pedestrian": 6.0, "bicycle": 20.0}
+_FAR_M = 45.0
+#: Nobody brakes harder, m/s2: dry asphalt.
+_HARDEST, _GENTLEST = 9.0, 0.5
+#: So much of the motion is left after a meeting, seconds.
+_AFTER_S = 4.0
+#: So many vehicles are tried, the nearest to the time first.
+_VEHICLES_TRIED = 12
+#: Who brakes comes to stand so far before the other's way, metres.
+_MARGIN_M = 0.5
+#: Nearer than this to what was asked for is what was asked for, seconds.
+_EXACT_S = 0.06
+#: Parked cars stand so far from the kerb, and from each other where the child comes out, metres.
+_KERB_M, _BETWEEN_M = 0.3, 1.6
+#: Places that are tried for parked cars lie so far from the asked one along the street, metres.
+_SHIFTS_M = tuple(sorted((4.0 * k for k in range(-8, 9)), key=abs))
+
+
+def near_miss(event: NearMiss, setting: Setting) -> Scripted:
+    """Cross the way of the vehicle that passes the place next to the time."""
+    spot = find_spot(event.place, setting.twin, event.users)
+    found = setting.others.passing(
+        spot.xy,
+        event.at_s,
+        event.within_s,
+        classes=_VEHICLES,
+        yaw=spot.yaw,
+        until_s=setting.until_s - _AFTER_S,
+        near_m=2.5 if event.place.lane is not None else 6.0,
+    )
+    refused = ""
+    for track, meets_s in found[:_VEHICLES_TRIED]:
+        try:
+            return _near(event, setting, track, meets_s)
+        except StageError as error:
+            refused = refused or str(error)
+    raise StageError(refused or _nobody(event, spot.lane.id))
+
+
+def _near(event: NearMiss, setting: Setting, track: int, meets_s: float) -> Scripted:
+    """Cross the way of a track as near as is asked for.
+
+    Raises:
+        StageError: it cannot be.
+    """
+    target = setting.others.passage(track)
+    at = np.array([np.interp(meets_s, target.time_s, axis) for axis in target.xy.T])
+    yaw = float(np.interp(meets_s, target.time_s, np.unwrap(target.yaw)))
+    speed = event.speed or _SPEEDS[event.actor]
+    mesh = usual_asset(event.actor, setting.number)
+    refused = ""
+    for way in _ways_across(event, setting, at, yaw):
+        place_m = way.station_of(at)
+        try:
+            if event.pet_s is not None:
+                path = _passing(event, setting, way, place_m, meets_s, speed, mesh, track)
+            else:
+                path = _braking(event, setting, way, place_m, meets_s, speed, mesh, track)
+        except StageError as error:
+            refused = refused or str(error)
+            continue
+        passage = passage_of_path(path, setting.others.motion)
+        other = setting.others.nearest(passage, frozenset({track}))
+        if other is not None and other.gap_m < CLEAR_M:
+            refused = refused or (
+                f"near_miss at {event.at_s:g} s cannot be staged: track {other.track} comes as "
+                f"near as {other.gap_m:.2f} m to the {event.actor}"
+            )
+            continue
+        asked = {"pet_s": event.pet_s} if event.pet_s is not None else {"ttc_s": event.ttc_s}
+        told = {"asked": asked, "meets_at_s": round(meets_s, 3)}
+        ends = float(path.time_s[0]), float(path.time_s[-1])
+        return Scripted((path,), *ends, with_track=track, told=told)
+    raise StageError(refused)
+
+
+def child_between_parked_cars(event: ChildBetweenParkedCars, setting: Setting) -> Scripted:
+    """Park two cars at the kerb, and let a child run out from between them."""
+    spot = find_spot(event.place, setting.twin, event.users)
+    found = setting.others.passing(
+        spot.xy,
+        event.at_s,
+        event.within_s,
+        classes=_VEHICLES,
+        yaw=spot.yaw,
+        until_s=setting.until_s - _AFTER_S,
+        near_m=2.5,
+    )
+    refused = ""
+    for track, _ in found[:_VEHICLES_TRIED]:
+        try:
+            return _child(event, setting, spot, track)
+        except StageError as error:
+            refused = refused or str(error)
+    raise StageError(refused or _nobody(event, spot.lane.id))
+
+
+def _child(event: ChildBetweenParkedCars, setting: Setting, spot: Spot, track: int) -> Scripted:
+    """Let a child run out before a track.
+
+    Raises:
+        StageError: it cannot.
+    """
+    target = setting.others.passage(track)
+    refused = ""
+    for shift in _SHIFTS_M:
+        way, place_m = lane_way(
+            setting.twin.roads, spot.lane, spot.along_m, "car", back_m=40.0, ahead_m=40.0
+        )
+        station = place_m + shift
+        if not 12.0 < station < way.length - 12.0:
+            continue
+        at = way.at(np.array([station]))[0]
+        away = np.hypot(*(target.xy - at).T)
+        if float(away.min()) > 2.5:
+            continue
+        meets_s = float(target.time_s[int(np.argmin(away))])
+        if abs(meets_s - event.at_s) > event.within_s:
+            continue
+        side = -1.0 if setting.twin.roads.driving_side == "right" else 1.0
+        parked: list[PrescribedPath] = []
+        for further_m in (0.0, 1.2, 2.2):  # at the kerb, half or all on the sidewalk
+            cars, out_m = _parked(setting, way, station, side, further_m)
+            passages = [passage_of_path(car, setting.others.motion) for car in cars]
+            nearest_ones = [setting.others.nearest(one) for one in passages]
+            in_the_way = [one for one in nearest_ones if one is not None and one.gap_m < 0.1]
+            if not in_the_way:
+                parked = cars
+                break
+            refused = refused or f"track {in_the_way[0].track} goes where a car would be parked"
+        if not parked:
+            continue
+        yaw = way.heading(station)
+        left = np.array([-np.sin(yaw), np.cos(yaw)])
+        start, end = at + side * left * out_m, at - side * left * 7.0
+        line = Way(np.linspace(start, end, 40))
+        nearest = line.station_of(target.xy[int(np.argmin(away))])
+        child = _passing(
+            event, setting, line, nearest, meets_s, event.speed, "pedestrian-child", track
+        )
+        waits = max(float(child.time_s[0]) - 4.0, 0.0)
+        if waits < child.time_s[0] - 0.2:
+            child = PrescribedPath(
+                "pedestrian",
+                child.asset,
+                np.concatenate([[waits], child.time_s]),
+                np.vstack([child.xy[:1], child.xy]),
+                yaw=np.full(len(child.time_s) + 1, float(np.arctan2(*(end - start)[::-1]))),
+            )
+        other = setting.others.nearest(
+            passage_of_path(child, setting.others.motion), frozenset({track})
+        )
+        if other is not None and other.gap_m < 0.1:
+            refused = refused or f"track {other.track} is in the child's way"
+            continue
+        told: dict[str, Any] = {"asked": {"pet_s": event.pet_s}, "meets_at_s": round(meets_s, 3)}
+        return Scripted(
+            (child, *parked),
+            float(child.time_s[0]),
+            float(child.time_s[-1]),
+            with_track=track,
+            told=told,
+        )
+    reason = refused or "the vehicle does not keep to its lane there"
+    raise StageError(f"{event.event} at {event.at_s:g} s cannot be staged: {reason}")
+
+
+def _parked(
+    setting: Setting, way: Way, station: float, side: float, further_m: float
+) -> tuple[list[PrescribedPath], float]:
+    """Return two parked cars on one side of a way, and how far out a child stands behind them.
+
+    They stand at the kerb, or further from the way by some metres.
+    """
+    at, yaw = way.at(np.array([station]))[0], way.heading(station)
+    across = side * np.array([-np.sin(yaw), np.cos(yaw)])
+    line = shapely.LineString([at, at + 15.0 * across])
+    road = shapely.intersection(line, setting.twin.roads.carriageway(0))
+    pieces = [one for one in shapely.get_parts(road) if one.distance(shapely.Point(at)) < 0.5]
+    kerb_m = max((one.length for one in pieces), default=2.0)
+    names = [usual_asset("car", 3 * setting.number + k) for k in (1, 2)]
+    widest = max(asset(name).width for name in names)
+    # With no room beside the lane they stand half on the sidewalk, as they do.
+    out_m = max(kerb_m - _KERB_M - widest / 2, 2.0 + widest / 2) + further_m
+    cars = []
+    for name, sign in zip(names, (1.0, -1.0), strict=True):
+        middle = station + sign * (_BETWEEN_M / 2 + asset(name).length / 2)
+        heading = way.heading(middle)
+        out = side * out_m * np.array([-np.sin(heading), np.cos(heading)])
+        place = way.at(np.array([middle]))[0] + out
+        cars.append(
+            PrescribedPath(
+                "car",
+                name,
+                np.array([0.0, max(setting.until_s, 1e-3)]),
+                np.array([place, place]),
+                yaw=np.full(2, heading),
+                speed=np.zeros(2),
+            )
+        )
+    return cars, out_m + widest / 2 + 0.5
+
+
+def _ways_across(
+    event: NearMiss, setting: Setting, at: NDArray[np.float64], yaw: float
+) -> list[Way]:
+    """Return ways over a place, the best first: lanes for what drives, else straight across."""
+    if event.actor in ("car", "motorcycle"):
+        return _lanes_across(event.actor, setting, at, yaw)
+    kerb = -1.0 if setting.twin.roads.driving_side == "right" else 1.0
+    ways = []
+    for side in (kerb, -kerb):
+        across = side * np.array([-np.sin(yaw), np.cos(yaw)])
+        ends = at + across * _BEFORE_M[event.actor], at - across * _BEYOND_M[event.actor]
+        ways.append(Way(np.linspace(*ends, 60)))
+    return ways
+
+
+def _lanes_across(
+    actor_class: str, setting: Setting, at: NDArray[np.float64], yaw: float
+) -> list[Way]:
+    """Return ways along lanes that cross a heading near a place, moved over the place."""
+    roads = setting.twin.roads
+    found = []
+    for lane in roads.lanes:
+        if lane.kind != "connection" or actor_class not in lane.allowed or lane.length < 4.0:
+            continue
+        line = shapely.LineString(lane.centre[:, :2])
+        if line.distance(shapely.Point(at)) > 6.0:
+            continue
+        along = float(shapely.line_locate_point(line, shapely.Point(at)))
+        way, station = lane_way(roads, lane, along, actor_class, back_m=_FAR_M, ahead_m=_FAR_M)
+        angle = abs(float(np.sin(way.heading(station) - yaw)))
+        off = at - way.at(np.array([station]))[0]
+        if angle > 0.6:
+            found.append((round(float(np.hypot(*off)) - 3 * angle, 6), lane.id, way, off))
+    if not found:
+        raise StageError(
+            f"near_miss cannot be staged: no lane for a {actor_class} crosses the way of the "
+            f"vehicle within 6 m of {at[0]:.1f}, {at[1]:.1f}; a place in the junction is needed"
+        )
+    return [Way(way.points + off, way.lanes) for _, _, way, off in sorted(found)[:6]]
+
+
+def _passing(
+    event: NearMiss | ChildBetweenParkedCars,
+    setting: Setting,
+    way: Way,
+    place_m: float,
+    meets_s: float,
+    speed: float,
+    mesh: str,
+    track: int,
+) -> PrescribedPath:
+    """Return who goes along a way evenly and leaves a post-encroachment time to a track.
+
+    Both keep their ways, so that a second later is a second more or less.
+    """
+    wanted = event.pet_s
+    assert wanted is not None
+    before = getattr(event, "passes", "before") == "before"
+    actor = str(getattr(event, "actor", "pedestrian"))
+    target = setting.others.passage(track).between(meets_s - 12.0, meets_s + 12.0)
+    over_s = meets_s + (-4.0 if before else 4.0)
+    found: float | None = None
+    for _ in range(4):
+        path = _along(way, place_m, over_s, speed, actor, mesh, setting.until_s, whole=True)
+        passage = passage_of_path(path, setting.others.motion)
+        between = conflict(passage, target) if len(passage.time_s) > 1 else None
+        found = None if between is None else between.pet_s
+        if found is None:
+            break
+        if abs(found - wanted) <= 0.015:
+            break
+        over_s += (found - wanted) if before else (wanted - found)
+    if found is None or abs(found - wanted) > _EXACT_S:
+        raise StageError(
+            f"{event.event} at {event.at_s:g} s cannot be staged: "
+            f"a post-encroachment time of {wanted:g} s to track {track} is not reached"
+        )
+    return _along(way, place_m, over_s, speed, actor, mesh, setting.until_s)
+
+
+def _braking(
+    event: NearMiss,
+    setting: Setting,
+    way: Way,
+    place_m: float,
+    meets_s: float,
+    speed: float,
+    mesh: str,
+    track: int,
+) -> PrescribedPath:
+    """Return who is on a course to collide with a track, and brakes for it in time."""
+    wanted = event.ttc_s
+    assert wanted is not None
+    target = setting.others.passage(track).between(meets_s - 12.0, meets_s + 12.0)
+    stands_m = _before_the_way(setting, way, place_m, mesh, target)
+    path: PrescribedPath | None = None
+    # Braking late leaves a short time to collision; the speed says how late it can be.
+    low, high = _GENTLEST, _HARDEST
+    reached = np.inf
+    for _ in range(18):
+        middle = (low + high) / 2
+        trial = _stopping(
+            way, place_m, meets_s, speed, stands_m, middle, event, (mesh, setting.until_s)
+        )
+        between = conflict(passage_of_path(trial, setting.others.motion), target)
+        ttc = np.inf if between is None or between.ttc_s is None else between.ttc_s
+        if abs(ttc - wanted) < abs(reached - wanted):
+            path, reached = trial, ttc
+        if ttc > wanted:
+            low = middle
+        else:
+            high = middle
+    if path is None or abs(reached - wanted) > _EXACT_S:
+        raise StageError(
+            f"near_miss at {event.at_s:g} s cannot be staged: a {event.actor} at {speed:g} m/s "
+            f"that can stop does not come to a time to collision of {wanted:g} s with track {track}"
+        )
+    return path
+
+
+def _before_the_way(
+    setting: Setting,
+    way: Way,
+    place_m: float,
+    mesh: str,
+    target: Any,  # noqa: ANN401
+) -> float:
+    """Return the station at which who comes along a way stands before the target's way."""
+    swept = shapely.union_all(target.boxes())
+    half = asset(mesh).length / 2
+    for station in np.arange(place_m, 0.0, -0.1):
+        ahead = way.at(np.array([station + half + _MARGIN_M]))[0]
+        heading = way.heading(station)
+        side = np.array([-np.sin(heading), np.cos(heading)]) * asset(mesh).width / 2
+        front = shapely.LineString([ahead + side, ahead - side])
+        if not front.intersects(swept):
+            return float(station)
+    return 0.0
+
+
+def _stopping(
+    way: Way,
+    place_m: float,
+    meets_s: float,
+    speed: float,
+    stands_m: float,
+    deceleration: float,
+    event: NearMiss,
+    mesh_and_end: tuple[str, float],
+) -> PrescribedPath:
+    """Return who would meet the target, brakes to a stand before its way, and then goes on.
+
+    Args:
+        way: of who comes.
+        place_m: where it would meet the target.
+        meets_s: when.
+        speed: m/s.
+        stands_m: where it stands.
+        deceleration: with which it brakes, m/s2: the harder, the later.
+        event: the event.
+        mesh_and_end: its mesh, and the end of the motion.
+    """
+    mesh, until_s = mesh_and_end
+    braking_m = speed * speed / (2 * deceleration)
+    starts_s = meets_s - place_m / speed
+    brakes_s = starts_s + max(stands_m - braking_m, 0.0) / speed
+    stops_s = brakes_s + speed / deceleration
+    goes_s = max(stops_s, meets_s) + 2.0
+    times = np.arange(max(starts_s, 0.0), min(goes_s + 8.0, until_s) + 1e-9, MOMENT_S)
+    even = stands_m - braking_m - np.maximum(brakes_s - times, 0.0) * speed
+    slowing = np.clip(times - brakes_s, 0.0, speed / deceleration)
+    station = even + speed * slowing - deceleration * slowing**2 / 2
+    away = np.maximum(times - goes_s, 0.0)
+    station += np.where(away < speed / 1.5, 0.75 * away**2, speed * (away - speed / 3.0))
+    heading = np.array([way.heading(float(one)) for one in station])
+    return PrescribedPath(event.actor, mesh, times, way.at(station), yaw=heading)
+
+
+def _along(
+    way: Way,
+    place_m: float,
+    over_s: float,
+    speed: float,
+    actor_class: str,
+    mesh: str,
+    until_s: float,
+    *,
+    whole: bool = False,
+) -> PrescribedPath:
+    """Return who goes along a way evenly and is at a place at a time.
+
+    Args:
+        way: the way.
+        place_m: the place on it, metres.
+        over_s: the time.
+        speed: m/s.
+        actor_class: who.
+        mesh: its mesh.
+        until_s: the end of the motion.
+        whole: whether moments before and after the motion are kept.
+    """
+    first, last = over_s - place_m / speed, over_s + (way.length - place_m) / speed
+    if not whole:
+        first, last = max(first, 0.0), min(last, until_s)
+    if last <= first:
+        raise StageError(f"the {actor_class} would come beyond the motion")
+    times = np.linspace(first, last, max(round((last - first) / MOMENT_S), 2) + 1)
+    return PrescribedPath(actor_class, mesh, times, way.at(place_m + (times - over_s) * speed))
+
+
+def _nobody(event: NearMiss | ChildBetweenParkedCars, lane: str) -> str:
+    return (
+        f"{event.event} at {event.at_s:g} s cannot be staged: no car, truck or bus drives past "
+        f"the place on lane {lane} within {event.within_s:g} s of it"
+    )

@@ -1,0 +1,219 @@
+"""Measures of a conflict between two actors: time to collision, post-encroachment time, gap.
+
+- *Time to collision* (Hayward, Near-miss determination through use of a scale of danger, Highway
+  Research Record 384, 1972; FHWA, Surrogate Safety Assessment Model, FHWA-HRT-08-051, 2008): at a
+  moment, how long it is until the two touch if both keep their velocities. Here the outlines are
+  the boxes in plan, which keep their headings; the figure of a conflict is the least over time.
+- *Post-encroachment time* (Allen, Shin and Cooper, Analysis of traffic conflicts and collisions,
+  Transportation Research Record 667, 1978): from when the first actor has left the area that both
+  pass over to when the second comes into it; negative where both are in it at once.
+- *Gap*: the distance between the boxes in plan; 0 where they touch.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+__all__ = ["Conflict", "Passage", "conflict", "gaps", "post_encroachment", "times_to_collision"]
+
+#: Passages are looked at this finely, seconds: what a box covers changes between two steps.
+_FINE_S = 0.01
+#: An area that both pass over is larger than this, square metres; less is a touch of corners.
+_AREA_M2 = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class Passage:
+    """How one actor's box moves in plan.
+
+    Attributes:
+        time_s: (N,) ascending moments, seconds.
+        xy: (N, 2) middle, metres.
+        yaw: (N,) heading, rad.
+        velocity: (N, 2) m/s.
+        length: metres.
+        width: metres.
+    """
+
+    time_s: NDArray[np.float64]
+    xy: NDArray[np.float64]
+    yaw: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    length: float
+    width: float
+
+    @classmethod
+    def along(
+        cls,
+        time_s: NDArray[np.float64],
+        xy: NDArray[np.float64],
+        yaw: NDArray[np.float64],
+        length: float,
+        width: float,
+    ) -> Passage:
+        """Return a passage whose velocity is that of its places."""
+        moving = np.gradient(xy, time_s, axis=0) if len(time_s) > 1 else np.zeros_like(xy)
+        return cls(time_s, xy, yaw, moving, length, width)
+
+    def between(self, start_s: float, stop_s: float) -> Passage:
+        """Return the part from one moment to another, both included."""
+        kept = (self.time_s >= start_s - 1e-6) & (self.time_s <= stop_s + 1e-6)
+        return self.of_rows(kept)
+
+    def of_rows(self, rows: NDArray[np.bool_] | NDArray[np.intp]) -> Passage:
+        """Return the passage at some of its moments."""
+        return Passage(
+            self.time_s[rows],
+            self.xy[rows],
+            self.yaw[rows],
+            self.velocity[rows],
+            self.length,
+            self.width,
+        )
+
+    def corners(self) -> NDArray[np.float64]:
+        """Return the corners (N, 4, 2) of the boxes."""
+        ahead = np.column_stack([np.cos(self.yaw), np.sin(self.yaw)]) * self.length / 2
+        left = np.column_stack([-np.sin(self.yaw), np.cos(self.yaw)]) * self.width / 2
+        ways = [ahead + left, ahead - left, -ahead - left, -ahead + left]
+        return np.stack([self.xy + one for one in ways], axis=1)
+
+    def boxes(self) -> NDArray[np.object_]:
+        """Return the boxes (N,) as polygons."""
+        return np.asarray(shapely.polygons(self.corners()), object).reshape(-1)
+
+
+@dataclass(frozen=True)
+class Conflict:
+    """How near two actors came to each other.
+
+    Attributes:
+        ttc_s: least time to collision; ``None`` where they were never on a course to collide.
+        ttc_at_s: when that was.
+        pet_s: post-encroachment time; ``None`` where no area is passed over by both.
+        gap_m: smallest gap.
+        gap_at_s: when that was.
+    """
+
+    ttc_s: float | None
+    ttc_at_s: float | None
+    pet_s: float | None
+    gap_m: float
+    gap_at_s: float
+
+    def told(self) -> dict[str, float | None]:
+        """Return the figures for a manifest, to milliseconds and millimetres."""
+        found = {name: getattr(self, name) for name in self.__dataclass_fields__}
+        return {name: None if one is None else round(one, 3) for name, one in found.items()}
+
+
+def conflict(a: Passage, b: Passage) -> Conflict | None:
+    """Return how near two actors came; ``None`` where they were never there at the same time.
+
+    Both have their moments at steps of the same motion.
+    """
+    _, first, second = np.intersect1d(
+        np.round(a.time_s, 6), np.round(b.time_s, 6), return_indices=True
+    )
+    if not len(first):
+        return None
+    one, other = a.of_rows(first), b.of_rows(second)
+    ttc, apart = times_to_collision(one, other), gaps(one, other)
+    soonest, nearest = int(np.argmin(ttc)), int(np.argmin(apart))
+    collides = bool(np.isfinite(ttc[soonest]))
+    return Conflict(
+        float(ttc[soonest]) if collides else None,
+        float(one.time_s[soonest]) if collides else None,
+        post_encroachment(a, b),
+        float(apart[nearest]),
+        float(one.time_s[nearest]),
+    )
+
+
+def gaps(a: Passage, b: Passage) -> NDArray[np.float64]:
+    """Return the distance (N,) between the boxes at each moment of both."""
+    return np.asarray(shapely.distance(a.boxes(), b.boxes()), np.float64)
+
+
+def times_to_collision(a: Passage, b: Passage) -> NDArray[np.float64]:
+    """Return, at each moment of both, the time (N,) until the boxes touch; ``inf`` for never.
+
+    Two convex outlines that move straight on touch when their shadows on the normals of all their
+    sides overlap at once: from the latest of the times at which a pair of shadows begins to overlap
+    to the earliest at which one ceases to.
+    """
+    corners_a, corners_b = a.corners(), b.corners()
+    moving = a.velocity - b.velocity
+    begins, ends = np.full(len(moving), -np.inf), np.full(len(moving), np.inf)
+    for yaw in (a.yaw, a.yaw + np.pi / 2, b.yaw, b.yaw + np.pi / 2):
+        axis = np.column_stack([np.cos(yaw), np.sin(yaw)])
+        on_a = np.einsum("nkd,nd->nk", corners_a, axis)
+        on_b = np.einsum("nkd,nd->nk", corners_b, axis)
+        pace = np.einsum("nd,nd->n", moving, axis)
+        ahead = on_b.min(axis=1) - on_a.max(axis=1)
+        behind = on_b.max(axis=1) - on_a.min(axis=1)
+        still = np.abs(pace) < 1e-9
+        with np.errstate(divide="ignore", invalid="ignore"):
+            times = np.sort(np.column_stack([ahead / pace, behind / pace]), axis=1)
+        overlaps = (ahead <= 0) & (behind >= 0)
+        low = np.where(still, np.where(overlaps, -np.inf, np.inf), times[:, 0])
+        high = np.where(still, np.where(overlaps, np.inf, -np.inf), times[:, 1])
+        begins, ends = np.maximum(begins, low), np.minimum(ends, high)
+    touches = (begins <= ends) & (ends >= 0)
+    return np.where(touches, np.maximum(begins, 0.0), np.inf)
+
+
+def post_encroachment(a: Passage, b: Passage) -> float | None:
+    """Return the post-encroachment time of two actors, seconds; see the module.
+
+    Of several areas that both pass over it is the one with the least time.
+    """
+    fine_a, fine_b = _fine(a), _fine(b)
+    swept_a, swept_b = _swept(fine_a), _swept(fine_b)
+    common = shapely.intersection(shapely.union_all(swept_a), shapely.union_all(swept_b))
+    least: float | None = None
+    for part in shapely.get_parts(common):
+        if part.area < _AREA_M2:
+            continue
+        shapely.prepare(part)
+        stays = [_stay(one, part) for one in (fine_a, fine_b)]
+        if stays[0] is None or stays[1] is None:
+            continue
+        (in_a, out_a), (in_b, out_b) = stays[0], stays[1]
+        time_s = in_b - out_a if in_a <= in_b else in_a - out_b
+        if least is None or time_s < least:
+            least = time_s
+    return least
+
+
+def _stay(passage: Passage, area: shapely.Geometry) -> tuple[float, float] | None:
+    """Return when a box comes into an area and when it leaves."""
+    # A box that stands at the border covers nothing of the area.
+    inside = np.flatnonzero(shapely.area(shapely.intersection(passage.boxes(), area)) > 1e-4)
+    if not len(inside):
+        return None
+    return float(passage.time_s[inside[0]]), float(passage.time_s[inside[-1]])
+
+
+def _fine(passage: Passage) -> Passage:
+    """Return the passage at moments ``_FINE_S`` apart."""
+    start, stop = passage.time_s[0], passage.time_s[-1]
+    times = np.linspace(start, stop, max(round(float(stop - start) / _FINE_S), 0) + 1)
+    columns = (*passage.xy.T, np.unwrap(passage.yaw), *passage.velocity.T)
+    x, y, yaw, vx, vy = (np.interp(times, passage.time_s, one) for one in columns)
+    moving = np.column_stack([vx, vy])
+    return Passage(times, np.column_stack([x, y]), yaw, moving, passage.length, passage.width)
+
+
+def _swept(passage: Passage) -> NDArray[np.object_]:
+    """Return what a box passes over from each moment to the next."""
+    few = passage.of_rows(np.unique(np.linspace(0, len(passage.yaw) - 1, 400).astype(np.intp)))
+    corners = few.corners()
+    if len(corners) == 1:
+        return few.boxes()
+    pairs = np.concatenate([corners[:-1], corners[1:]], axis=1)
+    return np.asarray(shapely.convex_hull(shapely.multipoints(pairs)), object)

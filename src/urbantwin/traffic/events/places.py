@@ -1,0 +1,224 @@
+"""Places as people say them: a lane, a street, a crossing, metres of the site, degrees."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from pydantic import model_validator
+
+from urbantwin.errors import InputError
+from urbantwin.roads import Lane
+from urbantwin.site.conditions import Strict
+from urbantwin.site.yaml_document import nearest, wrong
+from urbantwin.twin import Twin
+
+__all__ = ["Place", "Spot", "find_spot"]
+
+#: A lane is at a place of x and y that is not farther from it, metres.
+_NEAR_M = 15.0
+_DRIVEN = ("driving", "bus", "bicycle", "connection")
+_WALKED = ("sidewalk", "crossing", "walkingarea")
+
+
+class Place(Strict):
+    """Where an event happens: one of the ways to say it.
+
+    Attributes:
+        lane: id of a lane, as ``roads.json`` and the plan have it; with ``offset_m`` from its
+            start, else its middle.
+        offset_m: metres.
+        street: name of a street; its lane that leads to the junction nearest to the anchor, at
+            ``before_junction_m`` metres before its end, or the one that leads away from it,
+            ``after_junction_m`` metres after its start.
+        before_junction_m: metres; 30 where neither is said.
+        after_junction_m: metres.
+        crossing: id of a crossing, or the name of the street that it crosses (the one nearest to
+            the anchor).
+        x: east of the anchor, metres, with ``y``, north of it.
+        y: metres.
+        latitude: degrees, WGS84, with ``longitude``.
+        longitude: degrees.
+    """
+
+    lane: str | None = None
+    offset_m: float | None = None
+    street: str | None = None
+    before_junction_m: float | None = None
+    after_junction_m: float | None = None
+    crossing: str | None = None
+    x: float | None = None
+    y: float | None = None
+    latitude: float | None = None
+    longitude: float | None = None
+
+    @model_validator(mode="after")
+    def _is_said_once(self) -> Place:
+        pairs = (self.x, self.y), (self.latitude, self.longitude)
+        if any((one is None) != (other is None) for one, other in pairs):
+            raise wrong("has one coordinate", "x and y, or latitude and longitude")
+        ways = [self.lane, self.street, self.crossing, self.x, self.latitude]
+        if sum(one is not None for one in ways) != 1:
+            raise wrong(
+                "does not say one place",
+                "one of lane, street, crossing, x and y, latitude and longitude",
+            )
+        if self.offset_m is not None and self.lane is None:
+            raise wrong("has offset_m without a lane", "lane: ID beside it")
+        junction = self.before_junction_m is not None, self.after_junction_m is not None
+        if any(junction) and (self.street is None or all(junction)):
+            raise wrong(
+                "says more than one distance, or names no street",
+                "a street, and before_junction_m or after_junction_m",
+            )
+        return self
+
+
+@dataclass(frozen=True, eq=False)
+class Spot:
+    """A place on a lane.
+
+    Attributes:
+        lane: the lane.
+        along_m: from its start.
+        xy: (2,) site frame, metres.
+        yaw: heading of the lane there, rad.
+    """
+
+    lane: Lane
+    along_m: float
+    xy: NDArray[np.float64]
+    yaw: float
+
+
+def find_spot(place: Place, twin: Twin, actor_class: str) -> Spot:
+    """Return a place on a lane that a class of actors may use.
+
+    Raises:
+        InputError: there is no such lane, street or crossing, or no lane there.
+    """
+    roads = twin.roads
+    if place.lane is not None:
+        lane = roads.lane_by_id.get(place.lane)
+        if lane is None:
+            known = [one.id for one in roads.lanes if one.kind in _DRIVEN and one.road]
+            raise InputError(
+                f"there is no lane {place.lane!r:.60}",
+                place="place.lane",
+                expected=_some(place.lane, known),
+            )
+        along = lane.length / 2 if place.offset_m is None else place.offset_m
+        return _on(lane, along, "place.offset_m")
+    if place.street is not None:
+        return _on_street(place, twin, actor_class)
+    if place.crossing is not None:
+        return _on_crossing(place.crossing, twin)
+    if place.x is not None and place.y is not None:
+        xy = np.array([place.x, place.y])
+    else:
+        degrees = np.array([[place.longitude, place.latitude]], np.float64)
+        xy = twin.frame.site_from_lonlat(degrees)[0]
+    kinds = _WALKED if actor_class == "pedestrian" else _DRIVEN
+    near = [
+        (float(shapely.LineString(one.centre[:, :2]).distance(shapely.Point(xy))), one.id)
+        for one in roads.lanes
+        if one.kind in kinds and (actor_class in one.allowed or one.kind in _WALKED)
+    ]
+    if not near or min(near)[0] > _NEAR_M:
+        raise InputError(
+            f"no lane for a {actor_class} within {_NEAR_M:g} m of {xy[0]:.1f}, {xy[1]:.1f}",
+            place="place",
+            expected="a place on the streets of the twin",
+        )
+    lane = roads.lane_by_id[min(near)[1]]
+    along = shapely.line_locate_point(shapely.LineString(lane.centre[:, :2]), shapely.Point(xy))
+    return _on(lane, float(along), "place")
+
+
+def _on(lane: Lane, along_m: float, place: str) -> Spot:
+    if not 0 <= along_m <= lane.length + 1e-6:
+        raise InputError(
+            f"{along_m:g} m is not on the lane",
+            place=place,
+            expected=f"0 to {lane.length:.1f} m",
+        )
+    line = shapely.LineString(lane.centre[:, :2])
+    ends = [
+        shapely.get_coordinates(line.interpolate(min(max(along_m + way, 0.0), line.length)))[0]
+        for way in (-0.5, 0.0, 0.5)
+    ]
+    yaw = float(np.arctan2(*(ends[2] - ends[0])[::-1]))
+    return Spot(lane, along_m, ends[1], yaw)
+
+
+def _on_street(place: Place, twin: Twin, actor_class: str) -> Spot:
+    """Return a place on the street's lane that leads to, or from, the middle junction."""
+    roads = twin.roads
+    mine = [road for road in roads.roads if road.name == place.street]
+    if not mine:
+        known = sorted({road.name for road in roads.roads if road.name})
+        raise InputError(
+            f"there is no street {place.street!r:.60}",
+            place="place.street",
+            expected=nearest(str(place.street), known) if known else "a twin with street names",
+        )
+    away = place.after_junction_m is not None
+    from_m = place.after_junction_m if away else place.before_junction_m
+    from_m = 30.0 if from_m is None else from_m
+    found = []
+    for road in mine:
+        for name in road.lanes:
+            lane = roads.lane_by_id[name]
+            if actor_class not in lane.allowed or lane.kind not in _DRIVEN:
+                continue
+            end, other = (0, -1) if away else (-1, 0)
+            near = float(np.linalg.norm(lane.centre[end, :2]))
+            if near < float(np.linalg.norm(lane.centre[other, :2])):
+                found.append((near > 60.0, lane.length < from_m, near, lane.id))
+    if not found or min(found)[1]:
+        longest = max((roads.lane_by_id[one[3]].length for one in found), default=0.0)
+        raise InputError(
+            f"no lane of {place.street} for a {actor_class} is {from_m:g} m long there",
+            place="place.street",
+            expected=f"at most {longest:.1f} m" if found else "a street that leads to the junction",
+        )
+    lane = roads.lane_by_id[min(found)[3]]
+    return _on(lane, from_m if away else lane.length - from_m, "place.street")
+
+
+def _on_crossing(name: str, twin: Twin) -> Spot:
+    """Return the middle of a crossing, by its id or by the street that it crosses."""
+    roads = twin.roads
+    crossings = {lane.id: lane for lane in roads.lanes if lane.kind == "crossing"}
+    lane = crossings.get(name)
+    if lane is None:
+        strips = [
+            shapely.LineString(roads.lane_by_id[one].centre[[0, -1], :2]).buffer(12.0)
+            for road in roads.roads
+            if road.name == name
+            for one in road.lanes
+        ]
+        over = [
+            (float(np.linalg.norm(one.centre[:, :2].mean(axis=0))), one.id)
+            for one in crossings.values()
+            if any(strip.intersects(one.polygon) for strip in strips)
+        ]
+        if not over:
+            raise InputError(
+                f"there is no crossing {name!r:.60}",
+                place="place.crossing",
+                expected=_some(name, [*crossings, *{road.name for road in roads.roads} - {""}]),
+            )
+        lane = crossings[min(over)[1]]
+    return _on(lane, lane.length / 2, "place.crossing")
+
+
+def _some(name: str, known: list[str]) -> str:
+    """Return what was probably meant, or a few of what there is."""
+    near = nearest(name, known)
+    if not near.startswith("one of"):
+        return near
+    few = ", ".join(known[:5])
+    return f"one of {few}, ..." if len(known) > 5 else f"one of {few}"

@@ -1,0 +1,280 @@
+"""``scenario.yaml``: rare events, each by its name with its parameters, at a place and a time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from urbantwin.errors import InputError
+from urbantwin.site.conditions import Strict
+from urbantwin.site.yaml_document import nearest, read_document, wrong
+from urbantwin.traffic.events.places import Place, find_spot
+from urbantwin.twin import Twin
+
+__all__ = [
+    "EVENTS",
+    "BicycleWithoutLight",
+    "BlockedSensor",
+    "ChildBetweenParkedCars",
+    "Collision",
+    "Convoy",
+    "Crowd",
+    "Debris",
+    "EmergencyVehicle",
+    "Event",
+    "HardBrake",
+    "NearMiss",
+    "RedLightRunning",
+    "StalledVehicle",
+    "UTurn",
+    "WorkZone",
+    "WrongWay",
+    "load_scenario",
+    "scenario_events",
+]
+
+Moment = Annotated[float, Field(ge=0.0, le=86400.0, allow_inf_nan=False)]
+Lasting = Annotated[float, Field(gt=0.0, le=86400.0, allow_inf_nan=False)]
+Braking = Annotated[float, Field(ge=2.0, le=10.0, allow_inf_nan=False)]
+Pace = Annotated[float, Field(ge=0.5, le=40.0, allow_inf_nan=False)]
+Apart = Annotated[float, Field(ge=0.1, le=10.0, allow_inf_nan=False)]
+Vehicle = Literal["car", "truck", "bus", "motorcycle", "bicycle"]
+
+
+class Event(Strict):
+    """What every event has.
+
+    Attributes:
+        event: its name.
+        at_s: when, seconds of the motion.
+        within_s: how much later, or for actors that are put in how much earlier or later, it may
+            be, so that it meets the traffic that it needs or finds room.
+    """
+
+    event: str
+    at_s: Moment
+    within_s: Annotated[float, Field(ge=0.0, le=3600.0, allow_inf_nan=False)] = 20.0
+
+    @property
+    def users(self) -> str:
+        """The class of actors whose lane the place is on."""
+        return str(getattr(self, "actor", "car"))
+
+
+class PlacedEvent(Event):
+    """An event at a place."""
+
+    place: Place
+
+
+class HardBrake(PlacedEvent):
+    """The next vehicle at a place brakes to a stop, and stands."""
+
+    deceleration: Braking = 7.0
+    stands_s: Lasting = 3.0
+
+
+class RedLightRunning(PlacedEvent):
+    """The next vehicle that comes to a red signal on the place's lane drives on."""
+
+    within_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 90.0
+
+
+class StalledVehicle(PlacedEvent):
+    """The next vehicle stops at a place and stays."""
+
+    lasts_s: Lasting = 60.0
+
+
+class Collision(PlacedEvent):
+    """A driver does not see that the vehicle ahead brakes; both stay as wrecks."""
+
+    deceleration: Braking = 8.0
+    within_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 90.0
+
+
+class EmergencyVehicle(PlacedEvent):
+    """A vehicle with blue light comes through a place, and others make way."""
+
+    speed_factor: Annotated[float, Field(ge=0.5, le=2.0)] = 1.4
+
+
+class Convoy(PlacedEvent):
+    """Trucks one behind the other, through a place."""
+
+    count: Annotated[int, Field(ge=2, le=30)] = 5
+
+    @property
+    def users(self) -> str:
+        """Trucks."""
+        return "truck"
+
+
+class WorkZone(PlacedEvent):
+    """Cones and barriers close a part of a lane, from its start (the place) on."""
+
+    length_m: Annotated[float, Field(ge=5.0, le=200.0)] = 20.0
+    lasts_s: Lasting | None = None
+
+
+class Debris(PlacedEvent):
+    """Something that was lost lies on a lane."""
+
+    lasts_s: Lasting | None = None
+
+
+class NearMiss(PlacedEvent):
+    """Somebody crosses the way of a vehicle of the traffic, by as little as is asked for.
+
+    Attributes:
+        actor: who crosses.
+        pet_s: post-encroachment time: it passes before the vehicle (``passes: before``) or after.
+        ttc_s: least time to collision: it is on a course to collide, and brakes.
+        passes: before or after the vehicle.
+        speed: of who crosses, m/s; usual for the class where not given.
+    """
+
+    actor: Literal["car", "motorcycle", "bicycle", "pedestrian"] = "bicycle"
+    pet_s: Apart | None = None
+    ttc_s: Apart | None = None
+    passes: Literal["before", "after"] = "before"
+    speed: Pace | None = None
+
+    @model_validator(mode="after")
+    def _asks_one(self) -> NearMiss:
+        if (self.pet_s is None) == (self.ttc_s is None):
+            raise wrong("has to say how near", "one of pet_s and ttc_s, seconds")
+        return self
+
+    @property
+    def users(self) -> str:
+        """The vehicle whose way is crossed is on the place's lane."""
+        return "car"
+
+
+class ChildBetweenParkedCars(PlacedEvent):
+    """A child runs out from between two parked cars, before a vehicle of the traffic."""
+
+    pet_s: Apart = 1.0
+    speed: Pace = 3.0
+
+
+class WrongWay(PlacedEvent):
+    """Somebody drives against the direction of a lane."""
+
+    actor: Vehicle = "car"
+    speed: Pace = 8.0
+
+
+class UTurn(PlacedEvent):
+    """Somebody turns round on the street."""
+
+    actor: Vehicle = "car"
+    speed: Pace = 4.0
+
+
+class BicycleWithoutLight(PlacedEvent):
+    """A bicycle without lights or reflectors, in dark clothes."""
+
+    speed: Pace = 5.0
+
+    @property
+    def users(self) -> str:
+        """Bicycles."""
+        return "bicycle"
+
+
+class Crowd(PlacedEvent):
+    """People stand together."""
+
+    count: Annotated[int, Field(ge=2, le=300)] = 20
+    lasts_s: Lasting = 30.0
+
+    @property
+    def users(self) -> str:
+        """People."""
+        return "pedestrian"
+
+
+class BlockedSensor(Event):
+    """A truck stands before a sensor of the twin's rig.
+
+    Attributes:
+        sensor: its name; the first of the rig where not given.
+        lasts_s: how long it stands there.
+        least_share: of the junction that the sensor sees without it, what it has to hide.
+    """
+
+    sensor: str | None = None
+    lasts_s: Lasting = 20.0
+    least_share: Annotated[float, Field(gt=0.0, le=1.0)] = 0.05
+
+
+#: Events by their names.
+EVENTS: dict[str, type[Event]] = {
+    "near_miss": NearMiss,
+    "collision": Collision,
+    "red_light_running": RedLightRunning,
+    "hard_brake": HardBrake,
+    "wrong_way": WrongWay,
+    "u_turn": UTurn,
+    "stalled_vehicle": StalledVehicle,
+    "emergency_vehicle": EmergencyVehicle,
+    "work_zone": WorkZone,
+    "debris": Debris,
+    "child_between_parked_cars": ChildBetweenParkedCars,
+    "bicycle_without_light": BicycleWithoutLight,
+    "crowd": Crowd,
+    "convoy": Convoy,
+    "blocked_sensor": BlockedSensor,
+}
+
+
+def load_scenario(path: Path, twin: Twin, until_s: float) -> list[dict[str, Any]]:
+    """Read a scenario and return its events as ``traffic.scenario`` holds them.
+
+    Args:
+        path: the ``scenario.yaml``.
+        twin: whose lanes, streets and crossings it names.
+        until_s: length of the motion, seconds.
+
+    Raises:
+        InputError: the file is wrong, or names what the twin does not have; file and line are
+            named.
+    """
+    document = read_document(path, kind="a scenario")
+    strange = [key for key in document.value if key != "events"]
+    if strange:
+        raise document.error("is not a field that is known here", [strange[0]], "'events'")
+    events = document.value.get("events")
+    if not isinstance(events, list) or not events:
+        raise document.error("has no events", ["events"], "a list of events")
+    several, told = document.part("events"), []
+    for number, given in enumerate(events):
+        if not isinstance(given, dict):
+            raise several.error("is no event", [number], "a mapping with event, at_s and place")
+        one = several.part(number)  # type: ignore[arg-type]
+        name = given.get("event")
+        if name not in EVENTS:
+            problem = "is missing" if name is None else f"is {str(name)!r:.60}"
+            expected = nearest(str(name), list(EVENTS))
+            raise one.error(problem, ["event"], expected)
+        event = one.validated(EVENTS[name])
+        if event.at_s >= until_s:
+            raise one.error(f"is {event.at_s:g}", ["at_s"], f"less than {until_s:g} s, the motion")
+        if isinstance(event, PlacedEvent):
+            try:
+                find_spot(event.place, twin, event.users)
+            except InputError as error:
+                where = (error.place or "place").split(".")
+                raise one.error(error.problem, where, error.expected) from None
+        told.append(event.model_dump(exclude_unset=True, exclude_none=True))
+    return told
+
+
+def scenario_events(told: Sequence[Mapping[str, Any]]) -> list[Event]:
+    """Return events as `load_scenario` told them."""
+    return [EVENTS[one["event"]].model_validate(dict(one), strict=True) for one in told]

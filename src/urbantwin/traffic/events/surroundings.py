@@ -1,0 +1,175 @@
+"""Who else is where in a motion, asked by time and place."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.traffic.assets import asset
+from urbantwin.traffic.events.measures import Passage, gaps
+from urbantwin.traffic.motion import Motion
+from urbantwin.traffic.prescribed import PrescribedPath
+
+__all__ = ["Surroundings", "passage_of_path"]
+
+#: Boxes whose middles are farther apart than this do not come near each other, metres.
+_FAR_M = 25.0
+
+
+@dataclass(frozen=True)
+class Nearest:
+    """Who came nearest: track, distance between the boxes in metres, when."""
+
+    track: int
+    gap_m: float
+    at_s: float
+
+
+class Surroundings:
+    """The actors of a motion.
+
+    Args:
+        motion: the motion.
+    """
+
+    def __init__(self, motion: Motion) -> None:
+        table = motion.actors
+        self.motion = motion
+        self.time_s = np.asarray(table["time_s"].to_numpy(), np.float64)
+        self.track = np.asarray(table["track"].to_numpy(), np.int64)
+        self.xy = np.column_stack([table[name].to_numpy() for name in ("x", "y")])
+        self.yaw = np.asarray(table["yaw"].to_numpy(), np.float64)
+        self.speed = np.asarray(table["speed"].to_numpy(), np.float64)
+        self.length = np.asarray(table["length"].to_numpy(), np.float64)
+        self.width = np.asarray(table["width"].to_numpy(), np.float64)
+        self.kind = np.asarray(table["class"].to_numpy(zero_copy_only=False), str)
+        standing = motion.parked
+        self._parked = {
+            name: np.asarray(standing[name].to_numpy(), np.float64)
+            for name in ("track", "x", "y", "yaw", "length", "width")
+        }
+        self._order = np.lexsort([self.time_s, self.track])
+        self._tracks = self.track[self._order]
+
+    def rows_of(self, track: int) -> NDArray[np.intp]:
+        """Return the rows of a track in the order of time."""
+        first, last = np.searchsorted(self._tracks, [track, track + 1])
+        return self._order[first:last]
+
+    def passage(self, track: int) -> Passage:
+        """Return how a track moves."""
+        rows = self.rows_of(track)
+        ahead = np.column_stack([np.cos(self.yaw[rows]), np.sin(self.yaw[rows])])
+        return Passage(
+            self.time_s[rows],
+            self.xy[rows],
+            self.yaw[rows],
+            ahead * self.speed[rows][:, None],
+            float(self.length[rows].max(initial=0.0)),
+            float(self.width[rows].max(initial=0.0)),
+        )
+
+    def nearest(self, passage: Passage, ignoring: frozenset[int] = frozenset()) -> Nearest | None:
+        """Return who comes nearest to a passage whose moments are steps of the motion."""
+        if not len(passage.time_s):
+            return None
+        first, last = np.searchsorted(
+            self.time_s, [passage.time_s[0] - 1e-6, passage.time_s[-1] + 1e-6]
+        )
+        number = np.searchsorted(passage.time_s, self.time_s[first:last] - 1e-6)
+        number = number.clip(0, len(passage.time_s) - 1)
+        together = np.abs(passage.time_s[number] - self.time_s[first:last]) < 1e-6
+        near = np.hypot(*(self.xy[first:last] - passage.xy[number]).T) < _FAR_M
+        kept = together & near & ~np.isin(self.track[first:last], list(ignoring))
+        row, number_of = first + np.flatnonzero(kept), number[kept]
+        best = self._nearest_parked(passage)
+        own = passage.of_rows(number_of)
+        for length, width in {
+            (float(a), float(b)) for a, b in zip(self.length[row], self.width[row], strict=True)
+        }:
+            same = np.flatnonzero((self.length[row] == length) & (self.width[row] == width))
+            who = row[same]
+            still = np.zeros((len(who), 2))
+            other = Passage(self.time_s[who], self.xy[who], self.yaw[who], still, length, width)
+            apart = gaps(own.of_rows(same), other)
+            least = int(np.argmin(apart))
+            found = Nearest(
+                int(self.track[who[least]]), float(apart[least]), float(self.time_s[who[least]])
+            )
+            if best is None or (found.gap_m, found.track) < (best.gap_m, best.track):
+                best = found
+        return best
+
+    def _nearest_parked(self, passage: Passage) -> Nearest | None:
+        """Return which parked vehicle comes nearest to a passage."""
+        best: Nearest | None = None
+        parked = self._parked
+        for number, track in enumerate(parked["track"].astype(int).tolist()):
+            at = np.array([parked["x"][number], parked["y"][number]])
+            near = np.flatnonzero(np.hypot(*(passage.xy - at).T) < _FAR_M)
+            if not len(near):
+                continue
+            count = len(near)
+            other = Passage(
+                passage.time_s[near],
+                np.tile(at, (count, 1)),
+                np.full(count, parked["yaw"][number]),
+                np.zeros((count, 2)),
+                float(parked["length"][number]),
+                float(parked["width"][number]),
+            )
+            apart = gaps(passage.of_rows(near), other)
+            least = int(np.argmin(apart))
+            found = Nearest(track, float(apart[least]), float(passage.time_s[near[least]]))
+            if best is None or found.gap_m < best.gap_m:
+                best = found
+        return best
+
+    def passing(
+        self,
+        xy: NDArray[np.float64],
+        at_s: float,
+        within_s: float,
+        *,
+        classes: tuple[str, ...],
+        yaw: float,
+        until_s: float,
+        near_m: float = 2.0,
+        least_ms: float = 2.0,
+    ) -> list[tuple[int, float]]:
+        """Return the tracks that pass a place, and when, the nearest to a time first.
+
+        Args:
+            xy: (2,) the place.
+            at_s: the time.
+            within_s: how far from it.
+            classes: whom to take.
+            yaw: where it goes, within 60 degrees, rad.
+            until_s: it is there before.
+            near_m: its middle comes as near as this.
+            least_ms: and is as fast as this.
+        """
+        away = np.hypot(*(self.xy - xy).T)
+        right = np.cos(self.yaw - yaw) > 0.5
+        there = (away < near_m) & (self.speed > least_ms) & right & np.isin(self.kind, classes)
+        there &= (np.abs(self.time_s - at_s) <= within_s) & (self.time_s <= until_s)
+        found = []
+        for track in np.unique(self.track[there]):
+            rows = self.rows_of(int(track))
+            nearest = rows[int(np.argmin(away[rows]))]
+            found.append((abs(float(self.time_s[nearest]) - at_s), int(track), nearest))
+        return [(track, float(self.time_s[row])) for _, track, row in sorted(found)]
+
+
+def passage_of_path(path: PrescribedPath, motion: Motion) -> Passage:
+    """Return how a prescribed actor moves, at the steps of a motion."""
+    times = motion.times()
+    times = times[(times >= path.time_s[0] - 1e-6) & (times <= path.time_s[-1] + 1e-6)]
+    heading = path.heading()
+    columns = (*path.xy.T, heading, path.pace(heading))
+    x, y, yaw, speed = (np.interp(times, path.time_s, one) for one in columns)
+    mesh = asset(path.asset)
+    ahead = np.column_stack([np.cos(yaw), np.sin(yaw)]) * speed[:, None]
+    return Passage(times, np.column_stack([x, y]), yaw, ahead, mesh.length, mesh.width)

@@ -1,0 +1,417 @@
+"""Events staged in a running SUMO, where others have to react to them.
+
+Part of SUMO's worker: nothing of UrbanTwin may be imported here (see ``sumo_worker``). Each event
+is a small machine that looks for its vehicle once its time has come, acts on it step by step, and
+notes what it did. Nothing is asked of SUMO before the first event's time that would change it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import libsumo
+
+#: SUMO's speed modes (https://sumo.dlr.de/docs/TraCI/Change_Vehicle_State.html): all checks, none,
+#: and all but right of way and red lights.
+_USUAL, _UNCHECKED, _BLIND_TO_SIGNALS = 31, 0, 7
+#: The same, and who is on the junction already does not count.
+_RUTHLESS = 39
+#: SUMO's lane-change mode without any change of its own.
+_KEEPS_LANE, _USUAL_CHANGES = 512, 1621
+_SLOWEST_MS = 3.0  # who is slower is not taken for an event that needs somebody who drives
+_COMFORTABLE_MS2 = 2.5
+#: A wreck slides to a stop with this, m/s2 (locked wheels on dry asphalt: 0.7 g).
+_SLIDING_MS2 = 6.9
+_OBSTACLE = "obstacle-"
+
+
+class Staged:
+    """One event: waits for its time and its vehicle, acts, and notes what happened.
+
+    Args:
+        told: the job's row: ``event``, ``at_s``, ``within_s``, ``lane``, ``lanes`` that will
+            do, ``along_m`` and its own.
+        taken: names of vehicles that have a part in some event.
+    """
+
+    tries = 0
+
+    def __init__(self, told: dict[str, Any], taken: set[str]) -> None:
+        self.told, self.taken = told, taken
+        self.state = "waits"
+        self.who: list[str] = []
+        self.from_s = self.until_s = -1.0
+        self.note: dict[str, Any] = {}
+
+    @property
+    def _lane(self) -> str:
+        return str(self.told["lane"])
+
+    def act(self, now_s: float, step_s: float) -> None:
+        """Do what is to be done before the next step."""
+        if now_s < self.told["at_s"] or self.state in ("done", "missed"):
+            return
+        if self.state == "waits":
+            if now_s > self.told["at_s"] + self.told["within_s"] and not self.tries:
+                self.state = "missed"
+            elif self._begin(now_s):
+                self.state, self.from_s = "acts", now_s
+                self.taken.update(self.who)
+        elif any(name not in self._present() for name in self.who):
+            self._end(now_s)
+        else:
+            self._go_on(now_s, step_s)
+
+    def _present(self) -> frozenset[str]:
+        return frozenset(libsumo.vehicle.getIDList())
+
+    def _begin(self, now_s: float) -> bool:
+        raise NotImplementedError
+
+    def _go_on(self, now_s: float, step_s: float) -> None:
+        pass
+
+    def _end(self, now_s: float) -> None:
+        if self.state == "acts":
+            self.state, self.until_s = "done", now_s
+
+    def _free(self, lane: str) -> list[str]:
+        """Return who is on a lane and has no part in another event."""
+        there = filter(str.isdigit, libsumo.lane.getLastStepVehicleIDs(lane))
+        return [name for name in there if name not in self.taken]
+
+    def _reaching(self, before_m: float, after_m: float) -> list[str]:
+        """Return who drives between two distances before the place, the nearest first.
+
+        On the place's lane, and then on the others beside it that will do.
+        """
+        found = []
+        for rank, lane in enumerate(self.told["lanes"]):
+            for name in self._free(lane):
+                ahead = self.told["along_m"] - libsumo.vehicle.getLanePosition(name)
+                if after_m <= ahead <= before_m and libsumo.vehicle.getSpeed(name) > _SLOWEST_MS:
+                    found.append((rank, ahead, int(name), name))
+        return [found_one[-1] for found_one in sorted(found)]
+
+
+class HardBrake(Staged):
+    """Whoever reaches the place brakes to a stop, stands, and drives on."""
+
+    stopped_s = -1.0
+
+    def _begin(self, now_s: float) -> bool:
+        found = self._reaching(6.0, -6.0)
+        if not found:
+            return False
+        self.who = found[:1]
+        self.note["speed_before"] = round(libsumo.vehicle.getSpeed(found[0]), 3)
+        libsumo.vehicle.setSpeedMode(found[0], _UNCHECKED)
+        libsumo.vehicle.setLaneChangeMode(found[0], _KEEPS_LANE)
+        return True
+
+    def _go_on(self, now_s: float, step_s: float) -> None:
+        name = self.who[0]
+        speed = libsumo.vehicle.getSpeed(name)
+        if self.stopped_s < 0:
+            libsumo.vehicle.setSpeed(name, max(speed - self.told["deceleration"] * step_s, 0.0))
+            if speed <= 0:
+                self.stopped_s = now_s
+        elif now_s >= self.stopped_s + self.told["stands_s"]:
+            free(name)
+            self._end(now_s)
+
+
+class Collision(Staged):
+    """Somebody brakes or stands, and whoever follows does not see it; both stay as wrecks."""
+
+    touched_s = -1.0
+    common = 0.0
+
+    def _begin(self, now_s: float) -> bool:
+        for name in self._reaching(40.0, -40.0):
+            ahead = libsumo.vehicle.getLeader(name, 60.0)
+            if not ahead or not ahead[0].isdigit() or ahead[0] in self.taken or ahead[1] > 40.0:
+                continue
+            leader = ahead[0]
+            same = libsumo.vehicle.getLaneID(leader) == libsumo.vehicle.getLaneID(name)
+            aside = abs(
+                libsumo.vehicle.getLateralLanePosition(leader)
+                - libsumo.vehicle.getLateralLanePosition(name)
+            )
+            if not same or aside > 0.6:
+                continue
+            self.who = [name, leader]
+            for one in self.who:
+                libsumo.vehicle.setSpeedMode(one, _UNCHECKED)
+                libsumo.vehicle.setLaneChangeMode(one, _KEEPS_LANE)
+            self.note["speed_before"] = round(libsumo.vehicle.getSpeed(name), 3)
+            return True
+        return False
+
+    def _go_on(self, now_s: float, step_s: float) -> None:
+        follower, leader = self.who
+        speeds = [libsumo.vehicle.getSpeed(one) for one in self.who]
+        if self.touched_s < 0:
+            braked = max(speeds[1] - self.told["deceleration"] * step_s, 0.0)
+            libsumo.vehicle.setSpeed(leader, braked)
+            libsumo.vehicle.setSpeed(follower, speeds[0])
+            ahead = libsumo.vehicle.getLeader(follower, 60.0)
+            if ahead and ahead[0] == leader:
+                # SUMO's distance leaves the follower's own gap out.
+                gap = ahead[1] + libsumo.vehicle.getMinGap(follower)
+                if gap <= (speeds[0] - braked) * step_s:
+                    self.touched_s = now_s
+                    # Alike and inelastic: the two go on together.
+                    self.common = (speeds[0] + braked) / 2
+                    self.note["speed_at_impact"] = round(speeds[0], 3)
+                    self.note["speed_of_other"] = round(braked, 3)
+                    self.note["impact_s"] = now_s
+                    libsumo.vehicle.setSpeed(follower, max(gap, 0.0) / step_s + braked)
+        else:
+            self.common = max(self.common - _SLIDING_MS2 * step_s, 0.0)
+            for one in self.who:
+                libsumo.vehicle.setSpeed(one, self.common)
+
+
+class RedLight(Staged):
+    """Whoever comes to a red signal on the lane drives on."""
+
+    speed = 0.0
+    impatient = False
+
+    def _begin(self, now_s: float) -> bool:
+        self.impatient = now_s > self.told["at_s"] + self.told["within_s"] / 2
+        return any(self._runs(lane) for lane in self.told["lanes"])
+
+    def _runs(self, lane: str) -> bool:
+        """Return whether the first vehicle on a lane comes to a red signal; it then drives on."""
+        length = libsumo.lane.getLength(lane)
+        found = [
+            (length - libsumo.vehicle.getLanePosition(name), int(name), name)
+            for name in self._free(lane)
+        ]
+        if not found:
+            return False
+        to_line, _, name = min(found)
+        speed = libsumo.vehicle.getSpeed(name)
+        signals = libsumo.vehicle.getNextTLS(name)
+        if not signals or signals[0][3] not in "rR":
+            return False
+        # In time to come to a stop gently: it sees the red and does not care. Where nobody comes
+        # so for long, the first who waits drives off.
+        comes = speed >= _SLOWEST_MS and 0.5 * speed < to_line < max(2.5 * speed, 12.0)
+        if not comes and not (self.impatient and to_line < 4.0):
+            return False
+        self.who = [name]
+        self.note |= {"signal": signals[0][0], "link": int(signals[0][1]), "lane": lane}
+        self.note["speed_before"] = round(speed, 3)
+        self.speed = max(speed, 6.0)
+        libsumo.vehicle.setSpeedMode(name, _BLIND_TO_SIGNALS if self.tries < 1 else _RUTHLESS)
+        libsumo.vehicle.setSpeed(name, self.speed)
+        return True
+
+    def _go_on(self, now_s: float, step_s: float) -> None:
+        name = self.who[0]
+        road = libsumo.vehicle.getRoadID(name)
+        if road.startswith(":") and "crossed_s" not in self.note:
+            state = libsumo.trafficlight.getRedYellowGreenState(self.note["signal"])
+            self.note["crossed_s"] = now_s
+            self.note["shown"] = state[self.note["link"]]
+        if "crossed_s" in self.note and not road.startswith(":"):
+            free(name)
+            self._end(now_s)
+        elif (
+            "crossed_s" not in self.note
+            and libsumo.vehicle.getSpeed(name) < 0.5
+            and now_s > self.from_s + 3.0
+        ):
+            # Others drove before it all the same: the next one does it.
+            free(name)
+            self.state, self.who, self.note = "waits", [], {}
+            self.tries += 1
+
+
+class Stalled(Staged):
+    """Whoever can still stop at the place does so, and stays."""
+
+    halted_s = -1.0
+
+    def _begin(self, now_s: float) -> bool:
+        for name in self._reaching(120.0, 8.0):
+            speed = libsumo.vehicle.getSpeed(name)
+            ahead = self.told["along_m"] - libsumo.vehicle.getLanePosition(name)
+            if ahead < speed * speed / (2 * _COMFORTABLE_MS2) + 4.0:
+                continue
+            on = libsumo.vehicle.getLaneID(name)
+            edge, lane = libsumo.lane.getEdgeID(on), int(on.rsplit("_", 1)[1])
+            try:
+                libsumo.vehicle.setStop(
+                    name, edge, self.told["along_m"], lane, self.told["lasts_s"]
+                )
+            except libsumo.TraCIException:
+                continue
+            libsumo.vehicle.setLaneChangeMode(name, _KEEPS_LANE)
+            self.who = [name]
+            return True
+        return False
+
+    def _go_on(self, now_s: float, step_s: float) -> None:
+        name = self.who[0]
+        if libsumo.vehicle.isStopped(name):
+            if self.halted_s < 0:
+                self.halted_s = now_s
+                self.note["halted_s"] = now_s
+        elif self.halted_s >= 0:
+            libsumo.vehicle.setLaneChangeMode(name, _USUAL_CHANGES)
+            self._end(now_s)
+
+
+class Arrivals(Staged):
+    """Vehicles come in one behind the other: a convoy, or one with blue light."""
+
+    def _begin(self, now_s: float) -> bool:
+        kind, edges = self.told["kind"], self.told["edges"]
+        if not self.note:
+            route = f"route-{self.told['number']}"
+            libsumo.route.add(route, edges)
+            for name, values in self.told["types"].items():
+                libsumo.vehicletype.copy("DEFAULT_VEHTYPE", name)
+                libsumo.vehicletype.setVehicleClass(name, values["vclass"])
+                for size in ("Length", "Width", "Height"):
+                    set_size = getattr(libsumo.vehicletype, f"set{size}")
+                    set_size(name, values[size.lower()])
+                libsumo.vehicletype.setSpeedFactor(name, values["speed_factor"])
+                libsumo.vehicletype.setLateralAlignment(name, "center")
+                if kind == "emergency":
+                    libsumo.vehicletype.setParameter(name, "has.bluelight.device", "true")
+            self.note["route"] = len(edges)
+            for name, kind_of in self.told["vehicles"]:
+                libsumo.vehicle.add(
+                    name, route, kind_of, depart="now", departLane="best", departPos="base",
+                    departSpeed="max",
+                )  # fmt: skip
+        came = [name for name, _ in self.told["vehicles"] if name in self._present()]
+        self.who = came
+        return bool(came)
+
+    def act(self, now_s: float, step_s: float) -> None:
+        """Look at them every step: they come one after the other."""
+        if self.state == "acts":
+            present = self._present()
+            came = [name for name, _ in self.told["vehicles"] if name in present]
+            self.note["came"] = max(self.note.get("came", 0), len(came))
+            for name in came:
+                if "passed_s" not in self.note and libsumo.vehicle.getLaneID(name) == self._lane:
+                    self.note["passed_s"] = now_s
+            self.who = sorted({*self.who, *came}, key=int)
+            if not came:
+                self._end(now_s)
+        else:
+            super().act(now_s, step_s)
+
+
+class Obstacle(Staged):
+    """Something that stands on a lane: others see a vehicle that does not move."""
+
+    def _begin(self, now_s: float) -> bool:
+        edge, lane = libsumo.lane.getEdgeID(self._lane), self._lane.rsplit("_", 1)[1]
+        name = f"{_OBSTACLE}{self.told['number']}"
+        length = libsumo.lane.getLength(self._lane)
+        end_m = min(self.told["along_m"] + self.told["length_m"], length - 1.0)
+        if not self.note:
+            libsumo.route.add(name, [edge])
+            libsumo.vehicletype.copy("DEFAULT_VEHTYPE", name)
+            libsumo.vehicletype.setLength(name, end_m - self.told["along_m"])
+            libsumo.vehicletype.setWidth(name, self.told["width_m"])
+            libsumo.vehicletype.setMinGap(name, 0.0)
+            libsumo.vehicletype.setVehicleClass(name, self.told["vclass"])
+            self.note["tried"] = True
+        # Nobody is there, nor comes so fast that it could not stop.
+        for other in libsumo.lane.getLastStepVehicleIDs(self._lane):
+            at = libsumo.vehicle.getLanePosition(other)
+            speed = libsumo.vehicle.getSpeed(other)
+            free_m = self.told["along_m"] - at
+            behind = at - libsumo.vehicle.getLength(other) - end_m
+            if free_m < speed * speed / (2 * _COMFORTABLE_MS2) + 3.0 and behind < 1.0:
+                return False
+        if name not in self._present():
+            libsumo.vehicle.add(
+                name, name, name, depart="now", departLane=lane, departPos=f"{end_m:.2f}",
+                departSpeed="0",
+            )  # fmt: skip
+            # With a stop it is nothing that SUMO takes for a jam.
+            try:
+                libsumo.vehicle.setStop(name, edge, end_m, int(lane), 1e6)
+            except libsumo.TraCIException:
+                libsumo.vehicle.setSpeedMode(name, _UNCHECKED)
+                libsumo.vehicle.setSpeed(name, 0.0)
+            libsumo.vehicle.setLaneChangeMode(name, _KEEPS_LANE)
+        self.who = [name]
+        return True
+
+    def act(self, now_s: float, step_s: float) -> None:
+        """Let it stand until its time is over."""
+        if self.state == "acts" and self.who[0] in self._present():
+            self.note["stands"] = True
+        if self.state != "acts":
+            super().act(now_s, step_s)
+        elif self.told["lasts_s"] is not None and now_s >= self.from_s + self.told["lasts_s"]:
+            if self.who[0] in self._present():
+                libsumo.vehicle.remove(self.who[0])
+            self._end(now_s)
+
+
+KINDS: dict[str, type[Staged]] = {
+    "hard_brake": HardBrake,
+    "collision": Collision,
+    "red_light_running": RedLight,
+    "stalled_vehicle": Stalled,
+    "emergency_vehicle": Arrivals,
+    "convoy": Arrivals,
+    "work_zone": Obstacle,
+    "debris": Obstacle,
+}
+
+
+def free(name: str) -> None:
+    """Give a vehicle back to SUMO."""
+    libsumo.vehicle.setSpeed(name, -1)
+    libsumo.vehicle.setSpeedMode(name, _USUAL)
+    libsumo.vehicle.setLaneChangeMode(name, _USUAL_CHANGES)
+
+
+def is_actor(name: str) -> bool:
+    """Return whether a vehicle is one of the demand, not something that stands in the way."""
+    return not name.startswith(_OBSTACLE)
+
+
+class Staging:
+    """All events of a job.
+
+    Args:
+        rows: the job's ``staged``; times count from SUMO's start.
+    """
+
+    def __init__(self, rows: list[dict[str, Any]]) -> None:
+        coming = {name for row in rows for name, _ in row.get("vehicles", ())}
+        self.events = [KINDS[row["event"]](row, coming) for row in rows]
+
+    def act(self) -> None:
+        """Do what is to be done before the next step."""
+        now_s, step_s = libsumo.simulation.getTime(), libsumo.simulation.getDeltaT()
+        for event in self.events:
+            event.act(now_s, step_s)
+
+    def told(self) -> list[dict[str, Any]]:
+        """Return what happened, event by event; times from SUMO's start."""
+        return [
+            {
+                "number": one.told["number"],
+                "state": one.state,
+                "trips": [int(name) for name in one.who if is_actor(name)],
+                "from_s": one.from_s,
+                "until_s": one.until_s,
+                "note": one.note,
+            }
+            for one in self.events
+        ]

@@ -1,0 +1,24 @@
+"""Counterfactuals: the same recording with one factor changed, and what became of every object."""
+
+from typing import TYPE_CHECKING
+
+from urbantwin.on_demand import names_on_demand
+
+if TYPE_CHECKING:
+    from urbantwin.variation.factor import Factor, read_factor
+    from urbantwin.variation.fates import FATES, fates_of
+    from urbantwin.variation.proof import Proof, proof_of
+    from urbantwin.variation.run_file import RunFile, load_run
+
+__all__ = [
+    "FATES",
+    "Factor",
+    "Proof",
+    "RunFile",
+    "fates_of",
+    "load_run",
+    "proof_of",
+    "read_factor",
+]
+
+names_on_demand(__name__)

@@ -1,0 +1,170 @@
+"""Events on a signalised crossing: who does what, and who is not touched by it."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from urbantwin.errors import StageError
+from urbantwin.traffic import Motion, run_traffic
+from urbantwin.traffic.events.measures import gaps
+from urbantwin.traffic.events.surroundings import Surroundings
+from urbantwin.twin import Twin
+
+SECONDS = 40.0
+EAST = {"x": -40.0, "y": -2.0}  # on the way to the junction from the west
+WITHIN = {"within_s": 30.0}
+
+
+@pytest.fixture(scope="module")
+def quiet_twin(
+    crossing_net: Path, twin_of: Callable[..., Twin], tmp_path_factory: pytest.TempPathFactory
+) -> Twin:
+    per_hour = {"car": 500.0, "bicycle": 20.0, "pedestrian": 200.0}
+    return twin_of(tmp_path_factory.mktemp("quiet") / "twin", crossing_net, per_hour)
+
+
+def driven(twin: Twin, folder: Path, *events: dict[str, Any]) -> Motion:
+    return run_traffic(twin, folder, seconds=SECONDS, changes={"scenario": list(events)})
+
+
+@pytest.fixture(scope="module")
+def usual(quiet_twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Motion:
+    return run_traffic(quiet_twin, tmp_path_factory.mktemp("usual") / "m", seconds=SECONDS)
+
+
+@pytest.fixture(scope="module")
+def put_in(quiet_twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Motion:
+    return driven(
+        quiet_twin,
+        tmp_path_factory.mktemp("put") / "m",
+        {"event": "near_miss", "at_s": 15.0, "place": EAST, "pet_s": 0.8, **WITHIN},
+        {"event": "near_miss", "at_s": 15.0, "place": EAST, "ttc_s": 1.5, **WITHIN},
+        {"event": "crowd", "at_s": 5.0, "place": {"x": -30.0, "y": -10.0}, "count": 6},
+        {"event": "bicycle_without_light", "at_s": 10.0, "place": EAST},
+    )
+
+
+@pytest.fixture(scope="module")
+def busy(crossing_twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Motion:
+    return run_traffic(crossing_twin, tmp_path_factory.mktemp("busy") / "m", seconds=SECONDS)
+
+
+@pytest.fixture(scope="module")
+def reacted(crossing_twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Motion:
+    return driven(
+        crossing_twin,
+        tmp_path_factory.mktemp("reacted") / "m",
+        {"event": "hard_brake", "at_s": 8.0, "place": EAST, "deceleration": 6.0, **WITHIN},
+        {"event": "collision", "at_s": 8.0, "place": {"x": 2.0, "y": -40.0}},
+    )
+
+
+@pytest.fixture(scope="module")
+def ran_red(crossing_twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Motion:
+    event = {"event": "red_light_running", "at_s": 2.0, "place": {"x": 30.0, "y": 2.0}}
+    folder = tmp_path_factory.mktemp("red") / "m"
+    return run_traffic(crossing_twin, folder, seconds=70.0, changes={"scenario": [event]})
+
+
+def rows(motion: Motion) -> pd.DataFrame:
+    return motion.actors.to_pandas()
+
+
+def test_who_is_put_in_changes_nobody(usual: Motion, put_in: Motion) -> None:
+    others = rows(put_in)
+    others = others[others.track <= rows(usual).track.max()].reset_index(drop=True)
+    pd.testing.assert_frame_equal(others, rows(usual))
+    assert put_in.signals.equals(usual.signals)
+
+
+def test_a_near_miss_is_as_near_as_was_asked_for(put_in: Motion) -> None:
+    by_pet, by_ttc = put_in.manifest["events"][:2]
+    assert by_pet["nearest"]["pet_s"] == pytest.approx(0.8, abs=0.07)
+    assert by_ttc["nearest"]["ttc_s"] == pytest.approx(1.5, abs=0.07)
+    # Nobody is hit: not by the measure's own boxes, and not by any other actor.
+    for event in (by_pet, by_ttc):
+        assert event["nearest"]["gap_m"] > 0.2
+        passage = Surroundings(put_in).passage(event["tracks"][0])
+        nearest = Surroundings(put_in).nearest(passage, frozenset({event["tracks"][0]}))
+        assert nearest is None or nearest.gap_m > 0.2
+
+
+def test_a_bicycle_without_light_sends_nothing_back(put_in: Motion) -> None:
+    from urbantwin.taxonomy import material_id
+
+    track = put_in.manifest["events"][3]["tracks"][0]
+    shown = rows(put_in)
+    shown = shown[shown.track == track]
+    names = set(zip(shown.asset, shown.phase, strict=True))
+    assert len(names) > 1
+    for key in names:
+        assert not (put_in.mesh(*key).material == material_id("retroreflector")).any()
+
+
+def test_nothing_differs_before_the_first_event(busy: Motion, reacted: Motion) -> None:
+    before, with_them = (rows(one)[rows(one).time_s < 8.0] for one in (busy, reacted))
+    pd.testing.assert_frame_equal(with_them.reset_index(drop=True), before.reset_index(drop=True))
+    assert not rows(busy).equals(rows(reacted))
+    assert max(event["seam_m"] for event in reacted.manifest["events"]) < 0.6
+
+
+def test_who_brakes_hard_brakes_as_hard_as_was_asked_for(reacted: Motion) -> None:
+    event = reacted.manifest["events"][0]
+    mine = rows(reacted)
+    mine = mine[(mine.track == event["tracks"][0]) & (mine.time_s >= event["from_s"])]
+    speed = mine.speed.to_numpy()
+    until = int(np.argmax(speed == 0))
+    assert until > 3
+    assert -np.diff(speed[:until]) / 0.1 == pytest.approx(6.0, abs=0.05)
+    assert (speed[until : until + 29] == 0).all()  # stands_s is 3
+
+
+def test_who_runs_the_red_signal_passes_it_at_red(ran_red: Motion) -> None:
+    event = ran_red.manifest["events"][0]
+    table = ran_red.signals.to_pandas()
+    mine = table[(table.signal == event["signal"]) & (table.link == event["link"])]
+    crossed = mine[mine.time_s <= event["crossed_s"] + 0.1].iloc[-1]
+    assert crossed.state == "r"
+    way = rows(ran_red)
+    way = way[way.track == event["tracks"][0]]
+    lanes = dict(zip(way.time_s.round(3), way.lane, strict=True))
+    assert lanes[round(event["crossed_s"] + 0.1, 3)].startswith(":")
+
+
+def test_wrecks_touch_and_stay(reacted: Motion) -> None:
+    event = reacted.manifest["events"][1]
+    around = Surroundings(reacted)
+    first, second = (around.passage(track) for track in event["tracks"][:2])
+    start = max(first.time_s[0], second.time_s[0])
+    first, second = (one.between(start, SECONDS) for one in (first, second))
+    apart = gaps(first, second)
+    after = first.time_s > event["impact_s"] + 3.0
+    assert apart[first.time_s < event["impact_s"] - 0.5].min() > 0.3
+    assert apart[after].max() < 0.6
+    for one in (first, second):
+        assert np.ptp(one.xy[after], axis=0).max() < 0.3
+    overlap = [a.intersection(b).area for a, b in zip(first.boxes(), second.boxes(), strict=True)]
+    assert max(overlap) < 1.0
+
+
+@pytest.mark.parametrize(
+    ("event", "said"),
+    [
+        (
+            {"event": "stalled_vehicle", "place": {"x": -146.0, "y": -2.0}, "within_s": 1.0},
+            "no vehicle came",
+        ),
+        ({"event": "near_miss", "place": EAST, "pet_s": 1.0, "within_s": 0.0}, "no car, truck"),
+        ({"event": "hard_brake", "place": {"x": 0.0, "y": 0.0}}, "needs a lane of a street"),
+    ],
+)
+def test_what_cannot_be_staged_is_told(
+    quiet_twin: Twin, tmp_path: Path, event: dict[str, Any], said: str
+) -> None:
+    with pytest.raises(StageError, match=said):
+        driven(quiet_twin, tmp_path / "m", {"at_s": 1.0, **event})
+    assert not (tmp_path / "m").exists()
