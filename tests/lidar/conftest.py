@@ -11,7 +11,7 @@ from urbantwin.lidar.placement import place_rig
 from urbantwin.lidar.rig import Rig
 from urbantwin.site.rig import RigSpec
 from urbantwin.taxonomy import ACTOR_CLASSES, material_id, semantic_id
-from urbantwin.traffic.assets import asset_names
+from urbantwin.traffic.assets import asset, asset_names
 
 _QUADS = np.array(
     [[0, 3, 2, 1], [4, 5, 6, 7], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]
@@ -90,9 +90,9 @@ def crowd() -> Callable[..., list[PosedActor]]:
                 *rng.uniform(-0.08, 0.08, 2),
             )
             phase = int(rng.integers(12)) if actor_class == "pedestrian" else 0
-            actors.append(
-                PosedActor(track, actor_class, names[track % len(names)], phase, pose, np.zeros(3))
-            )
+            name = names[track % len(names)]
+            phase %= asset(name).phases
+            actors.append(PosedActor(track, actor_class, name, phase, pose, np.zeros(3)))
         return actors
 
     return make

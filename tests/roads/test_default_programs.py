@@ -250,6 +250,31 @@ def test_the_time_to_clear_grows_with_the_junction(built):
     assert 1 <= cleared(built(*cross(2))) < cleared(built(*cross(10)))
 
 
+def test_who_can_only_turn_over_crossings_has_time_when_people_are_over(built):
+    """Where many walk nobody would leave the side street else. People walk 1.2 m/s."""
+    nodes, ways = tee()
+    crossing = {"highway": "crossing", "crossing": "traffic_signals"}
+    nodes |= {6: (-12, 0, crossing), 7: (12, 0, crossing)}
+    ways[10] = ([1, 6, 2, 7, 3], SIDE)
+    ((phases, links),) = programs(built(nodes, ways))
+    seconds = [state for length, state in phases for _ in range(round(length))] * 2
+    walks = {k: max(item.getTo().getLength() for item in items) for k, items in links.items()
+             if items[0].getFrom().getID().startswith(":")}  # fmt: skip
+    side = [k for k, items in links.items() if k not in walks
+            and abs(items[0].getFrom().getShape()[0][1]) > 50]  # fmt: skip
+    assert side
+    assert walks
+    for link in side:
+        free, busy_until = 0, 0
+        for t, state in enumerate(seconds):
+            for k, metres in walks.items():
+                if state[k] == "G" and state[link] in "Gg":
+                    busy_until = max(busy_until, t + 1 + metres / 1.2)
+            free += state[link] in "Gg" and t >= busy_until
+        print("FREE", link, free, phases, walks)
+        assert free >= 2 * 5, (link, free, phases, walks, side)
+
+
 @given(st.lists(st.floats(0.0, 0.5), min_size=2, max_size=6), st.data())
 def test_green_is_shared_out_to_the_second_and_nobody_gets_too_little(ratios, data):
     least = data.draw(st.lists(st.integers(5, 30), min_size=len(ratios), max_size=len(ratios)))

@@ -161,7 +161,7 @@ def calibrate(
     for _ in range(TIMES):
         long = pilot(best.size, free, little.pace, LONG_S)
         if long.flow >= HOLDS * best.flow and long.longest_halt_s < LONGEST_HALT_S:
-            best = replace(long, flow=min(long.flow, best.flow))
+            best = long
             break
         best = replace(long, size=best.size * LESS)
     for _ in range(TIMES_MORE):

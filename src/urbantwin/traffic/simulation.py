@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact import passing_folder
 from urbantwin.errors import InputError, StageError
-from urbantwin.roads import RoadNetwork
+from urbantwin.roads import BusStop, RoadNetwork
 from urbantwin.roads.curve_speed import REAR_M, SPACING_M, lane_speeds
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import Asset
@@ -54,6 +54,8 @@ _FASTEST = 1.25  # nobody drives faster than so many times a lane's speed
 #: A bus halts at a stop for so long, seconds (Transit Capacity and Quality of Service Manual 2013,
 #: chapter 6: 15 s at a typical stop outside of city centres).
 DWELL_S = 15.0
+#: Who comes back to a stop halts so much before where it halted last, metres.
+AGAIN_M = 0.01
 #: A tram, with more doors and more people at each of its stops (the same: 30 s and less for most
 #: stops of streetcars), for so long, seconds.
 TRAM_DWELL_S = 20.0
@@ -360,14 +362,23 @@ def write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> N
             vehicle = etree.SubElement(root, "vehicle", **common, **how)
             etree.SubElement(vehicle, "route", edges=edges)
             dwell_s = TRAM_DWELL_S if trip.actor_class == "tram" else DWELL_S
-            for halt, before in zip(trip.halts, (-1, *trip.halts), strict=False):
-                if halt == before:
-                    # SUMO would halt twice in one passage: it goes by another street in between.
-                    here = trip.edges.index(demand.stops[halt].lane.rpartition("_")[0])
-                    passed = {"edge": trip.edges[here + 1], "speed": "99", "duration": "0"}
-                    etree.SubElement(vehicle, "stop", **passed)
-                etree.SubElement(vehicle, "stop", busStop=str(halt), duration=f"{dwell_s:g}")
+            for halt, end_m in _ends_of_halts(trip.halts, demand.stops):
+                where = {"busStop": str(halt), "endPos": f"{end_m:.2f}"}
+                etree.SubElement(vehicle, "stop", **where, duration=f"{dwell_s:g}")
     etree.ElementTree(root).write(str(path), encoding="utf-8", xml_declaration=True)
+
+
+def _ends_of_halts(halts: Sequence[int], stops: Sequence[BusStop]) -> Iterator[tuple[int, float]]:
+    """Yield the stop and the end, metres, of each halt.
+
+    SUMO takes a halt at or beyond the one before, on the same street, for one of the same passage,
+    and would make all halts of a bus that comes by a single stop again and again at once.
+    """
+    last, end_m = -1, 0.0
+    for halt in halts:
+        end_m = end_m - AGAIN_M if halt == last else stops[halt].end_m
+        last = halt
+        yield halt, end_m
 
 
 def write_stops(path: Path, demand: Demand) -> None:

@@ -21,6 +21,9 @@ VEHICLE_M, SLOWEST_M_S, REACTION_S = 6.1, 6.0, 1.0
 SHORTEST_ALL_RED_S, LONGEST_ALL_RED_S = 1.0, 5.0
 #: People walk 1.2 m/s (RiLSA 2015, 2.5).
 WALK_M_S = 1.2
+#: Vehicles that can only turn over crossings where people have green have so much of it for
+#: themselves when these are over, seconds: where many walk, nobody would get through else.
+AFTER_WALKERS_S = 5.0
 #: Inner links stay green until who set out last from a queue is there, m/s, and no longer, s.
 INNER_M_S, LONGEST_INNER_S = 6.0, 15.0
 #: Vehicles set out with 2 m/s2 (ITE, Transportation Planning Handbook: 1.5 to 2.2 in town), from
@@ -109,9 +112,26 @@ class Intergreens:
         for k in sorted(green - after):
             if self._walks(k):
                 first = [t for j, t in starts.items() if not self._traffic.together(j, k)]
-                needed = max(map(crossing_s, self._of_index[k]))
+                needed = float(max(map(crossing_s, self._of_index[k])))
                 ends[k] = min(0.0, min(first, default=begins) - needed)
+                if self._holds_up(k, green):
+                    ends[k] = min(ends[k], -needed - AFTER_WALKERS_S)
         return Change(begins, yellow, starts, ends, over)
+
+    def _holds_up(self, walk: int, green: Collection[int]) -> bool:
+        """Whether some lane can go nowhere while people walk, one of the ways being over these."""
+        junction = self._traffic.junction
+        people = [link for k in green if self._walks(k) for link in self._of_index[k]]
+        own = self._of_index[walk]
+        lanes: dict[str, list[Link]] = defaultdict(list)
+        for link in junction.links:
+            if link.index in green and not self._walks(link.index):
+                lanes[link.lane].append(link)
+        return any(
+            all(any(junction.gives_way(link, other) for other in people) for link in links)
+            and any(junction.gives_way(link, other) for link in links for other in own)
+            for links in lanes.values()
+        )
 
     def _all_red(self, index: int) -> float:
         """Return the seconds in which the last vehicles of a link leave the junction.
