@@ -90,17 +90,26 @@ def calibrate_traffic(
         fit_s = end_s * fit_share
         document = dict(read_document(site, kind="a site").value)
         document = _elsewhere(document, site.parent.resolve(), None)
-        if recording.signals is not None:
-            _lit(document, loaded.frame.lonlat_from_site(_middle(seen)[None])[0])
+        middle = loaded.frame.lonlat_from_site(_middle(seen)[None])[0]
+        if recording.signals is not None and loaded.roads is not None:
+            _lit(document, middle)
         twin = _built(document, scratch, between(progress, 0.05, 0.25))
         links = JunctionLinks.of(twin.net_path, twin.roads)
         passages = passages_of(seen, twin.roads, links)
         timing = None
         if recording.signals is not None:
             timing = timing_of(recording.signals, passages, links, fit_s)
+        if timing is not None:
+            _lit(document, middle)
             _timed(document, timing)
             twin = _built(document, scratch, between(progress, 0.25, 0.4))
         part = measured(seen, passages, twin.roads, 0.0, fit_s)
+        if not part.turns:
+            raise InputError(
+                f"nobody passes the junction in its first {fit_s:.0f} s",
+                file=recording.file,
+                expected="motor vehicles that are seen on an approach and an exit, or between them",
+            )
         sizes: dict[str, list[np.ndarray[Any, Any]]] = defaultdict(list)
         for one in seen:
             if one.time_s[0] < fit_s:
@@ -178,10 +187,8 @@ def _lit(document: dict[str, Any], lonlat: np.ndarray[Any, Any]) -> None:
         document["signals"] = [{"junction": place, "offset": 0.0}]
 
 
-def _timed(document: dict[str, Any], timing: Timing | None) -> None:
+def _timed(document: dict[str, Any], timing: Timing) -> None:
     """Give the junction the timing that was recorded."""
-    if timing is None:
-        return
     first = dict(document["signals"][0])
     first.pop("phases", None)
     first.pop("cycle", None)

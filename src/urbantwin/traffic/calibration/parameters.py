@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from urbantwin.errors import InputError
 from urbantwin.traffic.assets import asset, asset_names
 from urbantwin.traffic.calibration.measured import Measured
 from urbantwin.traffic.calibration.passages import MOTORS, Passage
@@ -34,12 +33,7 @@ def traffic_of(
         passages: of the whole recording.
         sizes: class -> (N, 3) sizes of its tracks, nan where nothing was told.
         begin_s: when the part begins, seconds.
-
-    Raises:
-        InputError: nobody passed.
     """
-    if not part.turns:
-        raise InputError("nobody passes the junction in the part that is fitted to")
     untold: list[str] = []
     hours = part.seconds / 3600
     traffic: dict[str, Any] = {
