@@ -10,7 +10,7 @@ from urbantwin.traffic import Motion, run_traffic
 from urbantwin.twin import Twin
 
 #: Over which time a turn is measured, seconds, and what is never exceeded, m/s^2.
-OVER_S, MOST_MS2 = 0.5, 4.5
+OVER_S, MOST_MS2 = 0.5, 4.0
 
 
 def sideways(motion: Motion) -> dict[str, list[float]]:
