@@ -143,9 +143,9 @@ class Stand:
 
     @cached_property
     def real(self) -> Path:
-        """What stands for real frames: eight of another seed."""
+        """What stands for real frames: eleven of another seed."""
         out = self.folder / "real"
-        options = ["--seed", "11", "--stop", "0.7", "--workers", "1", "--no-pictures"]
+        options = ["--seed", "11", "--stop", "1.0", "--workers", "1", "--no-pictures"]
         return self._made("real", ["record", self.twin, self.motion, "-o", out, *options])
 
     def older(self, output: str) -> Path:

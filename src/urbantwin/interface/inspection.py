@@ -100,13 +100,15 @@ def _folder(folder: Path) -> dict[str, Any]:
         return _yaml(folder / "site.yaml")
 
     from urbantwin.fidelity.clouds import cloud_files
-    from urbantwin.fidelity.readers.layouts import layout_of
+    from urbantwin.fidelity.readers.layouts import layout_of, recordings_inside
     from urbantwin.reconstruct.formats import holds_model
 
     layout = layout_of(folder)
     model = (folder / "tileset.json").is_file() or (layout is None and holds_model(folder))
     if model:
         return _geometry(folder)
+    if layout is None and not recordings_inside(folder):
+        raise InputError("holds nothing that UrbanTwin knows", file=folder, expected=EXPECTED)
     if layout != "plain":
         return _recording(folder)
     return {

@@ -234,6 +234,10 @@ def _lane(name: str, run: _Run, raw: Lane | None) -> Lane:
     )
 
 
+#: A footway goes on to an end that lies this much ahead (cosine).
+_AHEAD = 0.5
+
+
 def _draw_to_corners(
     placed: dict[str, Lane], known: Mapping[str, Lane], height: SurfaceHeight
 ) -> None:
@@ -244,8 +248,10 @@ def _draw_to_corners(
             continue
         for end, inner in ((0, 1), (-1, -2)):
             corner, at = known[name].centre[end, :2], lane.centre[end, :2]
-            ahead = (at - lane.centre[inner, :2]) @ (corner - at)
-            if ahead > 0.0 and 0.02 < np.linalg.norm(corner - at) < REACH_M:
+            leg, rest = at - lane.centre[inner, :2], float(np.linalg.norm(corner - at))
+            # What lies beside the end, not ahead of it, would be a jog that is wider than long.
+            ahead = leg @ (corner - at) > _AHEAD * rest * np.linalg.norm(leg)
+            if ahead and 0.02 < rest < REACH_M:
                 found.setdefault(lane.level, []).append((name, end, np.array([at, corner])))
     for level, rows in sorted(found.items()):
         z = height(np.concatenate([xy for _, _, xy in rows]), level).reshape(-1, 2)

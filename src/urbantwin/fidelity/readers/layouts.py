@@ -22,7 +22,7 @@ from urbantwin.fidelity.readers.recording import Recording
 from urbantwin.fidelity.readers.semantic_kitti import is_semantic_kitti, open_semantic_kitti
 from urbantwin.fidelity.readers.tumtraf import is_tumtraf, open_tumtraf
 
-__all__ = ["LAYOUTS", "Layout", "layout_of", "open_recording"]
+__all__ = ["LAYOUTS", "Layout", "layout_of", "open_recording", "recordings_inside"]
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def _opened(path: Path, layout: str | None, columns: int | None) -> Recording:
     found = layout_of(path)
     if found is not None:
         return LAYOUTS[found].opens(path, columns)
-    inside = _inside(path)
+    inside = recordings_inside(path)
     if len(inside) == 1:
         return LAYOUTS[inside[0][1]].opens(inside[0][0], columns)
     if inside:
@@ -120,7 +120,7 @@ def layout_of(path: Path) -> str | None:
     return next((name for name, one in LAYOUTS.items() if one.recognises(path)), None)
 
 
-def _inside(path: Path, depth: int = 2) -> list[tuple[Path, str]]:
+def recordings_inside(path: Path, depth: int = 2) -> list[tuple[Path, str]]:
     """Return the recordings in the folders of a folder, not looking into those of one."""
     if not path.is_dir():
         return []
@@ -130,5 +130,5 @@ def _inside(path: Path, depth: int = 2) -> list[tuple[Path, str]]:
         if layout is not None:
             found.append((folder, layout))
         elif depth > 1:
-            found += _inside(folder, depth - 1)
+            found += recordings_inside(folder, depth - 1)
     return found

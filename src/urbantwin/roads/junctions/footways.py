@@ -296,9 +296,11 @@ def _place_to_stand(kerb: _Kerb, here: RoundNode) -> NDArray[np.float64]:
         return np.array([kerb.xy + d * aside for d in (KERB_M, KERB_M + PLACES_M[0])])
     first = kerb.xy + (PLACE_WIDTH_M / 2 + KERB_M) * aside
     ray = shapely.LineString([first, first + RAY_M * kerb.along])
-    met = shapely.get_coordinates(shapely.intersection(ray, shapely.boundary(here.outline)))
-    if len(met):
-        first = met[np.argmax((met - first) @ kerb.along)]
+    border = shapely.boundary(here.outline)
+    met = shapely.get_coordinates(shapely.intersection(ray, border))
+    if not len(met):  # the street's own side of the outline lies beyond
+        met = shapely.get_coordinates(shapely.shortest_line(border, shapely.Point(first)))[:1]
+    first = met[np.argmax((met - first) @ kerb.along)]
     for turn, length in product(TURNS, PLACES_M):
         outwards = np.cos(turn) * kerb.along + np.sin(turn) * aside
         points = np.array([first, first + length * outwards])
