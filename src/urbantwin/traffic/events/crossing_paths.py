@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ __all__ = ["child_between_parked_cars", "near_miss"]
 
 #: Usual speeds of who crosses, m/s.
 _SPEEDS = {"car": 8.0, "motorcycle": 9.0, "bicycle": 5.0, "pedestrian": 1.4}
-_VEHICLES = ("car", "truck", "bus")
+_VEHICLES = ("car", "van", "truck", "bus")
 #: Who crosses comes from so far and goes so far, metres.
 _BEFORE_M = {"pedestrian": 6.0, "bicycle": 25.0}
 _BEYOND_M = {"pedestrian": 6.0, "bicycle": 20.0}
@@ -48,20 +49,44 @@ _SHIFTS_M = tuple(sorted((4.0 * k for k in range(-8, 9)), key=abs))
 def near_miss(event: NearMiss, setting: Setting) -> Scripted:
     """Cross the way of the vehicle that passes the place next to the time."""
     spot = find_spot(event.place, setting.twin, event.users)
+    return _with_who_passes(
+        event,
+        setting,
+        spot,
+        lambda track, meets_s: _near(event, setting, track, meets_s),
+        # Metres and degrees say a place, not which lane of a junction.
+        yaw=None if event.place.lane is None and event.place.street is None else spot.yaw,
+        near_m=2.5 if event.place.lane is not None else 6.0,
+    )
+
+
+def _with_who_passes(
+    event: NearMiss | ChildBetweenParkedCars,
+    setting: Setting,
+    spot: Spot,
+    stage: Callable[[int, float], Scripted],
+    *,
+    yaw: float | None,
+    near_m: float,
+) -> Scripted:
+    """Return what ``stage`` makes of the first vehicle that passes for which it can be staged.
+
+    Raises:
+        StageError: with none; why not with the first.
+    """
     found = setting.others.passing(
         spot.xy,
         event.at_s,
         event.within_s,
         classes=_VEHICLES,
-        # Metres and degrees say a place, not which lane of a junction.
-        yaw=None if event.place.lane is None and event.place.street is None else spot.yaw,
+        yaw=yaw,
         until_s=setting.until_s - _AFTER_S,
-        near_m=2.5 if event.place.lane is not None else 6.0,
+        near_m=near_m,
     )
     refused = ""
     for track, meets_s in found[:_VEHICLES_TRIED]:
         try:
-            return _near(event, setting, track, meets_s)
+            return stage(track, meets_s)
         except StageError as error:
             refused = refused or str(error)
     raise StageError(refused or _nobody(event, spot.lane.id))
@@ -107,22 +132,14 @@ def _near(event: NearMiss, setting: Setting, track: int, meets_s: float) -> Scri
 def child_between_parked_cars(event: ChildBetweenParkedCars, setting: Setting) -> Scripted:
     """Park two cars at the kerb, and let a child run out from between them."""
     spot = find_spot(event.place, setting.twin, event.users)
-    found = setting.others.passing(
-        spot.xy,
-        event.at_s,
-        event.within_s,
-        classes=_VEHICLES,
+    return _with_who_passes(
+        event,
+        setting,
+        spot,
+        lambda track, _: _child(event, setting, spot, track),
         yaw=spot.yaw,
-        until_s=setting.until_s - _AFTER_S,
         near_m=2.5,
     )
-    refused = ""
-    for track, _ in found[:_VEHICLES_TRIED]:
-        try:
-            return _child(event, setting, spot, track)
-        except StageError as error:
-            refused = refused or str(error)
-    raise StageError(refused or _nobody(event, spot.lane.id))
 
 
 def _child(event: ChildBetweenParkedCars, setting: Setting, spot: Spot, track: int) -> Scripted:

@@ -80,7 +80,7 @@ class FromAbove:
             draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=colour)
             return
         draw.polygon(self._box(row, length, width, 0.0, 1.0), fill=colour)
-        if row["class"] in ("car", "truck", "bus"):
+        if row["class"] in ("car", "van", "truck", "bus"):
             dark = _eight_bit(0.3 * np.asarray(style.actor_colour(str(row["class"]))))
             screen = self._box(row, length, 0.84 * width, _SCREEN, _SCREEN + _SCREEN_DEEP)
             draw.polygon(screen, fill=dark)
