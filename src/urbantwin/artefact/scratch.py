@@ -128,8 +128,10 @@ def new_folder(folder: Path) -> Iterator[None]:
     Raises:
         InputError: it cannot be made.
     """
-    made = _make_parents(folder)
+    made: list[Path] = []
     try:
+        with deferred():  # none is made that is not known here
+            made += _make_parents(folder)
         yield
     finally:
         for one in made:
