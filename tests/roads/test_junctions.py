@@ -83,6 +83,23 @@ def test_carriageways_that_cross_are_one_junction(side, gap, build):
     assert len(controlled) == 1
 
 
+def test_who_rides_among_cars_goes_on_where_a_cycle_lane_begins(build):
+    """Nobody may ride on the lanes of the street beside its cycle lane."""
+    nodes, ways = carriageways(14)
+    ways[1] = ([0, 50, 51], ONE_WAY)
+    ways[9] = ([51, 2], {**ONE_WAY, "cycleway:right": "lane"})
+    _, net = build(nodes, ways)
+    (begins,) = [e for e in net.getEdges() if compass(e, True) == "E" and e.getLength() > 50
+                 and e.getFromNode().getType() == "traffic_light"]  # fmt: skip
+    ridden = [lane.allows("bicycle") for lane in begins.getLanes()]
+    assert any(ridden)
+    assert not all(ridden)
+    for side in "WNS":
+        (comes,) = [e for e in net.getEdges() if compass(e, False) == side and e.getLength() > 50
+                    and e.getToNode().getType() == "traffic_light"]  # fmt: skip
+        assert begins in comes.getAllowedOutgoing("bicycle"), side
+
+
 def test_junctions_60_m_apart_stay_two(build):
     nodes = {1: (-150, 0, {}), 2: (-30, 0, SIGNAL), 3: (30, 0, SIGNAL), 4: (150, 0, {})}
     nodes |= {5: (-30, 130, {}), 6: (-30, -130, {}), 7: (30, 130, {}), 8: (30, -130, {})}

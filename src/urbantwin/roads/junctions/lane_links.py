@@ -57,6 +57,7 @@ def lane_links(
             for k, j in _aligned(lanes, targets, word, kerb):
                 found[entry.id, k, way_out.id, j] = passage
         _beside(found, passage, word, cars, targets, kerb)
+        _onto_cycle_lane(found, passage, lanes)
     return found
 
 
@@ -164,6 +165,21 @@ def _aligned(
     if word == kerb:
         return [(k, targets[min(i, m - 1)]) for i, k in enumerate(lanes)]
     return [(k, targets[max(m - n + i, 0)]) for i, k in enumerate(lanes)]
+
+
+def _onto_cycle_lane(
+    found: dict[tuple[str, int, str, int], Passage], passage: Passage, lanes: Sequence[int]
+) -> None:
+    """Let who rides among cars take a way whose cars' lanes are closed to bicycles."""
+    entry, way_out = passage.entry, passage.exit
+    shared = [k for k in lanes if entry.lanes[k].admits("bicycle")]
+    own = [j for j, lane in enumerate(way_out.lanes) if lane.admits("bicycle")]
+    ridden = any(
+        (start, end) == (entry.id, way_out.id) and entry.lanes[k].admits("bicycle") and j in own
+        for start, k, end, j in found
+    )
+    if shared and own and not ridden:
+        found[entry.id, min(shared), way_out.id, own[0]] = passage
 
 
 def _beside(
