@@ -20,6 +20,15 @@ STREET = {"highway": "residential", "sidewalk": "both"}
 MAIN = {"highway": "primary", "lanes": "4", "maxspeed": "50"}
 ONE_WAY = {"highway": "primary", "oneway": "yes", "lanes": "2", "maxspeed": "50"}
 
+#: A junction with lights in the middle of two streets: where they end, west to south.
+FOUR_ARMS = {
+    1: (0, 0, SIGNAL),
+    2: (-150, 0, {}),
+    3: (150, 0, {}),
+    4: (0, 150, {}),
+    5: (0, -150, {}),
+}
+
 
 def spokes(count, radius=140.0, first=0.0):
     """Places round the middle."""
@@ -129,28 +138,14 @@ def nonsense_tags():
 
 def nodes_twice():
     """Every node is there twice at one place, one way runs over itself, one has one place only."""
-    nodes = {
-        1: (0, 0, SIGNAL),
-        2: (-150, 0, {}),
-        3: (150, 0, {}),
-        4: (0, 150, {}),
-        5: (0, -150, {}),
-    }
-    nodes |= {k + 10: nodes[k] for k in range(1, 6)}
+    nodes = FOUR_ARMS | {k + 10: FOUR_ARMS[k] for k in range(1, 6)}
     ways = {1: ([2, 1, 11, 1, 3], MAIN), 2: ([4, 14, 1, 1, 5], STREET), 3: ([3, 13], STREET),
             4: ([2, 1, 3], MAIN)}  # fmt: skip
     return nodes, ways
 
 
 def bridge_over_the_middle():
-    nodes = {
-        1: (0, 0, SIGNAL),
-        2: (-150, 0, {}),
-        3: (150, 0, {}),
-        4: (0, 150, {}),
-        5: (0, -150, {}),
-    }
-    nodes |= {6: (-150, -140, {}), 7: (150, 140, {}), 8: (-20, -19, {}), 9: (20, 19, {})}
+    nodes = FOUR_ARMS | {6: (-150, -140, {}), 7: (150, 140, {}), 8: (-20, -19, {}), 9: (20, 19, {})}
     over = {**ONE_WAY, "bridge": "yes", "layer": "1"}
     ways = {1: ([2, 1, 3], MAIN), 2: ([4, 1, 5], STREET), 3: ([6, 8], ONE_WAY), 4: ([8, 9], over),
             5: ([9, 7], ONE_WAY)}  # fmt: skip

@@ -30,7 +30,7 @@ def calibrate(
         ),
     ],
     site: Annotated[Path, typer.Option(metavar="FILE", help="The site.yaml.")],
-    out: Out,
+    out: Out = None,
     fit_share: Annotated[
         float,
         typer.Option(min=0.1, max=1.0, help="Share of the recording that is fitted to."),

@@ -30,7 +30,7 @@ def replay(
         ),
     ],
     twin: Annotated[Path, typer.Option(metavar="FOLDER", help="The twin that they move on.")],
-    out: Out,
+    out: Out = None,
     step: Annotated[
         float | None,
         typer.Option(min=0.001, max=10.0, help="Seconds between steps; the site's if not given."),

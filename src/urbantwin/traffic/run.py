@@ -240,11 +240,11 @@ def demand_of(
     """
     asked = asked or twin.site["traffic"]
     manners = manners_of(asked.get("drivers", {}))
-    if asked.get("counts"):
-        return replace(_counted(twin, asked, duration_s, seed), manners=manners)
-    network = StreetNetwork(twin.net_path, twin.region)
     own = own_bodies(twin)
     body = Fleet(country_of(*_anchor(twin)), seed, own).body
+    if asked.get("counts"):
+        return replace(_counted(twin, asked, duration_s, seed, body), manners=manners)
+    network = StreetNetwork(twin.net_path, twin.region)
     circulation, bound = None, Bound()
     if twin.site.get("closed_loop"):
         circulation = Circulation(
@@ -288,13 +288,18 @@ def demand_of(
     return replace(planned, manners=manners)
 
 
-def _counted(twin: Twin, asked: Mapping[str, Any], duration_s: float, seed: int) -> Demand:
+def _counted(
+    twin: Twin,
+    asked: Mapping[str, Any],
+    duration_s: float,
+    seed: int,
+    body: Callable[[str, int], str],
+) -> Demand:
     """Return the demand of a site that has counts: everybody passes through."""
     outer = outer_roads(twin) if twin.site.get("closed_loop") else frozenset()
     network = StreetNetwork(twin.net_path, twin.region, without=outer)
     counts, per_hour = asked["counts"], asked["per_hour"]
     warmup_s = float(asked["warmup_s"])
-    body = Fleet(country_of(*_anchor(twin)), seed).body
     counted = counted_demand(
         counts,
         twin.roads,

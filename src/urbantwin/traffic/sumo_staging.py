@@ -7,6 +7,7 @@ notes what it did. Nothing is asked of SUMO before the first event's time that w
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import Any
 
 import libsumo
@@ -25,7 +26,7 @@ _SLIDING_MS2 = 6.9
 _OBSTACLE = "obstacle-"
 
 
-class Staged:
+class Staged(ABC):
     """One event: waits for its time and its vehicle, acts, and notes what happened.
 
     Args:
@@ -65,10 +66,11 @@ class Staged:
     def _present(self) -> frozenset[str]:
         return frozenset(libsumo.vehicle.getIDList())
 
+    @abstractmethod
     def _begin(self, now_s: float) -> bool:
-        raise NotImplementedError
+        """Look for a vehicle, and return whether the event began with it."""
 
-    def _go_on(self, now_s: float, step_s: float) -> None:
+    def _go_on(self, now_s: float, step_s: float) -> None:  # noqa: B027 - not all have more to do
         pass
 
     def _end(self, now_s: float) -> None:
