@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import open3d as o3d
 import pytest
@@ -9,6 +12,7 @@ import shapely
 
 from urbantwin.reconstruct import TriangleMesh
 from urbantwin.reconstruct.cleaning import cleaned, unseen_error
+from urbantwin.reconstruct.cleaning.decimate import decimated
 from urbantwin.reconstruct.cleaning.deviation import distances_to_triangles
 from urbantwin.reconstruct.cleaning.weld import areas_of_faces, cleared
 from urbantwin.site.geometry import CleanSpec, Spot
@@ -180,3 +184,19 @@ def test_houses_on_a_hill_without_ground_do_not_float() -> None:
     above = TriangleMesh.concatenate([hill, house(15.0, 30.0)])
     result = cleaned(above, CleanSpec(), region=shapely.box(-10, -10, 90, 20))
     assert [one["why"][:6] for one in result.report["removed"]] == ["floats"]
+
+
+def test_decimation_in_threads_makes_what_one_thread_makes() -> None:
+    mesh = grid_mesh(lambda x, y: np.sin(x / 6) + 0.5 * np.cos(y / 9), 40.0, 81)
+    sensors = np.array([[-35.0, -35, 5]])
+    zones = [decimated(mesh, sensors, None).mesh]
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(4) as pool:
+            zones += pool.map(lambda _: decimated(mesh, sensors, None).mesh, range(8))
+    finally:
+        sys.setswitchinterval(interval)
+    for other in zones[1:]:
+        np.testing.assert_array_equal(other.vertices, zones[0].vertices)
+        np.testing.assert_array_equal(other.faces, zones[0].faces)

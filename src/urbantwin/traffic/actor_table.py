@@ -151,8 +151,8 @@ def _poses(
     order = np.lexsort([simulated.step, simulated.trip])
     trip, step = simulated.trip[order], simulated.step[order]
     breaks = np.flatnonzero((np.diff(trip) != 0) | (np.diff(step) != 1)) + 1
-    xy, yaw = np.empty((len(order), 2)), np.empty(len(order))
-    distance = np.empty(len(order))
+    xy = np.empty((len(order), 2))
+    yaw, distance, speed = np.empty((3, len(order)))
     tracks = np.split(np.arange(len(order)), breaks) if len(order) else []
     for rows in each(tracks, tell, "smoothing their paths"):
         whose, source = demand.trips[trip[rows[0]]], order[rows]
@@ -164,7 +164,7 @@ def _poses(
             length_m=asset(whose.asset).length,
             walks=whose.actor_class == "pedestrian",
         )
-        xy[rows], yaw[rows], distance[rows] = path.xy, path.yaw, path.distance_m
+        xy[rows], distance[rows], speed[rows] = path.xy, path.distance_m, path.speed
         yaw[rows] = steered(path.xy, path.yaw, _rear_m(asset(whose.asset)))
     return {
         "trip": trip,
@@ -172,7 +172,7 @@ def _poses(
         "xy": xy,
         "yaw": yaw,
         "distance": distance,
-        "speed": simulated.speed[order],
+        "speed": speed,
         "lane": simulated.lane[order],
     }
 

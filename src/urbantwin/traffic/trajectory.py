@@ -4,7 +4,8 @@ SUMO moves an actor along the centre lines of lanes. Where two lines meet they n
 have their drawn length, so the drawn position can leap by a metre in a step while the simulated
 speed knows of nothing. The simulated distance is therefore kept, as the integral of the speed,
 and the drawn position is smoothed as a function of it. A standing actor stands still, and nobody
-moves backwards.
+moves backwards: lanes that lie beside each other in a bend have one length for SUMO, so that who
+changes between them leaps by metres along the road, and takes longer to make up for it.
 """
 
 from __future__ import annotations
@@ -25,6 +26,8 @@ _WINDOWS_M = {"vehicle": (6.0, 10.0, 14.0, 18.0), "person": (2.6,)}
 _STEERING_S = 1.0
 _DEGREE = {"vehicle": 2, "person": 1}
 _SHORT_M = 0.5  # who moved less than this has no direction of travel
+#: Who leaps farther than this along the road makes up for it within so far before and after.
+_LEAP_M, _MAKE_UP_M = 0.75, 15.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,11 +38,13 @@ class Trajectory:
         xy: (N, 2) middle of the actor's bounds, site frame, m.
         yaw: (N,) heading, counter-clockwise from east, rad, continuous (not wrapped).
         distance_m: (N,) distance travelled since the first sample.
+        speed: (N,) m/s, SUMO's but where a leap is made up for.
     """
 
     xy: NDArray[np.float64]
     yaw: NDArray[np.float64]
     distance_m: NDArray[np.float64]
+    speed: NDArray[np.float64]
 
 
 def smoothed(
@@ -72,7 +77,9 @@ def smoothed(
         point, heading = front.mean(axis=0), np.full(len(yaw), np.median(yaw))
         start = distance - distance.mean()
         ahead = np.column_stack([np.cos(heading), np.sin(heading)])
-        return Trajectory(point + ahead * (start - length_m / 2)[:, None], heading, distance)
+        return Trajectory(point + ahead * (start - length_m / 2)[:, None], heading, distance, speed)
+    if not walks:
+        front, yaw, speed = _without_leaps(front, yaw, speed, distance, step_s)
     grid = np.linspace(0.0, total, max(int(np.ceil(total / _GRID_M)), 3) + 1)
     kind, spacing = "person" if walks else "vehicle", float(grid[1])
     steering_m = _STEERING_S * np.interp(grid, *_by_distance(distance, speed))
@@ -89,6 +96,44 @@ def smoothed(
         np.column_stack([at_x - np.cos(at_yaw) * back, at_y - np.sin(at_yaw) * back]),
         at_yaw,
         distance,
+        speed,
+    )
+
+
+def _without_leaps(
+    front: NDArray[np.float64],
+    yaw: NDArray[np.float64],
+    speed: NDArray[np.float64],
+    distance: NDArray[np.float64],
+    step_s: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Return front (N, 2), heading (N,) and speed (N,) of who does not leap along the road.
+
+    It goes the same way, a little slower or faster around the leap.
+    """
+    ahead = np.column_stack([np.cos(yaw), np.sin(yaw)])
+    onward = (np.diff(front, axis=0) * ahead[:-1]).sum(axis=1)
+    leaps = np.abs(onward - np.diff(distance)) > _LEAP_M
+    if not leaps.any():
+        return front, yaw, speed
+    # The way: where it went on, without what it went back.
+    kept = [0]
+    for row in range(1, len(front)):
+        if (front[row] - front[kept[-1]]) @ ahead[kept[-1]] > 0:
+            kept.append(row)
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(front[kept], axis=0).T))])
+    # How far it is ahead of the distance that SUMO knows, levelled.
+    grid = np.arange(-_MAKE_UP_M, distance[-1] + _MAKE_UP_M, _GRID_M)
+    gain = np.interp(grid, distance[kept], way - distance[kept])
+    width = 2 * round(_MAKE_UP_M / _GRID_M) + 1
+    padded = np.pad(gain, width // 2, mode="edge")
+    gain = np.convolve(padded, np.full(width, 1 / width), "valid")
+    place = np.maximum.accumulate(distance + np.interp(distance, grid, gain))
+    moved = np.concatenate([speed[:1], np.diff(place) / step_s])
+    return (
+        np.column_stack([np.interp(place, way, front[kept, axis]) for axis in (0, 1)]),
+        np.interp(place, way, yaw[kept]),
+        np.clip(moved, 0.0, None),
     )
 
 

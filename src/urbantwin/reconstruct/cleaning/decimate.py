@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from threading import Lock
 
 import fast_simplification
 import numpy as np
@@ -32,6 +33,8 @@ _TRIES = (2.0, 2.0, 1.0, 0.5)
 _WORTH = 0.9
 #: Share of the triangles where a try goes too far: noise about as large as the bound.
 _HOPELESS = 0.5
+#: fast_simplification keeps its mesh in globals from one of its calls to the next.
+_ONE_AT_A_TIME = Lock()
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,13 +178,14 @@ def _collapsed(
     vertices = mesh.vertices[used % len(mesh.vertices)]
     middle = vertices.mean(axis=0)
     scale = float(np.sqrt(np.finfo(np.float64).eps)) / bound
-    points, triangles = fast_simplification.simplify(
-        (vertices - middle) * scale,
-        faces.reshape(-1, 3).astype(np.int32),
-        target_count=1,
-        lossless=True,
-        preserve_border=True,
-    )
+    with _ONE_AT_A_TIME:
+        points, triangles = fast_simplification.simplify(
+            (vertices - middle) * scale,
+            faces.reshape(-1, 3).astype(np.int32),
+            target_count=1,
+            lossless=True,
+            preserve_border=True,
+        )
     points = np.asarray(points, np.float64) / scale + middle
     return points, np.asarray(triangles, np.int32)
 
