@@ -73,7 +73,7 @@ def test_the_commands_call_only_the_interface() -> None:
 def test_only_the_command_line_prints_and_exits() -> None:
     # SUMO's worker is a program of its own: its stdout is how it speaks to us. Progress is shown
     # on stderr, for the commands and for Python alike.
-    programs = {SOURCE / "__main__.py", SOURCE / "traffic" / "sumo_worker.py"}
+    programs = {SOURCE / "__main__.py", SOURCE / "traffic" / "sumo" / "worker.py"}
     programs |= {SOURCE / "interface" / "stage.py"}
     for module in MODULES:
         if module.is_relative_to(SOURCE / "cli") or module in programs:

@@ -13,7 +13,7 @@ from lxml import etree
 from urbantwin.exports import export_twin
 from urbantwin.roads.netconvert import sumo_binary, sumo_environment, sumo_home
 from urbantwin.traffic.assets import asset
-from urbantwin.traffic.simulation import simulate
+from urbantwin.traffic.sumo.simulation import simulate
 from urbantwin.view.footprint import footprints
 
 

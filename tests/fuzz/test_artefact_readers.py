@@ -25,7 +25,7 @@ from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.roads.opendrive import write_opendrive
 from urbantwin.roads.signals.programs import described_signals
 from urbantwin.traffic import Motion
-from urbantwin.traffic.demand import plan_demand
+from urbantwin.traffic.demand.demand import plan_demand
 from urbantwin.traffic.motion import describe as describe_motion
 from urbantwin.twin import Twin, load_twin
 from urbantwin.view.labelled_frame import read_labelled_points

@@ -9,7 +9,7 @@ from urbantwin.geometry import Pose
 from urbantwin.lidar import PosedActor
 from urbantwin.lidar.scanner import Scanner
 from urbantwin.traffic.assets import asset, asset_names
-from urbantwin.traffic.track_box import track_size
+from urbantwin.traffic.paths.track_box import track_size
 
 WALKER = asset_names("pedestrian")[0]
 

@@ -7,7 +7,7 @@ import pytest
 
 from urbantwin.roads import sumo_binary, sumo_environment
 from urbantwin.roads.merging_lanes import zip_merging_lanes
-from urbantwin.traffic.vehicle_types import ACTOR_KINDS
+from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
 
 NODES = """<nodes><node id="a" x="0" y="0"/><node id="b" x="250" y="0"/>
 <node id="c" x="{c}" y="0" type="priority"/><node id="d" x="700" y="0"/>

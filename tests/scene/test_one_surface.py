@@ -17,7 +17,7 @@ from urbantwin.scene.scene import ON_A_HILL, ON_A_PLAIN
 from urbantwin.scene.surface import surface_mesh
 from urbantwin.scene.zones import ground_zones
 from urbantwin.site import read_extract
-from urbantwin.traffic.placement import Ground
+from urbantwin.traffic.paths.placement import Ground
 
 from ..real_files import osm_extract
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from urbantwin.roads.sumo_network import read_sumo_network
-from urbantwin.traffic.bottleneck import bottleneck
+from urbantwin.traffic.flow.bottleneck import bottleneck
 
 #: Three streets one after the other, a signal with a short green at the end of the second.
 NODES = """<node id="a" x="-300" y="0"/><node id="b" x="-150" y="0"/>

@@ -23,10 +23,10 @@ from urbantwin.roads.assignment.street_network import StreetNetwork, has_walkway
 from urbantwin.site import read_extract
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import Fleet, asset
-from urbantwin.traffic.circulation import Circulation
-from urbantwin.traffic.flow_calibration import calibrate
-from urbantwin.traffic.guessed_volumes import bound_of_signals
-from urbantwin.traffic.simulation import observe, sumo_options, write_routes
+from urbantwin.traffic.demand.circulation import Circulation
+from urbantwin.traffic.demand.guessed_volumes import bound_of_signals
+from urbantwin.traffic.flow.flow_calibration import calibrate
+from urbantwin.traffic.sumo.simulation import observe, sumo_options, write_routes
 
 SECONDS = 1500
 PER_HOUR = {"car": 500.0, "truck": 40.0, "bus": 30.0, "motorcycle": 40.0, "bicycle": 80.0}

@@ -11,9 +11,9 @@ from urbantwin.errors import InputError
 from urbantwin.interface.outcome import outcome_of_motion
 from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.traffic import run_traffic
-from urbantwin.traffic.counts import counted_demand, turn_of
-from urbantwin.traffic.counts_table import read_counts
-from urbantwin.traffic.manners import manners_of
+from urbantwin.traffic.demand.counts import counted_demand, turn_of
+from urbantwin.traffic.demand.counts_table import read_counts
+from urbantwin.traffic.demand.manners import manners_of
 from urbantwin.traffic.run import demand_of
 from urbantwin.twin import Twin
 

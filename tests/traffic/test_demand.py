@@ -13,7 +13,7 @@ import shapely
 from urbantwin.errors import StageError
 from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.traffic.assets import Fleet
-from urbantwin.traffic.demand import Demand, plan_demand
+from urbantwin.traffic.demand.demand import Demand, plan_demand
 
 REGION = shapely.box(-150, -150, 150, 150)
 

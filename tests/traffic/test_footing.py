@@ -5,9 +5,9 @@ import pytest
 import shapely
 
 from urbantwin.roads.network import Lane, Road, RoadNetwork
-from urbantwin.traffic.demand import Demand, Trip
-from urbantwin.traffic.footing import BODY_M, on_footways
-from urbantwin.traffic.simulation import Observed, Simulated
+from urbantwin.traffic.demand.demand import Demand, Trip
+from urbantwin.traffic.paths.footing import BODY_M, on_footways
+from urbantwin.traffic.sumo.simulation import Observed, Simulated
 
 NONE = np.zeros((0, 0))
 

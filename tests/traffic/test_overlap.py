@@ -8,9 +8,9 @@ import shapely
 from urbantwin.geometry import LabelledMesh
 from urbantwin.geometry.embree import EmbreeScene
 from urbantwin.taxonomy import material_id, semantic_id
-from urbantwin.traffic.box_plan import PlanBoxes, meetings, near_pairs, shared_areas
 from urbantwin.traffic.motion import ACTOR_SCHEMA
-from urbantwin.traffic.overlap import overlaps_of
+from urbantwin.traffic.paths.box_plan import PlanBoxes, meetings, near_pairs, shared_areas
+from urbantwin.traffic.paths.overlap import overlaps_of
 
 
 def crowd(seed: int, count: int = 300) -> PlanBoxes:

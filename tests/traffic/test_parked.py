@@ -13,7 +13,7 @@ from urbantwin.traffic.assets import Fleet, asset
 from urbantwin.traffic.motion import ACTOR_SCHEMA, Motion
 from urbantwin.traffic.parked import FIRST_PARKED_TRACK, park
 from urbantwin.traffic.parked.spaces import car_park_spaces, rectangle, street_spaces
-from urbantwin.traffic.placement import Ground
+from urbantwin.traffic.paths.placement import Ground
 from urbantwin.traffic.signals import SIGNAL_SCHEMA
 
 ALL = {"street": 1.0, "car_park": 1.0}

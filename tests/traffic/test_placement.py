@@ -5,7 +5,7 @@ import pytest
 
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.roads import Lane, RoadNetwork
-from urbantwin.traffic.placement import Ground, stand
+from urbantwin.traffic.paths.placement import Ground, stand
 
 WHEELS = np.array([[1.4, 0.75, 0.0], [1.4, -0.75, 0.0], [-1.3, 0.75, 0.0], [-1.3, -0.75, 0.0]])
 NO_ROADS = RoadNetwork("right", (), (), (), (), ())

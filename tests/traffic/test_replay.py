@@ -13,8 +13,8 @@ from urbantwin.traffic import Motion, run_traffic
 from urbantwin.traffic.recorded.csv_rows import csv_rows
 from urbantwin.traffic.recorded.description import TracksSpec
 from urbantwin.traffic.recorded.track import RecordedTrack
+from urbantwin.traffic.recorded.track_smoothing import smooth_positions, smooth_track
 from urbantwin.traffic.replay import replay
-from urbantwin.traffic.track_smoothing import smooth_positions, smooth_track
 from urbantwin.twin import Twin
 
 SECONDS = 6.0

@@ -7,9 +7,9 @@ import pytest
 import shapely
 
 from urbantwin.roads.network import Lane, Road, RoadNetwork
-from urbantwin.traffic.box_plan import PlanBoxes
-from urbantwin.traffic.footing import Footways
-from urbantwin.traffic.separation import Moving, separated
+from urbantwin.traffic.paths.box_plan import PlanBoxes
+from urbantwin.traffic.paths.footing import Footways
+from urbantwin.traffic.paths.separation import Moving, separated
 
 STEP_S = 0.1
 SIZE = {"pedestrian": (0.9, 0.55), "car": (4.5, 1.8), "motorcycle": (2.0, 0.75)}

@@ -12,8 +12,8 @@ from urbantwin.roads.signals.capacity import gap_flow, lane_loads
 from urbantwin.roads.signals.controlled_links import signalised_junctions
 from urbantwin.roads.signals.default_programs import set_default_programs
 from urbantwin.traffic.assets import Fleet, asset
-from urbantwin.traffic.demand import Demand, Trip
-from urbantwin.traffic.simulation import simulate, sumo_options, write_routes
+from urbantwin.traffic.demand.demand import Demand, Trip
+from urbantwin.traffic.sumo.simulation import simulate, sumo_options, write_routes
 
 GREEN_S, CYCLE_S = 40, 80
 SECONDS = 600

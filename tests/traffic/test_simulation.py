@@ -9,8 +9,8 @@ import pytest
 from urbantwin.errors import InputError, StageError
 from urbantwin.roads import sumo_binary
 from urbantwin.traffic.assets import asset, asset_names
-from urbantwin.traffic.demand import Demand, Trip
-from urbantwin.traffic.simulation import simulate
+from urbantwin.traffic.demand.demand import Demand, Trip
+from urbantwin.traffic.sumo.simulation import simulate
 
 ONE_CAR = Demand((Trip("car", asset_names("car")[0], 0.0, ("wc", "ce")),), ())
 
@@ -97,6 +97,6 @@ def test_crashes_are_told(
 ) -> None:
     worker = tmp_path / "worker.py"
     worker.write_text("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)")
-    monkeypatch.setattr("urbantwin.traffic.simulation._WORKER", worker)
+    monkeypatch.setattr("urbantwin.traffic.sumo.simulation._WORKER", worker)
     with pytest.raises(StageError, match="SIGSEGV"):
         run(crossing_net)

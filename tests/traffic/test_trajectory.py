@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from urbantwin.traffic.trajectory import _fitted, _hat, smoothed
+from urbantwin.traffic.paths.trajectory import _fitted, _hat, smoothed
 
 STEP_S = 0.1
 

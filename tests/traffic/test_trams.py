@@ -15,8 +15,8 @@ from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.roads.rails import add_rails
 from urbantwin.traffic import run_traffic
 from urbantwin.traffic.assets import asset, asset_names
-from urbantwin.traffic.demand import plan_demand
-from urbantwin.traffic.simulation import TRAM_DWELL_S, simulate
+from urbantwin.traffic.demand.demand import plan_demand
+from urbantwin.traffic.sumo.simulation import TRAM_DWELL_S, simulate
 from urbantwin.twin import load_twin
 
 #: Over the inner lanes of the street from west to east; the stop is before the crossing.

@@ -8,11 +8,11 @@ from pathlib import Path
 import shapely
 from lxml import etree
 
-from urbantwin import traffic
 from urbantwin.artefact import replaced_folder, write_json
 from urbantwin.geometry import LabelledMesh
+from urbantwin.traffic import sumo
 from urbantwin.traffic.run import demand_of, own_bodies
-from urbantwin.traffic.simulation import (
+from urbantwin.traffic.sumo.simulation import (
     curves_of,
     sumo_options,
     sumo_substeps,
@@ -25,7 +25,7 @@ from urbantwin.view.footprint import footprints
 __all__ = ["write_sumo"]
 
 #: What runs the folder so that vehicles slow down in bends.
-DRIVER = Path(traffic.__file__).with_name("sumo_curves.py")
+DRIVER = Path(sumo.__file__).with_name("curves.py")
 #: Milliseconds of real time per step in sumo-gui, so that one can follow it.
 DELAY_MS = 50
 

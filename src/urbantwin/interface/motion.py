@@ -145,7 +145,7 @@ def drive(  # noqa: PLR0913 - the options of the command
     """
     from urbantwin.interface.twin import Twin
     from urbantwin.site import load_traffic_changes
-    from urbantwin.traffic.counts_table import read_counts
+    from urbantwin.traffic.demand.counts_table import read_counts
     from urbantwin.traffic.run import run_traffic
 
     place = beside(twin, "motion", out)

@@ -14,18 +14,18 @@ from urbantwin.geometry import LabelledMesh
 from urbantwin.progress import Progress, between, each, untold
 from urbantwin.roads import RoadNetwork
 from urbantwin.traffic.assets import Asset
-from urbantwin.traffic.bending import with_bodies
-from urbantwin.traffic.box_plan import PlanBoxes
-from urbantwin.traffic.demand import Demand, Trip
-from urbantwin.traffic.footing import Footways
+from urbantwin.traffic.demand.demand import Demand, Trip
 from urbantwin.traffic.motion import ACTOR_SCHEMA, step_times
-from urbantwin.traffic.obstacles import Obstacles
-from urbantwin.traffic.placement import Ground, stand
-from urbantwin.traffic.separation import Moving, separated
-from urbantwin.traffic.simulation import Simulated
-from urbantwin.traffic.steering import faced, steered
-from urbantwin.traffic.track_box import track_size
-from urbantwin.traffic.trajectory import smoothed
+from urbantwin.traffic.paths.bending import with_bodies
+from urbantwin.traffic.paths.box_plan import PlanBoxes
+from urbantwin.traffic.paths.footing import Footways
+from urbantwin.traffic.paths.obstacles import Obstacles
+from urbantwin.traffic.paths.placement import Ground, stand
+from urbantwin.traffic.paths.separation import Moving, separated
+from urbantwin.traffic.paths.steering import faced, steered
+from urbantwin.traffic.paths.track_box import track_size
+from urbantwin.traffic.paths.trajectory import smoothed
+from urbantwin.traffic.sumo.simulation import Simulated
 
 __all__ = ["Place", "actor_table"]
 

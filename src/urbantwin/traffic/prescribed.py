@@ -13,9 +13,9 @@ from urbantwin.errors import InputError
 from urbantwin.progress import Progress, each, untold
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import Asset, Fleet, asset, asset_names
-from urbantwin.traffic.lane_below import LanesBelow
 from urbantwin.traffic.motion import ACTOR_SCHEMA, step_times
-from urbantwin.traffic.placement import Ground, stand
+from urbantwin.traffic.paths.lane_below import LanesBelow
+from urbantwin.traffic.paths.placement import Ground, stand
 from urbantwin.twin import Twin
 
 __all__ = ["PrescribedPath", "TwinSurface", "prescribed_table", "usual_asset"]

@@ -25,8 +25,8 @@ from urbantwin.traffic.prescribed import PrescribedPath, TwinSurface, prescribed
 from urbantwin.traffic.recorded.description import load_description
 from urbantwin.traffic.recorded.read import files_of, read_recording
 from urbantwin.traffic.recorded.track import RecordedTrack, Recording
+from urbantwin.traffic.recorded.track_smoothing import SmoothTrack, smooth_track
 from urbantwin.traffic.recorded_signals import recorded_signal_table
-from urbantwin.traffic.track_smoothing import SmoothTrack, smooth_track
 from urbantwin.twin import Twin
 
 __all__ = ["replay"]

@@ -25,28 +25,28 @@ from urbantwin.site.traffic import OwnAssetSpec
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.actor_table import Place, actor_table
 from urbantwin.traffic.assets import Fleet, OwnBodies, asset, asset_names
-from urbantwin.traffic.bottleneck import bottleneck
-from urbantwin.traffic.circulation import Circulation
-from urbantwin.traffic.circulation_report import circulation_report
-from urbantwin.traffic.counts import counted_demand, counted_report, is_counted
-from urbantwin.traffic.demand import Demand, plan_demand, together
+from urbantwin.traffic.demand.circulation import Circulation
+from urbantwin.traffic.demand.counts import counted_demand, counted_report, is_counted
+from urbantwin.traffic.demand.demand import Demand, plan_demand, together
+from urbantwin.traffic.demand.guessed_volumes import Bound, bound_of_signals
+from urbantwin.traffic.demand.manners import manners_of
 from urbantwin.traffic.events.put_in import StagedEvent, staged_table, with_events
 from urbantwin.traffic.events.reacting import REACTING, everybody, plan_events, reactions
 from urbantwin.traffic.events.scenario import scenario_events
 from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
-from urbantwin.traffic.flow_calibration import calibrate
-from urbantwin.traffic.footing import on_footways
-from urbantwin.traffic.guessed_volumes import Bound, bound_of_signals
-from urbantwin.traffic.manners import manners_of
+from urbantwin.traffic.flow.bottleneck import bottleneck
+from urbantwin.traffic.flow.circulation_report import circulation_report
+from urbantwin.traffic.flow.flow_calibration import calibrate
 from urbantwin.traffic.motion import ACTOR_SCHEMA, MOTION_VERSION, Motion
-from urbantwin.traffic.overlap import overlaps_of
 from urbantwin.traffic.parked import park
-from urbantwin.traffic.placement import Ground
+from urbantwin.traffic.paths.footing import on_footways
+from urbantwin.traffic.paths.overlap import overlaps_of
+from urbantwin.traffic.paths.placement import Ground
 from urbantwin.traffic.resize import resized
 from urbantwin.traffic.result_warnings import warnings_of_drive
-from urbantwin.traffic.signal_offset import net_with_offsets
 from urbantwin.traffic.signals import signal_table
-from urbantwin.traffic.simulation import Simulated, simulate
+from urbantwin.traffic.sumo.signal_offset import net_with_offsets
+from urbantwin.traffic.sumo.simulation import Simulated, simulate
 from urbantwin.twin import Twin
 
 __all__ = ["demand_of", "outer_roads", "own_bodies", "run_traffic"]

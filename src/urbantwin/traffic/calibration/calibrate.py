@@ -26,7 +26,7 @@ from urbantwin.traffic.calibration.signal_timing import Timing, timing_of
 from urbantwin.traffic.calibration.simulated import seen_area, simulated_tracks
 from urbantwin.traffic.recorded.read import files_of, read_recording
 from urbantwin.traffic.recorded.track import Recording
-from urbantwin.traffic.track_smoothing import smooth_track
+from urbantwin.traffic.recorded.track_smoothing import smooth_track
 from urbantwin.twin import Twin
 from urbantwin.twin.build import build_twin
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from urbantwin.roads import Road, RoadNetwork
 from urbantwin.roads.signals.controlled_links import Signalised, signalised_junctions
-from urbantwin.traffic.counts import main_junction
-from urbantwin.traffic.lane_below import LanesBelow
+from urbantwin.traffic.demand.counts import main_junction
+from urbantwin.traffic.paths.lane_below import LanesBelow
 from urbantwin.traffic.recorded.track import RecordedTrack
 
 __all__ = ["MOTORS", "JunctionLinks", "Passage", "SeenTrack", "passages_of"]

@@ -13,7 +13,7 @@ from urbantwin.traffic.assets import asset
 from urbantwin.traffic.calibration.passages import SeenTrack
 from urbantwin.traffic.recorded.track import RecordedTrack
 from urbantwin.traffic.run import demand_of
-from urbantwin.traffic.simulation import simulate
+from urbantwin.traffic.sumo.simulation import simulate
 from urbantwin.twin import Twin
 
 __all__ = ["seen_area", "simulated_tracks"]

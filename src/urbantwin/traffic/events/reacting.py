@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from urbantwin.errors import StageError
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import asset, asset_names
-from urbantwin.traffic.demand import Demand, Trip
+from urbantwin.traffic.demand.demand import Demand, Trip
 from urbantwin.traffic.events.lane_way import lane_way
 from urbantwin.traffic.events.places import Spot, find_spot
 from urbantwin.traffic.events.scenario import (
@@ -28,7 +28,7 @@ from urbantwin.traffic.events.scenario import (
     StalledVehicle,
     WorkZone,
 )
-from urbantwin.traffic.simulation import Simulated
+from urbantwin.traffic.sumo.simulation import Simulated
 from urbantwin.twin import Twin
 
 __all__ = [
@@ -67,7 +67,7 @@ class Plan:
     """What SUMO is to stage.
 
     Attributes:
-        rows: an event each, as ``sumo_staging`` takes them; times from SUMO's start.
+        rows: an event each, as ``staging`` takes them; times from SUMO's start.
         added: trips of who comes in for an event, numbered after the demand's.
         spots: place of each event, by its number.
     """

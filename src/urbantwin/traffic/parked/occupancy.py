@@ -19,8 +19,6 @@ from numpy.typing import NDArray
 from urbantwin.geometry import LabelledMesh
 from urbantwin.roads import RoadNetwork
 from urbantwin.traffic.assets import Asset, Fleet
-from urbantwin.traffic.box_plan import PlanBoxes
-from urbantwin.traffic.obstacles import Obstacles
 from urbantwin.traffic.parked.spaces import (
     Space,
     car_park_spaces,
@@ -28,7 +26,9 @@ from urbantwin.traffic.parked.spaces import (
     service_ground,
     street_spaces,
 )
-from urbantwin.traffic.placement import Ground, stand
+from urbantwin.traffic.paths.box_plan import PlanBoxes
+from urbantwin.traffic.paths.obstacles import Obstacles
+from urbantwin.traffic.paths.placement import Ground, stand
 
 __all__ = ["FIRST_PARKED_TRACK", "ParkedVehicles", "park"]
 

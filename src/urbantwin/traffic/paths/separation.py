@@ -23,9 +23,9 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.traffic.box_plan import PlanBoxes, meetings, rows_beside
-from urbantwin.traffic.footing import Footways
-from urbantwin.traffic.parting import (
+from urbantwin.traffic.paths.box_plan import PlanBoxes, meetings, rows_beside
+from urbantwin.traffic.paths.footing import Footways
+from urbantwin.traffic.paths.parting import (
     ASIDE_M,
     GAP_M,
     MOVED_M,

@@ -12,8 +12,8 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh
-from urbantwin.traffic.box_plan import PlanBoxes, near_pairs, rows_beside, shared_areas
-from urbantwin.traffic.obstacles import Obstacles
+from urbantwin.traffic.paths.box_plan import PlanBoxes, near_pairs, rows_beside, shared_areas
+from urbantwin.traffic.paths.obstacles import Obstacles
 
 __all__ = ["OVERLAP_M2", "overlaps_of"]
 

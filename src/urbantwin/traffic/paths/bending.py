@@ -11,10 +11,10 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.roads import Track
-from urbantwin.traffic.articulation import on_rails, towed
 from urbantwin.traffic.assets import Asset
-from urbantwin.traffic.demand import Demand, Trip
-from urbantwin.traffic.simulation import Simulated
+from urbantwin.traffic.demand.demand import Demand, Trip
+from urbantwin.traffic.paths.articulation import on_rails, towed
+from urbantwin.traffic.sumo.simulation import Simulated
 
 __all__ = ["with_bodies"]
 

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.roads import Road, RoadNetwork
 from urbantwin.roads.assignment.street_network import StreetNetwork, Streets
-from urbantwin.traffic.demand import Demand, LeftOut, Trip
-from urbantwin.traffic.simulation import Simulated
-from urbantwin.traffic.vehicle_types import ACTOR_KINDS
+from urbantwin.traffic.demand.demand import Demand, LeftOut, Trip
+from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
+from urbantwin.traffic.sumo.simulation import Simulated
 
 __all__ = ["counted_demand", "counted_report", "is_counted", "main_junction", "turn_of"]
 

@@ -12,8 +12,8 @@ import shapely
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from urbantwin.traffic.box_plan import PlanBoxes, meetings, near_pairs, rows_beside
-from urbantwin.traffic.footing import Footways
+from urbantwin.traffic.paths.box_plan import PlanBoxes, meetings, near_pairs, rows_beside
+from urbantwin.traffic.paths.footing import Footways
 
 __all__ = ["ASIDE_M", "GAP_M", "MOVED_M", "NEAR_M", "STANDING_MS", "Moving", "PartingPaths"]
 

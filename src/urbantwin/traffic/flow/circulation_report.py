@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.demand import Demand
-from urbantwin.traffic.simulation import STUCK_S, Observed
+from urbantwin.traffic.demand.demand import Demand
+from urbantwin.traffic.sumo.simulation import STUCK_S, Observed
 
 __all__ = ["circulation_report"]
 

@@ -1,4 +1,4 @@
-"""Where trams and the rest of traffic meet: what ``sumo_trams`` has to know of rails and lanes.
+"""Where trams and the rest of traffic meet: what ``trams`` has to know of rails and lanes.
 
 Rails are a part of SUMO's network by themselves, so SUMO knows of no tram in the way of a car. Here
 it is found on which stretches of lanes somebody would be touched by a tram, and which signals a
@@ -39,7 +39,7 @@ SAME_M = 25.0
 
 
 def tram_conflicts(net_path: Path, roads: RoadNetwork | None) -> dict[str, Any]:
-    """Return what ``sumo_trams.Trams`` takes; empty where there are no rails.
+    """Return what ``trams.Trams`` takes; empty where there are no rails.
 
     - ``tracks``: edge -> points (N, 2) of the track's line;
     - ``zones``: lane of a street -> rows of the track's edge, from where to where along the lane

@@ -17,9 +17,9 @@ import numpy as np
 from urbantwin.roads import RoadNetwork
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import Asset
-from urbantwin.traffic.circulation import Circulation
-from urbantwin.traffic.demand import Population
-from urbantwin.traffic.simulation import Observed, observe
+from urbantwin.traffic.demand.circulation import Circulation
+from urbantwin.traffic.demand.demand import Population
+from urbantwin.traffic.sumo.simulation import Observed, observe
 
 __all__ = ["Calibrated", "calibrate"]
 

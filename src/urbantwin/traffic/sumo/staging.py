@@ -1,6 +1,6 @@
 """Events staged in a running SUMO, where others have to react to them.
 
-Part of SUMO's worker: nothing of UrbanTwin may be imported here (see ``sumo_worker``). Each event
+Part of SUMO's worker: nothing of UrbanTwin may be imported here (see ``worker``). Each event
 is a small machine that looks for its vehicle once its time has come, acts on it step by step, and
 notes what it did. Nothing is asked of SUMO before the first event's time that would change it.
 """

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from urbantwin.traffic.vehicle_types import ACTOR_KINDS
+from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
 
 __all__ = ["manners_of"]
 

@@ -25,9 +25,9 @@ from urbantwin.roads import BusStop, RoadNetwork
 from urbantwin.roads.curve_speed import REAR_M, SPACING_M, lane_speeds
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import Asset
-from urbantwin.traffic.demand import Demand
-from urbantwin.traffic.tram_conflicts import tram_conflicts
-from urbantwin.traffic.vehicle_types import ACTOR_KINDS
+from urbantwin.traffic.demand.demand import Demand
+from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
+from urbantwin.traffic.sumo.tram_conflicts import tram_conflicts
 
 __all__ = [
     "STUCK_S",
@@ -42,7 +42,7 @@ __all__ = [
     "write_stops",
 ]
 
-_WORKER = Path(__file__).with_name("sumo_worker.py")
+_WORKER = Path(__file__).with_name("worker.py")
 _LARGEST_STEP_MS = 100  # SUMO's car following and sublane movement are smooth at this step
 MARGIN_S = 3.0  # seen before the first and after the last step, to know where everybody is heading
 _STUCK_S = (
@@ -106,7 +106,7 @@ class Simulated:
         departed: trips that entered the network.
         sumo: SUMO's version.
         observed: what was seen each second, warm-up included.
-        staged: what became of each event that was staged (``sumo_staging.Staging.told``).
+        staged: what became of each event that was staged (``staging.Staging.told``).
     """
 
     step: NDArray[np.int32]
@@ -149,7 +149,7 @@ def simulate(  # noqa: PLR0913 - SUMO has as many sides
         steps: how many steps are kept.
         step_s: time between them; SUMO itself steps 0.1 s or an integer part of ``step_s``.
         seed: SUMO's seed.
-        staged: events that others react to, as ``sumo_staging`` takes them.
+        staged: events that others react to, as ``staging`` takes them.
         roads: the lanes, where trams meet other traffic.
         scratch: a folder for SUMO's files; the system's when not given.
         progress: called with the fraction done and what is being done.
@@ -249,7 +249,7 @@ def _worked(
 
 
 def curves_of(net_path: Path) -> dict[str, Any]:
-    """Return the speeds along each lane that bends, as ``sumo_curves.Curves`` takes them.
+    """Return the speeds along each lane that bends, as ``curves.Curves`` takes them.
 
     A lane has one speed in SUMO, and a street that bends somewhere is not slow from end to end.
     """

@@ -17,8 +17,8 @@ from urbantwin.roads.assignment.movement_flows import IN_CARS, flows_of_circuits
 from urbantwin.roads.assignment.routing_graph import driven_graph, walked_graph
 from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.demand import Demand, LeftOut, Population, Trip
-from urbantwin.traffic.vehicle_types import ACTOR_KINDS
+from urbantwin.traffic.demand.demand import Demand, LeftOut, Population, Trip
+from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
 
 __all__ = ["Circulation"]
 

@@ -14,8 +14,8 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.roads import RoadNetwork
-from urbantwin.traffic.demand import Demand
-from urbantwin.traffic.simulation import Simulated
+from urbantwin.traffic.demand.demand import Demand
+from urbantwin.traffic.sumo.simulation import Simulated
 
 __all__ = ["Footways", "on_footways"]
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from urbantwin.roads import BusStop
 from urbantwin.roads.assignment.street_network import StreetNetwork, Streets
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.guessed_volumes import Bound
-from urbantwin.traffic.vehicle_types import ACTOR_KINDS
+from urbantwin.traffic.demand.guessed_volumes import Bound
+from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
 
 __all__ = [
     "Demand",

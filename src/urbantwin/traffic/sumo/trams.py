@@ -5,7 +5,7 @@ this finds what is in a tram's way (vehicles, people, signals that tell it to st
 may be, and who must wait for a tram or follow it. Trams have the right of way where no signal
 tells.
 
-This file is found by its path and imports nothing of UrbanTwin (see ``sumo_worker``).
+This file is found by its path and imports nothing of UrbanTwin (see ``worker``).
 """
 
 from __future__ import annotations

@@ -33,8 +33,7 @@ def _beside(name: str) -> ModuleType:
     return module
 
 
-sumo_curves, sumo_trams = _beside("sumo_curves"), _beside("sumo_trams")
-sumo_staging = _beside("sumo_staging")
+curving, railways, events = _beside("curves"), _beside("trams"), _beside("staging")
 
 #: Step, trip, x, y, angle, speed, lane. A trip's number is its name in SUMO.
 Row = tuple[int, int, float, float, float, float, int]
@@ -78,7 +77,7 @@ class Watch:
         row = self.minutes[minute]
         present = [0] * self.kinds
         for domain in (libsumo.vehicle, libsumo.person):
-            for name in filter(sumo_staging.is_actor, domain.getIDList()):
+            for name in filter(events.is_actor, domain.getIDList()):
                 kind = self.classes[int(name)]
                 present[kind] += 1
                 row["samples"][kind] += 1
@@ -137,14 +136,14 @@ class Recorder:
             self.teleports += 1
         for collision in libsumo.simulation.getCollisions():
             self.collisions.add((collision.collider, collision.victim))
-        came = filter(sumo_staging.is_actor, libsumo.simulation.getDepartedIDList())
+        came = filter(events.is_actor, libsumo.simulation.getDepartedIDList())
         self.departed |= {int(name) for name in came}
         self.departed |= {int(name) for name in libsumo.simulation.getDepartedPersonIDList()}
 
     def record(self, step: int) -> None:
         """Note positions and changes of signals as step ``step`` of the motion."""
         for domain in (libsumo.vehicle, libsumo.person):
-            for name in sorted(filter(sumo_staging.is_actor, domain.getIDList()), key=int):
+            for name in sorted(filter(events.is_actor, domain.getIDList()), key=int):
                 x, y = domain.getPosition(name)
                 lane = domain.getLaneID(name)
                 if not lane:  # being teleported, or between two stages
@@ -194,9 +193,9 @@ def simulate(job: dict[str, Any]) -> None:
     per_second = max(1, round(1 / libsumo.simulation.getDeltaT()))
     first, last, substeps = job["first_step"], job["last_step"], job["substeps"]
     total = job["warmup_substeps"] + last * substeps + 1
-    curves = sumo_curves.Curves(job["curves"])
-    staging = sumo_staging.Staging(job["staged"])
-    trams = sumo_trams.Trams(job["trams"])
+    curves = curving.Curves(job["curves"])
+    staging = events.Staging(job["staged"])
+    trams = railways.Trams(job["trams"])
     step_s = libsumo.simulation.getDeltaT()
     for made in range(total):
         curves.slow_down()

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.taxonomy import semantic_classes
-from urbantwin.traffic.box_plan import PlanBoxes
+from urbantwin.traffic.paths.box_plan import PlanBoxes
 
 __all__ = ["Obstacles"]
 

@@ -1,0 +1,1 @@
+"""Demand: who sets out, when, by which way and with what manners, from what a site asks for."""

@@ -1,0 +1,1 @@
+"""Flow: what passes of what was asked for, and what holds it up."""

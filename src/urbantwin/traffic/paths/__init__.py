@@ -1,0 +1,1 @@
+"""Paths: where simulated actors are, on the ground, apart from each other and from the scene."""

@@ -1,0 +1,1 @@
+"""SUMO: its input, its process, and what is steered within it."""
