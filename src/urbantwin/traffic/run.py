@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -49,7 +49,7 @@ from urbantwin.traffic.sumo.signal_offset import net_with_offsets
 from urbantwin.traffic.sumo.simulation import Simulated, simulate
 from urbantwin.twin import Twin
 
-__all__ = ["demand_of", "outer_roads", "own_bodies", "run_traffic"]
+__all__ = ["demand_of", "outer_roads", "own_bodies", "run_traffic", "with_more"]
 
 #: Length of road that a standing car takes, with the gap before it, metres.
 CAR_SPACE_M = 7.0
@@ -214,11 +214,38 @@ def _driven(
     if scenario:
         motion = with_events(motion, twin, scenario, staged)
     told(0.93, "who passes through whom")
-    overlaps = overlaps_of(motion.actors, motion.parked, step_s, twin.mesh)
+    return _judged(motion, twin)
+
+
+def _judged(motion: Motion, twin: Twin) -> Motion:
+    """Return a motion whose manifest says who passes through whom and what is wrong."""
+    overlaps = overlaps_of(motion.actors, motion.parked, motion.step_s, twin.mesh)
     manifest = {**motion.manifest, "overlaps": overlaps}
     manifest["warnings"] = rows_of(warnings_of_drive(manifest))
     made = {"actors": table_sha256(motion.actors), "meshes": meshes_sha256(motion.meshes)}
     return replace(motion, manifest={**manifest, "made": made})
+
+
+def with_more(twin: Twin, motion: Motion, told: Sequence[Mapping[str, Any]]) -> Motion:
+    """Return a motion with events that only put actors in: what driving it with them would make.
+
+    Args:
+        twin: that the motion was driven on.
+        motion: without events.
+        told: the events, as ``traffic.scenario`` has them, all of ``events.PUT_IN``.
+
+    Raises:
+        StageError: an event cannot be staged.
+    """
+    asked = {**motion.manifest["asked"], "scenario": [dict(one) for one in told]}
+    manifest: dict[str, Any] = {}
+    for key, value in motion.manifest.items():
+        if key == "parked":
+            manifest["events"] = []  # in the same place, for the same bytes
+        if key not in ("made", "overlaps", "warnings"):
+            manifest[key] = asked if key == "asked" else value
+    plain = replace(motion, manifest=manifest)
+    return _judged(with_events(plain, twin, list(enumerate(scenario_events(told))), ()), twin)
 
 
 def demand_of(
