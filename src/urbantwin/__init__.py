@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.objects_report import ObjectsReport
     from urbantwin.interface.opening import Package, open
     from urbantwin.interface.recorded_traffic import Calibration, calibrate, replay
+    from urbantwin.interface.regression import Suite, suite
     from urbantwin.interface.report import Report, compare
     from urbantwin.interface.reproduction import Reproduction, reproduce
     from urbantwin.interface.sensor_catalogue import Datasheet, SensorCatalogue, sensors
@@ -75,6 +76,7 @@ __all__ = [
     "SensorCatalogue",
     "Site",
     "StageError",
+    "Suite",
     "Summary",
     "Tuning",
     "Twin",
@@ -102,6 +104,7 @@ __all__ = [
     "reproduce",
     "run",
     "sensors",
+    "suite",
     "tune",
     "vary",
     "verify",

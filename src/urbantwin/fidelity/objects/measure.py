@@ -238,7 +238,7 @@ class _Look:
         points = self.rays.origin + self.direction[mine] * seen.range_m[mine, None]
         box = bodies[body].box
         above = points[:, 2] > box[2] - box[5] / 2 + GROUND_M
-        return np.column_stack([points, seen.intensity[mine]])[above]
+        return np.asarray(np.column_stack([points, seen.intensity[mine]])[above])
 
     def outcome(self, seen: SeenBodies, body: int) -> tuple[NDArray[np.bool_], ...]:
         """Return what `RaysSeen` holds of a body."""
