@@ -24,7 +24,7 @@ from urbantwin.site.country import country_of
 from urbantwin.site.traffic import OwnAssetSpec
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.actor_table import Place, actor_table
-from urbantwin.traffic.assets import Fleet, OwnBodies, asset, asset_names
+from urbantwin.traffic.assets import AssetName, Fleet, OwnBodies, asset, asset_names
 from urbantwin.traffic.demand.circulation import Circulation
 from urbantwin.traffic.demand.counts import counted_demand, counted_report, is_counted
 from urbantwin.traffic.demand.demand import Demand, plan_demand, together
@@ -151,7 +151,9 @@ def _driven(
     scenario = list(enumerate(scenario_events(asked.get("scenario", ()))))
     reacting = [(n, one) for n, one in scenario if one.event in REACTING]
 
-    def tabled(seen: Simulated, whose: Demand, tell: Progress) -> tuple[pa.Table, int]:
+    def tabled(
+        seen: Simulated, whose: Demand, tell: Progress, rigid: frozenset[int] | None = None
+    ) -> tuple[pa.Table, int, frozenset[int]]:
         return actor_table(
             on_footways(seen, whose, twin.roads),
             whose,
@@ -160,10 +162,11 @@ def _driven(
             step_s=step_s,
             asset=own.asset,
             by_trip=bool(reacting),
+            rigid=rigid,
             tell=tell,
         )
 
-    actors, outside = tabled(simulated, demand, between(told, 0.6, 0.85, "actors"))
+    actors, outside, rigid = tabled(simulated, demand, between(told, 0.6, 0.85, "actors"))
     staged: list[StagedEvent] = []
     if reacting:
         told(0.85, "the same with events")
@@ -171,7 +174,7 @@ def _driven(
         plan = plan_events(reacting, twin, demand, start_s)
         simulated = drive(staged=plan.rows)
         demand = everybody(demand, plan)
-        with_them, outside = tabled(simulated, demand, untold)
+        with_them, outside, _ = tabled(simulated, demand, untold, rigid)
         actors, staged = staged_table(
             actors, with_them, reactions(simulated, reacting, start_s, steps * step_s), reacting
         )
@@ -198,6 +201,7 @@ def _driven(
         "teleports": simulated.teleports,
         "collisions": simulated.collisions,
         "poses_outside_ground": outside,
+        "rigid_instead": len(rigid),
     }
     if demand.counted:
         manifest["counts"] = counted_report(
@@ -374,9 +378,15 @@ def _counts(
 ) -> dict[str, dict[str, float | int]]:
     """Return, for each class, how many were asked for, came in, and are seen in the motion."""
     tracks = actors.group_by(["track", "class", "asset"]).aggregate([])
-    behind = {body.asset for name in asset_names("tram") for body in asset(name).bodies[1:]}
+    behind = {
+        body.asset
+        for kind in ACTOR_CLASSES
+        for name in asset_names(kind)
+        for body in asset(name).bodies[1:]
+        if asset(body.asset).actor_class == kind
+    }
     shown = zip(tracks["class"].to_pylist(), tracks["asset"].to_pylist(), strict=True)
-    seen = Counter(kind for kind, name in shown if name not in behind)
+    seen = Counter(kind for kind, name in shown if AssetName.of(name).body not in behind)
     left_out = {item.actor_class: item.count for item in demand.left_out}
     counts: dict[str, dict[str, float | int]] = {}
     for name in ACTOR_CLASSES:
