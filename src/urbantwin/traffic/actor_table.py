@@ -61,7 +61,7 @@ class Place:
         return cls(roads, ground, PlanBoxes.joined([Obstacles(scene).blocks(ground.top), cars]))
 
 
-def actor_table(
+def actor_table(  # noqa: PLR0913 - of a drive there is much to say
     simulated: Simulated,
     demand: Demand,
     place: Place,
@@ -73,8 +73,10 @@ def actor_table(
     rigid: frozenset[int] | None = None,
     tell: Progress = untold,
 ) -> tuple[pa.Table, int, frozenset[int]]:
-    """Return the table of actors, how many poses were left out because there is no ground, and who
-    does not bend though its trip says so, by the numbers of their trips.
+    """Return the table of actors, and who of them is not as its trip says.
+
+    That is how many poses were left out because there is no ground, and who does not bend though
+    its trip says so, by the numbers of their trips.
 
     Tracks are numbered in the order of setting out, and after them the further bodies of vehicles
     that bend.
