@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.motion import Motion, drive
     from urbantwin.interface.opening import Package, open
     from urbantwin.interface.recorded_traffic import Calibration, calibrate, replay
+    from urbantwin.interface.regression import Suite, suite
     from urbantwin.interface.report import Report, compare
     from urbantwin.interface.reproduction import Reproduction, reproduce
     from urbantwin.interface.sensor_catalogue import Datasheet, SensorCatalogue, sensors
@@ -73,6 +74,7 @@ __all__ = [
     "SensorCatalogue",
     "Site",
     "StageError",
+    "Suite",
     "Summary",
     "Tuning",
     "Twin",
@@ -100,6 +102,7 @@ __all__ = [
     "reproduce",
     "run",
     "sensors",
+    "suite",
     "tune",
     "vary",
     "verify",
