@@ -19,15 +19,18 @@ def test_coats_come_in_their_shares_among_few_and_many():
 
 
 @pytest.mark.parametrize("name", [*asset_names("car"), *asset_names("truck"), *asset_names("bus")])
-def test_a_coat_changes_what_is_painted_and_nothing_else(name):
+def test_a_coat_changes_what_is_painted_and_panes_and_nothing_else(name):
     bare = asset_mesh(name)
     for coat in COATS:
         mesh = asset_mesh(f"{name}_{coat}")
         np.testing.assert_array_equal(mesh.vertices, bare.vertices)
         np.testing.assert_array_equal(mesh.faces, bare.faces)
         changed = mesh.material != bare.material
-        np.testing.assert_array_equal(changed, bare.material == PAINTED)
-        assert set(mesh.material[changed]) == {material_id(f"paint-{coat}")}
+        panes = bare.material == material_id("glass")
+        np.testing.assert_array_equal(changed & ~panes, bare.material == PAINTED)
+        assert set(mesh.material[changed & ~panes]) == {material_id(f"paint-{coat}")}
+        tinted = {material_id("glass-tinted"), material_id("glass-privacy")}
+        assert set(mesh.material[changed & panes]) <= tinted
         assert asset(f"{name}_{coat}").length == asset(name).length
 
 
