@@ -136,9 +136,11 @@ def _driven(
     if scenario:
         manifest["events"] = []
     driven = Motion(manifest, drive.actors, signals, streets.own.meshes, parked=standing)
+    staged = drive.staged
+    del drive, simulated  # an hour of it takes hundreds of megabytes
     motion = resized(driven.with_meshes(between(told, 0.85, 0.93)), asked.get("size", {}))
     if scenario:
-        motion = with_events(motion, twin, scenario, drive.staged)
+        motion = with_events(motion, twin, scenario, staged)
     told(0.93, "who passes through whom")
     overlaps = overlaps_of(motion.actors, motion.parked, step_s, twin.mesh)
     return _told(motion, {"overlaps": overlaps})
