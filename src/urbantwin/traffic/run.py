@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -39,7 +39,7 @@ from urbantwin.traffic.sumo.signal_offset import net_with_offsets
 from urbantwin.traffic.sumo.simulation import Simulated, simulate
 from urbantwin.twin import Twin
 
-__all__ = ["run_traffic"]
+__all__ = ["run_traffic", "with_more"]
 
 
 def run_traffic(
@@ -142,8 +142,26 @@ def _driven(
     if scenario:
         motion = with_events(motion, twin, scenario, staged)
     told(0.93, "who passes through whom")
-    overlaps = overlaps_of(motion.actors, motion.parked, step_s, twin.mesh)
-    return _told(motion, {"overlaps": overlaps})
+    return _told(motion, twin)
+
+
+def with_more(twin: Twin, motion: Motion, told: Sequence[Mapping[str, Any]]) -> Motion:
+    """Return a motion with events that only put actors in: what driving it with them would make.
+
+    Args:
+        twin: that the motion was driven on.
+        motion: without events.
+        told: the events, as ``traffic.scenario`` has them, all of ``events.PUT_IN``.
+
+    Raises:
+        StageError: an event cannot be staged.
+    """
+    manifest = {**motion.manifest, "events": []}
+    manifest["asked"] = {**manifest["asked"], "scenario": [dict(one) for one in told]}
+    for name in ("overlaps", "warnings", "made"):
+        manifest.pop(name, None)
+    scenario = list(enumerate(scenario_events(told)))
+    return _told(with_events(replace(motion, manifest=manifest), twin, scenario, ()), twin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,9 +269,10 @@ def _parked(twin: Twin, asked: Mapping[str, Any], ground: Ground) -> ParkedVehic
     return park(twin.roads, twin.mesh, ground, spaces, fleet=fleet, asset=own.asset)
 
 
-def _told(motion: Motion, more: Mapping[str, Any]) -> Motion:
+def _told(motion: Motion, twin: Twin) -> Motion:
     """Return a motion whose manifest says what is wrong with it, and what it was made to."""
-    manifest = {**motion.manifest, **more}
+    overlaps = overlaps_of(motion.actors, motion.parked, motion.step_s, twin.mesh)
+    manifest = {**motion.manifest, "overlaps": overlaps}
     manifest["warnings"] = rows_of(warnings_of_drive(manifest))
     manifest["made"] = {
         "actors": table_sha256(motion.actors),
