@@ -11,13 +11,8 @@ import pyarrow as pa
 from urbantwin import __version__
 from urbantwin.roads import RoadNetwork
 from urbantwin.taxonomy import ACTOR_CLASSES
-<<<<<<< HEAD
-from urbantwin.traffic.assets import asset, asset_names
-from urbantwin.traffic.demand.counted_report import counted_report
-=======
 from urbantwin.traffic.assets import AssetName, asset, asset_names
-from urbantwin.traffic.demand.counts import counted_report
->>>>>>> main
+from urbantwin.traffic.demand.counted_report import counted_report
 from urbantwin.traffic.demand.demand import Demand
 from urbantwin.traffic.flow.circulation_report import circulation_report
 from urbantwin.traffic.motion import MOTION_VERSION

@@ -39,8 +39,8 @@ _STREAM, _CLASS = 2_000_000, 100_000  # of random numbers: a class's ways, each 
 _MOST_OF_A_WAY = 100_000
 _ON_FOOT = "pedestrian"
 _CROSSING = re.compile(r"_c\d+$")
-#: SUMO's walkers take a red crossing for 20 s longer; of two on a way.
-_DETOUR_M = 2 * 20.0 * WALKING_MS
+#: SUMO's walkers take a red crossing for 20 s longer.
+_DETOUR_M = 20.0 * WALKING_MS
 
 
 @dataclass(frozen=True)
@@ -214,6 +214,9 @@ def _ways(name: str, places: Mapping[int, _Place], network: StreetNetwork) -> _W
             weight = np.append(weight, max(float(weight.max()), _LITTLE))
     if on_foot:
         sure = np.array([not _may_cross_elsewhere(streets, way) for way in edges])
+        for place in places.values():  # where nobody is sure to cross, some may
+            there = np.array([place.passed_by(way) for way in edges])
+            sure |= there & ~(sure & there).any()
         weight = np.where(sure, weight, 0.0)
     turns: dict[str, set[str]] = {}
     for place in places.values():

@@ -26,7 +26,7 @@ TOUCH_M = 0.05
 _TOLD = 20
 #: Rows that are looked at together.
 _ROWS = 200_000
-_COLUMNS = ("time_s", "track", "class", "x", "y", "z", "yaw", "length", "width", "height")
+_COLUMNS = ("time_s", "track", "class", "asset", "x", "y", "z", "yaw", "length", "width", "height")
 #: Two tracks -> how much they share at most, and what is told of it.
 _Met = dict[tuple[int, int], tuple[float, dict[str, Any]]]
 
@@ -49,7 +49,6 @@ def overlaps_of(
         same by class and what it is.
         ``worst``: the pairs that share most, with when, where and how much.
     """
-<<<<<<< HEAD
     still = _columns(parked)
     standing = _boxes(still, np.zeros(parked.num_rows, np.int64))
     tree, obstacles = shapely.STRtree(standing.polygons), Obstacles(scene)
@@ -63,47 +62,6 @@ def overlaps_of(
             hits.setdefault(track, what)
     worst = [row for _, row in sorted(met.items(), key=lambda one: (-one[1][0], one[0]))]
     kinds = Counter(" and ".join(sorted(row["classes"])) for _, row in worst)
-=======
-    columns = {
-        name: np.concatenate([actors[name].to_numpy(), parked[name].to_numpy()])
-        for name in (
-            "time_s",
-            "track",
-            "class",
-            "asset",
-            "x",
-            "y",
-            "z",
-            "yaw",
-            "length",
-            "width",
-            "height",
-        )
-    }
-    boxes = PlanBoxes(
-        np.round(columns["time_s"] / step_s).astype(np.int64),
-        np.column_stack([columns["x"], columns["y"]]),
-        columns["yaw"],
-        np.column_stack([columns["length"], columns["width"]]) / 2,
-    )
-    moving, still = np.split(np.arange(len(boxes.yaw)), [actors.num_rows])
-    tree = shapely.STRtree(boxes.take(still).polygons)
-    beside, stands = rows_beside(tree, boxes.take(moving), 0.0)
-    pairs = np.concatenate(
-        [near_pairs(boxes.take(moving), 0.0), np.column_stack([beside, still[stands]])]
-    )
-    pairs = pairs[np.abs(columns["z"][pairs[:, 0]] - columns["z"][pairs[:, 1]]) < LEVEL_M]
-    pairs = pairs[~are_coupled(columns, pairs)]
-    area = shared_areas(boxes, pairs)
-    deep = area > OVERLAP_M2
-    met = _worst(columns, pairs[deep], area[deep])
-    kinds = Counter(" and ".join(sorted(one["classes"])) for one in met)
-    hit = _scene_hits(
-        {name: values[moving] for name, values in columns.items()},
-        boxes.take(moving),
-        Obstacles(scene),
-    )
->>>>>>> main
     return {
         "actors": len(worst),
         "between": dict(sorted(kinds.items())),
@@ -147,6 +105,7 @@ def _meetings(
     )
     columns = {name: np.concatenate([moving[name], still[name]]) for name in _COLUMNS}
     pairs = pairs[np.abs(columns["z"][pairs[:, 0]] - columns["z"][pairs[:, 1]]) < LEVEL_M]
+    pairs = pairs[~are_coupled(columns, pairs)]
     area = shared_areas(PlanBoxes.joined([boxes, standing]), pairs)
     for k in np.flatnonzero(area > OVERLAP_M2):
         rows = pairs[k]
