@@ -32,6 +32,9 @@ _LEAST_POINTS = 200
 AMBIGUOUS = 0.1
 #: A place less certain than this is not found, metres and degrees (standard deviations).
 _MOST_SIGMA_M, _MOST_SIGMA_DEG = 0.5, 2.0
+#: A frame that is likelier than chance by less than this (a logarithm) may fit by chance: some
+#: hundred places that differ are tried.
+_LEAST_EVIDENCE = 8.0
 _CANDIDATES = 6
 #: Two of them are one place, metres and degrees.
 _SAME_M, _SAME_DEG = 0.5, 3.0
@@ -188,41 +191,25 @@ def align(
     if not candidates:
         raise _no_ground(guess, file)
     tell(0.6, "registering")
-    best, second = _best(scene, features.thinned(_SPARSE_M), search, candidates, span)
+    told = _told(scene, features.thinned(_SPARSE_M), search, candidates, span)
     tell(0.8, "registering")
-    found = None if best is None else registered(scene, features.thinned(_THINNED_M), best[1])
-    if best is None or found is None or not span.holds(*_stance(found.pose, plane)):
+    found = registered(scene, features.thinned(_THINNED_M), told[0][1]) if told else None
+    if found is None or not span.holds(*_stance(found.pose, plane)):
         raise InputError(
             "does not fit the twin anywhere there",
             file=file,
             expected="a frame of this site, or another guess, or a wider span around it",
         )
-    likely = best[0]
+    likely = told[0][0]
     found = replace(
         found,
         sigma_m=np.hypot(found.sigma_m, [*likely.sigma_m, 0.0]),
         sigma_deg=np.hypot(found.sigma_deg, [0.0, 0.0, np.degrees(likely.sigma_rad)]),
     )
-    if found.sigma_m.max() > _MOST_SIGMA_M or found.sigma_deg.max() > _MOST_SIGMA_DEG:
-        raise InputError(
-            f"determines the pose to no better than {found.sigma_m.max():.2f} m and "
-            f"{found.sigma_deg.max():.1f} degrees (standard deviation)",
-            file=file,
-            expected="a twin with walls, poles or curbs that the sensor sees",
-        )
     raised = found.explained * features.thinned(_THINNED_M).raised.sum()
     _held(found.curbs_explained * len(features.curbs), raised, file)
-    share = 0.0 if second is None else second[0].share / max(likely.share, 1e-9)
-    if second is not None and share > AMBIGUOUS:
-        places = [_of_frame(one, sensor).translation for one in (found.pose, second[1])]
-        apart = np.hypot(*(places[1] - places[0])[:2])
-        there = " and ".join(f"{east:.2f} m E, {north:.2f} m N" for east, north, _ in places)
-        raise InputError(
-            f"fits two places {apart:.1f} m apart nearly as well ({there}; the second is "
-            f"{share:.0%} as likely as the first)",
-            file=file,
-            expected="a guess nearer to the right one",
-        )
+    _certain(found, likely, file)
+    share = _told_apart(found.pose, told, sensor, file)
     pose = _of_frame(found.pose, sensor)
     _bounded(pose, guess, file)
     start = None if guess is None else _of_frame(search.standing(span.middle, span.yaw), sensor)
@@ -239,6 +226,47 @@ def _held(curbs: float, raised: float, file: str | None) -> None:
             file=file,
             expected="a frame of this site in which walls, poles or curbs of the twin are seen",
         )
+
+
+def _certain(found: Registered, likely: Belief, file: str | None) -> None:
+    """Refuse a pose that is not determined, or that may fit by chance."""
+    if found.sigma_m.max() > _MOST_SIGMA_M or found.sigma_deg.max() > _MOST_SIGMA_DEG:
+        raise InputError(
+            f"determines the pose to no better than {found.sigma_m.max():.2f} m and "
+            f"{found.sigma_deg.max():.1f} degrees (standard deviation)",
+            file=file,
+            expected="a twin with walls, poles or curbs that the sensor sees",
+        )
+    if likely.evidence < _LEAST_EVIDENCE:
+        raise InputError(
+            f"shows too little that the twin has too (evidence {likely.evidence:.1f})",
+            file=file,
+            expected=f"{_LEAST_EVIDENCE:g}, as where walls, poles or curbs of the twin are seen",
+        )
+
+
+def _told_apart(
+    pose: Pose,
+    told: list[tuple[Belief, Pose]],
+    sensor: NDArray[np.float64],
+    file: str | None,
+) -> float:
+    """Return how likely the next place is, as a share of the first; refuse two alike."""
+    others = [(belief, other) for belief, other in told[1:] if not _same(pose, other)]
+    if not others:
+        return 0.0
+    share = others[0][0].share / max(told[0][0].share, 1e-9)
+    if share > AMBIGUOUS:
+        places = [_of_frame(one, sensor).translation for one in (pose, others[0][1])]
+        apart = np.hypot(*(places[1] - places[0])[:2])
+        there = " and ".join(f"{east:.2f} m E, {north:.2f} m N" for east, north, _ in places)
+        raise InputError(
+            f"fits two places {apart:.1f} m apart nearly as well ({there}; the second is "
+            f"{share:.0%} as likely as the first)",
+            file=file,
+            expected="a guess nearer to the right one",
+        )
+    return share
 
 
 def _bounded(pose: Pose, guess: Guess | None, file: str | None) -> None:
@@ -259,14 +287,14 @@ def _of_frame(pose: Pose, sensor: NDArray[np.float64]) -> Pose:
     return Pose(pose.rotation, pose.apply(-sensor[None])[0])
 
 
-def _best(
+def _told(
     scene: ScenePoints,
     features: FrameFeatures,
     search: PoseSearch,
     candidates: list[Found],
     span: SearchSpan,
-) -> tuple[tuple[Belief, Pose] | None, tuple[Belief, Pose] | None]:
-    """Register the candidates; return the likeliest, and the likeliest that is another place."""
+) -> list[tuple[Belief, Pose]]:
+    """Register the candidates; return how likely each place is, the likeliest first."""
     poses: list[Pose] = []
     for one in candidates:
         found = registered(scene, features, one.pose, rough=True)
@@ -277,8 +305,7 @@ def _best(
     places = [_stance(pose, search.plane) for pose in poses]
     told = list(zip(beliefs(search, places, span), poses, strict=True))
     told.sort(key=lambda pair: -pair[0].share)
-    told = [pair for pair in told if pair[0].share > 0]
-    return (told[0] if told else None), (told[1] if len(told) > 1 else None)
+    return [pair for pair in told if pair[0].share > 0]
 
 
 def _same(one: Pose, other: Pose) -> bool:
