@@ -21,7 +21,7 @@ from urbantwin.dataset.result_warnings import BEYOND, warnings_of_record
 from urbantwin.geometry import Pose
 from urbantwin.lidar import MountedSensor, Rig, Sensor
 from urbantwin.result_warning import rows_of
-from urbantwin.taxonomy import ACTOR_CLASSES, semantic_classes
+from urbantwin.taxonomy import ACTOR_CLASSES, OBSTACLE, semantic_classes
 from urbantwin.traffic.fingerprint import mesh_sha256, meshes_sha256, table_sha256
 
 if TYPE_CHECKING:
@@ -168,6 +168,7 @@ def manifest_of(
     reach = [box for entry in entries for box in entry["boxes"] if box["ignored"] not in BEYOND]
     in_reach = Counter(box["class"] for box in reach)
     seen_in_reach = Counter(box["class"] for box in reach if box["num_points"] > 0)
+    classes = [*ACTOR_CLASSES, *([OBSTACLE] if boxes[OBSTACLE] else [])]
     turns = [turn for entry in entries for turn in entry["sweeps"]]
     points: Counter[int] = Counter()
     for entry in entries:
@@ -186,17 +187,17 @@ def manifest_of(
     return {
         **{key: value for key, value in recipe.items() if key not in ("frames", "start_s")},
         "layout": LAYOUT,
-        "class_names": list(ACTOR_CLASSES),
+        "class_names": classes,
         "point_cloud_range": _point_cloud_range(entries),
         "counts": {
             "frames": len(frames),
             "train": len(split[0]),
             "val": len(split[1]),
             "points": sum(points.values()),
-            "boxes": {name: boxes[name] for name in ACTOR_CLASSES},
-            "boxes_with_points": {name: seen[name] for name in ACTOR_CLASSES},
-            "boxes_in_reach": {name: in_reach[name] for name in ACTOR_CLASSES},
-            "boxes_in_reach_with_points": {name: seen_in_reach[name] for name in ACTOR_CLASSES},
+            "boxes": {name: boxes[name] for name in classes},
+            "boxes_with_points": {name: seen[name] for name in classes},
+            "boxes_in_reach": {name: in_reach[name] for name in classes},
+            "boxes_in_reach_with_points": {name: seen_in_reach[name] for name in classes},
             "turns": len(turns),
             "turns_lost": sum(turn["lost"] for turn in turns),
             "points_by_class": {

@@ -1,7 +1,7 @@
 """The actor catalogue: names, sizes and meshes of everything that moves.
 
 Its data: ``assets.yaml`` and ``light.yaml``, drawn point by point, and ``cars.yaml``, drawn from
-measures.
+measures, and ``things.yaml``, what stands on streets.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
-from urbantwin.taxonomy import ACTOR_CLASSES, ACTOR_SEMANTICS, semantic_id
+from urbantwin.taxonomy import BOX_SEMANTICS, semantic_id
 from urbantwin.traffic.assets.asset_name import AssetName, Size
 from urbantwin.traffic.assets.body import Body
 from urbantwin.traffic.assets.car import axle_wheels, body, car, contact_points, plates, seats
@@ -35,7 +35,7 @@ from urbantwin.traffic.assets.two_wheeler import PEDAL_PHASES, hub_contacts, two
 __all__ = ["Asset", "asset", "asset_mesh", "asset_names"]
 
 #: Where the catalogue is written.
-_FILES = ("assets.yaml", "cars.yaml", "light.yaml")
+_FILES = ("assets.yaml", "cars.yaml", "light.yaml", "things.yaml")
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ class Asset:
 
     Attributes:
         name: such as ``car-sedan``.
-        actor_class: one of ``taxonomy.ACTOR_CLASSES``.
+        actor_class: one of ``taxonomy.BOX_SEMANTICS``.
         phases: how many postures its cycle of movement has (steps, turns of the cranks); 1 for
             a rigid asset.
         standing: the phase that shows it halted; it may lie outside the cycle.
@@ -79,9 +79,9 @@ def asset_names(actor_class: str) -> tuple[str, ...]:
     Raises:
         InputError: there is no such class.
     """
-    if actor_class not in ACTOR_CLASSES:
+    if actor_class not in BOX_SEMANTICS:
         raise InputError(
-            f"unknown actor class '{actor_class}'", expected=f"one of {', '.join(ACTOR_CLASSES)}"
+            f"unknown actor class '{actor_class}'", expected=f"one of {', '.join(BOX_SEMANTICS)}"
         )
     return tuple(
         name
@@ -130,6 +130,8 @@ def asset(name: str) -> Asset:
                 for one in bodies
                 for x, y, _ in asset(one.asset).contacts
             ]
+        case "thing":
+            pass
         case _:
             contacts = contact_points(entry)
     return Asset(
@@ -171,7 +173,7 @@ def asset_mesh(name: str, phase: int = 0) -> LabelledMesh:
             f"{name} has no phase {phase}", expected=f"0 to {max(phases - 1, standing)}"
         )
     solids = _solids(name, phase, halted=phase == standing > 0)
-    return labelled(solids, semantic_id(ACTOR_SEMANTICS[entry["class"]]))
+    return labelled(solids, semantic_id(BOX_SEMANTICS[entry["class"]]))
 
 
 def _phases(entry: dict[str, Any]) -> tuple[int, int]:
@@ -201,6 +203,8 @@ def _solids(name: str, phase: int, *, halted: bool) -> list[Solid]:
             else:
                 now = two_wheeler(entry, 0 if halted else phase, halted=halted)
             return fitted(now, entry["size"], like=first)
+        case "thing":
+            solids = parts(entry)
         case "truck":
             solids = truck(entry)
         case "bus":

@@ -74,7 +74,7 @@ def blocked_sensor(event: BlockedSensor, setting: Setting) -> Scripted:
     most = -min(tried)[0] if tried else 0.0
     raise StageError(
         f"blocked_sensor at {event.at_s:g} s cannot be staged: a truck on a free lane beside "
-        f"{name} hides less than {event.least_share:.0%} of the junction (at best {most:.0%}, were "
+        f"{name} hides less than {event.least_share:.1%} of the junction (at best {most:.1%}, were "
         "all lanes free): the sensor stands too high or too far from lanes"
     )
 
