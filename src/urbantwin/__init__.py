@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.inspection import inspect
     from urbantwin.interface.measured_background import Background, background
     from urbantwin.interface.motion import Motion, drive
+    from urbantwin.interface.objects_report import ObjectsReport
     from urbantwin.interface.opening import Package, open
     from urbantwin.interface.recorded_traffic import Calibration, calibrate, replay
     from urbantwin.interface.regression import Suite, suite
@@ -64,6 +65,7 @@ __all__ = [
     "Frame",
     "InputError",
     "Motion",
+    "ObjectsReport",
     "Package",
     "Recording",
     "Report",
