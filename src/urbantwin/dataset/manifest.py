@@ -17,6 +17,7 @@ from urbantwin import __version__
 from urbantwin.artefact import as_json
 from urbantwin.dataset.layout import frame_name
 from urbantwin.dataset.manifest_schema import pose_matrix
+from urbantwin.dataset.object_statistics import object_statistics
 from urbantwin.dataset.result_warnings import BEYOND, warnings_of_record
 from urbantwin.geometry import Pose
 from urbantwin.lidar import MountedSensor, Rig, Sensor
@@ -131,6 +132,7 @@ def recipe_of_rig(rig: Rig) -> dict[str, Any]:
             "frame": rig.frame,
             "fused": rig.fused,
             "boxes": rig.boxes,
+            **({} if rig.label_range_m is None else {"label_range_m": rig.label_range_m}),
             "conditions": as_json(rig.conditions),
             "ride": as_json(rig.ride),
             "carrier": rig.carrier,
@@ -189,6 +191,7 @@ def manifest_of(
         "layout": LAYOUT,
         "class_names": classes,
         "point_cloud_range": _point_cloud_range(entries),
+        "objects": object_statistics(entries, recipe["dataset_SE3_site"]),
         "counts": {
             "frames": len(frames),
             "train": len(split[0]),

@@ -152,6 +152,7 @@ class NearMiss(PlacedEvent):
     pet_s: Apart | None = None
     ttc_s: Apart | None = None
     passes: Literal["before", "after"] = "before"
+    within_s: Within = 60.0
     speed: Pace | None = None
 
     @model_validator(mode="after")
@@ -171,6 +172,7 @@ class ChildBetweenParkedCars(PlacedEvent):
 
     pet_s: Apart = 1.0
     speed: Pace = 3.0
+    within_s: Within = 60.0
 
 
 class WrongWay(PlacedEvent):
