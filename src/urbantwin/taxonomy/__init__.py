@@ -4,6 +4,7 @@ from urbantwin.taxonomy.actor import (
     ACTOR_CLASSES,
     ACTOR_SEMANTICS,
     BOX_SEMANTICS,
+    COMPANIONS,
     OBSTACLE,
     ROAD_USERS,
 )
@@ -19,6 +20,7 @@ __all__ = [
     "ACTOR_CLASSES",
     "ACTOR_SEMANTICS",
     "BOX_SEMANTICS",
+    "COMPANIONS",
     "GROUND_CLASSES",
     "OBSTACLE",
     "ROAD_USERS",
