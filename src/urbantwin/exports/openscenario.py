@@ -26,6 +26,7 @@ _VEHICLES = {
     "van": ("van", 2200),
     "truck": ("truck", 12000),
     "bus": ("bus", 12000),
+    "trailer": ("trailer", 8000),
     "tram": ("tram", 40000),
     "motorcycle": ("motorbike", 250),
     "bicycle": ("bicycle", 90),

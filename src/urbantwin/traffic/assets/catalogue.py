@@ -210,8 +210,6 @@ def _solids(name: str, phase: int, *, halted: bool) -> list[Solid]:
             else:
                 now = two_wheeler(entry, 0 if halted else phase, halted=halted)
             return fitted(now, entry["size"], like=first)
-        case "thing":
-            solids = parts(entry)
         case "truck":
             solids = truck(entry)
         case "bus":
@@ -229,7 +227,7 @@ def _solids(name: str, phase: int, *, halted: bool) -> list[Solid]:
         case "bus-section":
             solids = bus_section(entry)
         case _:
-            solids = car(entry)
+            solids = parts(entry) if entry["builder"] == "thing" else car(entry)
     return fitted(solids, entry["size"])
 
 
