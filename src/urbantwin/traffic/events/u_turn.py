@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import shapely
 from numpy.typing import NDArray
@@ -18,6 +20,7 @@ from urbantwin.traffic.events.scripted import (
     first_free,
     span_of,
 )
+from urbantwin.traffic.events.three_point_turn import TurnInThree, turn_in_three
 from urbantwin.traffic.prescribed import PrescribedPath, usual_asset
 from urbantwin.twin import Twin
 
@@ -69,6 +72,9 @@ def _turned_round(event: UTurn, setting: Setting, spot: Spot, shift_m: float) ->
         if beside <= _BESIDE:
             break
     else:
+        found = _in_three(event, setting, spot, back, there, place_m, away, begin_m)
+        if found is not None:
+            return found
         raise StageError(
             f"u_turn at {event.at_s:g} s cannot be staged: the street is too narrow for a "
             f"{event.actor} to turn at {spot.xy[0]:.1f}, {spot.xy[1]:.1f}"
@@ -98,6 +104,54 @@ def _turned_round(event: UTurn, setting: Setting, spot: Spot, shift_m: float) ->
         return span_of(paths, {**told, "moved_along_m": shift_m} if shift_m else told)
     assert refused is not None
     raise refused
+
+
+def _in_three(
+    event: UTurn,
+    setting: Setting,
+    spot: Spot,
+    back: Spot,
+    there: Way,
+    place_m: float,
+    away: Way,
+    begin_m: float,
+) -> Scripted | None:
+    """Turn round in three moves, where there is room for that; two-wheelers have no need to.
+
+    Raises:
+        StageError: there is room, and no time for it.
+    """
+    if event.actor in ("bicycle", "motorcycle"):
+        return None
+    area = setting.twin.roads.carriageway(spot.lane.level)
+    mesh = usual_asset(event.actor, setting.number)
+    refused: StageError | None = None
+    for reach_m, radius in product(REACHES_M, _RADII_M.get(event.actor, _LARGE_RADII_M)):
+        before = Way(there.at(np.arange(max(place_m - reach_m, 0.0), place_m + 0.01, 0.5)))
+        onwards = Way(away.at(np.arange(begin_m, min(begin_m + reach_m, away.length), 0.5)))
+        turn = turn_in_three(spot, back, radius, before, onwards, event.speed)
+        if turn is None:
+            continue
+        moves = shapely.MultiPoint(turn.moves)
+        if len(shapely.get_parts(shapely.difference(moves, area))) > _BESIDE * len(turn.moves):
+            continue
+
+        def build(at_s: float, turn: TurnInThree = turn) -> list[PrescribedPath]:
+            times = turn.time_s + at_s
+            kept = (times >= 0) & (times <= setting.until_s)
+            path = PrescribedPath(event.actor, mesh, times[kept], turn.xy[kept], turn.yaw[kept])
+            return [path]
+
+        try:
+            at_s, paths = first_free(event, setting, build)
+        except StageError as error:
+            refused = refused or error
+            continue
+        told = {"at_s": at_s, "lane": spot.lane.id, "to_lane": back.lane.id, "radius_m": radius}
+        return span_of(paths, {**told, "moves": 3})
+    if refused is not None:
+        raise refused
+    return None
 
 
 def _opposite(event: UTurn, spot: Spot, twin: Twin) -> Spot:
