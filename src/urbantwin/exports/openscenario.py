@@ -131,8 +131,8 @@ def _entity(entities: etree._Element, name: str, rows: Mapping[str, Any]) -> Non
         _add(bounds, "Dimensions", **size)
 
     asset = str(rows["asset"][0])
-    if kind == "pedestrian":
-        body = _add(thing, "Pedestrian", name=asset, mass="75", pedestrianCategory="pedestrian")
+    if kind in ("pedestrian", "animal"):
+        body = _add(thing, "Pedestrian", name=asset, mass="75", pedestrianCategory=kind)
         box(body)
     elif kind == OBSTACLE:
         body = _add(thing, "MiscObject", name=asset, mass="10", miscObjectCategory="obstacle")
