@@ -1,7 +1,7 @@
 """The actor catalogue: names, sizes and meshes of everything that moves.
 
-Its data: ``assets.yaml``, ``light.yaml`` and ``articulated.yaml``, drawn point by point, and
-``cars.yaml``, drawn from measures.
+Its data: ``assets.yaml``, ``light.yaml`` and ``articulated.yaml``, drawn point by point,
+``cars.yaml``, drawn from measures, and ``things.yaml``, what stands on streets.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
-from urbantwin.taxonomy import ACTOR_CLASSES, ACTOR_SEMANTICS, semantic_id
+from urbantwin.taxonomy import BOX_SEMANTICS, semantic_id
 from urbantwin.traffic.assets.articulated import bodies_of, bus_section, trailer
 from urbantwin.traffic.assets.asset_name import AssetName, Size
 from urbantwin.traffic.assets.body import Body
@@ -38,7 +38,7 @@ from urbantwin.traffic.assets.two_wheeler import PEDAL_PHASES, hub_contacts, two
 __all__ = ["Asset", "asset", "asset_mesh", "asset_names"]
 
 #: Where the catalogue is written.
-_FILES = ("assets.yaml", "cars.yaml", "light.yaml", "articulated.yaml")
+_FILES = ("assets.yaml", "cars.yaml", "light.yaml", "articulated.yaml", "things.yaml")
 #: What makes those that move no limbs.
 _STIFF: dict[str, Callable[[Mapping[str, Any]], list[Solid]]] = {
     "car": car,
@@ -47,6 +47,7 @@ _STIFF: dict[str, Callable[[Mapping[str, Any]], list[Solid]]] = {
     "trailer": trailer,
     "bus-section": bus_section,
     "tram-body": tram_section,
+    "thing": parts,
 }
 
 
@@ -59,7 +60,7 @@ class Asset:
 
     Attributes:
         name: such as ``car-sedan``.
-        actor_class: one of ``taxonomy.ACTOR_CLASSES``.
+        actor_class: one of ``taxonomy.BOX_SEMANTICS``.
         phases: how many postures its cycle of movement has (steps, turns of the cranks); 1 for
             a rigid asset.
         standing: the phase that shows it halted; it may lie outside the cycle.
@@ -73,6 +74,7 @@ class Asset:
         bodies: of a vehicle that bends: its stiff bodies from the nose, assets of their own; of who
             has a companion both.
         rigid: of a vehicle that bends on roads: who drives in its place where it cannot turn.
+        hitch: of what is towed: where it hangs on what pulls it, metres ahead of its middle.
     """
 
     name: str
@@ -86,6 +88,14 @@ class Asset:
     stride_m: float
     bodies: tuple[Body, ...] = ()
     rigid: str = ""
+    hitch: float | None = None
+
+    @property
+    def supports(self) -> NDArray[np.float64]:
+        """What carries it (K, 3), asset frame: its contacts, and the ground below its hitch."""
+        if self.hitch is None:
+            return self.contacts
+        return np.vstack([[[self.hitch, 0.0, 0.0]], self.contacts])
 
 
 def asset_names(actor_class: str) -> tuple[str, ...]:
@@ -96,9 +106,9 @@ def asset_names(actor_class: str) -> tuple[str, ...]:
     Raises:
         InputError: there is no such class.
     """
-    if actor_class not in ACTOR_CLASSES:
+    if actor_class not in BOX_SEMANTICS:
         raise InputError(
-            f"unknown actor class '{actor_class}'", expected=f"one of {', '.join(ACTOR_CLASSES)}"
+            f"unknown actor class '{actor_class}'", expected=f"one of {', '.join(BOX_SEMANTICS)}"
         )
     return tuple(
         name
@@ -128,6 +138,7 @@ def asset(name: str) -> Asset:
             height=parsed.size[2],
             contacts=usual.contacts * factors,
             stride_m=usual.stride_m * factors[2],
+            hitch=None if usual.hitch is None else usual.hitch * factors[0],
         )
     if parsed.coat and _has_coat(parsed.body):
         bare = asset(parsed.body)
@@ -157,6 +168,8 @@ def asset(name: str) -> Asset:
                 for one in bodies
                 for x, y, _ in asset(one.asset).contacts
             ]
+        case "thing":
+            pass
         case _:
             contacts = contact_points(entry)
     return Asset(
@@ -171,6 +184,7 @@ def asset(name: str) -> Asset:
         stride_m=stride,
         bodies=bodies,
         rigid=entry.get("instead", ""),
+        hitch=float(size[0]) / 2 - entry["hitch"] if "hitch" in entry else None,
     )
 
 
@@ -199,7 +213,7 @@ def asset_mesh(name: str, phase: int = 0) -> LabelledMesh:
             f"{name} has no phase {phase}", expected=f"0 to {max(phases - 1, standing)}"
         )
     solids = _solids(name, phase, halted=phase == standing > 0)
-    return labelled(solids, semantic_id(ACTOR_SEMANTICS[entry["class"]]))
+    return labelled(solids, semantic_id(BOX_SEMANTICS[entry["class"]]))
 
 
 def _phases(entry: dict[str, Any]) -> tuple[int, int]:
