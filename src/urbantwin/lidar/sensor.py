@@ -26,7 +26,7 @@ from urbantwin.lidar.scan_pattern import ScanPattern
 
 __all__ = ["Sensor"]
 
-_ASSUMED_RANGE_SIGMA_M = 0.005
+_ASSUMED_RANGE_SIGMA_M = 0.02
 _ASSUMED_RANGE_RESOLUTION_M = 0.001
 _ASSUMED_RANGE_MIN_M = 0.5
 _ASSUMED_RANGE_MAX_M = 100.0
@@ -156,7 +156,7 @@ class Sensor:
 
     @property
     def assumed_range_sigma_m(self) -> float:
-        """What was measured of units, else ``range_sigma_m``, else 5 mm.
+        """What was measured of units, else ``range_sigma_m``, else 2 cm.
 
         The centimetres that makers call accuracy hold what all ranges of a channel share, too.
         Neighbouring rays on roads differ by 3 to 7 mm in every scan that is at hand.
