@@ -18,13 +18,16 @@ from urbantwin.traffic.demand.demand import Demand, Trip
 from urbantwin.traffic.motion import ACTOR_SCHEMA, step_times
 from urbantwin.traffic.paths.bending import with_bodies
 from urbantwin.traffic.paths.box_plan import PlanBoxes
+from urbantwin.traffic.paths.detours import round_blocks
 from urbantwin.traffic.paths.footing import Footways
 from urbantwin.traffic.paths.obstacles import Obstacles
 from urbantwin.traffic.paths.placement import Ground, stand
 from urbantwin.traffic.paths.separation import Moving, separated
+from urbantwin.traffic.paths.solids import Solids
 from urbantwin.traffic.paths.steering import faced, steered
 from urbantwin.traffic.paths.track_box import track_size
 from urbantwin.traffic.paths.trajectory import smoothed
+from urbantwin.traffic.paths.yielding import Before, yielded
 from urbantwin.traffic.sumo.simulation import Simulated
 
 __all__ = ["Place", "actor_table"]
@@ -59,7 +62,7 @@ class Place:
         return cls(roads, ground, PlanBoxes.joined([Obstacles(scene).blocks(ground.top), cars]))
 
 
-def actor_table(
+def actor_table(  # noqa: PLR0913 - what it needs, once each
     simulated: Simulated,
     demand: Demand,
     place: Place,
@@ -68,9 +71,10 @@ def actor_table(
     step_s: float,
     asset: Callable[[str], Asset],
     by_trip: bool = False,
+    before: Before | None = None,
     tell: Progress = untold,
-) -> tuple[pa.Table, int]:
-    """Return the table of actors and how many poses were left out because there is no ground.
+) -> tuple[pa.Table, int, dict[str, NDArray[Any]]]:
+    """Return the table of actors, how many poses were left out for want of ground, and all poses.
 
     Tracks are numbered in the order of setting out, and after them the further bodies of vehicles
     that bend.
@@ -82,15 +86,25 @@ def actor_table(
         steps: how many steps the motion has; steps before and after them only shape the paths.
         step_s: time between steps.
         asset: an asset's dimensions and contacts by name.
+        before: how the same traffic went until something changed.
         by_trip: let a track's number be that of its trip, whoever else is there.
         tell: called with the fraction done (0..1) and what is being done.
     """
     smoothing, standing = between(tell, 0.0, 0.4), between(tell, 0.5, 0.9)
+    walk = np.array([trip.actor_class == "pedestrian" for trip in demand.trips], np.bool_)
+    walked = simulated.front[walk[simulated.trip]] if len(simulated.trip) else np.zeros((0, 2))
+    solids = Solids(place.blocks, walked, place.roads.footway(0))
+    simulated = round_blocks(simulated, demand, place.roads, solids, step_s)
     columns = _poses(simulated, demand, step_s=step_s, asset=asset, tell=smoothing)
-    columns, trips = with_bodies(columns, demand, simulated, place.roads.tracks, asset=asset)
+    columns, trips, leaders = with_bodies(
+        columns, demand, simulated, place.roads.tracks, asset=asset
+    )
     tell(0.4, "past each other")
     ground = place.ground
-    columns = _apart(columns, simulated.lanes, trips, place, step_s=step_s, asset=asset)
+    columns = _apart(
+        columns, simulated.lanes, trips, leaders, place, solids, before, step_s=step_s, asset=asset
+    )
+    poses = columns
     kept = (columns["step"] >= 0) & (columns["step"] < steps)
     columns = {name: values[kept] for name, values in columns.items()}
     names = np.array([trip.asset for trip in trips], object)
@@ -136,7 +150,7 @@ def actor_table(
         "lane": _texts(simulated.lanes, columns["lane"][order]),
     }
     arrays = [pa.array(values[field.name], field.type) for field in ACTOR_SCHEMA]
-    return pa.table(arrays, schema=ACTOR_SCHEMA), int(np.isnan(z).sum())
+    return pa.table(arrays, schema=ACTOR_SCHEMA), int(np.isnan(z).sum()), poses
 
 
 def _poses(
@@ -177,11 +191,14 @@ def _poses(
     }
 
 
-def _apart(
+def _apart(  # noqa: PLR0913 - the same
     columns: dict[str, NDArray[Any]],
     lanes: Sequence[str],
     trips: Sequence[Trip],
+    leaders: Sequence[int],
     place: Place,
+    solids: Solids,
+    before: Before | None,
     *,
     step_s: float,
     asset: Callable[[str], Asset],
@@ -197,7 +214,7 @@ def _apart(
     classes = tuple(one.actor_class for one in trips)
     moving = Moving(trip, boxes, columns["speed"], level, columns["lane"], classes)
     footways = Footways(place.roads, lanes, beyond_m=_BESIDE_M)
-    xy, speed = separated(moving, place.blocks, footways, step_s)
+    xy, speed = separated(moving, place.blocks, footways, step_s, solids)
     yaw = columns["yaw"].copy()
     breaks = np.flatnonzero((np.diff(trip) != 0) | (np.diff(columns["step"]) != 1)) + 1
     for rows in np.split(np.arange(len(trip)), breaks):
@@ -207,7 +224,8 @@ def _apart(
             yaw[rows] = faced(xy[rows], columns["xy"][rows], yaw[rows], speed[rows], step_s)
         else:
             yaw[rows] = steered(xy[rows], yaw[rows], _rear_m(meshes[trip[rows[0]]]))
-    return {**columns, "xy": xy, "yaw": yaw, "speed": speed}
+    parted = {**columns, "xy": xy, "yaw": yaw, "speed": speed}
+    return yielded(parted, moving, still[trip] / 2, leaders, step_s, before)
 
 
 def _rear_m(mesh: Asset) -> float:

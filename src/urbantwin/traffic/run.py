@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -31,8 +31,15 @@ from urbantwin.traffic.demand.demand import Demand, plan_demand, together
 from urbantwin.traffic.demand.guessed_volumes import Bound, bound_of_signals
 from urbantwin.traffic.demand.manners import manners_of
 from urbantwin.traffic.events.put_in import StagedEvent, staged_table, with_events
-from urbantwin.traffic.events.reacting import REACTING, everybody, plan_events, reactions
-from urbantwin.traffic.events.scenario import scenario_events
+from urbantwin.traffic.events.reacting import (
+    REACTING,
+    Reaction,
+    changed_from,
+    everybody,
+    plan_events,
+    reactions,
+)
+from urbantwin.traffic.events.scenario import Event, scenario_events
 from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
 from urbantwin.traffic.flow.bottleneck import bottleneck
 from urbantwin.traffic.flow.circulation_report import circulation_report
@@ -42,6 +49,7 @@ from urbantwin.traffic.parked import park
 from urbantwin.traffic.paths.footing import on_footways
 from urbantwin.traffic.paths.overlap import overlaps_of
 from urbantwin.traffic.paths.placement import Ground
+from urbantwin.traffic.paths.yielding import Before
 from urbantwin.traffic.resize import resized
 from urbantwin.traffic.result_warnings import warnings_of_drive
 from urbantwin.traffic.signals import signal_table
@@ -151,7 +159,9 @@ def _driven(
     scenario = list(enumerate(scenario_events(asked.get("scenario", ()))))
     reacting = [(n, one) for n, one in scenario if one.event in REACTING]
 
-    def tabled(seen: Simulated, whose: Demand, tell: Progress) -> tuple[pa.Table, int]:
+    def tabled(
+        seen: Simulated, whose: Demand, tell: Progress, before: Before | None = None
+    ) -> tuple[pa.Table, int, dict[str, Any]]:
         return actor_table(
             on_footways(seen, whose, twin.roads),
             whose,
@@ -160,10 +170,11 @@ def _driven(
             step_s=step_s,
             asset=own.asset,
             by_trip=bool(reacting),
+            before=before,
             tell=tell,
         )
 
-    actors, outside = tabled(simulated, demand, between(told, 0.6, 0.85, "actors"))
+    actors, outside, poses = tabled(simulated, demand, between(told, 0.6, 0.85, "actors"))
     staged: list[StagedEvent] = []
     if reacting:
         told(0.85, "the same with events")
@@ -171,10 +182,11 @@ def _driven(
         plan = plan_events(reacting, twin, demand, start_s)
         simulated = drive(staged=plan.rows)
         demand = everybody(demand, plan)
-        with_them, outside = tabled(simulated, demand, untold)
-        actors, staged = staged_table(
-            actors, with_them, reactions(simulated, reacting, start_s, steps * step_s), reacting
+        became = reactions(simulated, reacting, start_s, steps * step_s)
+        with_them, outside, _ = tabled(
+            simulated, demand, untold, _before(poses, reacting, became, step_s)
         )
+        actors, staged = staged_table(actors, with_them, became, reacting)
     if offsets:
         net_path.unlink()  # the folder is the motion's
     signals = signal_table(simulated.signals, twin.roads.signals, steps=steps, step_s=step_s)
@@ -219,6 +231,17 @@ def _driven(
     manifest["warnings"] = rows_of(warnings_of_drive(manifest))
     made = {"actors": table_sha256(motion.actors), "meshes": meshes_sha256(motion.meshes)}
     return replace(motion, manifest={**manifest, "made": made})
+
+
+def _before(
+    poses: dict[str, Any],
+    events: Sequence[tuple[int, Event]],
+    became: Sequence[Reaction],
+    step_s: float,
+) -> Before:
+    """Return how traffic went until its first event, and who does as the events say."""
+    until = math.ceil(changed_from(events) / step_s - 1e-6)
+    return Before(poses, until, frozenset(trip for one in became for trip in one.trips))
 
 
 def demand_of(

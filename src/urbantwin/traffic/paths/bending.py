@@ -28,10 +28,11 @@ def with_bodies(
     tracks: Sequence[Track],
     *,
     asset: Callable[[str], Asset],
-) -> tuple[Columns, tuple[Trip, ...]]:
-    """Return poses in which vehicles that bend are their bodies, and whom they are of.
+) -> tuple[Columns, tuple[Trip, ...], list[int]]:
+    """Return poses in which vehicles that bend are their bodies, whom they are of, and who leads.
 
-    The first body keeps the number of the vehicle's trip; the others have numbers after all trips.
+    The first body keeps the number of the vehicle's trip; the others have numbers after all trips,
+    and it leads them.
     What is on an outer track, where there are no rails, is left out.
 
     Args:
@@ -42,6 +43,7 @@ def with_bodies(
         asset: an asset by name.
     """
     trips = list(demand.trips)
+    leaders = list(range(len(trips)))
     lines = {track.id: track.line[:, :2] for track in tracks}
     outer = {track.id for track in tracks if track.outer}
     bent: list[Columns] = []
@@ -77,12 +79,13 @@ def with_bodies(
             else:
                 own["trip"] = np.full_like(own["trip"], len(trips))
                 trips.append(part)
+                leaders.append(number)
             bent.append(own)
     if not bent:
-        return columns, demand.trips
+        return columns, demand.trips, leaders
     rest = {name: values[stays] for name, values in columns.items()}
     joined = {name: np.concatenate([rest[name], *(x[name] for x in bent)]) for name in columns}
-    return joined, tuple(trips)
+    return joined, tuple(trips), leaders
 
 
 def _rows_of(simulated: Simulated, number: int, steps: NDArray[np.int32]) -> NDArray[np.int64]:
