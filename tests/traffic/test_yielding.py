@@ -45,8 +45,9 @@ def waited(
     level = np.zeros(len(step), int)
     kinds = tuple(kind for kind, _, _ in actors)
     boxes = PlanBoxes(step, xy, yaw, half)
-    moving = Moving(number, boxes, columns["speed"], level, level, kinds)
-    found = yielded(columns, moving, half, leaders or range(len(actors)), STEP_S)
+    vehicles = np.array(leaders or range(len(actors)))
+    moving = Moving(number, boxes, columns["speed"], level, level, kinds, vehicles)
+    found = yielded(columns, moving, half, STEP_S)
     shapes = PlanBoxes(step, found["xy"], found["yaw"], half).polygons.reshape(-1, count)
     shared = [
         shapely.area(shapely.intersection(shapes[a], shapes[b])).max()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,8 +16,9 @@ from urbantwin.roads import RoadNetwork
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand.demand import Demand, Trip
 from urbantwin.traffic.motion import ACTOR_SCHEMA, step_times
-from urbantwin.traffic.paths.bending import with_bodies
+from urbantwin.traffic.paths.bending import steering_part, vehicles, with_bodies
 from urbantwin.traffic.paths.box_plan import PlanBoxes
+from urbantwin.traffic.paths.corner_cutting import corner_cutters, with_rigid
 from urbantwin.traffic.paths.detours import round_blocks
 from urbantwin.traffic.paths.footing import Footways
 from urbantwin.traffic.paths.obstacles import Obstacles
@@ -30,10 +31,11 @@ from urbantwin.traffic.paths.trajectory import smoothed
 from urbantwin.traffic.paths.yielding import Before, yielded
 from urbantwin.traffic.sumo.simulation import Simulated
 
-__all__ = ["Place", "actor_table"]
+__all__ = ["Place", "Tabled", "actor_table"]
 
 _STANDING_MS = 0.15  # who is slower than this stands, m/s
 _BESIDE_M = 2.0  # people who pass each other use the footway beside their lane
+_OF_A_ROW = ("step", "trip", "front", "angle_deg", "speed", "lane")
 _GOLDEN = (5**0.5 - 1) / 2  # spreads the first postures of those who set out together
 
 
@@ -62,7 +64,24 @@ class Place:
         return cls(roads, ground, PlanBoxes.joined([Obstacles(scene).blocks(ground.top), cars]))
 
 
-def actor_table(  # noqa: PLR0913 - what it needs, once each
+@dataclass(frozen=True, eq=False)
+class Tabled:
+    """What became of what SUMO saw.
+
+    Attributes:
+        actors: the table of actors.
+        outside: how many poses were left out because there is no ground.
+        rigid: who does not bend though its trip says so, by the numbers of their trips.
+        poses: how far each trip is behind at each step, see `yielding.Before`.
+    """
+
+    actors: pa.Table
+    outside: int
+    rigid: frozenset[int]
+    poses: dict[str, NDArray[Any]]
+
+
+def actor_table(  # noqa: PLR0913 - of a drive there is much to say
     simulated: Simulated,
     demand: Demand,
     place: Place,
@@ -73,8 +92,8 @@ def actor_table(  # noqa: PLR0913 - what it needs, once each
     by_trip: bool = False,
     before: Before | None = None,
     tell: Progress = untold,
-) -> tuple[pa.Table, int, dict[str, NDArray[Any]]]:
-    """Return the table of actors, how many poses were left out for want of ground, and all poses.
+) -> Tabled:
+    """Return the table of actors, and who of them is not as its trip says.
 
     Tracks are numbered in the order of setting out, and after them the further bodies of vehicles
     that bend.
@@ -86,25 +105,33 @@ def actor_table(  # noqa: PLR0913 - what it needs, once each
         steps: how many steps the motion has; steps before and after them only shape the paths.
         step_s: time between steps.
         asset: an asset's dimensions and contacts by name.
-        before: how the same traffic went until something changed.
         by_trip: let a track's number be that of its trip, whoever else is there.
+        before: how the same traffic went until something changed.
         tell: called with the fraction done (0..1) and what is being done.
     """
     smoothing, standing = between(tell, 0.0, 0.4), between(tell, 0.5, 0.9)
-    walk = np.array([trip.actor_class == "pedestrian" for trip in demand.trips], np.bool_)
-    walked = simulated.front[walk[simulated.trip]] if len(simulated.trip) else np.zeros((0, 2))
-    solids = Solids(place.blocks, walked, place.roads.footway(0))
+    solids = _solids(simulated, demand, place)
     simulated = round_blocks(simulated, demand, place.roads, solids, step_s)
     columns = _poses(simulated, demand, step_s=step_s, asset=asset, tell=smoothing)
-    columns, trips, leaders = with_bodies(
-        columns, demand, simulated, place.roads.tracks, asset=asset
-    )
+    ground, tracks = place.ground, place.roads.tracks
+    bent, trips, who = with_bodies(columns, demand, simulated, tracks, asset=asset)
+    if before is not None:
+        rigid = before.rigid
+    else:
+        level = ground.levels(simulated.lanes)[bent["lane"]]
+        rigid = corner_cutters(bent, trips, who, place.blocks, level, asset)
+    if rigid:
+        demand = with_rigid(demand, rigid, asset)
+        again = _poses(_of_trips(simulated, rigid), demand, step_s=step_s, asset=asset, tell=untold)
+        columns = _exchanged(columns, again)
+        bent, trips, who = with_bodies(columns, demand, simulated, tracks, asset=asset)
+    columns = bent
     tell(0.4, "past each other")
-    ground = place.ground
     columns = _apart(
-        columns, simulated.lanes, trips, leaders, place, solids, before, step_s=step_s, asset=asset
+        columns, simulated.lanes, trips, who, place, solids, before, step_s=step_s, asset=asset
     )
-    poses = columns
+    lead = (who == vehicles(who))[columns["trip"]]
+    poses = {name: columns[name][lead] for name in ("trip", "step", "behind")}
     kept = (columns["step"] >= 0) & (columns["step"] < steps)
     columns = {name: values[kept] for name, values in columns.items()}
     names = np.array([trip.asset for trip in trips], object)
@@ -133,7 +160,7 @@ def actor_table(  # noqa: PLR0913 - what it needs, once each
     classes = [trip.actor_class for trip in trips]
     values = {
         "time_s": step_times(steps, step_s)[columns["step"][order]],
-        "track": trip if by_trip else track + 1,
+        "track": who[trip] if by_trip else track + 1,
         "class": _texts(classes, trip),
         "asset": _texts(names.tolist(), trip),
         "phase": phase[order],
@@ -150,7 +177,15 @@ def actor_table(  # noqa: PLR0913 - what it needs, once each
         "lane": _texts(simulated.lanes, columns["lane"][order]),
     }
     arrays = [pa.array(values[field.name], field.type) for field in ACTOR_SCHEMA]
-    return pa.table(arrays, schema=ACTOR_SCHEMA), int(np.isnan(z).sum()), poses
+    table = pa.table(arrays, schema=ACTOR_SCHEMA)
+    return Tabled(table, int(np.isnan(z).sum()), rigid, poses)
+
+
+def _solids(simulated: Simulated, demand: Demand, place: Place) -> Solids:
+    """Return what stands near people's ways."""
+    walks = np.array([trip.actor_class == "pedestrian" for trip in demand.trips], np.bool_)
+    walked = simulated.front[walks[simulated.trip]] if len(walks) else np.zeros((0, 2))
+    return Solids(place.blocks, walked, place.roads.footway(0))
 
 
 def _poses(
@@ -170,16 +205,17 @@ def _poses(
     tracks = np.split(np.arange(len(order)), breaks) if len(order) else []
     for rows in each(tracks, tell, "smoothing their paths"):
         whose, source = demand.trips[trip[rows[0]]], order[rows]
+        steers = steering_part(asset(whose.asset), asset)
         path = smoothed(
             simulated.front[source],
             simulated.angle_deg[source],
             simulated.speed[source],
             step_s=step_s,
-            length_m=asset(whose.asset).length,
+            length_m=steers.length,
             walks=whose.actor_class == "pedestrian",
         )
         xy[rows], distance[rows], speed[rows] = path.xy, path.distance_m, path.speed
-        yaw[rows] = steered(path.xy, path.yaw, _rear_m(asset(whose.asset)))
+        yaw[rows] = steered(path.xy, path.yaw, _rear_m(steers))
     return {
         "trip": trip,
         "step": step,
@@ -191,11 +227,28 @@ def _poses(
     }
 
 
-def _apart(  # noqa: PLR0913 - the same
+def _of_trips(simulated: Simulated, numbers: frozenset[int]) -> Simulated:
+    """Return what SUMO saw of some trips."""
+    rows = np.flatnonzero(np.isin(simulated.trip, list(numbers)))
+    columns = {name: getattr(simulated, name)[rows] for name in _OF_A_ROW}
+    return replace(simulated, **columns)
+
+
+def _exchanged(
+    columns: dict[str, NDArray[Any]], again: dict[str, NDArray[Any]]
+) -> dict[str, NDArray[Any]]:
+    """Return poses in which some trips have other ones, sorted as before."""
+    stays = ~np.isin(columns["trip"], again["trip"])
+    joined = {name: np.concatenate([columns[name][stays], again[name]]) for name in columns}
+    order = np.lexsort([joined["step"], joined["trip"]])
+    return {name: values[order] for name, values in joined.items()}
+
+
+def _apart(  # noqa: PLR0913 - all that they go between
     columns: dict[str, NDArray[Any]],
     lanes: Sequence[str],
     trips: Sequence[Trip],
-    leaders: Sequence[int],
+    who: NDArray[np.int64],
     place: Place,
     solids: Solids,
     before: Before | None,
@@ -212,7 +265,7 @@ def _apart(  # noqa: PLR0913 - the same
     level = place.ground.levels(lanes)[columns["lane"]]
     boxes = PlanBoxes(columns["step"], columns["xy"], columns["yaw"], size / 2)
     classes = tuple(one.actor_class for one in trips)
-    moving = Moving(trip, boxes, columns["speed"], level, columns["lane"], classes)
+    moving = Moving(trip, boxes, columns["speed"], level, columns["lane"], classes, vehicles(who))
     footways = Footways(place.roads, lanes, beyond_m=_BESIDE_M)
     xy, speed = separated(moving, place.blocks, footways, step_s, solids)
     yaw = columns["yaw"].copy()
@@ -225,7 +278,7 @@ def _apart(  # noqa: PLR0913 - the same
         else:
             yaw[rows] = steered(xy[rows], yaw[rows], _rear_m(meshes[trip[rows[0]]]))
     parted = {**columns, "xy": xy, "yaw": yaw, "speed": speed}
-    return yielded(parted, moving, still[trip] / 2, leaders, step_s, before)
+    return yielded(parted, moving, still[trip] / 2, step_s, before)
 
 
 def _rear_m(mesh: Asset) -> float:

@@ -13,8 +13,8 @@ from lxml import etree
 
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.demand.demand import Demand
+from urbantwin.traffic.demand.site_demand import demand_of
 from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
-from urbantwin.traffic.run import demand_of
 from urbantwin.twin import Twin
 
 __all__ = ["BLUEPRINTS", "carla_traffic"]
@@ -43,6 +43,7 @@ BLUEPRINTS: dict[str, dict[str, Any]] = {
     "bicycle": {"filter": "vehicle.*", "base_type": ["bicycle"], "except": []},
     "pedestrian": {"filter": "walker.pedestrian.*", "base_type": [], "except": []},
     "tram": {"filter": "", "base_type": [], "except": []},  # CARLA has none
+    "trailer": {"filter": "", "base_type": [], "except": []},
 }
 _NORMC = re.compile(r"normc\(([-\d.,\s]+)\)")
 

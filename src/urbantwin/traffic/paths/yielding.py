@@ -8,7 +8,6 @@ in its turn. The same takes out what SUMO does and no vehicle can: braking and t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -57,14 +56,16 @@ class Before:
     """How the same traffic went until something changed.
 
     Attributes:
-        columns: poses by actor and step, with ``behind``: how far everybody was behind, metres.
+        columns: by trip and step: ``trip``, ``step`` and how far it was ``behind``, metres.
         until: the first step that may differ.
         own: actors that do what they were told to, whatever comes of it.
+        rigid: vehicles that do not bend though their trips say so.
     """
 
     columns: Columns
     until: int
     own: frozenset[int] = frozenset()
+    rigid: frozenset[int] = frozenset()
 
 
 @dataclass(eq=False)
@@ -114,7 +115,6 @@ def yielded(
     columns: Columns,
     moving: Moving,
     half: NDArray[np.float64],
-    leaders: Sequence[int],
     step_s: float,
     before: Before | None = None,
 ) -> Columns:
@@ -125,15 +125,14 @@ def yielded(
     Args:
         columns: poses by actor and step: ``trip``, ``step``, ``xy``, ``yaw``, ``speed``,
             ``distance``, ``lane``.
-        moving: who they are and on which level.
+        moving: who they are, on which level, and whose bodies.
         half: (N, 2) half the sizes that nobody is to come into, metres.
-        leaders: of each actor the one that draws it; itself, where nobody does.
         step_s: time between steps.
         before: how the same traffic went until something changed, which nobody foresees.
     """
     if not len(columns["trip"]):
         return {**columns, "behind": np.zeros(0)}
-    return _Yielding(columns, moving, half, leaders, step_s, before).run()
+    return _Yielding(columns, moving, half, step_s, before).run()
 
 
 class _Yielding:
@@ -142,7 +141,6 @@ class _Yielding:
         columns: Columns,
         moving: Moving,
         half: NDArray[np.float64],
-        leaders: Sequence[int],
         step_s: float,
         before: Before | None,
     ) -> None:
@@ -155,7 +153,7 @@ class _Yielding:
         parts = np.split(np.arange(len(actor)), breaks)
         drawn: dict[tuple[int, int, int], list[NDArray[np.int64]]] = {}
         for rows in parts:
-            key = leaders[actor[rows[0]]], int(step[rows[0]]), len(rows)
+            key = int(moving.vehicles[actor[rows[0]]]), int(step[rows[0]]), len(rows)
             drawn.setdefault(key, []).append(rows)
         for group in drawn.values():
             group.sort(key=lambda rows: int(actor[rows[0]]))
