@@ -17,9 +17,9 @@ __all__ = ["LIMITS", "RUNS_MS", "Limits", "Pace", "curve_speeds", "retimed"]
 
 #: Ways are looked at so finely, metres, and curves over so long a piece, metres.
 GRID_M = 0.2
-_CURVE_M = 2.0
+_CURVE_M = 1.6
 #: Sideways acceleration that nobody who drives exceeds, m/s2, nor slows down below, m/s.
-_SIDEWAYS_MS2, _SLOWEST_MS = 3.5, 1.0
+_SIDEWAYS_MS2, _SLOWEST_MS = 3.2, 1.0
 #: Who makes up for time goes a little faster than it did near there: by this share and by so much,
 #: m/s, near being so far, metres.
 _FASTER, _FASTER_MS, _NEAR_M = 1.1, 0.5, 10.0

@@ -36,7 +36,7 @@ _AHEAD_M, _BESIDE_M = {"pedestrian": 0.1}, 0.02
 _USUAL_AHEAD_M = 0.7
 #: How far one falls behind at the most, metres.
 _BEHIND_M = {"pedestrian": 4.0}
-_USUAL_BEHIND_M = 14.0
+_USUAL_BEHIND_M = 30.0
 #: What lying in somebody costs, by depth and time, against falling behind by the same.
 _THROUGH = 1e3
 _ROUNDS = 12
@@ -256,7 +256,7 @@ class _Yielding:
     def _decided(self, one: int, other: int, step: int) -> bool:
         """Let one of two who overlap since a step wait; return whether that may help."""
         before = self._through(one, other)
-        best: tuple[float, _Way, NDArray[np.float64], dict[int, int]] | None = None
+        best: tuple[float, float, _Way, NDArray[np.float64], dict[int, int]] | None = None
         for mine, first in ((one, other), (other, one)):
             if not self.able[mine]:
                 continue
@@ -265,13 +265,14 @@ class _Yielding:
             lets = {**way.lets, first: since}
             at = self._solved(way, lets)
             lost = float((way.at - at).sum()) * self.step_s
-            cost = lost + _THROUGH * self._through(mine, first, at)
+            left = self._through(mine, first, at)
+            cost = lost + _THROUGH * left
             if best is None or cost < best[0]:
-                best = cost, way, at, lets
+                best = cost, left, way, at, lets
         if best is None:
             return False
-        cost, way, at, lets = best
-        if cost > _THROUGH * before / 2:
+        _, left, way, at, lets = best
+        if left > before / 2:
             return False
         way.lets = lets
         self._go(way, at)
