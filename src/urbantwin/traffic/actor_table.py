@@ -264,8 +264,13 @@ def _apart(  # noqa: PLR0913 - all that they go between
     size = np.where(stands[:, None], still[trip], striding[trip])
     level = place.ground.levels(lanes)[columns["lane"]]
     boxes = PlanBoxes(columns["step"], columns["xy"], columns["yaw"], size / 2)
-    classes = tuple(one.actor_class for one in trips)
-    moving = Moving(trip, boxes, columns["speed"], level, columns["lane"], classes, vehicles(who))
+    led = np.array([one.actor_class == "animal" for one in trips], np.bool_)
+    # Who is led steps aside as people do.
+    classes = tuple(
+        "pedestrian" if one.actor_class == "animal" else one.actor_class for one in trips
+    )
+    whose = np.where(led, who, vehicles(who))
+    moving = Moving(trip, boxes, columns["speed"], level, columns["lane"], classes, whose)
     footways = Footways(place.roads, lanes, beyond_m=_BESIDE_M)
     xy, speed = separated(moving, place.blocks, footways, step_s, solids)
     yaw = columns["yaw"].copy()
