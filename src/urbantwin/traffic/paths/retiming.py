@@ -25,6 +25,9 @@ _SIDEWAYS_MS2, _SLOWEST_MS = 3.2, 1.0
 _FASTER, _FASTER_MS, _NEAR_M = 1.1, 0.5, 10.0
 #: Nobody on foot is faster, m/s: a gentle run, as of who hurries over a crossing.
 RUNS_MS = 2.4
+#: Who is less behind than this is where it was, metres; who starts harder than its class by less
+#: than this share may.
+_SAME_M, _HARDER = 0.005, 1.3
 #: How far one looks ahead, seconds.
 _AHEAD_S = 10.0
 
@@ -148,13 +151,21 @@ def _driven(
     fallen = brake * later**2 / 2
     slowed = brake * later
     at = np.empty(count)
+    follows = _next(_watches(pace, most, starts, hardest))
     at[:begun] = first[:begun]
     early = at[:begun] if begun > 1 else pace.at
     speed = (
         (early[-1] - early[-2]) / step_s if begun > 1 else float(np.diff(early[:2]).sum()) / step_s
     )
     did = 0.0
-    for k in range(begun, count):
+    k = begun
+    while k < count:
+        # Where nothing is in the way it goes as it went.
+        if follows[k] > k and pace.at[k - 1] - at[k - 1] < _SAME_M:
+            at[k : follows[k]] = pace.at[k : follows[k]]
+            k = int(follows[k])
+            speed = float(pace.at[k - 1] - pace.at[k - 2]) / step_s if k > 1 else speed
+            continue
         room = most[k : k + ahead] - at[k - 1]
         n = len(room)
         # Goes on for one step at a speed v, then brakes: never beyond, whether it has come to a
@@ -170,7 +181,28 @@ def _driven(
             did = max(did, hardest * 2)
         speed = now
         at[k] = at[k - 1] + speed * step_s
+        k += 1
     return at, did
+
+
+def _watches(
+    pace: Pace, most: NDArray[np.float64], starts: float, hardest: float
+) -> NDArray[np.bool_]:
+    """Return in which steps (N,) one has to look ahead: before what it cannot do as it did."""
+    speed = np.gradient(pace.at, pace.step_s) if len(most) > 1 else np.zeros(1)
+    gain = np.gradient(speed, pace.step_s) if len(most) > 1 else np.zeros(1)
+    cell = np.minimum((pace.at / GRID_M).astype(int), len(pace.speeds) - 1)
+    hard = (gain < -hardest) | (gain > starts * _HARDER) | (speed > pace.speeds[cell] + 1e-3)
+    hard |= most < pace.at - 1e-9
+    row = np.arange(len(hard))
+    after = _next(hard)
+    return np.asarray(after - row <= round(_AHEAD_S / pace.step_s)) & (after < len(hard))
+
+
+def _next(wanted: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Return the first wanted row at or after each (N,); N where there is none."""
+    row = np.where(wanted, np.arange(len(wanted)), len(wanted))
+    return np.asarray(np.minimum.accumulate(row[::-1])[::-1])
 
 
 def _most(values: NDArray[np.float64], reach: int) -> NDArray[np.float64]:

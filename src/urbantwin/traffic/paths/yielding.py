@@ -162,6 +162,7 @@ class _Yielding:
         for number, bodies in enumerate(self.bodies):
             self.whose[bodies.ravel()] = number
         self.ways: dict[int, _Way] = {}
+        self.changed = np.ones(len(actor), np.bool_)
         own = before.own if before else frozenset()
         self.able = np.array(
             [
@@ -239,9 +240,12 @@ class _Yielding:
         return False
 
     def _overlaps(self) -> dict[tuple[int, int], int]:
-        """Return the pairs of ways that overlap, and since which step."""
+        """Return the pairs of ways that overlap, and since which step; of whom has changed."""
         boxes = self.moving.boxes
-        pairs = self.moving.pairs(0.0, boxes.xy)
+        rows = np.flatnonzero(np.isin(boxes.step, np.unique(boxes.step[self.changed])))
+        self.changed[:] = False
+        some = self.moving.take(rows)
+        pairs = rows[some.pairs(0.0, some.boxes.xy)]
         ways = np.sort(self.whose[pairs], axis=1)
         kept = (ways[:, 0] != ways[:, 1]) & self.able[ways].any(axis=1)
         pairs, ways = pairs[kept], ways[kept]
@@ -366,6 +370,7 @@ class _Yielding:
         boxes = self.moving.boxes
         for body, rows in enumerate(way.bodies):
             now = self._along(way, body, way.at, 0.0)
+            self.changed[rows] |= (boxes.xy[rows] != now.xy).any(axis=1)
             boxes.xy[rows], boxes.yaw[rows] = now.xy, now.yaw
 
     def _columns(self) -> Columns:
