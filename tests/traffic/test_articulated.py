@@ -11,6 +11,7 @@ from urbantwin.traffic.demand.demand import Demand, Trip
 from urbantwin.traffic.paths.box_plan import PlanBoxes
 from urbantwin.traffic.paths.coupling import are_coupled, towed_by
 from urbantwin.traffic.paths.overlap import overlaps_of
+from urbantwin.traffic.paths.placement import stand
 from urbantwin.traffic.sumo.simulation import Observed, Simulated
 
 BENDING = ("truck-semitrailer", "truck-road-train", "bus-articulated")
@@ -185,3 +186,21 @@ def test_a_dog_walks_beside_whom_it_belongs_to(records):
     found = overlaps_of(table, table.slice(0, 0), STEP_S, asset_mesh("car-kei").select(slice(0, 0)))
     assert found["actors"] == 0
     assert towed_by(table) == {}
+
+
+def test_what_is_towed_leans_on_what_pulls_it():
+    """On a slope every body lies in it, with one axle of its own too; wheels touch the ground."""
+
+    class Slope(Plane):
+        def height(self, xy, ceiling):
+            return xy @ np.array([0.05, 0.02])
+
+    for name in BENDING:
+        towed = asset(asset(name).bodies[1].asset)
+        assert towed.hitch > towed.length / 2 - 1.7
+        z, pitch, roll = stand(
+            Slope(), towed.supports, np.array([[3.0, 4.0]]), np.zeros(1), np.full(1, 9.0)
+        )
+        assert pitch[0] == pytest.approx(-np.arctan(0.05), abs=1e-4)
+        assert roll[0] == pytest.approx(np.arctan(0.02), abs=1e-3)
+        assert z[0] == pytest.approx(0.05 * 3.0 + 0.02 * 4.0, abs=1e-3)

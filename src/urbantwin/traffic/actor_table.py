@@ -145,7 +145,7 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
         rows = np.flatnonzero(kind[trip] == np.searchsorted(known, name))
         mesh = asset(name)
         xy, yaw = columns["xy"][rows], columns["yaw"][rows]
-        z[rows], pitch[rows], roll[rows] = stand(ground, mesh.contacts, xy, yaw, ceiling[rows])
+        z[rows], pitch[rows], roll[rows] = stand(ground, mesh.supports, xy, yaw, ceiling[rows])
         moving = np.zeros(len(rows))
         if mesh.phases > 1:
             cycles = columns["distance"][rows] / mesh.stride_m + trip[rows] * _GOLDEN

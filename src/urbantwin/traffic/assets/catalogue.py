@@ -73,6 +73,7 @@ class Asset:
         bodies: of a vehicle that bends: its stiff bodies from the nose, assets of their own; of who
             has a companion both.
         rigid: of a vehicle that bends on roads: who drives in its place where it cannot turn.
+        hitch: of what is towed: where it hangs on what pulls it, metres ahead of its middle.
     """
 
     name: str
@@ -86,6 +87,14 @@ class Asset:
     stride_m: float
     bodies: tuple[Body, ...] = ()
     rigid: str = ""
+    hitch: float | None = None
+
+    @property
+    def supports(self) -> NDArray[np.float64]:
+        """What carries it (K, 3), asset frame: its contacts, and the ground below its hitch."""
+        if self.hitch is None:
+            return self.contacts
+        return np.vstack([[[self.hitch, 0.0, 0.0]], self.contacts])
 
 
 def asset_names(actor_class: str) -> tuple[str, ...]:
@@ -128,6 +137,7 @@ def asset(name: str) -> Asset:
             height=parsed.size[2],
             contacts=usual.contacts * factors,
             stride_m=usual.stride_m * factors[2],
+            hitch=None if usual.hitch is None else usual.hitch * factors[0],
         )
     if parsed.coat and _has_coat(parsed.body):
         bare = asset(parsed.body)
@@ -171,6 +181,7 @@ def asset(name: str) -> Asset:
         stride_m=stride,
         bodies=bodies,
         rigid=entry.get("instead", ""),
+        hitch=float(size[0]) / 2 - entry["hitch"] if "hitch" in entry else None,
     )
 
 
