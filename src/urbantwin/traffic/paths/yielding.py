@@ -40,6 +40,8 @@ _USUAL_BEHIND_M = 30.0
 #: What lying in somebody costs, by depth and time, against falling behind by the same.
 _THROUGH = 1e3
 _ROUNDS = 12
+#: Steps that are looked at together: an hour's pairs would take gigabytes.
+_STEPS = 2000
 #: How hard somebody drives is looked at over this time, seconds; what nobody does to the side,
 #: m/s2, and by how much it may start harder than its class does.
 _OVER_S, _SIDEWAYS_MS2, _STARTS = 0.5, 3.8, 1.3
@@ -241,21 +243,25 @@ class _Yielding:
 
     def _overlaps(self) -> dict[tuple[int, int], int]:
         """Return the pairs of ways that overlap, and since which step; of whom has changed."""
-        boxes = self.moving.boxes
-        rows = np.flatnonzero(np.isin(boxes.step, np.unique(boxes.step[self.changed])))
+        step = self.moving.boxes.step
+        steps = np.unique(step[self.changed])
         self.changed[:] = False
-        some = self.moving.take(rows)
+        found: dict[tuple[int, int], int] = {}
+        for some in np.split(steps, np.arange(_STEPS, len(steps), _STEPS)):
+            for pair, since in self._pairs(np.flatnonzero(np.isin(step, some))):
+                found[pair] = min(since, found.get(pair, since))
+        return dict(sorted(found.items(), key=lambda item: (item[1], item[0])))
+
+    def _pairs(self, rows: NDArray[np.int64]) -> list[tuple[tuple[int, int], int]]:
+        """Return the pairs of ways that overlap in some rows, and in which step."""
+        boxes, some = self.moving.boxes, self.moving.take(rows)
         pairs = rows[some.pairs(0.0, some.boxes.xy)]
         ways = np.sort(self.whose[pairs], axis=1)
         kept = (ways[:, 0] != ways[:, 1]) & self.able[ways].any(axis=1)
         pairs, ways = pairs[kept], ways[kept]
         deep = shared_areas(boxes, pairs) > _OVERLAP_M2
-        found: dict[tuple[int, int], int] = {}
-        for (one, other), step in zip(
-            ways[deep].tolist(), boxes.step[pairs[deep, 0]].tolist(), strict=True
-        ):
-            found[one, other] = min(step, found.get((one, other), step))
-        return dict(sorted(found.items(), key=lambda item: (item[1], item[0])))
+        steps = boxes.step[pairs[deep, 0]].tolist()
+        return [((a, b), step) for (a, b), step in zip(ways[deep].tolist(), steps, strict=True)]
 
     def _decided(self, one: int, other: int, step: int) -> bool:
         """Let one of two who overlap since a step wait; return whether that may help."""
