@@ -11,19 +11,31 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from urbantwin.roads.model.furniture import Phase
 from urbantwin.roads.signals.controlled_links import Link, Signalised
 from urbantwin.roads.signals.green_times import SATURATION_VEH_H
 
-__all__ = ["Flows", "LaneLoad", "gap_flow", "lane_loads", "on_lanes"]
+__all__ = [
+    "FOLLOWING_M",
+    "Flows",
+    "LaneLoad",
+    "gap_flow",
+    "lane_loads",
+    "on_lanes",
+    "saturation_flow",
+]
 
 #: (edge, next edge, the one after that or nothing) -> cars an hour.
 Flows = Mapping[tuple[str, str, str], float]
 #: Turns leave a lane so much more slowly than those who go straight on (HCM 2016, 19: 0.85 to
 #: 0.95), where people cross at their exit as well.
 TURNING, BESIDE_WALKERS = 0.9, 0.75
+#: Who follows through a bend keeps this distance in time, and this length of the queue in space:
+#: seconds, metres (the headway of simulated drivers; Kimber, McDonald and Hounsell, TRRL Research
+#: Report 67, 1986, measured how radius lowers what turns).
+FOLLOWING_S, FOLLOWING_M = 1.35, 6.6
 #: Gaps that turns across opposing traffic take, and from one to the next of a queue, seconds.
 GAP_S, NEXT_S = 4.5, 2.5
 #: How many turn in the change at the end of green.
@@ -39,16 +51,23 @@ NOTHING = 1e-3
 
 @dataclass(frozen=True)
 class LaneLoad:
-    """What a lane carries and could: cars an hour."""
+    """What a lane carries and could: cars an hour, in all and of each link."""
 
     lane: str
     flow: float
     load: float
+    links: Mapping[Link, float] = field(default_factory=dict)
 
     @property
     def capacity(self) -> float:
         """What it could carry of the same movements."""
         return self.flow / self.load if self.load else math.inf
+
+
+def saturation_flow(link: Link) -> float:
+    """Return how many cars an hour of green take a link from a lane of its own."""
+    in_bend = 3600.0 / (FOLLOWING_S + FOLLOWING_M / link.bend_speed)
+    return min(SATURATION_VEH_H * (TURNING if link.is_turn else 1.0), in_bend)
 
 
 def gap_flow(opposing: float) -> float:
@@ -113,13 +132,45 @@ def lane_loads(
     carried = on_lanes(junction, flows, capacity.__getitem__)
     flow: dict[str, float] = defaultdict(float)
     load: dict[str, float] = defaultdict(float)
+    links: dict[str, dict[Link, float]] = defaultdict(dict)
     for link, count in carried.items():
+        links[link.lane][link] = count
         flow[link.lane] += count
         load[link.lane] += count / max(capacity[link], NOTHING)
+    for lane, further in _loads_before(junction, phases, flow).items():
+        load[lane] = max(load[lane], further)
     for lane, further in _loads_behind(junction, phases, even, behind or {}).items():
         load[lane] = max(load[lane], further)
-    found = [LaneLoad(lane, flow[lane], load[lane]) for lane in sorted(flow)]
+    found = [LaneLoad(lane, flow[lane], load[lane], links[lane]) for lane in sorted(flow)]
     return sorted(found, key=lambda one: -one.load)
+
+
+def _loads_before(
+    junction: Signalised, phases: Sequence[Phase], flow: Mapping[str, float]
+) -> dict[str, float]:
+    """Return the load of the lanes that pockets begin from, to each pocket.
+
+    Who finds room in a pocket while it is red leaves beside the others; the rest come one after
+    the other, each to the lane that is its own, from those lanes where most room is.
+    """
+    cycle = sum(seconds for seconds, _ in phases)
+    own = {lane: pocket for lane, pocket in junction.pockets.items() if flow.get(lane)}
+    load: dict[str, float] = defaultdict(float)
+    beside: dict[str, float] = defaultdict(float)
+    for lane, pocket in sorted(own.items(), key=lambda one: (len(one[1].before), one[0])):
+        links = {link.index for link in junction.links if link.lane == lane}
+        green = sum(s for s, state in phases if any(state[k] in "gG" for k in links))
+        carries = max(SATURATION_VEH_H * green / cycle, NOTHING)
+        held = min(flow[lane], int(pocket.length / FOLLOWING_M) * 3600.0 / cycle)
+        for before in pocket.before:
+            beside[before] = max(beside[before], held / carries)
+        for _ in range(PARTS):
+            least = min(pocket.before, key=lambda before: (load[before], before))
+            load[least] += (flow[lane] - held) / carries / PARTS
+    return {
+        lane: min(load[before] + beside[before] for before in pocket.before)
+        for lane, pocket in own.items()
+    }
 
 
 def _loads_behind(
@@ -166,7 +217,7 @@ def _capacity(
     driven = [other for other in foes if other.movement != "walk"]
     cars, blocked = 0.0, 0.0
     lost = START_LOST_S / sum(green) if green else 0.0
-    turning = TURNING if link.is_turn else 1.0
+    saturation = saturation_flow(link)
     waits = False
     for seconds, state in phases:
         letter = state[link.index]
@@ -174,7 +225,7 @@ def _capacity(
             continue
         opposing = [other for other in driven if state[other.index] in "gG"]
         walked = any(state[k.index] in "gG" for k in foes if k.movement == "walk")
-        rate = SATURATION_VEH_H * (BESIDE_WALKERS if walked else turning)
+        rate = min(saturation, SATURATION_VEH_H * (BESIDE_WALKERS if walked else 1.0))
         if letter == "g" and opposing:
             waits = True
             rate = min(rate, gap_flow(sum(even[other] for other in opposing)))

@@ -13,7 +13,9 @@ from lxml import etree
 from numpy.typing import NDArray
 
 from urbantwin.geometry import stations_of_points, wrapped
+from urbantwin.roads.curve_speed import lane_speeds
 from urbantwin.roads.model.furniture import Phase
+from urbantwin.roads.signals.pocket_lanes import Pocket, pocket_lanes
 
 __all__ = [
     "COMPASS",
@@ -63,6 +65,7 @@ class Link:
             that it lies across; degrees clockwise from north.
         length: of the way through the junction, or across the road, metres.
         speed: the speed limit there, m/s.
+        bend_speed: the speed at which its sharpest bend is taken, m/s, at most the limit.
         crosses: of a crossing, the edges that it leads over.
     """
 
@@ -77,6 +80,7 @@ class Link:
     bearing: float
     length: float
     speed: float
+    bend_speed: float = math.inf
     crosses: tuple[str, ...] = ()
 
     @property
@@ -105,6 +109,7 @@ class Signalised:
         offset: seconds by which the program starts late.
         phases: what it shows.
         onward: lane of a short road behind the junction -> the edges that one comes to from it.
+        pockets: of the lanes that wait those that begin shortly before.
     """
 
     program: str
@@ -117,6 +122,7 @@ class Signalised:
     offset: float
     phases: tuple[Phase, ...]
     onward: Mapping[str, frozenset[str]] = field(default_factory=dict)
+    pockets: Mapping[str, Pocket] = field(default_factory=dict)
 
     @property
     def size(self) -> int:
@@ -167,6 +173,7 @@ def signalised_junctions(root: etree._Element) -> list[Signalised]:
     edges = {edge.get("id"): edge for edge in root.iter("edge")}
     lanes = {lane.get("id"): lane for lane in root.iter("lane")}
     outgoing = outgoing_of_lanes(root)
+    bends = _bend_speeds(root)
     links: dict[str, list[Link]] = defaultdict(list)
     foes: dict[str, set[tuple[str, int, int]]] = defaultdict(set)
     yields: dict[str, set[tuple[str, int, int]]] = defaultdict(set)
@@ -182,7 +189,7 @@ def signalised_junctions(root: etree._Element) -> list[Signalised]:
             at[program].append(junction)
         for row, item in enumerate(rows):
             if item.get("tl"):
-                links[item.get("tl")].append(_link(item, name, row, edges, lanes))
+                links[item.get("tl")].append(_link(item, name, row, edges, lanes, bends))
         for request in junction.iter("request"):
             row = int(request.get("index"))
             for key, table in (("foes", foes), ("response", yields)):
@@ -191,6 +198,8 @@ def signalised_junctions(root: etree._Element) -> list[Signalised]:
                     table[program] |= {
                         (name, row, other) for other, bit in enumerate(others) if bit == "1"
                     }
+    waiting = (x.lane for of in links.values() for x in of if x.movement != "walk")
+    pockets = pocket_lanes(root, waiting)
     found = []
     for logic in sorted(root.iter("tlLogic"), key=lambda item: str(item.get("id"))):
         program = logic.get("id")
@@ -214,6 +223,7 @@ def signalised_junctions(root: etree._Element) -> list[Signalised]:
                     for link in links[program]
                     if float(lanes[link.to].get("length")) < CHANGING_M
                 },
+                {x.lane: pockets[x.lane] for x in links[program] if x.lane in pockets},
             )
         )
     return found
@@ -276,6 +286,7 @@ def _link(
     row: int,
     edges: Mapping[str, etree._Element],
     lanes: Mapping[str, etree._Element],
+    bends: Mapping[str, float],
 ) -> Link:
     start, end = (f"{item.get(k)}_{item.get(k + 'Lane')}" for k in ("from", "to"))
     if item.get("from").startswith(":"):
@@ -297,7 +308,7 @@ def _link(
             bearing,
             length,
             float(lanes[end].get("speed")),
-            tuple(crossing.get("crossingEdges", "").split()),
+            crosses=tuple(crossing.get("crossingEdges", "").split()),
         )
     edge = edges[item.get("from")]
     via = lanes.get(item.get("via", ""))
@@ -316,7 +327,28 @@ def _link(
         _arm(edge, junction),
         length,
         float(lanes[start].get("speed")),
+        min(bends.get(item.get("via", ""), math.inf), float(lanes[start].get("speed"))),
     )
+
+
+def _bend_speeds(root: etree._Element) -> dict[str, float]:
+    """Return for each way that a signal stops, the first part of it, its lowest speed, m/s."""
+    onward = {
+        f"{item.get('from')}_{item.get('fromLane')}": item.get("via")
+        for item in root.iter("connection")
+        if item.get("from").startswith(":")
+    }
+    parts: dict[str, list[str]] = {}
+    for item in root.iter("connection"):
+        if item.get("tl") and item.get("via") and not item.get("from").startswith(":"):
+            first = item.get("via")
+            # A way that waits halfway has a second part.
+            parts[first] = [first, *filter(None, [onward.get(first)])]
+    speeds = lane_speeds(root, {name for names in parts.values() for name in names})
+    return {
+        first: min((float(speeds[x].min()) for x in names if x in speeds), default=math.inf)
+        for first, names in parts.items()
+    }
 
 
 def _arm(edge: etree._Element, junction: str) -> float:
