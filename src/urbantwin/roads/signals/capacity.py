@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from urbantwin.roads.model.furniture import Phase
 from urbantwin.roads.signals.controlled_links import Link, Signalised
@@ -117,6 +117,8 @@ def lane_loads(
     phases: Sequence[Phase],
     flows: Flows,
     behind: Mapping[int, Collection[int]] | None = None,
+    *,
+    in_bends: bool = True,
 ) -> list[LaneLoad]:
     """Return the load of every lane that waits, the highest first.
 
@@ -125,10 +127,11 @@ def lane_loads(
         phases: its program.
         flows: what goes from street to street.
         behind: link -> inner links where what it lets go has no room to wait for another green.
+        in_bends: whether who turns in a narrow bend leaves more slowly.
     """
     cycle = sum(seconds for seconds, _ in phases)
     even = on_lanes(junction, flows, lambda link: SATURATION_VEH_H)
-    capacity = {link: _capacity(junction, link, phases, cycle, even) for link in even}
+    capacity = {link: _capacity(junction, link, phases, cycle, even, in_bends) for link in even}
     carried = on_lanes(junction, flows, capacity.__getitem__)
     flow: dict[str, float] = defaultdict(float)
     load: dict[str, float] = defaultdict(float)
@@ -137,40 +140,10 @@ def lane_loads(
         links[link.lane][link] = count
         flow[link.lane] += count
         load[link.lane] += count / max(capacity[link], NOTHING)
-    for lane, further in _loads_before(junction, phases, flow).items():
-        load[lane] = max(load[lane], further)
-    for lane, further in _loads_behind(junction, phases, even, behind or {}).items():
+    for lane, further in _loads_behind(junction, phases, even, behind or {}, in_bends).items():
         load[lane] = max(load[lane], further)
     found = [LaneLoad(lane, flow[lane], load[lane], links[lane]) for lane in sorted(flow)]
     return sorted(found, key=lambda one: -one.load)
-
-
-def _loads_before(
-    junction: Signalised, phases: Sequence[Phase], flow: Mapping[str, float]
-) -> dict[str, float]:
-    """Return the load of the lanes that pockets begin from, to each pocket.
-
-    Who finds room in a pocket while it is red leaves beside the others; the rest come one after
-    the other, each to the lane that is its own, from those lanes where most room is.
-    """
-    cycle = sum(seconds for seconds, _ in phases)
-    own = {lane: pocket for lane, pocket in junction.pockets.items() if flow.get(lane)}
-    load: dict[str, float] = defaultdict(float)
-    beside: dict[str, float] = defaultdict(float)
-    for lane, pocket in sorted(own.items(), key=lambda one: (len(one[1].before), one[0])):
-        links = {link.index for link in junction.links if link.lane == lane}
-        green = sum(s for s, state in phases if any(state[k] in "gG" for k in links))
-        carries = max(SATURATION_VEH_H * green / cycle, NOTHING)
-        held = min(flow[lane], int(pocket.length / FOLLOWING_M) * 3600.0 / cycle)
-        for before in pocket.before:
-            beside[before] = max(beside[before], held / carries)
-        for _ in range(PARTS):
-            least = min(pocket.before, key=lambda before: (load[before], before))
-            load[least] += (flow[lane] - held) / carries / PARTS
-    return {
-        lane: min(load[before] + beside[before] for before in pocket.before)
-        for lane, pocket in own.items()
-    }
 
 
 def _loads_behind(
@@ -178,6 +151,7 @@ def _loads_behind(
     phases: Sequence[Phase],
     even: Mapping[Link, float],
     behind: Mapping[int, Collection[int]],
+    in_bends: bool,
 ) -> dict[str, float]:
     """Return the load that inner lanes are to each lane while it has green."""
     cycle = sum(seconds for seconds, _ in phases)
@@ -195,7 +169,7 @@ def _loads_behind(
             whole = sum(even[other] for other in ways)
             shares = [even[other] / whole if whole else 1.0 / len(ways) for other in ways]
             needed = sum(
-                share / max(_capacity(junction, other, own, cycle, even), NOTHING)
+                share / max(_capacity(junction, other, own, cycle, even, in_bends), NOTHING)
                 for other, share in zip(ways, shares, strict=True)
                 if share
             )
@@ -210,6 +184,7 @@ def _capacity(
     phases: Sequence[Phase],
     cycle: float,
     even: Mapping[Link, float],
+    in_bends: bool,
 ) -> float:
     """Return how many an hour a link could carry, if the lane were its own."""
     green = [seconds for seconds, state in phases if state[link.index] in "gG"]
@@ -217,7 +192,7 @@ def _capacity(
     driven = [other for other in foes if other.movement != "walk"]
     cars, blocked = 0.0, 0.0
     lost = START_LOST_S / sum(green) if green else 0.0
-    saturation = saturation_flow(link)
+    saturation = saturation_flow(link if in_bends else replace(link, bend_speed=math.inf))
     waits = False
     for seconds, state in phases:
         letter = state[link.index]

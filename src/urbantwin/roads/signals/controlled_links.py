@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from urbantwin.geometry import stations_of_points, wrapped
 from urbantwin.roads.curve_speed import lane_speeds
 from urbantwin.roads.model.furniture import Phase
-from urbantwin.roads.signals.pocket_lanes import Pocket, pocket_lanes
 
 __all__ = [
     "COMPASS",
@@ -109,7 +108,6 @@ class Signalised:
         offset: seconds by which the program starts late.
         phases: what it shows.
         onward: lane of a short road behind the junction -> the edges that one comes to from it.
-        pockets: of the lanes that wait those that begin shortly before.
     """
 
     program: str
@@ -122,7 +120,6 @@ class Signalised:
     offset: float
     phases: tuple[Phase, ...]
     onward: Mapping[str, frozenset[str]] = field(default_factory=dict)
-    pockets: Mapping[str, Pocket] = field(default_factory=dict)
 
     @property
     def size(self) -> int:
@@ -198,8 +195,6 @@ def signalised_junctions(root: etree._Element) -> list[Signalised]:
                     table[program] |= {
                         (name, row, other) for other, bit in enumerate(others) if bit == "1"
                     }
-    waiting = (x.lane for of in links.values() for x in of if x.movement != "walk")
-    pockets = pocket_lanes(root, waiting)
     found = []
     for logic in sorted(root.iter("tlLogic"), key=lambda item: str(item.get("id"))):
         program = logic.get("id")
@@ -223,7 +218,6 @@ def signalised_junctions(root: etree._Element) -> list[Signalised]:
                     for link in links[program]
                     if float(lanes[link.to].get("length")) < CHANGING_M
                 },
-                {x.lane: pockets[x.lane] for x in links[program] if x.lane in pockets},
             )
         )
     return found

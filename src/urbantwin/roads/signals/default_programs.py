@@ -28,6 +28,8 @@ __all__ = ["set_default_programs"]
 #: So many cycles between the shortest and the one that the busiest junction needs are tried where
 #: signals hold each other up: what finds room between them is as much for a short green.
 CYCLES = 3
+#: A shorter cycle is taken if what waits is less than this share: it loses time at every change.
+WORTH = 0.7
 
 
 @dataclass(frozen=True)
@@ -56,8 +58,9 @@ def set_default_programs(net: Path, *, flows: Flows | None = None) -> None:
     logics = {item.get("id"): item for item in root.iter("tlLogic")}
     for names in neighbourhoods(timings, ways):
         near = {name: timings[name] for name in names}
-        plans = (_planned(near, cycle, ways, flows) for cycle in _cycles(near))
-        best = min(plans, key=lambda plan: plan.cost)
+        first, *others = (_planned(near, cycle, ways, flows) for cycle in _cycles(near))
+        best = min(others, key=lambda plan: plan.cost, default=first)
+        best = best if best.cost < WORTH * first.cost else first
         for name, offset in best.offsets.items():
             _write(logics[name], offset, best.programs[name])
     if timings:

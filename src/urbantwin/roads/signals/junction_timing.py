@@ -210,7 +210,7 @@ class Timing:
         return self._shared_out(cycle)[1]
 
     def _loads(self, phases: Sequence[Phase]) -> list[LaneLoad]:
-        return lane_loads(self.junction, phases, self.flows, self._behind)
+        return lane_loads(self.junction, phases, self.flows, self._behind, in_bends=False)
 
     @cached_property
     def _behind(self) -> dict[int, list[int]]:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 
 from lxml import etree
 
-from urbantwin.roads.signals.capacity import gap_flow, saturation_flow
+from urbantwin.roads.signals.capacity import gap_flow
 from urbantwin.roads.signals.controlled_links import Link, Signalised
 from urbantwin.roads.signals.green_times import SATURATION_VEH_H
 from urbantwin.roads.signals.streams import Traffic
@@ -77,10 +77,8 @@ def flow_ratios(traffic: Traffic, carried: Mapping[Link, float]) -> list[float]:
     """
     lanes: dict[str, float] = defaultdict(float)
     for link, count in carried.items():
-        slower = SATURATION_VEH_H / saturation_flow(link)
-        if traffic.waits_for_gaps(link):
-            slower = max(slower, _patience(traffic, link, carried))
-        lanes[link.lane] += count * slower
+        waits = traffic.waits_for_gaps(link)
+        lanes[link.lane] += count * (_patience(traffic, link, carried) if waits else 1.0)
     return [
         0.0 if stream.walk else max(lanes[lane] for lane in stream.lanes) / SATURATION_VEH_H
         for stream in traffic.streams

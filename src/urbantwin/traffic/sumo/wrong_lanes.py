@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import libsumo
 
-#: Who halts for longer, seconds, so near to the end of its lane, metres, goes on along the lane.
-PATIENCE_S, NEAR_M = 30.0, 15.0
+#: Who halts for longer, seconds, goes on along its lane: so near to its end, metres, and elsewhere,
+#: where somebody may still make room.
+PATIENCE_S, NEAR_M, LONG_S = 30.0, 15.0, 90.0
 #: The way back is looked for to so many of the streets that were to come.
 AHEAD = 12
 
@@ -26,7 +27,8 @@ def go_on(name: str, halt_s: float) -> None:
     lane = vehicle.getLaneID(name)
     if halt_s < PATIENCE_S or not lane or lane.startswith(":") or vehicle.getStops(name, 1):
         return
-    if libsumo.lane.getLength(lane) - vehicle.getLanePosition(name) > NEAR_M:
+    far = libsumo.lane.getLength(lane) - vehicle.getLanePosition(name) > NEAR_M
+    if far and halt_s < LONG_S:
         return
     if any(one[0] == lane and one[4] for one in vehicle.getBestLanes(name)):
         return
