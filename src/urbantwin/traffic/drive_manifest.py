@@ -9,9 +9,10 @@ from typing import Any
 import pyarrow as pa
 
 from urbantwin import __version__
+from urbantwin.roads import RoadNetwork
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.assets import asset, asset_names
-from urbantwin.traffic.demand.counts import counted_report
+from urbantwin.traffic.assets import AssetName, asset, asset_names
+from urbantwin.traffic.demand.counted_report import counted_report
 from urbantwin.traffic.demand.demand import Demand
 from urbantwin.traffic.flow.circulation_report import circulation_report
 from urbantwin.traffic.motion import MOTION_VERSION
@@ -27,6 +28,7 @@ def manifest_of_drive(
     demand: Demand,
     simulated: Simulated,
     actors: pa.Table,
+    roads: RoadNetwork,
     *,
     steps: int,
 ) -> dict[str, Any]:
@@ -38,6 +40,7 @@ def manifest_of_drive(
         demand: who set out.
         simulated: what SUMO did.
         actors: the table of actors.
+        roads: the lanes, with the programs that were shown.
         steps: how many steps the motion has.
     """
     step_s, warmup_s = float(asked["step_s"]), float(asked["warmup_s"])
@@ -63,7 +66,13 @@ def manifest_of_drive(
     }
     if demand.counted:
         manifest["counts"] = counted_report(
-            asked["counts"], asked["per_hour"], demand, simulated, steps=steps, step_s=step_s
+            asked["counts"],
+            asked["per_hour"],
+            demand,
+            simulated,
+            roads,
+            steps=steps,
+            step_s=step_s,
         )
     if demand.circulates:
         manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)
@@ -75,9 +84,15 @@ def _counts(
 ) -> dict[str, dict[str, float | int]]:
     """Return, for each class, how many were asked for, came in, and are seen in the motion."""
     tracks = actors.group_by(["track", "class", "asset"]).aggregate([])
-    behind = {body.asset for name in asset_names("tram") for body in asset(name).bodies[1:]}
+    behind = {
+        body.asset
+        for kind in ACTOR_CLASSES
+        for name in asset_names(kind)
+        for body in asset(name).bodies[1:]
+        if asset(body.asset).actor_class == kind
+    }
     shown = zip(tracks["class"].to_pylist(), tracks["asset"].to_pylist(), strict=True)
-    seen = Counter(kind for kind, name in shown if name not in behind)
+    seen = Counter(kind for kind, name in shown if AssetName.of(name).body not in behind)
     left_out = {item.actor_class: item.count for item in demand.left_out}
     counts: dict[str, dict[str, float | int]] = {}
     for name in ACTOR_CLASSES:

@@ -112,11 +112,13 @@ class TwinSurface:
 def usual_asset(actor_class: str, number: int) -> str:
     """Return the mesh, with its coat, of the n-th actor of a class, where nothing is known of it.
 
+    It does not bend: nobody prescribes how its bodies go.
+
     Raises:
         InputError: there is no such class.
     """
     asset_names(actor_class)
-    return Fleet().body(actor_class, number)
+    return Fleet().body(actor_class, number, bends=False)
 
 
 def prescribed_table(
@@ -174,7 +176,7 @@ def _rows(
     lane = surface.lanes.at(xy, yaw, path.actor_class, height)
     names, which = np.unique(lane.astype(str), return_inverse=True)
     ceiling = surface.ground.ceiling(xy, which.astype(np.int32), tuple(names.tolist()))
-    z, pitch, roll = stand(surface.ground, mesh.contacts, xy, yaw, ceiling)
+    z, pitch, roll = stand(surface.ground, mesh.supports, xy, yaw, ceiling)
     values = {
         "time_s": times,
         "track": track,

@@ -14,7 +14,7 @@ IGNORED = "ignore"
 _WORDS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("dontcare", (IGNORED,)),
     ("misc", (IGNORED,)),
-    ("animal", (IGNORED,)),
+    ("animal", ("animal", IGNORED)),
     ("barrier", (IGNORED,)),
     ("cone", (IGNORED,)),
     ("debris", (IGNORED,)),
@@ -32,7 +32,7 @@ _WORDS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("tram", ("tram", IGNORED)),
     ("train", ("tram", IGNORED)),
     ("bus", ("bus",)),
-    ("trailer", ("truck",)),
+    ("trailer", ("trailer", "truck")),
     ("truck", ("truck",)),
     ("lorry", ("truck",)),
     ("van", ("van", "car")),
