@@ -31,8 +31,10 @@ if TYPE_CHECKING:
     from urbantwin.interface.inspection import inspect
     from urbantwin.interface.measured_background import Background, background
     from urbantwin.interface.motion import Motion, drive
+    from urbantwin.interface.objects_report import ObjectsReport
     from urbantwin.interface.opening import Package, open
     from urbantwin.interface.recorded_traffic import Calibration, calibrate, replay
+    from urbantwin.interface.regression import Suite, suite
     from urbantwin.interface.report import Report, compare
     from urbantwin.interface.reproduction import Reproduction, reproduce
     from urbantwin.interface.sensor_catalogue import Datasheet, SensorCatalogue, sensors
@@ -63,6 +65,7 @@ __all__ = [
     "Frame",
     "InputError",
     "Motion",
+    "ObjectsReport",
     "Package",
     "Recording",
     "Report",
@@ -73,6 +76,7 @@ __all__ = [
     "SensorCatalogue",
     "Site",
     "StageError",
+    "Suite",
     "Summary",
     "Tuning",
     "Twin",
@@ -100,6 +104,7 @@ __all__ = [
     "reproduce",
     "run",
     "sensors",
+    "suite",
     "tune",
     "vary",
     "verify",

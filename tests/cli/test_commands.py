@@ -19,7 +19,7 @@ from urbantwin import __version__
 Run = Callable[..., Any]
 COMMANDS = tuple(
     "actors align background build calibrate carla compare coverage demo export film init "
-    "inspect record replay reproduce run sensors traffic tune vary verify".split()
+    "inspect record replay reproduce run sensors suite traffic tune vary verify".split()
 )
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from urbantwin.site import load_site
 from urbantwin.site.initial_site import init_site
-from urbantwin.traffic.run import demand_of
+from urbantwin.traffic.demand.site_demand import demand_of
 from urbantwin.twin import build_twin, load_twin
 
 ROOT = Path(__file__).parents[2]

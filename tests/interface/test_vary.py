@@ -82,6 +82,58 @@ def test_who_hides_somebody_stands_between(line: Line, pair: ut.Variation) -> No
         )
 
 
+@pytest.fixture(scope="module")
+def one_more(run_file: Path) -> ut.Variation:
+    folder = run_file.parent / "more"
+    return ut.vary(run_file, folder, changes="insert=bicycle", workers=1, progress=False)
+
+
+def test_one_more_cyclist_changes_nobody_and_is_seen(
+    line: Line, one_more: ut.Variation, tmp_path: Path
+) -> None:
+    (row,) = one_more.manifest["variants"]
+    (changed,) = row["proof"]["changed"]
+    assert changed["field"] == "made_from.motion.asked.scenario"
+    actors = row["proof"]["actors"]
+    assert actors["changed"] == actors["removed"] == []
+    assert actors["identical"] == len(set(line.motion.actors["track"].to_pylist()))
+    (added,) = actors["added"]
+    fates = [one for one in one_more.fates.to_pylist() if one["track"] == added]
+    assert {one["variant"] for one in fates} == {"insert=bicycle"}
+    assert {one["class"] for one in fates} == {"bicycle"}
+    # Nobody is simulated for it, and yet it is what driving with that scenario makes, to the byte.
+    made = one_more.folder / "insert=bicycle" / "motion"
+    scenario = tmp_path / "scenario.yaml"
+    asked = ut.open(made).manifest["asked"]["scenario"]
+    scenario.write_text(yaml.safe_dump({"events": asked}))
+    again = ut.drive(
+        line.twin, tmp_path / "again", scenario=scenario, pictures=False, progress=False
+    )
+    for name in ("motion.json", "actors.parquet", "signals.parquet"):
+        assert (made / name).read_bytes() == (again.folder / name).read_bytes()
+
+
+def test_a_signal_that_begins_later_shows_the_same_later(
+    line: Line, run_file: Path, tmp_path: Path
+) -> None:
+    program = line.twin.roads.signals[0].program
+    later_s = line.motion.manifest["duration_s"] / 2
+    factor = f"signal.{program}.offset={later_s:g}"
+    made = ut.vary(run_file, tmp_path / "later", changes=factor, workers=1, progress=False)
+    (row,) = made.manifest["variants"]
+    (changed,) = row["proof"]["changed"]
+    assert changed["field"] == f"made_from.motion.asked.signal_offsets.{program}"
+    before, after = line.motion, ut.open(made.folder / row["name"] / "motion")
+    shown = []
+    for motion, time_s in ((before, 0.0), (after, later_s)):
+        rows = [one for one in motion.signals.to_pylist() if one["signal"] == program]
+        rows = [one for one in rows if one["time_s"] <= time_s + 1e-6]
+        shown.append({(one["link"], one["x"]): one["state"] for one in rows})
+    assert shown[0] == shown[1]
+    actors = row["proof"]["actors"]
+    assert (actors["differ_from_s"] is None) == (actors["changed"] == [])
+
+
 @pytest.mark.parametrize(
     ("factor", "said"),
     [
@@ -91,6 +143,8 @@ def test_who_hides_somebody_stands_between(line: Line, pair: ut.Variation) -> No
         ("sensor.height=tall", "'tall'"),
         ("signal.nowhere.offset=3", "there is no signal program 'nowhere'"),
         ("scenario=nothing.yaml", "not found"),
+        ("insert=unicorn", "no class of actors 'unicorn'"),
+        ("insert=bicycle@Nowhere Street", "there is no street 'Nowhere Street'"),
         ("weather=hail", "--set"),
         ("colour=red", "--set"),
     ],

@@ -14,7 +14,7 @@ from urbantwin.traffic import run_traffic
 from urbantwin.traffic.demand.counts import counted_demand, turn_of
 from urbantwin.traffic.demand.counts_table import read_counts
 from urbantwin.traffic.demand.manners import manners_of
-from urbantwin.traffic.run import demand_of
+from urbantwin.traffic.demand.site_demand import demand_of
 from urbantwin.twin import Twin
 
 ROWS = [

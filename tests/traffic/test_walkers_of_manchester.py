@@ -8,7 +8,7 @@ import urbantwin as ut
 from urbantwin.roads.assignment.circuit import Circuit
 from urbantwin.roads.assignment.routing_graph import walked_graph
 from urbantwin.roads.assignment.street_network import StreetNetwork
-from urbantwin.traffic.run import outer_roads
+from urbantwin.traffic.demand.site_demand import outer_roads
 
 
 def test_walkers_come_inside_and_are_as_many_as_have_room(

@@ -24,8 +24,8 @@ __all__ = ["KINDS", "check_file", "check_folder", "kind_of", "replaced_file", "r
 
 #: Every kind of artefact; the manifest of a ``twin`` is ``twin.json``.
 KINDS = (
-    *("twin", "motion", "dataset", "report", "coverage", "tuning", "submission"),
-    *("variation", "geojson", "sumo", "carla", "carla_frames", "plan", "calibration"),
+    *("twin", "motion", "dataset", "report", "objects", "coverage", "tuning", "submission"),
+    *("variation", "suite", "geojson", "sumo", "carla", "carla_frames", "plan", "calibration"),
 )
 #: A rig whose sensors are not fused leaves a dataset of datasets.
 _ALSO = {"dataset": ("dataset", "datasets")}

@@ -18,6 +18,8 @@ urbantwin compare real/ out/dataset/ -o report/
 urbantwin compare real/ out/dataset/ -o report/ --arbitrary elsewhere/
 urbantwin compare real/ out/dataset/ -o report/ --arbitrary none
 urbantwin compare real/ out/dataset/ -o report/ --protocol urbantwin-challenge
+urbantwin compare --objects kitti/training -o objects/
+urbantwin compare --objects clouds/ --layout tumtraf --sensor OS1-64 -o objects/
 """
 
 
@@ -29,9 +31,27 @@ def compare(
         ),
     ],
     dataset: Annotated[
-        Path, typer.Argument(help="A dataset, or a folder of clouds in the same frame.")
-    ],
+        Path | None,
+        typer.Argument(
+            help="A dataset, or a folder of clouds in the same frame; none with --objects."
+        ),
+    ] = None,
     out: Out = None,
+    objects: Annotated[
+        bool,
+        typer.Option(
+            "--objects",
+            help="Put our bodies into the boxes of labelled real frames and compare points, shape, "
+            "codes and lost rays, ray by ray: without twin and dataset.",
+        ),
+    ] = False,
+    sensor: Annotated[
+        str | None,
+        typer.Option(
+            metavar="MODEL",
+            help="With --objects: what recorded the real frames.  [default: by their layout]",
+        ),
+    ] = None,
     arbitrary: Annotated[
         Path | None,
         typer.Option(
@@ -61,11 +81,13 @@ def compare(
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
-    """Measure synthetic frames against real ones."""
+    """Measure synthetic frames against real ones, or bodies in the boxes of real objects."""
     made = ut.compare(
         real,
         dataset,
         out,
+        objects=objects,
+        sensor=sensor,
         arbitrary=arbitrary,
         layout=layout,
         columns=columns,

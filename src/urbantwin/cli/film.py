@@ -14,6 +14,7 @@ from urbantwin.cli.options import AsJson, Quiet
 __all__ = ["EXAMPLES", "film"]
 
 EXAMPLES = """
+urbantwin film motion/
 urbantwin film motion/ -o film.mp4
 urbantwin film motion/ -o film.gif --view above --stop 20 --width 640
 urbantwin film motion/ -o event.mp4 --at 12,-30 --radius 40 --start 30 --stop 45
@@ -23,8 +24,14 @@ urbantwin film motion/ -o event.mp4 --at 12,-30 --radius 40 --start 30 --stop 45
 def film(
     motion: Annotated[Path, typer.Argument(help="A motion's folder.")],
     out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="FILE", help="The .mp4 or .gif to write.")
-    ],
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="FILE",
+            help="The .mp4 or .gif to write.  [default: film.mp4 or film.gif beside the motion]",
+        ),
+    ] = None,
     twin: Annotated[
         Path | None, typer.Option(help="The motion's twin; the one beside it if not given.")
     ] = None,

@@ -17,6 +17,7 @@ EXAMPLES = """
 urbantwin vary run.yaml --set sensor.height=6.5 -o pair/
 urbantwin vary urbantwin-demo/ --set sensor.height=4,5,6.5 -o sweep/
 urbantwin vary run.yaml --set scenario=cyclist.yaml -o added/
+urbantwin vary run.yaml --set insert=bicycle -o cyclist/
 urbantwin vary run.yaml --set signal.J1.offset=10 -o later/
 """
 

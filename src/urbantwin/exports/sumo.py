@@ -11,7 +11,8 @@ from lxml import etree
 from urbantwin.artefact import replaced_folder, write_json
 from urbantwin.geometry import LabelledMesh
 from urbantwin.traffic import sumo
-from urbantwin.traffic.run import demand_of, own_bodies
+from urbantwin.traffic.demand.site_demand import demand_of
+from urbantwin.traffic.fleet_of_twin import own_bodies
 from urbantwin.traffic.sumo.simulation import (
     curves_of,
     sumo_options,

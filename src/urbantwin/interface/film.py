@@ -134,17 +134,21 @@ def film(  # noqa: PLR0913 - an option of the command each
         picture = film_pictures(
             plan, opened, ground, attribution=" · ".join(attributions(ground.manifest))
         )
-        told = between(tell, 0.2, 1.0)
-        first, last = plan.times_s[0], plan.times_s[-1]
 
         def drawn(time_s: float) -> NDArray[np.uint8]:
             nonlocal shape
-            told((time_s - first) / max(last - first, 1e-9), "pictures")
             made = picture(time_s)
             shape = made.shape[:2]
             return made
 
-        write_video(path, plan.times_s, drawn, rate_hz=plan.rate_hz, keep=film_colours())
+        write_video(
+            path,
+            plan.times_s,
+            drawn,
+            rate_hz=plan.rate_hz,
+            keep=film_colours(),
+            tell=between(tell, 0.2, 1.0),
+        )
     count = len(plan.times_s)
     return Film(place, count, round(count / plan.rate_hz, 3), shape[1], shape[0])
 

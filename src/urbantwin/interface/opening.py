@@ -28,6 +28,7 @@ _CLASSES = {
     "motion": ("motion", "Motion"),
     "dataset": ("dataset", "Dataset"),
     "report": ("report", "Report"),
+    "objects": ("objects_report", "ObjectsReport"),
     "coverage": ("coverage_map", "Coverage"),
     "tuning": ("tuning", "Tuning"),
 }
@@ -83,8 +84,9 @@ def open(path: AnyPath) -> Any:  # noqa: ANN401 - its type is that of what is th
             file; a measured background; a cloud, or real frames in any layout that is known.
 
     Returns:
-        A `Twin`, `Motion`, `Dataset`, `Report`, `Coverage`, `Tuning`, `Run` or `Package`; a `Site`,
-        a `RigSpec` or a `Datasheet`; a `Background`; a `Cloud` or a `Recording`. Where the type
+        A `Twin`, `Motion`, `Dataset`, `Report`, `ObjectsReport`, `Coverage`, `Tuning`, `Run` or
+        `Package`; a `Site`, a `RigSpec` or a `Datasheet`; a `Background`; a `Cloud` or a
+        `Recording`. Where the type
         matters to a type checker, ``ut.Dataset.open(path)`` and its like say it.
 
     Raises:

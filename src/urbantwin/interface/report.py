@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +18,8 @@ from urbantwin.interface.summary import Summary
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from urbantwin.interface.objects_report import ObjectsReport
 
 __all__ = ["Report", "compare"]
 
@@ -164,11 +166,14 @@ class Report:
             ) from None
 
 
-def compare(  # noqa: PLR0913 - the options of the command
+@overload
+def compare(
     real: AnyPath,
-    dataset: AnyPath,
+    dataset: AnyPath | None = None,
     out: AnyPath | None = None,
     *,
+    objects: Literal[False] = False,
+    sensor: str | None = None,
     arbitrary: AnyPath | None = None,
     layout: str | None = None,
     columns: int | None = None,
@@ -177,14 +182,63 @@ def compare(  # noqa: PLR0913 - the options of the command
     detections: AnyPath | None = None,
     workers: int | None = None,
     progress: ShowProgress = True,
-) -> Report:
-    """Measure synthetic frames against real ones.
+) -> Report: ...
+@overload
+def compare(
+    real: AnyPath,
+    dataset: AnyPath | None = None,
+    out: AnyPath | None = None,
+    *,
+    objects: Literal[True],
+    sensor: str | None = None,
+    layout: str | None = None,
+    columns: int | None = None,
+    progress: ShowProgress = True,
+) -> ObjectsReport: ...
+@overload
+def compare(
+    real: AnyPath,
+    dataset: AnyPath | None = None,
+    out: AnyPath | None = None,
+    *,
+    objects: bool,
+    sensor: str | None = None,
+    arbitrary: AnyPath | None = None,
+    layout: str | None = None,
+    columns: int | None = None,
+    origin: ArrayLike | None = None,
+    protocol: str | None = None,
+    detections: AnyPath | None = None,
+    workers: int | None = None,
+    progress: ShowProgress = True,
+) -> Report | ObjectsReport: ...
+def compare(  # noqa: PLR0913 - the options of the command
+    real: AnyPath,
+    dataset: AnyPath | None = None,
+    out: AnyPath | None = None,
+    *,
+    objects: bool = False,
+    sensor: str | None = None,
+    arbitrary: AnyPath | None = None,
+    layout: str | None = None,
+    columns: int | None = None,
+    origin: ArrayLike | None = None,
+    protocol: str | None = None,
+    detections: AnyPath | None = None,
+    workers: int | None = None,
+    progress: ShowProgress = True,
+) -> Report | ObjectsReport:
+    """Measure synthetic frames against real ones, or our bodies in the boxes of real objects.
 
     Args:
         real: real frames: a folder of clouds, or a dataset in a layout that is known.
-        dataset: a dataset, or a folder of clouds in the same frame.
+        dataset: a dataset, or a folder of clouds in the same frame; none with ``objects``.
         out: the folder to write, in which an older report is replaced; ``report`` beside the
-            dataset when not given.
+            dataset (``objects`` beside the real frames) when not given.
+        objects: put our bodies into the boxes of labelled real frames and compare points, shape,
+            codes and lost rays, ray by ray: it needs no twin and no dataset.
+        sensor: with ``objects``: the model that recorded the real frames, or its file; what their
+            layout tells if not given.
         arbitrary: clouds of another site, measured alike as a control; ``none``: no control; if
             not given an example site, recorded by the dataset's sensors.
         layout: of the real frames; what their files tell if not given.
@@ -197,13 +251,37 @@ def compare(  # noqa: PLR0913 - the options of the command
         progress: show how far it is; or a function that is told (share, doing).
 
     Raises:
-        InputError: a side cannot be read, or ``out`` holds other files.
+        InputError: a side cannot be read, ``out`` holds other files, or an option is of the other
+            comparison.
         StageError: a worker was killed.
 
     Example:
         >>> report = ut.compare("real/", dataset)
         >>> report.means["js_mean"]
     """
+    only_frames = {
+        "dataset": dataset,
+        "arbitrary": arbitrary,
+        "origin": origin,
+        "protocol": protocol,
+        "detections": detections,
+        "workers": workers,
+    }
+    if objects:
+        given = [name for name, value in only_frames.items() if value is not None]
+        if given:
+            raise InputError(
+                f"objects are compared without {', '.join(given)}",
+                expected="labelled real frames, and their sensor where they do not tell it",
+            )
+        return _compared_objects(real, out, sensor, layout, columns, progress)
+    if dataset is None:
+        raise InputError(
+            "there is nothing to compare the real frames with",
+            expected="a dataset, or --objects for our bodies in their boxes",
+        )
+    if sensor is not None:
+        raise InputError("a sensor is given", expected="--objects with it")
     from urbantwin.fidelity.compare import compare as compare_frames
 
     place = beside(dataset, "report", out)
@@ -225,6 +303,25 @@ def compare(  # noqa: PLR0913 - the options of the command
             progress=tell,
         )
     return Report(place)
+
+
+def _compared_objects(
+    real: AnyPath,
+    out: AnyPath | None,
+    sensor: str | None,
+    layout: str | None,
+    columns: int | None,
+    progress: ShowProgress,
+) -> ObjectsReport:
+    from urbantwin.fidelity.objects import write_objects
+    from urbantwin.interface.objects_report import ObjectsReport
+
+    place = beside(real, "objects", out)
+    with shown_stage("compare", progress) as tell:
+        write_objects(
+            Path(real), place, sensor=sensor, layout=layout, columns=columns, progress=tell
+        )
+    return ObjectsReport(place)
 
 
 def _scores(protocol: dict[str, Any] | None) -> dict[str, Any] | None:

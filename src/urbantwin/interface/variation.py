@@ -68,6 +68,8 @@ class Variation:
                 "only_this_differs": row["proof"]["one_factor"],
                 "actors_changed": len(row["proof"]["actors"]["changed"]),
                 "actors_added": len(row["proof"]["actors"]["added"]),
+                "actors_removed": len(row["proof"]["actors"]["removed"]),
+                "actors_differ_from_s": row["proof"]["actors"]["differ_from_s"],
                 **row["fates"],
                 "became": row["became"],
             }
@@ -92,7 +94,8 @@ def vary(
         run: a ``run.yaml``, or the folder that ``run`` or ``demo`` wrote.
         out: the folder for the recordings; ``variation`` beside the run when not given.
         changes: the factor and its values: ``sensor.height=4,5,6.5``, ``sensor.NAME.FIELD=VALUE``,
-            ``signal.PROGRAM.offset=SECONDS``, ``scenario=FILE``, ``weather=rain``.
+            ``signal.PROGRAM.offset=SECONDS``, ``scenario=FILE``, ``insert=bicycle`` or
+            ``insert=CLASS@STREET``, ``weather=rain``, ``visibility=300``.
         workers: processes to record with; every number gives the same bytes.
         pictures: draw what became of the objects.
         progress: show how far it is; or a function that is told (share, doing), of each stage.
@@ -125,7 +128,8 @@ def vary(
         own = motion
         if factor.changes_traffic:
             traffic = _traffic_of(described, factor, value, twin, motion)
-            own = _driven(described, twin, place / name / "motion", traffic, progress)
+            folder = place / name / "motion"
+            own = _changed(described, twin, motion, folder, traffic, progress)
         motions.append(own)
         made.append(_recorded(described, factor, value, twin, own, place / name, workers, progress))
     return _compared(place, factor, names, twin, made, motions, inputs, pictures, progress)
@@ -153,6 +157,8 @@ def _rigs(described: RunFile, factor: Factor, twin: Twin) -> None:
             placed(factor.rig_with(spec, value), twin, file)
         elif factor.kind == "scenario":
             factor.scenario_of(value, described.file)
+        elif factor.kind == "insert":
+            factor.one_more(value, twin, 0.0, 1.0)
     if factor.changes_traffic and described.motion is not None:
         asked = Motion.open(described.motion).manifest.get("asked")
         if asked is None:
@@ -180,6 +186,10 @@ def _traffic_of(
     from urbantwin.traffic.events import load_scenario
 
     until_s = float(motion.manifest["duration_s"])
+    if factor.kind == "insert":
+        last = until_s if described.stop is None else min(described.stop, until_s)
+        one_more = factor.one_more(value, twin, described.start, last)
+        return {"scenario": [*motion.manifest["asked"].get("scenario", ()), one_more]}
     file = factor.scenario_of(value, described.file)
     return {"scenario": load_scenario(file, twin, until_s)}
 
@@ -208,7 +218,30 @@ def _driven(
     asked |= changes
     with shown_stage("traffic", progress) as tell:
         made = run_traffic(twin, place, seconds=seconds, seed=seed, changes=asked, progress=tell)
-    return Motion(made.manifest, made.actors, made.signals, made.meshes, place)
+    return Motion.of(made, place)
+
+
+def _changed(
+    described: RunFile,
+    twin: Twin,
+    motion: Motion,
+    place: Path,
+    traffic: dict[str, Any],
+    progress: ShowProgress,
+) -> Motion:
+    """Return the motion of a variant; who is only put in is put into the base's motion itself."""
+    from urbantwin.traffic.events import PUT_IN
+    from urbantwin.traffic.run import with_more
+
+    events = traffic.get("scenario", ())
+    simulated = [one for one in events if one["event"] not in PUT_IN]
+    if "scenario" not in traffic or simulated or "events" in motion.manifest:
+        return _driven(described, twin, place, traffic, progress)
+    with shown_stage("traffic", progress) as tell:
+        tell(0.0, "putting actors in")
+        made = with_more(twin, motion, events)
+        made.save(place)
+    return Motion.of(made, place)
 
 
 def _recorded(

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from urbantwin.errors import InputError
 from urbantwin.number_text import finite_number
 from urbantwin.site import RigSpec
 from urbantwin.site.rig import SensorSpec
 from urbantwin.site.yaml_document import nearest
+from urbantwin.twin import Twin
 
 __all__ = ["Factor", "read_factor"]
 
 #: Units that a field's name may leave out.
 _UNITS = ("", "_m", "_deg", "_s", "_hz", "_ppm")
-_KINDS = ("sensor", "signal", "scenario", "weather", "visibility")
+_KINDS = ("sensor", "signal", "scenario", "insert", "weather", "visibility")
 _WEATHERS = ("clear", "rain", "fog", "snow")
 
 
@@ -25,7 +27,7 @@ class Factor:
 
     Attributes:
         text: as it was asked for.
-        kind: ``sensor``, ``signal``, ``scenario``, ``weather`` or ``visibility``.
+        kind: ``sensor``, ``signal``, ``scenario``, ``insert``, ``weather`` or ``visibility``.
         of: name of the sensor (empty for the rig's only one) or of the signal's program.
         field: of the sensor.
         values: one or more, as text.
@@ -40,7 +42,7 @@ class Factor:
     @property
     def changes_traffic(self) -> bool:
         """Whether it acts on the motion; otherwise on the recording alone."""
-        return self.kind in ("signal", "scenario")
+        return self.kind in ("signal", "scenario", "insert")
 
     def name_of(self, value: str) -> str:
         """Return the name of a variant's folder."""
@@ -60,6 +62,28 @@ class Factor:
             if (folder / value).is_file():
                 return folder / value
         raise InputError("not found", file=value, place="--set scenario", expected="a scenario")
+
+    def one_more(self, value: str, twin: Twin, from_s: float, until_s: float) -> dict[str, Any]:
+        """Return the event of one more actor, half-way through what is recorded.
+
+        Args:
+            value: its class, or the class and a street: ``bicycle@Long Lane``.
+            twin: whose lane it takes: of the street, or else the one nearest to the anchor.
+            from_s: what is recorded begins, seconds of the motion.
+            until_s: and ends.
+
+        Raises:
+            InputError: there is no such class or street, or no lane for it.
+        """
+        from urbantwin.traffic.events import one_passage
+
+        actor, _, street = value.partition("@")
+        try:
+            return one_passage(actor.strip(), street.strip() or None, twin, from_s, until_s)
+        except InputError as error:
+            raise InputError(
+                error.problem, place=f"--set {self.text}", expected=error.expected
+            ) from None
 
     def number_of(self, value: str) -> float:
         """Return a value as a number.
@@ -119,7 +143,7 @@ class Factor:
 
 
 def read_factor(text: str) -> Factor:
-    """Read ``sensor.height=4,5,6.5``, ``signal.ID.offset=10``, ``scenario=FILE``, ``weather=rain``.
+    """Read ``sensor.height=4,5,6.5``, ``signal.ID.offset=10``, ``insert=bicycle`` and the like.
 
     Raises:
         InputError: it says no factor.
@@ -129,7 +153,8 @@ def read_factor(text: str) -> Factor:
     kind, _, rest = key.strip().partition(".")
     expected = (
         "sensor.height=6.5, sensor.NAME.FIELD=VALUE, signal.PROGRAM.offset=SECONDS, scenario=FILE, "
-        "weather=rain or visibility=300; several values with commas"
+        "insert=bicycle, insert=CLASS@STREET, weather=rain or visibility=300; several values with "
+        "commas"
     )
     if not found or not several or kind not in _KINDS or len(set(several)) < len(several):
         raise InputError(f"{text!r:.80}", place="--set", expected=expected)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
 
 from urbantwin.traffic import Motion
 from urbantwin.traffic.motion import ACTOR_SCHEMA
@@ -31,6 +32,8 @@ class Proof:
         changed_actors: tracks whose poses differ.
         added: tracks that only the second has.
         removed: tracks that only the first has.
+        differ_from_s: when the first actor's pose differs, or one is added or gone, seconds of the
+            motion; ``None`` where none does.
     """
 
     changed: tuple[tuple[str, Any, Any], ...]
@@ -39,6 +42,7 @@ class Proof:
     changed_actors: tuple[int, ...]
     added: tuple[int, ...]
     removed: tuple[int, ...]
+    differ_from_s: float | None = None
 
     @property
     def one_factor(self) -> bool:
@@ -59,6 +63,7 @@ class Proof:
                 "changed": list(self.changed_actors),
                 "added": list(self.added),
                 "removed": list(self.removed),
+                "differ_from_s": self.differ_from_s,
             },
         }
 
@@ -82,9 +87,9 @@ def proof_of(
         for name in sorted({*one, *other})
         if one.get(name) != other.get(name) and not name.startswith(_RESULTS)
     )
-    same, differ, added, removed = _actors(before, after)
+    same, differ, added, removed, from_s = _actors(before, after)
     seeds = first.get("seeds") == second.get("seeds")
-    return Proof(changed, seeds, same, differ, added, removed)
+    return Proof(changed, seeds, same, differ, added, removed, from_s)
 
 
 def _flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:  # noqa: ANN401 - JSON
@@ -103,8 +108,8 @@ def _flat(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:  # noqa: ANN
 
 def _actors(
     before: Motion, after: Motion
-) -> tuple[int, tuple[int, ...], tuple[int, ...], tuple[int, ...]]:
-    """Return how many tracks are the same to the bit, which differ, are new, and are gone."""
+) -> tuple[int, tuple[int, ...], tuple[int, ...], tuple[int, ...], float | None]:
+    """Return how many tracks are the same to the bit, which differ, are new, are gone, and when."""
     found = []
     for motion in (before, after):
         table = motion.actors
@@ -126,4 +131,18 @@ def _actors(
         track for track in both if not one[track].select(names).equals(other[track].select(names))
     )
     added, removed = sorted(set(other) - set(one)), sorted(set(one) - set(other))
-    return len(both) - len(differ), differ, tuple(added), tuple(removed)
+    times = [float(rows["time_s"][0].as_py()) for track in added for rows in [other[track]]]
+    times += [float(one[track]["time_s"][0].as_py()) for track in removed]
+    times += [_first_difference(one[track], other[track], names) for track in differ]
+    from_s = min(times, default=None)
+    return len(both) - len(differ), differ, tuple(added), tuple(removed), from_s
+
+
+def _first_difference(one: pa.Table, other: pa.Table, names: list[str]) -> float:
+    """Return the first time at which two tables of a track differ, seconds."""
+    rows, others = (table.select(names).to_pylist() for table in (one, other))
+    for row, its in zip(rows, others, strict=False):
+        if row != its:
+            return float(min(row["time_s"], its["time_s"]))
+    longer = rows if len(rows) > len(others) else others
+    return float(longer[min(len(rows), len(others))]["time_s"])

@@ -13,8 +13,8 @@ from lxml import etree
 
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.demand.demand import Demand
+from urbantwin.traffic.demand.site_demand import demand_of
 from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
-from urbantwin.traffic.run import demand_of
 from urbantwin.twin import Twin
 
 __all__ = ["BLUEPRINTS", "carla_traffic"]

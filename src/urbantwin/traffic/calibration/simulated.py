@@ -11,8 +11,8 @@ import shapely
 
 from urbantwin.traffic.assets import asset
 from urbantwin.traffic.calibration.passages import SeenTrack
+from urbantwin.traffic.demand.site_demand import demand_of
 from urbantwin.traffic.recorded.track import RecordedTrack
-from urbantwin.traffic.run import demand_of
 from urbantwin.traffic.sumo.simulation import simulate
 from urbantwin.twin import Twin
 

@@ -7,7 +7,12 @@ from urbantwin.on_demand import names_on_demand
 if TYPE_CHECKING:
     from urbantwin.traffic.events.measures import Conflict, Passage, conflict
     from urbantwin.traffic.events.put_in import PUT_IN, with_events
-    from urbantwin.traffic.events.scenario import EVENTS, load_scenario, scenario_events
+    from urbantwin.traffic.events.scenario import (
+        EVENTS,
+        load_scenario,
+        one_passage,
+        scenario_events,
+    )
 
 __all__ = [
     "EVENTS",
@@ -16,6 +21,7 @@ __all__ = [
     "Passage",
     "conflict",
     "load_scenario",
+    "one_passage",
     "scenario_events",
     "with_events",
 ]

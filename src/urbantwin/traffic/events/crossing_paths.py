@@ -15,14 +15,19 @@ from urbantwin.traffic.events.lane_way import Way, lane_way
 from urbantwin.traffic.events.measures import conflict
 from urbantwin.traffic.events.places import Spot, find_spot
 from urbantwin.traffic.events.scenario import ChildBetweenParkedCars, NearMiss
-from urbantwin.traffic.events.scripted import CLEAR_M, MOMENT_S, Scripted, Setting
+from urbantwin.traffic.events.scripted import (
+    CLEAR_M,
+    MOMENT_S,
+    USUAL_SPEED_MS,
+    Scripted,
+    Setting,
+    drive_along,
+)
 from urbantwin.traffic.events.surroundings import passage_of_path
 from urbantwin.traffic.prescribed import PrescribedPath, usual_asset
 
 __all__ = ["child_between_parked_cars", "near_miss"]
 
-#: Usual speeds of who crosses, m/s.
-_SPEEDS = {"car": 8.0, "motorcycle": 9.0, "bicycle": 5.0, "pedestrian": 1.4}
 _VEHICLES = ("car", "van", "truck", "bus")
 #: Who crosses comes from so far and goes so far, metres.
 _BEFORE_M = {"pedestrian": 6.0, "bicycle": 25.0}
@@ -101,7 +106,7 @@ def _near(event: NearMiss, setting: Setting, track: int, meets_s: float) -> Scri
     target = setting.others.passage(track)
     at = np.array([np.interp(meets_s, target.time_s, axis) for axis in target.xy.T])
     yaw = float(np.interp(meets_s, target.time_s, np.unwrap(target.yaw)))
-    speed = event.speed or _SPEEDS[event.actor]
+    speed = event.speed or USUAL_SPEED_MS[event.actor]
     mesh = usual_asset(event.actor, setting.number)
     refused = ""
     for way in _ways_across(event, setting, at, yaw):
@@ -323,7 +328,7 @@ def _passing(
     over_s = meets_s + (-4.0 if before else 4.0)
     found: float | None = None
     for _ in range(4):
-        path = _along(way, place_m, over_s, speed, actor, mesh, setting.until_s, whole=True)
+        path = drive_along(way, place_m, over_s, speed, actor, mesh)
         passage = passage_of_path(path, setting.others.motion)
         between = conflict(passage, target) if len(passage.time_s) > 1 else None
         found = None if between is None else between.pet_s
@@ -337,7 +342,7 @@ def _passing(
             f"{event.event} at {event.at_s:g} s cannot be staged: "
             f"a post-encroachment time of {wanted:g} s to track {track} is not reached"
         )
-    return _along(way, place_m, over_s, speed, actor, mesh, setting.until_s)
+    return drive_along(way, place_m, over_s, speed, actor, mesh, until_s=setting.until_s)
 
 
 def _braking(
@@ -436,38 +441,6 @@ def _stopping(
     station += np.where(away < speed / 1.5, 0.75 * away**2, speed * (away - speed / 3.0))
     heading = np.array([way.heading(float(one)) for one in station])
     return PrescribedPath(event.actor, mesh, times, way.at(station), yaw=heading)
-
-
-def _along(
-    way: Way,
-    place_m: float,
-    over_s: float,
-    speed: float,
-    actor_class: str,
-    mesh: str,
-    until_s: float,
-    *,
-    whole: bool = False,
-) -> PrescribedPath:
-    """Return who goes along a way evenly and is at a place at a time.
-
-    Args:
-        way: the way.
-        place_m: the place on it, metres.
-        over_s: the time.
-        speed: m/s.
-        actor_class: who.
-        mesh: its mesh.
-        until_s: the end of the motion.
-        whole: whether moments before and after the motion are kept.
-    """
-    first, last = over_s - place_m / speed, over_s + (way.length - place_m) / speed
-    if not whole:
-        first, last = max(first, 0.0), min(last, until_s)
-    if last <= first:
-        raise StageError(f"the {actor_class} would come beyond the motion")
-    times = np.linspace(first, last, max(round((last - first) / MOMENT_S), 2) + 1)
-    return PrescribedPath(actor_class, mesh, times, way.at(place_m + (times - over_s) * speed))
 
 
 def _nobody(event: NearMiss | ChildBetweenParkedCars, lane: str) -> str:

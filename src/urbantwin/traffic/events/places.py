@@ -15,7 +15,7 @@ from urbantwin.site.conditions import Strict
 from urbantwin.site.yaml_document import nearest, wrong
 from urbantwin.twin import Twin
 
-__all__ = ["Place", "Spot", "find_spot"]
+__all__ = ["Place", "Spot", "find_spot", "nearest_to_anchor"]
 
 #: A lane is at a place of x and y that is not farther from it, metres.
 _NEAR_M = 15.0
@@ -120,12 +120,7 @@ def find_spot(place: Place, twin: Twin, actor_class: str) -> Spot:
     else:
         degrees = np.array([[place.longitude, place.latitude]], np.float64)
         xy = twin.frame.site_from_lonlat(degrees)[0]
-    kinds = _WALKED if actor_class == "pedestrian" else _DRIVEN
-    near = [
-        (float(shapely.LineString(one.centre[:, :2]).distance(shapely.Point(xy))), one.id)
-        for one in roads.lanes
-        if one.kind in kinds and (actor_class in one.allowed or one.kind in _WALKED)
-    ]
+    near = _lanes_near(twin, xy, actor_class)
     if not near or min(near)[0] > _NEAR_M:
         raise InputError(
             f"no lane for a {actor_class} within {_NEAR_M:g} m of {xy[0]:.1f}, {xy[1]:.1f}",
@@ -135,6 +130,31 @@ def find_spot(place: Place, twin: Twin, actor_class: str) -> Spot:
     lane = roads.lane_by_id[min(near)[1]]
     along = shapely.line_locate_point(shapely.LineString(lane.centre[:, :2]), shapely.Point(xy))
     return _on(lane, float(along), "place")
+
+
+def nearest_to_anchor(twin: Twin, actor_class: str) -> tuple[float, float]:
+    """Return the place on a lane for a class of actors that is nearest to the anchor, metres.
+
+    Raises:
+        InputError: there is no lane for them.
+    """
+    near = _lanes_near(twin, np.zeros(2), actor_class)
+    if not near:
+        raise InputError(f"no lane is for a {actor_class}", expected="a twin with one")
+    lane = twin.roads.lane_by_id[min(near)[1]]
+    line = shapely.LineString(lane.centre[:, :2])
+    at = line.interpolate(line.project(shapely.Point(0.0, 0.0)))
+    return round(at.x, 2), round(at.y, 2)
+
+
+def _lanes_near(twin: Twin, xy: NDArray[np.float64], actor_class: str) -> list[tuple[float, str]]:
+    """Return how far the lanes for a class of actors are from a place, metres, and their ids."""
+    kinds = _WALKED if actor_class == "pedestrian" else _DRIVEN
+    return [
+        (float(shapely.LineString(one.centre[:, :2]).distance(shapely.Point(xy))), one.id)
+        for one in twin.roads.lanes
+        if one.kind in kinds and (actor_class in one.allowed or one.kind in _WALKED)
+    ]
 
 
 def _on(lane: Lane, along_m: float, place: str) -> Spot:

@@ -19,6 +19,7 @@ from urbantwin.traffic.events.scripted import (
     Setting,
     bicycle_without_light,
     crowd,
+    passage,
     u_turn,
     wrong_way,
 )
@@ -39,6 +40,7 @@ PUT_IN: dict[str, Callable[[Any, Setting], Scripted]] = {
     "child_between_parked_cars": child_between_parked_cars,
     "bicycle_without_light": bicycle_without_light,
     "crowd": crowd,
+    "passage": passage,
     "blocked_sensor": blocked_sensor,
 }
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field, model_validator
 
 from urbantwin.errors import InputError
 from urbantwin.site.conditions import Strict
 from urbantwin.site.yaml_document import nearest, read_document, wrong
-from urbantwin.traffic.events.places import Place, find_spot
+from urbantwin.traffic.events.places import Place, find_spot, nearest_to_anchor
 from urbantwin.twin import Twin
 
 __all__ = [
@@ -27,12 +27,14 @@ __all__ = [
     "Event",
     "HardBrake",
     "NearMiss",
+    "Passage",
     "RedLightRunning",
     "StalledVehicle",
     "UTurn",
     "WorkZone",
     "WrongWay",
     "load_scenario",
+    "one_passage",
     "scenario_events",
 ]
 
@@ -169,6 +171,13 @@ class WrongWay(PlacedEvent):
     speed: Pace = 8.0
 
 
+class Passage(PlacedEvent):
+    """One more comes along the lane at a place."""
+
+    actor: Literal["car", "truck", "bus", "motorcycle", "bicycle", "pedestrian"] = "bicycle"
+    speed: Pace | None = None
+
+
 class UTurn(PlacedEvent):
     """Somebody turns round on the street."""
 
@@ -229,6 +238,7 @@ EVENTS: dict[str, type[Event]] = {
     "bicycle_without_light": BicycleWithoutLight,
     "crowd": Crowd,
     "convoy": Convoy,
+    "passage": Passage,
     "blocked_sensor": BlockedSensor,
 }
 
@@ -273,6 +283,37 @@ def load_scenario(path: Path, twin: Twin, until_s: float) -> list[dict[str, Any]
                 raise one.error(error.problem, where, error.expected) from None
         told.append(event.model_dump(exclude_unset=True, exclude_none=True))
     return told
+
+
+def one_passage(
+    actor: str, street: str | None, twin: Twin, from_s: float, until_s: float
+) -> dict[str, Any]:
+    """Return the event of one more actor, half-way through a time, as ``traffic.scenario`` has it.
+
+    Args:
+        actor: its class.
+        street: a street's name; ``None`` for the lane nearest to the anchor.
+        twin: whose lanes there are.
+        from_s: seconds of the motion.
+        until_s: the same.
+
+    Raises:
+        InputError: no such class or street, or no lane for it.
+    """
+    known = get_args(Passage.model_fields["actor"].annotation)
+    if actor not in known:
+        raise InputError(f"no class of actors {actor!r:.40}", expected=", ".join(known))
+    if street is not None:
+        place: dict[str, Any] = {"street": street}
+    else:
+        x, y = nearest_to_anchor(twin, actor)
+        place = {"x": x, "y": y}
+    find_spot(Place.model_validate(place), twin, actor)
+    middle = round((from_s + until_s) / 2, 3)
+    within = round((until_s - from_s) / 2, 3)
+    fields = {"event": "passage", "at_s": middle, "within_s": within, "actor": actor}
+    one_more = Passage.model_validate({**fields, "place": place})
+    return one_more.model_dump(exclude_unset=True, exclude_none=True)
 
 
 def scenario_events(told: Sequence[Mapping[str, Any]]) -> list[Event]:

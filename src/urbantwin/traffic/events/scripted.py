@@ -17,6 +17,7 @@ from urbantwin.traffic.events.scenario import (
     BicycleWithoutLight,
     Crowd,
     Event,
+    Passage,
     PlacedEvent,
     UTurn,
     WrongWay,
@@ -25,9 +26,18 @@ from urbantwin.traffic.events.surroundings import Surroundings, passage_of_path
 from urbantwin.traffic.prescribed import PrescribedPath, usual_asset
 from urbantwin.twin import Twin
 
-__all__ = ["Scripted", "Setting", "bicycle_without_light", "crowd", "drive_along", "first_free"]
-__all__ += ["u_turn", "wrong_way"]
+__all__ = ["USUAL_SPEED_MS", "Scripted", "Setting", "bicycle_without_light", "crowd"]
+__all__ += ["drive_along", "first_free", "passage", "u_turn", "wrong_way"]
 
+#: Who is put in drives as fast as its class does in towns, m/s.
+USUAL_SPEED_MS = {
+    "car": 8.0,
+    "truck": 7.0,
+    "bus": 7.0,
+    "motorcycle": 9.0,
+    "bicycle": 5.0,
+    "pedestrian": 1.4,
+}
 #: Who is put in stays at least so far from everybody else, metres.
 CLEAR_M = 0.25
 #: Times that are tried lie so far apart, seconds.
@@ -143,7 +153,7 @@ def drive_along(
     actor_class: str,
     asset: str,
     *,
-    until_s: float,
+    until_s: float | None = None,
 ) -> PrescribedPath:
     """Return somebody who goes along a way evenly, and is at a place on it at a time.
 
@@ -154,10 +164,17 @@ def drive_along(
         speed: m/s.
         actor_class: who.
         asset: its mesh.
-        until_s: the end of the motion.
+        until_s: the end of the motion, before and after which nobody is kept; ``None`` for all of
+            the way.
+
+    Raises:
+        StageError: nothing of it is within the motion.
     """
-    first = max(at_s - place_m / speed, 0.0)
-    last = min(at_s + (way.length - place_m) / speed, until_s)
+    first, last = at_s - place_m / speed, at_s + (way.length - place_m) / speed
+    if until_s is not None:
+        first, last = max(first, 0.0), min(last, until_s)
+    if last <= first:
+        raise StageError(f"the {actor_class} would come beyond the motion")
     times = np.linspace(first, last, max(round((last - first) / MOMENT_S), 2) + 1)
     xy = way.at(place_m + (times - at_s) * speed)
     return PrescribedPath(actor_class, asset, times, xy)
@@ -165,53 +182,59 @@ def drive_along(
 
 def wrong_way(event: WrongWay, setting: Setting) -> Scripted:
     """Drive against the direction of the lane at the place."""
-    spot = find_spot(event.place, setting.twin, event.users)
-    way, place_m = _way_of(event, spot, setting)
-    backwards = way.reversed()
-    mesh = usual_asset(event.actor, setting.number)
-    for beside_m in _lateral(event.actor, spot, setting.twin):
-
-        def build(at_s: float, left: float = -beside_m) -> list[PrescribedPath]:
-            line = backwards.moved(left) if left else backwards
-            length = line.length * (way.length - place_m) / way.length
-            return [
-                drive_along(
-                    line, length, at_s, event.speed, event.actor, mesh, until_s=setting.until_s
-                )
-            ]
-
-        try:
-            at_s, paths = first_free(event, setting, build)
-            break
-        except StageError as error:
-            refused = error
-    else:
-        raise refused
-    return _of(paths, {"at_s": at_s, "lane": spot.lane.id, "speed": event.speed})
+    return _along_lane(event, setting, event.actor, event.speed, backwards=True)
 
 
 def bicycle_without_light(event: BicycleWithoutLight, setting: Setting) -> Scripted:
     """Ride along the lane at the place, on the kerb's side."""
-    spot = find_spot(event.place, setting.twin, event.users)
-    way, place_m = _way_of(event, spot, setting)
-    mesh = usual_asset("bicycle", setting.number)
-    for beside_m in _lateral("bicycle", spot, setting.twin):
+    return _along_lane(event, setting, "bicycle", event.speed, told={"unlit": True})
 
-        def build(at_s: float, left: float = beside_m) -> list[PrescribedPath]:
-            line = way.moved(left)
-            at = line.length * place_m / way.length
-            return [
-                drive_along(line, at, at_s, event.speed, "bicycle", mesh, until_s=setting.until_s)
-            ]
+
+def passage(event: Passage, setting: Setting) -> Scripted:
+    """Come along the lane at the place, as anybody does."""
+    speed = event.speed or USUAL_SPEED_MS[event.actor]
+    return _along_lane(event, setting, event.actor, speed)
+
+
+def _along_lane(
+    event: PlacedEvent,
+    setting: Setting,
+    actor_class: str,
+    speed: float,
+    *,
+    backwards: bool = False,
+    told: dict[str, Any] | None = None,
+) -> Scripted:
+    """Go along the lane at the place evenly, two-wheelers on the kerb's side if there is room."""
+    spot = find_spot(event.place, setting.twin, event.users)
+    way, place_m = lane_way(
+        setting.twin.roads,
+        spot.lane,
+        spot.along_m,
+        event.users,
+        back_m=REACH_M,
+        ahead_m=REACH_M,
+    )
+    if backwards:
+        way, place_m = way.reversed(), way.length - place_m
+    mesh = usual_asset(actor_class, setting.number)
+    refused: StageError | None = None
+    for beside_m in _lateral(actor_class, spot, setting.twin):
+        line = way.moved(-beside_m if backwards else beside_m) if beside_m else way
+        at_m = line.length * place_m / way.length
+
+        def build(at_s: float, line: Way = line, at_m: float = at_m) -> list[PrescribedPath]:
+            until_s = setting.until_s
+            return [drive_along(line, at_m, at_s, speed, actor_class, mesh, until_s=until_s)]
 
         try:
             at_s, paths = first_free(event, setting, build)
-            break
         except StageError as error:
-            refused = error
-    else:
-        raise refused
-    return _of(paths, {"at_s": at_s, "lane": spot.lane.id, "unlit": True})
+            refused = refused or error
+            continue
+        return _of(paths, {"at_s": at_s, "lane": spot.lane.id, "speed": speed, **(told or {})})
+    assert refused is not None
+    raise refused
 
 
 def u_turn(event: UTurn, setting: Setting) -> Scripted:
@@ -304,17 +327,6 @@ def _of(paths: Sequence[PrescribedPath], told: dict[str, Any]) -> Scripted:
     first = min(float(path.time_s[0]) for path in paths)
     last = max(float(path.time_s[-1]) for path in paths)
     return Scripted(tuple(paths), first, last, told=told)
-
-
-def _way_of(event: PlacedEvent, spot: Spot, setting: Setting) -> tuple[Way, float]:
-    return lane_way(
-        setting.twin.roads,
-        spot.lane,
-        spot.along_m,
-        event.users,
-        back_m=REACH_M,
-        ahead_m=REACH_M,
-    )
 
 
 def _lateral(actor_class: str, spot: Spot, twin: Twin) -> tuple[float, ...]:

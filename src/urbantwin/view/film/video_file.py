@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from urbantwin.errors import InputError, StageError
+from urbantwin.progress import Progress, untold
 
 __all__ = ["check_video_file", "write_video"]
 
@@ -50,6 +51,7 @@ def write_video(
     *,
     rate_hz: float,
     keep: Sequence[tuple[int, int, int]] = (),
+    tell: Progress = untold,
 ) -> None:
     """Write a film; a GIF of the same pictures has the same bytes.
 
@@ -59,16 +61,32 @@ def write_video(
         picture: makes the picture (height, width, 3) of a time, 0..255; sides of an MP4 are even.
         rate_hz: pictures per second.
         keep: colours that a GIF has to show as they are.
+        tell: called with the share of the pictures that is made, and what is being done.
 
     Raises:
         InputError: see `check_video_file`.
         StageError: ffmpeg failed.
     """
     check_video_file(path)
-    if path.suffix.lower() == ".gif":
-        _write_gif(path, times_s, picture, rate_hz, keep)
+    gif = path.suffix.lower() == ".gif"
+    total = len(times_s) + (len(_sampled(times_s)) if gif else 0)
+    made = 0
+
+    def counted(time_s: float) -> Picture:
+        nonlocal made
+        tell(made / total, "pictures")
+        made += 1
+        return picture(time_s)
+
+    if gif:
+        _write_gif(path, times_s, counted, rate_hz, keep)
     else:
-        _write_mp4(path, map(picture, times_s), rate_hz)
+        _write_mp4(path, map(counted, times_s), rate_hz)
+
+
+def _sampled(times_s: Sequence[float]) -> list[int]:
+    """Return the numbers of the pictures from which a GIF's palette is chosen."""
+    return sorted({round(k * (len(times_s) - 1) / (_SAMPLES - 1)) for k in range(_SAMPLES)})
 
 
 def _write_gif(
@@ -78,8 +96,7 @@ def _write_gif(
     rate_hz: float,
     keep: Sequence[tuple[int, int, int]],
 ) -> None:
-    some = sorted({round(k * (len(times_s) - 1) / (_SAMPLES - 1)) for k in range(_SAMPLES)})
-    samples = np.concatenate([picture(times_s[number]) for number in some])
+    samples = np.concatenate([picture(times_s[number]) for number in _sampled(times_s)])
     # One palette for all: what stands still keeps its colour, and is not stored again.
     chosen = Image.fromarray(samples).quantize(255 - len(keep), method=Image.Quantize.MEDIANCUT)
     palette = Image.new("P", (1, 1))

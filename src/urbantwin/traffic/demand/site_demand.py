@@ -1,0 +1,143 @@
+"""Who sets out in a twin, as its site wants: counted, circulating in a closed loop, or passing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from urbantwin.roads.assignment.movement_flows import IN_CARS
+from urbantwin.roads.assignment.street_network import StreetNetwork
+from urbantwin.traffic.demand.circulation import Circulation
+from urbantwin.traffic.demand.counts import counted_demand, is_counted
+from urbantwin.traffic.demand.demand import Demand, plan_demand, together
+from urbantwin.traffic.demand.guessed_volumes import Bound, bound_of_signals
+from urbantwin.traffic.demand.manners import manners_of
+from urbantwin.traffic.fleet_of_twin import fleet_of, own_bodies
+from urbantwin.traffic.flow.bottleneck import bottleneck
+from urbantwin.traffic.flow.flow_calibration import calibrate
+from urbantwin.twin import Twin
+
+__all__ = ["demand_of", "outer_roads"]
+
+#: Length of road that a standing car takes, with the gap before it, metres.
+CAR_SPACE_M = 7.0
+
+
+def demand_of(
+    twin: Twin,
+    *,
+    duration_s: float,
+    seed: int,
+    asked: Mapping[str, Any] | None = None,
+    scratch: Path | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Demand:
+    """Return who sets out in a twin, as its site (or ``asked``) wants, over warm-up and duration.
+
+    In a closed loop everybody comes in during the warm-up and stays. How many that takes is found
+    by pilot simulations (``flow_calibration``). Elsewhere traffic passes through.
+
+    Raises:
+        StageError: SUMO failed.
+    """
+    asked = asked or twin.site["traffic"]
+    manners = manners_of(asked.get("drivers", {}))
+    own = own_bodies(twin)
+    body = fleet_of(twin, seed).body
+    if asked.get("counts"):
+        return replace(_counted(twin, asked, duration_s, seed, body), manners=manners)
+    network = StreetNetwork(twin.net_path, twin.region)
+    circulation, bound = None, Bound()
+    if twin.site.get("closed_loop"):
+        circulation = Circulation(
+            network,
+            outer_roads(twin),
+            asked["per_hour"],
+            seed,
+            stops=(*twin.roads.stops, *twin.roads.tram_stops),
+            bus_roads=frozenset(twin.roads.bus_roads),
+        )
+        if asked.get("guessed"):
+            bound = bound_of_signals(twin.net_path, circulation.flows())
+            circulation.per_hour = bound.of(circulation.per_hour, IN_CARS)
+    if circulation is not None and circulation.drives:
+        found = calibrate(
+            circulation,
+            twin.net_path,
+            roads=twin.roads,
+            room=_room(twin),
+            asset=own.asset,
+            body=body,
+            scratch=scratch,
+            progress=progress,
+        )
+        demand = circulation.demand(
+            found.populations,
+            warmup_s=float(asked["warmup_s"]),
+            duration_s=duration_s,
+            body=body,
+        )
+        held_up = bottleneck(twin.roads, found.standing) if found.carried < 1 else ""
+        return replace(demand, carried=found.carried, held_up=held_up, bound=bound, manners=manners)
+    planned = plan_demand(
+        network,
+        asked["per_hour"],
+        warmup_s=float(asked["warmup_s"]),
+        duration_s=duration_s,
+        seed=seed,
+        body=body,
+    )
+    return replace(planned, manners=manners)
+
+
+def _counted(
+    twin: Twin,
+    asked: Mapping[str, Any],
+    duration_s: float,
+    seed: int,
+    body: Callable[[str, int], str],
+) -> Demand:
+    """Return the demand of a site that has counts: everybody passes through."""
+    outer = outer_roads(twin) if twin.site.get("closed_loop") else frozenset()
+    network = StreetNetwork(twin.net_path, twin.region, without=outer)
+    counts, per_hour = asked["counts"], asked["per_hour"]
+    warmup_s = float(asked["warmup_s"])
+    counted = counted_demand(
+        counts,
+        twin.roads,
+        network,
+        per_hour,
+        warmup_s=warmup_s,
+        duration_s=duration_s,
+        seed=seed,
+        body=body,
+    )
+    others = plan_demand(
+        network,
+        {name: rate for name, rate in per_hour.items() if not is_counted(name, counts)},
+        warmup_s=warmup_s,
+        duration_s=duration_s,
+        seed=seed,
+        body=body,
+    )
+    return together(counted, others)
+
+
+def outer_roads(twin: Twin) -> frozenset[str]:
+    """Return the edges of outer roads, which no way of the map is, and of outer tracks.
+
+    Roads that are not made from ways have none: there one turns round where they end.
+    """
+    roads = twin.roads.roads
+    rails = frozenset(track.id for track in twin.roads.tracks if track.outer)
+    if not any(road.ways for road in roads):
+        return rails
+    return rails | frozenset(road.id for road in roads if not road.ways)
+
+
+def _room(twin: Twin) -> float:
+    """Return how many cars fit onto the lanes bumper to bumper."""
+    lanes = (lane for lane in twin.roads.lanes if lane.road and "car" in lane.allowed)
+    return sum(lane.length for lane in lanes) / CAR_SPACE_M

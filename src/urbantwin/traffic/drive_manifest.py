@@ -1,0 +1,91 @@
+"""What ``motion.json`` says of a drive: who was asked for, who drove, what went wrong."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from typing import Any
+
+import pyarrow as pa
+
+from urbantwin import __version__
+from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.traffic.assets import asset, asset_names
+from urbantwin.traffic.demand.counts import counted_report
+from urbantwin.traffic.demand.demand import Demand
+from urbantwin.traffic.flow.circulation_report import circulation_report
+from urbantwin.traffic.motion import MOTION_VERSION
+from urbantwin.traffic.sumo.simulation import Simulated
+from urbantwin.twin import Twin
+
+__all__ = ["manifest_of_drive"]
+
+
+def manifest_of_drive(
+    twin: Twin,
+    asked: Mapping[str, Any],
+    demand: Demand,
+    simulated: Simulated,
+    actors: pa.Table,
+    *,
+    steps: int,
+) -> dict[str, Any]:
+    """Return a motion's manifest as far as it tells of the drive.
+
+    Args:
+        twin: where.
+        asked: ``traffic`` of the site, as it was asked for.
+        demand: who set out.
+        simulated: what SUMO did.
+        actors: the table of actors.
+        steps: how many steps the motion has.
+    """
+    step_s, warmup_s = float(asked["step_s"]), float(asked["warmup_s"])
+    manifest: dict[str, Any] = {
+        "kind": "motion",
+        "version": MOTION_VERSION,
+        "urbantwin": __version__,
+        "twin_sha256": twin.sha256,
+        "asked": dict(asked),
+        "sumo": simulated.sumo,
+        "seed": asked["seed"],
+        "step_s": step_s,
+        "steps": steps,
+        "duration_s": round(steps * step_s, 9),
+        "warmup_s": warmup_s,
+        "classes": _counts(asked["per_hour"], demand, simulated, actors),
+        "left_out": [
+            {"class": item.actor_class, "count": item.count, "why": item.why}
+            for item in demand.left_out
+        ],
+        "teleports": simulated.teleports,
+        "collisions": simulated.collisions,
+    }
+    if demand.counted:
+        manifest["counts"] = counted_report(
+            asked["counts"], asked["per_hour"], demand, simulated, steps=steps, step_s=step_s
+        )
+    if demand.circulates:
+        manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)
+    return manifest
+
+
+def _counts(
+    per_hour: Mapping[str, float], demand: Demand, simulated: Simulated, actors: pa.Table
+) -> dict[str, dict[str, float | int]]:
+    """Return, for each class, how many were asked for, came in, and are seen in the motion."""
+    tracks = actors.group_by(["track", "class", "asset"]).aggregate([])
+    behind = {body.asset for name in asset_names("tram") for body in asset(name).bodies[1:]}
+    shown = zip(tracks["class"].to_pylist(), tracks["asset"].to_pylist(), strict=True)
+    seen = Counter(kind for kind, name in shown if name not in behind)
+    left_out = {item.actor_class: item.count for item in demand.left_out}
+    counts: dict[str, dict[str, float | int]] = {}
+    for name in ACTOR_CLASSES:
+        trips = {n for n, trip in enumerate(demand.trips) if trip.actor_class == name}
+        counts[name] = {
+            "per_hour": float(per_hour.get(name, 0.0)),
+            "asked": len(trips) + left_out.get(name, 0),
+            "driven": len(trips & simulated.departed),
+            "seen": seen[name],
+        }
+    return counts

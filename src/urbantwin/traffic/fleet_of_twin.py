@@ -1,0 +1,27 @@
+"""The bodies that actors of a twin have: its own, and those usual in its country."""
+
+from __future__ import annotations
+
+from urbantwin.site.country import country_of
+from urbantwin.site.traffic import OwnAssetSpec
+from urbantwin.traffic.assets import Fleet, OwnBodies
+from urbantwin.twin import Twin
+
+__all__ = ["fleet_of", "own_bodies"]
+
+
+def fleet_of(twin: Twin, seed: int) -> Fleet:
+    """Return the fleet of a twin's country, with the bodies that its site brings along."""
+    anchor = twin.manifest["anchor"]
+    country = country_of(float(anchor["latitude"]), float(anchor["longitude"]))
+    return Fleet(country, seed, own_bodies(twin))
+
+
+def own_bodies(twin: Twin) -> OwnBodies:
+    """Return the bodies that a twin's site brings along."""
+    told = [OwnAssetSpec.model_validate(one) for one in twin.site["traffic"].get("assets", ())]
+    return OwnBodies(
+        {one.name: one.actor_class for one in told},
+        {one.name: one.share for one in told},
+        {(name, 0): mesh for name, mesh in twin.own_meshes.items()},
+    )
