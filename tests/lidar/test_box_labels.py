@@ -1,5 +1,7 @@
 """Boxes of whole frames: what hides, cuts off and does not count."""
 
+from dataclasses import replace
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -12,6 +14,8 @@ from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.lidar import PosedActor
 from urbantwin.lidar.scanner import Scanner
 from urbantwin.traffic.assets import asset_names
+from urbantwin.traffic.motion import ACTOR_SCHEMA, Motion
+from urbantwin.traffic.signals import SIGNAL_SCHEMA
 
 REGION = shapely.box(-70, -70, 70, 70)
 
@@ -81,7 +85,11 @@ def test_the_table_holds_every_label(scanned, tmp_path):
     frame = scanner.scan(0, [car(1, 20, 0), car(2, 1, 0), car(4, -30, 26)])
     for name in FOLDERS:
         (tmp_path / name).mkdir()
-    write_boxes(tmp_path / "boxes.parquet", {0: 0.0}, [write_frame(tmp_path, 0, frame)])
+    nobody = Motion({}, ACTOR_SCHEMA.empty_table(), SIGNAL_SCHEMA.empty_table())
+    parked = pa.Table.from_pylist([{"track": 2}], schema=ACTOR_SCHEMA)
+    motion = replace(nobody, parked=parked)
+    entry = write_frame(tmp_path, 0, frame)
+    write_boxes(tmp_path / "boxes.parquet", {0: 0.0}, [entry], motion)
     table = pq.read_table(tmp_path / "boxes.parquet")
     assert table.schema.field("truncation").type == pa.float64()
     rows = {row["track"]: row for row in table.to_pylist()}
@@ -90,6 +98,8 @@ def test_the_table_holds_every_label(scanned, tmp_path):
         assert row["ignored"] == boxes[track].ignored
         assert row["truncation"] == pytest.approx(boxes[track].truncation)
         assert (row["difficulty"] is None) != (row["ignored"] is None)
+        assert row["parked"] == (track == 2)
+        assert row["towed_by"] is None
 
 
 def test_levels_are_those_of_the_page(rig_of, street, crowd):

@@ -27,7 +27,7 @@ WHEELED = [name for name in NAMES if name not in WALKERS]
 
 def sizes():
     folder, entries = files("urbantwin.traffic.assets"), tram_entries()
-    for name in ("assets.yaml", "cars.yaml", "light.yaml"):
+    for name in ("assets.yaml", "cars.yaml", "light.yaml", "articulated.yaml"):
         entries |= yaml.safe_load(folder.joinpath(name).read_text())
     return {name: entry.get("size") for name, entry in entries.items()}
 
@@ -60,6 +60,7 @@ def first_hits(mesh, origins, direction):
         ("bicycle", 1),
         ("pedestrian", 4),
         ("tram", 1),
+        ("trailer", 2),
     ],
 )
 def test_every_class_has_variety(actor_class, least):

@@ -49,7 +49,7 @@ def apart(
     speed = np.array([one for _, _, one in actors])[number]
     kinds = tuple(kind for kind, _, _ in actors)
     level = np.zeros(len(number), int)
-    moving = Moving(number, boxes, speed, level, level + lane, kinds)
+    moving = Moving(number, boxes, speed, level, level + lane, kinds, np.arange(len(kinds)))
     known = footways or Footways(RoadNetwork("right", (), (), (), (), ()), [""])
     xy, _ = separated(moving, blocks, known, STEP_S)
     shapes = PlanBoxes(boxes.step, xy, boxes.yaw, half).polygons.reshape(len(actors), count)

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from urbantwin.dataset.layout import frame_name
+
+if TYPE_CHECKING:
+    from urbantwin.traffic.motion import Motion
 
 __all__ = ["write_boxes"]
 
@@ -14,6 +17,7 @@ __all__ = ["write_boxes"]
 #: metres per second. A box stands where its actor was ``observed_s`` after the frame's time, when
 #: the rays met it. ``occlusion`` and ``visibility`` are null for an actor that no ray reaches even
 #: when it is alone in the world; of ``difficulty`` and ``ignored`` one is (``docs/labels.md``).
+#: ``towed_by`` is the track that it hangs on, null for most.
 _COLUMNS = {
     "frame": "string",
     "time_s": "float64",
@@ -29,11 +33,16 @@ _COLUMNS = {
     "ignored": "string",
     "observed_s": "float64",
     **dict.fromkeys(("vx", "vy", "vz"), "float64"),
+    "parked": "bool_",
+    "towed_by": "int32",
 }
 
 
 def write_boxes(
-    path: Path, times_s: Mapping[int, float], entries: Sequence[Mapping[str, Any]]
+    path: Path,
+    times_s: Mapping[int, float],
+    entries: Sequence[Mapping[str, Any]],
+    motion: Motion,
 ) -> None:
     """Write the table.
 
@@ -41,13 +50,23 @@ def write_boxes(
         path: the file.
         times_s: number of each frame -> its time.
         entries: what ``layout.write_frame`` returned for each frame, in the same order.
+        motion: whose actors these are: who is parked, and who is towed by whom.
     """
     # Imported here: workers, which start with this package, have no use for it.
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    from urbantwin.traffic.paths.coupling import towed_by
+
+    parked, pulls = frozenset(motion.parked["track"].to_pylist()), towed_by(motion.actors)
     rows = [
-        {"frame": frame_name(index), "time_s": time_s, **box}
+        {
+            "frame": frame_name(index),
+            "time_s": time_s,
+            **box,
+            "parked": box["track"] in parked,
+            "towed_by": pulls.get(box["track"]),
+        }
         for (index, time_s), entry in zip(times_s.items(), entries, strict=True)
         for box in entry["boxes"]
     ]

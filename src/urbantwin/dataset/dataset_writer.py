@@ -97,6 +97,7 @@ def finish_dataset(
     times_s: Mapping[int, float],
     entries: Sequence[Mapping[str, Any]],
     ignored: Sequence[IgnoreArea],
+    motion: Motion,
 ) -> None:
     """Write what needs all frames: the split, the tables, the areas and ``dataset.json``."""
     train, validate = split_frames([frame_name(index) for index in times_s])
@@ -105,7 +106,7 @@ def finish_dataset(
         text = "".join(f"{frame}\n" for frame in frames)
         (folder / "ImageSets" / f"{name}.txt").write_text(text)
     boxes, sweeps = (folder / name for name in TABLES)
-    write_boxes(boxes, times_s, entries)
+    write_boxes(boxes, times_s, entries, motion)
     write_ignore_regions(folder / IGNORE_REGIONS, ignored)
     write_sweeps(sweeps, list(times_s), entries)
     tables = {

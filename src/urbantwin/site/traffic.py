@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Field, field_validator, model_validator
 from urbantwin.errors import InputError
 from urbantwin.site.conditions import Strict
 from urbantwin.site.yaml_document import nearest, read_document, wrong
-from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.taxonomy import ACTOR_CLASSES, COMPANIONS
 
 __all__ = ["DEFAULT_PER_HOUR", "TrafficSpec", "load_traffic_changes"]
 
@@ -192,6 +192,9 @@ class TrafficSpec(Strict):
     @field_validator("per_hour")
     @classmethod
     def _every_class_is_named(cls, value: dict[str, float]) -> dict[str, float]:
+        for name in COMPANIONS:
+            if value.get(name, 0.0) > 0:
+                raise wrong(f"asks for {name}s", "none: they come with others")
         return {name: value.get(name, 0.0) for name in ACTOR_CLASSES}
 
 

@@ -1,6 +1,6 @@
 """Names shared by every stage: semantic classes, materials, classes of actors."""
 
-from urbantwin.taxonomy.actor import ACTOR_CLASSES, ACTOR_SEMANTICS, ROAD_USERS
+from urbantwin.taxonomy.actor import ACTOR_CLASSES, ACTOR_SEMANTICS, COMPANIONS, ROAD_USERS
 from urbantwin.taxonomy.material import WAVELENGTHS_NM, Material, material_id, materials
 from urbantwin.taxonomy.semantic import (
     GROUND_CLASSES,
@@ -12,6 +12,7 @@ from urbantwin.taxonomy.semantic import (
 __all__ = [
     "ACTOR_CLASSES",
     "ACTOR_SEMANTICS",
+    "COMPANIONS",
     "GROUND_CLASSES",
     "ROAD_USERS",
     "WAVELENGTHS_NM",

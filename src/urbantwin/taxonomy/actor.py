@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-__all__ = ["ACTOR_CLASSES", "ACTOR_SEMANTICS", "ROAD_USERS"]
+__all__ = ["ACTOR_CLASSES", "ACTOR_SEMANTICS", "COMPANIONS", "ROAD_USERS"]
 
 #: Class of a box -> semantic class of its points. A two-wheeler includes its rider, as in
 #: SemanticKITTI, where the vehicle counts as part of the bicyclist or motorcyclist, and where
-#: vans are cars. A class keeps its place for good: random numbers are drawn by it.
+#: vans are cars and trailers are trucks. A class keeps its place for good: random numbers are drawn
+#: by it.
 ACTOR_SEMANTICS: dict[str, str] = {
     "car": "car",
     "truck": "truck",
@@ -16,9 +17,13 @@ ACTOR_SEMANTICS: dict[str, str] = {
     "pedestrian": "pedestrian",
     "van": "car",
     "tram": "on-rails",
+    "trailer": "truck",
 }
 
 ACTOR_CLASSES: tuple[str, ...] = tuple(ACTOR_SEMANTICS)
+
+#: Those who come with others: no traffic is asked of them.
+COMPANIONS: tuple[str, ...] = ("trailer",)
 
 #: The classes that rules of access to lanes tell apart. Vans go where cars go.
 ROAD_USERS: tuple[str, ...] = ("car", "truck", "bus", "motorcycle", "bicycle", "pedestrian")

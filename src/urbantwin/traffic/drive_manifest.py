@@ -10,7 +10,7 @@ import pyarrow as pa
 
 from urbantwin import __version__
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.assets import asset, asset_names
+from urbantwin.traffic.assets import AssetName, asset, asset_names
 from urbantwin.traffic.demand.counts import counted_report
 from urbantwin.traffic.demand.demand import Demand
 from urbantwin.traffic.flow.circulation_report import circulation_report
@@ -75,9 +75,15 @@ def _counts(
 ) -> dict[str, dict[str, float | int]]:
     """Return, for each class, how many were asked for, came in, and are seen in the motion."""
     tracks = actors.group_by(["track", "class", "asset"]).aggregate([])
-    behind = {body.asset for name in asset_names("tram") for body in asset(name).bodies[1:]}
+    behind = {
+        body.asset
+        for kind in ACTOR_CLASSES
+        for name in asset_names(kind)
+        for body in asset(name).bodies[1:]
+        if asset(body.asset).actor_class == kind
+    }
     shown = zip(tracks["class"].to_pylist(), tracks["asset"].to_pylist(), strict=True)
-    seen = Counter(kind for kind, name in shown if name not in behind)
+    seen = Counter(kind for kind, name in shown if AssetName.of(name).body not in behind)
     left_out = {item.actor_class: item.count for item in demand.left_out}
     counts: dict[str, dict[str, float | int]] = {}
     for name in ACTOR_CLASSES:

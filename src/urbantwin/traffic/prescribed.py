@@ -112,11 +112,13 @@ class TwinSurface:
 def usual_asset(actor_class: str, number: int) -> str:
     """Return the mesh, with its coat, of the n-th actor of a class, where nothing is known of it.
 
+    It does not bend: nobody prescribes how its bodies go.
+
     Raises:
         InputError: there is no such class.
     """
     asset_names(actor_class)
-    return Fleet().body(actor_class, number)
+    return Fleet().body(actor_class, number, bends=False)
 
 
 def prescribed_table(

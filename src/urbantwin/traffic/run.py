@@ -127,7 +127,11 @@ def _driven(
     manifest = manifest_of_drive(
         twin, asked, drive.demand, drive.simulated, drive.actors, steps=steps
     )
-    manifest |= {"poses_outside_ground": drive.outside, "parked": parked.notes}
+    manifest |= {
+        "poses_outside_ground": drive.outside,
+        "rigid_instead": len(drive.rigid),
+        "parked": parked.notes,
+    }
     if scenario:
         manifest["events"] = []
     driven = Motion(manifest, drive.actors, signals, streets.own.meshes, parked=standing)
@@ -166,6 +170,7 @@ class _Drive:
         simulated: what SUMO did.
         actors: the table of actors.
         outside: how many poses were left out because there is no ground.
+        rigid: who would bend and has a rigid vehicle, as it would cut a corner into somebody.
         staged: events that others reacted to.
     """
 
@@ -173,6 +178,7 @@ class _Drive:
     simulated: Simulated
     actors: pa.Table
     outside: int
+    rigid: frozenset[int]
     staged: list[StagedEvent] = field(default_factory=list)
 
 
@@ -213,10 +219,17 @@ class _Streets:
         )
 
     def tabled(
-        self, simulated: Simulated, demand: Demand, place: Place, *, by_trip: bool, tell: Progress
+        self,
+        simulated: Simulated,
+        demand: Demand,
+        place: Place,
+        *,
+        by_trip: bool,
+        tell: Progress,
+        rigid: frozenset[int] | None = None,
     ) -> _Drive:
         """Make the table of what SUMO did."""
-        actors, outside = actor_table(
+        actors, outside, rigid = actor_table(
             on_footways(simulated, demand, self.twin.roads),
             demand,
             place,
@@ -224,9 +237,10 @@ class _Streets:
             step_s=self.step_s,
             asset=self.own.asset,
             by_trip=by_trip,
+            rigid=rigid,
             tell=tell,
         )
-        return _Drive(demand, simulated, actors, outside)
+        return _Drive(demand, simulated, actors, outside, rigid)
 
     def with_reactions(
         self, without: _Drive, events: list[tuple[int, Event]], place: Place
@@ -238,7 +252,8 @@ class _Streets:
         simulated = self.drive(without.demand, staged=plan.rows)
         found = reactions(simulated, events, start_s, self.steps * self.step_s)
         demand = everybody(without.demand, plan)
-        drive = self.tabled(simulated, demand, place, by_trip=True, tell=untold)
+        rigid = without.rigid
+        drive = self.tabled(simulated, demand, place, by_trip=True, tell=untold, rigid=rigid)
         actors, staged = staged_table(without.actors, drive.actors, found, events)
         return replace(drive, actors=actors, staged=staged)
 

@@ -19,8 +19,8 @@ __all__ = ["ShownActor", "actor_sheet"]
 
 #: Actors in a row of the sheet; pixels of each; and what is written under it.
 ACROSS, PIXELS, TEXT = 8, (210, 140), 34
-#: Paints of the sheet's vehicles, one after the other.
-_FIELD_DEG = 20.0
+#: Width of a portrait, and how far towards its border the actor reaches.
+_FIELD_DEG, _FILLED = 20.0, 0.92
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +58,18 @@ def actor_sheet(actors: Sequence[ShownActor], *, tell: Progress = untold) -> Fig
     return figure
 
 
+def _filled(mesh: LabelledMesh, camera: Camera) -> float:
+    """Return how far from its middle towards its border a mesh fills a picture, 1 to the border."""
+    forward = np.asarray(camera.target) - camera.place
+    forward /= np.linalg.norm(forward)
+    right = np.cross(forward, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    up = np.cross(right, forward)
+    x, y, deep = ((mesh.vertices - camera.place) @ np.column_stack([right, up, forward])).T
+    half = np.tan(np.radians(camera.field_deg) / 2)
+    return float(max(np.abs(x / deep).max(), np.abs(y / deep).max() * PIXELS[0] / PIXELS[1]) / half)
+
+
 def _portrait(mesh: LabelledMesh, number: int) -> NDArray[np.uint8]:
     """Return the picture of one actor on a plain ground."""
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
@@ -71,13 +83,13 @@ def _portrait(mesh: LabelledMesh, number: int) -> NDArray[np.uint8]:
         semantic_id("sidewalk"),
         material_id("concrete"),
     )
-    # Long ones fill the width, tall ones the height.
-    tall = 0.56 * float(high[2] - low[2]) * PIXELS[0] / PIXELS[1]
     camera = Camera(
         target=middle,
-        distance_m=max(reach, tall) / np.tan(np.radians(_FIELD_DEG / 2)) * 1.05,
+        distance_m=4.0 * reach / np.tan(np.radians(_FIELD_DEG / 2)),
         azimuth_deg=-38.0,
         elevation_deg=16.0,
         field_deg=_FIELD_DEG,
     )
+    for _ in range(3):
+        camera = replace(camera, distance_m=camera.distance_m * _filled(mesh, camera) / _FILLED)
     return render(LabelledMesh.concatenate([painted, ground]), camera, *PIXELS)

@@ -43,6 +43,7 @@ BLUEPRINTS: dict[str, dict[str, Any]] = {
     "bicycle": {"filter": "vehicle.*", "base_type": ["bicycle"], "except": []},
     "pedestrian": {"filter": "walker.pedestrian.*", "base_type": [], "except": []},
     "tram": {"filter": "", "base_type": [], "except": []},  # CARLA has none
+    "trailer": {"filter": "", "base_type": [], "except": []},
 }
 _NORMC = re.compile(r"normc\(([-\d.,\s]+)\)")
 

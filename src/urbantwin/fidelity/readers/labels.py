@@ -39,6 +39,7 @@ _CALLED = {
         humanpedestrianadult humanpedestrianchild humanpedestrianconstructionworker
         humanpedestrianpoliceofficer""",
     "tram": "tram railedvehicle onrails streetcar",
+    "trailer": "trailer vehiculartrailer vehicletrailer",
 }
 #: How far a matrix that is written with few digits may be from a rotation; places on Earth, metres.
 _ROUND, _FURTHEST_M = 0.01, 1e8

@@ -1,7 +1,7 @@
 """The actor catalogue: names, sizes and meshes of everything that moves.
 
-Its data: ``assets.yaml`` and ``light.yaml``, drawn point by point, and ``cars.yaml``, drawn from
-measures.
+Its data: ``assets.yaml``, ``light.yaml`` and ``articulated.yaml``, drawn point by point, and
+``cars.yaml``, drawn from measures.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
 from urbantwin.taxonomy import ACTOR_CLASSES, ACTOR_SEMANTICS, semantic_id
+from urbantwin.traffic.assets.articulated import bodies_of, bus_section, trailer
 from urbantwin.traffic.assets.asset_name import AssetName, Size
 from urbantwin.traffic.assets.body import Body
 from urbantwin.traffic.assets.car import axle_wheels, body, car, contact_points, plates, seats
@@ -35,7 +36,7 @@ from urbantwin.traffic.assets.two_wheeler import PEDAL_PHASES, hub_contacts, two
 __all__ = ["Asset", "asset", "asset_mesh", "asset_names"]
 
 #: Where the catalogue is written.
-_FILES = ("assets.yaml", "cars.yaml", "light.yaml")
+_FILES = ("assets.yaml", "cars.yaml", "light.yaml", "articulated.yaml")
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +60,7 @@ class Asset:
         stride_m: distance travelled in one cycle, metres; 0 for a rigid asset. Phase ``k``
             shows the asset ``k / phases`` of that distance into the cycle.
         bodies: of a vehicle that bends: its stiff bodies from the nose, assets of their own.
+        rigid: of a vehicle that bends on roads: who drives in its place where it cannot turn.
     """
 
     name: str
@@ -71,6 +73,7 @@ class Asset:
     contacts: NDArray[np.float64]
     stride_m: float
     bodies: tuple[Body, ...] = ()
+    rigid: str = ""
 
 
 def asset_names(actor_class: str) -> tuple[str, ...]:
@@ -111,7 +114,10 @@ def asset(name: str) -> Asset:
             stride_m=usual.stride_m * factors[2],
         )
     if parsed.coat and _has_coat(parsed.body):
-        return replace(asset(parsed.body), name=name)
+        bare = asset(parsed.body)
+        coated = tuple(_coated(body, parsed.coat) for body in bare.bodies)
+        rigid = str(AssetName(bare.rigid, parsed.coat)) if bare.rigid else ""
+        return replace(bare, name=name, bodies=coated, rigid=rigid)
     entry = _entry(name)
     phases, standing = _phases(entry)
     size = np.ptp(asset_mesh(name).vertices, axis=0)
@@ -123,8 +129,8 @@ def asset(name: str) -> Asset:
             stride = stride_length(Figure(**entry["figure"]))
         case "two-wheeler":
             contacts, stride = hub_contacts(entry), entry.get("stride", 0.0)
-        case "tram":
-            bodies = tram_bodies(name)
+        case "tram" | "coupled":
+            bodies = _bodies(name)
             contacts = [
                 [float(x) + entry["size"][0] / 2 - one.middle_m, float(y), 0.0]
                 for one in bodies
@@ -143,6 +149,7 @@ def asset(name: str) -> Asset:
         contacts=np.array(contacts),
         stride_m=stride,
         bodies=bodies,
+        rigid=entry.get("instead", ""),
     )
 
 
@@ -205,14 +212,18 @@ def _solids(name: str, phase: int, *, halted: bool) -> list[Solid]:
             solids = truck(entry)
         case "bus":
             solids = bus(entry)
-        case "tram":
+        case "tram" | "coupled":
             return [
                 solid.moved([entry["size"][0] / 2 - one.middle_m, 0.0, 0.0])
-                for one in tram_bodies(name)
+                for one in _bodies(name)
                 for solid in _solids(one.asset, 0, halted=False)
             ]
         case "tram-body":
             solids = tram_section(entry)
+        case "trailer":
+            solids = trailer(entry)
+        case "bus-section":
+            solids = bus_section(entry)
         case _:
             solids = car(entry)
     return fitted(solids, entry["size"])
@@ -232,6 +243,20 @@ def _entries() -> dict[str, dict[str, Any]]:
     for name in _FILES:
         entries |= yaml.load(files(__package__).joinpath(name).read_text(), loader)
     return {name: drawn(entry) for name, entry in entries.items()} | tram_entries()
+
+
+def _bodies(name: str) -> tuple[Body, ...]:
+    """Return the bodies of a vehicle that bends."""
+    entry = _entry(name)
+    if entry["builder"] == "tram":
+        return tram_bodies(name)
+    names = [one["asset"] for one in entry["bodies"]]
+    return bodies_of(entry, {one: _entry(one)["size"][0] for one in names})
+
+
+def _coated(body: Body, coat: str) -> Body:
+    """Return a body with a coat, where it is of a class that has one."""
+    return replace(body, asset=f"{body.asset}_{coat}") if _has_coat(body.asset) else body
 
 
 def _has_coat(body: str) -> bool:

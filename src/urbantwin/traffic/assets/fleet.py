@@ -59,14 +59,15 @@ class Fleet:
     seed: int = 1
     own: OwnBodies = field(default_factory=OwnBodies)
 
-    def body(self, actor_class: str, number: int) -> str:
+    def body(self, actor_class: str, number: int, *, bends: bool = True) -> str:
         """Return the asset of the n-th actor of a class, by its name (`AssetName`).
 
         Args:
             actor_class: one of ``taxonomy.ACTOR_CLASSES``.
             number: from 0.
+            bends: it may be a vehicle that bends on roads.
         """
-        kinds = _kinds(region_of(self.country), actor_class)
+        kinds = _kinds(region_of(self.country), actor_class, bends=bends)
         at = _places(self.seed, ACTOR_CLASSES.index(actor_class), number)
         taken = 0.0
         for name, share_of in self.own.of_class(actor_class):
@@ -128,7 +129,7 @@ def _steps() -> NDArray[np.float64]:
 
 
 @cache
-def _kinds(region: str, actor_class: str) -> list[dict[str, Any]]:
+def _kinds(region: str, actor_class: str, *, bends: bool) -> list[dict[str, Any]]:
     """Return the kinds of a class in a region: those of Europe where the region has no others.
 
     Where no table has the class, its bodies come equally often, each in its own size.
@@ -136,8 +137,12 @@ def _kinds(region: str, actor_class: str) -> list[dict[str, Any]]:
     tables = _tables()
     found = tables[region].get(actor_class) or tables[_USUAL].get(actor_class)
     if found:
-        return list(found.values())
+        return [kind for kind in found.values() if bends or not any(map(_bends, kind["bodies"]))]
     return [{"share": 1.0, "bodies": [name]} for name in asset_names(actor_class)]
+
+
+def _bends(body: str) -> bool:
+    return bool(asset(body).bodies)
 
 
 @cache

@@ -90,5 +90,6 @@ ACTOR_KINDS: dict[str, ActorKind] = {
             **_STEERING,
         },
     ),
+    "trailer": ActorKind("trailer"),  # comes with its truck: SUMO knows of the whole
 }
 assert tuple(ACTOR_KINDS) == ACTOR_CLASSES

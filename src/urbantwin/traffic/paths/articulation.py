@@ -54,9 +54,9 @@ def towed(
 
     Args:
         bodies: from the nose; the first guide of a towed one is its joint.
-        middle: (N, 2) where the middle of the whole would be if it did not bend, site frame.
+        middle: (N, 2) the middle of a piece from the nose on that does not bend, site frame.
         yaw: (N,) heading of the first, rad.
-        length_m: of the whole.
+        length_m: of that piece.
 
     Returns:
         Of each body the middle (N, 2) and the heading (N,), rad, continuous.

@@ -16,9 +16,29 @@ from urbantwin.traffic.demand.demand import Demand, Trip
 from urbantwin.traffic.paths.articulation import on_rails, towed
 from urbantwin.traffic.sumo.simulation import Simulated
 
-__all__ = ["with_bodies"]
+__all__ = ["steering_part", "vehicles", "with_bodies"]
 
 Columns = dict[str, NDArray[Any]]
+
+#: Further bodies are told from trips by so much; there are fewer trips than that.
+_FURTHER = 10_000_000
+
+
+def steering_part(whole: Asset, asset: Callable[[str], Asset]) -> Asset:
+    """Return what of an actor steers: its first body, where that tows others; else all of it.
+
+    Args:
+        whole: the actor.
+        asset: an asset by name.
+    """
+    if not whole.bodies or whole.actor_class == "tram":
+        return whole
+    return asset(whole.bodies[0].asset)
+
+
+def vehicles(who: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the number of the vehicle (T,) that each is a body of, see `with_bodies`."""
+    return who % _FURTHER
 
 
 def with_bodies(
@@ -28,20 +48,22 @@ def with_bodies(
     tracks: Sequence[Track],
     *,
     asset: Callable[[str], Asset],
-) -> tuple[Columns, tuple[Trip, ...]]:
-    """Return poses in which vehicles that bend are their bodies, and whom they are of.
+) -> tuple[Columns, tuple[Trip, ...], NDArray[np.int64]]:
+    """Return poses in which vehicles that bend are their bodies, whom they are of, and who is who.
 
     The first body keeps the number of the vehicle's trip; the others have numbers after all trips.
+    Who is who is told by numbers (T,) that depend on the vehicle's trip and the body alone.
     What is on an outer track, where there are no rails, is left out.
 
     Args:
-        columns: poses by trip and step, sorted: ``trip``, ``step``, ``xy``, ``yaw`` and others.
+        columns: poses by trip and step, sorted: ``trip``, ``step``, ``xy``, ``yaw`` and others; of
+            who is towed those of the first body.
         demand: the trips.
         simulated: what SUMO saw: where on the rails trams are.
         tracks: the rails.
         asset: an asset by name.
     """
-    trips = list(demand.trips)
+    trips, who = list(demand.trips), list(range(len(demand.trips)))
     lines = {track.id: track.line[:, :2] for track in tracks}
     outer = {track.id for track in tracks if track.outer}
     bent: list[Columns] = []
@@ -64,25 +86,28 @@ def with_bodies(
             ]
         else:
             shown = [np.ones(len(rows), np.bool_)] * len(whole.bodies)
+            length_m = steering_part(whole, asset).length
             poses = towed(
-                whole.bodies, columns["xy"][rows], columns["yaw"][rows], length_m=whole.length
+                whole.bodies, columns["xy"][rows], columns["yaw"][rows], length_m=length_m
             )
         for k, (body, (middle, yaw)) in enumerate(zip(whole.bodies, poses, strict=True)):
             own = {name: values[rows] for name, values in columns.items()}
             own["xy"], own["yaw"] = middle, yaw
             own = {name: values[shown[k]] for name, values in own.items()}
-            part = replace(trip, asset=body.asset)
+            kind = asset(body.asset).actor_class
+            part = replace(trip, actor_class=kind, asset=body.asset)
             if k == 0:
                 trips[number] = part
             else:
                 own["trip"] = np.full_like(own["trip"], len(trips))
                 trips.append(part)
+                who.append(number + k * _FURTHER)
             bent.append(own)
     if not bent:
-        return columns, demand.trips
+        return columns, demand.trips, np.array(who, np.int64)
     rest = {name: values[stays] for name, values in columns.items()}
     joined = {name: np.concatenate([rest[name], *(x[name] for x in bent)]) for name in columns}
-    return joined, tuple(trips)
+    return joined, tuple(trips), np.array(who, np.int64)
 
 
 def _rows_of(simulated: Simulated, number: int, steps: NDArray[np.int32]) -> NDArray[np.int64]:

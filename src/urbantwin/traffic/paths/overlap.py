@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.traffic.paths.box_plan import PlanBoxes, near_pairs, rows_beside, shared_areas
+from urbantwin.traffic.paths.coupling import are_coupled
 from urbantwin.traffic.paths.obstacles import Obstacles
 
 __all__ = ["OVERLAP_M2", "overlaps_of"]
@@ -37,14 +38,27 @@ def overlaps_of(
         scene: the static world.
 
     Returns:
-        ``actors``: pairs of actors whose boxes share more than ``OVERLAP_M2`` in plan at any step;
-        ``between``: the same by their classes. ``scene``: actors of whose box something static
-        takes more than a touch, between knee and head; ``with``: the same by class and what it is.
+        ``actors``: pairs of actors whose boxes share more than ``OVERLAP_M2`` in plan at any step,
+        but for bodies of one vehicle; ``between``: the same by their classes. ``scene``: actors of
+        whose box something static takes more than a touch, between knee and head; ``with``: the
+        same by class and what it is.
         ``worst``: the pairs that share most, with when, where and how much.
     """
     columns = {
         name: np.concatenate([actors[name].to_numpy(), parked[name].to_numpy()])
-        for name in ("time_s", "track", "class", "x", "y", "z", "yaw", "length", "width", "height")
+        for name in (
+            "time_s",
+            "track",
+            "class",
+            "asset",
+            "x",
+            "y",
+            "z",
+            "yaw",
+            "length",
+            "width",
+            "height",
+        )
     }
     boxes = PlanBoxes(
         np.round(columns["time_s"] / step_s).astype(np.int64),
@@ -59,6 +73,7 @@ def overlaps_of(
         [near_pairs(boxes.take(moving), 0.0), np.column_stack([beside, still[stands]])]
     )
     pairs = pairs[np.abs(columns["z"][pairs[:, 0]] - columns["z"][pairs[:, 1]]) < LEVEL_M]
+    pairs = pairs[~are_coupled(columns, pairs)]
     area = shared_areas(boxes, pairs)
     deep = area > OVERLAP_M2
     met = _worst(columns, pairs[deep], area[deep])

@@ -66,6 +66,8 @@ _GIVES = {
     # Who runs on rails stays on them, and to its time.
     "tram": _Give(1e-6, 1e-6, 2.0, (0.0, 0.0)),
 }
+#: Bodies of a vehicle that bends stay where the joints between them hold.
+_JOINED = _Give(1e-6, 1e-6, 2.0, (0.0, 0.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +81,7 @@ class Moving:
         level: (N,) of the road that they are on: actors of two levels never meet.
         lane: (N,) number of the lane that they are on.
         classes: the class of each actor, by its number.
+        vehicles: the vehicle that each actor is a body of, by its number.
     """
 
     actor: NDArray[np.integer]
@@ -87,6 +90,7 @@ class Moving:
     level: NDArray[np.integer]
     lane: NDArray[np.integer]
     classes: tuple[str, ...]
+    vehicles: NDArray[np.integer]
 
     def take(self, rows: NDArray[np.integer]) -> Moving:
         """Return some rows."""
@@ -97,6 +101,7 @@ class Moving:
             self.level[rows],
             self.lane[rows],
             self.classes,
+            self.vehicles,
         )
 
     @property
@@ -108,7 +113,8 @@ class Moving:
         """Return the pairs (P, 2) of rows that are near each other, were they at ``xy``."""
         pairs = near_pairs(replace(self.boxes, xy=xy), within_m)
         one, other = pairs.T
-        met = (self.level[one] == self.level[other]) & (self.actor[one] != self.actor[other])
+        whose = self.vehicles[self.actor]
+        met = (self.level[one] == self.level[other]) & (whose[one] != whose[other])
         return np.asarray(pairs[met])
 
 
@@ -136,7 +142,12 @@ class PartingPaths:
         self.moving, self.blocks, self.tree = moving, blocks, tree
         self.footways, self.step_s = footways, step_s
         self.joined, self.kept, actor = moving.joined, ~changed, moving.actor
-        gives = [_GIVES.get(name, _GIVES["car"]) for name in moving.classes]
+        _, vehicle, bodies = np.unique(moving.vehicles, return_inverse=True, return_counts=True)
+        joined = bodies[vehicle] > 1
+        gives = [
+            _JOINED if one_of_many else _GIVES.get(name, _GIVES["car"])
+            for name, one_of_many in zip(moving.classes, joined.tolist(), strict=True)
+        ]
         kind = np.array([[one.along, one.aside, one.change_s, *one.most_m] for one in gives])[actor]
         self.on_foot = np.array([name == "pedestrian" for name in moving.classes])[actor]
         self.scale = np.sqrt(kind[:, :2])

@@ -32,7 +32,7 @@ _WORDS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("tram", ("tram", IGNORED)),
     ("train", ("tram", IGNORED)),
     ("bus", ("bus",)),
-    ("trailer", ("truck",)),
+    ("trailer", ("trailer", "truck")),
     ("truck", ("truck",)),
     ("lorry", ("truck",)),
     ("van", ("van", "car")),

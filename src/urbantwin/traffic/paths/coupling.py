@@ -1,0 +1,100 @@
+"""Couplings: which tracks are bodies of one vehicle that bends, told by where their joints lie."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+
+from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.traffic.assets import AssetName, asset, asset_names
+
+__all__ = ["are_coupled", "towed_by"]
+
+#: Two bodies hang together whose halves of a joint are no farther apart than this, metres.
+_JOINT_M = 0.1
+
+
+def are_coupled(columns: Mapping[str, NDArray[Any]], pairs: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return of pairs (P, 2) of rows whether one hangs on the other.
+
+    Args:
+        columns: of actors: ``asset``, ``x``, ``y``, ``yaw``.
+        pairs: rows of one step each.
+    """
+    return _hangs(columns, pairs) | _hangs(columns, pairs[:, ::-1])
+
+
+def towed_by(actors: pa.Table) -> dict[int, int]:
+    """Return the track of each further body of a vehicle that bends -> that of the body ahead.
+
+    Args:
+        actors: of a motion, sorted by time.
+    """
+    ahead = {one for one, _ in _joints()}
+    behind = {other for _, other in _joints()}
+    names = pc.unique(actors["asset"]).to_pylist()
+    kept = [name for name in names if AssetName.of(name).body in ahead | behind]
+    rows = actors.filter(pc.is_in(actors["asset"], pa.array(kept, pa.string())))
+    columns = {
+        name: np.asarray(rows[name].to_numpy())
+        for name in ("time_s", "track", "asset", "x", "y", "yaw")
+    }
+    track = columns["track"]
+    follows = np.array([AssetName.of(name).body in behind for name in columns["asset"]], np.bool_)
+    found: dict[int, int] = {}
+    starts = np.flatnonzero(np.diff(columns["time_s"], prepend=-np.inf))
+    for group in np.split(np.arange(len(track)), starts[1:]):
+        fresh = [row for row in group.tolist() if follows[row] and int(track[row]) not in found]
+        pairs = [(a, b) for b in fresh for a in group.tolist() if a != b]
+        at = np.array(pairs, np.int64).reshape(-1, 2)
+        found.update((int(track[b]), int(track[a])) for a, b in at[_hangs(columns, at)].tolist())
+    return dict(sorted(found.items()))
+
+
+def _hangs(columns: Mapping[str, NDArray[Any]], pairs: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return of pairs (P, 2) of rows whether the second hangs on the first."""
+    found = np.zeros(len(pairs), np.bool_)
+    if not len(pairs):
+        return found
+    first, second = pairs.T
+    shown = columns["asset"][pairs].astype(str)
+    names, which = np.unique(shown, return_inverse=True)
+    bodies = [AssetName.of(name).body for name in names.tolist()]
+    which = which.reshape(shown.shape)
+    kind = which[:, 0] * len(names) + which[:, 1]
+    for one in np.unique(kind).tolist():
+        rows = np.flatnonzero(kind == one)
+        for back_m, front_m in _joints().get(
+            (bodies[one // len(names)], bodies[one % len(names)]), ()
+        ):
+            apart = _along(columns, first[rows], -back_m) - _along(columns, second[rows], front_m)
+            found[rows] |= np.hypot(*apart.T) < _JOINT_M
+    return found
+
+
+def _along(
+    columns: Mapping[str, NDArray[Any]], rows: NDArray[np.int64], ahead_m: float
+) -> NDArray[np.float64]:
+    """Return the places (R, 2) so far ahead of the middles of rows."""
+    yaw = columns["yaw"][rows]
+    middle = np.column_stack([columns["x"][rows], columns["y"][rows]])
+    return np.asarray(middle + ahead_m * np.column_stack([np.cos(yaw), np.sin(yaw)]))
+
+
+@cache
+def _joints() -> dict[tuple[str, str], tuple[tuple[float, float], ...]]:
+    """Return how far joints lie behind the middle of a body, and ahead of that of the next."""
+    found: dict[tuple[str, str], set[tuple[float, float]]] = {}
+    for name in (name for kind in ACTOR_CLASSES for name in asset_names(kind)):
+        for one, other in pairwise(asset(name).bodies):
+            joint_m = other.guides_m[0]
+            places = joint_m - one.middle_m, other.middle_m - joint_m
+            found.setdefault((one.asset, other.asset), set()).add(places)
+    return {pair: tuple(sorted(places)) for pair, places in found.items()}
