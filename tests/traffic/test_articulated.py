@@ -1,4 +1,4 @@
-"""Trucks with trailers and articulated buses: towed by closed forms, linked, never in anybody."""
+"""Actors of several bodies: towed by closed forms, linked, never in anybody; dogs on a lead."""
 
 import numpy as np
 import pytest
@@ -11,6 +11,7 @@ from urbantwin.traffic.demand.demand import Demand, Trip
 from urbantwin.traffic.paths.box_plan import PlanBoxes
 from urbantwin.traffic.paths.coupling import are_coupled, towed_by
 from urbantwin.traffic.paths.overlap import overlaps_of
+from urbantwin.traffic.paths.placement import stand
 from urbantwin.traffic.sumo.simulation import Observed, Simulated
 
 BENDING = ("truck-semitrailer", "truck-road-train", "bus-articulated")
@@ -164,3 +165,41 @@ def test_who_is_prescribed_does_not_bend():
         for name in asset_names(kind):
             for body in asset(name).bodies:
                 assert asset(body.asset).length < asset(name).length
+
+
+def test_a_dog_walks_beside_whom_it_belongs_to(records):
+    name = "pedestrian-man-with-dog"
+    table, *_ = table_of([name], circle(RADIUS_M, 20.0))
+    rows = records(table)
+    walks, led = rows[rows.track == 1], rows[rows.track == 2]
+    assert {*walks["class"]} == {"pedestrian"}
+    assert {*led["class"]} == {"animal"}
+    assert {*led.asset} == {"animal-dog"}
+    away = np.hypot(walks.x - led.x, walks.y - led.y)
+    assert away.min() > (asset("pedestrian-man").width + asset("animal-dog").width) / 2
+    assert away.max() < 0.8
+    # It looks where they go, and takes its own steps.
+    assert np.abs(np.angle(np.exp(1j * (walks.yaw - led.yaw)))).max() < 0.2
+    assert len({*led.phase}) > 6
+    assert len({*zip(walks.phase.tolist(), led.phase.tolist(), strict=True)}) > 20
+    found = overlaps_of(table, table.slice(0, 0), STEP_S, asset_mesh("car-kei").select(slice(0, 0)))
+    assert found["actors"] == 0
+    assert towed_by(table) == {}
+
+
+def test_what_is_towed_leans_on_what_pulls_it():
+    """On a slope every body lies in it, with one axle of its own too; wheels touch the ground."""
+
+    class Slope(Plane):
+        def height(self, xy, ceiling):
+            return xy @ np.array([0.05, 0.02])
+
+    for name in BENDING:
+        towed = asset(asset(name).bodies[1].asset)
+        assert towed.hitch > towed.length / 2 - 1.7
+        z, pitch, roll = stand(
+            Slope(), towed.supports, np.array([[3.0, 4.0]]), np.zeros(1), np.full(1, 9.0)
+        )
+        assert pitch[0] == pytest.approx(-np.arctan(0.05), abs=1e-4)
+        assert roll[0] == pytest.approx(np.arctan(0.02), abs=1e-3)
+        assert z[0] == pytest.approx(0.05 * 3.0 + 0.02 * 4.0, abs=1e-3)

@@ -22,7 +22,8 @@ WHOLE = [name for actor_class in ACTOR_CLASSES for name in asset_names(actor_cla
 #: Vehicles that bend are seen as their bodies.
 NAMES = [shown for name in WHOLE for shown in ([x.asset for x in asset(name).bodies] or [name])]
 WALKERS = [name for name in asset_names("pedestrian") if asset(name).stride_m > 0]
-WHEELED = [name for name in NAMES if name not in WALKERS]
+ANIMALS = asset_names("animal")
+WHEELED = [name for name in NAMES if name not in (*WALKERS, *ANIMALS)]
 
 
 def sizes():
@@ -61,6 +62,7 @@ def first_hits(mesh, origins, direction):
         ("pedestrian", 4),
         ("tram", 1),
         ("trailer", 2),
+        ("animal", 2),
     ],
 )
 def test_every_class_has_variety(actor_class, least):
@@ -117,16 +119,17 @@ def test_labels_are_those_of_the_class(name):
     assert set(mesh.semantic) == {semantic_id(ACTOR_SEMANTICS[asset(name).actor_class])}
     has = {key: material_id(key) in mesh.material for key in ("glass", "rubber", "cloth", "skin")}
     person = asset(name).actor_class in ("pedestrian", "bicycle", "motorcycle")
+    alive = name in (*WALKERS, *ANIMALS)
     assert has["skin"] == person
-    assert has["glass"] or asset(name).actor_class in ("pedestrian", "bicycle")
+    assert has["glass"] or asset(name).actor_class in ("pedestrian", "bicycle", "animal")
     assert has["rubber"]
     assert has["cloth"]
-    assert (material_id("retroreflector") in mesh.material) == (name not in WALKERS)
+    assert (material_id("retroreflector") in mesh.material) == (not alive)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_size_in_triangles(name):
-    limits = (800, 2500) if name in WALKERS else (1500, 7000)
+    limits = (800, 2500) if name in (*WALKERS, *ANIMALS) else (1500, 7000)
     assert limits[0] <= len(asset_mesh(name).faces) <= limits[1]
 
 
@@ -306,6 +309,28 @@ def test_feet_on_the_ground_stay_where_they_are(name):
     # In a step of a cycle's twelfth, some 12 cm, a sole on the ground slips by less than 2 cm.
     assert np.abs(drift).max() < 0.16 * step
     assert abs(np.sum(drift)) < 0.05 * found.stride_m
+
+
+@pytest.mark.parametrize("name", ANIMALS)
+def test_paws_on_the_ground_stay_where_they_are(name):
+    """Of a dog's four feet those that stand go back as fast as it goes on."""
+    found = asset(name)
+    step = found.stride_m / found.phases
+    meshes = [asset_mesh(name, phase) for phase in range(found.phases)]
+    paws = [
+        part
+        for part in np.unique(meshes[0].part)
+        if np.ptp(meshes[0].select(meshes[0].part == part).vertices[:, 2]) < 0.06
+        and any(mesh.select(mesh.part == part).vertices[:, 2].min() < 1e-6 for mesh in meshes)
+    ]
+    assert len(paws) == 4
+    places = np.array(
+        [[mesh.select(mesh.part == paw).vertices.min(axis=0) for paw in paws] for mesh in meshes]
+    )
+    for now, after in zip(places, np.roll(places, -1, axis=0), strict=True):
+        planted = (now[:, 2] < 0.005) & (after[:, 2] < 0.005)
+        assert planted.sum() >= 2
+        np.testing.assert_allclose((after - now)[planted, 0], -step, atol=0.1 * step)
 
 
 def test_strides_are_those_of_people():

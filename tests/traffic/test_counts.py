@@ -11,7 +11,8 @@ from urbantwin.errors import InputError
 from urbantwin.interface.outcome import outcome_of_motion
 from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.traffic import run_traffic
-from urbantwin.traffic.demand.counts import counted_demand, turn_of
+from urbantwin.traffic.demand.counted_places import turn_of
+from urbantwin.traffic.demand.counts import counted_demand
 from urbantwin.traffic.demand.counts_table import read_counts
 from urbantwin.traffic.demand.manners import manners_of
 from urbantwin.traffic.demand.site_demand import demand_of

@@ -18,7 +18,8 @@ urbantwin traffic twin/ -o motion/
 urbantwin traffic twin/ -o motion/ --seconds 300 --seed 7
 urbantwin traffic twin/ -o motion/ --demand tuned/traffic.yaml
 urbantwin traffic twin/ -o motion/ --scenario scenario.yaml
-urbantwin traffic twin/ -o motion/ --counts counts.csv
+urbantwin traffic twin/ -o motion/ --counts counts.csv --time-of-day 08:00
+urbantwin traffic twin/ -o motion/ --counts loops.xml --detectors loops.add.xml
 """
 
 
@@ -40,7 +41,18 @@ def traffic(
     ] = None,
     counts: Annotated[
         Path | None,
-        typer.Option(help="A table (CSV): approach, turn, class, begin, count."),
+        typer.Option(
+            help="A table (CSV): approach and turn, or road, or crossing; class, begin, count. Or "
+            "what SUMO's detectors write (XML, CSV)."
+        ),
+    ] = None,
+    detectors: Annotated[
+        Path | None,
+        typer.Option(help="Where the detectors of the counts are: SUMO's additional file."),
+    ] = None,
+    time_of_day: Annotated[
+        str | None,
+        typer.Option(metavar="HH:MM", help="When the motion begins; the site's if not given."),
     ] = None,
     pictures: Pictures = True,
     quiet: Quiet = False,
@@ -55,6 +67,8 @@ def traffic(
         demand=demand,
         scenario=scenario,
         counts=counts,
+        detectors=detectors,
+        time_of_day=time_of_day,
         pictures=pictures,
         progress=not quiet,
     )

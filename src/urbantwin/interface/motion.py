@@ -117,6 +117,8 @@ def drive(  # noqa: PLR0913 - the options of the command
     demand: AnyPath | None = None,
     scenario: AnyPath | None = None,
     counts: AnyPath | None = None,
+    detectors: AnyPath | None = None,
+    time_of_day: str | None = None,
     pictures: bool = True,
     progress: ShowProgress = True,
 ) -> Motion:
@@ -131,8 +133,11 @@ def drive(  # noqa: PLR0913 - the options of the command
         demand: a file of fields of ``traffic:`` that replace the site's, as ``tune`` and
             ``calibrate`` write it.
         scenario: a ``scenario.yaml``: rare events, each by its name, at a place and a time.
-        counts: a table (CSV) of vehicles by approach, turn and quarter of an hour, or by origin and
-            destination.
+        counts: a table (CSV) of who passed by approach and turn, road, crossing, or origin and
+            destination, and by quarter of an hour; or what SUMO's detectors write (XML, CSV).
+        detectors: where the detectors of the counts are: SUMO's additional file of them.
+        time_of_day: when the motion begins, ``08:00``: counts are taken from then on, guessed
+            volumes are those of that hour; the site's ``traffic.time_of_day`` if not given.
         pictures: draw the paths of the actors, and each event, into the motion's folder.
         progress: show how far it is; or a function that is told (share, doing).
 
@@ -145,6 +150,7 @@ def drive(  # noqa: PLR0913 - the options of the command
     """
     from urbantwin.interface.twin import Twin
     from urbantwin.site import load_traffic_changes
+    from urbantwin.site.traffic import checked_time_of_day
     from urbantwin.traffic.demand.counts_table import read_counts
     from urbantwin.traffic.run import run_traffic
 
@@ -152,10 +158,13 @@ def drive(  # noqa: PLR0913 - the options of the command
     file = None if demand is None else Path(demand)
     events = None if scenario is None else Path(scenario)
     table = None if counts is None else Path(counts)
-    check_folder(place, kind="motion", inputs=[Path(twin), file, events, table])
+    loops = None if detectors is None else Path(detectors)
+    check_folder(place, kind="motion", inputs=[Path(twin), file, events, table, loops])
     changes = {} if file is None else load_traffic_changes(file)
     if table is not None:
-        changes = {**changes, "counts": read_counts(table)}
+        changes = {**changes, "counts": read_counts(table, loops)}
+    if time_of_day is not None:
+        changes = {**changes, "time_of_day": checked_time_of_day(time_of_day)}
     loaded = Twin.open(twin)
     if events is not None:
         from urbantwin.traffic.events import load_scenario

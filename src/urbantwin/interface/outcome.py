@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections import Counter
 from typing import TYPE_CHECKING, Any
 
+from urbantwin.traffic.result_warnings import place_of_count
+
 if TYPE_CHECKING:
     from urbantwin.interface.dataset import Dataset
     from urbantwin.traffic.motion import Motion
@@ -33,17 +35,30 @@ def outcome_of_motion(motion: Motion) -> dict[str, Any]:
     seen = {name: row["seen"] for name, row in told.get("classes", {}).items() if row["seen"]}
     carried = told.get("circulation", {}).get("carried_share_of_motor_traffic")
     met = told.get("overlaps")
-    counted = {
+    counted: dict[str, Any] = {
         f"counted_{name}": round(sum(row[name] for row in told["counts"]), 1)
         for name in ("asked_per_hour", "driven_per_hour")
         if told.get("counts")
     }
+    if told.get("counts"):
+        counted["counts"] = [_side_by_side(row) for row in told["counts"]]
+    if told.get("signals_timed_for_counts"):
+        counted["signals_timed_for_counts"] = len(told["signals_timed_for_counts"])
     return {
         "actors": seen,
         **counted,
         **({} if carried is None else {"traffic_carried_of_asked": carried}),
         **({} if met is None else {"overlaps": met["actors"], "overlaps_with_scene": met["scene"]}),
     }
+
+
+def _side_by_side(row: dict[str, Any]) -> dict[str, Any]:
+    """Return who was asked for and who drove, for one line."""
+    asked, driven = row["asked_per_hour"], row["driven_per_hour"]
+    off = {"off": f"{driven / asked - 1:+.0%}"} if asked else {}
+    why = {"held_up": row["held_up"]} if row.get("held_up") else {}
+    place = place_of_count(row)
+    return {"where": place, "class": row["class"], "asked": asked, "driven": driven, **off, **why}
 
 
 def outcome_of_dataset(dataset: Dataset) -> dict[str, Any]:

@@ -103,7 +103,12 @@ class Calibration:
             not_told=told["not_told"],
             **{
                 name: told[name]
-                for name in ("fitted", "held_out", "recording_with_itself_held_out")
+                for name in (
+                    "fitted",
+                    "held_out",
+                    "held_out_in_the_same_part_of_the_cycle",
+                    "recording_with_itself_held_out",
+                )
                 if name in told
             },
         )

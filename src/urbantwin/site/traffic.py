@@ -6,14 +6,14 @@ import re
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, field_validator, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
 
 from urbantwin.errors import InputError
 from urbantwin.site.conditions import Strict
 from urbantwin.site.yaml_document import nearest, read_document, wrong
 from urbantwin.taxonomy import ACTOR_CLASSES, COMPANIONS
 
-__all__ = ["DEFAULT_PER_HOUR", "TrafficSpec", "load_traffic_changes"]
+__all__ = ["DEFAULT_PER_HOUR", "TrafficSpec", "checked_time_of_day", "load_traffic_changes"]
 
 #: A moderately busy urban junction in the middle of the day, all approaches together.
 DEFAULT_PER_HOUR: dict[str, float] = {
@@ -43,6 +43,18 @@ Share = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
 Seconds = Annotated[float, Field(le=86400.0, allow_inf_nan=False)]
 
 
+def _time_of_day(value: object) -> object:
+    """Return a time as ``07:15``: YAML takes 10:30 for a number of minutes."""
+    if isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1440:
+        return f"{value // 60:02}:{value % 60:02}"
+    if not isinstance(value, str) or not re.fullmatch(r"([01]?\d|2[0-3]):[0-5]\d", value):
+        raise wrong(f"is {str(value)[:20]!r}", "a time of day from 00:00 to 23:59, such as 08:00")
+    return value.rjust(5, "0")
+
+
+TimeOfDay = Annotated[str, BeforeValidator(_time_of_day)]
+
+
 class SizeSpec(Strict):
     """Factors of the catalogue's length, width and height."""
 
@@ -52,28 +64,39 @@ class SizeSpec(Strict):
 
 
 class CountSpec(Strict):
-    """What was counted of one way through the junction.
+    """What was counted of one way through a junction, on one road, or on one crossing.
 
     Attributes:
+        junction: where: its id, or its streets (``First Street / Second Street``); without it the
+            main junction.
         approach: where it comes from: the id of a road, an arm of the junction (``north``), or the
             name of a street that has one approach.
         turn: where it goes: ``left``, ``through``, ``right``, ``u-turn``, or the id of a road, an
             arm, or a street's name.
+        road: instead of approach and turn, a cross-section: the id of a road or of one of its
+            lanes, or the name of a street that has one direction; all lanes together.
+        crossing: or people who cross: a crossing's id, or the arm of the junction that it crosses.
         actor_class: of which class; without it, the motor traffic, shared out as ``per_hour`` is.
+        begin: when the first quarter of an hour begins, ``07:15``; with ``traffic.time_of_day`` the
+            motion begins with the quarter of that time.
         per_hour: how many in an hour; or
         per_quarter: how many in each quarter of an hour from the motion's start on; the last one
             holds from then on, and the first one before.
         row: where it was written, for errors.
     """
 
-    approach: Annotated[str, Field(min_length=1)]
-    turn: Annotated[str, Field(min_length=1)]
+    junction: str = ""
+    approach: str = ""
+    turn: str = ""
+    road: str = ""
+    crossing: str = ""
     actor_class: ActorClass | None = None
     per_hour: PerHour | None = None
     per_quarter: list[PerHour] | None = None
+    begin: TimeOfDay | None = None
     row: str = ""
 
-    @field_validator("approach", "turn", mode="before")
+    @field_validator("junction", "approach", "turn", "road", "crossing", mode="before")
     @classmethod
     def _numbers_are_ids(cls, value: Any) -> Any:  # noqa: ANN401
         return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
@@ -82,6 +105,9 @@ class CountSpec(Strict):
     def _says_how_many_once(self) -> CountSpec:
         if (self.per_hour is None) == (not self.per_quarter):
             raise wrong("has no number, or two", "per_hour or per_quarter")
+        where = [bool(self.approach and self.turn), bool(self.road), bool(self.crossing)]
+        if sum(where) != 1 or bool(self.approach) != bool(self.turn):
+            raise wrong("is at no place, or at two", "approach and turn, or road, or crossing")
         return self
 
 
@@ -154,6 +180,8 @@ class TrafficSpec(Strict):
         size: by class, how large its actors are against the catalogue's.
         counts: what was counted, way by way. Classes that are counted come as the counts say, pass
             through and leave, and ``per_hour`` says nothing of them.
+        time_of_day: when the motion begins, ``08:00``. Counts that say when they begin are taken
+            from then on; guessed volumes, which are those of midday, are scaled by the hour.
         drivers: by class, how its drivers drive.
         parked: share of the parking spaces that are taken, 0..1: of all, or by ``street`` and
             ``car_park``.
@@ -168,6 +196,7 @@ class TrafficSpec(Strict):
     seed: Annotated[int, Field(ge=0, lt=2**31)] = 1
     size: dict[ActorClass, SizeSpec] = Field(default_factory=dict)
     counts: list[CountSpec] = Field(default_factory=list)
+    time_of_day: TimeOfDay | None = None
     drivers: dict[ActorClass, DriverSpec] = Field(default_factory=dict)
     parked: ParkedSpec = Field(default_factory=ParkedSpec)
 
@@ -196,6 +225,20 @@ class TrafficSpec(Strict):
             if value.get(name, 0.0) > 0:
                 raise wrong(f"asks for {name}s", "none: they come with others")
         return {name: value.get(name, 0.0) for name in ACTOR_CLASSES}
+
+
+def checked_time_of_day(time: str) -> str:
+    """Return a time of day as ``08:00``.
+
+    Raises:
+        InputError: it is none.
+    """
+    try:
+        return str(_time_of_day(time))
+    except ValueError:
+        raise InputError(
+            f"is {time[:20]!r}", place="time of day", expected="00:00 to 23:59, such as 08:00"
+        ) from None
 
 
 def load_traffic_changes(path: Path) -> dict[str, Any]:

@@ -18,12 +18,13 @@ ACTOR_SEMANTICS: dict[str, str] = {
     "van": "car",
     "tram": "on-rails",
     "trailer": "truck",
+    "animal": "other-object",
 }
 
 ACTOR_CLASSES: tuple[str, ...] = tuple(ACTOR_SEMANTICS)
 
 #: Those who come with others: no traffic is asked of them.
-COMPANIONS: tuple[str, ...] = ("trailer",)
+COMPANIONS: tuple[str, ...] = ("trailer", "animal")
 
 #: The classes that rules of access to lanes tell apart. Vans go where cars go.
 ROAD_USERS: tuple[str, ...] = ("car", "truck", "bus", "motorcycle", "bicycle", "pedestrian")

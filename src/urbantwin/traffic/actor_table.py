@@ -121,7 +121,7 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
         rows = np.flatnonzero(kind[trip] == np.searchsorted(known, name))
         mesh = asset(name)
         xy, yaw = columns["xy"][rows], columns["yaw"][rows]
-        z[rows], pitch[rows], roll[rows] = stand(ground, mesh.contacts, xy, yaw, ceiling[rows])
+        z[rows], pitch[rows], roll[rows] = stand(ground, mesh.supports, xy, yaw, ceiling[rows])
         moving = np.zeros(len(rows))
         if mesh.phases > 1:
             cycles = columns["distance"][rows] / mesh.stride_m + trip[rows] * _GOLDEN
@@ -230,8 +230,13 @@ def _apart(
     size = np.where(stands[:, None], still[trip], striding[trip])
     level = place.ground.levels(lanes)[columns["lane"]]
     boxes = PlanBoxes(columns["step"], columns["xy"], columns["yaw"], size / 2)
-    classes = tuple(one.actor_class for one in trips)
-    moving = Moving(trip, boxes, columns["speed"], level, columns["lane"], classes, vehicles(who))
+    led = np.array([one.actor_class == "animal" for one in trips], np.bool_)
+    # Who is led steps aside as people do.
+    classes = tuple(
+        "pedestrian" if one.actor_class == "animal" else one.actor_class for one in trips
+    )
+    whose = np.where(led, who, vehicles(who))
+    moving = Moving(trip, boxes, columns["speed"], level, columns["lane"], classes, whose)
     footways = Footways(place.roads, lanes, beyond_m=_BESIDE_M)
     xy, speed = separated(moving, place.blocks, footways, step_s)
     yaw = columns["yaw"].copy()

@@ -9,9 +9,10 @@ from typing import Any
 import pyarrow as pa
 
 from urbantwin import __version__
+from urbantwin.roads import RoadNetwork
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import AssetName, asset, asset_names
-from urbantwin.traffic.demand.counts import counted_report
+from urbantwin.traffic.demand.counted_report import counted_report
 from urbantwin.traffic.demand.demand import Demand
 from urbantwin.traffic.flow.circulation_report import circulation_report
 from urbantwin.traffic.motion import MOTION_VERSION
@@ -27,6 +28,7 @@ def manifest_of_drive(
     demand: Demand,
     simulated: Simulated,
     actors: pa.Table,
+    roads: RoadNetwork,
     *,
     steps: int,
 ) -> dict[str, Any]:
@@ -38,6 +40,7 @@ def manifest_of_drive(
         demand: who set out.
         simulated: what SUMO did.
         actors: the table of actors.
+        roads: the lanes, with the programs that were shown.
         steps: how many steps the motion has.
     """
     step_s, warmup_s = float(asked["step_s"]), float(asked["warmup_s"])
@@ -63,7 +66,13 @@ def manifest_of_drive(
     }
     if demand.counted:
         manifest["counts"] = counted_report(
-            asked["counts"], asked["per_hour"], demand, simulated, steps=steps, step_s=step_s
+            asked["counts"],
+            asked["per_hour"],
+            demand,
+            simulated,
+            roads,
+            steps=steps,
+            step_s=step_s,
         )
     if demand.circulates:
         manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)

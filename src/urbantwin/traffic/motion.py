@@ -142,7 +142,9 @@ class Motion:
         """Return a hash of everything that the motion holds, in hexadecimal."""
         digest = hashlib.sha256(json.dumps(self.manifest, sort_keys=True).encode())
         for table in (self.actors, self.signals, self.parked):
-            digest.update(_parquet(table))
+            stream = pa.BufferOutputStream()
+            _write_table(table, stream)
+            digest.update(stream.getvalue())
         for key, mesh in sorted(self.meshes.items()):
             digest.update(repr(key).encode())
             for name in MESH_FORM:
@@ -185,10 +187,10 @@ class Motion:
 
     def write(self, folder: Path) -> None:
         """Write the files of a motion into a folder that is there."""
-        (folder / "actors.parquet").write_bytes(_parquet(self.actors))
-        (folder / "signals.parquet").write_bytes(_parquet(self.signals))
+        _write_table(self.actors, folder / "actors.parquet")
+        _write_table(self.signals, folder / "signals.parquet")
         if self.parked.num_rows:
-            (folder / _PARKED).write_bytes(_parquet(self.parked))
+            _write_table(self.parked, folder / _PARKED)
         _write_meshes(folder / "meshes.npz", self.meshes)
         write_json(folder / "motion.json", self.manifest)
 
@@ -289,8 +291,6 @@ def _write_meshes(path: Path, meshes: Mapping[MeshKey, LabelledMesh]) -> None:
     )
 
 
-def _parquet(table: pa.Table) -> bytes:
-    """Return a table as a Parquet file's bytes; the same rows give the same bytes."""
-    stream = pa.BufferOutputStream()
-    pq.write_table(table.combine_chunks(), stream, compression="zstd")
-    return bytes(stream.getvalue().to_pybytes())
+def _write_table(table: pa.Table, to: Path | pa.NativeFile) -> None:
+    """Write a table as Parquet, group of rows by group; the same rows give the same bytes."""
+    pq.write_table(table.combine_chunks(), to, compression="zstd")

@@ -176,7 +176,7 @@ def _rows(
     lane = surface.lanes.at(xy, yaw, path.actor_class, height)
     names, which = np.unique(lane.astype(str), return_inverse=True)
     ceiling = surface.ground.ceiling(xy, which.astype(np.int32), tuple(names.tolist()))
-    z, pitch, roll = stand(surface.ground, mesh.contacts, xy, yaw, ceiling)
+    z, pitch, roll = stand(surface.ground, mesh.supports, xy, yaw, ceiling)
     values = {
         "time_s": times,
         "track": track,

@@ -7,7 +7,7 @@ from typing import Any
 
 from urbantwin.result_warning import ResultWarning
 
-__all__ = ["warnings_of_drive"]
+__all__ = ["place_of_count", "warnings_of_drive"]
 
 #: Least share of the motor traffic asked for that is carried, where nothing is said.
 ENOUGH = 0.9
@@ -35,9 +35,9 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
             and driven < ENOUGH * asked - (asked * 3600 / manifest["duration_s"]) ** 0.5
         ):
             yield ResultWarning(
-                f"counts {row['approach']} {row['turn']}",
+                f"counts {place_of_count(row)}",
                 f"{driven:.0f} of {asked:.0f} {row['class']} an hour are driven",
-                "the approach is the bottleneck, or the motion is short",
+                row.get("held_up") or "the motion is short, or more jams the streets",
                 "see motion.json; lengthen traffic.warmup_s, or give signal programs in site.yaml",
             )
     for row in manifest["left_out"]:
@@ -94,6 +94,12 @@ def warnings_of_drive(manifest: Mapping[str, Any]) -> Iterator[ResultWarning]:
             f"on {lanes}",
             "look there in plan.png",
         )
+
+
+def place_of_count(row: Mapping[str, Any]) -> str:
+    """Return where a row of counts was counted."""
+    where = ("junction", "approach", "turn", "road", "crossing")
+    return " ".join(str(row[name]) for name in where if row.get(name))
 
 
 def _count_left_out(manifest: Mapping[str, Any], name: str) -> int:

@@ -19,6 +19,7 @@ from urbantwin.traffic.actor_table import Place, actor_table
 from urbantwin.traffic.assets import OwnBodies
 from urbantwin.traffic.demand.demand import Demand
 from urbantwin.traffic.demand.site_demand import demand_of
+from urbantwin.traffic.demand.time_of_day import at_time_of_day
 from urbantwin.traffic.drive_manifest import manifest_of_drive
 from urbantwin.traffic.events.put_in import StagedEvent, staged_table, with_events
 from urbantwin.traffic.events.reacting import REACTING, everybody, plan_events, reactions
@@ -33,6 +34,7 @@ from urbantwin.traffic.paths.placement import Ground
 from urbantwin.traffic.resize import resized
 from urbantwin.traffic.result_warnings import warnings_of_drive
 from urbantwin.traffic.signals import signal_table
+from urbantwin.traffic.sumo.counted_signals import net_for_counts, timing_told
 from urbantwin.traffic.sumo.signal_offset import net_with_offsets
 from urbantwin.traffic.sumo.simulation import Simulated, simulate
 from urbantwin.twin import Twin
@@ -75,7 +77,7 @@ def run_traffic(
     chosen_seed = _seed(asked["seed"] if seed is None else seed)
 
     with replaced_folder(out, kind="motion", inputs=[twin.folder]) as folder:
-        asked = {**asked, "duration_s": duration_s, "seed": chosen_seed}
+        asked = at_time_of_day({**asked, "duration_s": duration_s, "seed": chosen_seed})
         motion = _driven(twin, asked, steps, folder, told)
         told(0.95, "writing the motion")
         motion.write(folder)
@@ -103,7 +105,8 @@ def _driven(
         scratch=scratch,
         progress=lambda fraction: told(0.1 * fraction, "finding how many circulate"),
     )
-    net = _net(twin, asked, scratch)
+    net = _net(twin, asked, demand, scratch)
+    roads, retimed = timing_told(net, twin.roads) if demand.counted else (twin.roads, {})
     streets = _Streets(twin, asked, steps, net, scratch, own_bodies(twin))
     simulated = streets.drive(demand, lambda fraction, what: told(0.1 + 0.5 * fraction, what))
     told(0.6, "actors")
@@ -119,14 +122,16 @@ def _driven(
     if reacting:
         told(0.85, "the same with events")
         drive = streets.with_reactions(drive, reacting, place)
-    if net != twin.net_path:
-        net.unlink()  # the folder is the motion's
+    for made in scratch.glob("*.net.xml"):
+        made.unlink()  # the folder is the motion's
     step_s = float(asked["step_s"])
     shown = drive.simulated.signals
     signals = signal_table(shown, twin.roads.signals, steps=steps, step_s=step_s)
     manifest = manifest_of_drive(
-        twin, asked, drive.demand, drive.simulated, drive.actors, steps=steps
+        twin, asked, drive.demand, drive.simulated, drive.actors, roads, steps=steps
     )
+    if retimed:
+        manifest["signals_timed_for_counts"] = retimed
     manifest |= {
         "poses_outside_ground": drive.outside,
         "rigid_instead": len(drive.rigid),
@@ -135,9 +140,11 @@ def _driven(
     if scenario:
         manifest["events"] = []
     driven = Motion(manifest, drive.actors, signals, streets.own.meshes, parked=standing)
+    staged = drive.staged
+    del drive, simulated  # an hour of it takes hundreds of megabytes
     motion = resized(driven.with_meshes(between(told, 0.85, 0.93)), asked.get("size", {}))
     if scenario:
-        motion = with_events(motion, twin, scenario, drive.staged)
+        motion = with_events(motion, twin, scenario, staged)
     told(0.93, "who passes through whom")
     return _told(motion, twin)
 
@@ -258,12 +265,15 @@ class _Streets:
         return replace(drive, actors=actors, staged=staged)
 
 
-def _net(twin: Twin, asked: Mapping[str, Any], scratch: Path) -> Path:
-    """Return SUMO's network: the twin's, or one with the offsets that are asked for."""
-    offsets = asked.get("signal_offsets")
-    if not offsets:
-        return twin.net_path
-    return net_with_offsets(twin.net_path, offsets, scratch / "offset.net.xml")
+def _net(twin: Twin, asked: Mapping[str, Any], demand: Demand, scratch: Path) -> Path:
+    """Return SUMO's network: the twin's, or one with signals for counts, or with other offsets."""
+    net = twin.net_path
+    if demand.counted:
+        hours = (float(asked["warmup_s"]) + float(asked["duration_s"])) / 3600
+        net = net_for_counts(twin, demand, hours, scratch / "counted.net.xml")
+    if offsets := asked.get("signal_offsets"):
+        net = net_with_offsets(net, offsets, scratch / "offset.net.xml")
+    return net
 
 
 def _parked(twin: Twin, asked: Mapping[str, Any], ground: Ground) -> ParkedVehicles:

@@ -44,6 +44,7 @@ BLUEPRINTS: dict[str, dict[str, Any]] = {
     "pedestrian": {"filter": "walker.pedestrian.*", "base_type": [], "except": []},
     "tram": {"filter": "", "base_type": [], "except": []},  # CARLA has none
     "trailer": {"filter": "", "base_type": [], "except": []},
+    "animal": {"filter": "", "base_type": [], "except": []},
 }
 _NORMC = re.compile(r"normc\(([-\d.,\s]+)\)")
 

@@ -40,6 +40,7 @@ _CALLED = {
         humanpedestrianpoliceofficer""",
     "tram": "tram railedvehicle onrails streetcar",
     "trailer": "trailer vehiculartrailer vehicletrailer",
+    "animal": "animal dog",
 }
 #: How far a matrix that is written with few digits may be from a rotation; places on Earth, metres.
 _ROUND, _FURTHEST_M = 0.01, 1e8

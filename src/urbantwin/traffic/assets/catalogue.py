@@ -6,7 +6,7 @@ Its data: ``assets.yaml``, ``light.yaml`` and ``articulated.yaml``, drawn point 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from importlib.resources import files
@@ -22,10 +22,12 @@ from urbantwin.taxonomy import ACTOR_CLASSES, ACTOR_SEMANTICS, semantic_id
 from urbantwin.traffic.assets.articulated import bodies_of, bus_section, trailer
 from urbantwin.traffic.assets.asset_name import AssetName, Size
 from urbantwin.traffic.assets.body import Body
-from urbantwin.traffic.assets.car import axle_wheels, body, car, contact_points, plates, seats
+from urbantwin.traffic.assets.car import car, contact_points
 from urbantwin.traffic.assets.car_shape import drawn
 from urbantwin.traffic.assets.coat import COATED_CLASSES, coated_mesh
+from urbantwin.traffic.assets.dog import BESIDE_M, DOG_PHASES, dog, dog_stride
 from urbantwin.traffic.assets.gait import GAIT_PHASES, stride_length, walker
+from urbantwin.traffic.assets.heavy import bus, truck
 from urbantwin.traffic.assets.parts import parts
 from urbantwin.traffic.assets.person import Figure
 from urbantwin.traffic.assets.scaled import scaled_mesh
@@ -37,6 +39,15 @@ __all__ = ["Asset", "asset", "asset_mesh", "asset_names"]
 
 #: Where the catalogue is written.
 _FILES = ("assets.yaml", "cars.yaml", "light.yaml", "articulated.yaml")
+#: What makes those that move no limbs.
+_STIFF: dict[str, Callable[[Mapping[str, Any]], list[Solid]]] = {
+    "car": car,
+    "truck": truck,
+    "bus": bus,
+    "trailer": trailer,
+    "bus-section": bus_section,
+    "tram-body": tram_section,
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +70,10 @@ class Asset:
             left before right; the origin for a person.
         stride_m: distance travelled in one cycle, metres; 0 for a rigid asset. Phase ``k``
             shows the asset ``k / phases`` of that distance into the cycle.
-        bodies: of a vehicle that bends: its stiff bodies from the nose, assets of their own.
+        bodies: of a vehicle that bends: its stiff bodies from the nose, assets of their own; of who
+            has a companion both.
         rigid: of a vehicle that bends on roads: who drives in its place where it cannot turn.
+        hitch: of what is towed: where it hangs on what pulls it, metres ahead of its middle.
     """
 
     name: str
@@ -74,10 +87,20 @@ class Asset:
     stride_m: float
     bodies: tuple[Body, ...] = ()
     rigid: str = ""
+    hitch: float | None = None
+
+    @property
+    def supports(self) -> NDArray[np.float64]:
+        """What carries it (K, 3), asset frame: its contacts, and the ground below its hitch."""
+        if self.hitch is None:
+            return self.contacts
+        return np.vstack([[[self.hitch, 0.0, 0.0]], self.contacts])
 
 
 def asset_names(actor_class: str) -> tuple[str, ...]:
     """Return the names of a class's assets, in the catalogue's order.
+
+    Who comes with a companion is one of them without it.
 
     Raises:
         InputError: there is no such class.
@@ -89,7 +112,9 @@ def asset_names(actor_class: str) -> tuple[str, ...]:
     return tuple(
         name
         for name, entry in _entries().items()
-        if entry["class"] == actor_class and "part_of" not in entry
+        if entry["class"] == actor_class
+        and "part_of" not in entry
+        and entry["builder"] != "accompanied"
     )
 
 
@@ -112,6 +137,7 @@ def asset(name: str) -> Asset:
             height=parsed.size[2],
             contacts=usual.contacts * factors,
             stride_m=usual.stride_m * factors[2],
+            hitch=None if usual.hitch is None else usual.hitch * factors[0],
         )
     if parsed.coat and _has_coat(parsed.body):
         bare = asset(parsed.body)
@@ -127,6 +153,11 @@ def asset(name: str) -> Asset:
     match entry["builder"]:
         case "walker":
             stride = stride_length(Figure(**entry["figure"]))
+        case "dog":
+            stride = dog_stride(entry)
+        case "accompanied":
+            bodies = _bodies(name)
+            stride = asset(bodies[0].asset).stride_m
         case "two-wheeler":
             contacts, stride = hub_contacts(entry), entry.get("stride", 0.0)
         case "tram" | "coupled":
@@ -150,6 +181,7 @@ def asset(name: str) -> Asset:
         stride_m=stride,
         bodies=bodies,
         rigid=entry.get("instead", ""),
+        hitch=float(size[0]) / 2 - entry["hitch"] if "hitch" in entry else None,
     )
 
 
@@ -184,8 +216,10 @@ def asset_mesh(name: str, phase: int = 0) -> LabelledMesh:
 def _phases(entry: dict[str, Any]) -> tuple[int, int]:
     """Return the number of phases of an entry's cycle and the phase that shows it halted."""
     match entry["builder"]:
-        case "walker":
+        case "walker" | "accompanied":
             return GAIT_PHASES, GAIT_PHASES
+        case "dog":
+            return DOG_PHASES, DOG_PHASES
         case "two-wheeler":
             phases = PEDAL_PHASES if "cranks" in entry else 1
             return phases, phases
@@ -196,37 +230,32 @@ def _phases(entry: dict[str, Any]) -> tuple[int, int]:
 def _solids(name: str, phase: int, *, halted: bool) -> list[Solid]:
     entry = _entry(name)
     match entry["builder"]:
-        case "walker":
-            if "stands" in entry:
-                now = pushing(entry, None if halted else phase)
-                return fitted(now, entry["size"], like=_first_phase(name))
-            return walker(Figure(**entry["figure"]), None if halted else phase)
-        case "two-wheeler":
-            first = _first_phase(name)
-            if phase == 0 and not halted:
-                now = first
-            else:
-                now = two_wheeler(entry, 0 if halted else phase, halted=halted)
-            return fitted(now, entry["size"], like=first)
-        case "truck":
-            solids = truck(entry)
-        case "bus":
-            solids = bus(entry)
+        case "walker" | "two-wheeler" | "dog":
+            return _posed(name, phase, halted=halted)
         case "tram" | "coupled":
             return [
                 solid.moved([entry["size"][0] / 2 - one.middle_m, 0.0, 0.0])
                 for one in _bodies(name)
                 for solid in _solids(one.asset, 0, halted=False)
             ]
-        case "tram-body":
-            solids = tram_section(entry)
-        case "trailer":
-            solids = trailer(entry)
-        case "bus-section":
-            solids = bus_section(entry)
-        case _:
-            solids = car(entry)
-    return fitted(solids, entry["size"])
+        case "accompanied":
+            walks, follows = (_solids(one.asset, phase, halted=halted) for one in _bodies(name))
+            return walks + [one.moved([BESIDE_M[0], -BESIDE_M[1], 0.0]) for one in follows]
+    return fitted(_STIFF[entry["builder"]](entry), entry["size"])
+
+
+def _posed(name: str, phase: int, *, halted: bool) -> list[Solid]:
+    """Return the solids of who moves its limbs."""
+    entry, now = _entry(name), None if halted else phase
+    if entry["builder"] == "dog":
+        return _over_the_middle(dog(entry, now), dog(entry, 0))
+    if entry["builder"] == "walker":
+        if "stands" not in entry:
+            return walker(Figure(**entry["figure"]), now)
+        return fitted(pushing(entry, now), entry["size"], like=_first_phase(name))
+    first = _first_phase(name)
+    moved = first if phase == 0 and not halted else two_wheeler(entry, now or 0, halted=halted)
+    return fitted(moved, entry["size"], like=first)
 
 
 @cache
@@ -250,6 +279,8 @@ def _bodies(name: str) -> tuple[Body, ...]:
     entry = _entry(name)
     if entry["builder"] == "tram":
         return tram_bodies(name)
+    if entry["builder"] == "accompanied":
+        return tuple(Body(one, 0.0, (0.0, 0.0)) for one in entry["bodies"])
     names = [one["asset"] for one in entry["bodies"]]
     return bodies_of(entry, {one: _entry(one)["size"][0] for one in names})
 
@@ -257,6 +288,13 @@ def _bodies(name: str) -> tuple[Body, ...]:
 def _coated(body: Body, coat: str) -> Body:
     """Return a body with a coat, where it is of a class that has one."""
     return replace(body, asset=f"{body.asset}_{coat}") if _has_coat(body.asset) else body
+
+
+def _over_the_middle(solids: list[Solid], like: list[Solid]) -> list[Solid]:
+    """Return solids moved by what brings others over the origin."""
+    corners = np.concatenate([solid.vertices for solid in like])
+    middle = (corners.min(axis=0) + corners.max(axis=0))[:2] / 2
+    return [solid.moved([-middle[0], -middle[1], 0.0]) for solid in solids]
 
 
 def _has_coat(body: str) -> bool:
@@ -283,22 +321,3 @@ def pushing(entry: Mapping[str, Any], phase: int | None) -> list[Solid]:
     ahead = [entry["size"][0] / 2 - entry["stands"], 0.0, 0.0]
     person = walker(Figure(**entry["figure"]), phase)
     return [solid.moved(ahead) for solid in person] + parts(entry)
-
-
-def bus(entry: Mapping[str, Any]) -> list[Solid]:
-    """Return the solids of a bus of the catalogue."""
-    solids, outline = body(entry)
-    solids += axle_wheels(entry)
-    solids += plates(entry, outline, plate_z=(0.5, 0.7))
-    return solids + parts(entry) + seats(entry)
-
-
-def truck(entry: Mapping[str, Any]) -> list[Solid]:
-    """Return the solids of a truck of the catalogue: a cab's shell and parts behind it."""
-    wheels = entry["wheels"]
-    cab = {**entry["cab"], "wheels": {**wheels, "axles": wheels["axles"][:1]}}
-    shell, outline = body(cab)
-    front_plate = plates(cab, outline, plate_z=(0.52, 1.2))[:1]
-    ahead = [(entry["size"][0] - cab["size"][0]) / 2, 0.0, 0.0]
-    solids = [solid.moved(ahead) for solid in [*shell, *front_plate, *seats(cab)]]
-    return solids + axle_wheels(entry) + parts(entry)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import defaultdict
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ from urbantwin.site import load_site
 from urbantwin.site.yaml_document import read_document
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.calibration.agreement import agreement, own_spread
-from urbantwin.traffic.calibration.measured import Measured, measured
+from urbantwin.traffic.calibration.measured import Measured, joined, measured
 from urbantwin.traffic.calibration.parameters import traffic_of
 from urbantwin.traffic.calibration.passages import JunctionLinks, Passage, SeenTrack, passages_of
 from urbantwin.traffic.calibration.signal_timing import Timing, timing_of
@@ -38,6 +39,7 @@ _TRIED: dict[str, tuple[tuple[float, ...], str]] = {
     "speed_factor": ((0.55, 0.65, 0.75, 0.85, 0.95, 1.05), "speed_ks"),
     "headway_s": ((0.7, 1.0, 1.3, 1.6, 2.0), "headway_ks"),
 }
+#: At least; up to three times as long, where what is fitted to is.
 _TRIAL_S = 600.0
 _LONGEST_NAME = 500
 
@@ -144,6 +146,7 @@ def calibrate_traffic(
                 seconds,
                 scratch,
                 between(progress, 0.7, 1.0),
+                0.0 if timing is None else timing.cycle_s,
             )
         document["traffic"] = {**dict(document.get("traffic") or {}), **traffic}
         _dump(folder / "site.yaml", _elsewhere(document, site.parent.resolve(), out.resolve()))
@@ -221,6 +224,7 @@ def _tried(
     """
     told: dict[str, Any] = {}
     area = seen_area(seen)
+    trial_s = float(np.clip(part.seconds, _TRIAL_S, 3 * _TRIAL_S))
     runs = sum(len(values) + 2 for values, _ in _TRIED.values())
     done = 0
     for field, (values, measure) in _TRIED.items():
@@ -234,12 +238,12 @@ def _tried(
             tracks = simulated_tracks(
                 twin,
                 {**asked, "drivers": drivers},
-                _TRIAL_S,
+                trial_s,
                 area,
                 scratch=scratch,
                 told=partial(_tell_trial, tell, f"trying {field} {value:g}"),
             )
-            distance = agreement(part, _measured(twin, tracks, _TRIAL_S))[measure]
+            distance = agreement(part, _measured(twin, tracks)(0.0, trial_s))[measure]
             if distance is not None:
                 found[value] = distance
             if not queue and found and len(found) == len(values):
@@ -259,10 +263,11 @@ def _tell_trial(tell: Progress, what: str, share: float) -> None:
     tell(share, what)
 
 
-def _measured(twin: Twin, tracks: list[SeenTrack], seconds: float) -> Measured:
+def _measured(twin: Twin, tracks: list[SeenTrack]) -> Callable[[float, float], Measured]:
+    """Return what measures tracks between two moments, seconds."""
     links = JunctionLinks.of(twin.net_path, twin.roads)
     passages = passages_of(tracks, twin.roads, links)
-    return measured(tracks, passages, twin.roads, 0.0, seconds)
+    return partial(measured, tracks, passages, twin.roads)
 
 
 def _judged(
@@ -273,8 +278,13 @@ def _judged(
     seconds: float,
     scratch: Path,
     progress: Progress,
+    cycle_s: float,
 ) -> dict[str, Any]:
-    """Return how a simulation agrees with the part that was fitted to, and with the other."""
+    """Return how a simulation agrees with the part that was fitted to, and with the other.
+
+    Where the signals' cycle is known, also how what passes in the same part of the cycle does: a
+    short recording holds out no whole number of cycles.
+    """
     part, passages, seen = recorded
     tracks = simulated_tracks(
         twin,
@@ -284,13 +294,20 @@ def _judged(
         scratch=scratch,
         told=lambda share: progress(share, "simulating what is judged"),
     )
-    simulated = _measured(twin, tracks, seconds)
+    between_moments = _measured(twin, tracks)
+    simulated = between_moments(0.0, seconds)
     found: dict[str, Any] = {"simulated": _told(simulated), "fitted": agreement(part, simulated)}
     found["recording_with_itself_fitted"] = own_spread(part)
     if rest[1] - rest[0] > 1.0:
         other = measured(seen, passages, twin.roads, *rest)
         found["held_out_s"] = [round(rest[0], 3), round(rest[1], 3)]
         found["held_out"] = agreement(other, simulated)
+        if cycle_s:
+            # SUMO's clock is the signals', and starts with the warm-up.
+            first = (rest[0] - float(asked["warmup_s"])) % cycle_s
+            begins = np.arange(first, seconds - (rest[1] - rest[0]), cycle_s)
+            parts = [between_moments(at, at + rest[1] - rest[0]) for at in begins]
+            found["held_out_in_the_same_part_of_the_cycle"] = agreement(other, joined(parts))
         found["recording_with_itself_held_out"] = own_spread(other)
         found["fitted_with_held_out"] = agreement(other, part)
     return found

@@ -6,6 +6,7 @@ from collections import Counter, defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from urbantwin.roads import RoadNetwork
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.calibration.passages import MOTORS, Passage, SeenTrack
 
-__all__ = ["Measured", "measured"]
+__all__ = ["Measured", "joined", "measured"]
 
 #: Speeds are taken each so many metres of the way, so that those who wait do not outweigh others.
 _EVERY_M = 2.0
@@ -60,6 +61,30 @@ class Measured:
         """Headways of all lanes up to 15 s: how one follows another."""
         every = np.array([one for found in self.headways.values() for one in found])
         return every[every <= _FOLLOWING_S]
+
+
+def joined(parts: Sequence[Measured]) -> Measured:
+    """Return what was measured in several spans of time as one measurement."""
+
+    def added(field: str) -> dict[Any, int]:
+        return dict(sum((Counter(getattr(one, field)) for one in parts), Counter()))
+
+    def every(field: str) -> list[Any]:
+        return [value for one in parts for value in getattr(one, field)]
+
+    headways: dict[str, list[float]] = defaultdict(list)
+    for one in parts:
+        for lane, found in one.headways.items():
+            headways[lane] += found
+    return Measured(
+        sum(one.seconds for one in parts),
+        added("classes"),
+        added("new"),
+        added("turns"),
+        tuple(every("speeds")),
+        dict(headways),
+        *(every(x) for x in ("discharge", "gaps", "accelerations", "passing", "lengths")),
+    )
 
 
 def measured(

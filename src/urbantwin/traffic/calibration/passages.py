@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from urbantwin.roads import Road, RoadNetwork
 from urbantwin.roads.signals.controlled_links import Signalised, signalised_junctions
-from urbantwin.traffic.demand.counts import main_junction
+from urbantwin.traffic.demand.counted_places import main_junction
 from urbantwin.traffic.paths.lane_below import LanesBelow
 from urbantwin.traffic.recorded.track import RecordedTrack
 

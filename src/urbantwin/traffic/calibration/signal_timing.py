@@ -63,7 +63,9 @@ def timing_of(
         until_s: what was shown until then, seconds.
     """
     shown = _of_vehicles(signals)
-    starts = {group: _starts(changes) for group, changes in shown.items()}
+    starts = {
+        group: [at for at in _starts(changes) if at < until_s] for group, changes in shown.items()
+    }
     periods = [period for found in starts.values() for period in np.diff(found)]
     periods = [one for one in periods if _CYCLE_S[0] <= one <= _CYCLE_S[1]]
     if links.signals is None or not periods:

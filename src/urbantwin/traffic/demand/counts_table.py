@@ -1,101 +1,157 @@
-"""Tables of counts: by approach and turn, or by origin and destination, in intervals of time."""
+"""Tables of counts: by approach and turn, road or crossing, or origin and destination, by time."""
 
 from __future__ import annotations
 
 import re
-from collections import defaultdict
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.traffic.demand.detector_files import (
+    Counted,
+    by_road,
+    read_detectors,
+    read_sumo_counts,
+)
 from urbantwin.traffic.recorded.csv_rows import numbers_of, read_csv, texts_of
 
 __all__ = ["read_counts"]
 
-_EXPECTED = "a table of counts: approach, turn, begin, count, and class if there are several"
+_EXPECTED = (
+    "a table of counts: approach and turn, or road, or crossing; begin; count, and class if there "
+    "are several, or a column for each class"
+)
 _NAMES = {
+    "junction": ("junction", "intersection", "node"),
     "approach": ("approach", "origin", "from"),
     "turn": ("turn", "destination", "to", "exit"),
+    "road": ("road", "edge", "street"),
+    "lane": ("lane",),
+    "detector": ("detector", "loop"),
+    "crossing": ("crossing", "crosswalk"),
     "class": ("class", "type", "vehicle"),
     "begin": ("begin", "start", "time"),
     "count": ("count", "vehicles", "number"),
 }
+_ALONE = ("road", "lane", "detector", "crossing")
+_WHERE = ("junction", "approach", "turn", *_ALONE)
 _QUARTER_S, _DAY_S = 900, 86400
 #: Lengths of intervals, seconds: parts of a quarter of an hour, or several quarters.
 _SHORTEST_S = 60
 
 
-def read_counts(path: Path) -> list[dict[str, Any]]:
-    """Return ``traffic.counts`` of a CSV table; the motion begins with its first interval.
+def read_counts(path: Path, detectors: Path | None = None) -> list[dict[str, Any]]:
+    """Return ``traffic.counts`` of a table (CSV), or of what SUMO's detectors write (XML).
 
-    Columns are approach and turn (or origin and destination), begin (``07:15``, or seconds), count,
-    and class. Intervals are all of one length: that between the two nearest beginnings, an hour
-    where there is one only.
+    Columns are approach and turn (or origin and destination), or road, or crossing; junction where
+    it is not the main one; begin (``07:15``, or seconds), and count, with class, or a column of
+    counts for each class. Intervals are all of one length: that between the two nearest beginnings,
+    an hour where there is one only.
+
+    Args:
+        path: the file; ``.xml`` is SUMO's, and so is CSV with columns Detector, Time and qPKW.
+        detectors: where detectors are: SUMO's additional file of them.
 
     Raises:
-        InputError: the table is missing or wrong; the line is named.
+        InputError: the file is missing or wrong; the line is named.
     """
+    places = None if detectors is None else read_detectors(detectors)
+    counted = read_sumo_counts(path)
+    if counted is None:
+        counted = list(_rows(path))
+    counted = list(by_road(counted, places, path))
+    if not counted:
+        raise InputError("counts nothing", file=path, expected=_EXPECTED)
+    return _by_quarter(counted, path)
+
+
+def _rows(path: Path) -> Iterator[Counted]:
+    """Yield what each line of a table counts."""
     table = read_csv(path, _EXPECTED)
     plain = {name.strip().lower(): name for name in table.column_names}
     column = {
         what: next((plain[one] for one in names if one in plain), None)
         for what, names in _NAMES.items()
     }
-    for what in ("approach", "turn", "count"):
-        if column[what] is None:
-            raise InputError(f"has no column {what}", file=path, place="line 1", expected=_EXPECTED)
-    count = numbers_of(table, str(column["count"]), path)
-    if (count < 0).any():
-        place = f"line {int(np.argmax(count < 0)) + 2}"
-        raise InputError("counts less than none", file=path, place=place, expected="0 or more")
-    nothing = np.full(len(count), "", object)
+    by_class = {name: plain[name] for name in ACTOR_CLASSES if name in plain}
+    if column["count"] is not None:
+        by_class = {"": column["count"]}
+    missing = [] if any(column[what] for what in _ALONE) else ["approach", "turn"]
+    missing = [what for what in missing if column[what] is None] + ([] if by_class else ["count"])
+    if missing:
+        problem = f"has no column {missing[0]}"
+        raise InputError(problem, file=path, place="line 1", expected=_EXPECTED)
+    nothing = np.full(table.num_rows, "", object)
     texts = {
         what: nothing if (name := column[what]) is None else texts_of(table, name)
-        for what in ("approach", "turn", "class", "begin")
+        for what in (*_WHERE, "class", "begin")
     }
-    begin = np.array([_seconds(one, path, k + 2) for k, one in enumerate(texts["begin"])])
-    begins = np.unique(begin)
+    for kind, name in by_class.items():
+        count = numbers_of(table, name, path)
+        if (count < 0).any():
+            place = f"line {int(np.argmax(count < 0)) + 2}"
+            raise InputError("counts less than none", file=path, place=place, expected="0 or more")
+        for k, number in enumerate(count.tolist()):
+            line = f"line {k + 2}"
+            where = {what: str(texts[what][k]) for what in _WHERE}
+            where = {what: found for what, found in where.items() if found}
+            if not where.keys() & set(_ALONE) and not {"approach", "turn"} <= where.keys():
+                problem = "names no approach or turn"
+                raise InputError(problem, file=path, place=line, expected=_EXPECTED)
+            begin = _seconds(texts["begin"][k], path, line)
+            yield Counted(where, kind or str(texts["class"][k]), begin, None, number, line)
+
+
+@dataclass
+class _Row:
+    counts: NDArray[np.float64]
+    line: str
+
+
+def _by_quarter(counted: list[Counted], path: Path) -> list[dict[str, Any]]:
+    """Return rows of ``traffic.counts``, each place and class once."""
+    begins = np.unique([one.begin_s for one in counted])
+    told = {one.length_s for one in counted if one.length_s}
     length = int(np.diff(begins).min()) if len(begins) > 1 else 4 * _QUARTER_S
+    length = int(min(told)) if told else length
     fits = length % _QUARTER_S == 0 or (length >= _SHORTEST_S and _QUARTER_S % length == 0)
-    if not fits or ((begins - begins[0]) % length).any():
+    if not fits or ((begins - begins[0]) % length).any() or len(told) > 1:
         raise InputError(
             f"has intervals of {length} s, and not all of them",
             file=path,
-            place=column["begin"],
+            place="begin",
             expected="quarters of an hour, parts or multiples of them, all of one length",
         )
     slots = int((begins[-1] - begins[0]) // length) + 1
-    rows: dict[tuple[str, str, str], np.ndarray[Any, Any]] = defaultdict(lambda: np.zeros(slots))
-    first: dict[tuple[str, str, str], int] = {}
-    for k in range(len(count)):
-        kind = str(texts["class"][k])
-        if kind and kind not in ACTOR_CLASSES:
+    rows: dict[tuple[tuple[tuple[str, str], ...], str], _Row] = {}
+    for one in counted:
+        if one.actor_class and one.actor_class not in ACTOR_CLASSES:
             raise InputError(
-                f"unknown class {kind[:40]!r}",
+                f"unknown class {one.actor_class[:40]!r}",
                 file=path,
-                place=f"line {k + 2}",
+                place=one.line,
                 expected=f"one of {', '.join(ACTOR_CLASSES)}",
             )
-        key = (str(texts["approach"][k]), str(texts["turn"][k]), kind)
-        if not key[0] or not key[1]:
-            raise InputError(
-                "names no approach or turn", file=path, place=f"line {k + 2}", expected=_EXPECTED
-            )
-        rows[key][int((begin[k] - begins[0]) // length)] += count[k]
-        first.setdefault(key, k + 2)
+        key = (tuple(one.where.items()), one.actor_class)
+        row = rows.setdefault(key, _Row(np.zeros(slots), one.line))
+        row.counts[int((one.begin_s - begins[0]) // length)] += one.count
+    first = int(begins[0]) % _DAY_S // 60
     return [
         {
-            "approach": approach,
-            "turn": turn,
+            **dict(where),
             "actor_class": kind or None,
             "per_hour": None,
-            "per_quarter": _quarters(found, length),
-            "row": f"{path.name} line {first[approach, turn, kind]}",
+            "per_quarter": _quarters(row.counts, length),
+            "begin": f"{first // 60:02}:{first % 60:02}",
+            "row": f"{path.name} {row.line}",
         }
-        for (approach, turn, kind), found in rows.items()
+        for (where, kind), row in rows.items()
     ]
 
 
@@ -109,7 +165,7 @@ def _quarters(counts: np.ndarray[Any, Any], length_s: int) -> list[float]:
     return [float(one) for one in padded.reshape(-1, parts).sum(axis=1)]
 
 
-def _seconds(text: object, path: Path, line: int) -> int:
+def _seconds(text: object, path: Path, line: str) -> int:
     """Return a time of day in seconds; nothing is midnight."""
     said = str(text)
     if not said:
@@ -126,7 +182,7 @@ def _seconds(text: object, path: Path, line: int) -> int:
         raise InputError(
             f"begins at {said[:40]!r}",
             file=path,
-            place=f"line {line}",
+            place=line,
             expected="07:15, or seconds",
         )
     return whole

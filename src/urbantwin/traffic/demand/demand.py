@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.sparse.csgraph
@@ -16,9 +16,12 @@ from urbantwin.traffic.demand.guessed_volumes import Bound
 from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
 
 __all__ = [
+    "WALKING_MS",
+    "CountedRow",
     "Demand",
     "LeftOut",
     "Population",
+    "Routes",
     "Trip",
     "departure_count",
     "plan_demand",
@@ -26,7 +29,7 @@ __all__ = [
     "together",
 ]
 
-_WALKING_MS = 1.34  # mean free walking speed (Weidmann, ETH IVT 90, 1993)
+WALKING_MS = 1.34  # mean free walking speed (Weidmann, ETH IVT 90, 1993)
 _WORTHWHILE_M = 60.0  # a route shorter than this is no way through, where there are longer ones
 
 
@@ -89,6 +92,21 @@ class Population:
 
 
 @dataclass(frozen=True)
+class CountedRow:
+    """Who was planned for a row of counts.
+
+    Attributes:
+        approach: the edge by which they come; where it is a crossing, that.
+        leaving: the edge that they have passed when they are counted.
+        trips: numbers of the trips that may pass.
+    """
+
+    approach: str
+    leaving: str
+    trips: tuple[int, ...]
+
+
+@dataclass(frozen=True)
 class Demand:
     """Every trip, in the order of setting out.
 
@@ -101,8 +119,7 @@ class Demand:
         held_up: where and why they carry no more; empty where they do.
         stops: where buses halt.
         manners: by class, attributes of SUMO's vehicle type that are not as usual.
-        counted: of each row that was counted, the edge by which they leave, and the numbers of its
-            trips.
+        counted: of each row that was counted, who was planned for it.
         bound: how much of guessed volumes comes.
     """
 
@@ -114,7 +131,7 @@ class Demand:
     held_up: str = ""
     stops: tuple[BusStop, ...] = ()
     manners: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-    counted: tuple[tuple[str, tuple[int, ...]], ...] = ()
+    counted: tuple[CountedRow, ...] = ()
     bound: Bound = field(default_factory=Bound)
 
     @property
@@ -158,7 +175,7 @@ def plan_demand(
         walks = actor_class == "pedestrian"
         vclass = ACTOR_KINDS[actor_class].vclass
         streets = network.walked() if walks else network.driven_by(vclass)
-        routes = None if streets is None else _Routes.between_gates(streets)
+        routes = None if streets is None else Routes.between_gates(streets)
         if routes is None:
             why = (
                 "no sidewalk, footway or crossing to walk on"
@@ -169,7 +186,7 @@ def plan_demand(
             continue
         depart_s = (np.arange(count) + random.random(count)) * (period_s / count)
         pairs = systematic(routes.weight, count, random)
-        place, lead_m = random.random(count), _WALKING_MS * (warmup_s - depart_s)
+        place, lead_m = random.random(count), WALKING_MS * (warmup_s - depart_s)
         for k in range(count):
             asset, at = body(actor_class, k), round(float(depart_s[k]), 2)
             if walks:
@@ -195,8 +212,8 @@ def together(first: Demand, second: Demand) -> Demand:
         tuple((first, second)[which].trips[k] for _, which, k in both),
         first.left_out + second.left_out,
         counted=tuple(
-            (leaving, tuple(sorted(place[0, trip] for trip in row)))
-            for leaving, row in first.counted
+            replace(row, trips=tuple(sorted(place[0, trip] for trip in row.trips)))
+            for row in first.counted
         ),
     )
 
@@ -207,7 +224,7 @@ def departure_count(per_hour: float, period_s: float) -> int:
 
 
 @dataclass(frozen=True, eq=False)
-class _Routes:
+class Routes:
     """The ways between gates: pairs of gates with their relative traffic."""
 
     streets: Streets
@@ -217,7 +234,7 @@ class _Routes:
     row: dict[int, int]
 
     @classmethod
-    def between_gates(cls, streets: Streets) -> _Routes | None:
+    def between_gates(cls, streets: Streets) -> Routes | None:
         """Find the fastest way between each two gates; ``None`` where there is none at all.
 
         A pair's traffic is the product of its gates' traffic, less where the way is a detour
@@ -257,7 +274,7 @@ class _Routes:
         return cls(streets, routes.pairs, weight, previous, row)
 
     def drive(self, number: int) -> tuple[str, ...]:
-        """Return the streets of a way."""
+        """Return the streets of a way; on foot its corners and crossings too."""
         return tuple(self.streets.edges[edge] for edge in self._path(number))
 
     def walk(

@@ -10,10 +10,12 @@ from typing import Any
 from urbantwin.roads.assignment.movement_flows import IN_CARS
 from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.traffic.demand.circulation import Circulation
-from urbantwin.traffic.demand.counts import counted_demand, is_counted
+from urbantwin.traffic.demand.counted_volumes import is_counted
+from urbantwin.traffic.demand.counts import counted_demand
 from urbantwin.traffic.demand.demand import Demand, plan_demand, together
 from urbantwin.traffic.demand.guessed_volumes import Bound, bound_of_signals
 from urbantwin.traffic.demand.manners import manners_of
+from urbantwin.traffic.demand.time_of_day import at_time_of_day
 from urbantwin.traffic.fleet_of_twin import fleet_of, own_bodies
 from urbantwin.traffic.flow.bottleneck import bottleneck
 from urbantwin.traffic.flow.flow_calibration import calibrate
@@ -40,9 +42,10 @@ def demand_of(
     by pilot simulations (``flow_calibration``). Elsewhere traffic passes through.
 
     Raises:
+        InputError: a place that was counted is not there, or nobody counted at the time of day.
         StageError: SUMO failed.
     """
-    asked = asked or twin.site["traffic"]
+    asked = at_time_of_day(asked or twin.site["traffic"])
     manners = manners_of(asked.get("drivers", {}))
     own = own_bodies(twin)
     body = fleet_of(twin, seed).body

@@ -90,6 +90,8 @@ ACTOR_KINDS: dict[str, ActorKind] = {
             **_STEERING,
         },
     ),
-    "trailer": ActorKind("trailer"),  # comes with its truck: SUMO knows of the whole
+    # They come with others: SUMO knows of the whole.
+    "trailer": ActorKind("trailer"),
+    "animal": ActorKind("pedestrian"),
 }
 assert tuple(ACTOR_KINDS) == ACTOR_CLASSES

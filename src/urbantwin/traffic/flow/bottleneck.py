@@ -15,7 +15,7 @@ JAMMED, SPACE_M = 0.4, 7.5
 MOST_STREETS = 20
 
 
-def bottleneck(network: RoadNetwork, standing: Mapping[str, float]) -> str:
+def bottleneck(network: RoadNetwork, standing: Mapping[str, float], *, road: str = "") -> str:
     """Return where the longest queue begins and what holds it up; empty where nobody stands.
 
     From the lane with the longest queue it is followed downstream while the lanes ahead are jammed.
@@ -23,9 +23,11 @@ def bottleneck(network: RoadNetwork, standing: Mapping[str, float]) -> str:
     Args:
         network: the lanes, with signal programs.
         standing: lane -> how many vehicles stand on it, in the mean.
+        road: whose queue is followed; that of the lane with the longest if none is given.
     """
     known = network.lane_by_id
     outside = {x: count for x, count in standing.items() if x in known and known[x].road}
+    outside = {x: count for x, count in outside.items() if road in ("", known[x].road)}
     if not outside:
         return ""
     name = max(sorted(outside), key=lambda lane: outside[lane])

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from urbantwin.geometry import stations_of_points
 from urbantwin.traffic.assets.body import Body
 
-__all__ = ["on_rails", "towed"]
+__all__ = ["Poses", "on_rails", "towed"]
 
 #: How far a towed axle is moved at a time, metres: a tractrix is followed in small steps.
 _STEP_M = 0.05

@@ -9,23 +9,28 @@ from typing import Any
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
 
 from urbantwin.roads import Track
 from urbantwin.traffic.assets import Asset
+from urbantwin.traffic.assets.dog import BESIDE_M
 from urbantwin.traffic.demand.demand import Demand, Trip
-from urbantwin.traffic.paths.articulation import on_rails, towed
+from urbantwin.traffic.paths.articulation import Poses, on_rails, towed
 from urbantwin.traffic.sumo.simulation import Simulated
 
 __all__ = ["steering_part", "vehicles", "with_bodies"]
 
 Columns = dict[str, NDArray[Any]]
 
+#: Turns of who is led on a lead are levelled over so many steps.
+_LEAD_STEPS = 11
+
 #: Further bodies are told from trips by so much; there are fewer trips than that.
 _FURTHER = 10_000_000
 
 
 def steering_part(whole: Asset, asset: Callable[[str], Asset]) -> Asset:
-    """Return what of an actor steers: its first body, where that tows others; else all of it.
+    """Return what of an actor goes first: its first body, where it leads others; else all of it.
 
     Args:
         whole: the actor.
@@ -84,6 +89,9 @@ def with_bodies(
                 inside[np.searchsorted(starts[1:-1], nose_m - body.middle_m, side="right")]
                 for body in whole.bodies
             ]
+        elif whole.actor_class == "pedestrian":
+            shown = [np.ones(len(rows), np.bool_)] * len(whole.bodies)
+            poses = _accompanied(columns["xy"][rows], columns["yaw"][rows], number)
         else:
             shown = [np.ones(len(rows), np.bool_)] * len(whole.bodies)
             length_m = steering_part(whole, asset).length
@@ -108,6 +116,16 @@ def with_bodies(
     rest = {name: values[stays] for name, values in columns.items()}
     joined = {name: np.concatenate([rest[name], *(x[name] for x in bent)]) for name in columns}
     return joined, tuple(trips), np.array(who, np.int64)
+
+
+def _accompanied(xy: NDArray[np.float64], yaw: NDArray[np.float64], number: int) -> Poses:
+    """Return where somebody (N, 2) walks, and a dog beside, who turns as gently as on a lead."""
+    turned = np.unwrap(yaw)
+    gentle = uniform_filter1d(turned, min(_LEAD_STEPS, len(turned)), mode="nearest")
+    ahead, aside = BESIDE_M[0], BESIDE_M[1] * (1 if number % 2 else -1)
+    c, s = np.cos(gentle), np.sin(gentle)
+    place = xy + np.column_stack([ahead * c - aside * s, ahead * s + aside * c])
+    return [(xy, yaw), (place, gentle)]
 
 
 def _rows_of(simulated: Simulated, number: int, steps: NDArray[np.int32]) -> NDArray[np.int64]:

@@ -17,8 +17,8 @@ _STEP_APART_M = 1e4
 #: Boxes that reach farther from their middle than this are searched for by themselves, metres:
 #: people and two-wheelers then need not be compared with all within a bus's length.
 _SMALL_M = 1.2
-#: Steps that are compared at a time.
-_STEPS = 1000
+#: Steps, and pairs, that are compared at a time.
+_STEPS, _PAIRS = 1000, 200_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,7 +143,18 @@ def meetings(
         boxes: of both.
         pairs: (P, 2) rows of boxes.
     """
-    one, other = pairs.T
+    deep, out = np.empty(len(pairs)), np.empty((len(pairs), 2))
+    for first in range(0, len(pairs), _PAIRS):
+        part = slice(first, first + _PAIRS)
+        deep[part], out[part] = _meetings(boxes, pairs[part])
+    return deep, out
+
+
+def _meetings(
+    boxes: PlanBoxes, pairs: NDArray[np.int64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    rows, pairs = np.unique(pairs, return_inverse=True)
+    boxes, (one, other) = boxes.take(rows), pairs.reshape(-1, 2).T
     axes, half = boxes.axes, boxes.half
     between = boxes.xy[one] - boxes.xy[other]
     tried = np.concatenate([axes[one], axes[other]], axis=1)
@@ -155,7 +166,7 @@ def meetings(
     )
     deep = np.asarray(radius) - np.abs(along)
     least = deep.argmin(axis=1)
-    row = np.arange(len(pairs))
+    row = np.arange(len(one))
     sign = np.where(along[row, least] < 0, -1.0, 1.0)
     return deep[row, least], tried[row, least] * sign[:, None]
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,11 @@ OVERLAP_M2, LEVEL_M = 0.05, 2.0
 TOUCH_M = 0.05
 #: The worst are told one by one.
 _TOLD = 20
+#: Rows that are looked at together.
+_ROWS = 200_000
+_COLUMNS = ("time_s", "track", "class", "asset", "x", "y", "z", "yaw", "length", "width", "height")
+#: Two tracks -> how much they share at most, and what is told of it.
+_Met = dict[tuple[int, int], tuple[float, dict[str, Any]]]
 
 
 def overlaps_of(
@@ -44,76 +49,85 @@ def overlaps_of(
         same by class and what it is.
         ``worst``: the pairs that share most, with when, where and how much.
     """
-    columns = {
-        name: np.concatenate([actors[name].to_numpy(), parked[name].to_numpy()])
-        for name in (
-            "time_s",
-            "track",
-            "class",
-            "asset",
-            "x",
-            "y",
-            "z",
-            "yaw",
-            "length",
-            "width",
-            "height",
-        )
+    still = _columns(parked)
+    standing = _boxes(still, np.zeros(parked.num_rows, np.int64))
+    tree, obstacles = shapely.STRtree(standing.polygons), Obstacles(scene)
+    met: _Met = {}
+    hits: dict[int, str] = {}
+    for part in _parts(actors):
+        moving = _columns(part)
+        boxes = _boxes(moving, np.round(moving["time_s"] / step_s).astype(np.int64))
+        _note(met, _meetings(moving, boxes, still, standing, tree))
+        for track, what in _scene_hits(moving, boxes, obstacles).items():
+            hits.setdefault(track, what)
+    worst = [row for _, row in sorted(met.items(), key=lambda one: (-one[1][0], one[0]))]
+    kinds = Counter(" and ".join(sorted(row["classes"])) for _, row in worst)
+    return {
+        "actors": len(worst),
+        "between": dict(sorted(kinds.items())),
+        "scene": len(hits),
+        "with": dict(sorted(Counter(hits.values()).items())),
+        "worst": [row for _, row in worst[:_TOLD]],
     }
-    boxes = PlanBoxes(
-        np.round(columns["time_s"] / step_s).astype(np.int64),
-        np.column_stack([columns["x"], columns["y"]]),
-        columns["yaw"],
-        np.column_stack([columns["length"], columns["width"]]) / 2,
-    )
-    moving, still = np.split(np.arange(len(boxes.yaw)), [actors.num_rows])
-    tree = shapely.STRtree(boxes.take(still).polygons)
-    beside, stands = rows_beside(tree, boxes.take(moving), 0.0)
+
+
+def _parts(actors: pa.Table) -> Iterator[pa.Table]:
+    """Yield the rows of whole steps, so many at a time that an hour does not take gigabytes."""
+    time_s = actors["time_s"].to_numpy()
+    first = 0
+    while first < len(time_s):
+        last = np.searchsorted(time_s, time_s[min(first + _ROWS, len(time_s)) - 1], side="right")
+        yield actors.slice(first, int(last) - first)
+        first = int(last)
+
+
+def _columns(table: pa.Table) -> dict[str, NDArray[Any]]:
+    return {name: table[name].to_numpy() for name in _COLUMNS}
+
+
+def _boxes(columns: Mapping[str, NDArray[Any]], step: NDArray[np.int64]) -> PlanBoxes:
+    half = np.column_stack([columns["length"], columns["width"]]) / 2
+    return PlanBoxes(step, np.column_stack([columns["x"], columns["y"]]), columns["yaw"], half)
+
+
+def _meetings(
+    moving: Mapping[str, NDArray[Any]],
+    boxes: PlanBoxes,
+    still: Mapping[str, NDArray[Any]],
+    standing: PlanBoxes,
+    tree: shapely.STRtree,
+) -> Iterator[tuple[float, dict[str, Any]]]:
+    """Yield how much two share, and who, when and where, of each two that overlap at a step."""
+    beside, stands = rows_beside(tree, boxes, 0.0)
+    first = len(boxes.yaw)
     pairs = np.concatenate(
-        [near_pairs(boxes.take(moving), 0.0), np.column_stack([beside, still[stands]])]
+        [near_pairs(boxes, 0.0), np.column_stack([beside, first + stands]).astype(np.int64)]
     )
+    columns = {name: np.concatenate([moving[name], still[name]]) for name in _COLUMNS}
     pairs = pairs[np.abs(columns["z"][pairs[:, 0]] - columns["z"][pairs[:, 1]]) < LEVEL_M]
     pairs = pairs[~are_coupled(columns, pairs)]
-    area = shared_areas(boxes, pairs)
-    deep = area > OVERLAP_M2
-    met = _worst(columns, pairs[deep], area[deep])
-    kinds = Counter(" and ".join(sorted(one["classes"])) for one in met)
-    hit = _scene_hits(
-        {name: values[moving] for name, values in columns.items()},
-        boxes.take(moving),
-        Obstacles(scene),
-    )
-    return {
-        "actors": len(met),
-        "between": dict(sorted(kinds.items())),
-        "scene": len(hit),
-        "with": dict(sorted(Counter(hit.values()).items())),
-        "worst": met[:_TOLD],
-    }
+    area = shared_areas(PlanBoxes.joined([boxes, standing]), pairs)
+    for k in np.flatnonzero(area > OVERLAP_M2):
+        rows = pairs[k]
+        yield (
+            float(area[k]),
+            {
+                "tracks": sorted(columns["track"][rows].tolist()),
+                "classes": [str(columns["class"][row]) for row in sorted(rows.tolist())],
+                "time_s": float(columns["time_s"][rows[0]]),
+                "x": round(float(columns["x"][rows].mean()), 1),
+                "y": round(float(columns["y"][rows].mean()), 1),
+                "area_m2": round(float(area[k]), 2),
+            },
+        )
 
 
-def _worst(
-    columns: Mapping[str, NDArray[Any]], pairs: NDArray[np.int64], area: NDArray[np.float64]
-) -> list[dict[str, Any]]:
-    """Return each pair of tracks once, where it shares most, the worst first."""
-    found: dict[tuple[int, int], tuple[float, int]] = {}
-    for k, (one, other) in enumerate(columns["track"][pairs].tolist()):
-        key = (min(one, other), max(one, other))
-        if area[k] > found.get(key, (0.0, 0))[0]:
-            found[key] = (float(area[k]), k)
-    order = sorted(found.items(), key=lambda item: (-item[1][0], item[0]))
-    rows = [pairs[k] for _, (_, k) in order]
-    return [
-        {
-            "tracks": list(key),
-            "classes": [str(columns["class"][row]) for row in sorted(rows[n].tolist())],
-            "time_s": float(columns["time_s"][rows[n][0]]),
-            "x": round(float(columns["x"][rows[n]].mean()), 1),
-            "y": round(float(columns["y"][rows[n]].mean()), 1),
-            "area_m2": round(most, 2),
-        }
-        for n, (key, (most, _)) in enumerate(order)
-    ]
+def _note(met: _Met, found: Iterable[tuple[float, dict[str, Any]]]) -> None:
+    """Keep of each pair of tracks where it shares most."""
+    for area, row in found:
+        key = (row["tracks"][0], row["tracks"][1])
+        if key not in met or area > met[key][0]:
+            met[key] = (area, row)
 
 
 def _scene_hits(

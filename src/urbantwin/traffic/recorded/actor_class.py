@@ -14,7 +14,7 @@ IGNORED = "ignore"
 _WORDS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("dontcare", (IGNORED,)),
     ("misc", (IGNORED,)),
-    ("animal", (IGNORED,)),
+    ("animal", ("animal", IGNORED)),
     ("barrier", (IGNORED,)),
     ("cone", (IGNORED,)),
     ("debris", (IGNORED,)),

@@ -1,0 +1,217 @@
+"""Where was counted: approaches, turns, roads and crossings by the names that people have."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from urbantwin.errors import InputError
+from urbantwin.roads import Lane, Road, RoadNetwork
+
+__all__ = ["Way", "crossing_of", "main_junction", "road_of", "turn_of", "way_of"]
+
+_ARMS = ("east", "north-east", "north", "north-west", "west", "south-west", "south", "south-east")
+_TURNS = ("left", "through", "right", "u-turn")
+#: A change of direction of less is through, of more a u-turn, degrees.
+_THROUGH_DEG, _BACK_DEG = 35.0, 150.0
+_TOLD = 20  # names in an error
+_DIRECTION_M = 20.0  # over so much of a road its direction is taken
+
+
+@dataclass(frozen=True)
+class Way:
+    """A row of counts by approach and turn in terms of roads."""
+
+    approach: Road
+    exit: Road
+
+
+def turn_of(roads: RoadNetwork, approach: Road, leaving: Road) -> str:
+    """Return how one turns from one road into another: left, through, right or u-turn."""
+    into = _direction(roads, approach, at_end=True)
+    away = _direction(roads, leaving, at_end=False)
+    turned = float(np.degrees(np.angle(np.exp(1j * (away - into)))))
+    if abs(turned) < _THROUGH_DEG:
+        return "through"
+    if abs(turned) > _BACK_DEG:
+        return "u-turn"
+    return "left" if turned > 0 else "right"
+
+
+def way_of(row: Mapping[str, Any], roads: RoadNetwork, place: str) -> Way:
+    """Return the roads that a row means.
+
+    Raises:
+        InputError: one is not there, or is not the only one.
+    """
+    by_id = {road.id: road for road in roads.roads}
+    name, turn = str(row["approach"]), str(row["turn"])
+    junction = _junction(str(row.get("junction") or ""), roads, place)
+    approaches = [road for road in roads.roads if road.to_junction == junction]
+    approach = by_id.get(name)
+    if approach is None:
+        approach = _one(name, approaches, roads, at_end=True, place=place, what="approach")
+    exits = [road for road in roads.roads if road.from_junction == approach.to_junction]
+    leaving = by_id.get(turn)
+    if leaving is None and turn in _TURNS:
+        turned = [road for road in exits if turn_of(roads, approach, road) == turn]
+        if not turned:
+            there = ", ".join(f"{road.id} ({turn_of(roads, approach, road)})" for road in exits)
+            raise InputError(
+                f"nobody can go {turn} from {name}", place=place, expected=f"one of {there}"
+            )
+        # Of several the one that is most so: nearest to a right angle, or straight on.
+        leaving = min(turned, key=lambda road: _off(roads, approach, road, turn))
+    if leaving is None:
+        leaving = _one(turn, exits, roads, at_end=False, place=place, what="turn")
+    return Way(approach, leaving)
+
+
+def _one(
+    name: str, among: list[Road], roads: RoadNetwork, *, at_end: bool, place: str, what: str
+) -> Road:
+    """Return the road of a junction that a name or an arm means."""
+    arms = {road.id: _arm(roads, road, at_end=at_end) for road in among}
+    found = [road for road in among if name in (arms[road.id], road.name)]
+    if len(found) == 1:
+        return found[0]
+    there = ", ".join(
+        f"{road.id} ({arms[road.id]}{', ' + road.name if road.name else ''})" for road in among
+    )
+    problem = f"means {len(found)} roads" if found else "is not there"
+    extra = f", or {', '.join(_TURNS)}" if what == "turn" else ""
+    raise InputError(
+        f"the {what} {name!r} {problem}", place=place, expected=f"one of {there}{extra}"
+    )
+
+
+def main_junction(roads: RoadNetwork) -> str:
+    """Return the junction that is meant where none is named: most roads come to it, near x, y 0."""
+    ways = {road.to_junction for road in roads.roads}
+    count = {
+        one.id: sum(len(road.lanes) for road in roads.roads if road.to_junction == one.id)
+        for one in roads.junctions
+        if one.id in ways
+    }
+    place = {one.id: one.polygon.centroid for one in roads.junctions if not one.polygon.is_empty}
+    return max(
+        sorted(count),
+        key=lambda one: (
+            count[one] - (np.hypot(place[one].x, place[one].y) / 50 if one in place else 9)
+        ),
+    )
+
+
+def _direction(roads: RoadNetwork, road: Road, *, at_end: bool) -> float:
+    """Return the direction of a road where it meets the junction, rad from east."""
+    centre = roads.lane_by_id[road.lanes[-1]].centre[:, :2]
+    away_from = centre[::-1] if at_end else centre
+    near = away_from[0]
+    beyond = np.linalg.norm(away_from - near, axis=1) >= _DIRECTION_M
+    far = away_from[int(np.argmax(beyond)) if beyond.any() else -1]
+    step = near - far if at_end else far - near
+    return float(np.arctan2(step[1], step[0]))
+
+
+def _arm(roads: RoadNetwork, road: Road, *, at_end: bool) -> str:
+    """Return on which side of the junction a road lies."""
+    bearing = _direction(roads, road, at_end=at_end) + (np.pi if at_end else 0.0)
+    return _ARMS[round(float(np.degrees(bearing)) % 360 / 45) % 8]
+
+
+def _off(roads: RoadNetwork, approach: Road, leaving: Road, turn: str) -> float:
+    into = _direction(roads, approach, at_end=True)
+    away = _direction(roads, leaving, at_end=False)
+    turned = abs(float(np.degrees(np.angle(np.exp(1j * (away - into))))))
+    return abs(turned - {"through": 0.0, "u-turn": 180.0}.get(turn, 90.0))
+
+
+def road_of(name: str, roads: RoadNetwork, place: str) -> Road:
+    """Return the road that is meant by its id, by that of one of its lanes, or by its street.
+
+    Raises:
+        InputError: it is not there, or several roads are of that street.
+    """
+    lane = roads.lane_by_id.get(name)
+    wanted = lane.road if lane is not None and lane.road else name
+    found = [road for road in roads.roads if road.id == wanted]
+    found = found or [road for road in roads.roads if road.name and road.name == name]
+    if len(found) == 1:
+        return found[0]
+    there = found or roads.roads
+    told = ", ".join(f"{one.id} ({one.name})" if one.name else one.id for one in there[:_TOLD])
+    problem = f"means {len(found)} roads" if found else "is not there"
+    raise InputError(f"the road {name[:60]!r} {problem}", place=place, expected=f"one of {told}")
+
+
+def crossing_of(row: Mapping[str, Any], roads: RoadNetwork, place: str) -> Lane:
+    """Return the crossing that is meant by its id, or by the arm of the junction that it crosses.
+
+    Of the parts of a crossing with islands, the longest.
+
+    Raises:
+        InputError: it is not there.
+    """
+    name = str(row["crossing"])
+    crossings = [lane for lane in roads.lanes if lane.kind == "crossing"]
+    for lane in crossings:
+        if name in (lane.id, lane.id.rpartition("_")[0]):
+            return lane
+    junction = _junction(str(row.get("junction") or ""), roads, place)
+    arms = [
+        (np.asarray(roads.lane_by_id[road.lanes[-1]].centre[-1 if at_end else 0, :2]), road, at_end)
+        for road in roads.roads
+        for at_end in (True, False)
+        if (road.to_junction if at_end else road.from_junction) == junction
+        and "car" in roads.lane_by_id[road.lanes[-1]].allowed
+    ]
+    here = [lane for lane in crossings if lane.junction == junction] if arms else []
+    arm_of: dict[str, str] = {}
+    for lane in here:
+        middle = lane.centre[:, :2].mean(axis=0)
+        _, road, at_end = min(arms, key=lambda arm: float(np.linalg.norm(arm[0] - middle)))
+        arm_of[lane.id] = _arm(roads, road, at_end=at_end)
+    found = [lane for lane in here if arm_of[lane.id] == name]
+    if found:
+        return max(found, key=lambda lane: lane.length)
+    told = ", ".join(f"{lane.id} ({arm_of[lane.id]})" for lane in here)
+    raise InputError(
+        f"the crossing {name[:60]!r} is not there",
+        place=place,
+        expected=f"one of {told}" if told else "the id of a crossing: this junction has none",
+    )
+
+
+def _junction(name: str, roads: RoadNetwork, place: str) -> str:
+    """Return the junction of a name: its id, or its streets (``First Street / Second Street``).
+
+    Without a name, the main junction.
+
+    Raises:
+        InputError: it is not there, or several are meant.
+    """
+    if not name:
+        return main_junction(roads)
+    streets: dict[str, set[str]] = {}
+    for road in roads.roads:
+        for junction in (road.to_junction, road.from_junction):
+            streets.setdefault(junction, set()).update([road.name] if road.name else [])
+    if name in streets:
+        return name
+    wanted = {part.strip() for part in name.split("/")}
+    ids = {one.id for one in roads.junctions}
+    found = [one for one in sorted(streets) if one in ids and wanted <= streets[one]]
+    if len(found) == 1:
+        return found[0]
+    told = [
+        f"{one} ({' / '.join(sorted(streets[one]))})" for one in sorted(streets) if streets[one]
+    ]
+    problem = f"means {len(found)} junctions ({', '.join(found)})" if found else "is not there"
+    raise InputError(
+        f"the junction {name[:60]!r} {problem}",
+        place=place,
+        expected="one of " + ", ".join(told[:_TOLD]),
+    )

@@ -1,0 +1,91 @@
+"""How many were counted: rates by class and quarter of an hour, and when each sets out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.errors import InputError
+
+__all__ = ["QUARTER_S", "departures_of", "is_counted", "rates_of", "wanted_of"]
+
+QUARTER_S = 900.0
+_NOT_MOTORS = ("bicycle", "pedestrian", "tram")
+
+
+def is_counted(actor_class: str, counts: Sequence[Mapping[str, Any]]) -> bool:
+    """Return whether counts say how many of a class come."""
+    named = {"pedestrian" if row.get("crossing") else row.get("actor_class") for row in counts}
+    return actor_class in named or (None in named and actor_class not in _NOT_MOTORS)
+
+
+def rates_of(
+    row: Mapping[str, Any], per_hour: Mapping[str, float], place: str
+) -> dict[str, list[float]]:
+    """Return by class the actors an hour in each quarter; a single value holds all the time.
+
+    Args:
+        row: of ``traffic.counts``.
+        per_hour: by which motor traffic without a class is shared out.
+        place: where the row was written.
+
+    Raises:
+        InputError: who is counted cannot be counted there.
+    """
+    if row.get("per_quarter"):
+        rates = [4.0 * float(count) for count in row["per_quarter"]]
+    else:
+        rates = [float(row["per_hour"])]
+    if row.get("crossing") and not row.get("actor_class"):
+        return {"pedestrian": rates}
+    if row.get("actor_class"):
+        if (row["actor_class"] == "pedestrian") != bool(row.get("crossing")):
+            raise InputError(
+                f"counts a {row['actor_class']}",
+                place=place,
+                expected="people on foot at a crossing, who drives by approach and turn or on a "
+                "road",
+            )
+        return {row["actor_class"]: rates}
+    motors = {name: rate for name, rate in per_hour.items() if name not in _NOT_MOTORS and rate > 0}
+    motors = motors or {"car": 1.0}
+    whole = sum(motors.values())
+    return {name: [rate * share / whole for rate in rates] for name, share in motors.items()}
+
+
+def wanted_of(
+    rates: Sequence[float], warmup_s: float, duration_s: float
+) -> list[tuple[float, float, float]]:
+    """Return (from, to, how many): from the start of the warm-up on, seconds."""
+    found, end = [], warmup_s + duration_s
+    begin = 0.0
+    for number, rate in enumerate(rates):
+        last = number == len(rates) - 1
+        until = end if last else min(warmup_s + (number + 1) * QUARTER_S, end)
+        if until > begin:
+            found.append((begin, until, rate * (until - begin) / 3600.0))
+            begin = until
+    return found
+
+
+def departures_of(
+    wanted: Sequence[tuple[float, float, float]], owed: float, random: np.random.Generator
+) -> NDArray[np.float64]:
+    """Return when they set out, one at random in each of as many equal parts as there are of them.
+
+    Args:
+        wanted: (from, to, how many).
+        owed: what rows before have left of a vehicle, so that shares of vehicles add up.
+        random: random numbers.
+    """
+    times = []
+    for begin, end, count in wanted:
+        whole = int(np.floor(owed + count))
+        owed = owed + count - whole
+        times.append(
+            begin + (np.arange(whole) + random.random(whole)) * (end - begin) / max(whole, 1)
+        )
+    return np.concatenate(times) if times else np.zeros(0)

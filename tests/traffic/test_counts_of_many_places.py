@@ -1,0 +1,264 @@
+"""Counts that see the same actors several times: at junctions, by detectors, on crossings."""
+
+import subprocess
+from collections import Counter
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from urbantwin.errors import InputError
+from urbantwin.roads import sumo_binary
+from urbantwin.roads.assignment.street_network import StreetNetwork
+from urbantwin.traffic.assets import asset
+from urbantwin.traffic.demand.counted_report import counted_report
+from urbantwin.traffic.demand.counted_routes import fitted_volumes
+from urbantwin.traffic.demand.counts import counted_demand
+from urbantwin.traffic.demand.counts_table import read_counts
+from urbantwin.traffic.demand.demand import Demand
+from urbantwin.traffic.demand.site_demand import demand_of
+from urbantwin.traffic.demand.time_of_day import HOURS, counts_from, hour_factor
+from urbantwin.traffic.sumo.counted_signals import net_for_counts, timing_told
+from urbantwin.traffic.sumo.simulation import simulate
+from urbantwin.twin import Twin
+
+#: Cars an hour between the six ends of two junctions in a row; what the counts below are made of.
+TRUE = {("w", "e"): 300, ("e", "w"): 200, ("an", "bs"): 60, ("bn", "w"): 90, ("as", "an"): 120}
+
+
+@pytest.fixture(scope="module")
+def street_twin(make_net, twin_of, tmp_path_factory) -> Twin:
+    """Two signalised junctions 120 m apart on one street."""
+    places = {"w": (-150, 0), "e": (150, 0), "an": (-60, 120), "as": (-60, -120)}
+    places |= {"bn": (60, 120), "bs": (60, -120)}
+    nodes = '<node id="a" x="-60" y="0" type="traffic_light"/>'
+    nodes += '<node id="b" x="60" y="0" type="traffic_light"/>'
+    nodes += "".join(f'<node id="{one}" x="{x}" y="{y}"/>' for one, (x, y) in places.items())
+    pairs = [("w", "a"), ("an", "a"), ("as", "a"), ("e", "b"), ("bn", "b"), ("bs", "b"), ("a", "b")]
+    edges = "".join(
+        f'<edge id="{start}-{end}" from="{start}" to="{end}" numLanes="1" speed="13.9"/>'
+        for one, other in pairs
+        for start, end in ((one, other), (other, one))
+    )
+    folder = tmp_path_factory.mktemp("street")
+    return twin_of(folder / "twin", make_net(folder, nodes, edges), {"car": 0.0})
+
+
+def way(start: str, end: str) -> tuple[str, ...]:
+    """The edges from one end to another."""
+    side = {name: "b" if name in ("e", "bn", "bs") else "a" for pair in TRUE for name in pair}
+    between = [] if side[start] == side[end] else [f"{side[start]}-{side[end]}"]
+    return (f"{start}-{side[start]}", *between, f"{side[end]}-{end}")
+
+
+def planned(twin: Twin, rows: list[dict[str, object]], seconds: float = 3600.0) -> Demand:
+    return counted_demand(
+        rows,
+        twin.roads,
+        StreetNetwork(twin.net_path, twin.region),
+        {"car": 1.0},
+        warmup_s=0.0,
+        duration_s=seconds,
+        seed=1,
+        body=lambda name, _: name,
+    )
+
+
+def turns(volumes: dict[tuple[str, ...], float]) -> dict[tuple[str, str], float]:
+    found: Counter[tuple[str, str]] = Counter()
+    for edges, cars in volumes.items():
+        for pair in pairwise(edges):
+            found[pair] += cars
+    return found
+
+
+def test_likeliest_volumes_are_those_of_proportional_fitting() -> None:
+    # A table of three origins and destinations, whose sums were counted: with a uniform prior
+    # the likeliest table is the product of the margins (closed form).
+    out, into = np.array([100.0, 200, 300]), np.array([240.0, 120, 240])
+    passes = np.zeros((9, 6), bool)
+    for k in range(9):
+        passes[k, k // 3] = passes[k, 3 + k % 3] = True
+    found = fitted_volumes(np.ones(9), passes, np.concatenate([out, into]))
+    np.testing.assert_allclose(found.reshape(3, 3), np.outer(out, into) / 600, rtol=1e-3)
+
+
+def test_counts_that_contradict_each_other_end_in_the_middle() -> None:
+    passes = np.array([[True, True]])
+    (found,) = fitted_volumes(np.ones(1), passes, np.array([100.0, 144.0]))
+    assert found == pytest.approx(120, rel=1e-3)  # their geometric mean
+    assert fitted_volumes(np.ones(1), passes, np.array([100.0, 0.0])) == 0
+
+
+def test_counts_at_two_junctions_bring_each_vehicle_once(street_twin: Twin) -> None:
+    volumes = {way(*ends): float(cars) for ends, cars in TRUE.items()}
+    counted = turns(volumes)
+    rows = [
+        {"approach": start, "turn": end, "actor_class": "car", "per_hour": cars}
+        for (start, end), cars in counted.items()
+    ]
+    demand = planned(street_twin, rows)
+    assert not demand.left_out
+    assert len(demand.trips) == pytest.approx(sum(TRUE.values()), abs=5)
+    found = turns(Counter(trip.edges for trip in demand.trips))
+    for place, cars in counted.items():
+        assert found[place] == pytest.approx(cars, rel=0.03, abs=3)
+    assert [len(row.trips) for row in demand.counted] == [
+        pytest.approx(cars, rel=0.03, abs=3) for cars in counted.values()
+    ]
+
+
+def test_detectors_of_sumo_are_counts_of_their_roads(street_twin: Twin, tmp_path: Path) -> None:
+    flows = {("w", "e"): 30, ("e", "w"): 20, ("an", "bs"): 10}
+    vehicles = sorted(
+        (3.0 * k + number, way(*ends))
+        for number, (ends, count) in enumerate(flows.items())
+        for k in range(count)
+    )
+    (tmp_path / "cars.rou.xml").write_text(
+        "<routes>"
+        + "".join(
+            f'<vehicle id="{n}" depart="{at}"><route edges="{" ".join(edges)}"/></vehicle>'
+            for n, (at, edges) in enumerate(vehicles)
+        )
+        + "</routes>"
+    )
+    loops = {"in": "w-a_0", "middle": "a-b_0", "again": "a-b_0", "back": "b-a_0", "out": "b-bs_0"}
+    (tmp_path / "loops.add.xml").write_text(
+        "<additional>"
+        + "".join(
+            f'<inductionLoop id="{name}" lane="{lane}" pos="{40 + 5 * k}" period="900" '
+            'file="loops.xml"/>'
+            for k, (name, lane) in enumerate(loops.items())
+        )
+        + "</additional>"
+    )
+    files = ["-n", street_twin.net_path, "-r", "cars.rou.xml", "-a", "loops.add.xml"]
+    command = [sumo_binary("sumo"), *map(str, files), "-e", "900", "--no-step-log"]
+    subprocess.run(command, cwd=tmp_path, check=True, capture_output=True)
+    rows = read_counts(tmp_path / "loops.xml", tmp_path / "loops.add.xml")
+    assert {row["road"]: row["per_quarter"] for row in rows} == {
+        "w-a": [30.0],
+        "a-b": [40.0],
+        "b-a": [20.0],
+        "b-bs": [10.0],
+    }
+    found = planned(street_twin, rows, seconds=900.0)
+    passed = Counter(edge for trip in found.trips for edge in trip.edges)
+    for row in rows:
+        assert passed[row["road"]] == pytest.approx(row["per_quarter"][0], abs=2)
+    with pytest.raises(InputError, match="where the detector 'in' is"):
+        read_counts(tmp_path / "loops.xml")
+
+
+def test_tables_of_other_programs_are_read(tmp_path: Path) -> None:
+    edges = tmp_path / "edges.xml"
+    edges.write_text(
+        '<data><interval begin="0" end="900"><edge id="12" entered="7"/>'
+        '<edgeRelation from="12" to="13" count="3"/></interval></data>'
+    )
+    assert [
+        (row.get("road"), row.get("turn"), row["per_quarter"]) for row in read_counts(edges)
+    ] == [
+        ("12", None, [7.0]),
+        (None, "13", [3.0]),
+    ]
+    flows, places = tmp_path / "flows.csv", tmp_path / "places.xml"
+    flows.write_text("Detector;Time;qPKW;qLKW;vPKW;vLKW\na;0;5;1;50;50\nb;0;7;0;50;50\n")
+    places.write_text(
+        '<detectors><detectorDefinition id="a" lane="12_0" pos="5"/>'
+        '<detectorDefinition id="b" lane="12_1" pos="5"/></detectors>'
+    )
+    assert {
+        (row["road"], row["actor_class"]): row["per_quarter"][0]
+        for row in read_counts(flows, places)
+    } == {("12", "car"): 3.0, ("12", "truck"): 0.25}  # one interval: an hour in four quarters
+    wide = tmp_path / "wide.csv"
+    wide.write_text(
+        "approach,turn,begin,car,bicycle\nnorth,left,07:00,10,4\nnorth,left,07:15,8,2\n"
+    )
+    rows = read_counts(wide)
+    assert {row["actor_class"]: row["per_quarter"] for row in rows} == {
+        "car": [10.0, 8.0],
+        "bicycle": [4.0, 2.0],
+    }
+    assert rows[0]["begin"] == "07:00"
+
+
+def test_people_cross_where_they_were_counted(crossing_twin: Twin) -> None:
+    rows = [{"crossing": "north", "per_hour": 600.0}, {"crossing": "east", "per_hour": 200.0}]
+    asked = {"counts": rows, "per_hour": {"pedestrian": 200.0}, "warmup_s": 200.0}
+    demand = demand_of(crossing_twin, asked=asked, duration_s=400.0, seed=1)
+    net, steps = crossing_twin.net_path, 400
+    seen = simulate(net, demand, asset, warmup_s=200.0, steps=steps, step_s=1.0, seed=1)
+    roads, per_hour = crossing_twin.roads, asked["per_hour"]
+    north, east = counted_report(rows, per_hour, demand, seen, roads, steps=steps, step_s=1.0)
+    assert north["driven_per_hour"] == pytest.approx(600, rel=0.25)
+    assert east["driven_per_hour"] == pytest.approx(200, rel=0.5)
+
+
+def test_signals_serve_those_who_were_counted(crossing_twin: Twin, tmp_path: Path) -> None:
+    def greens(*axis: str) -> float:
+        rows = [{"approach": f"{one}c", "turn": "through", "per_hour": 900.0} for one in axis]
+        rows += [{"approach": f"{x}c", "turn": "through", "per_hour": 90.0} for x in "nsew"]
+        asked = {**crossing_twin.site["traffic"], "per_hour": {"car": 1.0}, "counts": rows}
+        demand = demand_of(crossing_twin, asked=asked, duration_s=3600.0, seed=1)
+        net = net_for_counts(crossing_twin, demand, 1.0, tmp_path / "counted.net.xml")
+        roads, told = timing_told(net, crossing_twin.roads)
+        assert set(told) <= {program.id for program in roads.programs}
+        (head,) = {one.links[0] for one in roads.signals if one.lane == "wc_1"}
+        (program,) = roads.programs
+        return sum(seconds for seconds, state in program.phases if state[head] in "gG")
+
+    assert greens("w", "e") > 1.5 * greens("n", "s")
+
+
+def test_a_time_of_day_picks_the_quarter_of_an_hour() -> None:
+    assert sum(HOURS) == pytest.approx(1.0)
+    assert hour_factor("12:00") == pytest.approx(1.0, abs=0.1)
+    assert hour_factor("03:30") < 0.1
+    assert hour_factor("17:00") > 1.2
+    row = {"road": "a", "begin": "07:00", "per_quarter": [1.0, 2.0, 3.0], "row": "x.csv line 2"}
+    (found,) = counts_from([row], "07:20")
+    assert found["per_quarter"] == [2.0, 3.0]
+    with pytest.raises(InputError, match=r"csv line 2: was not counted at 07:45.*07:00 to 07:4"):
+        counts_from([row], "07:45")
+
+
+@pytest.mark.parametrize(
+    ("row", "told"),
+    [
+        ({"road": "zz"}, r"counts\[0\]: the road 'zz' is not there.*wc"),
+        ({"crossing": "up"}, r"counts\[0\]: the crossing 'up' is not there.*\(north\)"),
+        ({"crossing": "north", "actor_class": "car"}, r"counts a car.*on foot at a crossing"),
+        ({"road": "wc", "actor_class": "pedestrian"}, r"counts a pedestrian.*at a crossing"),
+        ({"junction": "x", "approach": "wc", "turn": "left"}, r"the junction 'x' is not there"),
+    ],
+)
+def test_a_place_that_is_not_there_is_told(
+    crossing_twin: Twin, row: dict[str, object], told: str
+) -> None:
+    with pytest.raises(InputError, match=told):
+        planned(crossing_twin, [{**row, "per_hour": 10.0}])
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        (
+            "<d><interval begin='0' end='9'><edge id='1'/></interval></d>",
+            "line 1: has no cou",
+        ),
+        (
+            "<d><interval begin='x' end='9'><edge id='1' count='1'/></interval></d>",
+            "begin is",
+        ),
+        ("<data>", "is no XML"),
+        ("<data/>", "counts nothing"),
+    ],
+)
+def test_a_wrong_file_of_detectors_is_told(text: str, told: str, tmp_path: Path) -> None:
+    (tmp_path / "loops.xml").write_text(text)
+    with pytest.raises(InputError, match=told):
+        read_counts(tmp_path / "loops.xml")
