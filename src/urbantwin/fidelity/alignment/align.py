@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.fidelity.alignment.frame_features import FrameFeatures
-from urbantwin.fidelity.alignment.ground_plane import GroundPlane, ground_plane
+from urbantwin.fidelity.alignment.ground_plane import GroundPlane, ground_plane, leveling
+from urbantwin.fidelity.alignment.pose_belief import Belief, beliefs
 from urbantwin.fidelity.alignment.pose_search import Found, PoseSearch, SearchSpan
 from urbantwin.fidelity.alignment.registration import Registered, registered
 from urbantwin.fidelity.alignment.scene_points import ScenePoints
@@ -27,11 +28,16 @@ _REACH_M = 50.0
 #: The points that decide, and those that only tell candidates apart: one per cell, metres.
 _THINNED_M, _SPARSE_M = 0.4, 0.7
 _LEAST_POINTS = 200
-#: A second place that explains as much as this share of the first makes it a guess.
-AMBIGUOUS = 0.9
+#: A second place that is as likely as this share of the first makes it a guess.
+AMBIGUOUS = 0.1
 #: A place less certain than this is not found, metres and degrees (standard deviations).
 _MOST_SIGMA_M, _MOST_SIGMA_DEG = 0.5, 2.0
-_CANDIDATES = 4
+#: A frame that is likelier than chance by less than this (a logarithm) may fit by chance: some
+#: hundred places that differ are tried.
+_LEAST_EVIDENCE = 8.0
+_CANDIDATES = 6
+#: Two of them are one place, metres and degrees.
+_SAME_M, _SAME_DEG = 0.5, 3.0
 #: With fewer curbs and fewer points off the ground explained, only heights of the ground would
 #: hold the place, and they fit somewhere whatever the frame shows.
 _FEWEST_CURBS, _FEWEST_RAISED = 4, 50
@@ -63,9 +69,9 @@ class Alignment:
     Attributes:
         pose: ``site_SE3_frame``: takes the frame's points to the site.
         found: the registration: residual, standard deviations.
-        second: what the next best place explains as a share of the best; 0 where there is none.
+        second: how likely the next best place is, as a share of the best; 0 where there is none.
         plane: the ground in the frame.
-        score: of the search, 0 to 1.
+        evidence: logarithm of how much likelier the frame is there than by chance.
         start: where the search began; None where it was anywhere.
         frames: how many frames the pose is the mean of.
         scatter_m: of these frames' places (root mean square).
@@ -76,7 +82,7 @@ class Alignment:
     found: Registered
     second: float
     plane: GroundPlane
-    score: float
+    evidence: float
     start: Pose | None = None
     frames: int = 1
     scatter_m: float = 0.0
@@ -84,7 +90,7 @@ class Alignment:
 
     @property
     def confidence(self) -> float:
-        """1 less what the next best place explains as a share of the best."""
+        """1 less how likely the next best place is, as a share of the best."""
         return 1.0 - self.second
 
     def report(self) -> dict[str, Any]:
@@ -105,6 +111,7 @@ class Alignment:
             "curbs_explained": round(self.found.curbs_explained, 4),
             "marks_explained": round(self.found.marks_explained, 4),
             "confidence": round(self.confidence, 4),
+            "evidence": round(self.evidence, 1),
             "surface_offset_m": round(self.found.surface_offset_m, 4),
             "edge_offset_m": round(self.found.edge_offset_m, 4),
             "points": self.found.points,
@@ -172,26 +179,57 @@ def align(
             expected="metres, z roughly upward, and part of a street in view",
         )
     features = FrameFeatures.of(frame.only(kept), sensor, plane)
-    span = _span(guess, region, mesh)
+    _held(len(features.curbs), features.raised.sum(), file)
+    span = _span(guess, region, mesh, sensor)
     tell(0.1, "reading the scene")
     scene = ScenePoints(mesh, span.middle, span.reach_m + _REACH_M, surface)
     if not len(scene.points):
         raise _no_ground(guess, file)
     tell(0.3, "searching the place")
-    search = PoseSearch(scene, features, plane)
+    search = PoseSearch(scene, features, plane, span)
     candidates = search.run(span, _CANDIDATES)
     if not candidates:
         raise _no_ground(guess, file)
     tell(0.6, "registering")
-    best, second = _best(scene, features.thinned(_SPARSE_M), candidates)
+    told = _told(scene, features.thinned(_SPARSE_M), search, candidates, span)
     tell(0.8, "registering")
-    found = None if best is None else registered(scene, features.thinned(_THINNED_M), best[1].pose)
-    if best is None or found is None:
+    found = registered(scene, features.thinned(_THINNED_M), told[0][1]) if told else None
+    if found is None or not span.holds(*_stance(found.pose, plane)):
         raise InputError(
             "does not fit the twin anywhere there",
             file=file,
-            expected="a frame of this site, or another guess",
+            expected="a frame of this site, or another guess, or a wider span around it",
         )
+    likely = told[0][0]
+    found = replace(
+        found,
+        sigma_m=np.hypot(found.sigma_m, [*likely.sigma_m, 0.0]),
+        sigma_deg=np.hypot(found.sigma_deg, [0.0, 0.0, np.degrees(likely.sigma_rad)]),
+    )
+    raised = found.explained * features.thinned(_THINNED_M).raised.sum()
+    _held(found.curbs_explained * len(features.curbs), raised, file)
+    _certain(found, likely, file)
+    share = _told_apart(found.pose, told, sensor, file)
+    pose = _of_frame(found.pose, sensor)
+    _bounded(pose, guess, file)
+    start = None if guess is None else _of_frame(search.standing(span.middle, span.yaw), sensor)
+    if start is not None and not np.isfinite(start.translation).all():
+        start = None
+    return Alignment(pose, replace(found, pose=pose), share, plane, likely.evidence, start)
+
+
+def _held(curbs: float, raised: float, file: str | None) -> None:
+    """Refuse a frame of which nothing but ground holds the place."""
+    if curbs < _FEWEST_CURBS and raised < _FEWEST_RAISED:
+        raise InputError(
+            f"shows nothing of the twin but ground ({curbs:.0f} curbs, {raised:.0f} other points)",
+            file=file,
+            expected="a frame of this site in which walls, poles or curbs of the twin are seen",
+        )
+
+
+def _certain(found: Registered, likely: Belief, file: str | None) -> None:
+    """Refuse a pose that is not determined, or that may fit by chance."""
     if found.sigma_m.max() > _MOST_SIGMA_M or found.sigma_deg.max() > _MOST_SIGMA_DEG:
         raise InputError(
             f"determines the pose to no better than {found.sigma_m.max():.2f} m and "
@@ -199,28 +237,49 @@ def align(
             file=file,
             expected="a twin with walls, poles or curbs that the sensor sees",
         )
-    curbs = found.curbs_explained * len(features.curbs)
-    raised = found.explained * features.thinned(_THINNED_M).raised.sum()
-    if curbs < _FEWEST_CURBS and raised < _FEWEST_RAISED:
+    if likely.evidence < _LEAST_EVIDENCE:
         raise InputError(
-            f"shows nothing of the twin but ground ({curbs:.0f} curbs, {raised:.0f} other points)",
+            f"shows too little that the twin has too (evidence {likely.evidence:.1f})",
             file=file,
-            expected="a frame of this site in which walls, poles or curbs of the twin are seen",
+            expected=f"{_LEAST_EVIDENCE:g}, as where walls, poles or curbs of the twin are seen",
         )
-    if second is not None and second[1].support > AMBIGUOUS * best[1].support:
-        apart = np.hypot(*(second[1].pose.translation - found.pose.translation)[:2])
+
+
+def _told_apart(
+    pose: Pose,
+    told: list[tuple[Belief, Pose]],
+    sensor: NDArray[np.float64],
+    file: str | None,
+) -> float:
+    """Return how likely the next place is, as a share of the first; refuse two alike."""
+    others = [(belief, other) for belief, other in told[1:] if not _same(pose, other)]
+    if not others:
+        return 0.0
+    share = others[0][0].share / max(told[0][0].share, 1e-9)
+    if share > AMBIGUOUS:
+        places = [_of_frame(one, sensor).translation for one in (pose, others[0][1])]
+        apart = np.hypot(*(places[1] - places[0])[:2])
+        there = " and ".join(f"{east:.2f} m E, {north:.2f} m N" for east, north, _ in places)
         raise InputError(
-            f"fits two places {apart:.1f} m apart nearly as well "
-            f"({second[1].support / best[1].support:.0%} of what the better one explains)",
+            f"fits two places {apart:.1f} m apart nearly as well ({there}; the second is "
+            f"{share:.0%} as likely as the first)",
             file=file,
             expected="a guess nearer to the right one",
         )
-    share = 0.0 if second is None else second[1].support / max(best[1].support, 1e-9)
-    pose = _of_frame(found.pose, sensor)
-    start = None if guess is None else _of_frame(search.standing(span.middle, span.yaw), sensor)
-    if start is not None and not np.isfinite(start.translation).all():
-        start = None
-    return Alignment(pose, replace(found, pose=pose), share, plane, best[0].score, start)
+    return share
+
+
+def _bounded(pose: Pose, guess: Guess | None, file: str | None) -> None:
+    """Refuse a pose of the points' frame that lies farther off than a guess may be."""
+    if guess is None:
+        return
+    away = np.abs(pose.translation[:2] - [guess.east_m, guess.north_m]).max()
+    if away > guess.within_m:
+        raise InputError(
+            f"fits best {away:.2f} m from the guess",
+            file=file,
+            expected=f"up to {guess.within_m:g} m, or a wider span",
+        )
 
 
 def _of_frame(pose: Pose, sensor: NDArray[np.float64]) -> Pose:
@@ -228,31 +287,54 @@ def _of_frame(pose: Pose, sensor: NDArray[np.float64]) -> Pose:
     return Pose(pose.rotation, pose.apply(-sensor[None])[0])
 
 
-def _best(
-    scene: ScenePoints, features: FrameFeatures, candidates: list[Found]
-) -> tuple[tuple[Found, Registered] | None, tuple[Found, Registered] | None]:
-    """Register the candidates; return the best, and the best that is another place."""
-    done = [(one, registered(scene, features, one.pose, rough=True)) for one in candidates]
-    fits = [(one, found) for one, found in done if found is not None]
-    if not fits:
-        return None, None
-    fits.sort(key=lambda pair: -pair[1].support)
-    first = fits[0]
-    for other in fits[1:]:
-        apart = np.linalg.norm(other[1].pose.translation - first[1].pose.translation)
-        turned = other[1].pose.rotation.T @ first[1].pose.rotation
-        angle = np.degrees(np.arccos(np.clip((np.trace(turned) - 1) / 2, -1, 1)))
-        if apart > 0.5 or angle > 3.0:
-            return first, other
-    return first, None
+def _told(
+    scene: ScenePoints,
+    features: FrameFeatures,
+    search: PoseSearch,
+    candidates: list[Found],
+    span: SearchSpan,
+) -> list[tuple[Belief, Pose]]:
+    """Register the candidates; return how likely each place is, the likeliest first."""
+    poses: list[Pose] = []
+    for one in candidates:
+        found = registered(scene, features, one.pose, rough=True)
+        held = found is not None and span.holds(*_stance(found.pose, search.plane))
+        pose = found.pose if found is not None and held else one.pose
+        if not any(_same(pose, other) for other in poses):
+            poses.append(pose)
+    places = [_stance(pose, search.plane) for pose in poses]
+    told = list(zip(beliefs(search, places, span), poses, strict=True))
+    told.sort(key=lambda pair: -pair[0].share)
+    return [pair for pair in told if pair[0].share > 0]
 
 
-def _span(guess: Guess | None, region: shapely.Polygon | None, mesh: LabelledMesh) -> SearchSpan:
+def _same(one: Pose, other: Pose) -> bool:
+    """Whether two poses are one place."""
+    turned = one.rotation.T @ other.rotation
+    angle = np.degrees(np.arccos(np.clip((np.trace(turned) - 1) / 2, -1, 1)))
+    apart = np.linalg.norm(one.translation - other.translation)
+    return bool(apart <= _SAME_M and angle <= _SAME_DEG)
+
+
+def _stance(pose: Pose, plane: GroundPlane) -> tuple[NDArray[np.float64], float]:
+    """Return the place (2,) and the heading, radians, of a pose."""
+    ahead = pose.rotation @ leveling(plane.normal).T[:, 0]
+    return pose.translation[:2], float(np.arctan2(ahead[1], ahead[0]))
+
+
+def _span(
+    guess: Guess | None,
+    region: shapely.Polygon | None,
+    mesh: LabelledMesh,
+    sensor: NDArray[np.float64],
+) -> SearchSpan:
+    """Return where the middle of the sensors may be: a guess is of the points' frame."""
     if guess is not None:
-        middle = np.array([guess.east_m, guess.north_m])
-        return SearchSpan(
-            middle, guess.within_m, np.radians(guess.yaw_deg), np.radians(guess.within_deg)
-        )
+        yaw, turn = np.radians(guess.yaw_deg), np.radians(guess.within_deg)
+        ahead = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+        middle = np.array([guess.east_m, guess.north_m]) + ahead @ sensor[:2]
+        beside = float(np.hypot(*sensor[:2])) * min(turn, 2.0)
+        return SearchSpan(middle, guess.within_m + beside, yaw, turn)
     if region is None:
         low, high = mesh.vertices[:, :2].min(axis=0), mesh.vertices[:, :2].max(axis=0)
     else:

@@ -25,8 +25,8 @@ __all__ = [
 ]
 
 RAISED, GROUND, EDGES, LINES = range(4)
-#: Points this near to each other err alike, metres.
-ALIKE_M = 4.0
+#: What is no object of its own errs alike over this distance, metres.
+ALIKE_M = 12.0
 #: How far single points scatter, by kind, metres.
 NOISE_M = (0.03, 0.03, 0.05, 0.05)
 #: Edges and lines farther above or below a point are of another street, metres.
@@ -46,7 +46,7 @@ class Residuals:
         error: (P,) by how much, metres.
         weight: (P,) per square metre.
         kind: (P,) what they lie on: `RAISED`, `GROUND`, `EDGES` or `LINES`.
-        cluster: (P,) of points whose errors are correlated.
+        cluster: (P,) of points whose errors are one: on one object, or on one stretch.
         number: (P,) of the point, curb or spot in its features.
     """
 
@@ -79,24 +79,24 @@ class Correspondences:
         facing = ((start.translation - self.surface) * normal).sum(axis=1)
         normal = normal * np.where(facing < 0, -1.0, 1.0)[:, None]
         ground = scene.is_ground[seen]
+        cluster = _clusters(self.surface, scene.object[seen])
         self._targets = []
         for mine, theirs in (
             (~features.raised, np.ones(len(ground), bool)),
-            (features.raised, ~ground),
+            (features.raised, scene.is_raised[seen]),
         ):
             places = self.surface[theirs]
             tree = cKDTree(places) if len(places) else None
             chosen = np.flatnonzero(mine)
-            self._targets.append((chosen, places, normal[theirs], ground[theirs], tree))
+            of = (normal[theirs], ground[theirs], cluster[theirs])
+            self._targets.append((chosen, places, *of, tree))
         self._edges, self._edge_normal = scene.edges, scene.edge_normal
         self._lines, self._line_normal = scene.lines, scene.line_normal
         self._trees = [
             cKDTree(places) if len(places) else None
             for places in (self._edges[:, :2], self._lines[:, :2])
         ]
-        self._clusters = [
-            _clusters(places) for places in (features.points, features.curbs, features.spots)
-        ]
+        self._clusters = [_clusters(places) for places in (self._edges, self._lines)]
 
     def residuals(
         self,
@@ -131,7 +131,7 @@ class Correspondences:
         What rises from the ground is not the ground below it: cars, hedges, people.
         """
         found = []
-        for chosen, places, normal, ground, tree in self._targets:
+        for chosen, places, normal, ground, cluster, tree in self._targets:
             if tree is None or not len(chosen):
                 continue
             at = pose.apply(self._features.points[chosen])
@@ -141,7 +141,7 @@ class Correspondences:
             error = ((at - places[nearest]) * normal[nearest]).sum(axis=1)
             kind = np.where(ground[nearest], GROUND, RAISED)
             weight = np.ones(len(near))
-            found.append((at, normal[nearest], error, weight, kind, self._clusters[0][mine], mine))
+            found.append((at, normal[nearest], error, weight, kind, cluster[nearest], mine))
         return found
 
     def _curbs(self, pose: Pose) -> _Part:
@@ -183,12 +183,16 @@ class Correspondences:
             error,
             np.ones(len(near)),
             kinds,
-            self._clusters[which + 1][near],
+            self._clusters[which][nearest],
             near,
         )
 
 
-def _clusters(places: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Return the cube (N,) that each place lies in."""
+def _clusters(
+    places: NDArray[np.float64], of: NDArray[np.int64] | None = None
+) -> NDArray[np.int64]:
+    """Return the object (N,) that each place is of, or the cube that it lies in."""
     cell = np.floor(places / ALIKE_M).astype(np.int64)
+    if of is not None:
+        cell = np.column_stack([np.where(of[:, None] > 0, 0, cell), of])
     return np.unique(cell, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64)

@@ -13,7 +13,7 @@ from urbantwin.fidelity.alignment.scene_points import ScenePoints
 __all__ = ["FAR_M", "HIGHEST_M", "Plan", "Space"]
 
 #: Cells of the field in space: no more than this; of either, no finer, metres.
-_MOST_CELLS, _MOST_PLAN_CELLS, _FINEST_M = 2_000_000, 2_000_000, 0.25
+_MOST_CELLS, _MOST_PLAN_CELLS, _FINEST_M = 2_000_000, 2_000_000, 0.1
 #: A point this far from every surface, edge or line tells nothing more, metres.
 FAR_M = 1.0
 #: Surfaces higher than this above the lowest are left out, metres.

@@ -3,25 +3,30 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from urbantwin.fidelity.alignment.distance_maps import HIGHEST_M, Plan, Space
+from urbantwin.fidelity.alignment.distance_maps import FAR_M, HIGHEST_M, Plan, Space
 from urbantwin.fidelity.alignment.frame_features import FrameFeatures
 from urbantwin.fidelity.alignment.ground_plane import GroundPlane, leveling, thinned
 from urbantwin.fidelity.alignment.scene_points import ScenePoints
 from urbantwin.geometry import Pose
 
-__all__ = ["Found", "PoseSearch", "SearchSpan"]
+__all__ = ["Found", "Likeness", "PoseSearch", "SearchSpan"]
 
 #: A point of the ground this far above or below the twin's tells nothing, metres.
 _FAR_UP_M = 0.4
-#: What the ground counts, surfaces off it, edges of carriageways, lines. The ground looks alike
-#: everywhere, and much that is bright is no line.
-_WEIGHTS = (0.2, 0.8, 0.8, 0.3)
+#: What a piece of the ground counts, of surfaces off it, edges of carriageways, lines. The ground
+#: looks alike everywhere, and much that is bright is no line.
+_WEIGHTS = (0.03, 1.0, 1.0, 0.3)
+#: Points this near to each other are one piece of what the frame shows, metres.
+_PIECE_M = 4.0
 _GROUND, _RAISED, _EDGES, _LINES = range(4)
+#: From everywhere in a span that reaches no farther, metres, much the same can be seen.
+_SMALL_M = 10.0
 _MOST_POINTS = 1500
 #: Of many poses, every so many points look first.
 _MANY_POSES, _FIRST_LOOK = 5000, 6
@@ -45,6 +50,22 @@ class SearchSpan:
     yaw: float
     reach_rad: float
 
+    def holds(self, place: NDArray[np.float64], yaw: float) -> bool:
+        """Whether a place (2,) and a heading, radians, lie in it."""
+        apart = np.abs(place - self.middle).max()
+        turned = abs(np.angle(np.exp(1j * (yaw - self.yaw))))
+        return bool(apart <= self.reach_m + 1e-6 and turned <= self.reach_rad + 1e-6)
+
+    def clipped(
+        self, xy: NDArray[np.float64], yaws: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return the nearest places (P, 2) and headings (Y,) in it."""
+        xy = np.clip(xy, self.middle - self.reach_m, self.middle + self.reach_m)
+        if self.reach_rad >= np.pi:
+            return xy, yaws
+        turned = np.angle(np.exp(1j * (yaws - self.yaw)))
+        return xy, self.yaw + np.clip(turned, -self.reach_rad, self.reach_rad)
+
 
 @dataclass(frozen=True, eq=False)
 class Found:
@@ -52,13 +73,32 @@ class Found:
 
     Attributes:
         pose: ``site_SE3_frame``.
-        score: 0 to 1, the share of what the points could explain.
+        score: logarithm of how much likelier what the frame shows is there than by chance.
         yaw: its heading, radians.
     """
 
     pose: Pose
     score: float
     yaw: float
+
+
+class Likeness(NamedTuple):
+    """What makes a pose likelier than chance.
+
+    Attributes:
+        width_m: how far off the scene is about; 0: what is farther off gains evenly less, up to
+            `FAR_M`, for looking from afar.
+        shared: (4,) share of the pieces of a kind that are in the scene too.
+        chance: (4,) what pieces gain by chance.
+    """
+
+    width_m: float
+    shared: NDArray[np.float64]
+    chance: NDArray[np.float64]
+
+
+#: Before anything is measured.
+_FROM_AFAR = Likeness(0.0, np.full(4, 0.5), np.full(4, 0.25))
 
 
 class PoseSearch:
@@ -68,24 +108,45 @@ class PoseSearch:
         scene: the static world as points.
         features: what one frame shows.
         plane: the ground in that frame.
+        span: where the sensor may be.
     """
 
-    def __init__(self, scene: ScenePoints, features: FrameFeatures, plane: GroundPlane) -> None:
-        self._scene, self._plane = scene, plane
+    def __init__(
+        self, scene: ScenePoints, features: FrameFeatures, plane: GroundPlane, span: SearchSpan
+    ) -> None:
+        self._scene, self.plane = scene, plane
         self._level = leveling(plane.normal)
-        raised = scene.points[~scene.is_ground]
+        raised = scene.points[scene.is_raised & self._in_sight(span)]
         self._space = Space.around(raised)
         low, high = scene.points[:, :2].min(axis=0), scene.points[:, :2].max(axis=0)
         self._plan = Plan.over(scene, low - 2.0, high + 2.0)
-        self._points, self._kind, self._weight = self._chosen(features, len(raised) > 0)
+        self._points, self._kind, self._weight, self._piece, self._kinds = self._chosen(
+            features, len(raised) > 0
+        )
+
+    def _in_sight(self, span: SearchSpan) -> NDArray[np.bool_]:
+        """Return which points of the scene can be seen from somewhere in a span, if it is small."""
+        seen = np.full(len(self._scene.points), span.reach_m > _SMALL_M)
+        if not seen.all():
+            corners = np.array([[0.0, 0.0], [-1, -1], [-1, 1], [1, -1], [1, 1]]) * 0.7
+            for place in self._stands(span.middle + corners * span.reach_m)[1]:
+                if np.isfinite(place).all():
+                    seen |= self._scene.seen_from(place)
+        return seen
 
     def _chosen(
         self, features: FrameFeatures, any_raised: bool
-    ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
-        """Return points in the level frame, what they are looked up as, and their weights."""
+    ) -> tuple[
+        NDArray[np.float64],
+        NDArray[np.int64],
+        NDArray[np.float64],
+        NDArray[np.int64],
+        NDArray[np.int64],
+    ]:
+        """Return points in the level frame, their kinds, weights and pieces, and pieces' kinds."""
         kept = thinned(features.points, 0.5)
         level, raised = features.points[kept] @ self._level.T, features.raised[kept]
-        above = level[:, 2] + self._plane.height_m
+        above = level[:, 2] + self.plane.height_m
         near = above < HIGHEST_M
         parts = [level[~raised & near], level[raised & near][: len(level) * any_raised]]
         parts.append((features.curbs @ self._level.T)[: len(features.curbs) * self._plan.any_edges])
@@ -97,15 +158,13 @@ class PoseSearch:
             share = features.spot_weight[chosen] if kind == _LINES else np.ones(len(chosen))
             points.append(part[chosen])
             kinds.append(np.full(len(chosen), kind))
-            weights.append(_WEIGHTS[kind] * share / max(share.sum(), 1e-9))
+            weights.append(share)
         # All kinds mixed, so that every so many points are a fair sample.
         order = generator.permutation(sum(len(part) for part in points))
-        weight = np.concatenate(weights)[order]
-        return (
-            np.concatenate(points)[order],
-            np.concatenate(kinds)[order],
-            weight / max(weight.sum(), 1e-9),
-        )
+        point, which = np.concatenate(points)[order], np.concatenate(kinds)[order]
+        cell = np.column_stack([np.floor(point[:, :2] / _PIECE_M).astype(np.int64), which])
+        pieces, piece = np.unique(cell, axis=0, return_inverse=True)
+        return point, which, np.concatenate(weights)[order], piece.reshape(-1), pieces[:, 2]
 
     def run(self, span: SearchSpan, most: int = 5) -> list[Found]:
         """Return the best poses, best first; empty where no ground was found in the span."""
@@ -122,7 +181,8 @@ class PoseSearch:
             refined = []
             for one in found:
                 xy = one.pose.translation[:2] + near
-                refined += self._best(xy, one.yaw + np.array([-turn, 0.0, turn]), 1, 1)
+                yaws = one.yaw + np.array([-turn, 0.0, turn])
+                refined += self._best(*span.clipped(xy, yaws), 1, 1)
             found = _distinct(refined, 2 * most)
         return found[:most]
 
@@ -131,8 +191,8 @@ class PoseSearch:
         if span.reach_rad >= np.pi:
             count = int(np.ceil(2 * np.pi / turn))
             return span.yaw + 2 * np.pi * np.arange(count) / count
-        steps = int(np.ceil(span.reach_rad / turn))
-        return np.asarray(span.yaw + np.arange(-steps, steps + 1) * turn)
+        steps = 2 * int(np.ceil(span.reach_rad / turn)) + 1
+        return span.yaw + np.linspace(-span.reach_rad, span.reach_rad, steps)
 
     def standing(self, xy: NDArray[np.float64], yaw: float) -> Pose:
         """Return the pose of the frame at a place (2,) with a heading."""
@@ -156,31 +216,50 @@ class PoseSearch:
         up = np.column_stack([-slope, np.ones(len(xy))])
         up /= np.linalg.norm(up, axis=1)[:, None]
         ground = np.column_stack([xy, middle])
-        return up, ground + self._plane.height_m * np.array([0.0, 0.0, 1.0])
+        return up, ground + self.plane.height_m * np.array([0.0, 0.0, 1.0])
+
+    def fit(
+        self,
+        xy: NDArray[np.float64],
+        yaws: NDArray[np.float64],
+        like: Likeness = _FROM_AFAR,
+        every: int = 1,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return the ground's normals (P, 3), places (P, 3), scores (P, Y) and gains (P, Y, 4).
+
+        Scores are logarithms of how much likelier what the frame shows is at a pose than by
+        chance; where there is no ground, nothing is likely. Gains are the means of pieces' by kind.
+        """
+        up, place = self._stands(xy)
+        turned = np.stack([leveling(one).T for one in up])
+        headings = np.stack([Pose.from_ypr(np.zeros(3), yaw).rotation for yaw in yaws])
+        some = slice(None, None, every)
+        weight = self._weight[some]
+        whole = np.bincount(self._piece[some], weight, len(self._kinds))
+        scores, gains = _scores(
+            self._points[some],
+            self._kind[some],
+            weight / np.maximum(whole, 1e-12)[self._piece[some]],
+            self._piece[some],
+            np.where(whole > 0, self._kinds, -1),
+            np.column_stack([np.array(_WEIGHTS), like.shared, like.chance]),
+            turned,
+            np.where(np.isfinite(place), place, 0.0),
+            headings,
+            self._space,
+            self._plan,
+            like.width_m,
+        )
+        scores[~np.isfinite(place[:, 2])] = -np.inf
+        return up, place, scores, gains
 
     def _best(
         self, xy: NDArray[np.float64], yaws: NDArray[np.float64], most: int, every: int
     ) -> list[Found]:
-        up, place = self._stands(xy)
-        there = np.isfinite(place[:, 2])
-        up, place = up[there], place[there]
-        if not len(place):
-            return []
-        turned = np.stack([leveling(one).T for one in up])
-        headings = np.stack([Pose.from_ypr(np.zeros(3), yaw).rotation for yaw in yaws])
-        scores = _scores(
-            self._points[::every],
-            self._kind[::every],
-            self._weight[::every] / max(float(self._weight[::every].sum()), 1e-9),
-            turned,
-            place,
-            headings,
-            self._space,
-            self._plan,
-        )
+        up, place, scores, _ = self.fit(xy, yaws, every=every)
         flat = scores.ravel()
         high = np.partition(flat, -min(50 * most, len(flat)))[-min(50 * most, len(flat))]
-        order = np.flatnonzero(flat >= high)
+        order = np.flatnonzero((flat >= high) & np.isfinite(flat))
         order = order[np.argsort(-flat[order], kind="stable")][: 50 * most]
         ranked = []
         for n in order:
@@ -207,22 +286,32 @@ def _distinct(ranked: list[Found], most: int) -> list[Found]:
 
 
 @numba.njit(cache=True)
-def _scores(
+def _scores(  # noqa: PLR0912, PLR0913, PLR0917
     points: NDArray[np.float64],
     kind: NDArray[np.int64],
     weight: NDArray[np.float64],
+    piece: NDArray[np.int64],
+    kinds: NDArray[np.int64],
+    model: NDArray[np.float64],
     turned: NDArray[np.float64],
     place: NDArray[np.float64],
     headings: NDArray[np.float64],
     space: Space,
     plan: Plan,
-) -> NDArray[np.float64]:
-    """Return the weighted gain (P, Y) of points (N, 3) at every place and heading."""
+    width_m: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return how much likelier than chance pieces of points (N, 3) make every pose, and gains."""
     out = np.zeros((len(place), len(headings)))
+    means = np.zeros((len(place), len(headings), 4))
+    many = np.zeros(4)
+    for n in range(len(kinds)):
+        if kinds[n] >= 0:
+            many[kinds[n]] += 1.0
+    gained = np.zeros(len(kinds))
     for k in range(len(place)):
         for m in range(len(headings)):
             r = np.ascontiguousarray(turned[k]) @ np.ascontiguousarray(headings[m])
-            total = 0.0
+            gained[:] = 0.0
             for n in range(len(points)):
                 p = points[n]
                 x = r[0, 0] * p[0] + r[0, 1] * p[1] + r[0, 2] * p[2] + place[k, 0]
@@ -234,7 +323,10 @@ def _scores(
                     c = int(np.floor((z - space.low[2]) / space.cell_m))
                     inside = 0 <= a < space.gain.shape[0] and 0 <= b < space.gain.shape[1]
                     if inside and 0 <= c < space.gain.shape[2]:
-                        total += weight[n] * space.gain[a, b, c]
+                        gain = float(space.gain[a, b, c])
+                        if width_m > 0:
+                            gain = np.exp(-0.5 * ((1.0 - gain) * FAR_M / width_m) ** 2)
+                        gained[piece[n]] += weight[n] * gain
                     continue
                 i = int(np.floor((x - plan.low[0]) / plan.cell_m))
                 j = int(np.floor((y - plan.low[1]) / plan.cell_m))
@@ -243,8 +335,18 @@ def _scores(
                 if kind[n] == _GROUND:
                     off = abs(z - plan.height[i, j]) / _FAR_UP_M
                     if off < 1.0:  # false where the ground is unknown
-                        total += weight[n] * (1.0 - off)
+                        gained[piece[n]] += weight[n] * (1.0 - off)
                 else:
-                    total += weight[n] * plan.gain[kind[n] - _EDGES, i, j]
+                    gain = float(plan.gain[kind[n] - _EDGES, i, j])
+                    if width_m > 0:
+                        gain = np.exp(-0.5 * ((1.0 - gain) * FAR_M / width_m) ** 2)
+                    gained[piece[n]] += weight[n] * gain
+            total = 0.0
+            for n in range(len(kinds)):
+                which = kinds[n]
+                if which >= 0:
+                    counts, shared, chance = model[which]
+                    total += counts * np.log(1.0 - shared + shared * gained[n] / chance)
+                    means[k, m, which] += gained[n] / many[which]
             out[k, m] = total
-    return out
+    return out, means

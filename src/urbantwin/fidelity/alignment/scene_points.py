@@ -32,6 +32,8 @@ class ScenePoints:
         points: (N, 3) float64, site frame.
         normals: (N, 3) of the surfaces.
         is_ground: (N,) whether one can stand there.
+        is_raised: (N,) whether it stands on the ground; the faces of curbs do neither.
+        object: (N,) of what is in its place, or out of it, as one: a building, a pole.
         edges: (E, 3) along the edges of carriageways.
         edge_normal: (E, 3) unit vectors from there towards the road, level.
         lines: (L, 3) along painted lines.
@@ -46,8 +48,8 @@ class ScenePoints:
         surface: SurfaceMaterials | None = None,
     ) -> None:
         corners = mesh.triangles()
-        low, high = corners[..., :2].min(axis=1), corners[..., :2].max(axis=1)
-        near = ((low < middle + reach_m) & (high > middle - reach_m)).all(axis=1)
+        least, most = corners[..., :2].min(axis=1), corners[..., :2].max(axis=1)
+        near = ((least < middle + reach_m) & (most > middle - reach_m)).all(axis=1)
         self._near = mesh.select(near)
         self._origin = np.array([*middle, 0.0])
         self._caster = EmbreeScene(self._near.vertices - self._origin, self._near.faces)
@@ -62,8 +64,12 @@ class ScenePoints:
         self.points = points[inside]
         normals = self._near.normals()
         self.normals = normals[face[inside]]
-        ground = np.isin(self._near.semantic, _GROUND) & (normals[:, 2] > 0.1)
+        low = np.isin(self._near.semantic, _GROUND)
+        ground = low & (normals[:, 2] > 0.1)
         self.is_ground = ground[face[inside]]
+        self.is_raised = ~low[face[inside]]
+        key = self._near.part + self._near.semantic.astype(np.int64) * (1 << 32)
+        self.object = np.where(self._near.part > 0, key, 0)[face[inside]]
         flat = self._near.select(ground)
         self._probe = DownwardProbe(flat) if len(flat.faces) else None
         self._top = float(points[:, 2].max()) + 1.0 if len(points) else 0.0
