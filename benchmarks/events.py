@@ -105,7 +105,7 @@ def staged(folder: Path, seconds: float, at_s: float, only: list[str]) -> list[d
         with tempfile.TemporaryDirectory() as scratch:
             motion = run.run_traffic(twin, Path(scratch) / "usual", seconds=seconds)
             place = busiest(twin, motion)
-            for name in only or EVENTS:
+            for name in only or [n for n in EVENTS if n != "trajectory"]:
                 event = {"event": name, "at_s": at_s, "place": place, **ASKED.get(name, {})}
                 if name == "crowd":
                     event["place"] = for_people(twin, place)

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from urbantwin.interface.aligned_rig import AlignedRig, align
     from urbantwin.interface.carla_frames import CarlaFrames, carla
     from urbantwin.interface.coverage_map import Coverage, coverage
+    from urbantwin.interface.curriculum import Curriculum, curriculum
     from urbantwin.interface.dataset import Dataset, Frame, record
     from urbantwin.interface.exported import Exported, export
     from urbantwin.interface.film import Film, film
@@ -58,6 +59,7 @@ __all__ = [
     "CarlaFrames",
     "Cloud",
     "Coverage",
+    "Curriculum",
     "Dataset",
     "Datasheet",
     "Exported",
@@ -92,6 +94,7 @@ __all__ = [
     "carla",
     "compare",
     "coverage",
+    "curriculum",
     "demo",
     "drive",
     "export",

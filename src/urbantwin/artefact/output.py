@@ -25,7 +25,17 @@ __all__ = ["KINDS", "check_file", "check_folder", "kind_of", "replaced_file", "r
 #: Every kind of artefact; the manifest of a ``twin`` is ``twin.json``.
 KINDS = (
     *("twin", "motion", "dataset", "report", "objects", "coverage", "tuning", "submission"),
-    *("variation", "suite", "geojson", "sumo", "carla", "carla_frames", "plan", "calibration"),
+    *(
+        "variation",
+        "suite",
+        "curriculum",
+        "geojson",
+        "sumo",
+        "carla",
+        "carla_frames",
+        "plan",
+        "calibration",
+    ),
 )
 #: A rig whose sensors are not fused leaves a dataset of datasets.
 _ALSO = {"dataset": ("dataset", "datasets")}

@@ -30,6 +30,7 @@ urbantwin export twin/ --to fbx -o scene.fbx
 urbantwin export twin/ --to cityjson -o buildings.city.json
 urbantwin export out/motion/ --to tracks -o tracks.csv
 urbantwin export out/motion/ --to openlabel -o openlabel.json
+urbantwin export out/motion/ --to openscenario -o traffic.xosc
 urbantwin export out/dataset/ --to challenge -o submission/
 """
 
@@ -46,8 +47,8 @@ def export(
             help="opendrive, carla (a package of a map), sumo (a run that is set up) or "
             "geojson (for QGIS: one file, or one per layer in a folder), plan (SVG, PNG), or the "
             "scene as glb, obj, ply, usd, fbx, or its buildings as cityjson; a motion as tracks "
-            "(CSV) or openlabel (ASAM OpenLABEL); or a dataset's frames as a submission to the "
-            "UrbanTwin challenge (challenge).",
+            "(CSV), openlabel or openscenario (ASAM OpenLABEL, OpenSCENARIO XML); or a dataset's "
+            "frames as a submission to the UrbanTwin challenge (challenge).",
         ),
     ],
     version: Annotated[

@@ -17,11 +17,12 @@ from urbantwin import __version__
 from urbantwin.artefact import as_json
 from urbantwin.dataset.layout import frame_name
 from urbantwin.dataset.manifest_schema import pose_matrix
+from urbantwin.dataset.object_statistics import object_statistics
 from urbantwin.dataset.result_warnings import BEYOND, warnings_of_record
 from urbantwin.geometry import Pose
 from urbantwin.lidar import MountedSensor, Rig, Sensor
 from urbantwin.result_warning import rows_of
-from urbantwin.taxonomy import ACTOR_CLASSES, semantic_classes
+from urbantwin.taxonomy import ACTOR_CLASSES, OBSTACLE, semantic_classes
 from urbantwin.traffic.fingerprint import mesh_sha256, meshes_sha256, table_sha256
 
 if TYPE_CHECKING:
@@ -131,6 +132,7 @@ def recipe_of_rig(rig: Rig) -> dict[str, Any]:
             "frame": rig.frame,
             "fused": rig.fused,
             "boxes": rig.boxes,
+            **({} if rig.label_range_m is None else {"label_range_m": rig.label_range_m}),
             "conditions": as_json(rig.conditions),
             "ride": as_json(rig.ride),
             "carrier": rig.carrier,
@@ -168,6 +170,7 @@ def manifest_of(
     reach = [box for entry in entries for box in entry["boxes"] if box["ignored"] not in BEYOND]
     in_reach = Counter(box["class"] for box in reach)
     seen_in_reach = Counter(box["class"] for box in reach if box["num_points"] > 0)
+    classes = [*ACTOR_CLASSES, *([OBSTACLE] if boxes[OBSTACLE] else [])]
     turns = [turn for entry in entries for turn in entry["sweeps"]]
     points: Counter[int] = Counter()
     for entry in entries:
@@ -186,17 +189,18 @@ def manifest_of(
     return {
         **{key: value for key, value in recipe.items() if key not in ("frames", "start_s")},
         "layout": LAYOUT,
-        "class_names": list(ACTOR_CLASSES),
+        "class_names": classes,
         "point_cloud_range": _point_cloud_range(entries),
+        "objects": object_statistics(entries, recipe["dataset_SE3_site"]),
         "counts": {
             "frames": len(frames),
             "train": len(split[0]),
             "val": len(split[1]),
             "points": sum(points.values()),
-            "boxes": {name: boxes[name] for name in ACTOR_CLASSES},
-            "boxes_with_points": {name: seen[name] for name in ACTOR_CLASSES},
-            "boxes_in_reach": {name: in_reach[name] for name in ACTOR_CLASSES},
-            "boxes_in_reach_with_points": {name: seen_in_reach[name] for name in ACTOR_CLASSES},
+            "boxes": {name: boxes[name] for name in classes},
+            "boxes_with_points": {name: seen[name] for name in classes},
+            "boxes_in_reach": {name: in_reach[name] for name in classes},
+            "boxes_in_reach_with_points": {name: seen_in_reach[name] for name in classes},
             "turns": len(turns),
             "turns_lost": sum(turn["lost"] for turn in turns),
             "points_by_class": {

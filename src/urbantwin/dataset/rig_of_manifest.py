@@ -55,6 +55,7 @@ def rig_of_manifest(manifest: Mapping[str, Any]) -> Rig | None:
             carrier=rig["carrier"],
             fused=bool(rig["fused"]),
             boxes=rig.get("boxes", "tight"),
+            label_range_m=rig.get("label_range_m"),
         )
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError, ValidationError):
         return None

@@ -15,6 +15,13 @@ if TYPE_CHECKING:
 
 __all__ = ["Exported", "export"]
 
+#: What a motion is written as, and the file's name where nobody says one.
+_OF_MOTIONS = {
+    "tracks": "tracks.csv",
+    "openlabel": "openlabel.json",
+    "openscenario": "traffic.xosc",
+}
+
 
 @dataclass(frozen=True)
 class Exported:
@@ -52,10 +59,11 @@ def export(
     """Write a twin for other programs: OpenDRIVE, CARLA, SUMO, GeoJSON, a plan, 3D scenes.
 
     Args:
-        twin: the twin, or its folder; for ``challenge``, a dataset; for ``tracks`` and
-            ``openlabel``, a motion.
+        twin: the twin, or its folder; for ``challenge``, a dataset; for ``tracks``,
+            ``openlabel`` and ``openscenario``, a motion.
         to: ``opendrive``, ``carla``, ``sumo``, ``geojson``, ``plan``, ``glb``, ``obj``, ``ply``,
-            ``usd``, ``fbx``, ``cityjson``, ``tracks`` (CSV), ``openlabel`` or ``challenge``.
+            ``usd``, ``fbx``, ``cityjson``, ``tracks`` (CSV), ``openlabel``,
+            ``openscenario`` or ``challenge``.
         out: the file or folder to write; one named after the twin, in the current folder, when not
             given.
         version: of OpenDRIVE: 1.8, or 1.4 for CARLA; 1.8 if not given.
@@ -81,15 +89,21 @@ def export(
             found = None if detections is None else Path(detections)
             notes = write_challenge(Path(twin), folder, frames=frames, detections=found)
         return Exported(folder, to, tuple(notes))
-    if to in ("tracks", "openlabel"):
+    if to in _OF_MOTIONS:
+        from urbantwin.exports.openscenario import write_openscenario
         from urbantwin.exports.tracks import write_openlabel, write_tracks
         from urbantwin.traffic import Motion
 
-        file = place or Path("tracks.csv" if to == "tracks" else "openlabel.json")
+        file = place or Path(_OF_MOTIONS[to])
+        write = {
+            "tracks": write_tracks,
+            "openlabel": write_openlabel,
+            "openscenario": write_openscenario,
+        }[to]
         with shown_stage("export", progress, brief=True) as tell:
             tell(0.0, "reading the motion")
             motion = Motion.load(Path(twin))
-            (write_tracks if to == "tracks" else write_openlabel)(motion, file)
+            write(motion, file)
         return Exported(file, to)
     from urbantwin.exports import export_twin
 

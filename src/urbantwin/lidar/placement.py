@@ -111,6 +111,7 @@ def place_rig(
         carrier=None if spec.ride is None else spec.ride.track,
         fused=spec.fused,
         boxes=spec.boxes,
+        label_range_m=spec.label_range_m,
     )
 
 

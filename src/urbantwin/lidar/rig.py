@@ -132,6 +132,8 @@ class Rig:
         fused: whether a frame holds the points of all sensors; else each has a dataset.
         boxes: ``track``: a label has the size of its actor's track, where it is known; ``tight``:
             the bounds of the mesh at its moment.
+        label_range_m: who is farther from every sensor in plan does not count; ``None``: whoever is
+            in reach does.
     """
 
     sensors: tuple[MountedSensor, ...]
@@ -143,6 +145,7 @@ class Rig:
     carrier: int | None = None
     fused: bool = True
     boxes: Literal["track", "tight"] = "track"
+    label_range_m: float | None = None
 
     def dataset_pose(self, carrier: ActorPath | None = None) -> Pose:
         """Return ``dataset_SE3_site`` of a frame: of a rig that rides, it moves with its carrier.

@@ -76,7 +76,7 @@ class Scanner:
         self._shapes = ShapeTable(meshes)
         self._rig = rig
         self._seed = seed
-        self._borders = Borders(rig.sensors, region)
+        self._borders = Borders(rig.sensors, region, rig.label_range_m)
         self._eyes: list[_Eye] = []
         shared: World | None = None
         for number, one in enumerate(rig.sensors):

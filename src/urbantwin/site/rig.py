@@ -150,6 +150,8 @@ class RigSpec(Strict):
         frame: of the dataset's points: ``sensor`` (that of the first sensor), ``level`` (its place
             and heading, gravity-aligned) or ``site``.
         fused: the sensors' points in one frame; ``False``: a dataset for each sensor.
+        label_range_m: who is farther from every sensor in plan does not count; ``None``: whoever is
+            in reach does.
         boxes: ``track``: labels have one size for a whole track, as annotators draw them;
             ``tight``: each is the bounds of the mesh at its moment.
         conditions: the weather and the sun.
@@ -166,6 +168,7 @@ class RigSpec(Strict):
     frame: Literal["sensor", "level", "site"] = "level"
     fused: bool = True
     boxes: Literal["track", "tight"] = "track"
+    label_range_m: Annotated[float, Field(ge=1.0, le=1000.0, allow_inf_nan=False)] | None = None
     conditions: Conditions = Conditions()
     reflectivity: Reflectivities = Field(default_factory=dict)
     ride: RideSpec | None = None

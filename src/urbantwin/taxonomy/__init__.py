@@ -1,6 +1,13 @@
 """Names shared by every stage: semantic classes, materials, classes of actors."""
 
-from urbantwin.taxonomy.actor import ACTOR_CLASSES, ACTOR_SEMANTICS, COMPANIONS, ROAD_USERS
+from urbantwin.taxonomy.actor import (
+    ACTOR_CLASSES,
+    ACTOR_SEMANTICS,
+    BOX_SEMANTICS,
+    COMPANIONS,
+    OBSTACLE,
+    ROAD_USERS,
+)
 from urbantwin.taxonomy.material import WAVELENGTHS_NM, Material, material_id, materials
 from urbantwin.taxonomy.semantic import (
     GROUND_CLASSES,
@@ -12,8 +19,10 @@ from urbantwin.taxonomy.semantic import (
 __all__ = [
     "ACTOR_CLASSES",
     "ACTOR_SEMANTICS",
+    "BOX_SEMANTICS",
     "COMPANIONS",
     "GROUND_CLASSES",
+    "OBSTACLE",
     "ROAD_USERS",
     "WAVELENGTHS_NM",
     "Material",

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-__all__ = ["ACTOR_CLASSES", "ACTOR_SEMANTICS", "COMPANIONS", "ROAD_USERS"]
+__all__ = ["ACTOR_CLASSES", "ACTOR_SEMANTICS", "BOX_SEMANTICS", "COMPANIONS", "OBSTACLE"]
+__all__ += ["ROAD_USERS"]
 
 #: Class of a box -> semantic class of its points. A two-wheeler includes its rider, as in
 #: SemanticKITTI, where the vehicle counts as part of the bicyclist or motorcyclist, and where
@@ -22,6 +23,13 @@ ACTOR_SEMANTICS: dict[str, str] = {
 }
 
 ACTOR_CLASSES: tuple[str, ...] = tuple(ACTOR_SEMANTICS)
+
+#: What is put on a street and stands there: a cone, a barrier, what was lost. Nobody asks for so
+#: many per hour; it has boxes all the same.
+OBSTACLE = "obstacle"
+
+#: The same as ``ACTOR_SEMANTICS`` for every class that boxes are labelled with.
+BOX_SEMANTICS: dict[str, str] = {**ACTOR_SEMANTICS, OBSTACLE: "other-object"}
 
 #: Those who come with others: no traffic is asked of them.
 COMPANIONS: tuple[str, ...] = ("trailer", "animal")

@@ -73,7 +73,8 @@ def _counted(classes: dict[str, dict[str, float]], rows: pa.Table) -> dict[str, 
     """Return the counts of a manifest with those who are seen besides."""
     tracks = rows.group_by(["track", "class"]).aggregate([])
     counted = {name: dict(row) for name, row in classes.items()}
+    known = next(iter(classes.values()), {"seen": 0})
     for name, count in Counter(tracks["class"].to_pylist()).items():
-        row = counted.setdefault(name, {"seen": 0})
+        row = counted.setdefault(name, dict.fromkeys(known, 0))
         row["seen"] = row["seen"] + count
     return counted

@@ -16,7 +16,7 @@ from urbantwin.artefact.manifest import Part
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
 from urbantwin.geometry.mesh import MESH_FORM, checked_mesh
-from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.taxonomy import BOX_SEMANTICS
 
 __all__ = [
     "MeshKey",
@@ -119,13 +119,13 @@ def check_actors(actors: pa.Table, file: Path) -> None:
             raise InputError("is out of range", file=file, place=name, expected="0 or more")
     if len(actors) and actors["track"].to_numpy().min() < 0:
         raise InputError("is out of range", file=file, place="track", expected="0 or more")
-    strange = set(pc.unique(actors["class"]).to_pylist()) - set(ACTOR_CLASSES)
+    strange = set(pc.unique(actors["class"]).to_pylist()) - set(BOX_SEMANTICS)
     if strange:
         raise InputError(
             f"names {min(strange)[:40]!r}",
             file=file,
             place="class",
-            expected=", ".join(ACTOR_CLASSES),
+            expected=", ".join(BOX_SEMANTICS),
         )
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.progress import Progress, each, untold
-from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.taxonomy import BOX_SEMANTICS
 from urbantwin.traffic.assets import Asset, Fleet, asset, asset_names
 from urbantwin.traffic.motion import ACTOR_SCHEMA, step_times
 from urbantwin.traffic.paths.lane_below import LanesBelow
@@ -31,7 +31,7 @@ class PrescribedPath:
     """Where one actor is, at N moments. Between them it moves evenly.
 
     Attributes:
-        actor_class: one of ``taxonomy.ACTOR_CLASSES``.
+        actor_class: one of ``taxonomy.BOX_SEMANTICS``.
         asset: name of its mesh, with a coat and a size where it has them.
         time_s: (N,) ascending moments, seconds from the motion's start. It is there from the first
             to the last of them.
@@ -58,9 +58,9 @@ class PrescribedPath:
         Raises:
             InputError: an unknown class or mesh; times that do not ascend; numbers that are none.
         """
-        if self.actor_class not in ACTOR_CLASSES:
+        if self.actor_class not in BOX_SEMANTICS:
             raise InputError(
-                f"unknown actor class '{self.actor_class}'", expected=", ".join(ACTOR_CLASSES)
+                f"unknown actor class '{self.actor_class}'", expected=", ".join(BOX_SEMANTICS)
             )
         asset(self.asset)
         count = len(self.time_s)

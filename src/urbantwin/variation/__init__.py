@@ -7,15 +7,20 @@ from urbantwin.on_demand import names_on_demand
 if TYPE_CHECKING:
     from urbantwin.variation.factor import Factor, read_factor
     from urbantwin.variation.fates import FATES, fates_of
+    from urbantwin.variation.ladder import LADDERS, Grade, graded_rig, load_ladder
     from urbantwin.variation.proof import Proof, proof_of
     from urbantwin.variation.run_file import RunFile, load_run
 
 __all__ = [
     "FATES",
+    "LADDERS",
     "Factor",
+    "Grade",
     "Proof",
     "RunFile",
     "fates_of",
+    "graded_rig",
+    "load_ladder",
     "load_run",
     "proof_of",
     "read_factor",

@@ -48,8 +48,8 @@ class Factor:
         """Return the name of a variant's folder."""
         key = self.text.partition("=")[0]
         plain = Path(value).stem if self.kind == "scenario" else value
-        return "".join(c if c.isalnum() or c in "._-" else "-" for c in f"{key}={plain}").replace(
-            f"{key}-", f"{key}="
+        return "=".join(
+            "".join(c if c.isalnum() or c in "._-" else "-" for c in part) for part in (key, plain)
         )
 
     def scenario_of(self, value: str, beside: Path) -> Path:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import box_corners
 from urbantwin.lidar.labels import LEVELS
-from urbantwin.taxonomy import ACTOR_CLASSES, semantic_classes
+from urbantwin.taxonomy import ACTOR_CLASSES, OBSTACLE, semantic_classes
 from urbantwin.view import style
 from urbantwin.view.labelled_frame import LabelledPoints
 from urbantwin.view.plan_ground import fill
@@ -187,7 +187,8 @@ def _legend(figure: Figure, frame: LabelledPoints) -> None:
     for count, number in rows[: max(3, min(_LEGEND_ROWS, room))]:
         y = _row(axes, y, style.class_colours([number])[0], names.get(number, "?"), f"{count:,}")
     y = _heading(axes, y - 0.03, "Boxes (with points)")
-    for name in ACTOR_CLASSES:
+    obstacles = [OBSTACLE] if OBSTACLE in frame.classes else []
+    for name in (*ACTOR_CLASSES, *obstacles):
         mine = np.array([one == name for one in frame.classes], bool)
         text = f"{int(mine.sum())} ({int((frame.box_points[mine] > 0).sum())})"
         y = _row(axes, y, style.actor_colour(name), name, text, hollow=True)

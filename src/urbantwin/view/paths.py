@@ -9,7 +9,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.taxonomy import BOX_SEMANTICS
 from urbantwin.traffic.motion import Motion
 from urbantwin.twin import Twin
 from urbantwin.view import style
@@ -49,7 +49,7 @@ def paths_figure(
         draw_ground(axes, twin.region, twin.mesh, DARK)
         draw_surfaces(axes, twin.roads, twin.lane_model, DARK)
     handles = []
-    for name in ACTOR_CLASSES:
+    for name in BOX_SEMANTICS:
         mine = np.flatnonzero(classes == name)
         if not len(mine):
             continue

@@ -19,7 +19,7 @@ from matplotlib.patches import Polygon, Rectangle
 from numpy.typing import ArrayLike, NDArray
 
 from urbantwin.errors import InputError
-from urbantwin.taxonomy import ACTOR_SEMANTICS, semantic_classes
+from urbantwin.taxonomy import BOX_SEMANTICS, semantic_classes
 
 __all__ = [
     "ACCENT",
@@ -123,7 +123,7 @@ def class_colours(semantic: ArrayLike) -> NDArray[np.float64]:
 
 def actor_colour(actor_class: str) -> NDArray[np.float64]:
     """Return the colour (3,), 0..1, of a class of actors."""
-    return _readable(semantic_classes()[ACTOR_SEMANTICS[actor_class]].colour)
+    return _readable(semantic_classes()[BOX_SEMANTICS[actor_class]].colour)
 
 
 def _readable(colour: tuple[int, int, int]) -> NDArray[np.float64]:

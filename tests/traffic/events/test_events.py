@@ -66,8 +66,10 @@ def reacted(crossing_twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Mo
 @pytest.fixture(scope="module")
 def ran_red(crossing_twin: Twin, tmp_path_factory: pytest.TempPathFactory) -> Motion:
     event = {"event": "red_light_running", "at_s": 2.0, "place": {"x": 30.0, "y": 2.0}}
+    zone = {"event": "work_zone", "at_s": 3.0, "lasts_s": 40.0, "length_m": 8.0}
+    events = [event, {**zone, "place": {"x": 2.0, "y": -90.0}}]
     folder = tmp_path_factory.mktemp("red") / "m"
-    return run_traffic(crossing_twin, folder, seconds=70.0, changes={"scenario": [event]})
+    return run_traffic(crossing_twin, folder, seconds=70.0, changes={"scenario": events})
 
 
 def rows(motion: Motion) -> pd.DataFrame:
@@ -135,6 +137,24 @@ def test_who_runs_the_red_signal_passes_it_at_red(ran_red: Motion) -> None:
     assert lanes[round(event["crossed_s"] + 0.1, 3)].startswith(":")
 
 
+def test_a_closed_lane_has_cones_and_nobody_comes_through_them(ran_red: Motion) -> None:
+    event = ran_red.manifest["events"][1]
+    shown = rows(ran_red)
+    cones = shown[shown["class"] == "obstacle"]
+    assert set(cones.track) == set(event["tracks"])
+    assert set(cones.asset) == {"cone", "barrier"}
+    assert cones.time_s.min() == pytest.approx(event["from_s"], abs=0.11)
+    assert cones.time_s.max() == pytest.approx(event["from_s"] + 40.0, abs=0.11)
+    # The lane from the south: 3.2 m about x = 1.6, or so; the zone begins at the place.
+    assert cones.y.min() == pytest.approx(-90.0, abs=0.6)
+    assert np.ptp(cones.y) < 8.0
+    around = Surroundings(ran_red)
+    ours = frozenset(event["tracks"])
+    for track in event["tracks"]:
+        nearest = around.nearest(around.passage(track), ours)
+        assert nearest is None or nearest.gap_m > 0.0
+
+
 def test_wrecks_touch_and_stay(reacted: Motion) -> None:
     event = reacted.manifest["events"][1]
     around = Surroundings(reacted)
@@ -158,7 +178,10 @@ def test_wrecks_touch_and_stay(reacted: Motion) -> None:
             {"event": "stalled_vehicle", "place": {"x": -146.0, "y": -2.0}, "within_s": 1.0},
             "no vehicle came",
         ),
-        ({"event": "near_miss", "place": EAST, "pet_s": 1.0, "within_s": 0.0}, "no car, truck"),
+        (
+            {"event": "near_miss", "place": EAST, "pet_s": 1.0, "within_s": 0.0},
+            "nobody drives past",
+        ),
         ({"event": "hard_brake", "place": {"x": 0.0, "y": 0.0}}, "needs a lane of a street"),
     ],
 )

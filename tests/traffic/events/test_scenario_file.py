@@ -56,12 +56,15 @@ def test_what_is_wrong_is_told_with_its_line(
 
 
 def test_what_was_read_is_read_again(crossing_twin: Twin, tmp_path: Path) -> None:
-    needed = {"near_miss": {"pet_s": 1.0}}
+    path = {"time_s": [3.0, 4.0], "x": [0.0, 5.0], "y": [0.0, 0.0]}
+    needed = {"near_miss": {"pet_s": 1.0}, "trajectory": path}
     rows = [
         {"event": name, "at_s": 3.0, "place": {"x": -30.0, "y": -2.0}, **needed.get(name, {})}
         for name in EVENTS
     ]
-    del rows[[row["event"] for row in rows].index("blocked_sensor")]["place"]
+    for row in rows:
+        if row["event"] in ("blocked_sensor", "trajectory"):
+            del row["place"]
     told = read(tmp_path, crossing_twin, yaml.safe_dump({"events": rows}))
     assert told == rows
     assert [one.event for one in scenario_events(told)] == list(EVENTS)

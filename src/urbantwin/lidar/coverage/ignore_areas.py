@@ -72,7 +72,7 @@ def ignore_areas(
     discs = shapely.union_all(
         [
             shapely.Point(one.site_SE3_sensor.translation[:2]).buffer(
-                one.sensor.assumed_range_max_m
+                min(one.sensor.assumed_range_max_m, rig.label_range_m or np.inf)
             )
             for one in rig.sensors
         ]

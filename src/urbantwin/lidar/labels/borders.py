@@ -37,11 +37,16 @@ class Borders:
     Args:
         sensors: of the rig.
         region: where labels count, site frame; everywhere when not given.
+        range_m: and how far from the nearest sensor, in plan; as far as they reach when not given.
     """
 
     def __init__(
-        self, sensors: Sequence[MountedSensor], region: shapely.Polygon | None = None
+        self,
+        sensors: Sequence[MountedSensor],
+        region: shapely.Polygon | None = None,
+        range_m: float | None = None,
     ) -> None:
+        self._range_m = range_m
         self._sensors = tuple(sensors)
         self._region = region
         if region is not None:
@@ -64,6 +69,10 @@ class Borders:
             if field is not None:
                 share, beyond = truncations(field, pose, actors)
                 least, far = np.minimum(least, share), far & beyond
+        if self._range_m is not None:
+            eyes = np.array([pose.translation[:2] for pose in poses]).reshape(-1, 1, 2)
+            away = np.linalg.norm(eyes - actors.place[None, :, :2], axis=2)
+            far |= away.min(axis=0, initial=np.inf) > self._range_m
         outside = np.zeros(count, np.bool_)
         if self._region is not None:
             outside = ~shapely.contains_xy(self._region, actors.place[:, 0], actors.place[:, 1])

@@ -13,7 +13,7 @@ from urbantwin.lidar.actor_path import PosedActor
 from urbantwin.lidar.labels.borders import Bordering
 from urbantwin.lidar.labels.frame import BoxLabel, LabelledFrame
 from urbantwin.lidar.turn import Observation
-from urbantwin.taxonomy import ACTOR_SEMANTICS, semantic_id
+from urbantwin.taxonomy import BOX_SEMANTICS, semantic_id
 
 __all__ = ["labelled"]
 
@@ -43,7 +43,7 @@ def labelled(
     semantic = _joined([one.semantic for one in seen], np.uint16)
     instance = np.zeros(len(actor), np.uint16)
     hit = np.flatnonzero(actor >= 0)
-    classes = [semantic_id(ACTOR_SEMANTICS[one.actor_class]) for one in actors]
+    classes = [semantic_id(BOX_SEMANTICS[one.actor_class]) for one in actors]
     semantic[hit] = np.array(classes, np.uint16)[actor[hit]]
     instance[hit] = np.array([one.track for one in actors], np.uint16)[actor[hit]]
     count = np.bincount(actor[hit], minlength=len(actors))

@@ -1,7 +1,7 @@
 """The actor catalogue: names, sizes and meshes of everything that moves.
 
-Its data: ``assets.yaml``, ``light.yaml`` and ``articulated.yaml``, drawn point by point, and
-``cars.yaml``, drawn from measures.
+Its data: ``assets.yaml``, ``light.yaml`` and ``articulated.yaml``, drawn point by point,
+``cars.yaml``, drawn from measures, and ``things.yaml``, what stands on streets.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh
-from urbantwin.taxonomy import ACTOR_CLASSES, ACTOR_SEMANTICS, semantic_id
+from urbantwin.taxonomy import BOX_SEMANTICS, semantic_id
 from urbantwin.traffic.assets.articulated import bodies_of, bus_section, trailer
 from urbantwin.traffic.assets.asset_name import AssetName, Size
 from urbantwin.traffic.assets.body import Body
@@ -38,7 +38,7 @@ from urbantwin.traffic.assets.two_wheeler import PEDAL_PHASES, hub_contacts, two
 __all__ = ["Asset", "asset", "asset_mesh", "asset_names"]
 
 #: Where the catalogue is written.
-_FILES = ("assets.yaml", "cars.yaml", "light.yaml", "articulated.yaml")
+_FILES = ("assets.yaml", "cars.yaml", "light.yaml", "articulated.yaml", "things.yaml")
 #: What makes those that move no limbs.
 _STIFF: dict[str, Callable[[Mapping[str, Any]], list[Solid]]] = {
     "car": car,
@@ -47,6 +47,7 @@ _STIFF: dict[str, Callable[[Mapping[str, Any]], list[Solid]]] = {
     "trailer": trailer,
     "bus-section": bus_section,
     "tram-body": tram_section,
+    "thing": parts,
 }
 
 
@@ -59,7 +60,7 @@ class Asset:
 
     Attributes:
         name: such as ``car-sedan``.
-        actor_class: one of ``taxonomy.ACTOR_CLASSES``.
+        actor_class: one of ``taxonomy.BOX_SEMANTICS``.
         phases: how many postures its cycle of movement has (steps, turns of the cranks); 1 for
             a rigid asset.
         standing: the phase that shows it halted; it may lie outside the cycle.
@@ -105,9 +106,9 @@ def asset_names(actor_class: str) -> tuple[str, ...]:
     Raises:
         InputError: there is no such class.
     """
-    if actor_class not in ACTOR_CLASSES:
+    if actor_class not in BOX_SEMANTICS:
         raise InputError(
-            f"unknown actor class '{actor_class}'", expected=f"one of {', '.join(ACTOR_CLASSES)}"
+            f"unknown actor class '{actor_class}'", expected=f"one of {', '.join(BOX_SEMANTICS)}"
         )
     return tuple(
         name
@@ -167,6 +168,8 @@ def asset(name: str) -> Asset:
                 for one in bodies
                 for x, y, _ in asset(one.asset).contacts
             ]
+        case "thing":
+            pass
         case _:
             contacts = contact_points(entry)
     return Asset(
@@ -210,7 +213,7 @@ def asset_mesh(name: str, phase: int = 0) -> LabelledMesh:
             f"{name} has no phase {phase}", expected=f"0 to {max(phases - 1, standing)}"
         )
     solids = _solids(name, phase, halted=phase == standing > 0)
-    return labelled(solids, semantic_id(ACTOR_SEMANTICS[entry["class"]]))
+    return labelled(solids, semantic_id(BOX_SEMANTICS[entry["class"]]))
 
 
 def _phases(entry: dict[str, Any]) -> tuple[int, int]:

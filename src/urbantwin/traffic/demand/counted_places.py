@@ -50,11 +50,17 @@ def way_of(row: Mapping[str, Any], roads: RoadNetwork, place: str) -> Way:
     by_id = {road.id: road for road in roads.roads}
     name, turn = str(row["approach"]), str(row["turn"])
     junction = _junction(str(row.get("junction") or ""), roads, place)
-    approaches = [road for road in roads.roads if road.to_junction == junction]
+    kind = row.get("actor_class") or "car"
+    driven = [
+        road
+        for road in roads.roads
+        if any(kind in roads.lane_by_id[lane].allowed for lane in road.lanes)
+    ]
+    approaches = [road for road in driven if road.to_junction == junction]
     approach = by_id.get(name)
     if approach is None:
         approach = _one(name, approaches, roads, at_end=True, place=place, what="approach")
-    exits = [road for road in roads.roads if road.from_junction == approach.to_junction]
+    exits = [road for road in driven if road.from_junction == approach.to_junction]
     leaving = by_id.get(turn)
     if leaving is None and turn in _TURNS:
         turned = [road for road in exits if turn_of(roads, approach, road) == turn]

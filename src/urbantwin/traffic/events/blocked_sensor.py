@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError, StageError
 from urbantwin.geometry import DownwardProbe, rotation_from_ypr
 from urbantwin.geometry.embree import EmbreeScene
-from urbantwin.traffic.assets import asset_mesh, asset_names
+from urbantwin.traffic.assets import asset, asset_mesh, asset_names
 from urbantwin.traffic.events.scenario import BlockedSensor
 from urbantwin.traffic.events.scripted import CLEAR_M, Scripted, Setting
 from urbantwin.traffic.events.surroundings import passage_of_path
@@ -50,6 +50,8 @@ def blocked_sensor(event: BlockedSensor, setting: Setting) -> Scripted:
     from_s, until_s = event.at_s, min(event.at_s + event.lasts_s, setting.until_s)
     tried = []
     for truck in asset_names("truck"):
+        if asset(truck).bodies:
+            continue  # one stiff truck hides enough
         scene = EmbreeScene(asset_mesh(truck).vertices, asset_mesh(truck).faces)
         for at, yaw in _stands(setting, eye[:2]):
             height = float(probe.height_below(np.array([[*at, top]]))[0])
@@ -74,7 +76,7 @@ def blocked_sensor(event: BlockedSensor, setting: Setting) -> Scripted:
     most = -min(tried)[0] if tried else 0.0
     raise StageError(
         f"blocked_sensor at {event.at_s:g} s cannot be staged: a truck on a free lane beside "
-        f"{name} hides less than {event.least_share:.0%} of the junction (at best {most:.0%}, were "
+        f"{name} hides less than {event.least_share:.1%} of the junction (at best {most:.1%}, were "
         "all lanes free): the sensor stands too high or too far from lanes"
     )
 

@@ -28,7 +28,7 @@ from urbantwin.traffic.prescribed import PrescribedPath, usual_asset
 
 __all__ = ["child_between_parked_cars", "near_miss"]
 
-_VEHICLES = ("car", "van", "truck", "bus")
+_VEHICLES = ("car", "van", "truck", "bus", "motorcycle")
 #: Who crosses comes from so far and goes so far, metres.
 _BEFORE_M = {"pedestrian": 6.0, "bicycle": 25.0}
 _BEYOND_M = {"pedestrian": 6.0, "bicycle": 20.0}
@@ -445,6 +445,6 @@ def _stopping(
 
 def _nobody(event: NearMiss | ChildBetweenParkedCars, lane: str) -> str:
     return (
-        f"{event.event} at {event.at_s:g} s cannot be staged: no car, truck or bus drives past "
+        f"{event.event} at {event.at_s:g} s cannot be staged: nobody drives past "
         f"the place on lane {lane} within {event.within_s:g} s of it"
     )

@@ -15,7 +15,7 @@ from urbantwin.site.conditions import Strict
 from urbantwin.site.yaml_document import nearest, wrong
 from urbantwin.twin import Twin
 
-__all__ = ["Place", "Spot", "find_spot", "nearest_to_anchor"]
+__all__ = ["Place", "Spot", "find_spot", "nearest_to_anchor", "spot_on"]
 
 #: A lane is at a place of x and y that is not farther from it, metres.
 _NEAR_M = 15.0
@@ -110,7 +110,7 @@ def find_spot(place: Place, twin: Twin, actor_class: str) -> Spot:
                 expected=_some(place.lane, known),
             )
         along = lane.length / 2 if place.offset_m is None else place.offset_m
-        return _on(lane, along, "place.offset_m")
+        return spot_on(lane, along, "place.offset_m")
     if place.street is not None:
         return _on_street(place, twin, actor_class)
     if place.crossing is not None:
@@ -129,7 +129,7 @@ def find_spot(place: Place, twin: Twin, actor_class: str) -> Spot:
         )
     lane = roads.lane_by_id[min(near)[1]]
     along = shapely.line_locate_point(shapely.LineString(lane.centre[:, :2]), shapely.Point(xy))
-    return _on(lane, float(along), "place")
+    return spot_on(lane, float(along), "place")
 
 
 def nearest_to_anchor(twin: Twin, actor_class: str) -> tuple[float, float]:
@@ -157,7 +157,12 @@ def _lanes_near(twin: Twin, xy: NDArray[np.float64], actor_class: str) -> list[t
     ]
 
 
-def _on(lane: Lane, along_m: float, place: str) -> Spot:
+def spot_on(lane: Lane, along_m: float, place: str = "place") -> Spot:
+    """Return the place on a lane, metres from its start.
+
+    Raises:
+        InputError: the lane is not so long; ``place`` names the field.
+    """
     if not 0 <= along_m <= lane.length + 1e-6:
         raise InputError(
             f"{along_m:g} m is not on the lane",
@@ -205,7 +210,7 @@ def _on_street(place: Place, twin: Twin, actor_class: str) -> Spot:
             expected=f"at most {longest:.1f} m" if found else "a street that leads to the junction",
         )
     lane = roads.lane_by_id[min(found)[3]]
-    return _on(lane, from_m if away else lane.length - from_m, "place.street")
+    return spot_on(lane, from_m if away else lane.length - from_m, "place.street")
 
 
 def _on_crossing(name: str, twin: Twin) -> Spot:
@@ -232,7 +237,7 @@ def _on_crossing(name: str, twin: Twin) -> Spot:
                 expected=_some(name, [*crossings, *{road.name for road in roads.roads} - {""}]),
             )
         lane = crossings[min(over)[1]]
-    return _on(lane, lane.length / 2, "place.crossing")
+    return spot_on(lane, lane.length / 2, "place.crossing")
 
 
 def _some(name: str, known: list[str]) -> str:

@@ -13,21 +13,23 @@ from urbantwin.traffic.events.blocked_sensor import blocked_sensor
 from urbantwin.traffic.events.crossing_paths import child_between_parked_cars, near_miss
 from urbantwin.traffic.events.event_report import event_row
 from urbantwin.traffic.events.reacting import Reaction, changed_from, spliced
-from urbantwin.traffic.events.scenario import Event
+from urbantwin.traffic.events.scenario import Debris, Event, WorkZone
 from urbantwin.traffic.events.scripted import (
     Scripted,
     Setting,
     bicycle_without_light,
     crowd,
     passage,
-    u_turn,
+    trajectory,
     wrong_way,
 )
 from urbantwin.traffic.events.surroundings import Surroundings
+from urbantwin.traffic.events.things import debris, work_zone
+from urbantwin.traffic.events.u_turn import u_turn
 from urbantwin.traffic.events.unlit import unlit
 from urbantwin.traffic.insertion import inserted
 from urbantwin.traffic.motion import Motion
-from urbantwin.traffic.prescribed import TwinSurface
+from urbantwin.traffic.prescribed import PrescribedPath, TwinSurface
 from urbantwin.twin import Twin
 
 __all__ = ["PUT_IN", "StagedEvent", "staged_table", "with_events"]
@@ -41,6 +43,7 @@ PUT_IN: dict[str, Callable[[Any, Setting], Scripted]] = {
     "bicycle_without_light": bicycle_without_light,
     "crowd": crowd,
     "passage": passage,
+    "trajectory": trajectory,
     "blocked_sensor": blocked_sensor,
 }
 
@@ -122,6 +125,9 @@ def _row_of(
     """Return the row of an event staged within SUMO, and the motion with what marks its place."""
     reaction, tracks = one.reaction, one.tracks
     told = {**reaction.told, "seam_m": round(one.seam_m, 4)}
+    bodies = _bodies_of(reaction, twin)
+    if bodies:
+        motion, tracks = inserted(motion, bodies, surface)
     others = Surroundings(motion)
     row = event_row(
         reaction.event,
@@ -134,6 +140,19 @@ def _row_of(
         told=told,
     )
     return row, motion
+
+
+def _bodies_of(reaction: Reaction, twin: Twin) -> list[PrescribedPath]:
+    """Return what stands on the lane for an event that closes it."""
+    event = reaction.event
+    if not isinstance(event, WorkZone | Debris):
+        return []
+    lane = twin.roads.lane_by_id[reaction.told["lane"]]
+    times = reaction.from_s, reaction.until_s
+    from_m, to_m = reaction.told["along_m"]
+    if isinstance(event, WorkZone):
+        return work_zone(lane, from_m, to_m, reaction.told["width_m"], times)
+    return debris(lane, (from_m + to_m) / 2, times)
 
 
 def _put_in(

@@ -28,6 +28,7 @@ from urbantwin.traffic.events.scenario import (
     StalledVehicle,
     WorkZone,
 )
+from urbantwin.traffic.events.things import DEBRIS
 from urbantwin.traffic.sumo.simulation import Simulated
 from urbantwin.twin import Twin
 
@@ -57,9 +58,8 @@ REACTING = {
 _COMES_M, _GOES_M = 150.0, 200.0
 #: Where a motion goes over into the one with events, differences fade out within this, seconds.
 _FADES_S = 2.0
-#: Widths of what stands in the way, metres.
-_ZONE_M, _DEBRIS_M = 2.0, 0.9
-_DEBRIS_LONG_M = 0.8
+#: How wide a work zone is at most, metres.
+_ZONE_M = 2.0
 
 
 @dataclass(frozen=True)
@@ -290,7 +290,8 @@ def _obstacle(event: WorkZone | Debris, spot: Spot) -> dict[str, Any]:
     if isinstance(event, WorkZone):
         length, width = event.length_m, min(_ZONE_M, spot.lane.width)
     else:
-        length, width = _DEBRIS_LONG_M, _DEBRIS_M
+        lost = asset(DEBRIS)
+        length, width = round(lost.length, 3), round(lost.width, 3)
     return {"length_m": length, "width_m": width, "vclass": vclass, "lasts_s": event.lasts_s}
 
 

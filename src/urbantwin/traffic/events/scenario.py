@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
@@ -11,6 +12,7 @@ from pydantic import Field, model_validator
 from urbantwin.errors import InputError
 from urbantwin.site.conditions import Strict
 from urbantwin.site.yaml_document import nearest, read_document, wrong
+from urbantwin.taxonomy import BOX_SEMANTICS
 from urbantwin.traffic.events.places import Place, find_spot, nearest_to_anchor
 from urbantwin.twin import Twin
 
@@ -30,6 +32,7 @@ __all__ = [
     "Passage",
     "RedLightRunning",
     "StalledVehicle",
+    "Trajectory",
     "UTurn",
     "WorkZone",
     "WrongWay",
@@ -40,6 +43,8 @@ __all__ = [
 
 Moment = Annotated[float, Field(ge=0.0, le=86400.0, allow_inf_nan=False)]
 Lasting = Annotated[float, Field(gt=0.0, le=86400.0, allow_inf_nan=False)]
+Within = Annotated[float, Field(ge=0.0, le=3600.0, allow_inf_nan=False)]
+Series = Annotated[list[Annotated[float, Field(allow_inf_nan=False)]], Field(min_length=2)]
 Braking = Annotated[float, Field(ge=2.0, le=10.0, allow_inf_nan=False)]
 Pace = Annotated[float, Field(ge=0.5, le=40.0, allow_inf_nan=False)]
 Apart = Annotated[float, Field(ge=0.1, le=10.0, allow_inf_nan=False)]
@@ -58,7 +63,7 @@ class Event(Strict):
 
     event: str
     at_s: Moment
-    within_s: Annotated[float, Field(ge=0.0, le=3600.0, allow_inf_nan=False)] = 20.0
+    within_s: Within = 20.0
 
     @property
     def users(self) -> str:
@@ -77,25 +82,27 @@ class HardBrake(PlacedEvent):
 
     deceleration: Braking = 7.0
     stands_s: Lasting = 3.0
+    within_s: Within = 90.0
 
 
 class RedLightRunning(PlacedEvent):
     """The next vehicle that comes to a red signal on the place's lane drives on."""
 
-    within_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 90.0
+    within_s: Within = 90.0
 
 
 class StalledVehicle(PlacedEvent):
     """The next vehicle stops at a place and stays."""
 
     lasts_s: Lasting = 60.0
+    within_s: Within = 90.0
 
 
 class Collision(PlacedEvent):
     """A driver does not see that the vehicle ahead brakes; both stay as wrecks."""
 
     deceleration: Braking = 8.0
-    within_s: Annotated[float, Field(ge=0.0, le=3600.0)] = 90.0
+    within_s: Within = 90.0
 
 
 class EmergencyVehicle(PlacedEvent):
@@ -120,12 +127,14 @@ class WorkZone(PlacedEvent):
 
     length_m: Annotated[float, Field(ge=5.0, le=200.0)] = 20.0
     lasts_s: Lasting | None = None
+    within_s: Within = 90.0
 
 
 class Debris(PlacedEvent):
     """Something that was lost lies on a lane."""
 
     lasts_s: Lasting | None = None
+    within_s: Within = 90.0
 
 
 class NearMiss(PlacedEvent):
@@ -143,6 +152,7 @@ class NearMiss(PlacedEvent):
     pet_s: Apart | None = None
     ttc_s: Apart | None = None
     passes: Literal["before", "after"] = "before"
+    within_s: Within = 60.0
     speed: Pace | None = None
 
     @model_validator(mode="after")
@@ -162,6 +172,7 @@ class ChildBetweenParkedCars(PlacedEvent):
 
     pet_s: Apart = 1.0
     speed: Pace = 3.0
+    within_s: Within = 60.0
 
 
 class WrongWay(PlacedEvent):
@@ -208,6 +219,41 @@ class Crowd(PlacedEvent):
         return "pedestrian"
 
 
+class Trajectory(Event):
+    """Somebody follows a trajectory, whoever is in the way.
+
+    Attributes:
+        actor: its class.
+        name: as the trajectory's file calls it.
+        asset: its body; a usual one of the class where not given.
+        time_s: moments, ascending, seconds of the motion.
+        x: where it is then: the middle of its bounds, metres of the site.
+        y: the same, north.
+        yaw_deg: where it faces, degrees counter-clockwise from east; where it goes if not given.
+    """
+
+    actor: str = "car"
+    name: Annotated[str, Field(max_length=200)] | None = None
+    asset: str | None = None
+    time_s: Series
+    x: Series
+    y: Series
+    yaw_deg: Series | None = None
+
+    @model_validator(mode="after")
+    def _is_a_path(self) -> Trajectory:
+        if self.actor not in BOX_SEMANTICS:
+            raise wrong(f"is of class {self.actor!r:.40}", ", ".join(BOX_SEMANTICS))
+        lengths = {
+            len(one) for one in (self.time_s, self.x, self.y, self.yaw_deg) if one is not None
+        }
+        if len(lengths) > 1:
+            raise wrong("has columns of different lengths", "time_s, x and y of the same length")
+        if any(after <= before for before, after in pairwise(self.time_s)):
+            raise wrong("has a time that does not go on", "later times")
+        return self
+
+
 class BlockedSensor(Event):
     """A truck stands before a sensor of the twin's rig.
 
@@ -239,6 +285,7 @@ EVENTS: dict[str, type[Event]] = {
     "crowd": Crowd,
     "convoy": Convoy,
     "passage": Passage,
+    "trajectory": Trajectory,
     "blocked_sensor": BlockedSensor,
 }
 
@@ -247,7 +294,7 @@ def load_scenario(path: Path, twin: Twin, until_s: float) -> list[dict[str, Any]
     """Read a scenario and return its events as ``traffic.scenario`` holds them.
 
     Args:
-        path: the ``scenario.yaml``.
+        path: the ``scenario.yaml``, or a ``.xosc`` (ASAM OpenSCENARIO XML).
         twin: whose lanes, streets and crossings it names.
         until_s: length of the motion, seconds.
 
@@ -255,6 +302,10 @@ def load_scenario(path: Path, twin: Twin, until_s: float) -> list[dict[str, Any]
         InputError: the file is wrong, or names what the twin does not have; file and line are
             named.
     """
+    if path.suffix.lower() == ".xosc":
+        from urbantwin.traffic.events.openscenario import openscenario_events
+
+        return openscenario_events(path, until_s)
     document = read_document(path, kind="a scenario")
     strange = [key for key in document.value if key != "events"]
     if strange:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -19,15 +20,16 @@ from urbantwin.traffic.events.scenario import (
     Event,
     Passage,
     PlacedEvent,
-    UTurn,
+    Trajectory,
     WrongWay,
 )
 from urbantwin.traffic.events.surroundings import Surroundings, passage_of_path
+from urbantwin.traffic.events.way_signals import WaySignals
 from urbantwin.traffic.prescribed import PrescribedPath, usual_asset
 from urbantwin.twin import Twin
 
 __all__ = ["USUAL_SPEED_MS", "Scripted", "Setting", "bicycle_without_light", "crowd"]
-__all__ += ["drive_along", "first_free", "passage", "u_turn", "wrong_way"]
+__all__ += ["drive_along", "first_free", "passage", "span_of", "trajectory", "wrong_way"]
 
 #: Who is put in drives as fast as its class does in towns, m/s.
 USUAL_SPEED_MS = {
@@ -44,13 +46,8 @@ CLEAR_M = 0.25
 _TRIED_EVERY_S = 0.5
 #: Moments of a path lie so far apart, seconds.
 MOMENT_S = 0.1
-#: Paths begin and end so far from the place, metres.
-REACH_M = 60.0
-#: The tightest turns of vehicles, radius of the middle of the vehicle, metres: what U-turns try.
-_RADII_M = {"car": (5.5, 5.0, 4.5), "bicycle": (3.0, 2.0), "motorcycle": (4.0, 3.0)}
-_LARGE_RADII_M = (9.0, 8.0)
-#: Share of a U-turn that may lie beside the carriageway.
-_BESIDE = 0.03
+#: Paths begin and end so far from the place, metres; nearer where others are in the way.
+REACHES_M = (60.0, 35.0, 20.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +95,7 @@ def first_free(
     event: Event,
     setting: Setting,
     build: Callable[[float], Sequence[PrescribedPath]],
-    ignoring: frozenset[int] = frozenset(),
+    refuses: Callable[[float], str | None] | None = None,
 ) -> tuple[float, Sequence[PrescribedPath]]:
     """Return the time nearest to the event's at which its actors run into nobody, and the actors.
 
@@ -106,20 +103,24 @@ def first_free(
         event: says when, and how far from that.
         setting: where it happens.
         build: makes the actors for a time.
-        ignoring: tracks that do not count.
+        refuses: says what else is in the way at a time.
 
     Raises:
         StageError: there is no such time; who is in the way is told.
     """
     in_the_way = ""
     for at_s in _times(event, setting.until_s):
+        besides = None if refuses is None else refuses(at_s)
+        if besides is not None:
+            in_the_way = in_the_way or besides
+            continue
         paths = build(at_s)
         blocked = False
         for path in paths:
             passage = passage_of_path(path, setting.others.motion)
             if not len(passage.time_s):
                 continue
-            found = setting.others.nearest(passage, ignoring)
+            found = setting.others.nearest(passage)
             if found is not None and found.gap_m < CLEAR_M:
                 blocked = True
                 in_the_way = in_the_way or (
@@ -193,7 +194,18 @@ def bicycle_without_light(event: BicycleWithoutLight, setting: Setting) -> Scrip
 def passage(event: Passage, setting: Setting) -> Scripted:
     """Come along the lane at the place, as anybody does."""
     speed = event.speed or USUAL_SPEED_MS[event.actor]
-    return _along_lane(event, setting, event.actor, speed)
+    return _along_lane(event, setting, event.actor, speed, heeds_signals=True)
+
+
+def trajectory(event: Trajectory, setting: Setting) -> Scripted:
+    """Follow a trajectory that is given."""
+    mesh = event.asset or usual_asset(event.actor, setting.number)
+    times = np.array(event.time_s)
+    kept = times < setting.until_s + MOMENT_S
+    yaw = None if event.yaw_deg is None else np.radians(event.yaw_deg)[kept]
+    xy = np.column_stack([event.x, event.y])[kept]
+    path = PrescribedPath(event.actor, mesh, times[kept], xy, yaw)
+    return span_of([path], {} if event.name is None else {"name": event.name})
 
 
 def _along_lane(
@@ -203,23 +215,36 @@ def _along_lane(
     speed: float,
     *,
     backwards: bool = False,
+    heeds_signals: bool = False,
     told: dict[str, Any] | None = None,
 ) -> Scripted:
-    """Go along the lane at the place evenly, two-wheelers on the kerb's side if there is room."""
+    """Go along the lane at the place evenly, two-wheelers on the kerb's side if there is room.
+
+    Where others are in the way of the whole of it, a shorter part is gone along.
+    """
     spot = find_spot(event.place, setting.twin, event.users)
-    way, place_m = lane_way(
-        setting.twin.roads,
-        spot.lane,
-        spot.along_m,
-        event.users,
-        back_m=REACH_M,
-        ahead_m=REACH_M,
-    )
-    if backwards:
-        way, place_m = way.reversed(), way.length - place_m
     mesh = usual_asset(actor_class, setting.number)
     refused: StageError | None = None
-    for beside_m in _lateral(actor_class, spot, setting.twin):
+    reaches = [(reach_m, reach_m) for reach_m in REACHES_M]
+    if heeds_signals:
+        # At worst it comes from where the place's own lane begins: behind the stop line.
+        reaches.append((spot.along_m, REACHES_M[-1]))
+    lateral = _lateral(actor_class, spot, setting.twin)
+    for (back_m, ahead_m), beside_m in product(reaches, lateral):
+        way, place_m = lane_way(
+            setting.twin.roads,
+            spot.lane,
+            spot.along_m,
+            event.users,
+            back_m=back_m,
+            ahead_m=ahead_m,
+        )
+        signals: WaySignals | None = None
+        if heeds_signals:
+            roads, motion = setting.twin.roads, setting.others.motion
+            signals = WaySignals(way, place_m, speed, roads, motion)
+        if backwards:
+            way, place_m = way.reversed(), way.length - place_m
         line = way.moved(-beside_m if backwards else beside_m) if beside_m else way
         at_m = line.length * place_m / way.length
 
@@ -228,53 +253,13 @@ def _along_lane(
             return [drive_along(line, at_m, at_s, speed, actor_class, mesh, until_s=until_s)]
 
         try:
-            at_s, paths = first_free(event, setting, build)
+            at_s, paths = first_free(event, setting, build, signals)
         except StageError as error:
             refused = refused or error
             continue
-        return _of(paths, {"at_s": at_s, "lane": spot.lane.id, "speed": speed, **(told or {})})
+        return span_of(paths, {"at_s": at_s, "lane": spot.lane.id, "speed": speed, **(told or {})})
     assert refused is not None
     raise refused
-
-
-def u_turn(event: UTurn, setting: Setting) -> Scripted:
-    """Turn round from the place's lane to the one of the other direction."""
-    spot = find_spot(event.place, setting.twin, event.users)
-    back = _opposite(event, spot, setting.twin)
-    there, place_m = lane_way(
-        setting.twin.roads, spot.lane, spot.along_m, event.actor, back_m=REACH_M, ahead_m=1.0
-    )
-    away, begin_m = lane_way(
-        setting.twin.roads, back.lane, back.along_m, event.actor, back_m=1.0, ahead_m=REACH_M
-    )
-    before = there.at(np.arange(0.0, place_m, 0.5))
-    after = away.at(np.arange(begin_m, away.length, 0.5))
-    area = setting.twin.roads.carriageway(spot.lane.level)
-    for radius in _RADII_M.get(event.actor, _LARGE_RADII_M):
-        turn = _omega(spot, back, radius)
-        line = shapely.LineString(turn)
-        beside = shapely.difference(line, area).length / line.length
-        if beside <= _BESIDE:
-            break
-    else:
-        raise StageError(
-            f"u_turn at {event.at_s:g} s cannot be staged: the street is too narrow for a "
-            f"{event.actor} to turn at {spot.xy[0]:.1f}, {spot.xy[1]:.1f}"
-        )
-    # The way back begins where the turn has led to, ahead or behind.
-    keep = (after - turn[-1]) @ np.array([np.cos(back.yaw), np.sin(back.yaw)]) > 0.4
-    way = Way(np.vstack([before, turn, after[keep]]))
-    middle = way.station_of(turn[len(turn) // 2])
-    mesh = usual_asset(event.actor, setting.number)
-
-    def build(at_s: float) -> list[PrescribedPath]:
-        return [
-            drive_along(way, middle, at_s, event.speed, event.actor, mesh, until_s=setting.until_s)
-        ]
-
-    at_s, paths = first_free(event, setting, build)
-    told = {"at_s": at_s, "lane": spot.lane.id, "to_lane": back.lane.id, "radius_m": radius}
-    return _of(paths, told)
 
 
 def crowd(event: Crowd, setting: Setting) -> Scripted:
@@ -323,7 +308,8 @@ def crowd(event: Crowd, setting: Setting) -> Scripted:
     )
 
 
-def _of(paths: Sequence[PrescribedPath], told: dict[str, Any]) -> Scripted:
+def span_of(paths: Sequence[PrescribedPath], told: dict[str, Any]) -> Scripted:
+    """Return actors, from when the first comes until the last has gone."""
     first = min(float(path.time_s[0]) for path in paths)
     last = max(float(path.time_s[-1]) for path in paths)
     return Scripted(tuple(paths), first, last, told=told)
@@ -336,68 +322,3 @@ def _lateral(actor_class: str, spot: Spot, twin: Twin) -> tuple[float, ...]:
     kerb = -1.0 if twin.roads.driving_side == "right" else 1.0
     room = max(spot.lane.width / 2 - 0.5, 0.0)
     return (kerb * room, 0.0, -kerb * room)
-
-
-def _opposite(event: UTurn, spot: Spot, twin: Twin) -> Spot:
-    """Return the nearest place on a lane that leads the other way."""
-    found = []
-    for lane in twin.roads.lanes:
-        if lane.kind not in ("driving", "bus") or event.actor not in lane.allowed:
-            continue
-        line = shapely.LineString(lane.centre[:, :2])
-        along = float(shapely.line_locate_point(line, shapely.Point(spot.xy)))
-        if not 2.0 < along < line.length - 5.0:
-            continue
-        ends = [
-            shapely.get_coordinates(line.interpolate(along + way))[0] for way in (-0.5, 0.0, 0.5)
-        ]
-        yaw = float(np.arctan2(*(ends[2] - ends[0])[::-1]))
-        away = float(np.hypot(*(ends[1] - spot.xy)))
-        if np.cos(yaw - spot.yaw) < -0.85 and away < 25.0:
-            found.append((away, lane.id, Spot(lane, along, ends[1], yaw)))
-    if not found:
-        raise StageError(
-            f"u_turn at {event.at_s:g} s cannot be staged: no lane for a {event.actor} leads back "
-            f"beside {spot.lane.id}"
-        )
-    return min(found, key=lambda one: one[:2])[2]
-
-
-def _omega(spot: Spot, back: Spot, radius: float) -> NDArray[np.float64]:
-    """Return a turn (N, 2) of a radius onto the way back: outwards first where that is too near.
-
-    Between lanes that are less than two radii apart it leads away by an angle a, round by a half
-    turn and 2 a, and back by a: cos a = (apart / 2 + radius) / (2 radius).
-    """
-    ahead = np.array([np.cos(spot.yaw), np.sin(spot.yaw)])
-    left = np.array([-ahead[1], ahead[0]])
-    across = float((back.xy - spot.xy) @ left)
-    side = 1.0 if across > 0 else -1.0
-    apart = abs(across)
-    swing = float(np.arccos(min((apart / 2 + radius) / (2 * radius), 1.0)))
-    wide = max(apart - 2 * radius, 0.0)
-    pieces = [(-swing, radius), (np.pi / 2 + swing, radius)]
-    local = [np.zeros(2)]
-    heading = 0.0
-    if swing <= 1e-9:
-        pieces = [(np.pi / 2, radius)]
-
-    def run(turned: float, around: float) -> None:
-        nonlocal heading
-        steps = max(int(abs(turned) * around / 0.25), 2)
-        for _ in range(steps):
-            heading += turned / steps / 2
-            local.append(
-                local[-1]
-                + abs(turned) * around / steps * np.array([np.cos(heading), np.sin(heading)])
-            )
-            heading += turned / steps / 2
-
-    for turned, around in pieces:
-        run(turned, around)
-    if wide:
-        local.append(local[-1] + wide * np.array([np.cos(heading), np.sin(heading)]))
-    for turned, around in pieces[::-1]:
-        run(turned, around)
-    points = np.array(local)
-    return np.asarray(spot.xy + points[:, :1] * ahead + side * points[:, 1:] * left)

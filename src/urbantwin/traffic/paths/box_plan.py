@@ -72,13 +72,19 @@ def near_pairs(boxes: PlanBoxes, within_m: float) -> NDArray[np.int64]:
         boxes: in any order.
         within_m: metres, 0 for circles that touch.
     """
-    found = [np.zeros((0, 2), np.int64)]
+    found = [np.zeros(0, np.int64)]
+    count = max(len(boxes.step), 1)
     order = np.argsort(boxes.step, kind="stable")
     chunk = boxes.step[order] // _STEPS
     for rows in np.split(order, np.flatnonzero(np.diff(chunk)) + 1):
-        found.extend(rows[pairs] for pairs in _near(boxes.take(rows), within_m))
-    pairs = np.sort(np.concatenate(found), axis=1)
-    return pairs[np.lexsort(pairs.T[::-1])]
+        for pairs in _near(boxes.take(rows), within_m):
+            low, high = np.sort(rows[pairs], axis=1).T
+            found.append(low * count + high)
+    # As single numbers: an hour's pairs, sorted by two columns, would take gigabytes.
+    keys = np.concatenate(found)
+    found.clear()
+    keys.sort()
+    return np.column_stack(np.divmod(keys, count))
 
 
 def _near(boxes: PlanBoxes, within_m: float) -> Iterator[NDArray[np.int64]]:

@@ -58,11 +58,9 @@ def separated(
     """
     xy, speed = moving.boxes.xy.copy(), moving.speed.copy()
     tree = shapely.STRtree(blocks.polygons)
-    pairs = moving.pairs(NEAR_M, xy)
-    deep, _ = meetings(moving.boxes, pairs)
-    hit = rows_beside(tree, moving.boxes, 0.0)[0]
     meeting = np.zeros(len(xy), np.bool_)
-    meeting[pairs[deep > -GAP_M]], meeting[hit] = True, True
+    meeting[_meeting(moving, xy)] = True
+    meeting[rows_beside(tree, moving.boxes, 0.0)[0]] = True
     if not meeting.any():
         return xy, speed
     changed = _around(moving, meeting, step_s)
@@ -81,6 +79,12 @@ def separated(
     xy[rows] = paths.place(moved)
     speed[rows] = paths.speeds(moved)
     return xy, speed
+
+
+def _meeting(moving: Moving, xy: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the pairs (P, 2) of rows whose boxes all but touch."""
+    pairs = moving.pairs(NEAR_M, xy)
+    return np.asarray(pairs[meetings(moving.boxes, pairs)[0] > -GAP_M])
 
 
 def _around(moving: Moving, meeting: NDArray[np.bool_], step_s: float) -> NDArray[np.bool_]:

@@ -17,6 +17,7 @@ _WORDS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("animal", ("animal", IGNORED)),
     ("barrier", (IGNORED,)),
     ("cone", (IGNORED,)),
+    ("obstacle", (IGNORED,)),
     ("debris", (IGNORED,)),
     ("pushable", (IGNORED,)),
     ("rack", (IGNORED,)),

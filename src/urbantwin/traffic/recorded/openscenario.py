@@ -18,11 +18,18 @@ __all__ = ["openscenario_rows"]
 _EXPECTED = "ASAM OpenSCENARIO XML with polylines of timed world positions"
 
 
-def openscenario_rows(path: Path, spec: TracksSpec) -> RecordedRows:
+def openscenario_rows(
+    path: Path, spec: TracksSpec, *, without_story: str | None = None
+) -> RecordedRows:
     """Read the trajectories of objects (``FollowTrajectoryAction`` with a ``Polyline``).
 
     A position is that of the object's reference point; its box's middle lies before it by the
     ``Center`` of the object's ``BoundingBox`` (ASAM OpenSCENARIO XML 1.3, "BoundingBox").
+
+    Args:
+        path: the file.
+        spec: what a description says besides.
+        without_story: name of a ``Story`` that is passed over.
 
     Raises:
         InputError: the file is missing, is none, or has positions of other kinds; the element's
@@ -43,6 +50,9 @@ def openscenario_rows(path: Path, spec: TracksSpec) -> RecordedRows:
         str(one.get("name")): _body(one, rows) for one in root.iterfind("Entities/ScenarioObject")
     }
     for group in root.iter("ManeuverGroup", "Private"):
+        story = next(group.iterancestors("Story"), None)
+        if without_story is not None and story is not None and story.get("name") == without_story:
+            continue
         names = [ref.get("entityRef") for ref in group.iterfind("Actors/EntityRef")]
         if group.tag == "Private":
             names = [group.get("entityRef")]
@@ -76,7 +86,7 @@ def _body(
 ) -> tuple[str, tuple[float, ...], tuple[float, float]]:
     """Return an object's class, its size, and where the middle of its box is."""
     kind = "unknown"
-    for name in ("vehicleCategory", "pedestrianCategory"):
+    for name in ("vehicleCategory", "pedestrianCategory", "miscObjectCategory"):
         found = item.xpath(f".//@{name}")
         if found:
             kind = str(found[0])

@@ -23,6 +23,10 @@ _SLOWEST_MS = 3.0  # who is slower is not taken for an event that needs somebody
 _COMFORTABLE_MS2 = 2.5
 #: A wreck slides to a stop with this, m/s2 (locked wheels on dry asphalt: 0.7 g).
 _SLIDING_MS2 = 6.9
+#: Who stops somewhere sees from so far that it has to, metres.
+_SEEN_M = 120.0
+#: Who is so near before a blue light, metres, and moves so far to a side, makes way.
+_HEARS_M, _ASIDE_M = 30.0, 0.3
 _OBSTACLE = "obstacle-"
 
 
@@ -239,23 +243,42 @@ class Stalled(Staged):
     halted_s = -1.0
 
     def _begin(self, now_s: float) -> bool:
-        for name in self._reaching(120.0, 8.0):
+        for lane, ahead, name in self._coming():
             speed = libsumo.vehicle.getSpeed(name)
-            ahead = self.told["along_m"] - libsumo.vehicle.getLanePosition(name)
             if ahead < speed * speed / (2 * _COMFORTABLE_MS2) + 4.0:
                 continue
-            on = libsumo.vehicle.getLaneID(name)
-            edge, lane = libsumo.lane.getEdgeID(on), int(on.rsplit("_", 1)[1])
+            edge, number = lane.rsplit("_", 1)
             try:
                 libsumo.vehicle.setStop(
-                    name, edge, self.told["along_m"], lane, self.told["lasts_s"]
+                    name, edge, self.told["along_m"], int(number), self.told["lasts_s"]
                 )
             except libsumo.TraCIException:
                 continue
-            libsumo.vehicle.setLaneChangeMode(name, _KEEPS_LANE)
             self.who = [name]
             return True
         return False
+
+    def _coming(self) -> list[tuple[str, float, str]]:
+        """Return who comes to the place: lane, metres to the place, name; the nearest first.
+
+        Where the lane is short they are still on the road before it when they have to brake.
+        """
+        found = []
+        for name in filter(str.isdigit, libsumo.vehicle.getIDList()):
+            if name in self.taken or libsumo.vehicle.getSpeed(name) <= _SLOWEST_MS:
+                continue
+            on = libsumo.vehicle.getLaneID(name)
+            lanes = self.told["lanes"]
+            lane = on if on in lanes else self._lane
+            if libsumo.vehicle.getVehicleClass(name) in libsumo.lane.getDisallowed(lane):
+                continue
+            edge, number = lane.rsplit("_", 1)
+            ahead = libsumo.vehicle.getDrivingDistance(
+                name, edge, self.told["along_m"], int(number)
+            )
+            if 8.0 <= ahead <= _SEEN_M:
+                found.append((ahead, int(name), lane, name))
+        return [(lane, ahead, name) for ahead, _, lane, name in sorted(found)]
 
     def _go_on(self, now_s: float, step_s: float) -> None:
         name = self.who[0]
@@ -263,6 +286,7 @@ class Stalled(Staged):
             if self.halted_s < 0:
                 self.halted_s = now_s
                 self.note["halted_s"] = now_s
+                libsumo.vehicle.setLaneChangeMode(name, _KEEPS_LANE)
         elif self.halted_s >= 0:
             libsumo.vehicle.setLaneChangeMode(name, _USUAL_CHANGES)
             self._end(now_s)
@@ -270,6 +294,12 @@ class Stalled(Staged):
 
 class Arrivals(Staged):
     """Vehicles come in one behind the other: a convoy, or one with blue light."""
+
+    def __init__(self, told: dict[str, Any], taken: set[str]) -> None:
+        super().__init__(told, taken)
+        self.first_aside: dict[tuple[str, str], float] = {}
+        self.made_way: set[str] = set()
+        self.signal: tuple[str, str] | None = None
 
     def _begin(self, now_s: float) -> bool:
         kind, edges = self.told["kind"], self.told["edges"]
@@ -302,6 +332,9 @@ class Arrivals(Staged):
             present = self._present()
             came = [name for name, _ in self.told["vehicles"] if name in present]
             self.note["came"] = max(self.note.get("came", 0), len(came))
+            if self.told["kind"] == "emergency":
+                for name in came:
+                    self._look_ahead(name)
             for name in came:
                 if "passed_s" not in self.note and libsumo.vehicle.getLaneID(name) == self._lane:
                     self.note["passed_s"] = now_s
@@ -310,6 +343,27 @@ class Arrivals(Staged):
                 self._end(now_s)
         else:
             super().act(now_s, step_s)
+
+    def _look_ahead(self, name: str) -> None:
+        """Note who moves aside before a blue light, and signals that it passes at red."""
+        road, at = libsumo.vehicle.getRoadID(name), libsumo.vehicle.getLanePosition(name)
+        for other in libsumo.edge.getLastStepVehicleIDs(road):
+            if other == name or not 0 < libsumo.vehicle.getLanePosition(other) - at < _HEARS_M:
+                continue
+            aside = libsumo.vehicle.getLateralLanePosition(other)
+            lane = libsumo.vehicle.getLaneID(other)
+            first = self.first_aside.setdefault((other, lane), aside)
+            if abs(aside - first) >= _ASIDE_M:
+                self.made_way.add(other)
+        self.note["made_way"] = len(self.made_way)
+        if road.startswith(":"):
+            if self.signal is not None and self.signal[1] in "rR":
+                self.note["reds_passed"] = self.note.get("reds_passed", 0) + 1
+            self.signal = None
+        else:
+            ahead = libsumo.vehicle.getNextTLS(name)
+            near = ahead and ahead[0][2] < 15.0
+            self.signal = (ahead[0][0], ahead[0][3]) if near else None
 
 
 class Obstacle(Staged):
@@ -328,6 +382,8 @@ class Obstacle(Staged):
             libsumo.vehicletype.setMinGap(name, 0.0)
             libsumo.vehicletype.setVehicleClass(name, self.told["vclass"])
             self.note["tried"] = True
+            self.note |= {"lane": self._lane, "width_m": self.told["width_m"]}
+            self.note["along_m"] = [self.told["along_m"], round(end_m, 3)]
         # Nobody is there, nor comes so fast that it could not stop.
         for other in libsumo.lane.getLastStepVehicleIDs(self._lane):
             at = libsumo.vehicle.getLanePosition(other)

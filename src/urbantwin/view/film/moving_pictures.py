@@ -15,7 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from urbantwin.dataset.motion_interpolation import rows_at
 from urbantwin.errors import InputError
-from urbantwin.taxonomy import ACTOR_CLASSES
+from urbantwin.taxonomy import BOX_SEMANTICS
 from urbantwin.traffic.motion import Motion
 from urbantwin.twin import Twin
 from urbantwin.view import style
@@ -146,7 +146,7 @@ def film_pictures(
         size = (wide, side if both else wide * 9 // 16 // 2 * 2)
         views.append(FromCorner(twin, motion, corner_camera(twin, plan.middle), size))
     classes = set(motion.actors["class"].unique().to_pylist())
-    strip = _strip(plan.width, [name for name in ACTOR_CLASSES if name in classes], attribution)
+    strip = _strip(plan.width, [name for name in BOX_SEMANTICS if name in classes], attribution)
 
     def picture(time_s: float) -> NDArray[np.uint8]:
         rows = rows_at(motion, time_s)
@@ -168,7 +168,7 @@ def film_pictures(
 
 def film_colours() -> list[tuple[int, int, int]]:
     """Return the colours (0..255) that say something: of classes, lamps and text."""
-    classes = [_class_colour(name) for name in ACTOR_CLASSES]
+    classes = [_class_colour(name) for name in BOX_SEMANTICS]
     written = [_hex_colour(text) for text in (style.PAPER, style.INK, style.ACCENT)]
     return list(dict.fromkeys([*classes, *LAMPS.values(), *written]))
 

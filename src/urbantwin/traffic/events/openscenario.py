@@ -1,0 +1,84 @@
+"""ASAM OpenSCENARIO XML as a scenario: each object that follows a trajectory is put in."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from lxml import etree
+
+from urbantwin.errors import InputError
+from urbantwin.taxonomy import BOX_SEMANTICS
+from urbantwin.traffic.assets import asset
+from urbantwin.traffic.recorded.actor_class import class_of
+from urbantwin.traffic.recorded.description import TracksSpec
+from urbantwin.traffic.recorded.openscenario import openscenario_rows
+
+__all__ = ["TRAFFIC_STORY", "openscenario_events"]
+
+#: Who is in a story of this name is no event's: it is the traffic of the motion that was exported.
+TRAFFIC_STORY = "traffic"
+
+
+def openscenario_events(path: Path, until_s: float) -> list[dict[str, Any]]:
+    """Return an event ``trajectory`` for each object that a file moves outside of the traffic.
+
+    Args:
+        path: the ``.xosc``; its positions are those of the site's frame.
+        until_s: length of the motion, seconds.
+
+    Raises:
+        InputError: it is no such file, or has no such object; the line is named.
+    """
+    rows = openscenario_rows(path, TracksSpec(tracks=path.name), without_story=TRAFFIC_STORY)
+    bodies = _bodies(path)
+    by_object: dict[str, list[int]] = defaultdict(list)
+    for number, name in enumerate(rows.track.tolist()):
+        by_object[name].append(number)
+    told = []
+    for name, mine in by_object.items():
+        kind = str(rows.kind[mine[0]])
+        actor = kind if kind in BOX_SEMANTICS else class_of(kind)
+        if actor not in BOX_SEMANTICS:
+            raise rows.error(mine[0], f"{name[:40]!r} is of no class that is known: {kind[:40]!r}")
+        times = rows.time_s[mine]
+        if (np.diff(times) <= 0).any():
+            row = mine[int(np.argmax(np.diff(times) <= 0)) + 1]
+            raise rows.error(row, f"time does not go on for {name[:40]!r}", "later times")
+        if not 0 <= times[0] < until_s:
+            expected = f"0 to less than {until_s:g} s, the motion"
+            raise rows.error(mine[0], f"{name[:40]!r} begins at {times[0]:g} s", expected)
+        event: dict[str, Any] = {
+            "event": "trajectory",
+            "at_s": float(times[0]),
+            "name": name,
+            "actor": actor,
+            "time_s": times.tolist(),
+            "x": rows.xyz[mine, 0].tolist(),
+            "y": rows.xyz[mine, 1].tolist(),
+        }
+        if np.isfinite(rows.yaw[mine]).all():
+            event["yaw_deg"] = np.round(np.degrees(rows.yaw[mine]), 6).tolist()
+        if _is_asset(bodies.get(name, ""), actor):
+            event["asset"] = bodies[name]
+        told.append(event)
+    return told
+
+
+def _is_asset(name: str, actor: str) -> bool:
+    try:
+        return asset(name).actor_class == actor
+    except InputError:
+        return False
+
+
+def _bodies(path: Path) -> dict[str, str]:
+    """Return what the body of each object is called."""
+    root = etree.parse(path, etree.XMLParser(resolve_entities=False, no_network=True)).getroot()
+    return {
+        str(one.get("name")): str(body.get("name"))
+        for one in root.iterfind("Entities/ScenarioObject")
+        for body in one.iterchildren("Vehicle", "Pedestrian", "MiscObject")
+    }

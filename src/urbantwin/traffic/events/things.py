@@ -1,0 +1,75 @@
+"""What stands on a lane that is closed, and what was lost on one: bodies that sensors see."""
+
+from __future__ import annotations
+
+import numpy as np
+import shapely
+
+from urbantwin.roads import Lane
+from urbantwin.taxonomy import OBSTACLE
+from urbantwin.traffic.prescribed import PrescribedPath
+
+__all__ = ["DEBRIS", "debris", "work_zone"]
+
+#: What was lost.
+DEBRIS = "pallet"
+#: Cones stand so far from each other at most, metres (German rules, RSA 21: 5 m across in towns).
+_CONES_APART_M = 3.0
+#: Half of what a cone and a barrier take across and along, metres.
+_CONE_M, _BARRIER_M = 0.2, 0.25
+
+
+def work_zone(
+    lane: Lane, from_m: float, to_m: float, width_m: float, times: tuple[float, float]
+) -> list[PrescribedPath]:
+    """Return barriers across a part of a lane at both ends, and cones along its sides.
+
+    Args:
+        lane: the lane.
+        from_m: where it begins, metres from the lane's start.
+        to_m: where it ends.
+        width_m: how wide it is, about the middle of the lane.
+        times: from when until when they stand there, seconds.
+    """
+    bodies = [
+        _standing(lane, along_m, 0.0, "barrier", times, turned)
+        for along_m, turned in ((from_m + _BARRIER_M, np.pi), (to_m - _BARRIER_M, 0.0))
+    ]
+    first, last = from_m + 2 * _BARRIER_M + _CONE_M, to_m - 2 * _BARRIER_M - _CONE_M
+    count = int(np.ceil(max(last - first, 0.0) / _CONES_APART_M)) + 1
+    for along_m in np.linspace(first, last, count):
+        for side in (1.0, -1.0):
+            beside_m = side * (width_m / 2 - _CONE_M)
+            bodies.append(_standing(lane, float(along_m), beside_m, "cone", times))
+    return bodies
+
+
+def debris(lane: Lane, along_m: float, times: tuple[float, float]) -> list[PrescribedPath]:
+    """Return what was lost on a lane; its far end is a place, as it is for who comes.
+
+    Args:
+        lane: the lane.
+        along_m: its middle, metres from the lane's start.
+        times: from when until when it lies there, seconds.
+    """
+    return [_standing(lane, along_m, 0.0, DEBRIS, times)]
+
+
+def _standing(
+    lane: Lane,
+    along_m: float,
+    left_m: float,
+    asset: str,
+    times: tuple[float, float],
+    turned: float = 0.0,
+) -> PrescribedPath:
+    line = shapely.LineString(lane.centre[:, :2])
+    ends = [
+        shapely.get_coordinates(line.interpolate(min(max(along_m + way, 0.0), line.length)))[0]
+        for way in (-0.5, 0.0, 0.5)
+    ]
+    yaw = float(np.arctan2(*(ends[2] - ends[0])[::-1]))
+    at = ends[1] + left_m * np.array([-np.sin(yaw), np.cos(yaw)])
+    facing = np.full(2, yaw + turned)
+    span = np.array([times[0], max(times[1], times[0] + 1e-3)])
+    return PrescribedPath(OBSTACLE, asset, span, np.array([at, at]), facing, np.zeros(2))

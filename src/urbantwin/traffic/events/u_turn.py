@@ -1,0 +1,219 @@
+"""Somebody who turns round on the street."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from urbantwin.errors import StageError
+from urbantwin.traffic.events.lane_way import Way, lane_way
+from urbantwin.traffic.events.places import Spot, find_spot, spot_on
+from urbantwin.traffic.events.scenario import UTurn
+from urbantwin.traffic.events.scripted import (
+    REACHES_M,
+    Scripted,
+    Setting,
+    drive_along,
+    first_free,
+    span_of,
+)
+from urbantwin.traffic.events.three_point_turn import TurnInThree, turn_in_three
+from urbantwin.traffic.prescribed import PrescribedPath, usual_asset
+from urbantwin.twin import Twin
+
+__all__ = ["u_turn"]
+
+#: Somebody turns round as far from the place as this, along the lane, where there is room, metres.
+_SHIFTS_M = tuple(sorted((5.0 * k for k in range(-6, 7)), key=abs))
+#: The tightest turns of vehicles, radius of the middle of the vehicle, metres: what U-turns try.
+_RADII_M = {"car": (5.5, 5.0, 4.5), "bicycle": (3.0, 2.0), "motorcycle": (4.0, 3.0)}
+_LARGE_RADII_M = (9.0, 8.0)
+#: Share of a U-turn that may lie beside the carriageway.
+_BESIDE = 0.03
+
+
+def u_turn(event: UTurn, setting: Setting) -> Scripted:
+    """Turn round from the place's lane to the one of the other direction, where there is room."""
+    asked = find_spot(event.place, setting.twin, event.users)
+    refused: StageError | None = None
+    for shift_m in _SHIFTS_M:
+        along_m = asked.along_m + shift_m
+        if not (0 <= along_m <= asked.lane.length):
+            continue
+        try:
+            return _turned_round(event, setting, spot_on(asked.lane, along_m), shift_m)
+        except StageError as error:
+            refused = refused or error
+    assert refused is not None
+    raise refused
+
+
+def _turned_round(event: UTurn, setting: Setting, spot: Spot, shift_m: float) -> Scripted:
+    """Turn round at a spot.
+
+    Raises:
+        StageError: there is no room or no time for it.
+    """
+    back = _opposite(event, spot, setting.twin)
+    there, place_m = lane_way(
+        setting.twin.roads, spot.lane, spot.along_m, event.actor, back_m=REACHES_M[0], ahead_m=1.0
+    )
+    away, begin_m = lane_way(
+        setting.twin.roads, back.lane, back.along_m, event.actor, back_m=1.0, ahead_m=REACHES_M[0]
+    )
+    area = setting.twin.roads.carriageway(spot.lane.level)
+    for radius in _RADII_M.get(event.actor, _LARGE_RADII_M):
+        turn = _omega(spot, back, radius)
+        line = shapely.LineString(turn)
+        beside = shapely.difference(line, area).length / line.length
+        if beside <= _BESIDE:
+            break
+    else:
+        found = _in_three(event, setting, spot, back, there, place_m, away, begin_m)
+        if found is not None:
+            return found
+        raise StageError(
+            f"u_turn at {event.at_s:g} s cannot be staged: the street is too narrow for a "
+            f"{event.actor} to turn at {spot.xy[0]:.1f}, {spot.xy[1]:.1f}"
+        )
+    refused: StageError | None = None
+    for reach_m in REACHES_M:
+        before = there.at(np.arange(max(place_m - reach_m, 0.0), place_m, 0.5))
+        after = away.at(np.arange(begin_m, min(begin_m + reach_m, away.length), 0.5))
+        # The way back begins where the turn has led to, ahead or behind.
+        keep = (after - turn[-1]) @ np.array([np.cos(back.yaw), np.sin(back.yaw)]) > 0.4
+        way = Way(np.vstack([before, turn, after[keep]]))
+        middle = way.station_of(turn[len(turn) // 2])
+        mesh = usual_asset(event.actor, setting.number)
+
+        def build(
+            at_s: float, way: Way = way, middle: float = middle, mesh: str = mesh
+        ) -> list[PrescribedPath]:
+            until_s = setting.until_s
+            return [drive_along(way, middle, at_s, event.speed, event.actor, mesh, until_s=until_s)]
+
+        try:
+            at_s, paths = first_free(event, setting, build)
+        except StageError as error:
+            refused = refused or error
+            continue
+        told = {"at_s": at_s, "lane": spot.lane.id, "to_lane": back.lane.id, "radius_m": radius}
+        return span_of(paths, {**told, "moved_along_m": shift_m} if shift_m else told)
+    assert refused is not None
+    raise refused
+
+
+def _in_three(
+    event: UTurn,
+    setting: Setting,
+    spot: Spot,
+    back: Spot,
+    there: Way,
+    place_m: float,
+    away: Way,
+    begin_m: float,
+) -> Scripted | None:
+    """Turn round in three moves, where there is room for that; two-wheelers have no need to.
+
+    Raises:
+        StageError: there is room, and no time for it.
+    """
+    if event.actor in ("bicycle", "motorcycle"):
+        return None
+    area = setting.twin.roads.carriageway(spot.lane.level)
+    mesh = usual_asset(event.actor, setting.number)
+    refused: StageError | None = None
+    for reach_m, radius in product(REACHES_M, _RADII_M.get(event.actor, _LARGE_RADII_M)):
+        before = Way(there.at(np.arange(max(place_m - reach_m, 0.0), place_m + 0.01, 0.5)))
+        onwards = Way(away.at(np.arange(begin_m, min(begin_m + reach_m, away.length), 0.5)))
+        turn = turn_in_three(spot, back, radius, before, onwards, event.speed)
+        if turn is None:
+            continue
+        moves = shapely.MultiPoint(turn.moves)
+        if len(shapely.get_parts(shapely.difference(moves, area))) > _BESIDE * len(turn.moves):
+            continue
+
+        def build(at_s: float, turn: TurnInThree = turn) -> list[PrescribedPath]:
+            times = turn.time_s + at_s
+            kept = (times >= 0) & (times <= setting.until_s)
+            path = PrescribedPath(event.actor, mesh, times[kept], turn.xy[kept], turn.yaw[kept])
+            return [path]
+
+        try:
+            at_s, paths = first_free(event, setting, build)
+        except StageError as error:
+            refused = refused or error
+            continue
+        told = {"at_s": at_s, "lane": spot.lane.id, "to_lane": back.lane.id, "radius_m": radius}
+        return span_of(paths, {**told, "moves": 3})
+    if refused is not None:
+        raise refused
+    return None
+
+
+def _opposite(event: UTurn, spot: Spot, twin: Twin) -> Spot:
+    """Return the nearest place on a lane that leads the other way."""
+    found = []
+    for lane in twin.roads.lanes:
+        if lane.kind not in ("driving", "bus") or event.actor not in lane.allowed:
+            continue
+        line = shapely.LineString(lane.centre[:, :2])
+        along = float(shapely.line_locate_point(line, shapely.Point(spot.xy)))
+        if not 2.0 < along < line.length - 5.0:
+            continue
+        ends = [
+            shapely.get_coordinates(line.interpolate(along + way))[0] for way in (-0.5, 0.0, 0.5)
+        ]
+        yaw = float(np.arctan2(*(ends[2] - ends[0])[::-1]))
+        away = float(np.hypot(*(ends[1] - spot.xy)))
+        if np.cos(yaw - spot.yaw) < -0.85 and away < 25.0:
+            found.append((away, lane.id, Spot(lane, along, ends[1], yaw)))
+    if not found:
+        raise StageError(
+            f"u_turn at {event.at_s:g} s cannot be staged: no lane for a {event.actor} leads back "
+            f"beside {spot.lane.id}"
+        )
+    return min(found, key=lambda one: one[:2])[2]
+
+
+def _omega(spot: Spot, back: Spot, radius: float) -> NDArray[np.float64]:
+    """Return a turn (N, 2) of a radius onto the way back: outwards first where that is too near.
+
+    Between lanes that are less than two radii apart it leads away by an angle a, round by a half
+    turn and 2 a, and back by a: cos a = (apart / 2 + radius) / (2 radius).
+    """
+    ahead = np.array([np.cos(spot.yaw), np.sin(spot.yaw)])
+    left = np.array([-ahead[1], ahead[0]])
+    across = float((back.xy - spot.xy) @ left)
+    side = 1.0 if across > 0 else -1.0
+    apart = abs(across)
+    swing = float(np.arccos(min((apart / 2 + radius) / (2 * radius), 1.0)))
+    wide = max(apart - 2 * radius, 0.0)
+    pieces = [(-swing, radius), (np.pi / 2 + swing, radius)]
+    local = [np.zeros(2)]
+    heading = 0.0
+    if swing <= 1e-9:
+        pieces = [(np.pi / 2, radius)]
+
+    def run(turned: float, around: float) -> None:
+        nonlocal heading
+        steps = max(int(abs(turned) * around / 0.25), 2)
+        for _ in range(steps):
+            heading += turned / steps / 2
+            local.append(
+                local[-1]
+                + abs(turned) * around / steps * np.array([np.cos(heading), np.sin(heading)])
+            )
+            heading += turned / steps / 2
+
+    for turned, around in pieces:
+        run(turned, around)
+    if wide:
+        local.append(local[-1] + wide * np.array([np.cos(heading), np.sin(heading)]))
+    for turned, around in pieces[::-1]:
+        run(turned, around)
+    points = np.array(local)
+    return np.asarray(spot.xy + points[:, :1] * ahead + side * points[:, 1:] * left)

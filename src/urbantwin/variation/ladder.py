@@ -1,0 +1,97 @@
+"""Ladders: grades of a curriculum, from few near objects in plain sight to many far hidden ones."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import Field
+
+from urbantwin.errors import InputError
+from urbantwin.site import RigSpec
+from urbantwin.site.conditions import Strict
+from urbantwin.site.yaml_document import nearest, read_document
+
+__all__ = ["LADDERS", "Grade", "graded_rig", "load_ladder"]
+
+#: No sensor comes lower, metres.
+_LOWEST_M = 2.0
+
+
+class Grade(Strict):
+    """One grade.
+
+    Attributes:
+        name: of its folder.
+        density: share of the traffic that the site asks for, of every class.
+        raised_m: how much higher the sensors stand than in the rig: from higher up, less is hidden.
+        range_m: labels count this far from the nearest sensor; all that it sees if not given.
+    """
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
+    density: Annotated[float, Field(gt=0.0, le=10.0)] = 1.0
+    raised_m: Annotated[float, Field(ge=-20.0, le=20.0)] = 0.0
+    range_m: Annotated[float, Field(ge=1.0, le=1000.0)] | None = None
+
+
+class _Fields(Strict):
+    grades: Annotated[list[Grade], Field(min_length=1, max_length=50)]
+
+
+#: Ladders by their names: all three axes together, or one alone.
+LADDERS: dict[str, tuple[Grade, ...]] = {
+    "all": (
+        Grade(name="1-sparse-near", density=0.25, raised_m=2.0, range_m=25.0),
+        Grade(name="2-light", density=0.5, raised_m=1.0, range_m=40.0),
+        Grade(name="3-usual", density=1.0, raised_m=0.0, range_m=60.0),
+        Grade(name="4-dense-far", density=1.5, raised_m=-1.5),
+    ),
+    "density": tuple(
+        Grade(name=f"density-{share:g}", density=share) for share in (0.25, 0.5, 1.0, 1.5)
+    ),
+    "occlusion": (
+        Grade(name="raised-3m", raised_m=3.0),
+        Grade(name="raised-1.5m", raised_m=1.5),
+        Grade(name="as-it-is"),
+        Grade(name="lowered-1.5m", raised_m=-1.5),
+    ),
+    "range": (
+        *(Grade(name=f"range-{metres:g}m", range_m=metres) for metres in (20.0, 40.0, 60.0)),
+        Grade(name="range-all"),
+    ),
+}
+
+
+def load_ladder(name: str) -> tuple[Grade, ...]:
+    """Return a ladder by its name, or of a file with ``grades``.
+
+    Raises:
+        InputError: it is neither, or a field is wrong; file and line are named.
+    """
+    if name in LADDERS:
+        return LADDERS[name]
+    path = Path(name)
+    if path.suffix not in (".yaml", ".yml"):
+        raise InputError(
+            f"there is no ladder {name!r:.60}",
+            place="ladder",
+            expected=f"{nearest(name, list(LADDERS))}, or a .yaml file with grades",
+        )
+    document = read_document(path, kind="a ladder")
+    grades = tuple(document.validated(_Fields).grades)
+    names = [one.name for one in grades]
+    if len(set(names)) < len(names):
+        raise document.error("names a grade twice", ["grades"], "each name once")
+    return grades
+
+
+def graded_rig(spec: RigSpec, grade: Grade) -> RigSpec:
+    """Return a rig as a grade has it: higher or lower, its labels within the grade's range."""
+    sensors = []
+    for one in spec.sensors:
+        height = one.height_m
+        if height is not None and grade.raised_m and not one.rides:
+            height = max(height + grade.raised_m, min(height, _LOWEST_M))
+        sensors.append(one.model_copy(update={"height_m": height}))
+    reach = grade.range_m if grade.range_m is not None else spec.label_range_m
+    return spec.model_copy(update={"sensors": sensors, "label_range_m": reach})

@@ -1,0 +1,105 @@
+"""Graded datasets: what each grade asks for is what is in it, and what it says of itself."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+import urbantwin as ut
+from urbantwin.cli import main
+from urbantwin.site import RigSpec
+from urbantwin.variation import LADDERS, graded_rig
+
+from .conftest import Line
+
+SENSOR = np.array([12.0, -12.0])  # the site's only one
+RANGE_M = 30.0
+GRADES = [
+    {"name": "sparse", "density": 0.2},
+    {"name": "near", "range_m": RANGE_M},
+    {"name": "all", "raised_m": -1.0},
+]
+
+
+@pytest.fixture(scope="module")
+def graded(line: Line, tmp_path_factory: pytest.TempPathFactory) -> ut.Curriculum:
+    folder = tmp_path_factory.mktemp("graded")
+    (folder / "ladder.yaml").write_text(yaml.safe_dump({"grades": GRADES}))
+    how = {"seconds": 8.0, "start": 7.0, "stop": 7.2, "workers": 1, "progress": False}
+    return ut.curriculum(line.twin, folder / "out", ladder=str(folder / "ladder.yaml"), **how)
+
+
+def counted(dataset: ut.Dataset) -> dict[tuple[str, int], float]:
+    """Frame and track of the boxes in reach, and how far they are from the sensor in plan."""
+    sensor = (np.array(dataset.manifest["dataset_SE3_site"]) @ [*SENSOR, 0.0, 1.0])[:2]
+    return {
+        (box["frame"], box["track"]): float(np.hypot(box["x"] - sensor[0], box["y"] - sensor[1]))
+        for box in dataset.boxes.to_pylist()
+        if box["ignored"] not in ("outside", "far")
+    }
+
+
+def test_labels_count_as_far_as_the_grade_says(graded: ut.Curriculum) -> None:
+    near, every = (counted(graded.datasets[name]) for name in ("near", "all"))
+    assert any(away > RANGE_M + 1.0 for away in every.values())
+    assert max(near.values()) < RANGE_M + 1.0
+    assert {key for key, away in every.items() if away < RANGE_M - 1.0} <= set(near) <= set(every)
+    told = graded.datasets["near"].manifest["objects"]
+    assert told["per_frame"] == pytest.approx(len(near) / 3, abs=1e-3)
+
+
+def test_what_is_measured_is_what_the_boxes_say(graded: ut.Curriculum) -> None:
+    everything = graded.datasets["all"]
+    told = everything.manifest["objects"]
+    boxes = everything.boxes.to_pandas()
+    boxes = boxes[~boxes.ignored.isin(["outside", "far"])]
+    assert told["per_frame"] == pytest.approx(len(boxes) / 3, abs=1e-3)
+    alone = boxes[boxes.num_points_alone > 0]
+    assert told["occlusion"] == pytest.approx(alone.occlusion.mean(), abs=1e-3)
+    assert told["hidden"] == pytest.approx((alone.num_points == 0).mean(), abs=1e-3)
+    sparse, _, every = graded.summary()["grades"]
+    assert sparse["objects_per_frame"] < every["objects_per_frame"]
+    rigs = [one.manifest["made_from"]["record"]["rig"] for one in graded.datasets.values()]
+    assert rigs[1]["sensors"][0]["height_m"] - rigs[2]["sensors"][0]["height_m"] == 1.0
+
+
+def test_each_named_ladder_climbs_and_nothing_sinks_below_two_metres(line: Line) -> None:
+    spec = RigSpec.model_validate(
+        {
+            "sensors": [
+                {"name": "a", "model": "VLP-16", "east_m": 0.0, "north_m": 0.0, "height_m": 2.5}
+            ]
+        }
+    )
+    for grades in LADDERS.values():
+        assert len({one.name for one in grades}) == len(grades)
+        density = [one.density for one in grades]
+        raised = [-one.raised_m for one in grades]
+        reach = [one.range_m or np.inf for one in grades]
+        assert density == sorted(density)
+        assert raised == sorted(raised)
+        assert reach == sorted(reach)
+        heights = [graded_rig(spec, one).sensors[0].height_m for one in grades]
+        assert min(height for height in heights if height is not None) >= 2.0
+
+
+@pytest.mark.parametrize(
+    ("ladder", "said"),
+    [
+        ("hard", "there is no ladder 'hard'"),
+        ("grades: [{name: a}, {name: a}]", "names a grade twice"),
+        ("grades: [{name: a, density: -1}]", "density (line 1)"),
+    ],
+)
+def test_a_ladder_that_is_wrong_is_refused(
+    line: Line, tmp_path: Path, ladder: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if ":" in ladder:
+        (tmp_path / "l.yaml").write_text(ladder)
+        ladder = str(tmp_path / "l.yaml")
+    out = tmp_path / "out"
+    arguments = ["curriculum", str(line.twin.folder), "-o", str(out), "--ladder", ladder]
+    assert main(arguments) == 2
+    assert said in capsys.readouterr().err
+    assert not out.exists()
