@@ -123,7 +123,7 @@ def test_a_frame_of_ours_is_like_itself() -> None:
     for one in report.seen:
         assert one.counts["mended"] == pytest.approx(one.counts["real"], rel=0.12), one.class_name
         assert one.chamfer_m["annotated"] is not None
-        assert one.chamfer_m["annotated"] < 0.08, one.class_name
+        assert one.chamfer_m["annotated"] < 0.1, one.class_name
     rows = {row["class"]: row for row in report.figures if row["to_m"] == 80}
     lost = rows["car"]["lost_opaque"]
     assert abs(lost["real"] - lost["ours"]) < 1.5

@@ -143,7 +143,8 @@ def combined(
         before,
         met.actor,
         met.range_m,
-        model.scatter.backscatter(material, met.cosine),
+        model.scatter.backscatter(material, met.cosine)
+        * model.scatter.actor_grain(met.ray, met.face, material),
         model.scatter.transmission(material, met.cosine),
         met.mask,
     )

@@ -55,6 +55,8 @@ class _SensorFile(BaseModel):
     wavelength_nm: _Positive | None
     beam_divergence_deg: tuple[_Divergence, _Divergence] | None = None
     beam_origin_m: _NotNegative | None = None
+    measured_light: _Positive | None = None
+    measured_sigma_m: _NotNegative | None = None
     return_modes: tuple[str, ...] | None = None
     intensity_scale: str | None = None
     intensity_of_white: _Positive | None = None

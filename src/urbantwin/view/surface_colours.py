@@ -87,6 +87,8 @@ _ON_THE_GROUND = {
 #: Materials that look the same on every actor.
 _ON_ACTORS = {
     "glass": "#27323c",
+    "glass-tinted": "#27323c",
+    "glass-privacy": "#1c242b",
     "rubber": "#1f2123",
     "metal-dark": "#2e3135",
     "retroreflector": "#f4f1e6",

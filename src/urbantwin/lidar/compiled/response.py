@@ -37,6 +37,7 @@ class Response(NamedTuple):
         dropout: whether weak echoes may be missed.
         half: strength of which half is detected.
         steepness: exponent of detection.
+        faintest: amplitude of surfaces of which half is detected however near.
         sigma_m: standard deviation of the range of strong echoes; 0 without noise.
         knee: strength at which that and the noise of the light are equal.
         white: code of intensity of a white surface.
@@ -57,6 +58,7 @@ class Response(NamedTuple):
     dropout: bool
     half: float
     steepness: float
+    faintest: float
     sigma_m: float
     knee: float
     white: float
@@ -135,7 +137,12 @@ def answers(r, amplitude, range_m, light, peak, level, sigma, intensity):
     for i in range(len(amplitude)):
         strength = strength_of(r, amplitude[i], range_m[i], light[i if len(light) > 1 else 0])
         strength *= peak[i if len(peak) > 1 else 0]
-        level[i] = level_of(r, strength, range_m[i])
+        # However near, a faint surface is no easier to detect than this.
+        most = r.half * amplitude[i] / r.faintest
+        shown = strength
+        if 0.0 < most < 8.0 * strength:
+            shown = strength / np.sqrt(np.sqrt(1.0 + (strength / most) ** 4))
+        level[i] = level_of(r, shown, range_m[i])
         sigma[i] = sigma_of(r, strength)
         intensity[i] = intensity_of(r, amplitude[i], range_m[i])
 

@@ -15,6 +15,7 @@ from urbantwin.lidar.returns.noise import KNEE_STRENGTH
 from urbantwin.lidar.returns.scatter import Scatter, scatter_of_materials
 from urbantwin.lidar.returns.stretch import divergence, peak_left
 from urbantwin.lidar.returns.sunlight import daylight, sun_noise
+from urbantwin.lidar.returns.swallowed import FAINTEST
 from urbantwin.lidar.rig import MountedSensor
 from urbantwin.site.rig import Conditions
 
@@ -58,6 +59,7 @@ class ReturnModel:
             retroreflection=effects.retroreflection,
             glass=effects.glass,
             texture=effects.noise,
+            swallows=effects.dropout,
             reflectivity=tuple(sorted(mounted.reflectivity.items())),
         )
         reflectivity, range_m = entry.assumed_reference
@@ -67,7 +69,7 @@ class ReturnModel:
         scale = intensity_scale(entry)
         self.response = Response(
             per_amplitude=range_m**fall / reflectivity,
-            gain=unit.light,
+            gain=unit.light * (entry.measured_light or 1.0),
             fall=fall,
             extinction=extinction(weather, wavelength),
             sun_noise=sun,
@@ -78,6 +80,7 @@ class ReturnModel:
             dropout=effects.dropout,
             half=HALF_STRENGTH,
             steepness=STEEPNESS,
+            faintest=FAINTEST,
             sigma_m=entry.assumed_range_sigma_m * unit.range_noise if effects.noise else 0.0,
             knee=KNEE_STRENGTH,
             white=scale.white * unit.intensity,

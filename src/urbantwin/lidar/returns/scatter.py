@@ -49,6 +49,7 @@ from numpy.typing import NDArray
 from urbantwin.lidar.compiled.patches import add_patches
 from urbantwin.lidar.returns.draws import standard_quantiles
 from urbantwin.lidar.returns.fresnel import pane
+from urbantwin.lidar.returns.swallowed import actor_grain
 from urbantwin.lidar.returns.wet import WET_BEADS, film_passes, wet_reflectivity
 from urbantwin.taxonomy import material_id, materials
 
@@ -84,6 +85,7 @@ class Scatter:
         curve: (M, S) backscatter at S cosines from 0 to 1.
         passes: (M, S) share that passes to and fro at these cosines.
         texture: standard deviation of the logarithm of backscatter from place to place.
+        swallows: whether single beams are lost on actors.
     """
 
     diffuse: Floats
@@ -92,18 +94,25 @@ class Scatter:
     curve: Floats
     passes: Floats
     texture: float = 0.0
+    swallows: bool = False
 
     def grain(self, beam: NDArray[np.integer], face: NDArray[np.integer]) -> Floats:
         """Return what texture makes of the backscatter (N,) of beams that meet triangles."""
         if self.texture == 0.0:
             return np.ones(len(beam), np.float32)
-        with np.errstate(over="ignore"):
-            mixed = beam.astype(np.uint64) << np.uint64(32) | face.astype(np.uint64)
-            # Steele, Lea and Flood 2014, OOPSLA: the mixing function of SplitMix64.
-            mixed = (mixed ^ mixed >> np.uint64(30)) * np.uint64(0xBF58476D1CE4E5B9)
-            mixed = (mixed ^ mixed >> np.uint64(27)) * np.uint64(0x94D049BB133111EB)
-        drawn = standard_quantiles().take((mixed >> np.uint64(48)).astype(np.int64))
+        drawn = standard_quantiles().take((_mixed(beam, face) >> np.uint64(48)).astype(np.int64))
         return np.asarray(np.exp(self.texture * drawn - self.texture**2 / 2), np.float32)
+
+    def actor_grain(
+        self,
+        beam: NDArray[np.integer],
+        face: NDArray[np.integer],
+        material: NDArray[np.uint8],
+    ) -> Floats:
+        """Return what is left (N,) of the backscatter of actors' triangles: see `swallowed`."""
+        if not self.swallows:
+            return np.ones(len(beam), np.float32)
+        return actor_grain(_mixed(beam, face), material)
 
     def patches(self, places: NDArray[np.float64]) -> Floats:
         """Return what patches make of the backscatter of ground at places (N, 3), site frame."""
@@ -151,6 +160,7 @@ def scatter_of_materials(
     retroreflection: bool = True,
     glass: bool = True,
     texture: bool = False,
+    swallows: bool = False,
     reflectivity: tuple[tuple[str, float], ...] = (),
 ) -> Scatter:
     """Return what every material sends back of a laser's light and lets through.
@@ -161,6 +171,7 @@ def scatter_of_materials(
         retroreflection: whether retroreflectors are any; else they are what they are without.
         glass: whether light passes through glass; else it is an opaque surface.
         texture: whether surfaces are not the same all over.
+        swallows: whether single beams are lost on actors.
         reflectivity: materials, and how many times what the table says they send back.
     """
     table = list(materials().values())
@@ -189,4 +200,14 @@ def scatter_of_materials(
         ((dry * (1 - wet) + under_film * wet + back) * factor[:, None]).astype(np.float32),
         ((passes_squarely[:, None] * relative) ** 2).astype(np.float32),
         TEXTURE if texture else 0.0,
+        swallows,
     )
+
+
+def _mixed(beam: NDArray[np.integer], face: NDArray[np.integer]) -> NDArray[np.uint64]:
+    """Return random bits (N,) of beams that meet triangles."""
+    with np.errstate(over="ignore"):
+        mixed = beam.astype(np.uint64) << np.uint64(32) | face.astype(np.uint64)
+        # Steele, Lea and Flood 2014, OOPSLA: the mixing function of SplitMix64.
+        mixed = (mixed ^ mixed >> np.uint64(30)) * np.uint64(0xBF58476D1CE4E5B9)
+        return np.asarray((mixed ^ mixed >> np.uint64(27)) * np.uint64(0x94D049BB133111EB))

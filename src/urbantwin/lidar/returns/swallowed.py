@@ -1,0 +1,60 @@
+"""What actors swallow: beams that meet a surface which sends nothing back to them.
+
+Real bodies are not as plain as meshes: gaps between panels, trim, chrome, folds, spokes and edges
+send single beams elsewhere, and a glossy coat mirrors away what does not meet it squarely. Of rays
+at opaque parts of real vehicles 3 to 6 of 100 return nothing even where cars are bright and near,
+one by one between neighbours that return; of rays at people 2 (KITTI and Argoverse 2, fitted:
+`docs/real_lidar.md`). Which beams it is depends on the beam and the triangle: a sensor that stands
+sees a standing car alike in every frame. Panes differ in their dirt by `DIRT`.
+
+However near a surface is, a receiver's threshold and its optics, which see what is near out of
+focus, leave something that is too faint: half of what sends back `FAINTEST` of white is missed.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from urbantwin.lidar.returns.draws import LEVELS, standard_quantiles
+from urbantwin.taxonomy import materials
+
+__all__ = ["DIRT", "FAINTEST", "SWALLOWED", "actor_grain"]
+
+#: Share of white of which half is missed next to the sensor.
+FAINTEST = 0.003
+#: Standard deviation of the logarithm of what dirt on panes scatters.
+DIRT = 0.8
+#: Share of beams that a material of actors swallows; 0 for those that are not named.
+SWALLOWED = {
+    **dict.fromkeys(("paint-white", "paint-grey", "paint-black", "metal-painted"), 0.045),
+    **dict.fromkeys(("metal-dark", "metal-bare", "plastic", "rubber", "retroreflector"), 0.045),
+    **dict.fromkeys(("cloth", "skin"), 0.02),
+}
+#: What a beam that is swallowed sends back of what it would.
+_LEFT = np.float32(1e-4)
+
+
+def actor_grain(mixed: NDArray[np.uint64], material: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """Return what is left (N,) of the backscatter of materials (N,) that beams meet on actors.
+
+    Args:
+        mixed: (N,) random bits of the beams and the triangles.
+        material: (N,) numbers of the materials.
+    """
+    drawn = (mixed >> np.uint64(48)).astype(np.int64)
+    swallowed, panes = _tables()
+    left = np.where(drawn < swallowed[material], _LEFT, np.float32(1.0))
+    dirty = np.flatnonzero(panes[material])
+    left[dirty] = np.exp(DIRT * standard_quantiles().take(drawn[dirty]))
+    return left
+
+
+@cache
+def _tables() -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Return the level of 65,536 below which a draw is swallowed, and what are panes of cars."""
+    share = [SWALLOWED.get(name, 0.0) for name in materials()]
+    panes = [name.startswith("glass-") for name in materials()]
+    return np.rint(np.array(share) * LEVELS).astype(np.int64), np.array(panes)
