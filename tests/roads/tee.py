@@ -157,7 +157,8 @@ def tee(driving_side="right", *, slope=(0.0, 0.0), signals=False, crosswalk=True
     areas, lights, controllers = (), (), ()
     if crosswalk:
         box = np.array([[-1.5, -5.5, 0.0], [1.5, -5.5, 0.0], [1.5, 5.5, 0.0], [-1.5, 5.5, 0.0]])
-        areas = (RoadArea(200, SOUTH, "crosswalk", "crosswalk", straight - 2.0, box),)
+        s = straight - 2.0
+        areas = (RoadArea(200, SOUTH, "crosswalk", "crosswalk", s, box, marking="dashes"),)
     if signals:
         lights = tuple(light(300 + k, k, side, straight) for k in (WEST, EAST, SOUTH))
         phases = ((30.0, "GGGgrr"), (4.0, "yyyyrr"), (20.0, "rrrrGG"), (4.0, "rrrryy"))

@@ -105,6 +105,10 @@ def test_widths_of_lanes():
     tags = {"oneway": "yes", "lanes": "3", "width:lanes": "2.8|3.0|3.4"}
     assert [lane.width for lane in section(tags).forward] == [2.8, 3.0, 3.4]
     assert [lane.width for lane in section(tags, "left").forward] == [3.4, 3.0, 2.8]
+    # No lane is as narrow or as wide as these: they have the usual width.
+    wrong = section({**tags, "width:lanes": "0.1|3.0|99"})
+    assert [lane.width for lane in wrong.forward][1] == 3.0
+    assert all(2.5 < lane.width < 4.0 for lane in wrong.forward)
     both = section({"lanes": "2", "width:lanes:forward": "3.6", "width:lanes:backward": "2.9"})
     assert (both.forward[0].width, both.backward[0].width) == (3.6, 2.9)
 

@@ -140,6 +140,7 @@ def test_the_mapped_crosswalk_is_a_crossing_and_the_only_one(crossing):
     assert np.abs(shape[:, 0]).max() == pytest.approx(LANE, abs=0.6)
     (area,) = [a for a in roads.model.areas if a.kind == "crosswalk"]
     assert area.strip == crossings[0].getLanes()[0].getID()
+    assert roads.network.lane_by_id[area.strip].marking == "dashes"
 
 
 def test_the_maps_program_is_kept(crossing):

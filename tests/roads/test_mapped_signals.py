@@ -72,6 +72,23 @@ def test_lights_of_a_crossing_near_a_junction_are_the_crossings_own(mapped, writ
     assert shapely.LineString(crossing.centre[:, :2]).distance(shapely.Point(-15, 0)) < 0.5
 
 
+def test_lights_of_a_crossing_stop_all_who_come_to_a_junction_over_it(write_osm, tmp_path):
+    """A lane leaves a one-way street 5 m behind the crossing."""
+    nodes = {1: (-150, 0, {}), 2: (-5, 0, CROSSING), 3: (0, 0, {}), 4: (150, 0, {})}
+    nodes[5] = (0, 150, {})
+    one_way = {"highway": "secondary", "oneway": "yes", "lanes": "2", "sidewalk": "both"}
+    ways = {1: [1, 2, 3, 4], 2: [3, 5]}
+    found = built(write_osm(nodes, {k: (refs, one_way) for k, refs in ways.items()}), tmp_path)
+    (crossing,) = (lane for lane in found.network.lanes if lane.kind == "crossing")
+    (program,) = found.network.programs
+    links = {head.lane: head.links for head in found.network.signals}
+    vehicles = [k for lane, mine in links.items() if lane != crossing.id for k in mine]
+    assert len(vehicles) >= 2
+    walking = [state for _, state in program.phases if state[links[crossing.id][0]] in "Gg"]
+    assert walking
+    assert all(state[k] == "r" for state in walking for k in vehicles)
+
+
 def test_a_crossing_between_junctions_has_signals_of_its_own(write_osm, tmp_path):
     """60 m before the junction; the street has sidewalks, so that people come to it."""
     nodes, ways = cross(west=CROSSING, west_m=60)

@@ -18,6 +18,7 @@ from urbantwin.roads.model import (
     RoadSignal,
     SectionLane,
 )
+from urbantwin.roads.network import Lane
 
 ZERO = Profile.constant(0.0)
 EMPTY = RoadNetwork("right", (), (), (), (), ())
@@ -101,3 +102,15 @@ def test_paint_knows_its_level_and_curbs_are_none():
     assert {PAINT_KINDS[k] for k in paint.kind} == {"line"}
     assert (paint.quads[..., 1] < -5.9).all()
     assert len(painted(EMPTY).quads) == 0
+
+
+@pytest.mark.parametrize(("level", "end"), [(0, 30.5), (1, 60.0)])
+def test_no_line_lies_in_the_middle_of_another_roads_lane(level, end):
+    """From 30 m on a lane of another street lies on the border of this one's."""
+    centre = np.array([[30.0, -3.0, 0.0], [60.0, -3.0, 0.0]])
+    other = Lane("b_0", "b", "driving", 4.0, 14.0, centre, np.zeros((0, 2)), level, (), (), "")
+    network = RoadNetwork("right", (), (other,), (), (), ())
+    found = painted(network, street([lane(1), lane(-1, mark="solid")])).of("line")
+    border = found[np.abs(found[..., 1] + 3.0).max(axis=1) < 0.2]
+    assert border[..., 0].min() == pytest.approx(0.0, abs=0.01)
+    assert border[..., 0].max() == pytest.approx(end, abs=0.01)

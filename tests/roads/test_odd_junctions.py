@@ -159,6 +159,15 @@ def a_dead_end_of_two_metres():
     return nodes, ways
 
 
+def a_block_every_five_metres():
+    """Streets that lie nearer to each other than they are wide."""
+    side = 5
+    nodes = {i * side + j + 1: (5.0 * i, 5.0 * j, {}) for i in range(side) for j in range(side)}
+    across = {i + 1: ([i * side + j + 1 for j in range(side)], STREET) for i in range(side)}
+    along = {50 + j: ([i * side + j + 1 for i in range(side)], STREET) for j in range(side)}
+    return nodes, across | along
+
+
 ODD = [
     roundabout_with_signals, five_arms, eight_arms_at_one_degree, diverging_diamond,
     cut_by_the_border, against_the_line, a_lane_for_both, nonsense_tags, nodes_twice,
@@ -205,6 +214,15 @@ def test_an_odd_place_becomes_a_sound_network(place, side, write_osm, tmp_path):
     stops = shapely.centroid(shapely.polygons(paint)) if len(paint) else np.array([])
     inside = shapely.union_all([outline for _, outline in outlines]).buffer(-1.5)
     assert not shapely.contains(inside, stops).any()
+
+
+def test_streets_nearer_to_each_other_than_they_are_wide_build(write_osm, tmp_path):
+    extract = read_extract(write_osm(*a_block_every_five_metres()))
+    out = tmp_path / "n.net.xml"
+    region = shapely.box(-140, -140, 140, 140)
+    built = build_roads(extract, HERE, region, Elevation.flat(), driving_side="right", out=out)
+    assert sumolib.net.readNet(str(out)).getEdges()
+    assert all(np.isfinite(lane.centre).all() for lane in built.network.lanes)
 
 
 def _lane(network, road, section):

@@ -141,7 +141,7 @@ def test_every_manoeuvre_joins_two_lanes_without_a_step_or_a_bend(exported):
 def test_crosswalks_lie_where_people_cross(exported):
     built, root, roads = exported
     network = built.network
-    found = []
+    found, told = [], []
     for element in root.findall("road"):
         road = roads[element.get("id")]
         for item in element.iterfind("objects/object[@type='crosswalk']"):
@@ -156,6 +156,7 @@ def test_crosswalks_lie_where_people_cross(exported):
                 c, sn = math.cos(heading), math.sin(heading)
                 corners.append((x + u * c - v * sn, y + u * sn + v * c, z + up))
             found.append(np.array(corners))
+            told.append([data.get("value") for data in item.iterfind("userData[@code='marking']")])
     crossings = [lane for lane in network.lanes if lane.kind == "crossing"]
     assert len(found) == len(crossings) > 0
     for lane in crossings:
@@ -165,6 +166,7 @@ def test_crosswalks_lie_where_people_cross(exported):
         ]
         corners = found[int(np.argmax(shares))]
         assert max(shares) > 0.999
+        assert told[int(np.argmax(shares))] == [lane.marking]
         surface = built.surface.height(corners[:, :2], lane.level)
         assert corners[:, 2] == pytest.approx(surface, abs=1e-4)
 

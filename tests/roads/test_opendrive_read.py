@@ -329,17 +329,21 @@ def test_left_hand_rule_and_reversed_lanes(read):
     ],
     ids=["local", "road", "size"],
 )
-def test_crosswalks_of_other_tools(read, outline):
+@pytest.mark.parametrize("kind", ["lines", "flowers"])
+def test_crosswalks_of_other_tools(read, outline, kind):
     box = f"<outlines><outline>{outline}</outline></outlines>" if outline else ""
     up = "0" if outline else "0.1"
     tail = (
         '<objects><object type="crosswalk" id="a" s="50" t="0" hdg="0" '
-        f'length="4" width="8" zOffset="{up}">{box}</object>'
+        f'length="4" width="8" zOffset="{up}">{box}'
+        f'<userData code="marking" value="{kind}"/></object>'
         '<object type="tree" id="b" s="9" t="9"/></objects>'
     )
     model, _, notes = read(road(tail=tail))
     (area,) = model.areas
     assert (area.kind, area.s) == ("crosswalk", 50)
+    assert area.marking == ("lines" if kind == "lines" else "")
+    assert any("'flowers'" in text for text in notes["remarks"]) == (kind == "flowers")
     assert area.corners == pytest.approx(
         np.array([[-2, -4, 0.1], [2, -4, 0.1], [2, 4, 0.1], [-2, 4, 0.1]])
     )

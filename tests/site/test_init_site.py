@@ -57,6 +57,18 @@ def test_real_extract_gives_a_site_at_signals(made: tuple[Path, Path]) -> None:
     assert inside
 
 
+def test_no_crossing_lies_on_the_border_of_a_real_region(made: tuple[Path, Path]) -> None:
+    source, path = made
+    site, extract = load_site(path), read_extract(source)
+    driven = {n for way in extract.highways() if way.tags["highway"] in STREETS for n in way.nodes}
+    away = [
+        Geod(ellps="WGS84").inv(site.longitude, site.latitude, *extract.nodes[node])[2]
+        for node, tags in extract.node_tags.items()
+        if tags.get("highway") in ("crossing", "traffic_signals") and node in driven
+    ]
+    assert min(abs(distance - site.radius_m) for distance in away) > 3.5
+
+
 def test_real_sensor_stands_beside_the_street_and_looks_at_the_junction(
     made: tuple[Path, Path],
 ) -> None:

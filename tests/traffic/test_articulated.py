@@ -74,9 +74,10 @@ def table_of(names, *ways, blocks=None):
     trips = tuple(Trip(asset(name).actor_class, name, 0.0, ("a",)) for name in names)
     place = Place(RoadNetwork("right", (), (), (), (), ()), Plane(), blocks or nobody())
     steps = max(len(front) for front, _ in ways)
-    return actor_table(
+    made = actor_table(
         seen(*ways), Demand(trips, ()), place, steps=steps, step_s=STEP_S, asset=asset
     )
+    return made.actors, made.outside, made.rigid
 
 
 @pytest.mark.parametrize("name", BENDING)

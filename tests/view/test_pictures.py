@@ -16,6 +16,7 @@ from urbantwin.errors import InputError
 from urbantwin.geometry import LabelledMesh, Pose
 from urbantwin.roads import Junction, Lane, Road, RoadNetwork, SignalHead
 from urbantwin.roads.marking import zebra
+from urbantwin.scene.surface import PARTS
 from urbantwin.taxonomy import material_id, semantic_classes, semantic_id
 from urbantwin.view import style
 from urbantwin.view.birdseye import birdseye, birdseye_figure
@@ -268,7 +269,15 @@ def test_plan_shows_lanes_zebra_and_sensor(tmp_path):
         semantic_id("building"),
         material_id("brick"),
     )
-    given = {"mesh": house, "sensors": [("s", 0.0, 12.0)], "title": "Here"}
+    island = LabelledMesh.build(
+        [[-30, -25, 0.1], [-20, -25, 0.1], [-20, -20, 0.1], [-30, -20, 0.1]],
+        [[0, 1, 2], [0, 2, 3]],
+        semantic_id("other-ground"),
+        material_id("concrete"),
+        PARTS["island"],
+    )
+    mesh = LabelledMesh.concatenate([house, island])
+    given = {"mesh": mesh, "sensors": [("s", 0.0, 12.0)], "title": "Here"}
     path = plan(street(), region, tmp_path / "a.png", **given)
     figure = plan_figure(street(), region, **given)
 
@@ -281,6 +290,7 @@ def test_plan_shows_lanes_zebra_and_sensor(tmp_path):
     assert near(at(20, 0.0), DARK.paint, 0.05)  # a stripe of the zebra
     assert near(at(20, 0.5), DARK.lanes["junction"], 0.08)  # between two stripes
     assert near(at(-10, 30), DARK.building, 0.03)
+    assert near(at(-25, -22), DARK.lanes["island"], 0.03)
     assert near(at(0.5, 12), DARK.sensor, 0.05)
     assert near(at(-30, -30), DARK.ground, 0.03)  # nothing
     assert near(at(17.0, -3.0), DARK.signal, 0.05)

@@ -36,12 +36,12 @@ from urbantwin.roads.heights.banked_widths import with_banked_widths
 from urbantwin.roads.junctions import with_junctions_of_map
 from urbantwin.roads.lane_polylines import network_of_model
 from urbantwin.roads.loop import OuterRoads, close_loop
-from urbantwin.roads.main_component import LeftOut, Part, main_component
 from urbantwin.roads.merging_lanes import zip_merging_lanes
 from urbantwin.roads.model import LaneModel
 from urbantwin.roads.netconvert import sumo_network
 from urbantwin.roads.network import RoadNetwork
 from urbantwin.roads.rails import add_rails, with_trams
+from urbantwin.roads.region_pieces import region_pieces
 from urbantwin.roads.side_lanes import (
     add_side_lanes,
     before_buildings,
@@ -61,7 +61,6 @@ from urbantwin.roads.streets import planar_model, with_furniture
 from urbantwin.roads.sumo_geometry import redraw_sumo_network
 from urbantwin.roads.sumo_network import edges_of_pieces, read_sumo_network
 from urbantwin.site.extract import Extract, Way, WayPiece
-from urbantwin.site.junction_proposal import way_lanes
 from urbantwin.site.signals import SignalPlan
 
 __all__ = ["NETWORK_CLASSES", "BuiltRoads", "build_roads"]
@@ -156,19 +155,21 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
     country = country_of(frame.latitude, frame.longitude)
     with tempfile.TemporaryDirectory(prefix="netconvert-", dir=out.parent) as scratch:
         osm = Path(scratch) / "network.osm"
-        pieces, left_out = _main_component(extract.clipped(frame, region, ways))
-        loop = OuterRoads(pieces)
+        found = region_pieces(extract, frame, region, ways, tunnels)
+        loop = OuterRoads(found.joined)
         if closed_loop:
+            apart_nodes = {node for piece in found.before_portals for node in piece.nodes}
             loop = close_loop(
-                pieces,
-                extract.nodes,
+                found.joined,
+                extract.nodes.keys() | apart_nodes,
                 driving_side=driving_side,
                 country=country,
-                buildings=buildings,
+                buildings=[*buildings, *found.ground_before_portals],
             )
+        pieces = found.with_others(loop.pieces)
         prepared = prepare_ways(
-            loop.pieces,
-            signals=_signalised(extract, loop.pieces, signals.tags),
+            pieces,
+            signals=_signalised(extract, pieces, signals.tags),
             driving_side=driving_side,
             country=country,
         )
@@ -270,7 +271,8 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
         "closed_loop": loop.notes,
         "lifted_ways": len(level_of_way),
         "left_out_tunnels": len(tunnels),
-        "left_out": [item.as_note() for item in left_out],
+        "roads_before_portals": len(found.before_portals),
+        "left_out": [item.as_note() for item in found.left_out],
         "netconvert_warnings": len(warnings),
     }
     return BuiltRoads(model, network, surface, notes)
@@ -284,23 +286,6 @@ def _serve(
     outer = edges_of_pieces(net, {piece.id for piece in pieces if piece.way == 0})
     lines = edges_of_pieces(net, {piece.id for piece in pieces if piece.way in bus})
     set_default_programs(net, flows=movement_flows(net, outer, per_hour, bus_roads=lines))
-
-
-def _main_component(
-    pieces: Sequence[WayPiece],
-) -> tuple[tuple[WayPiece, ...], list[LeftOut]]:
-    """Return the ways of the main component, and what is left out."""
-    parts = {
-        piece.id: Part(
-            piece.tags.get("name", ""),
-            shapely.LineString(piece.points),
-            way_lanes(Way(piece.id, piece.nodes, piece.tags)),
-            frozenset(piece.nodes),
-        )
-        for piece in pieces
-    }
-    kept, left_out = main_component(parts)
-    return tuple(piece for piece in pieces if piece.id in kept), left_out
 
 
 def _unlit(

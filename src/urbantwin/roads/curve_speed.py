@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 from lxml import etree
@@ -62,7 +62,9 @@ def curve_speeds(line: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.sqrt(np.maximum(energy - reach, 0.0)))
 
 
-def lane_speeds(network: etree._Element) -> dict[str, NDArray[np.float64]]:
+def lane_speeds(
+    network: etree._Element, only: Collection[str] | None = None
+) -> dict[str, NDArray[np.float64]]:
     """Return what ``curve_speeds`` allows on every lane that is driven on, in SUMO's terms.
 
     All lanes of an edge have one length there, so that on the outer side of a bend an actor covers
@@ -73,6 +75,7 @@ def lane_speeds(network: etree._Element) -> dict[str, NDArray[np.float64]]:
 
     Args:
         network: the root of a ``.net.xml``.
+        only: ids of lanes; all when not given.
     """
     lines: dict[str, NDArray[np.float64]] = {}
     lengths: dict[str, float] = {}
@@ -96,6 +99,8 @@ def lane_speeds(network: etree._Element) -> dict[str, NDArray[np.float64]]:
             after[start] = via
     found = {}
     for name, line in lines.items():
+        if only is not None and name not in only:
+            continue
         drawn = float(stations_of_points(line)[-1])
         stretch = drawn / lengths[name] if lengths[name] > 0 else 1.0
         speeds = _along_its_way(name, lines, before, after)

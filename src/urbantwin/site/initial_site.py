@@ -22,7 +22,7 @@ from urbantwin.site.draft import (
 from urbantwin.site.extract import Extract
 from urbantwin.site.extract_coverage import mapped_area
 from urbantwin.site.extract_file import LonLatBox, box_around, read_extract
-from urbantwin.site.junction_proposal import propose_junction
+from urbantwin.site.junction_proposal import STREETS, propose_junction
 from urbantwin.site.pole_site import PoleChoice, ground_around, nearest_place
 from urbantwin.site.region import circle
 from urbantwin.site.traffic_around import per_hour_around
@@ -33,6 +33,9 @@ __all__ = ["init_site"]
 LEAST_RADIUS_M = 100.0
 #: A region whose circle is mapped to less than this is made smaller.
 _MAPPED_SHARE = 0.6
+#: A crossing or a stop line from so far within the border to so far beyond it would be cut, and a
+#: proposed border lies elsewhere, by this at most; metres.
+_CUT_M, _MOVED_M = (8.0, 4.0), 20.0
 
 
 @dataclass(frozen=True)
@@ -67,7 +70,8 @@ def init_site(  # noqa: PLR0913 - every one is a person's choice
         latitude: of the anchor, degrees; without it the busiest signalised junction is proposed.
         longitude: of the anchor, degrees.
         region: a GeoJSON polygon; without it a circle.
-        radius_m: radius of the circle; without it 150 m, or less where the extract ends before.
+        radius_m: radius of the circle; without it about 150 m, or less where the extract ends
+            before, so that its border cuts no crossing.
         force: replace a ``site.yaml`` that is there.
         choose_pole: where the sensor stands on the ground of the junction.
         progress: called with the share done (0..1) and the current task.
@@ -110,7 +114,8 @@ def _near(given: GivenPlace) -> LonLatBox | None:
         # Too near to a pole for a box about a point.
         if abs(given.point[0]) > 89.0:
             return None
-        return box_around(SiteFrame(*given.point), circle(given.radius_m or RADIUS_M))
+        farthest = given.radius_m or RADIUS_M + _MOVED_M
+        return box_around(SiteFrame(*given.point), circle(farthest))
     if given.polygon is None:
         return None
     middle = given.polygon.centroid
@@ -156,5 +161,25 @@ def _radius(extract: Extract, frame: SiteFrame) -> float:
     for radius in np.arange(RADIUS_M, LEAST_RADIUS_M, -10.0):
         disc = circle(float(radius))
         if shapely.intersection(area, disc).area >= _MAPPED_SHARE * disc.area:
-            return float(radius)
-    return LEAST_RADIUS_M
+            return _cutting_none(extract, frame, float(radius))
+    return _cutting_none(extract, frame, LEAST_RADIUS_M)
+
+
+def _cutting_none(extract: Extract, frame: SiteFrame, radius: float) -> float:
+    """Return the radius next to this one whose circle cuts no crossing and no stop line."""
+    driven = {
+        node for way in extract.highways() if way.tags["highway"] in STREETS for node in way.nodes
+    }
+    marks = [
+        extract.nodes[node]
+        for node in sorted(driven & extract.nodes.keys())
+        if extract.node_tags.get(node, {}).get("highway") in ("crossing", "traffic_signals")
+    ]
+    xy = frame.site_from_lonlat(np.array(marks).reshape(-1, 2))
+    away = np.hypot(xy[:, 0], xy[:, 1])
+    steps = sorted(np.arange(-_MOVED_M, _MOVED_M + 1.0, 2.0), key=lambda step: (abs(step), -step))
+    for step in steps:
+        beyond = away - (radius + step)
+        if not ((beyond > -_CUT_M[0]) & (beyond < _CUT_M[1])).any():
+            return radius + float(step)
+    return radius

@@ -19,16 +19,19 @@ from urbantwin.traffic.motion import ACTOR_SCHEMA, step_times
 from urbantwin.traffic.paths.bending import steering_part, vehicles, with_bodies
 from urbantwin.traffic.paths.box_plan import PlanBoxes
 from urbantwin.traffic.paths.corner_cutting import corner_cutters, with_rigid
+from urbantwin.traffic.paths.detours import round_blocks
 from urbantwin.traffic.paths.footing import Footways
 from urbantwin.traffic.paths.obstacles import Obstacles
 from urbantwin.traffic.paths.placement import Ground, stand
 from urbantwin.traffic.paths.separation import Moving, separated
+from urbantwin.traffic.paths.solids import Solids
 from urbantwin.traffic.paths.steering import faced, steered
 from urbantwin.traffic.paths.track_box import track_size
 from urbantwin.traffic.paths.trajectory import smoothed
+from urbantwin.traffic.paths.yielding import Before, yielded
 from urbantwin.traffic.sumo.simulation import Simulated
 
-__all__ = ["Place", "actor_table"]
+__all__ = ["Place", "Tabled", "actor_table"]
 
 _STANDING_MS = 0.15  # who is slower than this stands, m/s
 _BESIDE_M = 2.0  # people who pass each other use the footway beside their lane
@@ -61,6 +64,23 @@ class Place:
         return cls(roads, ground, PlanBoxes.joined([Obstacles(scene).blocks(ground.top), cars]))
 
 
+@dataclass(frozen=True, eq=False)
+class Tabled:
+    """What became of what SUMO saw.
+
+    Attributes:
+        actors: the table of actors.
+        outside: how many poses were left out because there is no ground.
+        rigid: who does not bend though its trip says so, by the numbers of their trips.
+        poses: how far each trip is behind at each step, see `yielding.Before`.
+    """
+
+    actors: pa.Table
+    outside: int
+    rigid: frozenset[int]
+    poses: dict[str, NDArray[Any]]
+
+
 def actor_table(  # noqa: PLR0913 - of a drive there is much to say
     simulated: Simulated,
     demand: Demand,
@@ -70,13 +90,10 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
     step_s: float,
     asset: Callable[[str], Asset],
     by_trip: bool = False,
-    rigid: frozenset[int] | None = None,
+    before: Before | None = None,
     tell: Progress = untold,
-) -> tuple[pa.Table, int, frozenset[int]]:
+) -> Tabled:
     """Return the table of actors, and who of them is not as its trip says.
-
-    That is how many poses were left out because there is no ground, and who does not bend though
-    its trip says so, by the numbers of their trips.
 
     Tracks are numbered in the order of setting out, and after them the further bodies of vehicles
     that bend.
@@ -89,15 +106,18 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
         step_s: time between steps.
         asset: an asset's dimensions and contacts by name.
         by_trip: let a track's number be that of its trip, whoever else is there.
-        rigid: who does not bend though its trip says so; ``None``: who would cut a corner into
-            somebody.
+        before: how the same traffic went until something changed.
         tell: called with the fraction done (0..1) and what is being done.
     """
     smoothing, standing = between(tell, 0.0, 0.4), between(tell, 0.5, 0.9)
+    solids = _solids(simulated, demand, place)
+    simulated = round_blocks(simulated, demand, place.roads, solids, step_s)
     columns = _poses(simulated, demand, step_s=step_s, asset=asset, tell=smoothing)
     ground, tracks = place.ground, place.roads.tracks
     bent, trips, who = with_bodies(columns, demand, simulated, tracks, asset=asset)
-    if rigid is None:
+    if before is not None:
+        rigid = before.rigid
+    else:
         level = ground.levels(simulated.lanes)[bent["lane"]]
         rigid = corner_cutters(bent, trips, who, place.blocks, level, asset)
     if rigid:
@@ -107,7 +127,11 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
         bent, trips, who = with_bodies(columns, demand, simulated, tracks, asset=asset)
     columns = bent
     tell(0.4, "past each other")
-    columns = _apart(columns, simulated.lanes, trips, who, place, step_s=step_s, asset=asset)
+    columns = _apart(
+        columns, simulated.lanes, trips, who, place, solids, before, step_s=step_s, asset=asset
+    )
+    lead = (who == vehicles(who))[columns["trip"]]
+    poses = {name: columns[name][lead] for name in ("trip", "step", "behind")}
     kept = (columns["step"] >= 0) & (columns["step"] < steps)
     columns = {name: values[kept] for name, values in columns.items()}
     names = np.array([trip.asset for trip in trips], object)
@@ -153,7 +177,15 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
         "lane": _texts(simulated.lanes, columns["lane"][order]),
     }
     arrays = [pa.array(values[field.name], field.type) for field in ACTOR_SCHEMA]
-    return pa.table(arrays, schema=ACTOR_SCHEMA), int(np.isnan(z).sum()), rigid
+    table = pa.table(arrays, schema=ACTOR_SCHEMA)
+    return Tabled(table, int(np.isnan(z).sum()), rigid, poses)
+
+
+def _solids(simulated: Simulated, demand: Demand, place: Place) -> Solids:
+    """Return what stands near people's ways."""
+    walks = np.array([trip.actor_class == "pedestrian" for trip in demand.trips], np.bool_)
+    walked = simulated.front[walks[simulated.trip]] if len(walks) else np.zeros((0, 2))
+    return Solids(place.blocks, walked, place.roads.footway(0))
 
 
 def _poses(
@@ -212,12 +244,14 @@ def _exchanged(
     return {name: values[order] for name, values in joined.items()}
 
 
-def _apart(
+def _apart(  # noqa: PLR0913 - all that they go between
     columns: dict[str, NDArray[Any]],
     lanes: Sequence[str],
     trips: Sequence[Trip],
     who: NDArray[np.int64],
     place: Place,
+    solids: Solids,
+    before: Before | None,
     *,
     step_s: float,
     asset: Callable[[str], Asset],
@@ -238,7 +272,7 @@ def _apart(
     whose = np.where(led, who, vehicles(who))
     moving = Moving(trip, boxes, columns["speed"], level, columns["lane"], classes, whose)
     footways = Footways(place.roads, lanes, beyond_m=_BESIDE_M)
-    xy, speed = separated(moving, place.blocks, footways, step_s)
+    xy, speed = separated(moving, place.blocks, footways, step_s, solids)
     yaw = columns["yaw"].copy()
     breaks = np.flatnonzero((np.diff(trip) != 0) | (np.diff(columns["step"]) != 1)) + 1
     for rows in np.split(np.arange(len(trip)), breaks):
@@ -248,7 +282,8 @@ def _apart(
             yaw[rows] = faced(xy[rows], columns["xy"][rows], yaw[rows], speed[rows], step_s)
         else:
             yaw[rows] = steered(xy[rows], yaw[rows], _rear_m(meshes[trip[rows[0]]]))
-    return {**columns, "xy": xy, "yaw": yaw, "speed": speed}
+    parted = {**columns, "xy": xy, "yaw": yaw, "speed": speed}
+    return yielded(parted, moving, still[trip] / 2, step_s, before)
 
 
 def _rear_m(mesh: Asset) -> float:

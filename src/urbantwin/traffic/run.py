@@ -22,7 +22,13 @@ from urbantwin.traffic.demand.site_demand import demand_of
 from urbantwin.traffic.demand.time_of_day import at_time_of_day
 from urbantwin.traffic.drive_manifest import manifest_of_drive
 from urbantwin.traffic.events.put_in import StagedEvent, staged_table, with_events
-from urbantwin.traffic.events.reacting import REACTING, everybody, plan_events, reactions
+from urbantwin.traffic.events.reacting import (
+    REACTING,
+    changed_from,
+    everybody,
+    plan_events,
+    reactions,
+)
 from urbantwin.traffic.events.scenario import Event, scenario_events
 from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
 from urbantwin.traffic.fleet_of_twin import fleet_of, own_bodies
@@ -31,6 +37,7 @@ from urbantwin.traffic.parked import ParkedVehicles, park
 from urbantwin.traffic.paths.footing import on_footways
 from urbantwin.traffic.paths.overlap import overlaps_of
 from urbantwin.traffic.paths.placement import Ground
+from urbantwin.traffic.paths.yielding import Before
 from urbantwin.traffic.resize import resized
 from urbantwin.traffic.result_warnings import warnings_of_drive
 from urbantwin.traffic.signals import signal_table
@@ -178,6 +185,7 @@ class _Drive:
         actors: the table of actors.
         outside: how many poses were left out because there is no ground.
         rigid: who would bend and has a rigid vehicle, as it would cut a corner into somebody.
+        poses: everybody's, as ``yielding`` has them.
         staged: events that others reacted to.
     """
 
@@ -186,6 +194,7 @@ class _Drive:
     actors: pa.Table
     outside: int
     rigid: frozenset[int]
+    poses: dict[str, Any]
     staged: list[StagedEvent] = field(default_factory=list)
 
 
@@ -233,10 +242,10 @@ class _Streets:
         *,
         by_trip: bool,
         tell: Progress,
-        rigid: frozenset[int] | None = None,
+        before: Before | None = None,
     ) -> _Drive:
         """Make the table of what SUMO did."""
-        actors, outside, rigid = actor_table(
+        made = actor_table(
             on_footways(simulated, demand, self.twin.roads),
             demand,
             place,
@@ -244,10 +253,10 @@ class _Streets:
             step_s=self.step_s,
             asset=self.own.asset,
             by_trip=by_trip,
-            rigid=rigid,
+            before=before,
             tell=tell,
         )
-        return _Drive(demand, simulated, actors, outside, rigid)
+        return _Drive(demand, simulated, made.actors, made.outside, made.rigid, made.poses)
 
     def with_reactions(
         self, without: _Drive, events: list[tuple[int, Event]], place: Place
@@ -259,8 +268,10 @@ class _Streets:
         simulated = self.drive(without.demand, staged=plan.rows)
         found = reactions(simulated, events, start_s, self.steps * self.step_s)
         demand = everybody(without.demand, plan)
-        rigid = without.rigid
-        drive = self.tabled(simulated, demand, place, by_trip=True, tell=untold, rigid=rigid)
+        until = math.ceil(changed_from(events) / self.step_s - 1e-6)
+        own = frozenset(trip for one in found for trip in one.trips)
+        before = Before(without.poses, until, own, without.rigid)
+        drive = self.tabled(simulated, demand, place, by_trip=True, tell=untold, before=before)
         actors, staged = staged_table(without.actors, drive.actors, found, events)
         return replace(drive, actors=actors, staged=staged)
 

@@ -15,6 +15,7 @@ from matplotlib.path import Path as Outline
 from urbantwin.geometry import LabelledMesh
 from urbantwin.roads import RoadNetwork
 from urbantwin.roads.model import LaneModel
+from urbantwin.scene.surface import PARTS
 from urbantwin.view.footprint import footprints
 from urbantwin.view.plan_style import Look
 from urbantwin.view.road_furniture import islands
@@ -57,6 +58,16 @@ def draw_ground(axes: Axes, region: shapely.Polygon, mesh: LabelledMesh | None, 
     fill(axes, [region], look.ground, zorder=0)
     if mesh is None:
         return
+    # What lies between carriageways is raised in the scene, also where no lane of the model is.
+    islands_of_mesh = footprints(mesh.select(mesh.part == PARTS["island"]), "other-ground")
+    fill(
+        axes,
+        islands_of_mesh.values(),
+        look.lanes["island"],
+        zorder=4,
+        edgecolor=look.curb,
+        linewidth=0.7,
+    )
     plants = footprints(mesh, "vegetation", hull=True)
     fill(axes, plants.values(), look.green, zorder=2)
     buildings = footprints(mesh, "building")

@@ -105,8 +105,10 @@ def _lanes(
         speed = speed_of(found.value("maxspeed:lanes", slot), country) or usual
         turns = tuple(w for w in found.value("turn:lanes", slot).split(";") if w in ARROWS)
         width = metres(found.value("width:lanes", slot)) or 0.0
-        if kind == "bicycle" and not width:
-            width = standard.cycle_lane
+        if kind == "bicycle":
+            width = width or standard.cycle_lane
+        elif not NARROWEST_M <= width <= WIDEST_M:
+            width = 0.0
         lanes.append(CarriagewayLane(kind, min(width, WIDEST_M), speed, allowed, turns))
     if driving_side == "left":
         lanes.reverse()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -37,6 +37,7 @@ class Crosswalk:
         edges: ids of the edges that it crosses.
         line: (2, 2) its middle, from kerb to kerb.
         width: of the crosswalk, metres.
+        marking: what it is marked with; empty where the map does not tell.
     """
 
     area: int
@@ -44,6 +45,7 @@ class Crosswalk:
     edges: tuple[str, ...]
     line: NDArray[np.float64]
     width: float
+    marking: str = ""
 
 
 @dataclass(frozen=True)
@@ -79,7 +81,8 @@ def crosswalks_of_model(model: LaneModel, edges: tuple[Edge, ...], nodes: Nodes)
             # One crosswalk may lead over the two carriageways of a street: arms side by side.
             beside = arm.outwards @ candidates[0][2].outwards > PARALLEL
             if over.node == candidates[0][3].node and beside:
-                found.setdefault((over.node, over.edges), over)
+                painted = replace(over, marking=area.marking)
+                found.setdefault((over.node, over.edges), painted)
     return list(found.values())
 
 

@@ -280,7 +280,7 @@ def _connections(plain: PlainNetwork) -> etree._Element:
     # netconvert wants them counter-clockwise about the node where traffic keeps to the right.
     way = 1 if plain.model.driving_side == "right" else -1
     for crosswalk in plain.crosswalks:
-        etree.SubElement(
+        item = etree.SubElement(
             root,
             "crossing",
             {
@@ -291,6 +291,8 @@ def _connections(plain: PlainNetwork) -> etree._Element:
                 "shape": shape_text(crosswalk.line[::way]),
             },
         )
+        if crosswalk.marking:
+            etree.SubElement(item, "param", key="marking", value=crosswalk.marking)
     return root
 
 

@@ -129,7 +129,12 @@ def consolidated(
         and (not link.end or link.end in edges)
         and plain.edges[link.start].end not in home
     ]
+    reached = {node for edge in edges.values() for node in (edge.start, edge.end)}
+    if not reached:
+        return plain  # Streets lie nearer to each other than they are wide.
     for cluster in clusters:
+        if cluster.id not in reached:
+            continue
         nodes[cluster.id], found = _junction(
             plain, cluster, edges, new_strips, arrows, forbidden, driving_side
         )

@@ -101,6 +101,7 @@ def with_crossings(
             if not hits:
                 continue
             plain, arm = _at_new_node(plain, crossing, hits)
+        plain = _lit(plain, crossing, arm)
         line = _over(crossing, [hit.strip for hit in arm.hits])
         if line is None:
             continue
@@ -115,6 +116,21 @@ def with_crossings(
         )
         plain = replace(plain, crossings=(*plain.crossings, made))
     return plain
+
+
+def _lit(plain: PlainNetwork, crossing: MappedCrossing, arm: _Arm) -> PlainNetwork:
+    """Return the network with signals at the node of a signalised crossing.
+
+    They stop who comes over the crossing; where others come to the node, too, it stays unlit.
+    """
+    node = plain.nodes[arm.node]
+    if not crossing.signalised or _is_signalised(plain, node.id):
+        return plain
+    crossed = {hit.strip.edge.id for hit in (*arm.hits, *arm.beyond)}
+    if not {edge.id for edge in plain.arriving[node.id] if is_driven(edge)} <= crossed:
+        return plain
+    lit = {**node.attributes, "type": "traffic_light", "tl": node.id}
+    return replace(plain, nodes={**plain.nodes, node.id: replace(node, attributes=lit)})
 
 
 def _is_signalised(plain: PlainNetwork, node: str) -> bool:

@@ -36,7 +36,9 @@ def outline_of(
     whole = _connected(area_union([*swept, *lines]))
     closed = whole.buffer(CORNER_M, quad_segs=8).buffer(-CORNER_M, quad_segs=8)
     closed = area_union([closed, whole])
-    closed = area_difference(closed, area_union(list(outside)))
+    # Where streets lie nearer than they are wide, others' arms cover all of it.
+    outer = area_difference(closed, area_union(list(outside)))
+    closed = whole if outer.is_empty else outer
     closed = max(shapely.get_parts(closed), key=lambda part: float(part.area))
     closed = _connected(area_union([closed, *ends]))
     closed = max(shapely.get_parts(closed), key=lambda part: float(part.area))

@@ -6,8 +6,8 @@ side by side, and stop lines where signals stop traffic.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -26,6 +26,8 @@ CHORD_M = 1.0
 DASH_M, GAP_M = 3.0, 6.0
 #: The same of lines that guide turns (US MUTCD 3B.08: dotted extensions, 2 ft and 2 to 6 ft).
 BROKEN = {"broken": (DASH_M, GAP_M), "guide": (0.6, 1.2)}
+#: A line this far within a lane is not its border, metres.
+BORDER_M = 0.5
 #: Kinds of lanes that motor traffic drives on.
 MOTOR = ("driving", "bus")
 
@@ -50,10 +52,14 @@ class Line:
 
 
 def lane_marks(network: RoadNetwork, model: LaneModel | None) -> list[Line]:
-    """Return the lines along lanes: painted ones and curbs."""
+    """Return the lines along lanes: painted ones and curbs.
+
+    Where two roads run on each other, nothing of the one lies in the middle of the other's lanes.
+    """
     if model is None:
         return list(_marks_of_strips(network))
-    return [line for road in model.roads if road.junction < 0 for line in _marks_of_road(road)]
+    lines = [line for road in model.roads if road.junction < 0 for line in _marks_of_road(road)]
+    return list(_beside_lanes(lines, network))
 
 
 def stop_lines(network: RoadNetwork, model: LaneModel | None) -> list[Line]:
@@ -127,6 +133,23 @@ def _marks_of_road(road: ModelRoad) -> Iterator[Line]:
                 t = road.border(section, lane, s, outer=True)
                 points = road.place(s, t)[:, :2]
                 yield Line(_kind(lane.mark), points, road.level, lane.strip)
+
+
+def _beside_lanes(lines: Sequence[Line], network: RoadNetwork) -> Iterator[Line]:
+    """Yield what of lines lies beside lanes or on their borders."""
+    lanes = [lane for lane in network.lanes if lane.kind in MOTOR and not lane.junction]
+    inner = shapely.buffer([lane.polygon for lane in lanes], -BORDER_M)
+    tree = shapely.STRtree(inner)
+    for line in lines:
+        whole = shapely.LineString(line.points)
+        hit = [k for k in tree.query(whole, "intersects") if lanes[k].level == line.level]
+        if not hit:
+            yield line
+            continue
+        rest = shapely.difference(whole, shapely.union_all(inner[hit]))
+        for part in shapely.get_parts(rest):
+            if part.length > BORDER_M:
+                yield replace(line, points=shapely.get_coordinates(part))
 
 
 def _kind(mark: str) -> str:

@@ -2,7 +2,12 @@
 
 from urbantwin.roads.model.carriageway import carriageway_in_plan
 from urbantwin.roads.model.curve import Curve, Piece, all_turned, filleted, splined, turned
-from urbantwin.roads.model.furniture import RoadArea, RoadSignal, SignalController
+from urbantwin.roads.model.furniture import (
+    CROSSING_MARKINGS,
+    RoadArea,
+    RoadSignal,
+    SignalController,
+)
 from urbantwin.roads.model.junction import Connection, ModelJunction
 from urbantwin.roads.model.lane_section import (
     CURB_HEIGHT_M,
@@ -16,6 +21,7 @@ from urbantwin.roads.model.profile import Profile, fitted
 from urbantwin.roads.model.road import ModelRoad, RoadLink
 
 __all__ = [
+    "CROSSING_MARKINGS",
     "CURB_HEIGHT_M",
     "LANE_KINDS",
     "RAISED_KINDS",

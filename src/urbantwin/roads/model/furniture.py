@@ -6,8 +6,10 @@ from dataclasses import dataclass
 
 from urbantwin.artefact.typed_document import Said, Triples
 
-__all__ = ["Phase", "RoadArea", "RoadSignal", "SignalController"]
+__all__ = ["CROSSING_MARKINGS", "Phase", "RoadArea", "RoadSignal", "SignalController"]
 
+#: What crossings are marked with: stripes, two lines, two broken lines, two rows of studs, nothing.
+CROSSING_MARKINGS = ("zebra", "lines", "dashes", "dots", "none")
 #: A phase of a fixed-time program: seconds, and one character of state per link, as SUMO writes it.
 Phase = tuple[float, str]
 
@@ -25,6 +27,7 @@ class RoadArea:
         corners: (N, 3) outline in the road's frame there: ahead, left, up; not closed.
         height: how far it stands above the carriageway, metres.
         strip: id of the crossing in ``RoadNetwork``; empty for all else.
+        marking: what a crosswalk is marked with, as ``Lane.marking``; empty where nobody told.
     """
 
     id: int
@@ -35,6 +38,7 @@ class RoadArea:
     corners: Triples
     height: float = 0.0
     strip: str = ""
+    marking: str = ""
 
 
 @dataclass(frozen=True)

@@ -11,19 +11,31 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 from urbantwin.roads.model.furniture import Phase
 from urbantwin.roads.signals.controlled_links import Link, Signalised
 from urbantwin.roads.signals.green_times import SATURATION_VEH_H
 
-__all__ = ["Flows", "LaneLoad", "gap_flow", "lane_loads", "on_lanes"]
+__all__ = [
+    "FOLLOWING_M",
+    "Flows",
+    "LaneLoad",
+    "gap_flow",
+    "lane_loads",
+    "on_lanes",
+    "saturation_flow",
+]
 
 #: (edge, next edge, the one after that or nothing) -> cars an hour.
 Flows = Mapping[tuple[str, str, str], float]
 #: Turns leave a lane so much more slowly than those who go straight on (HCM 2016, 19: 0.85 to
 #: 0.95), where people cross at their exit as well.
 TURNING, BESIDE_WALKERS = 0.9, 0.75
+#: Who follows through a bend keeps this distance in time, and this length of the queue in space:
+#: seconds, metres (the headway of simulated drivers; Kimber, McDonald and Hounsell, TRRL Research
+#: Report 67, 1986, measured how radius lowers what turns).
+FOLLOWING_S, FOLLOWING_M = 1.35, 6.6
 #: Gaps that turns across opposing traffic take, and from one to the next of a queue, seconds.
 GAP_S, NEXT_S = 4.5, 2.5
 #: How many turn in the change at the end of green.
@@ -39,16 +51,23 @@ NOTHING = 1e-3
 
 @dataclass(frozen=True)
 class LaneLoad:
-    """What a lane carries and could: cars an hour."""
+    """What a lane carries and could: cars an hour, in all and of each link."""
 
     lane: str
     flow: float
     load: float
+    links: Mapping[Link, float] = field(default_factory=dict)
 
     @property
     def capacity(self) -> float:
         """What it could carry of the same movements."""
         return self.flow / self.load if self.load else math.inf
+
+
+def saturation_flow(link: Link) -> float:
+    """Return how many cars an hour of green take a link from a lane of its own."""
+    in_bend = 3600.0 / (FOLLOWING_S + FOLLOWING_M / link.bend_speed)
+    return min(SATURATION_VEH_H * (TURNING if link.is_turn else 1.0), in_bend)
 
 
 def gap_flow(opposing: float) -> float:
@@ -98,6 +117,8 @@ def lane_loads(
     phases: Sequence[Phase],
     flows: Flows,
     behind: Mapping[int, Collection[int]] | None = None,
+    *,
+    in_bends: bool = True,
 ) -> list[LaneLoad]:
     """Return the load of every lane that waits, the highest first.
 
@@ -106,19 +127,22 @@ def lane_loads(
         phases: its program.
         flows: what goes from street to street.
         behind: link -> inner links where what it lets go has no room to wait for another green.
+        in_bends: whether who turns in a narrow bend leaves more slowly.
     """
     cycle = sum(seconds for seconds, _ in phases)
     even = on_lanes(junction, flows, lambda link: SATURATION_VEH_H)
-    capacity = {link: _capacity(junction, link, phases, cycle, even) for link in even}
+    capacity = {link: _capacity(junction, link, phases, cycle, even, in_bends) for link in even}
     carried = on_lanes(junction, flows, capacity.__getitem__)
     flow: dict[str, float] = defaultdict(float)
     load: dict[str, float] = defaultdict(float)
+    links: dict[str, dict[Link, float]] = defaultdict(dict)
     for link, count in carried.items():
+        links[link.lane][link] = count
         flow[link.lane] += count
         load[link.lane] += count / max(capacity[link], NOTHING)
-    for lane, further in _loads_behind(junction, phases, even, behind or {}).items():
+    for lane, further in _loads_behind(junction, phases, even, behind or {}, in_bends).items():
         load[lane] = max(load[lane], further)
-    found = [LaneLoad(lane, flow[lane], load[lane]) for lane in sorted(flow)]
+    found = [LaneLoad(lane, flow[lane], load[lane], links[lane]) for lane in sorted(flow)]
     return sorted(found, key=lambda one: -one.load)
 
 
@@ -127,6 +151,7 @@ def _loads_behind(
     phases: Sequence[Phase],
     even: Mapping[Link, float],
     behind: Mapping[int, Collection[int]],
+    in_bends: bool,
 ) -> dict[str, float]:
     """Return the load that inner lanes are to each lane while it has green."""
     cycle = sum(seconds for seconds, _ in phases)
@@ -144,7 +169,7 @@ def _loads_behind(
             whole = sum(even[other] for other in ways)
             shares = [even[other] / whole if whole else 1.0 / len(ways) for other in ways]
             needed = sum(
-                share / max(_capacity(junction, other, own, cycle, even), NOTHING)
+                share / max(_capacity(junction, other, own, cycle, even, in_bends), NOTHING)
                 for other, share in zip(ways, shares, strict=True)
                 if share
             )
@@ -159,6 +184,7 @@ def _capacity(
     phases: Sequence[Phase],
     cycle: float,
     even: Mapping[Link, float],
+    in_bends: bool,
 ) -> float:
     """Return how many an hour a link could carry, if the lane were its own."""
     green = [seconds for seconds, state in phases if state[link.index] in "gG"]
@@ -166,7 +192,7 @@ def _capacity(
     driven = [other for other in foes if other.movement != "walk"]
     cars, blocked = 0.0, 0.0
     lost = START_LOST_S / sum(green) if green else 0.0
-    turning = TURNING if link.is_turn else 1.0
+    saturation = saturation_flow(link if in_bends else replace(link, bend_speed=math.inf))
     waits = False
     for seconds, state in phases:
         letter = state[link.index]
@@ -174,7 +200,7 @@ def _capacity(
             continue
         opposing = [other for other in driven if state[other.index] in "gG"]
         walked = any(state[k.index] in "gG" for k in foes if k.movement == "walk")
-        rate = SATURATION_VEH_H * (BESIDE_WALKERS if walked else turning)
+        rate = min(saturation, SATURATION_VEH_H * (BESIDE_WALKERS if walked else 1.0))
         if letter == "g" and opposing:
             waits = True
             rate = min(rate, gap_flow(sum(even[other] for other in opposing)))

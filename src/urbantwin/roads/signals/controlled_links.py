@@ -13,6 +13,7 @@ from lxml import etree
 from numpy.typing import NDArray
 
 from urbantwin.geometry import stations_of_points, wrapped
+from urbantwin.roads.curve_speed import lane_speeds
 from urbantwin.roads.model.furniture import Phase
 
 __all__ = [
@@ -63,6 +64,7 @@ class Link:
             that it lies across; degrees clockwise from north.
         length: of the way through the junction, or across the road, metres.
         speed: the speed limit there, m/s.
+        bend_speed: the speed at which its sharpest bend is taken, m/s, at most the limit.
         crosses: of a crossing, the edges that it leads over.
     """
 
@@ -77,6 +79,7 @@ class Link:
     bearing: float
     length: float
     speed: float
+    bend_speed: float = math.inf
     crosses: tuple[str, ...] = ()
 
     @property
@@ -167,6 +170,7 @@ def signalised_junctions(root: etree._Element) -> list[Signalised]:
     edges = {edge.get("id"): edge for edge in root.iter("edge")}
     lanes = {lane.get("id"): lane for lane in root.iter("lane")}
     outgoing = outgoing_of_lanes(root)
+    bends = _bend_speeds(root)
     links: dict[str, list[Link]] = defaultdict(list)
     foes: dict[str, set[tuple[str, int, int]]] = defaultdict(set)
     yields: dict[str, set[tuple[str, int, int]]] = defaultdict(set)
@@ -182,7 +186,7 @@ def signalised_junctions(root: etree._Element) -> list[Signalised]:
             at[program].append(junction)
         for row, item in enumerate(rows):
             if item.get("tl"):
-                links[item.get("tl")].append(_link(item, name, row, edges, lanes))
+                links[item.get("tl")].append(_link(item, name, row, edges, lanes, bends))
         for request in junction.iter("request"):
             row = int(request.get("index"))
             for key, table in (("foes", foes), ("response", yields)):
@@ -276,6 +280,7 @@ def _link(
     row: int,
     edges: Mapping[str, etree._Element],
     lanes: Mapping[str, etree._Element],
+    bends: Mapping[str, float],
 ) -> Link:
     start, end = (f"{item.get(k)}_{item.get(k + 'Lane')}" for k in ("from", "to"))
     if item.get("from").startswith(":"):
@@ -297,7 +302,7 @@ def _link(
             bearing,
             length,
             float(lanes[end].get("speed")),
-            tuple(crossing.get("crossingEdges", "").split()),
+            crosses=tuple(crossing.get("crossingEdges", "").split()),
         )
     edge = edges[item.get("from")]
     via = lanes.get(item.get("via", ""))
@@ -316,7 +321,28 @@ def _link(
         _arm(edge, junction),
         length,
         float(lanes[start].get("speed")),
+        min(bends.get(item.get("via", ""), math.inf), float(lanes[start].get("speed"))),
     )
+
+
+def _bend_speeds(root: etree._Element) -> dict[str, float]:
+    """Return for each way that a signal stops, the first part of it, its lowest speed, m/s."""
+    onward = {
+        f"{item.get('from')}_{item.get('fromLane')}": item.get("via")
+        for item in root.iter("connection")
+        if item.get("from").startswith(":")
+    }
+    parts: dict[str, list[str]] = {}
+    for item in root.iter("connection"):
+        if item.get("tl") and item.get("via") and not item.get("from").startswith(":"):
+            first = item.get("via")
+            # A way that waits halfway has a second part.
+            parts[first] = [first, *filter(None, [onward.get(first)])]
+    speeds = lane_speeds(root, {name for names in parts.values() for name in names})
+    return {
+        first: min((float(speeds[x].min()) for x in names if x in speeds), default=math.inf)
+        for first, names in parts.items()
+    }
 
 
 def _arm(edge: etree._Element, junction: str) -> float:

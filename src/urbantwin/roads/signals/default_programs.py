@@ -2,52 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 
-import numpy as np
 from lxml import etree
 
 from urbantwin.roads.model.furniture import Phase
-from urbantwin.roads.signals.capacity import Flows, LaneLoad, lane_loads, on_lanes
-from urbantwin.roads.signals.controlled_links import Link, Signalised, signalised_junctions
-from urbantwin.roads.signals.coordination import COORDINATED_M, neighbourhoods, offsets
-from urbantwin.roads.signals.green_times import (
-    LONGEST_CYCLE_S,
-    SATURATION_VEH_H,
-    SHORTEST_CYCLE_S,
-    STEP_S,
-    cycle_s,
-    green_seconds,
+from urbantwin.roads.signals.capacity import Flows
+from urbantwin.roads.signals.controlled_links import Signalised, signalised_junctions
+from urbantwin.roads.signals.coordination import (
+    COORDINATED_M,
+    least_waiting,
+    neighbourhoods,
+    offsets,
 )
+from urbantwin.roads.signals.green_times import SHORTEST_CYCLE_S, STEP_S
 from urbantwin.roads.signals.inner_links import Feed, feeds
-from urbantwin.roads.signals.intergreen import Change, Intergreens
-from urbantwin.roads.signals.lane_flows import assumed_flows, flow_ratios, link_flows
-from urbantwin.roads.signals.phases import phases_of_stages, walks
-from urbantwin.roads.signals.plan_check import WALK_S
-from urbantwin.roads.signals.stages import Stage, critical_ratios, stages_of
-from urbantwin.roads.signals.streams import Traffic
+from urbantwin.roads.signals.junction_timing import Timing, timing_of
+from urbantwin.roads.signals.lane_flows import assumed_flows, link_flows
+from urbantwin.roads.signals.queue_model import QueueModel
 
 __all__ = ["set_default_programs"]
 
-#: Nobody has green for less, seconds, or than the second where the cycle would be too long (RiLSA
-#: 2015, 2.7.2: 5 s, 10 s on main streets).
-SHORTEST_GREEN_S, LEAST_GREEN_S = 8.0, 5.0
-#: Red of a crossing's own signals: 5 s to set out and 8 m to walk at 1.2 m/s (RiLSA 2015, 2.5).
-CROSSING_RED_S = 12.0
-#: A cycle is long enough that lasts this share less than the best one: delays differ by 10 to 20 %
-#: between 0.75 and 1.5 of the best (Webster, 1958).
-NEARLY = 1.25
-#: A lane that carries more than this share of what it can is full (0.85 to 0.9 by HCM 2016, 19, and
-#: RiLSA 2015, of all lanes of an approach; drivers do not spread over them that evenly); one that
-#: carries less than the other has ample green.
-FULL, AMPLE = 0.75, 0.6
-#: Greens are shared out anew so often, each time so much (exponent) towards the fullest lanes.
-SHARED_OUT, TOWARDS, LITTLE = 10, 0.6, 0.02
-#: So often turns of full lanes are taken apart; a second of too long a cycle is this bad.
-APART, TOO_LONG = 3, 100.0
+#: So many cycles between the shortest and the one that the busiest junction needs are tried where
+#: signals hold each other up: what finds room between them is as much for a short green.
+CYCLES = 3
+#: A shorter cycle is taken if what waits is less than this share: it loses time at every change.
+WORTH = 0.7
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """Programs of neighbours, their offsets, and how bad they are."""
+
+    programs: Mapping[str, Sequence[Phase]]
+    offsets: Mapping[str, float]
+    cost: float = 0.0
 
 
 def set_default_programs(net: Path, *, flows: Flows | None = None) -> None:
@@ -63,54 +54,52 @@ def set_default_programs(net: Path, *, flows: Flows | None = None) -> None:
     ways = feeds(root, there, COORDINATED_M)
     flows = flows or assumed_flows(root, there)
     left_hand = root.get("lefthand") == "true"
-    timings = {item.program: _timing(item, ways, flows, left_hand=left_hand) for item in there}
+    timings = {item.program: timing_of(item, ways, flows, left_hand=left_hand) for item in there}
     logics = {item.get("id"): item for item in root.iter("tlLogic")}
     for names in neighbourhoods(timings, ways):
-        cycle = max(timings[name].cycle for name in names)
-        first = max(names, key=lambda name: timings[name].cycle)
-        programs = {}
-        for name in names:
-            times = 2 if timings[name].fits(cycle / 2) else 1
-            programs[name] = timings[name].phases(cycle / times) * times
-        flow = {
-            (name, index): ratio
-            for name in names
-            for index, ratio in link_flows(timings[name].carried).items()
-        }
-        for name, offset in offsets(programs, ways, flow, first).items():
-            _write(logics[name], offset, programs[name])
+        near = {name: timings[name] for name in names}
+        first, *others = (_planned(near, cycle, ways, flows) for cycle in _cycles(near))
+        best = min(others, key=lambda plan: plan.cost, default=first)
+        best = best if best.cost < WORTH * first.cost else first
+        for name, offset in best.offsets.items():
+            _write(logics[name], offset, best.programs[name])
     if timings:
         text = etree.tostring(root, xml_declaration=True, encoding="UTF-8")
         net.write_bytes(text + b"\n")
 
 
-def _timing(
-    junction: Signalised, ways: Sequence[Feed], flows: Flows, *, left_hand: bool
-) -> _Timing:
-    """Return a junction's timing, if need be with less care for a cycle that is not too long.
+def _cycles(near: Mapping[str, Timing]) -> Iterator[float]:
+    """Yield the common cycles that are tried, seconds: the longest first."""
+    longest = max(timing.cycle for timing in near.values())
+    yield longest
+    shortest = max(SHORTEST_CYCLE_S, *(timing.shortest_cycle for timing in near.values()))
+    if len(near) > 1:
+        for part in range(1, CYCLES):
+            cycle = longest + (shortest - longest) * part / (CYCLES - 1)
+            cycle = STEP_S * -(-cycle // STEP_S)
+            if cycle < longest:
+                yield cycle
 
-    First turns across have no stages of their own, then traffic may wait at all inner stop lines,
-    then greens are as short as they may be. Where lanes are full that turns across hold up, their
-    streets go one after the other, if that helps.
-    """
-    found: list[_Timing] = []
-    for protects, inner, shortest in (
-        (True, ways, SHORTEST_GREEN_S),
-        (False, ways, SHORTEST_GREEN_S),
-        (False, (), SHORTEST_GREEN_S),
-        (False, (), LEAST_GREEN_S),
-    ):
-        apart: frozenset[int] = frozenset()
-        for _ in range(APART):
-            traffic = Traffic(junction, inner, left_hand=left_hand, protects=protects, apart=apart)
-            found.append(_Timing(junction, traffic, flows, shortest))
-            held_up = found[-1].held_up
-            if held_up <= apart:
-                break
-            apart |= held_up
-        if min(timing.score for timing in found) <= FULL:
-            break
-    return min(found, key=lambda timing: timing.score)
+
+def _planned(near: Mapping[str, Timing], cycle: float, ways: Sequence[Feed], flows: Flows) -> _Plan:
+    """Return the programs of neighbours for a common cycle, seconds, with their offsets."""
+    programs: dict[str, Sequence[Phase]] = {}
+    for name, timing in near.items():
+        times = 2 if timing.fits(cycle / 2) else 1
+        programs[name] = timing.phases(cycle / times) * times
+    first = max(near, key=lambda name: near[name].cycle)
+    flow = {
+        (name, index): ratio
+        for name, timing in near.items()
+        for index, ratio in link_flows(timing.carried).items()
+    }
+    late = offsets(programs, ways, flow, first)
+    if len(near) == 1:
+        return _Plan(programs, late)
+    junctions: list[Signalised] = [timing.junction for timing in near.values()]
+    model = QueueModel(junctions, programs, ways, flows)
+    late, cost = least_waiting(model, late, round(cycle), first)
+    return _Plan(programs, late, cost)
 
 
 def _write(logic: etree._Element, offset: float, phases: Sequence[Phase]) -> None:
@@ -121,170 +110,3 @@ def _write(logic: etree._Element, offset: float, phases: Sequence[Phase]) -> Non
     for seconds, state in phases:
         etree.SubElement(logic, "phase", duration=f"{seconds:g}", state=state)
     etree.indent(logic, space=" ", level=1)
-
-
-@dataclass(frozen=True)
-class _Timing:
-    """Stages of a junction, and how long they take."""
-
-    junction: Signalised
-    traffic: Traffic
-    flows: Flows
-    shortest_s: float
-
-    @cached_property
-    def carried(self) -> dict[Link, float]:
-        """Cars an hour on each link."""
-        return on_lanes(self.junction, self.flows, lambda link: SATURATION_VEH_H)
-
-    @cached_property
-    def _flow(self) -> list[float]:
-        return flow_ratios(self.traffic, self.carried)
-
-    @cached_property
-    def _intergreens(self) -> Intergreens:
-        return Intergreens(self.traffic)
-
-    @cached_property
-    def stages(self) -> list[frozenset[int]]:
-        """Links with green in each stage; where vehicles would always have it, people alone last.
-
-        There may be nobody on foot in the network where no sidewalk is mapped.
-        """
-        found = [stage.green for stage in self._stages]
-        if len(found) > 1:
-            return self._brisk(found)
-        return [found[0], frozenset(k for k in found[0] if walks(self.junction, k))]
-
-    @cached_property
-    def _stages(self) -> tuple[Stage, ...]:
-        return stages_of(self.traffic, self._flow, self._intergreens)
-
-    def _brisk(self, stages: list[frozenset[int]]) -> list[frozenset[int]]:
-        """Let people cross in fewer of the stages that they could while that shortens the cycle."""
-        while self._needed(stages) > SHORTEST_CYCLE_S:
-            fewer = []
-            for k, green in enumerate(stages):
-                for index in sorted(green):
-                    rest = [*stages[:k], green - {index}, *stages[k + 1 :]]
-                    if walks(self.junction, index) and any(index in other for other in rest):
-                        fewer.append(rest)
-            best = min(fewer, key=self._needed, default=stages)
-            if self._needed(best) >= self._needed(stages):
-                break
-            stages = best
-        return stages
-
-    def _needed(self, stages: Sequence[frozenset[int]]) -> float:
-        """Return the seconds that the shortest greens and the changes between them need."""
-        return sum(self._least(stages)) + self._lost(stages)
-
-    def _changes(self, stages: Sequence[frozenset[int]]) -> list[Change]:
-        after = [*stages[1:], stages[0]]
-        return [self._intergreens.change(*pair) for pair in zip(stages, after, strict=True)]
-
-    def _lost(self, stages: Sequence[frozenset[int]]) -> float:
-        return sum(change.seconds for change in self._changes(stages))
-
-    @cached_property
-    def ratios(self) -> list[float]:
-        """Critical flow ratio of each stage."""
-        found = critical_ratios(self._stages, self._flow)
-        return found + [0.0] * (len(self.stages) - len(found))
-
-    def _least(self, stages: Sequence[frozenset[int]]) -> list[float]:
-        """Return the shortest green of each stage, whole seconds."""
-        changes = self._changes(stages)
-        found = []
-        for k, green in enumerate(stages):
-            before, change = changes[k - 1], changes[k]
-            driven = any(not walks(self.junction, index) for index in green)
-            # What the last stage left is over before the next change.
-            least = [self.shortest_s if driven else CROSSING_RED_S, before.over - before.seconds]
-            for index in green:
-                came = index in stages[k - 1]
-                late = 0.0 if came else before.starts.get(index, before.seconds) - before.seconds
-                early = min(change.ends.get(index, 0.0), 0.0)
-                least.append((0.0 if came else WALK_S) + late - early)
-            found.append(max(least))
-        return found
-
-    @cached_property
-    def cycle(self) -> float:
-        """The cycle that the junction needs, seconds: longer where lanes would be full."""
-        needed = self._needed(self.stages)
-        cycle = cycle_s(self.ratios, self._lost(self.stages), needed)
-        while cycle < LONGEST_CYCLE_S and self._shared_out(cycle)[0] > FULL:
-            cycle += STEP_S
-        return cycle
-
-    @cached_property
-    def score(self) -> float:
-        """How full the fullest lane is; worse than any where the cycle is too long."""
-        too_long = max(self.cycle - LONGEST_CYCLE_S, 0.0)
-        return too_long * TOO_LONG or max(self._shared_out(self.cycle)[0], FULL)
-
-    @cached_property
-    def held_up(self) -> frozenset[int]:
-        """Links of full lanes that wait for gaps in opposing traffic."""
-        full = {one.lane for one in self._loads(self.phases(self.cycle)) if one.load > FULL}
-        behind = {
-            inner.lane
-            for link in self.junction.links
-            if link.lane in full
-            for k in self._behind.get(link.index, ())
-            for inner in self.junction.of_index[k]
-        }
-        links = (link for link in self.junction.links if link.lane in full | behind)
-        return frozenset(link.index for link in links if self.traffic.waits_for_gaps(link))
-
-    def fits(self, cycle: float) -> bool:
-        """Whether half of a common cycle, seconds, is long enough, or nearly so.
-
-        Twice as often a green lets fewer vehicles wait between neighbours.
-        """
-        least = self._needed(self.stages)
-        fits = cycle.is_integer() and least <= cycle and self.cycle <= NEARLY * cycle
-        return fits and self._shared_out(cycle)[0] <= max(self.score, FULL)
-
-    def phases(self, cycle: float) -> tuple[Phase, ...]:
-        """Return the phases for a cycle, seconds."""
-        return self._shared_out(cycle)[1]
-
-    def _loads(self, phases: Sequence[Phase]) -> list[LaneLoad]:
-        return lane_loads(self.junction, phases, self.flows, self._behind)
-
-    @cached_property
-    def _behind(self) -> dict[int, list[int]]:
-        return {k: [feed.to_index for feed in ways] for k, ways in self.traffic.inner.items()}
-
-    @cached_property
-    def _known(self) -> dict[float, tuple[float, tuple[Phase, ...]]]:
-        return {}
-
-    def _shared_out(self, cycle: float) -> tuple[float, tuple[Phase, ...]]:
-        """Return how full the fullest lane is, and the phases, where greens are fair.
-
-        Greens in proportion to critical flow ratios, then more of it where lanes are fullest.
-        """
-        if cycle not in self._known:
-            changes, stages = self._changes(self.stages), self.stages
-            least, lost = self._least(stages), self._lost(stages)
-            green_on = [
-                {link.lane for k in green for link in self.junction.of_index[k]} for green in stages
-            ]
-            ratios = np.maximum(self.ratios, LITTLE)
-            found: list[tuple[float, tuple[Phase, ...]]] = []
-            for _ in range(SHARED_OUT):
-                seconds = green_seconds(ratios.tolist(), least, cycle - lost)
-                phases = phases_of_stages(self.junction, stages, seconds, changes)
-                loads = self._loads(phases)
-                fullest = loads[0].load if loads else 0.0
-                found.append((fullest, phases))
-                if fullest <= AMPLE:
-                    break
-                load_of = {one.lane: one.load for one in loads}
-                full = [max((load_of.get(x, 0.0) for x in on), default=0.0) for on in green_on]
-                ratios *= np.maximum(np.array(full) / fullest, LITTLE) ** TOWARDS
-            self._known[cycle] = min(found, key=lambda one: round(one[0], 6))
-        return self._known[cycle]

@@ -182,7 +182,16 @@ def _crosswalk(number: int, lane: Lane, host: _Host, outline: NDArray[np.float64
     point = shapely.get_coordinates(shapely.shortest_line(host.line, other))[0]
     s = float(np.clip(road.curve.locate(point[None])[0][0], 0.0, road.length))
     corners = _local(road, s, outline)
-    return RoadArea(number, road.id, "crosswalk", "crosswalk", s, corners, strip=lane.id)
+    return RoadArea(
+        number,
+        road.id,
+        "crosswalk",
+        "crosswalk",
+        s,
+        corners,
+        strip=lane.id,
+        marking=lane.marking,
+    )
 
 
 def _corners(lane: Lane) -> NDArray[np.float64]:

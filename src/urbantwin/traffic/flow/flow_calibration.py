@@ -20,6 +20,7 @@ from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand.circulation import Circulation
 from urbantwin.traffic.demand.demand import Population
 from urbantwin.traffic.sumo.simulation import Observed, observe
+from urbantwin.traffic.sumo.tram_conflicts import tram_conflicts
 
 __all__ = ["Calibrated", "calibrate"]
 
@@ -106,6 +107,7 @@ def calibrate(
     Raises:
         StageError: SUMO failed.
     """
+    trams = tram_conflicts(net_path, roads)
 
     def pilot(
         size: float, motor: float, others: Mapping[str, float], seconds: int = PILOT_S
@@ -121,7 +123,7 @@ def calibrate(
             seconds=seconds,
             step_ms=STEP_MS,
             seed=circulation.seed,
-            roads=roads,
+            trams=trams,
             scratch=scratch,
         ).observed
         flow = _flow(populations, seen, (seconds - PILOT_S) // 60 + SETTLING_MIN)
@@ -163,7 +165,7 @@ def calibrate(
         if long.flow >= HOLDS * best.flow and long.longest_halt_s < LONGEST_HALT_S:
             best = long
             break
-        best = replace(long, size=best.size * LESS)
+        best = replace(long, size=best.size * LESS, flow=long.flow * LESS)
     for _ in range(TIMES_MORE):
         if best.flow >= 1.0 - TOLERANCE or best.size * MORE > most:
             break

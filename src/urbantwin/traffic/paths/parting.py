@@ -14,6 +14,7 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from urbantwin.traffic.paths.box_plan import PlanBoxes, meetings, near_pairs, rows_beside
 from urbantwin.traffic.paths.footing import Footways
+from urbantwin.traffic.paths.solids import Solids
 
 __all__ = ["ASIDE_M", "GAP_M", "MOVED_M", "NEAR_M", "STANDING_MS", "Moving", "PartingPaths"]
 
@@ -32,6 +33,9 @@ _PASSING_MS = 0.4
 ASIDE_M, _ROUND_M, _LONG_M = 1.2, 2.4, 1.2
 #: No vehicle stands farther than this ahead of where it stopped, metres: it may be a stop line.
 _CREEP_M = 0.3
+#: Two who drive part aside if they lie less than this in each other, metres, along a way that leads
+#: either of them ahead by less than this share.
+_BESIDE_M, _ALONG = 0.6, 0.5
 #: Weight of the constraints against that of the paths, and rounds of both.
 _RHO, _ROUNDS = 8.0, 40
 _KEEP = 1e7  # weight of who is not to be moved
@@ -57,13 +61,14 @@ class _Give:
 
 _GIVES = {
     "pedestrian": _Give(1.0, 1.0, 0.8, (2.0, 2.0)),
-    "bicycle": _Give(1.0, 0.5, 1.0, (4.0, 1.0)),
-    "motorcycle": _Give(1.0, 0.3, 1.2, (4.0, 1.0)),
-    "car": _Give(0.6, 0.05, 1.5, (5.0, 0.8)),
-    "van": _Give(0.6, 0.05, 1.5, (5.0, 0.8)),
-    "truck": _Give(0.3, 0.02, 1.8, (5.0, 0.6)),
-    "bus": _Give(0.3, 0.02, 1.8, (5.0, 0.6)),
-    # Who runs on rails stays on them, and to its time.
+    # Who drives goes a little aside; going later is another step (`yielding`).
+    "bicycle": _Give(1e-6, 0.5, 1.0, (0.0, 1.0)),
+    "motorcycle": _Give(1e-6, 0.3, 1.2, (0.0, 1.0)),
+    "car": _Give(1e-6, 0.05, 1.5, (0.0, 0.5)),
+    "van": _Give(1e-6, 0.05, 1.5, (0.0, 0.5)),
+    "truck": _Give(1e-6, 0.02, 1.8, (0.0, 0.4)),
+    "bus": _Give(1e-6, 0.02, 1.8, (0.0, 0.4)),
+    # Who runs on rails stays on them.
     "tram": _Give(1e-6, 1e-6, 2.0, (0.0, 0.0)),
 }
 #: Bodies of a vehicle that bends stay where the joints between them hold.
@@ -128,6 +133,7 @@ class PartingPaths:
         tree: of the outlines of the blocks.
         footways: where people are to stay.
         step_s: time between steps.
+        solids: the same as people see it.
     """
 
     def __init__(
@@ -138,8 +144,9 @@ class PartingPaths:
         tree: shapely.STRtree,
         footways: Footways,
         step_s: float,
+        solids: Solids | None = None,
     ) -> None:
-        self.moving, self.blocks, self.tree = moving, blocks, tree
+        self.moving, self.blocks, self.tree, self.solids = moving, blocks, tree, solids
         self.footways, self.step_s = footways, step_s
         self.joined, self.kept, actor = moving.joined, ~changed, moving.actor
         _, vehicle, bodies = np.unique(moving.vehicles, return_inverse=True, return_counts=True)
@@ -150,6 +157,8 @@ class PartingPaths:
         ]
         kind = np.array([[one.along, one.aside, one.change_s, *one.most_m] for one in gives])[actor]
         self.on_foot = np.array([name == "pedestrian" for name in moving.classes])[actor]
+        #: On the ground, where the solids stand.
+        self.walks = self.on_foot & (moving.level == 0)
         self.scale = np.sqrt(kind[:, :2])
         self.most = kind[:, 3:]
         self.change = kind[:, 2] / step_s
@@ -201,6 +210,7 @@ class PartingPaths:
         count = len(place)
         boxes, blocks = replace(self.moving.boxes, xy=place), self.blocks
         pairs = self.moving.pairs(NEAR_M, place)
+        pairs = pairs[self._aside(boxes, pairs)]
         row, block = rows_beside(self.tree, boxes, NEAR_M)
         both = PlanBoxes.joined([boxes, blocks])
         pairs = np.concatenate([pairs, np.column_stack([row, block + count])])
@@ -210,13 +220,35 @@ class PartingPaths:
         # Whom others push off the footway comes back.
         off, inward, far = self._off(place)
         over, back, beyond = self._over(place)
-        bound = np.concatenate([off, over])
+        inside, out, deep = self._inside(place)
+        bound = np.concatenate([off, over, inside])
         border = np.column_stack([bound, np.full(len(bound), len(both.yaw))])
         return (
             np.concatenate([pairs, border]),
-            np.concatenate([way, inward, back]),
-            np.concatenate([least, far, beyond]),
+            np.concatenate([way, inward, back, out]),
+            np.concatenate([least, far, beyond, deep]),
         )
+
+    def _aside(self, boxes: PlanBoxes, pairs: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return which pairs (P,) can part by going aside: all but of two who drive.
+
+        These do where they go beside each other and lie little in each other.
+        """
+        deep, way = meetings(boxes, pairs)
+        ahead = boxes.axes[pairs, 0]
+        along = np.abs((ahead * way[:, None]).sum(axis=2)).max(axis=1)
+        beside = (deep < _BESIDE_M) & (along < _ALONG)
+        return np.asarray(self.on_foot[pairs].any(axis=1) | beside)
+
+    def _inside(
+        self, place: NDArray[np.float64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return which people are too near to a solid (R,), the way out (R, 2), how far (R,)."""
+        rows = np.flatnonzero(self.walks)
+        if self.solids is None or not len(rows):
+            return np.zeros(0, np.int64), np.zeros((0, 2)), np.zeros(0)
+        inside, out, deep = self.solids.way_out(place[rows])
+        return rows[inside], out, deep
 
     def _over(
         self, place: NDArray[np.float64]

@@ -1,4 +1,4 @@
-"""Separation: paths bent and delayed a little, so that nobody passes through anybody.
+"""Separation: paths bent a little, so that nobody passes through anybody.
 
 SUMO's walkers meet on walking areas without seeing each other, stand closer than they are wide
 and squeeze past; its vehicles know of lanes, not of the shapes that lanes take where they meet.
@@ -13,8 +13,8 @@ method of multipliers (Boyd et al., Foundations and Trends in Machine Learning 3
 of moving bodies Overby et al., IEEE TVCG 23, 2017): the paths are banded systems, the pairs are
 projections, one formula each.
 
-People step aside in any direction. Vehicles and two-wheelers go earlier or later on their way, and
-aside as far as their lane allows; the heavier, the less.
+People step aside in any direction. Vehicles and two-wheelers beside each other go aside as far as
+their lane allows; the heavier, the less. Where one of them has to wait, `yielding` finds which.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from urbantwin.traffic.paths.parting import (
     Moving,
     PartingPaths,
 )
+from urbantwin.traffic.paths.solids import Solids
 
 __all__ = ["Moving", "separated"]
 
@@ -44,7 +45,11 @@ _OUTER = 6
 
 
 def separated(
-    moving: Moving, blocks: PlanBoxes, footways: Footways, step_s: float
+    moving: Moving,
+    blocks: PlanBoxes,
+    footways: Footways,
+    step_s: float,
+    solids: Solids | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return where actors are so that their boxes do not overlap (N, 2), and their speeds (N,).
 
@@ -55,6 +60,7 @@ def separated(
         blocks: what stands in the way, at whatever step.
         footways: where people are to stay.
         step_s: time between steps.
+        solids: what stands in people's way; the blocks, where there are none.
     """
     xy, speed = moving.boxes.xy.copy(), moving.speed.copy()
     tree = shapely.STRtree(blocks.polygons)
@@ -70,7 +76,7 @@ def separated(
     there |= _within(changed[::-1], moving.actor[::-1], 2)[::-1]
     there[near[changed[near].any(axis=1)]] = True
     rows = np.flatnonzero(there)
-    paths = PartingPaths(moving.take(rows), changed[rows], blocks, tree, footways, step_s)
+    paths = PartingPaths(moving.take(rows), changed[rows], blocks, tree, footways, step_s, solids)
     moved = np.zeros((len(rows), 2))
     for _ in range(_OUTER):
         before, moved = moved, paths.apart(moved)

@@ -169,7 +169,8 @@ def simulate(  # noqa: PLR0913 - SUMO has as many sides
         "substeps": substeps,
         "staged": list(staged),
     }
-    return _worked(net_path, demand, asset, options, job, roads, scratch, progress)
+    trams = tram_conflicts(net_path, roads)
+    return _worked(net_path, demand, asset, options, job, trams, scratch, progress)
 
 
 def observe(  # noqa: PLR0913 - the same
@@ -180,7 +181,7 @@ def observe(  # noqa: PLR0913 - the same
     seconds: int,
     step_ms: int,
     seed: int,
-    roads: RoadNetwork | None = None,
+    trams: Mapping[str, Any] | None = None,
     scratch: Path | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Simulated:
@@ -193,7 +194,7 @@ def observe(  # noqa: PLR0913 - the same
         seconds: for how long.
         step_ms: SUMO's step.
         seed: SUMO's seed.
-        roads: the lanes, where trams meet other traffic.
+        trams: where they meet other traffic (``tram_conflicts``).
         scratch: a folder for SUMO's files; the system's when not given.
         progress: called with the fraction done and what is being done.
 
@@ -204,7 +205,7 @@ def observe(  # noqa: PLR0913 - the same
     steps = round(seconds * 1000 / step_ms)
     job: dict[str, Any] = {"warmup_substeps": steps, "first_step": 1, "last_step": 0, "substeps": 1}
     job["staged"] = []
-    return _worked(net_path, demand, asset, options, job, roads, scratch, progress)
+    return _worked(net_path, demand, asset, options, job, trams or {}, scratch, progress)
 
 
 def _worked(
@@ -213,7 +214,7 @@ def _worked(
     asset: Callable[[str], Asset],
     options: dict[str, object],
     job: Mapping[str, Any],
-    roads: RoadNetwork | None,
+    trams: Mapping[str, Any],
     scratch: Path | None,
     progress: Callable[[float, str], None] | None,
 ) -> Simulated:
@@ -239,7 +240,7 @@ def _worked(
             "outer": sorted(demand.outer),
             "stuck_s": STUCK_S,
             "curves": curves_of(net_path),
-            "trams": tram_conflicts(net_path, roads),
+            "trams": trams,
             "arrays": str(folder / "rows.npy"),
             "texts": str(folder / "outcome.json"),
         }

@@ -34,6 +34,7 @@ def _beside(name: str) -> ModuleType:
 
 
 curving, railways, events = _beside("curves"), _beside("trams"), _beside("staging")
+wrong_lanes = _beside("wrong_lanes")
 
 #: Step, trip, x, y, angle, speed, lane. A trip's number is its name in SUMO.
 Row = tuple[int, int, float, float, float, float, int]
@@ -94,6 +95,7 @@ class Watch:
                     self.stuck[name] = (time_s, domain.getLaneID(name))
                 if halt_s > 0 and domain is libsumo.vehicle:
                     self._free(name, halt_s)
+                    wrong_lanes.go_on(name, halt_s)
                     lane = domain.getLaneID(name)
                     self.queued[lane] = self.queued.get(lane, 0.0) + 1.0
         for name in self.freed & set(libsumo.vehicle.getIDList()):

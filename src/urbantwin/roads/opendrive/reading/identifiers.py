@@ -86,7 +86,16 @@ def with_model_ids(
         if key not in programs:
             log.at(f"controller {key}").remark("controllers of junctions that do not exist")
     areas = tuple(
-        RoadArea(ids.give(e.id), roads[road].id, e.kind, e.name, e.s, e.corners, e.height)
+        RoadArea(
+            ids.give(e.id),
+            roads[road].id,
+            e.kind,
+            e.name,
+            e.s,
+            e.corners,
+            e.height,
+            marking=e.marking,
+        )
         for road, e in outlines
     )
     return areas, tuple(signals), tuple(controllers)

@@ -10,7 +10,7 @@ import numpy as np
 from lxml import etree
 from numpy.typing import NDArray
 
-from urbantwin.roads.model import Curve, Profile
+from urbantwin.roads.model import CROSSING_MARKINGS, Curve, Profile
 from urbantwin.roads.opendrive.reading.parsing import Spot
 
 __all__ = ["Outline", "read_outlines"]
@@ -31,6 +31,7 @@ class Outline:
     s: float
     corners: NDArray[np.float64]
     height: float
+    marking: str
 
 
 def read_outlines(
@@ -63,7 +64,8 @@ def read_outlines(
             here.remark("areas without an outline that are not read")
             continue
         height = max(here.number(item, "height", 0.0), 0.0) if kind == "trafficIsland" else 0.0
-        yield Outline(item.get("id", ""), kind, name, s, corners, height)
+        marking = _marking(item, here) if kind == "crosswalk" else ""
+        yield Outline(item.get("id", ""), kind, name, s, corners, height, marking)
 
 
 def _kind(item: etree._Element) -> tuple[str, str]:
@@ -78,6 +80,15 @@ def _kind(item: etree._Element) -> tuple[str, str]:
     if kind == "trafficIsland":
         return kind, name or "island"
     return "", ""
+
+
+def _marking(item: etree._Element, spot: Spot) -> str:
+    """Return what a crosswalk is marked with, if the file tells."""
+    told = next((e.get("value") for e in item.iterfind("userData[@code='marking']")), None) or ""
+    if told and told not in CROSSING_MARKINGS:
+        spot.remark(f"the marking {told[:40]!r} of crosswalks that is not known")
+        return ""
+    return told
 
 
 def _corners(

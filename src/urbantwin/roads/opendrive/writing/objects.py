@@ -5,7 +5,8 @@ The standard knows which signals are switched together, not when. Programs are w
 ``code="phases"``, its phases in order, joined by ``", "``, each as seconds, a space, and one letter
 per link in SUMO's alphabet (``G`` and ``g`` green, ``y`` amber, ``r`` red, ``s`` stop and go,
 ``u`` red with amber, ``o`` and ``O`` off). ``userData`` ``code="links"`` of a signal lists which of
-these letters it shows.
+these letters it shows. ``userData`` ``code="marking"`` of a crosswalk says what is painted
+(``CROSSING_MARKINGS``): the standard's ``markings`` know lines along a border alone.
 """
 
 from __future__ import annotations
@@ -50,6 +51,8 @@ def write_objects(
         # CARLA draws outlines that come back to their first corner.
         for u, v, z in (*area.corners, area.corners[0]):
             etree.SubElement(outline, "cornerLocal", **numbers(u=u, v=v, z=z, height=area.height))
+        if area.marking:
+            etree.SubElement(item, "userData", code="marking", value=xml_text(area.marking))
     if road.level > 0:
         etree.SubElement(
             parent,

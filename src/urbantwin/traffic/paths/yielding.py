@@ -1,0 +1,404 @@
+"""Yielding: who would pass through somebody else waits, and who cannot drive as it did goes later.
+
+`separation` bends paths, and leaves what no small change mends: vehicles whose lanes lie in each
+other, who cut in, who come too near in a bend. Of each two who still overlap one lets the other go
+first, whichever loses less by it, and keeps to its own way (`retiming`). Whoever comes behind waits
+in its turn. The same takes out what SUMO does and no vehicle can: braking and turning too hard.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+
+from urbantwin.traffic.paths.box_plan import PlanBoxes, meetings, shared_areas
+from urbantwin.traffic.paths.parting import Moving
+from urbantwin.traffic.paths.retiming import (
+    GRID_M,
+    LIMITS,
+    RUNS_MS,
+    Pace,
+    curve_speeds,
+    retimed,
+)
+
+__all__ = ["Before", "yielded"]
+
+#: Pairs overlap that share more than this in plan, square metres.
+_OVERLAP_M2 = 0.02
+#: Room that is left before whom one lets go first, and beside it, metres.
+_AHEAD_M, _BESIDE_M = {"pedestrian": 0.1}, 0.02
+_USUAL_AHEAD_M = 0.7
+#: How far one falls behind at the most, metres.
+_BEHIND_M = {"pedestrian": 4.0}
+_USUAL_BEHIND_M = 30.0
+#: What lying in somebody costs, by depth and time, against falling behind by the same.
+_THROUGH = 1e3
+_ROUNDS = 12
+#: Steps that are looked at together: an hour's pairs would take gigabytes.
+_STEPS = 2000
+#: How hard somebody drives is looked at over this time, seconds; what nobody does to the side,
+#: m/s2, and by how much it may start harder than its class does.
+_OVER_S, _SIDEWAYS_MS2, _STARTS = 0.5, 3.8, 1.3
+#: Who is less than this behind, metres, is where it was.
+_SAME_M = 0.005
+#: Who falls behind farther than this has the speed of its picture, not SUMO's, metres.
+_BLENDS_M = 0.5
+
+Columns = dict[str, NDArray[Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class Before:
+    """How the same traffic went until something changed.
+
+    Attributes:
+        columns: by trip and step: ``trip``, ``step`` and how far it was ``behind``, metres.
+        until: the first step that may differ.
+        own: actors that do what they were told to, whatever comes of it.
+        rigid: vehicles that do not bend though their trips say so.
+    """
+
+    columns: Columns
+    until: int
+    own: frozenset[int] = frozenset()
+    rigid: frozenset[int] = frozenset()
+
+
+@dataclass(eq=False)
+class _Way:
+    """Somebody's way while it is there without a gap.
+
+    Attributes:
+        number: of the way.
+        bodies: (B, N) rows of the columns by time, of whoever goes first and those that it draws.
+        kind: its class.
+        pace: how it may go.
+        at: (N,) how far it is now, metres.
+        lets: the ways whose actors it lets go first, and from which of its steps on.
+    """
+
+    number: int
+    bodies: NDArray[np.int64]
+    kind: str
+    pace: Pace
+    at: NDArray[np.float64]
+    lets: dict[int, int] = field(default_factory=dict)
+
+    @property
+    def behind_m(self) -> float:
+        """How far it falls behind at the most."""
+        return _BEHIND_M.get(self.kind, _USUAL_BEHIND_M)
+
+    @cached_property
+    def _strictly(self) -> NDArray[np.float64]:
+        return self.pace.at + 1e-7 * np.arange(len(self.pace.at))
+
+    def row_at(self, at: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return when it was so far itself, in its own steps, not whole."""
+        return np.interp(at, self._strictly, np.arange(len(self._strictly), dtype=np.float64))
+
+    def between(self, values: NDArray[Any], body: int, at: NDArray[np.float64]) -> NDArray[Any]:
+        """Return what a body's values (rows, ...) are where the way is so far."""
+        when = self.row_at(at)
+        low = np.minimum(when.astype(int), self.bodies.shape[1] - 1)
+        high = np.minimum(low + 1, self.bodies.shape[1] - 1)
+        share = (when - low).reshape(-1, *[1] * (values.ndim - 1))
+        mine = values[self.bodies[body]]
+        return np.asarray(mine[low] + (mine[high] - mine[low]) * share)
+
+
+def yielded(
+    columns: Columns,
+    moving: Moving,
+    half: NDArray[np.float64],
+    step_s: float,
+    before: Before | None = None,
+) -> Columns:
+    """Return poses of which fewer overlap, and which everybody's class can drive.
+
+    They have a further column, ``behind``: how far each is behind where it was, metres.
+
+    Args:
+        columns: poses by actor and step: ``trip``, ``step``, ``xy``, ``yaw``, ``speed``,
+            ``distance``, ``lane``.
+        moving: who they are, on which level, and whose bodies.
+        half: (N, 2) half the sizes that nobody is to come into, metres.
+        step_s: time between steps.
+        before: how the same traffic went until something changed, which nobody foresees.
+    """
+    if not len(columns["trip"]):
+        return {**columns, "behind": np.zeros(0)}
+    return _Yielding(columns, moving, half, step_s, before).run()
+
+
+class _Yielding:
+    def __init__(
+        self,
+        columns: Columns,
+        moving: Moving,
+        half: NDArray[np.float64],
+        step_s: float,
+        before: Before | None,
+    ) -> None:
+        self.step_s, self.columns, self.before = step_s, columns, before
+        actor, step = columns["trip"], columns["step"]
+        self.kinds = moving.classes
+        boxes = PlanBoxes(step, columns["xy"].copy(), columns["yaw"].copy(), half)
+        self.moving = replace(moving, boxes=boxes)
+        breaks = np.flatnonzero((np.diff(actor) != 0) | (np.diff(step) != 1)) + 1
+        parts = np.split(np.arange(len(actor)), breaks)
+        drawn: dict[tuple[int, int, int], list[NDArray[np.int64]]] = {}
+        for rows in parts:
+            key = int(moving.vehicles[actor[rows[0]]]), int(step[rows[0]]), len(rows)
+            drawn.setdefault(key, []).append(rows)
+        for group in drawn.values():
+            group.sort(key=lambda rows: int(actor[rows[0]]))
+        self.bodies = [np.array(group) for group in drawn.values()]
+        self.whose = np.empty(len(actor), np.int64)
+        for number, bodies in enumerate(self.bodies):
+            self.whose[bodies.ravel()] = number
+        self.ways: dict[int, _Way] = {}
+        self.changed = np.ones(len(actor), np.bool_)
+        own = before.own if before else frozenset()
+        self.able = np.array(
+            [
+                self._kind(number) in LIMITS and int(actor[bodies[0, 0]]) not in own
+                for number, bodies in enumerate(self.bodies)
+            ]
+        )
+        self.were: dict[int, NDArray[np.float64]] = {}
+        if before is not None:
+            early = before.columns["step"] < before.until
+            whose = before.columns["trip"][early]
+            place = np.flatnonzero(np.diff(whose, prepend=-1))
+            behind = np.split(before.columns["behind"][early], place[1:])
+            self.were = dict(zip(whose[place].tolist(), behind, strict=True)) if len(place) else {}
+
+    def run(self) -> Columns:
+        """Let one after the other wait, until nobody overlaps or nothing helps."""
+        for number in range(len(self.bodies)):
+            if self._too_hard(number) or self._begun(number).any():
+                way = self._way(number)
+                self._go(way, self._solved(way, way.lets))
+        hopeless: set[tuple[int, int]] = set()
+        for _ in range(_ROUNDS):
+            found = {pair: row for pair, row in self._overlaps().items() if pair not in hopeless}
+            if not found:
+                break
+            for pair, step in found.items():
+                if not self._decided(*pair, step):
+                    hopeless.add(pair)
+        return self._columns()
+
+    def _begun(self, number: int) -> NDArray[np.float64]:
+        """Return how far somebody was behind in its steps before anything changed (M,), metres."""
+        rows = self.bodies[number][0]
+        were = self.were.get(int(self.columns["trip"][rows[0]]), np.zeros(0))
+        steps = (self.before.until if self.before else 0) - int(self.columns["step"][rows[0]])
+        return were[: min(steps, len(rows))] if len(were) == steps else np.zeros(0)
+
+    def _kind(self, number: int) -> str:
+        return self.kinds[int(self.columns["trip"][self.bodies[number][0, 0]])]
+
+    def _way(self, number: int) -> _Way:
+        if number not in self.ways:
+            bodies, kind = self.bodies[number], self._kind(number)
+            first = bodies[0]
+            moved = np.hypot(*np.diff(self.columns["xy"][first], axis=0).T)
+            at = np.concatenate([[0.0], np.cumsum(moved)])
+            yaw = np.unwrap(self.columns["yaw"][first])
+            speeds = curve_speeds(at, yaw, self.step_s, walks=kind == "pedestrian")
+            pace = Pace(at, speeds, self.step_s)
+            self.ways[number] = _Way(number, bodies, kind, pace, at)
+        return self.ways[number]
+
+    def _too_hard(self, number: int) -> bool:
+        """Return whether somebody brakes, starts or turns harder than its class can."""
+        kind, rows = self._kind(number), self.bodies[number][0]
+        over = max(round(_OVER_S / self.step_s), 1)
+        if not self.able[number] or len(rows) <= 2 * over:
+            return False
+        if kind == "pedestrian":
+            moved = np.hypot(*np.gradient(self.columns["xy"][rows], self.step_s, axis=0).T)
+            return bool(moved.max() > RUNS_MS)
+        limits, ahead = LIMITS[kind], self.moving.boxes.axes[rows, 0]
+        went = (np.gradient(self.columns["xy"][rows], self.step_s, axis=0) * ahead).sum(axis=1)
+        turn = np.gradient(np.unwrap(self.columns["yaw"][rows]), self.step_s)
+        for speed in (self.columns["speed"][rows], went):
+            gain = uniform_filter1d(np.gradient(speed, self.step_s), over)
+            sideways = np.abs(uniform_filter1d(turn, over) * speed)
+            if (
+                gain.min() < -limits.brakes[-1]
+                or gain.max() > limits.starts * _STARTS
+                or sideways.max() > _SIDEWAYS_MS2
+            ):
+                return True
+        return False
+
+    def _overlaps(self) -> dict[tuple[int, int], int]:
+        """Return the pairs of ways that overlap, and since which step; of whom has changed."""
+        step = self.moving.boxes.step
+        steps = np.unique(step[self.changed])
+        self.changed[:] = False
+        found: dict[tuple[int, int], int] = {}
+        for some in np.split(steps, np.arange(_STEPS, len(steps), _STEPS)):
+            for pair, since in self._pairs(np.flatnonzero(np.isin(step, some))):
+                found[pair] = min(since, found.get(pair, since))
+        return dict(sorted(found.items(), key=lambda item: (item[1], item[0])))
+
+    def _pairs(self, rows: NDArray[np.int64]) -> list[tuple[tuple[int, int], int]]:
+        """Return the pairs of ways that overlap in some rows, and in which step."""
+        boxes, some = self.moving.boxes, self.moving.take(rows)
+        pairs = rows[some.pairs(0.0, some.boxes.xy)]
+        ways = np.sort(self.whose[pairs], axis=1)
+        kept = (ways[:, 0] != ways[:, 1]) & self.able[ways].any(axis=1)
+        pairs, ways = pairs[kept], ways[kept]
+        deep = shared_areas(boxes, pairs) > _OVERLAP_M2
+        steps = boxes.step[pairs[deep, 0]].tolist()
+        return [((a, b), step) for (a, b), step in zip(ways[deep].tolist(), steps, strict=True)]
+
+    def _decided(self, one: int, other: int, step: int) -> bool:
+        """Let one of two who overlap since a step wait; return whether that may help."""
+        before = self._through(one, other)
+        best: tuple[float, float, _Way, NDArray[np.float64], dict[int, int]] | None = None
+        for mine, first in ((one, other), (other, one)):
+            if not self.able[mine]:
+                continue
+            way = self._way(mine)
+            since = step - int(self.columns["step"][way.bodies[0, 0]])
+            lets = {**way.lets, first: since}
+            at = self._solved(way, lets)
+            lost = float((way.at - at).sum()) * self.step_s
+            left = self._through(mine, first, at)
+            cost = lost + _THROUGH * left
+            if best is None or cost < best[0]:
+                best = cost, left, way, at, lets
+        if best is None:
+            return False
+        _, left, way, at, lets = best
+        if left > before / 2:
+            return False
+        way.lets = lets
+        self._go(way, at)
+        for follower in self.ways.values():
+            if way.number in follower.lets:
+                self._go(follower, self._solved(follower, follower.lets))
+        return True
+
+    def _solved(self, way: _Way, lets: dict[int, int]) -> NDArray[np.float64]:
+        """Return how far somebody is who lets others go first."""
+        bound = np.full(len(way.at), np.inf)
+        for first, since in lets.items():
+            np.minimum(bound, self._bound(way, first, since), out=bound)
+        behind = self._begun(way.number)
+        begun = way.pace.at[: len(behind)] - behind
+        return retimed(way.pace, bound, LIMITS[way.kind], begun)
+
+    def _bound(self, way: _Way, first: int, since: int) -> NDArray[np.float64]:
+        """Return how far somebody may be (N,), metres, not to come into another's boxes."""
+        boxes, count = self.moving.boxes, len(way.at)
+        bound = np.full(count, np.inf)
+        grid = np.arange(0.0, way.pace.at[-1] + GRID_M, GRID_M)
+        width = int(way.behind_m / GRID_M) + 1
+        gap = _AHEAD_M.get(way.kind, _USUAL_AHEAD_M)
+        start = int(boxes.step[way.bodies[0, 0]])
+        for body in range(len(way.bodies)):
+            own = self._along(way, body, grid, gap if body == 0 else 0.0)
+            for rows in self.bodies[first]:
+                when = boxes.step[rows] - start
+                there = (when >= 0) & (when < count)
+                theirs, when = rows[there], when[there]
+                own_reach = float(np.hypot(*own.half[0]))
+                reach = way.behind_m + own_reach + np.hypot(*boxes.half[theirs].T)
+                far = np.hypot(*(boxes.xy[theirs] - boxes.xy[way.bodies[body, when]]).T)
+                # Where it is now is not where it was.
+                near = far < reach + (way.pace.at - way.at)[when]
+                theirs, when = theirs[near], when[near]
+                if not len(when):
+                    continue
+                top = np.minimum(np.ceil(way.pace.at[when] / GRID_M).astype(int), len(grid) - 1)
+                cell = np.maximum(top[:, None] - np.arange(width)[::-1], 0)
+                pairs = np.column_stack(
+                    [cell.ravel(), np.repeat(np.arange(len(when)) + len(grid), width)]
+                )
+                deep, _ = meetings(PlanBoxes.joined([own, boxes.take(theirs)]), pairs)
+                deep = deep.reshape(len(when), width) + _BESIDE_M
+                met = deep > 0
+                at = met.argmax(axis=1)
+                row = np.arange(len(when))
+                inside, outside = deep[row, at], deep[row, np.maximum(at - 1, 0)]
+                share = np.where(at > 0, inside / np.maximum(inside - outside, 1e-9), 0.0)
+                free = grid[cell[row, at]] - share * GRID_M
+                free[~met.any(axis=1)] = np.inf
+                np.minimum.at(bound, when, free)
+        # As long as it was before the other, and not on the way into it, it need not be behind it.
+        over = bound[: max(since, 0)] < way.at[: max(since, 0)] - 0.05
+        clear = np.flatnonzero(~over)
+        before = np.flatnonzero(over[: clear[-1]] if len(clear) else over)
+        if len(before):
+            bound[: before[-1] + 1] = np.inf
+        return bound
+
+    def _along(self, way: _Way, body: int, at: NDArray[np.float64], gap_m: float) -> PlanBoxes:
+        """Return a body's boxes where the way is so far, longer at the front by a gap."""
+        xy = way.between(self.columns["xy"], body, at)
+        yaw = way.between(self.columns["yaw"], body, at)
+        half = way.between(self.moving.boxes.half, body, at) + np.array([gap_m / 2, 0.0])
+        ahead = np.column_stack([np.cos(yaw), np.sin(yaw)])
+        return PlanBoxes(np.zeros(len(at), np.int64), xy + ahead * gap_m / 2, yaw, half)
+
+    def _through(self, mine: int, first: int, at: NDArray[np.float64] | None = None) -> float:
+        """Return how deep two lie in each other, over time, metres times seconds."""
+        boxes, total = self.moving.boxes, 0.0
+        for body, rows in enumerate(self.bodies[mine]):
+            own = boxes.take(rows)
+            if at is not None:
+                own = replace(self._along(self._way(mine), body, at, 0.0), step=own.step)
+            for theirs in self.bodies[first]:
+                _, here, there = np.intersect1d(
+                    own.step, boxes.step[theirs], assume_unique=True, return_indices=True
+                )
+                both = PlanBoxes.joined([own.take(here), boxes.take(theirs[there])])
+                number = np.arange(len(here))
+                deep, _ = meetings(both, np.column_stack([number, number + len(here)]))
+                total += float(np.maximum(deep, 0.0).sum()) * self.step_s
+        return total
+
+    def _go(self, way: _Way, at: NDArray[np.float64]) -> None:
+        """Let somebody be so far (N,) at its steps."""
+        way.at = np.where(way.pace.at - at < _SAME_M, way.pace.at, at)
+        boxes = self.moving.boxes
+        for body, rows in enumerate(way.bodies):
+            now = self._along(way, body, way.at, 0.0)
+            self.changed[rows] |= (boxes.xy[rows] != now.xy).any(axis=1)
+            boxes.xy[rows], boxes.yaw[rows] = now.xy, now.yaw
+
+    def _columns(self) -> Columns:
+        """Return the columns with everybody where it is now."""
+        found = {name: values.copy() for name, values in self.columns.items()}
+        found["behind"] = np.zeros(len(found["trip"]))
+        for way in self.ways.values():
+            late = way.at < way.pace.at
+            if not late.any():
+                continue
+            when = way.row_at(way.at)
+            was, now = (np.gradient(at, self.step_s) for at in (way.pace.at, way.at))
+            for body, rows in enumerate(way.bodies):
+                found["behind"][rows] = way.pace.at - way.at
+                for name in ("xy", "yaw", "distance"):
+                    found[name][rows[late]] = way.between(self.columns[name], body, way.at)[late]
+                nearest = rows[np.round(when).astype(int)]
+                found["lane"][rows[late]] = self.columns["lane"][nearest][late]
+                # What SUMO calls its speed is not quite how fast its picture goes.
+                own = np.interp(when, np.arange(len(was)), self.columns["speed"][rows] - was)
+                pace = np.interp(when, np.arange(len(was)), was)
+                share = np.minimum(now / np.maximum(pace, 0.5), 1.0)
+                share *= np.clip(1.0 - (way.pace.at - way.at) / _BLENDS_M, 0.0, 1.0)
+                found["speed"][rows[late]] = np.maximum(now + own * share, 0.0)[late]
+        return found
