@@ -51,6 +51,8 @@ _STUCK_S = (
 _BLOCKER_S = 60
 _SQUEEZE_S = 120  # people who stand in each other's way for so long squeeze past
 _FASTEST = 1.25  # nobody drives faster than so many times a lane's speed
+#: SUMO's walkers keep to stripes of this width, and none may be wider, metres.
+_STRIPE_M = 0.64
 #: A bus halts at a stop for so long, seconds (Transit Capacity and Quality of Service Manual 2013,
 #: chapter 6: 15 s at a typical stop outside of city centres).
 DWELL_S = 15.0
@@ -343,6 +345,8 @@ def write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> N
     for actor_class, name in sorted({(trip.actor_class, trip.asset) for trip in demand.trips}):
         kind, mesh = ACTOR_KINDS[actor_class], asset(name)
         bounds = {"length": mesh.length, "width": mesh.width, "height": mesh.height}
+        if actor_class == "pedestrian":  # a dog beside is seen to when paths are parted
+            bounds["width"] = min(mesh.width, _STRIPE_M)
         values = {attribute: f"{value:.3f}" for attribute, value in bounds.items()}
         values |= {**kind.parameters, **demand.manners.get(actor_class, {})}
         etree.SubElement(root, "vType", id=name, vClass=kind.vclass, **values)
