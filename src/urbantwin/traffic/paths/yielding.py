@@ -8,7 +8,7 @@ in its turn. The same takes out what SUMO does and no vehicle can: braking and t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -42,6 +42,9 @@ _THROUGH = 1e3
 _ROUNDS = 12
 #: Steps that are looked at together: an hour's pairs would take gigabytes.
 _STEPS = 2000
+#: Two who meet have to do with each other so long before and after at the most, seconds, and until
+#: they are so far apart, metres; who meet again later than this meet anew, seconds.
+_BEFORE_S, _AFTER_S, _PARTED_M, _AGAIN_S = 30.0, 120.0, 60.0, 10.0
 #: How hard somebody drives is looked at over this time, seconds; what nobody does to the side,
 #: m/s2, and by how much it may start harder than its class does.
 _OVER_S, _SIDEWAYS_MS2, _STARTS = 0.5, 3.8, 1.3
@@ -80,7 +83,7 @@ class _Way:
         kind: its class.
         pace: how it may go.
         at: (N,) how far it is now, metres.
-        lets: the ways whose actors it lets go first, and from which of its steps on.
+        lets: the ways whose actors it lets go first, each from one of its steps on.
     """
 
     number: int
@@ -88,7 +91,7 @@ class _Way:
     kind: str
     pace: Pace
     at: NDArray[np.float64]
-    lets: dict[int, int] = field(default_factory=dict)
+    lets: tuple[tuple[int, int], ...] = ()
 
     @property
     def behind_m(self) -> float:
@@ -186,14 +189,14 @@ class _Yielding:
             if self._too_hard(number) or self._begun(number).any():
                 way = self._way(number)
                 self._go(way, self._solved(way, way.lets))
-        hopeless: set[tuple[int, int]] = set()
+        hopeless: set[tuple[int, int, int]] = set()
         for _ in range(_ROUNDS):
-            found = {pair: row for pair, row in self._overlaps().items() if pair not in hopeless}
+            found = [meeting for meeting in self._overlaps() if meeting not in hopeless]
             if not found:
                 break
-            for pair, step in found.items():
-                if not self._decided(*pair, step):
-                    hopeless.add(pair)
+            for meeting in found:
+                if not self._decided(*meeting):
+                    hopeless.add(meeting)
         return self._columns()
 
     def _begun(self, number: int) -> NDArray[np.float64]:
@@ -241,16 +244,24 @@ class _Yielding:
                 return True
         return False
 
-    def _overlaps(self) -> dict[tuple[int, int], int]:
+    def _overlaps(self) -> list[tuple[int, int, int]]:
         """Return the pairs of ways that overlap, and since which step; of whom has changed."""
         step = self.moving.boxes.step
         steps = np.unique(step[self.changed])
         self.changed[:] = False
-        found: dict[tuple[int, int], int] = {}
+        when: dict[tuple[int, int], list[int]] = {}
         for some in np.split(steps, np.arange(_STEPS, len(steps), _STEPS)):
-            for pair, since in self._pairs(np.flatnonzero(np.isin(step, some))):
-                found[pair] = min(since, found.get(pair, since))
-        return dict(sorted(found.items(), key=lambda item: (item[1], item[0])))
+            for pair, at in self._pairs(np.flatnonzero(np.isin(step, some))):
+                when.setdefault(pair, []).append(at)
+        found = []
+        for (one, other), every in when.items():
+            ordered = np.unique(every)
+            apart = np.flatnonzero(np.diff(ordered) > self._steps(_AGAIN_S)) + 1
+            found += [(one, other, int(part[0])) for part in np.split(ordered, apart)]
+        return sorted(found, key=lambda meeting: (meeting[2], meeting[:2]))
+
+    def _steps(self, seconds: float) -> int:
+        return round(seconds / self.step_s)
 
     def _pairs(self, rows: NDArray[np.int64]) -> list[tuple[tuple[int, int], int]]:
         """Return the pairs of ways that overlap in some rows, and in which step."""
@@ -265,17 +276,20 @@ class _Yielding:
 
     def _decided(self, one: int, other: int, step: int) -> bool:
         """Let one of two who overlap since a step wait; return whether that may help."""
-        before = self._through(one, other)
-        best: tuple[float, float, _Way, NDArray[np.float64], dict[int, int]] | None = None
+        before = self._through(one, other, step)
+        best: tuple[float, float, _Way, NDArray[np.float64], tuple[tuple[int, int], ...]] | None
+        best = None
         for mine, first in ((one, other), (other, one)):
             if not self.able[mine]:
                 continue
             way = self._way(mine)
             since = step - int(self.columns["step"][way.bodies[0, 0]])
-            lets = {**way.lets, first: since}
+            again = self._steps(_AGAIN_S)
+            kept = [one for one in way.lets if one[0] != first or abs(one[1] - since) > again]
+            lets = (*kept, (first, since))
             at = self._solved(way, lets)
             lost = float((way.at - at).sum()) * self.step_s
-            left = self._through(mine, first, at)
+            left = self._through(mine, first, step, at)
             cost = lost + _THROUGH * left
             if best is None or cost < best[0]:
                 best = cost, left, way, at, lets
@@ -287,14 +301,14 @@ class _Yielding:
         way.lets = lets
         self._go(way, at)
         for follower in self.ways.values():
-            if way.number in follower.lets:
+            if any(first == way.number for first, _ in follower.lets):
                 self._go(follower, self._solved(follower, follower.lets))
         return True
 
-    def _solved(self, way: _Way, lets: dict[int, int]) -> NDArray[np.float64]:
+    def _solved(self, way: _Way, lets: tuple[tuple[int, int], ...]) -> NDArray[np.float64]:
         """Return how far somebody is who lets others go first."""
         bound = np.full(len(way.at), np.inf)
-        for first, since in lets.items():
+        for first, since in lets:
             np.minimum(bound, self._bound(way, first, since), out=bound)
         behind = self._begun(way.number)
         begun = way.pace.at[: len(behind)] - behind
@@ -302,17 +316,18 @@ class _Yielding:
 
     def _bound(self, way: _Way, first: int, since: int) -> NDArray[np.float64]:
         """Return how far somebody may be (N,), metres, not to come into another's boxes."""
-        boxes, count = self.moving.boxes, len(way.at)
-        bound = np.full(count, np.inf)
+        boxes = self.moving.boxes
+        bound = np.full(len(way.at), np.inf)
         grid = np.arange(0.0, way.pace.at[-1] + GRID_M, GRID_M)
         width = int(way.behind_m / GRID_M) + 1
         gap = _AHEAD_M.get(way.kind, _USUAL_AHEAD_M)
         start = int(boxes.step[way.bodies[0, 0]])
+        begin, until = self._meeting(way, first, since)
         for body in range(len(way.bodies)):
             own = self._along(way, body, grid, gap if body == 0 else 0.0)
             for rows in self.bodies[first]:
                 when = boxes.step[rows] - start
-                there = (when >= 0) & (when < count)
+                there = (when >= begin) & (when < until)
                 theirs, when = rows[there], when[there]
                 own_reach = float(np.hypot(*own.half[0]))
                 reach = way.behind_m + own_reach + np.hypot(*boxes.half[theirs].T)
@@ -345,6 +360,19 @@ class _Yielding:
             bound[: before[-1] + 1] = np.inf
         return bound
 
+    def _meeting(self, way: _Way, first: int, since: int) -> tuple[int, int]:
+        """Return from which of a way's steps until which it has to do with another."""
+        boxes, start = self.moving.boxes, int(self.moving.boxes.step[way.bodies[0, 0]])
+        begin = max(since - self._steps(_BEFORE_S), 0)
+        until = min(since + self._steps(_AFTER_S), len(way.at))
+        rows = self.bodies[first][0]
+        when = boxes.step[rows] - start
+        after = (when >= since) & (when < until)
+        theirs, when = rows[after], when[after]
+        far = np.hypot(*(boxes.xy[theirs] - boxes.xy[way.bodies[0, when]]).T)
+        parted = np.flatnonzero(far > _PARTED_M)
+        return begin, int(when[parted[0]]) if len(parted) else until
+
     def _along(self, way: _Way, body: int, at: NDArray[np.float64], gap_m: float) -> PlanBoxes:
         """Return a body's boxes where the way is so far, longer at the front by a gap."""
         xy = way.between(self.columns["xy"], body, at)
@@ -353,13 +381,17 @@ class _Yielding:
         ahead = np.column_stack([np.cos(yaw), np.sin(yaw)])
         return PlanBoxes(np.zeros(len(at), np.int64), xy + ahead * gap_m / 2, yaw, half)
 
-    def _through(self, mine: int, first: int, at: NDArray[np.float64] | None = None) -> float:
-        """Return how deep two lie in each other, over time, metres times seconds."""
+    def _through(
+        self, mine: int, first: int, step: int, at: NDArray[np.float64] | None = None
+    ) -> float:
+        """Return how deep two lie in each other around a step, metres times seconds."""
         boxes, total = self.moving.boxes, 0.0
-        for body, rows in enumerate(self.bodies[mine]):
-            own = boxes.take(rows)
+        low, high = step - self._steps(_BEFORE_S), step + self._steps(_AFTER_S)
+        for body, every in enumerate(self.bodies[mine]):
+            near = np.flatnonzero((boxes.step[every] >= low) & (boxes.step[every] < high))
+            own = boxes.take(every[near])
             if at is not None:
-                own = replace(self._along(self._way(mine), body, at, 0.0), step=own.step)
+                own = replace(self._along(self._way(mine), body, at[near], 0.0), step=own.step)
             for theirs in self.bodies[first]:
                 _, here, there = np.intersect1d(
                     own.step, boxes.step[theirs], assume_unique=True, return_indices=True
