@@ -33,6 +33,12 @@ NEAR_M = 10.0
 JUNCTION_M = 50.0
 
 
+def who_drive(motion: Motion) -> pa.Table:
+    """Return the rows of who drives or rides."""
+    on_foot = pa.array(["pedestrian", "animal"])
+    return motion.actors.filter(pc.invert(pc.is_in(motion.actors["class"], on_foot)))
+
+
 def driving(twin: Twin, motion: Motion) -> dict[str, Any]:
     """Measure a motion.
 
@@ -45,7 +51,7 @@ def driving(twin: Twin, motion: Motion) -> dict[str, Any]:
     """
     told = motion.manifest
     circulation = told.get("circulation", {})
-    vehicles = motion.actors.filter(pc.not_equal(motion.actors["class"], "pedestrian"))
+    vehicles = who_drive(motion)
     lateral, braking, moved, turns = {}, {}, 0, {}
     for track, rows in _tracks(vehicles).items():
         speed, yaw = rows["speed"], np.unwrap(rows["yaw"])
@@ -138,7 +144,7 @@ def stops_at_red(twin: Twin, motion: Motion) -> list[int]:
         return bool(shown) and set(shown) == {"r"}
 
     stood, ran = set(), set()
-    vehicles = motion.actors.filter(pc.not_equal(motion.actors["class"], "pedestrian"))
+    vehicles = who_drive(motion)
     for track, rows in _tracks(vehicles).items():
         lane, speed = rows["lane"], rows["speed"]
         for k in np.flatnonzero([name in links for name in lane]):

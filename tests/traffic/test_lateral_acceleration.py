@@ -11,6 +11,7 @@ from urbantwin.twin import Twin
 
 #: Over which time a turn is measured, seconds, and what is never exceeded, m/s^2.
 OVER_S, MOST_MS2 = 0.5, 4.0
+ON_FOOT = ("pedestrian", "animal")
 
 
 def sideways(motion: Motion) -> dict[str, list[float]]:
@@ -23,7 +24,7 @@ def sideways(motion: Motion) -> dict[str, list[float]]:
     found: dict[str, list[float]] = {}
     for rows in np.split(order, np.flatnonzero(np.diff(table["track"][order])) + 1):
         name = table["class"][rows[0]]
-        if name == "pedestrian" or len(rows) <= apart:
+        if name in ON_FOOT or len(rows) <= apart:
             continue
         yaw, speed = np.unwrap(table["yaw"][rows]), table["speed"][rows]
         seconds = table["time_s"][rows][apart:] - table["time_s"][rows][:-apart]
