@@ -29,7 +29,7 @@ _REACH_M = 50.0
 _THINNED_M, _SPARSE_M = 0.4, 0.7
 _LEAST_POINTS = 200
 #: A second place that is as likely as this share of the first makes it a guess.
-AMBIGUOUS = 0.1
+_AMBIGUOUS = 0.1
 #: A place less certain than this is not found, metres and degrees (standard deviations).
 _MOST_SIGMA_M, _MOST_SIGMA_DEG = 0.5, 2.0
 #: A frame that is likelier than chance by less than this (a logarithm) may fit by chance: some
@@ -138,8 +138,8 @@ def align(
     1. The ground plane of the frame gives the sensor's height above it, pitch and roll.
     2. Places and headings are tried in which the sensor stands on the twin's ground as it does on
        its own; the points must lie on the scene's surfaces (a field of distances).
-    3. The best few are registered to the surfaces that can be seen from there; the one that
-       explains most points wins.
+    3. The best few are registered to the surfaces that can be seen from there; the one at which
+       the frame is likeliest wins (`pose_belief`).
 
     Points that labels give to objects are left out: objects move, the twin does not.
 
@@ -256,7 +256,7 @@ def _told_apart(
     if not others:
         return 0.0
     share = others[0][0].share / max(told[0][0].share, 1e-9)
-    if share > AMBIGUOUS:
+    if share > _AMBIGUOUS:
         places = [_of_frame(one, sensor).translation for one in (pose, others[0][1])]
         apart = np.hypot(*(places[1] - places[0])[:2])
         there = " and ".join(f"{east:.2f} m E, {north:.2f} m N" for east, north, _ in places)

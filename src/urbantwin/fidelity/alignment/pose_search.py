@@ -286,6 +286,14 @@ def _distinct(ranked: list[Found], most: int) -> list[Found]:
 
 
 @numba.njit(cache=True)
+def _gain(near: float, width_m: float) -> float:
+    """Return what a point gains that is so near to what the scene has, 1 on it to 0 at `FAR_M`."""
+    if width_m > 0:
+        return float(np.exp(-0.5 * ((1.0 - near) * FAR_M / width_m) ** 2))
+    return near
+
+
+@numba.njit(cache=True)
 def _scores(  # noqa: PLR0912, PLR0913, PLR0917
     points: NDArray[np.float64],
     kind: NDArray[np.int64],
@@ -323,10 +331,7 @@ def _scores(  # noqa: PLR0912, PLR0913, PLR0917
                     c = int(np.floor((z - space.low[2]) / space.cell_m))
                     inside = 0 <= a < space.gain.shape[0] and 0 <= b < space.gain.shape[1]
                     if inside and 0 <= c < space.gain.shape[2]:
-                        gain = float(space.gain[a, b, c])
-                        if width_m > 0:
-                            gain = np.exp(-0.5 * ((1.0 - gain) * FAR_M / width_m) ** 2)
-                        gained[piece[n]] += weight[n] * gain
+                        gained[piece[n]] += weight[n] * _gain(space.gain[a, b, c], width_m)
                     continue
                 i = int(np.floor((x - plan.low[0]) / plan.cell_m))
                 j = int(np.floor((y - plan.low[1]) / plan.cell_m))
@@ -337,10 +342,8 @@ def _scores(  # noqa: PLR0912, PLR0913, PLR0917
                     if off < 1.0:  # false where the ground is unknown
                         gained[piece[n]] += weight[n] * (1.0 - off)
                 else:
-                    gain = float(plan.gain[kind[n] - _EDGES, i, j])
-                    if width_m > 0:
-                        gain = np.exp(-0.5 * ((1.0 - gain) * FAR_M / width_m) ** 2)
-                    gained[piece[n]] += weight[n] * gain
+                    near = plan.gain[kind[n] - _EDGES, i, j]
+                    gained[piece[n]] += weight[n] * _gain(near, width_m)
             total = 0.0
             for n in range(len(kinds)):
                 which = kinds[n]

@@ -79,11 +79,6 @@ class Registered:
     sigma_deg: NDArray[np.float64]
     points: int
 
-    @property
-    def support(self) -> float:
-        """How much of what holds a place is explained, to tell places apart."""
-        return self.explained + self.curbs_explained + 0.3 * self.marks_explained
-
 
 def registered(
     scene: ScenePoints, features: FrameFeatures, start: Pose, *, rough: bool = False
@@ -94,10 +89,11 @@ def registered(
     McClure; the foot of curbs is drawn to the edges of carriageways and bright spots of the road
     to its lines in the same way, in plan. Three things differ from what registration libraries
     offer. The planes are the scene's own triangles, not fits to neighbouring points, which fail
-    along the rings of a LiDAR. Points within 4 m weigh together no more than the scene is right
-    there, which is measured: ten thousand points of a road whose heights are 5 cm off must not
-    outvote twenty curbs. And beside the pose two more numbers are found: how far surfaces off
-    the ground stand proud of the real ones on average, and how far edges lie from the curbs.
+    along the rings of a LiDAR. Points of one object, or of one stretch of 12 m, weigh together no
+    more than the scene is right there, which is measured: ten thousand points of a road whose
+    heights are 5 cm off must not outvote twenty curbs. And beside the pose two more numbers are
+    found: how far surfaces off the ground stand proud of the real ones on average, and how far
+    edges lie from the curbs.
     Outlines of buildings include their eaves, and meshes of cars fill their boxes; without that
     number, such a scene pushes the sensor to the side where it is emptier.
 
