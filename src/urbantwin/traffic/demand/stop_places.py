@@ -27,6 +27,8 @@ _REACH_M = 8.0
 _SPACING_M, _ROW_M, _ROWS = 0.95, 0.9, 3
 #: From the edge of the footway to who waits, metres; and from the border of other things.
 _KERB_M, _BODY_M = 0.15, 0.3
+#: Behind a further row others have room to pass, metres.
+_PASSAGE_M = 1.0
 #: People do not stand in the order of nearness to the door: so much is chance, metres.
 _SPREAD_M = 3.0
 
@@ -42,6 +44,7 @@ class StopPlace:
         edge: its edge.
         along_m: where on it people leave for the stop and come from it, metres from its start.
         point: (2,) that place, site frame.
+        doors: (2, 2) where people stand before the doors to get on and off of who halts there.
         slots: (S, 2) where people wait, in the order in which they are taken.
         faces: rad, where the vehicle comes to.
         leaves_s: how long it takes from the door to ``point``, seconds.
@@ -54,6 +57,7 @@ class StopPlace:
     edge: str
     along_m: float
     point: NDArray[np.float64]
+    doors: NDArray[np.float64]
     slots: NDArray[np.float64]
     faces: float
     leaves_s: float
@@ -98,7 +102,8 @@ def stop_place(
     slots = _slots(roads, line, stop, kind, ahead, aside, seed + 1000 * number)
     if not len(slots):
         return None
-    outside = door + aside * (_HALF_M[kind] + _GAP_M)
+    outside = aside * (_HALF_M[kind] + _GAP_M)
+    doors = np.array([_at(line, stop.end_m - back) + outside for back in DOORS_M[kind]])
     return StopPlace(
         number,
         kind,
@@ -106,9 +111,10 @@ def stop_place(
         lane.road,
         float(np.floor(np.clip(along, 0.1, lane.length - 0.1) * 100) / 100),
         point,
+        doors,
         slots,
         float(np.arctan2(*-aside[::-1])),
-        max(float(np.hypot(*(point - outside))) / WALKING_MS, 1.0),
+        max(float(np.hypot(*(point - doors[1]))) / WALKING_MS, 1.0),
         stop.end_m,
     )
 
@@ -137,7 +143,8 @@ def _slots(
         first = deep[inside.argmax()] + _KERB_M
         for row in range(_ROWS):
             place = kerb + (first + row * _ROW_M) * aside
-            if shapely.contains_xy(room, *place):
+            passage = place + (_PASSAGE_M if row else 0.0) * aside
+            if shapely.contains_xy(room, *place) and shapely.contains_xy(room, *passage):
                 away = abs(float(along) - stop.end_m + DOORS_M[kind][0]) + 1.5 * row
                 found.append((away + _SPREAD_M * float(random.random()), *place))
     return np.array(sorted(found)).reshape(-1, 3)[:, 1:]

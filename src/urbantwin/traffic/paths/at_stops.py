@@ -27,6 +27,9 @@ _CLEAR_M = 0.5
 #: From the side of a vehicle to the face of who gets on, or to the back of who gets off, metres.
 _DOOR_M = 0.15
 
+#: Who sets out for the door is gone after so long, seconds.
+_BOARDED_S = 30.0
+
 _Floats = NDArray[np.float64]
 
 
@@ -138,11 +141,13 @@ def _steps_between_walks(
         before = walked_s[walked_s <= stay.from_s + 0.5 * step_s]
         if len(before):
             begin = round(before[-1] / step_s) + 1
-        end = last
+        end = last if np.isinf(stay.boards_s) else int((stay.boards_s + _BOARDED_S) / step_s)
     else:
         begin = int(np.ceil(stay.from_s / step_s))
         after = walked_s[walked_s > stay.from_s]
-        end = round(after[0] / step_s) - 1 if len(after) else last
+        # SUMO lets it walk on at a whole second.
+        longest = int(np.ceil((stay.from_s + stay.place.leaves_s + 1.5) / step_s))
+        end = min(round(after[0] / step_s) - 1 if len(after) else last, longest)
     return np.arange(max(begin, first), min(end, last) + 1)
 
 
@@ -213,14 +218,15 @@ class _Doors:
         self._simulated, self._order, self._demand = simulated, order, demand
         self._step_s, self._asset = step_s, asset
 
-    def of(self, vehicle: int, place: StopPlace, at_s: float, which: int) -> _Floats | None:
+    def of(self, vehicle: int, place: StopPlace, at_s: float, which: int) -> _Floats:
         """Return where people stand before a door: the one to get on (0) or off (1)."""
         seen = self._simulated
         trip = seen.trip[self._order]
         rows = self._order[slice(*np.searchsorted(trip, [vehicle, vehicle + 1]))]
-        if not len(rows):
-            return None
-        row = rows[np.abs(seen.step[rows] * self._step_s - at_s).argmin()]
+        away_s = np.abs(seen.step[rows] * self._step_s - at_s)
+        if not len(rows) or away_s.min() > 0.5:
+            return np.asarray(place.doors[which])
+        row = rows[away_s.argmin()]
         yaw = np.radians(90.0 - seen.angle_deg[row])
         ahead = np.array([np.cos(yaw), np.sin(yaw)])
         left = np.array([-ahead[1], ahead[0]])
