@@ -175,7 +175,7 @@ class _Ways:
     def gate(self, random: np.random.Generator) -> int:
         """Draw a gate by its traffic."""
         at = np.searchsorted(self._load, random.random() * self._load[-1], side="right")
-        return self._gates[min(int(at), len(self._gates) - 1)]
+        return int(self._gates[min(int(at), len(self._gates) - 1)])
 
     def outward(self, gate: int) -> list[int]:
         """Return the states of the way from the stop to a gate."""

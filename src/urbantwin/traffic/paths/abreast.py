@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import shapely
@@ -67,7 +68,7 @@ def with_parties(
             if len(part):
                 new += _beside(simulated, part, followers, walkable, step_s)
     came = {n for leader, all_ in parties.items() if leader in simulated.departed for n in all_}
-    found = {
+    found: dict[str, Any] = {
         name: np.concatenate([getattr(simulated, name), *(one[name] for one in new)])
         for name in ("step", "trip", "front", "angle_deg", "speed", "lane")
     }

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import shapely
@@ -80,7 +81,9 @@ def with_passengers_at_stops(
     columns: dict[str, list[NDArray[np.generic]]] = {}
     for stay in _stays(simulated, demand.passengers.places, blocks, doors):
         rows = order[slice(*np.searchsorted(simulated.trip[order], [stay.trip, stay.trip + 1]))]
-        steps = _steps_between_walks(stay, simulated.step[rows] * step_s, first, last, step_s)
+        steps = _steps_between_walks(
+            stay, np.asarray(simulated.step[rows] * step_s), first, last, step_s
+        )
         if not len(steps):
             continue
         if stay.place.lane not in lanes:
@@ -89,7 +92,9 @@ def with_passengers_at_stops(
         beside = steps[0] - 1 if stay.slot is not None else steps[-1] + 1
         walked = rows[simulated.step[rows] == beside]
         footway = simulated.front[walked[0]] if len(walked) else stay.place.point
-        xy, speed, yaw = _drawn(stay, footway, steps * step_s, walks_on=bool(len(walked)))
+        xy, speed, yaw = _drawn(
+            stay, footway, np.asarray(steps * step_s), walks_on=bool(len(walked))
+        )
         kept = np.isfinite(speed)
         own = {
             "step": steps[kept].astype(simulated.step.dtype),
@@ -101,7 +106,7 @@ def with_passengers_at_stops(
         }
         for name, values in own.items():
             columns.setdefault(name, []).append(values)
-    joined = {
+    joined: dict[str, Any] = {
         name: np.concatenate([getattr(simulated, name), *parts]) for name, parts in columns.items()
     }
     return replace(simulated, lanes=tuple(lanes), **joined)
