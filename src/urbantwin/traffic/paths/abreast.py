@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import shapely
@@ -19,6 +20,7 @@ from scipy.ndimage import minimum_filter1d, uniform_filter1d
 from urbantwin.roads import RoadNetwork
 from urbantwin.traffic.demand.demand import Demand
 from urbantwin.traffic.paths.footing import Footways
+from urbantwin.traffic.paths.trajectory import smoothed
 from urbantwin.traffic.sumo.simulation import Simulated
 
 __all__ = ["with_parties"]
@@ -28,8 +30,8 @@ __all__ = ["with_parties"]
 BESIDE_M, BEHIND_M = 0.8, 1.3
 #: Who is off the footway or the crossing by less has room on it, metres.
 _OVER_M = 0.1
-#: A direction is that of so much way before and behind; a formation changes within so much, metres.
-_COURSE_M, _CHANGE_M = 1.2, 2.0
+#: A formation changes within so much way before and behind, metres.
+_CHANGE_M = 2.0
 _GRID_M = 0.1
 #: Where the places of a party are, in units of the distances above: aside and behind, by how many
 #: there are and which of them it is.
@@ -66,7 +68,7 @@ def with_parties(
             if len(part):
                 new += _beside(simulated, part, followers, walkable, step_s)
     came = {n for leader, all_ in parties.items() if leader in simulated.departed for n in all_}
-    found = {
+    found: dict[str, Any] = {
         name: np.concatenate([getattr(simulated, name), *(one[name] for one in new)])
         for name in ("step", "trip", "front", "angle_deg", "speed", "lane")
     }
@@ -91,8 +93,17 @@ def _beside(
 ) -> list[dict[str, NDArray[np.generic]]]:
     """Return the rows of those who walk with somebody whose rows follow each other in time."""
     speed = simulated.speed[rows]
-    at = np.concatenate([[0.0], np.cumsum(speed[1:]) * step_s])
-    way = _Way(at, simulated.front[rows], np.radians(90.0 - simulated.angle_deg[rows]))
+    # SUMO sends people to and fro by a metre on walking areas: nobody stays beside that.
+    path = smoothed(
+        simulated.front[rows],
+        simulated.angle_deg[rows],
+        speed,
+        step_s=step_s,
+        length_m=0.0,
+        walks=True,
+    )
+    way = _Way(path.distance_m, path.xy, path.yaw)
+    at = path.distance_m
     places = _PLACES[len(followers) + 1][1:]
     lane = simulated.lane[rows]
     #: How much room there is at each place of the way, on the left and on the right.
@@ -132,34 +143,22 @@ class _Way:
     def __init__(
         self, at: NDArray[np.float64], xy: NDArray[np.float64], yaw: NDArray[np.float64]
     ) -> None:
-        self.at = at
         self.grid = np.arange(-4 * BEHIND_M, at[-1] + _GRID_M, _GRID_M)
         self.row = np.searchsorted(at, self.grid).clip(0, len(at) - 1)
         distinct, group = np.unique(np.round(at, 2), return_inverse=True)
-        mean = [np.bincount(group, xy[:, k]) / np.bincount(group) for k in (0, 1)]
-        ahead = np.array([np.cos(yaw[0]), np.sin(yaw[0])])
-        line = np.column_stack([np.interp(self.grid, distinct, one) for one in mean])
-        line += np.minimum(self.grid, 0.0)[:, None] * ahead
-        reach = round(_COURSE_M / _GRID_M)
-        number = np.arange(len(line))
-        course = (
-            line[np.minimum(number + reach, len(line) - 1)] - line[np.maximum(number - reach, 0)]
+        x, y, self._yaw = (
+            np.interp(self.grid, distinct, np.bincount(group, one) / np.bincount(group))
+            for one in (*xy.T, yaw)
         )
-        length = np.hypot(*course.T)
-        course[length < _GRID_M] = ahead
-        self._line = line
-        self._left = np.column_stack([-course[:, 1], course[:, 0]])
-        self._left /= np.maximum(np.hypot(*self._left.T), 1e-9)[:, None]
+        before = np.minimum(self.grid, 0.0)
+        self._line = np.column_stack([x + before * np.cos(yaw[0]), y + before * np.sin(yaw[0])])
 
     def place(
         self, at: NDArray[np.float64], left_m: float | NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """Return points (N, 2) so far along the way and to the left of it."""
-        line, left = (
-            np.column_stack([np.interp(at, self.grid, values[:, k]) for k in (0, 1)])
-            for values in (self._line, self._left)
-        )
-        return np.asarray(line + np.atleast_1d(left_m)[:, None] * left)
+        x, y, yaw = (np.interp(at, self.grid, one) for one in (*self._line.T, self._yaw))
+        return np.column_stack([x - left_m * np.sin(yaw), y + left_m * np.cos(yaw)])
 
     def smooth(self, fits: NDArray[np.bool_]) -> NDArray[np.float64]:
         """Return how much of a formation (0..1) there is where it fits."""
