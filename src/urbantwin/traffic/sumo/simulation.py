@@ -27,6 +27,7 @@ from urbantwin.roads.curve_speed import REAR_M, SPACING_M, lane_speeds
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand.demand import Demand
+from urbantwin.traffic.demand.manners import IN_BENDS
 from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
 from urbantwin.traffic.sumo.tram_conflicts import tram_conflicts
 
@@ -351,7 +352,10 @@ def write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> N
             bounds["width"] = min(mesh.width, _STRIPE_M)
         values = {attribute: f"{value:.3f}" for attribute, value in bounds.items()}
         values |= {**kind.parameters, **demand.manners.get(actor_class, {})}
-        etree.SubElement(root, "vType", id=name, vClass=kind.vclass, **values)
+        in_bends = values.pop(IN_BENDS, None)
+        made = etree.SubElement(root, "vType", id=name, vClass=kind.vclass, **values)
+        if in_bends is not None:
+            etree.SubElement(made, "param", key=IN_BENDS, value=in_bends)
     for number, trip in enumerate(demand.trips):
         if trip.beside:  # SUMO knows the one who leads
             continue
