@@ -24,8 +24,9 @@ from urbantwin.scene.map_objects import map_objects
 from urbantwin.scene.surface import PARTS, Spacing, surface_mesh
 from urbantwin.scene.tree import surveyed_tree_mesh
 from urbantwin.scene.water import water_bodies, with_water
-from urbantwin.scene.zones import ground_zones
+from urbantwin.scene.zones import Zone, ground_zones
 from urbantwin.site import Clutter, OsmFeature
+from urbantwin.taxonomy import semantic_id
 
 __all__ = ["FIRST_OBJECT", "Scene", "build_scene"]
 
@@ -128,6 +129,7 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
         carriageway=carriageway,
         without=covers.get("buildings"),
         country=country,
+        street=_paved(zones) if clutter == "typical" else None,
         tell=between(tell, SURFACE, BUILDINGS, "buildings"),
     )
     objects: dict[str, tuple[LabelledMesh, dict[str, int]]] = {
@@ -167,6 +169,13 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
     # Buildings come first.
     colours = buildings.colours.moved(FIRST_OBJECT)
     return Scene(LabelledMesh.concatenate(meshes), notes, colours)
+
+
+def _paved(zones: Sequence[Zone]) -> shapely.Geometry:
+    """Return carriageways and footways."""
+    walked = semantic_id("sidewalk")
+    kept = [z.area for z in zones if z.kind in ("carriageway", "footway") or z.semantic == walked]
+    return shapely.union_all(kept)
 
 
 def _kept_free(network: RoadNetwork) -> shapely.Geometry:
