@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from shapely import box
+from shapely import box, contains_xy
 
 from urbantwin.scene.building import building_mesh
 from urbantwin.site.extract import OsmFeature
@@ -71,9 +71,17 @@ def test_about_the_stated_share_of_houses_has_balconies_and_none_is_in_a_neighbo
         counts.append(notes.get("balconies", 0))
     assert 0.12 < np.mean(np.array(counts) > 0) < 0.48
     number = 1 + int(np.argmax(counts))
-    before = OsmFeature("way", 99, {"building": "garage"}, box(-5, -4, 25, -0.2))
-    _, notes = build(house(number), before, street=TO_THE_WALL)
-    assert "balconies" not in notes
+    beside = box(18.8, -6, 40, 10)
+    neighbour = OsmFeature("way", 999, {"building": "garage"}, beside)
+    alone, _ = build(house(number), street=TO_THE_WALL)
+    mesh, _ = build(house(number), neighbour, street=TO_THE_WALL)
+
+    def reaches_in(mesh):
+        own = mesh.vertices[mesh.faces[mesh.part == 1]].reshape(-1, 3)
+        return contains_xy(beside.buffer(-0.01), own[:, 0], own[:, 1]).any()
+
+    assert reaches_in(alone)
+    assert not reaches_in(mesh)
 
 
 def test_every_part_is_a_closed_solid():
