@@ -63,7 +63,8 @@ def building_surfaces(mesh: LabelledMesh) -> NDArray[np.uint8]:
     area = mesh.areas()
 
     def of_part(chosen: NDArray[np.bool_]) -> NDArray[np.float64]:
-        return np.bincount(part[chosen], area[chosen], minlength=len(foot))[part]
+        sums = np.bincount(part[chosen], area[chosen], minlength=len(foot))
+        return np.asarray(sums[part], np.float64)
 
     kind[glass & (of_part(upright & ~glass) > 0)] = WINDOW
     kind[wood & (of_part(upright & ~glass & ~wood) > of_part(wood))] = DOOR
