@@ -149,6 +149,8 @@ def build_twin(  # noqa: PLR0915 - stage by stage
             found,
             imported.drivable if imported else None,
             country=country_of(site.latitude, site.longitude),
+            clutter=site.clutter,
+            sensors=[(east, north) for _, east, north in site.rig.standing()],
             tell=between(tell, ROADS_WRITTEN, SCENE, "scene"),
         )
         tell(SCENE, "writing the scene")
