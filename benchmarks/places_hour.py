@@ -8,8 +8,8 @@ from typing import Any
 from xml.etree import ElementTree
 
 from urbantwin.traffic.demand.site_demand import demand_of
-from urbantwin.traffic.flow.circulation_report import circulation_report
 from urbantwin.traffic.fleet_of_twin import own_bodies
+from urbantwin.traffic.flow.circulation_report import circulation_report
 from urbantwin.traffic.sumo.simulation import observe
 from urbantwin.traffic.sumo.tram_conflicts import tram_conflicts
 from urbantwin.twin import Twin

@@ -30,7 +30,7 @@ __all__ = ["set_default_programs"]
 #: signals hold each other up: what finds room between them is as much for a short green.
 CYCLES = 3
 #: A shorter cycle is taken if what waits is less than this share: it loses time at every change.
-WORTH = 0.9
+WORTH = 0.7
 
 
 @dataclass(frozen=True)
