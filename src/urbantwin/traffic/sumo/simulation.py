@@ -186,6 +186,7 @@ def observe(  # noqa: PLR0913 - the same
     step_ms: int,
     seed: int,
     trams: Mapping[str, Any] | None = None,
+    outputs: Mapping[str, object] | None = None,
     scratch: Path | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Simulated:
@@ -199,13 +200,14 @@ def observe(  # noqa: PLR0913 - the same
         step_ms: SUMO's step.
         seed: SUMO's seed.
         trams: where they meet other traffic (``tram_conflicts``).
+        outputs: what SUMO shall write of its own: its options and their values.
         scratch: a folder for SUMO's files; the system's when not given.
         progress: called with the fraction done and what is being done.
 
     Raises:
         StageError: SUMO failed; the message holds SUMO's first error.
     """
-    options = sumo_options(step_ms, seed, circulates=True)
+    options = {**sumo_options(step_ms, seed, circulates=True), **(outputs or {})}
     steps = round(seconds * 1000 / step_ms)
     job: dict[str, Any] = {"warmup_substeps": steps, "first_step": 1, "last_step": 0, "substeps": 1}
     job["staged"] = []
