@@ -24,6 +24,7 @@ from urbantwin.traffic.paths.footing import Footways
 from urbantwin.traffic.paths.obstacles import Obstacles
 from urbantwin.traffic.paths.placement import Ground, stand
 from urbantwin.traffic.paths.separation import Moving, separated
+from urbantwin.traffic.paths.sidestepping import sidestepped
 from urbantwin.traffic.paths.solids import Solids
 from urbantwin.traffic.paths.steering import faced, steered
 from urbantwin.traffic.paths.track_box import track_size
@@ -285,7 +286,11 @@ def _apart(  # noqa: PLR0913 - all that they go between
         else:
             yaw[rows] = steered(xy[rows], yaw[rows], _rear_m(meshes[trip[rows[0]]]))
     parted = {**columns, "xy": xy, "yaw": yaw, "speed": speed}
-    return yielded(parted, moving, still[trip] / 2, step_s, before, between(tell, 0.5, 1.0))
+    waited = yielded(parted, moving, still[trip] / 2, step_s, before, between(tell, 0.5, 1.0))
+    footway = place.roads.footway(0)
+    return sidestepped(
+        waited, moving, still[trip] / 2, step_s, place.blocks, solids.shapes, footway
+    )
 
 
 def _rear_m(mesh: Asset) -> float:

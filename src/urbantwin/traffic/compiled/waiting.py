@@ -5,12 +5,12 @@ import math
 import numpy as np
 from numba import njit
 
-__all__ = ["driven", "first_contacts"]
+__all__ = ["depth", "driven", "first_contacts"]
 
 
 @njit(cache=True, nogil=True)
 def driven(
-    own, most, was, hard, allowed, since, until, ahead, step_s, grid_m, starts, brake, hardest, same_m
+    own, most, was, hard, allowed, since, until, ahead, step_s, grid_m, starts, brake, hardest, same
 ):  # fmt: skip
     """Return how far one is at each step (N,), and how hard it braked, m/s2.
 
@@ -31,24 +31,24 @@ def driven(
         starts: how hard it speeds up.
         brake: how hard it plans to brake.
         hardest: how hard it brakes at the most.
-        same_m: who is less behind than this is where it was.
+        same: who is less behind than this, metres, is where it was.
     """
     count = len(most)
     at = was.copy()
     did, k = 0.0, max(since, 1)
-    early = at if k > 1 else own
-    speed = (early[max(k - 1, 1)] - early[max(k - 2, 0)]) / step_s if count > 1 else 0.0
+    begun = at if k > 1 else own
+    speed = (begun[max(k - 1, 1)] - begun[max(k - 2, 0)]) / step_s if count > 1 else 0.0
     following = k
     while k < count:
         # A tenth of a millimetre is no difference.
-        if k > until and abs(at[k - 1] - was[k - 1]) < 1e-4:
-            if abs(at[k - 1] - at[k - 2] - was[k - 1] + was[k - 2]) < 1e-4:
-                at[k:] = was[k:]
-                break
+        back = k > until and abs(at[k - 1] - was[k - 1]) < 1e-4
+        if back and abs(at[k - 1] - at[k - 2] - was[k - 1] + was[k - 2]) < 1e-4:
+            at[k:] = was[k:]
+            break
         following = max(following, k)
         while following < count and not hard[following]:
             following += 1
-        if own[k - 1] - at[k - 1] < same_m and (following == count or following - k > ahead):
+        if own[k - 1] - at[k - 1] < same and (following == count or following - k > ahead):
             end = count if following == count else following - ahead
             if k < until:
                 end = min(end, until)
@@ -97,18 +97,18 @@ def first_contacts(top, width, mine, theirs, beside):
     found = np.full(len(top), np.inf)
     for w in range(len(top)):
         for g in range(max(top[w] - width + 1, 0), top[w] + 1):
-            deep = _deep(mine[g], theirs[w]) + beside
+            deep = depth(mine[g], theirs[w]) + beside
             if deep <= 0:
                 continue
             found[w] = g
             if g > max(top[w] - width + 1, 0):
-                found[w] -= deep / max(deep - _deep(mine[g - 1], theirs[w]) - beside, 1e-9)
+                found[w] -= deep / max(deep - depth(mine[g - 1], theirs[w]) - beside, 1e-9)
             break
     return found
 
 
 @njit(cache=True, nogil=True)
-def _deep(a, b):
+def depth(a, b):
     """Return how deep two boxes lie in each other, by the theorem of separating axes."""
     x, y = a[0] - b[0], a[1] - b[1]
     cos, sin = abs(a[2] * b[2] + a[3] * b[3]), abs(a[2] * b[3] - a[3] * b[2])
