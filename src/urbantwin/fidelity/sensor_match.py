@@ -117,6 +117,13 @@ def _step(seen: _Seen) -> float:
     return float(np.median(found)) if found else 0.0
 
 
+def _many_rings(seen: _Seen, chosen: NDArray[np.bool_]) -> int:
+    """Return how many rings have enough of the chosen points (N,)."""
+    assert seen.ring is not None
+    _, count = np.unique(seen.ring[chosen], return_counts=True)
+    return int((count >= _LEAST_IN_RING).sum())
+
+
 def _rings(real: _Seen, other: _Seen, ground: _Ground | None) -> Iterator[str]:
     """Say where ground that both show is seen by more rings of one, or their points lie closer.
 
@@ -127,12 +134,7 @@ def _rings(real: _Seen, other: _Seen, ground: _Ground | None) -> Iterator[str]:
         return
     if ground is not None:
         counts = [
-            int(
-                (
-                    np.bincount(np.unique(one.ring, return_inverse=True)[1][low]) >= _LEAST_IN_RING
-                ).sum()
-            )
-            for one, low in zip((real, other), ground.points, strict=True)
+            _many_rings(one, low) for one, low in zip((real, other), ground.points, strict=True)
         ]
         if min(counts) >= 4 and max(counts) > _FACTOR * min(counts):
             yield (
@@ -184,7 +186,7 @@ class _Ground:
         points: whether each point of either lies in one of these cells.
     """
 
-    counts: tuple[Array, Array]
+    counts: tuple[NDArray[np.int64], NDArray[np.int64]]
     points: tuple[NDArray[np.bool_], NDArray[np.bool_]]
 
 
