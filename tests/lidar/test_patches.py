@@ -49,6 +49,19 @@ def test_a_place_is_as_bright_whoever_asks_and_however():
     assert (away == 1).all()
 
 
+@pytest.mark.parametrize(("cosine", "share"), [(1.0, 0.0008), (0.1, 0.008), (0.01, 0.03)])
+def test_ground_throws_on_what_comes_in_flat(cosine, share):
+    """As often as the law says, in places: who looks there twice is lost twice."""
+    scatter = scatter_of_materials(865.0, swallows=True)
+    places = np.random.default_rng(6).uniform(-3e4, 3e4, (200_000, 3))
+    lost = scatter.thrown_on(places, np.full(len(places), cosine, np.float32)) < 0.5
+    assert lost.mean() == pytest.approx(share, rel=0.25)
+    near = scatter.thrown_on(places[lost] + [0.02, 0.0, 0.0], np.full(lost.sum(), cosine, "f4"))
+    assert (near < 0.5).mean() > 0.7
+    kept = scatter_of_materials(865.0).thrown_on(places[lost], np.full(lost.sum(), cosine, "f4"))
+    assert (kept == 1).all()
+
+
 def test_two_sensors_see_the_same_patches(ground_mesh, rig_of):
     """Where one reports bright ground the other does too."""
     effects = {"effects": {"footprint": False, "quantisation": False}}
