@@ -244,7 +244,7 @@ def test_nobody_turns_a_corner_tighter_than_a_car_can(side, build):
             bend = np.abs(np.gradient(heading, stations)).max()
             tightest[road.id] = 1 / bend
     assert tightest
-    assert min(tightest.values()) > 4.0
+    assert min(tightest.values()) > 3.0
 
 
 def areas(network, *ways):

@@ -29,7 +29,7 @@ SHIFT_RADIUS_M = 25.0
 SHIFT_TURN = 0.35
 #: Lines that meet at such angles turn a corner, radians: motor traffic does so no more tightly than
 #: this (turning circles of cars are 10 to 12 m), as far as roads keep this for arrows, metres.
-CORNERS, CORNER_RADIUS_M, LEFT_M = (0.6, 2.4), 6.0, 13.0
+CORNERS, CORNER_RADIUS_M, LEFT_M = (0.6, 2.4), 4.5, 13.0
 #: Largest share of an edge that is cut off at one end.
 TRIM_SHARE = 0.25
 #: Points of a way closer than this are thinned, so that a spline through them is calm, metres.
