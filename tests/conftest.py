@@ -1,13 +1,15 @@
 """Fixtures shared by every test."""
 
 import fcntl
+import json
 import math
 import os
 import shutil
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
 import pytest
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parents[1]
 SHARED_DATA = ROOT.parent / "shared" / "data"
+JUDGES = Path(os.environ.get("URBANTWIN_JUDGES", ROOT / ".venv-judges" / "bin" / "python"))
 
 # Hundreds of processes import the same modules: Python compiles them once, whatever it was told.
 sys.dont_write_bytecode = False
@@ -44,6 +47,28 @@ def shared_data() -> Path:
             pytest.fail(f"{SHARED_DATA} is missing")
         pytest.skip(f"real inputs are not here ({SHARED_DATA})")
     return SHARED_DATA
+
+
+@pytest.fixture(scope="session")
+def judge() -> Callable[..., Any]:
+    """Return ``judge(script, *arguments, job=None)``: what a script of ``tests/judges`` answers.
+
+    It runs in the judges' own Python, and gets a job, if any, as JSON on its standard input.
+    """
+    if not JUDGES.exists():
+        if os.environ.get("CI"):
+            pytest.fail(f"{JUDGES} is missing: make judges")
+        pytest.skip("the judges of exported files are not installed (make judges)")
+
+    def answer(script: str, *arguments: Path | str, job: object = None) -> Any:
+        done = subprocess.run(
+            [JUDGES, ROOT / "tests" / "judges" / f"{script}.py", *arguments],
+            input=json.dumps(job), capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr[-2000:]
+        return json.loads(done.stdout.splitlines()[-1])
+
+    return answer
 
 
 def _changes(folder: Path) -> dict[Path, tuple[int, int]]:

@@ -1,8 +1,5 @@
 """Twins to export: beside the example (right-hand traffic), a real place with left-hand traffic."""
 
-import json
-import os
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -42,21 +39,10 @@ def perth_twin(shared_data, made_once):
 
 
 @pytest.fixture(scope="session")
-def carla_says():
+def carla_says(judge):
     """Ask CARLA's own classes, in the judges' Python (`make judges`)."""
-    judge = os.environ.get("URBANTWIN_JUDGES", str(ROOT / ".venv-judges" / "bin" / "python"))
-    if not Path(judge).exists():
-        pytest.skip(f"no CARLA: {judge} is not there (make judges)")
 
     def ask(**job):
-        done = subprocess.run(
-            [judge, str(Path(__file__).with_name("carla_judge.py"))],
-            input=json.dumps(job),
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert done.returncode == 0, done.stderr
-        return json.loads(done.stdout)
+        return judge("carla_world", job=job)
 
     return ask

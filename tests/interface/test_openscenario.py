@@ -1,9 +1,8 @@
 """OpenSCENARIO XML, out and in; ASAM's checker judges it (`make judges`)."""
 
-import json
-import os
-import subprocess
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -19,8 +18,6 @@ from urbantwin.traffic.run import with_more
 
 from .conftest import Line
 
-ROOT = Path(__file__).parents[2]
-JUDGES = Path(os.environ.get("URBANTWIN_JUDGES", ROOT / ".venv-judges" / "bin" / "python"))
 PLACE = {"x": 0.0, "y": 0.0}
 EVENTS = [
     {"event": "passage", "at_s": 1.0, "place": PLACE},
@@ -50,17 +47,8 @@ def file(motion: Motion, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return made.path
 
 
-def test_the_checker_finds_nothing_wrong(file: Path) -> None:
-    if not JUDGES.exists():
-        pytest.skip("no judges: make judges")
-    judge = ROOT / "tests" / "exports" / "openscenario_judge.py"
-    done = subprocess.run(
-        [JUDGES, judge, file], capture_output=True, text=True, check=False, env={"PATH": ""}
-    )
-    if "No module named 'qc_openscenario'" in done.stderr:
-        pytest.skip("the judges have no checker of OpenSCENARIO: make judges")
-    assert done.returncode == 0, done.stderr[-2000:]
-    answer = json.loads(done.stdout.splitlines()[-1])
+def test_the_checker_finds_nothing_wrong(file: Path, judge: Callable[..., Any]) -> None:
+    (answer,) = judge("asam_and_carla", f"check={file}").values()
     assert answer["issues"] == []
     assert answer["status"]["check_asam_xosc_xml_valid_schema"] == "completed"
 

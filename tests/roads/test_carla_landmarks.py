@@ -1,10 +1,5 @@
 """CARLA announces to each lane its own signals, and no other, on the way to the stop line."""
 
-import json
-import os
-import subprocess
-from pathlib import Path
-
 import pytest
 import shapely
 
@@ -15,8 +10,6 @@ from urbantwin.roads.opendrive import write_opendrive
 from urbantwin.roads.opendrive.writing.left_hand_traffic import as_right_hand_traffic
 from urbantwin.site import read_extract
 
-ROOT = Path(__file__).parents[2]
-JUDGES = Path(os.environ.get("URBANTWIN_JUDGES", ROOT / ".venv-judges" / "bin" / "python"))
 #: Signals beyond the junction and mph; left-hand traffic, signals before and beyond; the near side.
 PLACES = {
     "quad_intersection": (47.644172, -122.303614),
@@ -26,11 +19,7 @@ PLACES = {
 
 
 @pytest.fixture(scope="module")
-def announced(shared_data, tmp_path_factory):
-    if not JUDGES.exists():
-        if os.environ.get("CI"):
-            pytest.fail(f"{JUDGES} is missing: make judges")
-        pytest.skip("the judges of OpenDRIVE are not installed (make judges)")
+def announced(shared_data, tmp_path_factory, judge):
     folder = tmp_path_factory.mktemp("landmarks")
     models, files = {}, []
     for name, place in PLACES.items():
@@ -46,10 +35,7 @@ def announced(shared_data, tmp_path_factory):
         files.append(folder / f"{name}.xodr")
         write_opendrive(built.model, frame, files[-1], version="1.4", name=name)
         models[name] = built.model
-    script = Path(__file__).with_name("carla_landmarks.py")
-    done = subprocess.run([JUDGES, script, *files], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr[-2000:]
-    answers = json.loads(done.stdout)
+    answers = judge("carla_landmarks", *files)
     return {name: (models[name], answers[str(folder / f"{name}.xodr")]) for name in models}
 
 

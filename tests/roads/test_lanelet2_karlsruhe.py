@@ -1,10 +1,7 @@
 """A surveyed junction: the Lanelet2 map of k733 in Karlsruhe, and what drove there."""
 
 import csv
-import json
-import os
 import runpy
-import subprocess
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,9 +16,6 @@ from urbantwin.roads.opendrive import write_opendrive
 
 HERE = Path(__file__).parent
 RULER = SimpleNamespace(**runpy.run_path(str(HERE / "lanelet_ruler.py")))
-JUDGES = Path(
-    os.environ.get("URBANTWIN_JUDGES", HERE.parents[1] / ".venv-judges" / "bin" / "python")
-)
 ANCHOR = (49.005306, 8.4374089)
 
 
@@ -99,11 +93,7 @@ def test_the_same_map_gives_the_same_bytes(k733, tmp_path):
     assert (tmp_path / "0.json").read_bytes() == (tmp_path / "1.json").read_bytes()
 
 
-def test_the_judges_of_opendrive_find_no_fault(k733, tmp_path):
-    if not JUDGES.exists():
-        if os.environ.get("CI"):
-            pytest.fail(f"{JUDGES} is missing: make judges")
-        pytest.skip("the judges of OpenDRIVE are not installed (make judges)")
+def test_the_judges_of_opendrive_find_no_fault(k733, tmp_path, judge):
     model = k733[0].model
     tasks = []
     for version in ("1.8", "1.4"):
@@ -111,10 +101,7 @@ def test_the_judges_of_opendrive_find_no_fault(k733, tmp_path):
         write_opendrive(model, SiteFrame(*ANCHOR), path, version=version, name="k733")
         tasks.append(f"check={path}")
     tasks.append(f"carla={path}")
-    script = HERE / "opendrive_judges.py"
-    done = subprocess.run([JUDGES, script, *tasks], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr[-2000:]
-    answers = json.loads(done.stdout)
+    answers = judge("asam_and_carla", *tasks)
     assert [answers[task]["issues"] for task in tasks[:2]] == [[], []]
     carla = answers[tasks[2]]
     # A way ends only where the map does: at streets that nothing follows.

@@ -3,10 +3,7 @@
 `make judges` installs them beside the development environment; without them these tests skip.
 """
 
-import json
 import math
-import os
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +17,6 @@ from urbantwin.roads.opendrive import write_opendrive
 from urbantwin.site import read_extract
 
 ROOT = Path(__file__).parents[2]
-JUDGES = Path(os.environ.get("URBANTWIN_JUDGES", ROOT / ".venv-judges" / "bin" / "python"))
 EXTRACTS = {
     "taipei.osm": (25.052396, 121.522635),
     "neukolln.osm": (52.47328, 13.439643),
@@ -41,21 +37,9 @@ def slope():
     return Elevation(-250.0, -250.0, 1.0, 0.04 * (x + y) / math.sqrt(2.0))
 
 
-def judge(tasks):
-    """Return what the judges answer to tasks, ``judge=file`` each."""
-    script = Path(__file__).with_name("opendrive_judges.py")
-    done = subprocess.run([JUDGES, script, *tasks], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr[-2000:]
-    return json.loads(done.stdout)
-
-
 @pytest.fixture(scope="session")
-def judged(shared_data, tmp_path_factory):
+def judged(shared_data, tmp_path_factory, judge):
     """Return {map=version: (roads that were built, frame, {judge: answer})}."""
-    if not JUDGES.exists():
-        if os.environ.get("CI"):
-            pytest.fail(f"{JUDGES} is missing: make judges")
-        pytest.skip("the judges of OpenDRIVE are not installed (make judges)")
     folder = tmp_path_factory.mktemp("judged")
     maps, tasks = {}, {}
     places = {name: (shared_data / "osm" / name, place) for name, place in EXTRACTS.items()}
@@ -78,7 +62,7 @@ def judged(shared_data, tmp_path_factory):
                 tasks[key, "check"] = f"check={file}"
             if version == "1.4":
                 tasks[key, "carla"] = f"carla={file}"
-    answers = judge(tasks.values())
+    answers = judge("asam_and_carla", *tasks.values())
     result = {key: (*value, {}) for key, value in maps.items()}
     for (key, kind), task in tasks.items():
         result[key][2][kind] = answers[task]
@@ -192,10 +176,8 @@ def test_carlas_heights_are_ours_where_a_road_is_one_lane(judged):
 
 
 @pytest.fixture(scope="session")
-def town_judged(town, tmp_path_factory):
+def town_judged(town, tmp_path_factory, judge):
     """Return {side=version: {judge: answer}} for the town that was made by hand."""
-    if not JUDGES.exists():
-        pytest.skip("the judges of OpenDRIVE are not installed (make judges)")
     folder = tmp_path_factory.mktemp("town")
     tasks = {}
     for side in ("right", "left"):
@@ -205,7 +187,7 @@ def town_judged(town, tmp_path_factory):
             tasks[side, version, "check"] = f"check={file}"
             if version == "1.4":
                 tasks[side, version, "carla"] = f"carla={file}"
-    answers = judge(tasks.values())
+    answers = judge("asam_and_carla", *tasks.values())
     return {key: answers[task] for key, task in tasks.items()}
 
 

@@ -1,24 +1,28 @@
-"""Run by the judges' own Python: ASAM's checker and CARLA's map, their answers as JSON.
+"""Run by the judges' own Python: ASAM's checkers and CARLA's map, their answers as JSON.
 
-The checker needs numpy 1, so both live in an environment of their own (`make judges`).
+The checkers need numpy 1, so all live in an environment of their own (`make judges`).
 """
 
 import functools
+import importlib
 import json
 import sys
 from pathlib import Path
 
+#: ASAM's bundle of checks for each kind of file.
+BUNDLES = {".xodr": "qc_opendrive", ".xosc": "qc_openscenario"}
+
 
 def check(path):
     """Every issue that ASAM's checker bundle reports, and how its checks ended."""
+    import xmlschema
     from qc_baselib import Configuration, Result
-    from qc_opendrive import constants
-    from qc_opendrive.checks.schema import valid_schema
-    from qc_opendrive.main import run_checks
 
+    bundle = BUNDLES[path.suffix]
+    constants = importlib.import_module(f"{bundle}.constants")
     # The schema of a version is compiled once for all files.
-    if not hasattr(valid_schema.xmlschema.XMLSchema11, "cache_info"):
-        valid_schema.xmlschema.XMLSchema11 = functools.cache(valid_schema.xmlschema.XMLSchema11)
+    if not hasattr(xmlschema.XMLSchema11, "cache_info"):
+        xmlschema.XMLSchema11 = functools.cache(xmlschema.XMLSchema11)
     config = path.with_suffix(".config.xml")
     config.write_text(f'<Config><Param name="InputFile" value="{path}"/></Config>')
     configuration, result = Configuration(), Result()
@@ -27,11 +31,11 @@ def check(path):
         name=constants.BUNDLE_NAME, description="", version=constants.BUNDLE_VERSION, summary=""
     )
     result.set_result_version(version=constants.BUNDLE_VERSION)
-    run_checks(configuration, result)
-    bundle = result.get_checker_bundle_result(constants.BUNDLE_NAME)
+    importlib.import_module(f"{bundle}.main").run_checks(configuration, result)
+    found = result.get_checker_bundle_result(constants.BUNDLE_NAME)
     return {
-        "issues": [f"{i.rule_uid}: {i.description}" for c in bundle.checkers for i in c.issues],
-        "status": {c.checker_id: c.status.value for c in bundle.checkers},
+        "issues": [f"{i.rule_uid}: {i.description}" for c in found.checkers for i in c.issues],
+        "status": {c.checker_id: c.status.value for c in found.checkers},
     }
 
 
