@@ -31,7 +31,7 @@ from urbantwin.site.signals import SignalPlan, SignalSpec
 from urbantwin.site.traffic import OwnAssetSpec, TrafficSpec
 from urbantwin.site.yaml_document import Document, read_document, wrong
 
-__all__ = ["Clutter", "InputFile", "Site", "check_extract", "load_site"]
+__all__ = ["Clutter", "InputFile", "Site", "check_extract", "check_roads", "load_site"]
 
 #: What stands beside streets: what is mapped, with what is typical where the map is silent, or
 #: neither.
@@ -415,29 +415,37 @@ def _imagery_sources(document: Document, specs: list[ImagerySpec]) -> tuple[Imag
 
 
 def check_extract(site: Site, extract: Extract) -> None:
-    """Check that the extract has roads in the site's region.
+    """Check that the extract has roads in the site's region, as `check_roads` does."""
+    check_roads(extract, site.frame, site.region, f"the region of {site.file.name}")
+
+
+def check_roads(extract: Extract, frame: SiteFrame, region: shapely.Polygon, named: str) -> None:
+    """Check that an extract has roads in a region.
+
+    Args:
+        extract: the extract.
+        frame: the site frame.
+        region: the region, site frame.
+        named: what errors call the region.
 
     Raises:
         InputError: it has no roads at all, or none in the region; it says how far away they are.
     """
     highways = extract.highways()
+    expected = f"an extract around {frame.latitude:.6f}, {frame.longitude:.6f}"
     if not highways and not extract.is_whole:
-        raise InputError(
-            f"has no road near the region of {site.file.name}",
-            file=extract.path,
-            expected=f"an extract around {site.latitude:.6f}, {site.longitude:.6f}",
-        )
+        raise InputError(f"has no road near {named}", file=extract.path, expected=expected)
     if not highways:
         raise InputError("holds no roads", file=extract.path, expected="ways with a highway tag")
     lonlat = [np.array([extract.nodes[n] for n in way.nodes if n in extract.nodes])
               for way in highways]  # fmt: skip
     lonlat = [points for points in lonlat if len(points) >= 2]
-    anchor = np.array([site.longitude, site.latitude])
+    anchor = np.array([frame.longitude, frame.latitude])
     # One degree: where the plane's formulas surely hold.
     near = [points for points in lonlat if np.abs(points - anchor).max() < 1.0]
-    lines = [shapely.LineString(site.frame.site_from_lonlat(points)) for points in near]
+    lines = [shapely.LineString(frame.site_from_lonlat(points)) for points in near]
     if lines:
-        nearest_m = float(shapely.distance(np.array(lines), site.region).min())
+        nearest_m = float(shapely.distance(np.array(lines), region).min())
     elif lonlat:
         nodes = np.vstack(lonlat)
         away_m = Geod(ellps="WGS84").inv(*nodes.T, *np.broadcast_to(anchor, nodes.shape).T)[2]
@@ -448,9 +456,9 @@ def check_extract(site: Site, extract: Extract) -> None:
         return
     away = f"{nearest_m / 1000:.1f} km" if nearest_m >= 1000 else f"{nearest_m:.0f} m"
     raise InputError(
-        f"has no road within the region of {site.file.name}: the nearest is {away} away",
+        f"has no road within {named}: the nearest is {away} from it",
         file=extract.path,
-        expected=f"an extract around {site.latitude:.6f}, {site.longitude:.6f}",
+        expected=expected,
     )
 
 
