@@ -17,9 +17,9 @@ import shapely
 __all__ = ["CarShape", "drawn"]
 
 #: From the outline of the roof to the windows, and between windows, metres.
-_FRAME_M, _PILLAR_M = 0.09, 0.11
+_FRAME_M, _PILLAR_M = 0.075, 0.11
 #: From the belt line up to the panes, and the bonnet's front edge behind the nose, metres.
-_SEAL_M, _BONNET_M = 0.03, 0.16
+_SEAL_M, _BONNET_M = 0.02, 0.16
 #: A window that is smaller is none, square metres.
 _LEAST_WINDOW_M2 = 0.03
 
