@@ -117,13 +117,18 @@ def candidates(
     found = []
     for name, phase in sorted(extents, key=lambda one: (off[one], one))[:count]:
         mesh = _stood(name, phase, riderless)
-        x, y, z = size / extents[name, phase]
+        factors, filled = size / extents[name, phase], box
+        if class_name == "pedestrian":
+            # Posture and slack make the plan of a box; nobody's head is wider for it.
+            factors = np.full(3, factors[2])
+            filled = np.concatenate([box[:3], factors * extents[name, phase], box[6:]])
+        x, y, z = factors
         coated = name
         if class_name in COATED_CLASSES:
             coated = coated_name(name, number)
             mesh = coated_mesh(mesh, AssetName.of(coated).coat)
         filling = scaled_mesh(mesh, (float(x), float(y), float(z)))
-        found.append(PlacedBody(coated, box, filling, off[name, phase]))
+        found.append(PlacedBody(coated, filled, filling, off[name, phase]))
     return found
 
 
