@@ -120,6 +120,8 @@ class DriverSpec(Strict):
         headway_s: time that they keep to who is ahead, seconds.
         standing_gap_m: distance that they keep when they stand, metres.
         acceleration: most that they speed up with, m/s2.
+        acceleration_at_10: what is left of that at 10 m/s; it falls in a line with the speed.
+        sideways_acceleration: what they accept in bends, m/s2.
         critical_gap_s: shortest gap in the other traffic that they take, seconds.
     """
 
@@ -128,6 +130,8 @@ class DriverSpec(Strict):
     headway_s: Annotated[float, Field(ge=0.1, le=10.0)] | None = None
     standing_gap_m: Annotated[float, Field(ge=0.1, le=20.0)] | None = None
     acceleration: Annotated[float, Field(ge=0.2, le=10.0)] | None = None
+    acceleration_at_10: Annotated[float, Field(ge=0.1, le=10.0)] | None = None
+    sideways_acceleration: Annotated[float, Field(ge=0.5, le=6.0)] | None = None
     critical_gap_s: Annotated[float, Field(ge=0.1, le=20.0)] | None = None
 
 

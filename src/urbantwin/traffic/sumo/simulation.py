@@ -27,6 +27,7 @@ from urbantwin.roads.curve_speed import REAR_M, SPACING_M, lane_speeds
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import Asset
 from urbantwin.traffic.demand.demand import Demand
+from urbantwin.traffic.demand.manners import IN_BENDS
 from urbantwin.traffic.demand.passengers import boarding_job
 from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
 from urbantwin.traffic.sumo.tram_conflicts import tram_conflicts
@@ -190,6 +191,7 @@ def observe(  # noqa: PLR0913 - the same
     step_ms: int,
     seed: int,
     trams: Mapping[str, Any] | None = None,
+    outputs: Mapping[str, object] | None = None,
     scratch: Path | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Simulated:
@@ -203,13 +205,14 @@ def observe(  # noqa: PLR0913 - the same
         step_ms: SUMO's step.
         seed: SUMO's seed.
         trams: where they meet other traffic (``tram_conflicts``).
+        outputs: what SUMO shall write of its own: its options and their values.
         scratch: a folder for SUMO's files; the system's when not given.
         progress: called with the fraction done and what is being done.
 
     Raises:
         StageError: SUMO failed; the message holds SUMO's first error.
     """
-    options = sumo_options(step_ms, seed, circulates=True)
+    options = {**sumo_options(step_ms, seed, circulates=True), **(outputs or {})}
     steps = round(seconds * 1000 / step_ms)
     job: dict[str, Any] = {"warmup_substeps": steps, "first_step": 1, "last_step": 0, "substeps": 1}
     job["staged"] = []
@@ -358,7 +361,10 @@ def write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> N
             bounds["width"] = min(mesh.width, _STRIPE_M)
         values = {attribute: f"{value:.3f}" for attribute, value in bounds.items()}
         values |= {**kind.parameters, **demand.manners.get(actor_class, {})}
-        etree.SubElement(root, "vType", id=name, vClass=kind.vclass, **values)
+        in_bends = values.pop(IN_BENDS, None)
+        made = etree.SubElement(root, "vType", id=name, vClass=kind.vclass, **values)
+        if in_bends is not None:
+            etree.SubElement(made, "param", key=IN_BENDS, value=in_bends)
     # SUMO wants them in the order of setting out.
     for number, trip in sorted(enumerate(demand.trips), key=lambda one: one[1].depart_s):
         if trip.beside:  # SUMO knows the one who leads
