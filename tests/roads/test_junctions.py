@@ -226,6 +226,22 @@ def test_nothing_floats_in_real_junctions(name, shared_data, tmp_path):
         for head in built.network.signals:
             if built.network.lane_by_id[head.lane].kind != "crossing":
                 assert not inside.contains(shapely.Point(head.x, head.y))
+    # Who goes ahead from one lane does not cross who goes ahead from the lane beside it.
+    net = sumolib.net.readNet(str(tmp_path / "n.net.xml"), withInternal=True)
+    for edge in net.getEdges(withInternal=False):
+        ahead = [
+            (lane, item.getTo(), shapely.LineString(net.getLane(item.getViaLaneID()).getShape()))
+            for lane in edge.getLanes()
+            if lane.allows("passenger")
+            for item in lane.getOutgoing()
+            if item.getDirection() in "sLR" and item.getViaLaneID()
+        ]
+        for (a, to, way), (b, there, other) in combinations(ahead, 2):
+            assert a is b or to is there or not way.crosses(other), (a.getID(), b.getID())
+    # One junction has one controller.
+    for node in net.getNodes():
+        items = [item for item in node.getConnections() if item.getTLSID()]
+        assert len({item.getTLSID() for item in items}) <= 1
 
 
 @pytest.mark.parametrize("side", ["right", "left"])

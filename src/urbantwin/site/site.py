@@ -31,8 +31,11 @@ from urbantwin.site.signals import SignalPlan, SignalSpec
 from urbantwin.site.traffic import OwnAssetSpec, TrafficSpec
 from urbantwin.site.yaml_document import Document, read_document, wrong
 
-__all__ = ["InputFile", "Site", "check_extract", "check_roads", "load_site"]
+__all__ = ["Clutter", "InputFile", "Site", "check_extract", "check_roads", "load_site"]
 
+#: What stands beside streets: what is mapped, with what is typical where the map is silent, or
+#: neither.
+Clutter = Literal["typical", "mapped", "none"]
 Metres = Annotated[float, Field(ge=-1e8, le=1e8, allow_inf_nan=False)]
 
 
@@ -117,6 +120,10 @@ class _Roads(_Strict):
         return self
 
 
+class _Scene(_Strict):
+    clutter: Clutter = "typical"
+
+
 class _SiteFile(_Strict):
     name: Annotated[str, Field(min_length=1)] = "site"
     anchor: _Anchor = Field(description="latitude and longitude of the junction")
@@ -127,6 +134,7 @@ class _SiteFile(_Strict):
     geometry: list[GeometrySpec] = []
     imagery: list[ImagerySpec] = []
     signals: list[SignalSpec] = []
+    scene: _Scene = _Scene()
     closed_loop: bool = True
     traffic: TrafficSpec = TrafficSpec()
     rig: str | dict[str, Any] = Field(description="the sensors, or the name of a rig's file")
@@ -174,6 +182,7 @@ class Site:
         geometry: meshes, 3D Tiles and point clouds that the scene is made from.
         imagery: aerial imagery, from which the ground's materials are classified.
         outline: the region's ring as it was given, longitude and latitude; empty for a circle.
+        clutter: what stands beside the streets: ``typical``, ``mapped`` or ``none``.
     """
 
     file: Path
@@ -195,6 +204,7 @@ class Site:
     geometry: tuple[GeometrySource, ...] = ()
     imagery: tuple[ImagerySource, ...] = ()
     outline: tuple[tuple[float, float], ...] = ()
+    clutter: Clutter = "typical"
 
     @cached_property
     def frame(self) -> SiteFrame:
@@ -228,6 +238,7 @@ class Site:
             **self._geometry(),
             **self._imagery(),
             **self._signals(),
+            "scene": {"clutter": self.clutter},
             "closed_loop": self.closed_loop,
             "traffic": self._traffic(),
             "rig": self.rig.written(),
@@ -377,6 +388,7 @@ def load_site(path: Path) -> Site:
         geometry=_geometry_sources(document, raw.geometry),
         imagery=_imagery_sources(document, raw.imagery),
         outline=outline,
+        clutter=raw.scene.clutter,
     )
 
 
