@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -240,6 +241,7 @@ def _worked(
                 *(number for row in job["staged"] for number in row.get("classes", ())),
             ],
             "kinds": len(ACTOR_CLASSES),
+            "parties": Counter(str(k - x.beside) for k, x in enumerate(demand.trips) if x.beside),
             "outer": sorted(demand.outer),
             "stuck_s": STUCK_S,
             "curves": curves_of(net_path),
@@ -355,6 +357,8 @@ def write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> N
         if in_bends is not None:
             etree.SubElement(made, "param", key=IN_BENDS, value=in_bends)
     for number, trip in enumerate(demand.trips):
+        if trip.beside:  # SUMO knows the one who leads
+            continue
         common = {"id": str(number), "type": trip.asset, "depart": f"{trip.depart_s:.2f}"}
         edges = " ".join(trip.edges)
         if trip.actor_class == "pedestrian":
