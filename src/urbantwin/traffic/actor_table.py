@@ -24,6 +24,7 @@ from urbantwin.traffic.paths.footing import Footways
 from urbantwin.traffic.paths.obstacles import Obstacles
 from urbantwin.traffic.paths.placement import Ground, stand
 from urbantwin.traffic.paths.separation import Moving, separated
+from urbantwin.traffic.paths.sidestepping import sidestepped
 from urbantwin.traffic.paths.solids import Solids
 from urbantwin.traffic.paths.steering import faced, steered
 from urbantwin.traffic.paths.track_box import track_size
@@ -128,8 +129,9 @@ def actor_table(  # noqa: PLR0913 - of a drive there is much to say
     columns = bent
     tell(0.4, "past each other")
     columns = _apart(
-        columns, simulated.lanes, trips, who, place, solids, before, step_s=step_s, asset=asset
-    )
+        columns, simulated.lanes, trips, who, place, solids, before, step_s=step_s, asset=asset,
+        tell=between(tell, 0.4, 0.5),
+    )  # fmt: skip
     lead = (who == vehicles(who))[columns["trip"]]
     poses = {name: columns[name][lead] for name in ("trip", "step", "behind")}
     kept = (columns["step"] >= 0) & (columns["step"] < steps)
@@ -255,6 +257,7 @@ def _apart(  # noqa: PLR0913 - all that they go between
     *,
     step_s: float,
     asset: Callable[[str], Asset],
+    tell: Progress,
 ) -> dict[str, NDArray[Any]]:
     """Return poses of which no two overlap, where that can be had."""
     meshes = [asset(trip.asset) for trip in trips]
@@ -283,7 +286,11 @@ def _apart(  # noqa: PLR0913 - all that they go between
         else:
             yaw[rows] = steered(xy[rows], yaw[rows], _rear_m(meshes[trip[rows[0]]]))
     parted = {**columns, "xy": xy, "yaw": yaw, "speed": speed}
-    return yielded(parted, moving, still[trip] / 2, step_s, before)
+    waited = yielded(parted, moving, still[trip] / 2, step_s, before, between(tell, 0.5, 1.0))
+    footway = place.roads.footway(0)
+    return sidestepped(
+        waited, moving, still[trip] / 2, step_s, place.blocks, solids.shapes, footway
+    )
 
 
 def _rear_m(mesh: Asset) -> float:

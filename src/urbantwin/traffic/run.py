@@ -35,6 +35,7 @@ from urbantwin.traffic.fleet_of_twin import fleet_of, own_bodies
 from urbantwin.traffic.motion import ACTOR_SCHEMA, Motion
 from urbantwin.traffic.parked import ParkedVehicles, park
 from urbantwin.traffic.paths.abreast import with_parties
+from urbantwin.traffic.paths.at_stops import with_passengers_at_stops
 from urbantwin.traffic.paths.footing import on_footways
 from urbantwin.traffic.paths.overlap import overlaps_of
 from urbantwin.traffic.paths.placement import Ground
@@ -254,8 +255,11 @@ class _Streets:
         before: Before | None = None,
     ) -> _Drive:
         """Make the table of what SUMO did."""
+        walked = on_footways(self._on_the_map(simulated), demand, self.twin.roads)
         made = actor_table(
-            on_footways(self._on_the_map(simulated), demand, self.twin.roads),
+            with_passengers_at_stops(
+                walked, demand, place.blocks, step_s=self.step_s, asset=self.own.asset
+            ),
             demand,
             place,
             steps=self.steps,

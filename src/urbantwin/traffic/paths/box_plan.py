@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
-__all__ = ["PlanBoxes", "meetings", "near_pairs", "rows_beside", "shared_areas"]
+from urbantwin.traffic.compiled.near import close_pairs
 
-#: Steps lie so far apart as a third axis that no two of them are near each other, metres.
-_STEP_APART_M = 1e4
-#: Boxes that reach farther from their middle than this are searched for by themselves, metres:
-#: people and two-wheelers then need not be compared with all within a bus's length.
-_SMALL_M = 1.2
-#: Steps, and pairs, that are compared at a time.
-_STEPS, _PAIRS = 1000, 200_000
+__all__ = ["PlanBoxes", "meetings", "near_pairs", "rows_beside", "rows_near", "shared_areas"]
+
+#: Pairs that are compared at a time.
+_PAIRS = 200_000
+#: What is near whom is found first by cells of this size, metres.
+_CELL_M = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,57 +63,48 @@ class PlanBoxes:
         return np.asarray(shapely.polygons(self.xy[:, None] + np.stack(corners, axis=1)))
 
 
-def near_pairs(boxes: PlanBoxes, within_m: float) -> NDArray[np.int64]:
+def near_pairs(
+    boxes: PlanBoxes, within_m: float, wanted: NDArray[np.bool_] | None = None
+) -> NDArray[np.int64]:
     """Return the pairs (P, 2) whose circles about their boxes come nearer than this in a step.
 
     Args:
         boxes: in any order.
         within_m: metres, 0 for circles that touch.
+        wanted: (N,) of which boxes one at least is in a pair; any, where not given.
     """
-    found = [np.zeros(0, np.int64)]
     count = max(len(boxes.step), 1)
-    order = np.argsort(boxes.step, kind="stable")
-    chunk = boxes.step[order] // _STEPS
-    for rows in np.split(order, np.flatnonzero(np.diff(chunk)) + 1):
-        for pairs in _near(boxes.take(rows), within_m):
-            low, high = np.sort(rows[pairs], axis=1).T
-            found.append(low * count + high)
+    order = np.lexsort([boxes.xy[:, 0], boxes.step])
+    (x, y), reach = boxes.xy[order].T.copy(), np.hypot(*boxes.half[order].T)
+    chosen = np.ones(len(order), np.bool_) if wanted is None else wanted[order]
+    step = boxes.step[order].astype(np.int64)
+    low, high = np.sort(order[close_pairs(step, x, y, reach, chosen, within_m)], axis=1).T
     # As single numbers: an hour's pairs, sorted by two columns, would take gigabytes.
-    keys = np.concatenate(found)
-    found.clear()
+    keys = low * count + high
     keys.sort()
     return np.column_stack(np.divmod(keys, count))
 
 
-def _near(boxes: PlanBoxes, within_m: float) -> Iterator[NDArray[np.int64]]:
-    reach = np.hypot(*boxes.half.T)
-    place = np.column_stack([boxes.xy, boxes.step * _STEP_APART_M])
-    small = np.flatnonzero(reach <= _SMALL_M)
-    large = np.flatnonzero(reach > _SMALL_M)
-    if len(small) > 1:
-        close = KDTree(place[small]).query_pairs(2 * _SMALL_M + within_m, output_type="ndarray")
-        yield from _reaching(boxes, reach, small[close], within_m)
-    if not len(large):
-        return
-    tree = KDTree(place[large])
-    if len(large) > 1:
-        widest = 2 * float(reach[large].max()) + within_m
-        yield from _reaching(
-            boxes, reach, large[tree.query_pairs(widest, output_type="ndarray")], within_m
-        )
-    beside = KDTree(place[small]).sparse_distance_matrix(
-        tree, float(reach[large].max()) + _SMALL_M + within_m, output_type="ndarray"
+def rows_near(
+    tree: shapely.STRtree, xy: NDArray[np.float64], reach: NDArray[np.float64]
+) -> NDArray[np.int64]:
+    """Return the rows (R,) of points (N, 2) that shapes may be nearer to than ``reach`` (N,).
+
+    It is looked at cell by cell, so that rows that are near each other cost as one.
+    """
+    if not len(xy) or not len(tree):
+        return np.zeros(0, np.int64)
+    key = np.round(xy / _CELL_M).astype(np.int64) @ np.array([1 << 32, 1])
+    cells, which = np.unique(key, return_inverse=True)
+    y = (cells + (1 << 31)) % (1 << 32) - (1 << 31)
+    middle = np.column_stack([(cells - y) >> 32, y]) * _CELL_M
+    most = float(reach.max()) + _CELL_M
+    (cell, _), away = tree.query_nearest(
+        shapely.points(middle), max_distance=most, return_distance=True, all_matches=False
     )
-    pairs = np.column_stack([small[beside["i"]], large[beside["j"]]])
-    yield from _reaching(boxes, reach, pairs, within_m)
-
-
-def _reaching(
-    boxes: PlanBoxes, reach: NDArray[np.float64], pairs: NDArray[np.int64], within_m: float
-) -> Iterator[NDArray[np.int64]]:
-    one, other = pairs.T
-    apart = np.hypot(*(boxes.xy[one] - boxes.xy[other]).T)
-    yield pairs[apart < reach[one] + reach[other] + within_m]
+    far = np.full(len(cells), np.inf)
+    far[cell] = away
+    return np.flatnonzero(far[which] - _CELL_M <= reach)
 
 
 def rows_beside(
@@ -129,8 +118,7 @@ def rows_beside(
         within_m: boxes are grown by so much to each side, metres.
     """
     reach = np.hypot(*boxes.half.T) + within_m
-    row, _ = tree.query(shapely.points(boxes.xy), predicate="dwithin", distance=reach)
-    near = np.unique(row)
+    near = rows_near(tree, boxes.xy, reach)
     wide = replace(boxes, half=boxes.half + within_m).take(near)
     row, block = tree.query(wide.polygons, predicate="intersects")
     return near[row], block

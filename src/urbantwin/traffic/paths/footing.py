@@ -53,10 +53,9 @@ class Footways:
             room = self._room(int(lane[mine[0]])) if len(mine) else None
             if room is None:
                 continue
-            points = shapely.points(xy[mine])
-            away = np.flatnonzero(~shapely.intersects(room, points))
+            away = np.flatnonzero(~shapely.intersects_xy(room, *xy[mine].T))
             if len(away):
-                line = shapely.shortest_line(points[away], room)
+                line = shapely.shortest_line(shapely.points(xy[mine[away]]), room)
                 ends = shapely.get_coordinates(line).reshape(-1, 2, 2)
                 way[mine[away]] = ends[:, 1] - ends[:, 0]
         return way

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from urbantwin.geometry import LabelledMesh
 from urbantwin.taxonomy import semantic_classes
-from urbantwin.traffic.paths.box_plan import PlanBoxes
+from urbantwin.traffic.paths.box_plan import PlanBoxes, rows_near
 
 __all__ = ["Obstacles"]
 
@@ -57,7 +57,9 @@ class Obstacles:
             z: (N,) of the ground that they stand on.
             height: (N,) metres.
         """
-        row, shape = self._tree.query(boxes.polygons, predicate="intersects")
+        near = rows_near(self._tree, boxes.xy, np.hypot(*boxes.half.T))
+        row, shape = self._tree.query(boxes.take(near).polygons, predicate="intersects")
+        row = near[row]
         level = (self._high[shape] > z[row] + _KNEE_M) & (self._low[shape] < z[row] + height[row])
         return np.column_stack([row[level], shape[level]])
 

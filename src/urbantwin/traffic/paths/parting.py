@@ -114,9 +114,14 @@ class Moving:
         """Whether each row is followed by the next step of the same actor (N - 1,)."""
         return np.asarray((np.diff(self.actor) == 0) & (np.diff(self.boxes.step) == 1))
 
-    def pairs(self, within_m: float, xy: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Return the pairs (P, 2) of rows that are near each other, were they at ``xy``."""
-        pairs = near_pairs(replace(self.boxes, xy=xy), within_m)
+    def pairs(
+        self, within_m: float, xy: NDArray[np.float64], wanted: NDArray[np.bool_] | None = None
+    ) -> NDArray[np.int64]:
+        """Return the pairs (P, 2) of rows that are near each other, were they at ``xy``.
+
+        One of both at least is among those that are wanted (N,).
+        """
+        pairs = near_pairs(replace(self.boxes, xy=xy), within_m, wanted)
         one, other = pairs.T
         whose = self.vehicles[self.actor]
         met = (self.level[one] == self.level[other]) & (whose[one] != whose[other])
@@ -157,8 +162,8 @@ class PartingPaths:
         ]
         kind = np.array([[one.along, one.aside, one.change_s, *one.most_m] for one in gives])[actor]
         self.on_foot = np.array([name == "pedestrian" for name in moving.classes])[actor]
-        #: On the ground, where the solids stand.
-        self.walks = self.on_foot & (moving.level == 0)
+        #: Who may be moved on the ground, where the solids stand.
+        self.walks = self.on_foot & (moving.level == 0) & changed
         self.scale = np.sqrt(kind[:, :2])
         self.most = kind[:, 3:]
         self.change = kind[:, 2] / step_s
@@ -209,9 +214,11 @@ class PartingPaths:
         """
         count = len(place)
         boxes, blocks = replace(self.moving.boxes, xy=place), self.blocks
-        pairs = self.moving.pairs(NEAR_M, place)
+        pairs = self.moving.pairs(NEAR_M, place, ~self.kept)
         pairs = pairs[self._aside(boxes, pairs)]
-        row, block = rows_beside(self.tree, boxes, NEAR_M)
+        free = np.flatnonzero(~self.kept)
+        row, block = rows_beside(self.tree, boxes.take(free), NEAR_M)
+        row = free[row]
         both = PlanBoxes.joined([boxes, blocks])
         pairs = np.concatenate([pairs, np.column_stack([row, block + count])])
         speed = np.concatenate([self.moving.speed, np.zeros(len(blocks.yaw))])

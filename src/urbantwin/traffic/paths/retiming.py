@@ -12,6 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
+
+from urbantwin.traffic.compiled.waiting import driven
 
 __all__ = ["LIMITS", "RUNS_MS", "Limits", "Pace", "curve_speeds", "retimed"]
 
@@ -75,6 +78,12 @@ class Pace:
     speeds: NDArray[np.float64]
     step_s: float
 
+    def allowed(self, brake: float) -> NDArray[np.float64]:
+        """Return the greatest speed (G,) with which one can brake so for what comes, m/s."""
+        reach = 2 * brake * GRID_M * np.arange(len(self.speeds))
+        least = np.minimum.accumulate((np.square(self.speeds) + reach)[::-1])[::-1]
+        return np.asarray(np.sqrt(least - reach))
+
 
 def curve_speeds(
     at: NDArray[np.float64], yaw: NDArray[np.float64], step_s: float, *, walks: bool
@@ -109,7 +118,9 @@ def retimed(
     pace: Pace,
     bound: NDArray[np.float64],
     limits: Limits,
-    begun: NDArray[np.float64] | None = None,
+    was: NDArray[np.float64] | None = None,
+    since: int = 1,
+    until: int | None = None,
 ) -> NDArray[np.float64]:
     """Return how far the actor is at each step (N,), metres, of what it can do the gentlest.
 
@@ -117,95 +128,38 @@ def retimed(
         pace: how it may go.
         bound: (N,) farther than which it is not to be, metres; infinite where it is free.
         limits: of its class.
-        begun: (M,) how far it is at its first steps, whatever comes.
+        was: (N,) how far it was so far; as ``pace`` says, where not given.
+        since: the first step that may be another.
+        until: the step from which on it does as it did, once it is where it was.
     """
     most = np.minimum(bound, pace.at)
-    first = pace.at[:1] if begun is None or not len(begun) else begun
+    was = pace.at if was is None else was
+    until = len(most) if until is None else until
+    hard = _hard(pace, limits)
+    hard |= most < pace.at - 1e-9
+    ahead = round(_AHEAD_S / pace.step_s)
     for brake in limits.brakes:
-        at, hardest = _driven(pace, most, first, limits.starts, (brake, limits.brakes[-1]))
+        allowed = pace.allowed(brake)
+        at, hardest = driven(
+            pace.at, most, was, hard, allowed, since, until, ahead, pace.step_s, GRID_M,
+            limits.starts, brake, limits.brakes[-1], _SAME_M,
+        )  # fmt: skip
         if hardest <= brake * 1.15:
             break
-    return at
+    return np.asarray(at)
 
 
-def _driven(
-    pace: Pace,
-    most: NDArray[np.float64],
-    first: NDArray[np.float64],
-    starts: float,
-    brakes: tuple[float, float],
-) -> tuple[NDArray[np.float64], float]:
-    """Return how far one is at each step, and how hard it braked.
-
-    It plans to brake with the one of ``brakes``, and does with the other at the most.
-    """
-    step_s, count, begun = pace.step_s, len(most), min(len(first), len(most))
-    brake, hardest = brakes
-    ahead = round(_AHEAD_S / step_s)
-    # What the way allows, so that one can brake for what comes.
-    allowed = np.square(pace.speeds)
-    for k in range(len(allowed) - 2, -1, -1):
-        allowed[k] = min(allowed[k], allowed[k + 1] + 2 * brake * GRID_M)
-    allowed = np.sqrt(allowed)
-    later = step_s * np.arange(0, ahead)
-    fallen = brake * later**2 / 2
-    slowed = brake * later
-    at = np.empty(count)
-    follows = _next(_watches(pace, most, starts, hardest))
-    at[:begun] = first[:begun]
-    early = at[:begun] if begun > 1 else pace.at
-    speed = (
-        (early[-1] - early[-2]) / step_s if begun > 1 else float(np.diff(early[:2]).sum()) / step_s
-    )
-    did = 0.0
-    k = begun
-    while k < count:
-        # Where nothing is in the way it goes as it went.
-        if follows[k] > k and pace.at[k - 1] - at[k - 1] < _SAME_M:
-            at[k : follows[k]] = pace.at[k : follows[k]]
-            k = int(follows[k])
-            speed = float(pace.at[k - 1] - pace.at[k - 2]) / step_s if k > 1 else speed
-            continue
-        room = most[k : k + ahead] - at[k - 1]
-        n = len(room)
-        # Goes on for one step at a speed v, then brakes: never beyond, whether it has come to a
-        # standstill by then or not.
-        stops = np.sqrt(np.maximum((brake * step_s) ** 2 + 2 * brake * room, 0.0)) - brake * step_s
-        goes = (room + fallen[:n]) / (later[:n] + step_s)
-        safe = float(np.where(goes >= slowed[:n], goes, stops).min())
-        here = allowed[min(int(at[k - 1] / GRID_M), len(allowed) - 1)]
-        wanted = min(safe, here, speed + starts * step_s)
-        now = max(wanted, speed - hardest * step_s, 0.0)
-        did = max(did, (speed - now) / step_s)
-        if wanted < now:
-            did = max(did, hardest * 2)
-        speed = now
-        at[k] = at[k - 1] + speed * step_s
-        k += 1
-    return at, did
-
-
-def _watches(
-    pace: Pace, most: NDArray[np.float64], starts: float, hardest: float
-) -> NDArray[np.bool_]:
-    """Return in which steps (N,) one has to look ahead: before what it cannot do as it did."""
-    speed = np.gradient(pace.at, pace.step_s) if len(most) > 1 else np.zeros(1)
-    gain = np.gradient(speed, pace.step_s) if len(most) > 1 else np.zeros(1)
+def _hard(pace: Pace, limits: Limits) -> NDArray[np.bool_]:
+    """Return in which steps (N,) the actor does what its class does not."""
+    if len(pace.at) < 2:
+        return np.zeros(len(pace.at), np.bool_)
+    speed = np.gradient(pace.at, pace.step_s)
+    gain = np.gradient(speed, pace.step_s)
     cell = np.minimum((pace.at / GRID_M).astype(int), len(pace.speeds) - 1)
-    hard = (gain < -hardest) | (gain > starts * _HARDER) | (speed > pace.speeds[cell] + 1e-3)
-    hard |= most < pace.at - 1e-9
-    row = np.arange(len(hard))
-    after = _next(hard)
-    return np.asarray(after - row <= round(_AHEAD_S / pace.step_s)) & (after < len(hard))
-
-
-def _next(wanted: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return the first wanted row at or after each (N,); N where there is none."""
-    row = np.where(wanted, np.arange(len(wanted)), len(wanted))
-    return np.asarray(np.minimum.accumulate(row[::-1])[::-1])
+    fast = speed > pace.speeds[cell] + 1e-3
+    return np.asarray((gain < -limits.brakes[-1]) | (gain > limits.starts * _HARDER) | fast)
 
 
 def _most(values: NDArray[np.float64], reach: int) -> NDArray[np.float64]:
     """Return the greatest of the values (N,) within so many to each side."""
-    padded = np.pad(values, reach, mode="edge")
-    return np.asarray(np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1).max(axis=1))
+    return np.asarray(maximum_filter1d(values, 2 * reach + 1, mode="nearest"))

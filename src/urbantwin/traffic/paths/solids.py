@@ -6,7 +6,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from urbantwin.traffic.paths.box_plan import PlanBoxes
+from urbantwin.traffic.paths.box_plan import PlanBoxes, rows_near
 
 __all__ = ["Solids"]
 
@@ -55,9 +55,11 @@ class Solids:
 
         The ways out are unit vectors, how far is in metres.
         """
-        places = shapely.points(points)
+        near = rows_near(self.tree, points, np.zeros(len(points)))
+        places = shapely.points(points[near])
         row, which = self.tree.query(places, predicate="within")
         line = shapely.shortest_line(places[row], self._borders[which])
+        row = near[row]
         way = np.diff(shapely.get_coordinates(line).reshape(-1, 2, 2), axis=1)[:, 0]
         far = np.hypot(*way.T)
         deep = far > 1e-6

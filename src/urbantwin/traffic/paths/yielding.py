@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter1d
 
+from urbantwin.progress import Progress, between, each, untold
+from urbantwin.traffic.compiled.waiting import first_contacts
 from urbantwin.traffic.paths.box_plan import PlanBoxes, meetings, shared_areas
 from urbantwin.traffic.paths.parting import Moving
 from urbantwin.traffic.paths.retiming import (
@@ -45,6 +47,8 @@ _STEPS = 2000
 #: Two who meet have to do with each other so long before and after at the most, seconds, and until
 #: they are so far apart, metres; who meet again later than this meet anew, seconds.
 _BEFORE_S, _AFTER_S, _PARTED_M, _AGAIN_S = 30.0, 120.0, 60.0, 10.0
+#: So long before that it goes as it did, seconds: it looks ahead no farther.
+_LOOKS_S = 12.0
 #: How hard somebody drives is looked at over this time, seconds; what nobody does to the side,
 #: m/s2, and by how much it may start harder than its class does.
 _OVER_S, _SIDEWAYS_MS2, _STARTS = 0.5, 3.8, 1.3
@@ -73,6 +77,28 @@ class Before:
     rigid: frozenset[int] = frozenset()
 
 
+@dataclass(frozen=True, eq=False)
+class _Let:
+    """That somebody lets another go first when they meet.
+
+    Attributes:
+        first: the other's way.
+        since: the step of its own way since which they would lie in each other.
+        begin: the first of its steps in which it has to do with the other.
+        bound: how far it may be in these steps, metres; infinite where it is free.
+    """
+
+    first: int
+    since: int
+    begin: int
+    bound: NDArray[np.float64]
+
+    @property
+    def until(self) -> int:
+        """The step after the last."""
+        return self.begin + len(self.bound)
+
+
 @dataclass(eq=False)
 class _Way:
     """Somebody's way while it is there without a gap.
@@ -83,7 +109,8 @@ class _Way:
         kind: its class.
         pace: how it may go.
         at: (N,) how far it is now, metres.
-        lets: the ways whose actors it lets go first, each from one of its steps on.
+        start: the step of the motion in which it begins.
+        lets: whom it lets go first.
     """
 
     number: int
@@ -91,7 +118,8 @@ class _Way:
     kind: str
     pace: Pace
     at: NDArray[np.float64]
-    lets: tuple[tuple[int, int], ...] = ()
+    start: int
+    lets: tuple[_Let, ...] = ()
 
     @property
     def behind_m(self) -> float:
@@ -102,18 +130,30 @@ class _Way:
     def _strictly(self) -> NDArray[np.float64]:
         return self.pace.at + 1e-7 * np.arange(len(self.pace.at))
 
+    def between(
+        self,
+        values: NDArray[Any],
+        body: int,
+        at: NDArray[np.float64],
+        part: slice = slice(None),
+    ) -> NDArray[Any]:
+        """Return what a body's values (rows, ...) are where the way is so far, in a part of it."""
+        strictly = self._strictly[part]
+        when = np.interp(at, strictly, np.arange(len(strictly), dtype=np.float64))
+        low = np.minimum(when.astype(int), len(strictly) - 1)
+        high = np.minimum(low + 1, len(strictly) - 1)
+        share = (when - low).reshape(-1, *[1] * (values.ndim - 1))
+        mine = values[self.bodies[body][part]]
+        return np.asarray(mine[low] + (mine[high] - mine[low]) * share)
+
     def row_at(self, at: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return when it was so far itself, in its own steps, not whole."""
         return np.interp(at, self._strictly, np.arange(len(self._strictly), dtype=np.float64))
 
-    def between(self, values: NDArray[Any], body: int, at: NDArray[np.float64]) -> NDArray[Any]:
-        """Return what a body's values (rows, ...) are where the way is so far."""
-        when = self.row_at(at)
-        low = np.minimum(when.astype(int), self.bodies.shape[1] - 1)
-        high = np.minimum(low + 1, self.bodies.shape[1] - 1)
-        share = (when - low).reshape(-1, *[1] * (values.ndim - 1))
-        mine = values[self.bodies[body]]
-        return np.asarray(mine[low] + (mine[high] - mine[low]) * share)
+    def part(self, low_m: float, high_m: float) -> slice:
+        """Return the steps within which the way goes from one length to another."""
+        first, last = np.searchsorted(self._strictly, [low_m, high_m])
+        return slice(max(int(first) - 1, 0), int(last) + 2)
 
 
 def yielded(
@@ -122,6 +162,7 @@ def yielded(
     half: NDArray[np.float64],
     step_s: float,
     before: Before | None = None,
+    tell: Progress = untold,
 ) -> Columns:
     """Return poses of which fewer overlap, and which everybody's class can drive.
 
@@ -134,10 +175,11 @@ def yielded(
         half: (N, 2) half the sizes that nobody is to come into, metres.
         step_s: time between steps.
         before: how the same traffic went until something changed, which nobody foresees.
+        tell: called with the fraction done (0..1) and what is being done.
     """
     if not len(columns["trip"]):
         return {**columns, "behind": np.zeros(0)}
-    return _Yielding(columns, moving, half, step_s, before).run()
+    return _Yielding(columns, moving, half, step_s, before).run(tell)
 
 
 class _Yielding:
@@ -163,10 +205,13 @@ class _Yielding:
         for group in drawn.values():
             group.sort(key=lambda rows: int(actor[rows[0]]))
         self.bodies = [np.array(group) for group in drawn.values()]
+        self.starts = [int(step[bodies[0, 0]]) for bodies in self.bodies]
         self.whose = np.empty(len(actor), np.int64)
         for number, bodies in enumerate(self.bodies):
             self.whose[bodies.ravel()] = number
         self.ways: dict[int, _Way] = {}
+        #: Who lets a way's actor go first.
+        self.followers: dict[int, set[int]] = {}
         self.changed = np.ones(len(actor), np.bool_)
         own = before.own if before else frozenset()
         self.able = np.array(
@@ -183,18 +228,20 @@ class _Yielding:
             behind = np.split(before.columns["behind"][early], place[1:])
             self.were = dict(zip(whose[place].tolist(), behind, strict=True)) if len(place) else {}
 
-    def run(self) -> Columns:
+    def run(self, tell: Progress) -> Columns:
         """Let one after the other wait, until nobody overlaps or nothing helps."""
         for number in range(len(self.bodies)):
             if self._too_hard(number) or self._begun(number).any():
                 way = self._way(number)
-                self._go(way, self._solved(way, way.lets))
+                self._go(way, self._solved(way, (), 0, len(way.at)))
         hopeless: set[tuple[int, int, int]] = set()
-        for _ in range(_ROUNDS):
+        for turn in range(_ROUNDS):
             found = [meeting for meeting in self._overlaps() if meeting not in hopeless]
             if not found:
                 break
-            for meeting in found:
+            # The later rounds have less to do.
+            telling = between(tell, 1 - 0.5**turn, 1 - 0.5 ** (turn + 1))
+            for meeting in each(found, telling, "waiting for each other"):
                 if not self._decided(*meeting):
                     hopeless.add(meeting)
         return self._columns()
@@ -218,7 +265,7 @@ class _Yielding:
             yaw = np.unwrap(self.columns["yaw"][first])
             speeds = curve_speeds(at, yaw, self.step_s, walks=kind == "pedestrian")
             pace = Pace(at, speeds, self.step_s)
-            self.ways[number] = _Way(number, bodies, kind, pace, at)
+            self.ways[number] = _Way(number, bodies, kind, pace, at, self.starts[number])
         return self.ways[number]
 
     def _too_hard(self, number: int) -> bool:
@@ -277,17 +324,19 @@ class _Yielding:
     def _decided(self, one: int, other: int, step: int) -> bool:
         """Let one of two who overlap since a step wait; return whether that may help."""
         before = self._through(one, other, step)
-        best: tuple[float, float, _Way, NDArray[np.float64], tuple[tuple[int, int], ...]] | None
-        best = None
+        best: tuple[float, float, _Way, NDArray[np.float64], tuple[_Let, ...]] | None = None
         for mine, first in ((one, other), (other, one)):
             if not self.able[mine]:
                 continue
             way = self._way(mine)
-            since = step - int(self.columns["step"][way.bodies[0, 0]])
+            let = self._let(way, first, step - way.start)
             again = self._steps(_AGAIN_S)
-            kept = [one for one in way.lets if one[0] != first or abs(one[1] - since) > again]
-            lets = (*kept, (first, since))
-            at = self._solved(way, lets)
+            same = [one.first == first and abs(one.since - let.since) <= again for one in way.lets]
+            old = [one for one, met in zip(way.lets, same, strict=True) if met]
+            kept = [one for one, met in zip(way.lets, same, strict=True) if not met]
+            lets = (*kept, let)
+            span = min(x.begin for x in (*old, let)), max(x.until for x in (*old, let))
+            at = self._solved(way, lets, *span)
             lost = float((way.at - at).sum()) * self.step_s
             left = self._through(mine, first, step, at)
             cost = lost + _THROUGH * left
@@ -299,117 +348,142 @@ class _Yielding:
         if left > before / 2:
             return False
         way.lets = lets
-        self._go(way, at)
-        for follower in self.ways.values():
-            if any(first == way.number for first, _ in follower.lets):
-                self._go(follower, self._solved(follower, follower.lets))
+        self.followers.setdefault(lets[-1].first, set()).add(way.number)
+        low, high = self._go(way, at)
+        for number in sorted(self.followers.get(way.number, ())):
+            self._follow(self.ways[number], way.number, low + way.start, high + way.start)
         return True
 
-    def _solved(self, way: _Way, lets: tuple[tuple[int, int], ...]) -> NDArray[np.float64]:
-        """Return how far somebody is who lets others go first."""
-        bound = np.full(len(way.at), np.inf)
-        for first, since in lets:
-            np.minimum(bound, self._bound(way, first, since), out=bound)
-        behind = self._begun(way.number)
-        begun = way.pace.at[: len(behind)] - behind
-        return retimed(way.pace, bound, LIMITS[way.kind], begun)
+    def _follow(self, way: _Way, first: int, low: int, high: int) -> None:
+        """Let somebody wait anew for whoever goes otherwise between two steps of the motion."""
+        lets, spans = [], []
+        for let in way.lets:
+            met = let.first == first and let.begin + way.start < high
+            if met and let.until + way.start > low:
+                spans.append((let.begin, let.until))
+                let = self._let(way, first, let.since)  # noqa: PLW2901 - the same, anew
+                spans.append((let.begin, let.until))
+            lets.append(let)
+        if spans:
+            way.lets = tuple(lets)
+            span = min(begin for begin, _ in spans), max(until for _, until in spans)
+            self._go(way, self._solved(way, way.lets, *span))
 
-    def _bound(self, way: _Way, first: int, since: int) -> NDArray[np.float64]:
-        """Return how far somebody may be (N,), metres, not to come into another's boxes."""
-        boxes = self.moving.boxes
+    def _solved(
+        self, way: _Way, lets: tuple[_Let, ...], begin: int, until: int
+    ) -> NDArray[np.float64]:
+        """Return how far somebody is who lets others go first, and did not so within some steps."""
         bound = np.full(len(way.at), np.inf)
-        grid = np.arange(0.0, way.pace.at[-1] + GRID_M, GRID_M)
-        width = int(way.behind_m / GRID_M) + 1
-        gap = _AHEAD_M.get(way.kind, _USUAL_AHEAD_M)
-        start = int(boxes.step[way.bodies[0, 0]])
+        for let in lets:
+            part = bound[let.begin : let.until]
+            np.minimum(part, let.bound, out=part)
+        behind = self._begun(way.number)
+        was = way.at.copy()
+        was[: len(behind)] = way.pace.at[: len(behind)] - behind
+        since = max(begin - self._steps(_LOOKS_S), len(behind), 1)
+        return retimed(way.pace, bound, LIMITS[way.kind], was, since, until)
+
+    def _let(self, way: _Way, first: int, since: int) -> _Let:
+        """Return how far somebody may be not to come into another's boxes, when they meet."""
+        boxes = self.moving.boxes
         begin, until = self._meeting(way, first, since)
+        bound = np.full(until - begin, np.inf)
+        gap, width = _AHEAD_M.get(way.kind, _USUAL_AHEAD_M), int(way.behind_m / GRID_M) + 1
+        # What of its way it may be on then.
+        low = max(int(way.pace.at[begin] / GRID_M) - width, 0)
+        grid = GRID_M * np.arange(low, int(way.pace.at[until - 1] / GRID_M) + 2)
+        grid = np.minimum(grid, way.pace.at[-1])
+        top = np.ceil(way.pace.at[begin:until] / GRID_M).astype(int) - low
+        top = np.minimum(top, len(grid) - 1)
         for body in range(len(way.bodies)):
-            own = self._along(way, body, grid, gap if body == 0 else 0.0)
+            own = _plan(self._along(way, body, grid, gap if body == 0 else 0.0))
             for rows in self.bodies[first]:
-                when = boxes.step[rows] - start
-                there = (when >= begin) & (when < until)
-                theirs, when = rows[there], when[there]
-                own_reach = float(np.hypot(*own.half[0]))
-                reach = way.behind_m + own_reach + np.hypot(*boxes.half[theirs].T)
-                far = np.hypot(*(boxes.xy[theirs] - boxes.xy[way.bodies[body, when]]).T)
-                # Where it is now is not where it was.
-                near = far < reach + (way.pace.at - way.at)[when]
-                theirs, when = theirs[near], when[near]
-                if not len(when):
+                theirs, after = self._during(first, rows, begin + way.start, until + way.start)
+                if not len(theirs):
                     continue
-                top = np.minimum(np.ceil(way.pace.at[when] / GRID_M).astype(int), len(grid) - 1)
-                cell = np.maximum(top[:, None] - np.arange(width)[::-1], 0)
-                pairs = np.column_stack(
-                    [cell.ravel(), np.repeat(np.arange(len(when)) + len(grid), width)]
-                )
-                deep, _ = meetings(PlanBoxes.joined([own, boxes.take(theirs)]), pairs)
-                deep = deep.reshape(len(when), width) + _BESIDE_M
-                met = deep > 0
-                at = met.argmax(axis=1)
-                row = np.arange(len(when))
-                inside, outside = deep[row, at], deep[row, np.maximum(at - 1, 0)]
-                share = np.where(at > 0, inside / np.maximum(inside - outside, 1e-9), 0.0)
-                free = grid[cell[row, at]] - share * GRID_M
-                free[~met.any(axis=1)] = np.inf
-                np.minimum.at(bound, when, free)
+                part = slice(after - begin - way.start, after - begin - way.start + len(theirs))
+                at = first_contacts(top[part], width, own, _plan(boxes.take(theirs)), _BESIDE_M)
+                np.minimum(bound[part], (at + low) * GRID_M, out=bound[part])
         # As long as it was before the other, and not on the way into it, it need not be behind it.
-        over = bound[: max(since, 0)] < way.at[: max(since, 0)] - 0.05
+        early = max(since - begin, 0)
+        over = bound[:early] < way.at[begin : begin + early] - 0.05
         clear = np.flatnonzero(~over)
         before = np.flatnonzero(over[: clear[-1]] if len(clear) else over)
         if len(before):
             bound[: before[-1] + 1] = np.inf
-        return bound
+        return _Let(first, since, begin, bound)
+
+    def _during(
+        self, number: int, rows: NDArray[np.int64], low: int, high: int
+    ) -> tuple[NDArray[np.int64], int]:
+        """Return the rows of a way between two steps of the motion, and the step of the first."""
+        first = max(low, self.starts[number])
+        return rows[first - self.starts[number] : max(high - self.starts[number], 0)], first
 
     def _meeting(self, way: _Way, first: int, since: int) -> tuple[int, int]:
         """Return from which of a way's steps until which it has to do with another."""
-        boxes, start = self.moving.boxes, int(self.moving.boxes.step[way.bodies[0, 0]])
         begin = max(since - self._steps(_BEFORE_S), 0)
         until = min(since + self._steps(_AFTER_S), len(way.at))
-        rows = self.bodies[first][0]
-        when = boxes.step[rows] - start
-        after = (when >= since) & (when < until)
-        theirs, when = rows[after], when[after]
-        far = np.hypot(*(boxes.xy[theirs] - boxes.xy[way.bodies[0, when]]).T)
-        parted = np.flatnonzero(far > _PARTED_M)
-        return begin, int(when[parted[0]]) if len(parted) else until
+        rows, after = self._during(
+            first, self.bodies[first][0], since + way.start, until + way.start
+        )
+        own = way.bodies[0, after - way.start : after - way.start + len(rows)]
+        xy = self.moving.boxes.xy
+        parted = np.flatnonzero(np.hypot(*(xy[rows] - xy[own]).T) > _PARTED_M)
+        return begin, after - way.start + int(parted[0]) if len(parted) else until
 
-    def _along(self, way: _Way, body: int, at: NDArray[np.float64], gap_m: float) -> PlanBoxes:
+    def _along(
+        self,
+        way: _Way,
+        body: int,
+        at: NDArray[np.float64],
+        gap_m: float,
+    ) -> PlanBoxes:
         """Return a body's boxes where the way is so far, longer at the front by a gap."""
-        xy = way.between(self.columns["xy"], body, at)
-        yaw = way.between(self.columns["yaw"], body, at)
-        half = way.between(self.moving.boxes.half, body, at) + np.array([gap_m / 2, 0.0])
+        part = way.part(float(at.min()), float(at.max()))
+        xy = way.between(self.columns["xy"], body, at, part)
+        yaw = way.between(self.columns["yaw"], body, at, part)
+        half = self.moving.boxes.half[way.bodies[body, 0]] + np.array([gap_m / 2, 0.0])
         ahead = np.column_stack([np.cos(yaw), np.sin(yaw)])
-        return PlanBoxes(np.zeros(len(at), np.int64), xy + ahead * gap_m / 2, yaw, half)
+        xy = xy + ahead * gap_m / 2
+        return PlanBoxes(np.zeros(len(at), np.int64), xy, yaw, np.tile(half, (len(at), 1)))
 
     def _through(
         self, mine: int, first: int, step: int, at: NDArray[np.float64] | None = None
     ) -> float:
         """Return how deep two lie in each other around a step, metres times seconds."""
         boxes, total = self.moving.boxes, 0.0
-        low, high = step - self._steps(_BEFORE_S), step + self._steps(_AFTER_S)
+        low = max(step - self._steps(_BEFORE_S), self.starts[mine], self.starts[first])
+        high = step + self._steps(_AFTER_S)
         for body, every in enumerate(self.bodies[mine]):
-            near = np.flatnonzero((boxes.step[every] >= low) & (boxes.step[every] < high))
-            own = boxes.take(every[near])
-            if at is not None:
-                own = replace(self._along(self._way(mine), body, at[near], 0.0), step=own.step)
-            for theirs in self.bodies[first]:
-                _, here, there = np.intersect1d(
-                    own.step, boxes.step[theirs], assume_unique=True, return_indices=True
-                )
-                both = PlanBoxes.joined([own.take(here), boxes.take(theirs[there])])
-                number = np.arange(len(here))
-                deep, _ = meetings(both, np.column_stack([number, number + len(here)]))
+            rows, begin = self._during(mine, every, low, high)
+            own = boxes.take(rows)
+            if at is not None and len(rows):
+                begin -= self.starts[mine]
+                own = self._along(self._way(mine), body, at[begin : begin + len(rows)], 0.0)
+            for others in self.bodies[first]:
+                theirs = boxes.take(self._during(first, others, low, high)[0])
+                number = np.arange(min(len(own.yaw), len(theirs.yaw)))
+                both = PlanBoxes.joined([own, theirs])
+                deep, _ = meetings(both, np.column_stack([number, number + len(own.yaw)]))
                 total += float(np.maximum(deep, 0.0).sum()) * self.step_s
         return total
 
-    def _go(self, way: _Way, at: NDArray[np.float64]) -> None:
-        """Let somebody be so far (N,) at its steps."""
-        way.at = np.where(way.pace.at - at < _SAME_M, way.pace.at, at)
+    def _go(self, way: _Way, at: NDArray[np.float64]) -> tuple[int, int]:
+        """Let somebody be so far (N,) at its steps; return between which of them that is new."""
+        at = np.where(way.pace.at - at < _SAME_M, way.pace.at, at)
+        new = np.flatnonzero(at != way.at)
+        way.at = at
+        if not len(new):
+            return 0, 0
+        span = slice(int(new[0]), int(new[-1]) + 1)
         boxes = self.moving.boxes
         for body, rows in enumerate(way.bodies):
-            now = self._along(way, body, way.at, 0.0)
-            self.changed[rows] |= (boxes.xy[rows] != now.xy).any(axis=1)
-            boxes.xy[rows], boxes.yaw[rows] = now.xy, now.yaw
+            mine = rows[span]
+            now = self._along(way, body, way.at[span], 0.0)
+            self.changed[mine] |= (boxes.xy[mine] != now.xy).any(axis=1)
+            boxes.xy[mine], boxes.yaw[mine] = now.xy, now.yaw
+        return span.start, span.stop
 
     def _columns(self) -> Columns:
         """Return the columns with everybody where it is now."""
@@ -434,3 +508,9 @@ class _Yielding:
                 share *= np.clip(1.0 - (way.pace.at - way.at) / _BLENDS_M, 0.0, 1.0)
                 found["speed"][rows[late]] = np.maximum(now + own * share, 0.0)[late]
         return found
+
+
+def _plan(boxes: PlanBoxes) -> NDArray[np.float64]:
+    """Return boxes as rows (N, 6): middle, cosine and sine of the heading, half the size."""
+    heading = np.column_stack([np.cos(boxes.yaw), np.sin(boxes.yaw)])
+    return np.hstack([boxes.xy, heading, boxes.half])

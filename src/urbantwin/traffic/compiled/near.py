@@ -1,0 +1,44 @@
+"""Who is near whom in a step."""
+
+import numpy as np
+from numba import njit
+
+__all__ = ["close_pairs"]
+
+
+@njit(cache=True, nogil=True)
+def close_pairs(step, x, y, reach, wanted, within):
+    """Return the pairs (P, 2) of circles of one step that come nearer to each other than this.
+
+    Args:
+        step: (N,) int64, when; not decreasing.
+        x: (N,) of their middles; not decreasing within a step.
+        y: (N,) the same.
+        reach: (N,) their radii.
+        wanted: (N,) bool, one of both at least is to be.
+        within: metres.
+    """
+    count = len(step)
+    pairs = np.empty((1024, 2), np.int64)
+    found = first = 0
+    while first < count:
+        last, widest = first, 0.0
+        while last < count and step[last] == step[first]:
+            widest = max(widest, reach[last])
+            last += 1
+        for i in range(first, last):
+            for j in range(i + 1, last):
+                far = x[j] - x[i]
+                if far >= reach[i] + widest + within:
+                    break
+                near = reach[i] + reach[j] + within
+                if not (wanted[i] or wanted[j]) or far * far + (y[j] - y[i]) ** 2 >= near * near:
+                    continue
+                if found == len(pairs):
+                    more = np.empty((2 * found, 2), np.int64)
+                    more[:found] = pairs
+                    pairs = more
+                pairs[found, 0], pairs[found, 1] = i, j
+                found += 1
+        first = last
+    return pairs[:found]

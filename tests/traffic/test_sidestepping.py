@@ -1,0 +1,150 @@
+"""People in a crowd step aside step by step: boxes by shapely, speeds by differences of places."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import shapely
+
+from urbantwin.traffic.paths.box_plan import PlanBoxes, near_pairs, rows_near
+from urbantwin.traffic.paths.parting import Moving
+from urbantwin.traffic.paths.sidestepping import sidestepped
+
+STEP_S = 0.1
+HALF = {"pedestrian": (0.3, 0.25), "car": (2.2, 0.9)}
+NOTHING = PlanBoxes(np.zeros(0, int), np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2)))
+
+
+def walked(
+    ways: Sequence[np.ndarray],
+    kinds: Sequence[str] | None = None,
+    blocks: PlanBoxes = NOTHING,
+    footway: shapely.Geometry | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return where actors (A, N) on ways are then (A, N, 2), and their boxes (A, N)."""
+    kinds = kinds or ["pedestrian"] * len(ways)
+    count = len(ways[0])
+    actor = np.repeat(np.arange(len(ways)), count)
+    step = np.tile(np.arange(count), len(ways))
+    velocity = np.concatenate([np.gradient(way, STEP_S, axis=0) for way in ways])
+    courses = [np.diff(way, axis=0)[np.hypot(*np.diff(way, axis=0).T) > 1e-9] for way in ways]
+    yaw = np.concatenate([np.full(count, np.arctan2(*one[0][::-1])) for one in courses])
+    half = np.array([HALF[kind] for kind in kinds])[actor]
+    columns = {
+        "trip": actor,
+        "step": step,
+        "xy": np.concatenate(ways),
+        "yaw": yaw,
+        "speed": np.hypot(*velocity.T),
+    }
+    level = np.zeros(len(actor), int)
+    boxes = PlanBoxes(step, columns["xy"], yaw, half)
+    moving = Moving(
+        actor, boxes, columns["speed"], level, level, tuple(kinds), np.arange(len(ways))
+    )
+    footway = footway or shapely.box(-50, -50, 50, 50)
+    solids = np.array([], object)
+    found = sidestepped(columns, moving, half, STEP_S, blocks, solids, footway)
+    shapes = PlanBoxes(step, found["xy"], yaw, half).polygons.reshape(len(ways), count)
+    return found["xy"].reshape(len(ways), count, 2), shapes
+
+
+def straight(start: Sequence[float], end: Sequence[float], count: int = 120) -> np.ndarray:
+    return np.linspace(start, end, count)
+
+
+def most_shared(shapes: np.ndarray) -> float:
+    return max(
+        shapely.area(shapely.intersection(shapes[a], shapes[b])).max()
+        for a in range(len(shapes))
+        for b in range(a)
+    )
+
+
+def fastest(places: np.ndarray) -> float:
+    return float(np.hypot(*np.moveaxis(np.diff(places, axis=1), 2, 0)).max() / STEP_S)
+
+
+def test_two_who_walk_into_each_other_pass_and_come_back_to_their_ways() -> None:
+    ways = [straight([-8, 0], [8, 0]), straight([8, 0], [-8, 0])]
+    places, shapes = walked(ways)
+    assert most_shared(shapes) < 0.02
+    assert fastest(places) < 2.4
+    aside = places[:, :, 1]
+    assert aside[0].min() < -0.15  # both keep to their right
+    assert aside[1].max() > 0.15
+    assert np.abs(places - np.array(ways)).max() < 1.0
+    assert np.abs(places[:, -1] - np.array(ways)[:, -1]).max() < 0.15
+
+
+def test_who_comes_into_nobody_keeps_the_way_to_the_bit() -> None:
+    ways = [straight([-8, 2.0 * k], [8, 2.0 * k]) for k in range(3)]
+    places, _ = walked(ways)
+    np.testing.assert_array_equal(places, np.array(ways))
+
+
+def test_a_crowd_that_stops_at_one_place_stands_side_by_side() -> None:
+    ways = []
+    for k in range(8):
+        angle, stops = 0.8 * k, 50 + 6 * k
+        start = 7 * np.array([np.cos(angle), np.sin(angle)])
+        arrives = straight(start, np.zeros(2), stops)
+        ways.append(np.concatenate([arrives, np.zeros((160 - stops, 2))]))
+    places, shapes = walked(ways)
+    assert most_shared(shapes) < 0.1
+    assert most_shared(shapes[:, 110:]) < 0.01
+    assert np.abs(np.diff(places[:, 130:], axis=1)).max() < 0.01  # who stands does not slide
+
+
+def test_people_walk_past_a_post_and_cars_do_not_give_way() -> None:
+    post = PlanBoxes(np.zeros(1, int), np.zeros((1, 2)), np.zeros(1), np.full((1, 2), 0.1))
+    car = straight([-14, 5.0], [16, 5.0])
+    ways = [straight([-8, 0.05], [8, 0.05]), car, straight([-8, 5.9], [8, 5.9])]
+    places, shapes = walked(ways, ["pedestrian", "car", "pedestrian"], post)
+    assert shapely.area(shapely.intersection(shapes[0], post.polygons[0])).max() == 0.0
+    np.testing.assert_array_equal(places[1], car)
+    assert shapely.area(shapely.intersection(shapes[1], shapes[2])).max() < 0.05
+
+
+def test_nobody_steps_off_the_footway() -> None:
+    ways = [straight([-8, 0], [8, 0]), straight([8, 0], [-8, 0])]
+    places, _ = walked(ways, footway=shapely.box(-50, -0.1, 50, 10))
+    assert places[:, :, 1].min() > -0.31  # a cell beside it
+
+
+def test_what_comes_later_changes_nothing_more_than_two_seconds_before() -> None:
+    alone = straight([-8, 0], [8, 0])
+    comes = straight([8, 0.1], [-8, 0.1])
+    far = comes + np.array([0.0, 30.0])
+    meets, misses = walked([alone, comes])[0][0], walked([alone, far])[0][0]
+    first = int(np.flatnonzero((meets != misses).any(axis=1))[0])
+    assert first > 56 - 21  # they would touch at the 57th step
+    np.testing.assert_array_equal(misses, alone)
+
+
+def test_who_is_near_whom_is_as_counted_one_by_one() -> None:
+    rng = np.random.default_rng(3)
+    count = 300
+    boxes = PlanBoxes(
+        rng.integers(0, 6, count),
+        rng.uniform(0, 40, (count, 2)),
+        np.zeros(count),
+        rng.uniform(0.2, 3.0, (count, 2)),
+    )
+    reach = np.hypot(*boxes.half.T)
+    far = np.hypot(*np.moveaxis(boxes.xy[:, None] - boxes.xy, 2, 0))
+    near = (far < reach[:, None] + reach + 0.5) & (boxes.step[:, None] == boxes.step)
+    np.testing.assert_array_equal(near_pairs(boxes, 0.5), np.argwhere(np.triu(near, 1)))
+    wanted = rng.random(count) < 0.2
+    some = np.triu(near & (wanted[:, None] | wanted), 1)
+    np.testing.assert_array_equal(near_pairs(boxes, 0.5, wanted), np.argwhere(some))
+
+
+def test_no_row_near_a_shape_is_passed_over() -> None:
+    rng = np.random.default_rng(4)
+    points = rng.uniform(-60, 60, (2000, 2))
+    reach = rng.uniform(0.1, 5.0, 2000)
+    shapes = shapely.box(*(corner := rng.uniform(-50, 50, (12, 2))).T, *(corner + 3.0).T)
+    found = rows_near(shapely.STRtree(shapes), points, reach)
+    away = shapely.distance(shapely.points(points)[:, None], shapes).min(axis=1)
+    assert set(np.flatnonzero(away <= reach)) <= set(found)
+    assert (away[found] <= reach[found] + 2.0).all()
