@@ -173,6 +173,29 @@ def test_trips_depend_on_the_seed_and_on_nothing_else(town, circulation: Circula
     assert cars(planned(7)) == cars(planned(7, bus=300.0))
 
 
+def test_who_walks_in_company_has_the_way_of_whom_it_walks_with(town) -> None:
+    def planned(in_groups: float):
+        network = StreetNetwork(town[0], REGION)
+        made = Circulation(network, town[1], {"pedestrian": 400.0}, 7, in_groups=in_groups)
+        return made.demand(made.populations(), warmup_s=60, duration_s=60, body=Fleet().body).trips
+
+    alone, parties = planned(0.0), planned(0.56)
+    assert len(alone) == len(parties)
+    company = 0
+    for number, trip in enumerate(parties):
+        if trip.beside:
+            first = parties[number - trip.beside]
+            assert (trip.depart_s, trip.edges, trip.then) == (
+                first.depart_s,
+                first.edges,
+                first.then,
+            )
+            company += 1
+        else:  # who leads walks as it would alone
+            assert trip == alone[number]
+    assert company > 5
+
+
 @pytest.mark.parametrize("vclass", ["passenger", "bicycle", None])
 def test_gates_are_passed_in_proportion_to_their_traffic(town, vclass: str | None) -> None:
     """The four arms are alike: over many passages each is passed equally often."""

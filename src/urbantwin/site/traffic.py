@@ -183,6 +183,8 @@ class TrafficSpec(Strict):
         time_of_day: when the motion begins, ``08:00``. Counts that say when they begin are taken
             from then on; guessed volumes, which are those of midday, are scaled by the hour.
         drivers: by class, how its drivers drive.
+        in_groups: share of people on foot who walk with others, 0..0.95; the default is that of a
+            street on a weekday (Moussaid et al., PLOS ONE 5, 2010; on a Saturday 0.67).
         parked: share of the parking spaces that are taken, 0..1: of all, or by ``street`` and
             ``car_park``.
         assets: meshes that join the catalogue.
@@ -199,7 +201,7 @@ class TrafficSpec(Strict):
     time_of_day: TimeOfDay | None = None
     drivers: dict[ActorClass, DriverSpec] = Field(default_factory=dict)
     parked: ParkedSpec = Field(default_factory=ParkedSpec)
-
+    in_groups: Annotated[float, Field(ge=0.0, le=0.95, allow_inf_nan=False)] = 0.56
     assets: list[OwnAssetSpec] = Field(default_factory=list)
 
     @field_validator("assets")

@@ -34,6 +34,7 @@ from urbantwin.traffic.fingerprint import meshes_sha256, table_sha256
 from urbantwin.traffic.fleet_of_twin import fleet_of, own_bodies
 from urbantwin.traffic.motion import ACTOR_SCHEMA, Motion
 from urbantwin.traffic.parked import ParkedVehicles, park
+from urbantwin.traffic.paths.abreast import with_parties
 from urbantwin.traffic.paths.footing import on_footways
 from urbantwin.traffic.paths.overlap import overlaps_of
 from urbantwin.traffic.paths.placement import Ground
@@ -220,7 +221,7 @@ class _Streets:
         staged: tuple[dict[str, Any], ...] = (),
     ) -> Simulated:
         """Let SUMO drive a demand."""
-        return simulate(
+        seen = simulate(
             self.net,
             demand,
             self.own.asset,
@@ -233,6 +234,7 @@ class _Streets:
             scratch=self.scratch,
             progress=progress,
         )
+        return with_parties(seen, demand, self.twin.roads, self.step_s)
 
     def tabled(
         self,

@@ -12,6 +12,7 @@ import shapely
 from urbantwin.traffic.assets import asset
 from urbantwin.traffic.calibration.passages import SeenTrack
 from urbantwin.traffic.demand.site_demand import demand_of
+from urbantwin.traffic.paths.abreast import with_parties
 from urbantwin.traffic.recorded.track import RecordedTrack
 from urbantwin.traffic.sumo.counted_signals import net_for_counts
 from urbantwin.traffic.sumo.simulation import simulate
@@ -65,6 +66,7 @@ def simulated_tracks(
         scratch=scratch,
         progress=lambda share, _: told(share),
     )
+    found = with_parties(found, demand, twin.roads, _STEP_S)
     kept = np.flatnonzero((found.step >= 0) & (found.step < steps))
     order = kept[np.lexsort([found.step[kept], found.trip[kept]])]
     cuts = np.flatnonzero(np.diff(found.trip[order])) + 1

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Mapping, Sequence, Set
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from urbantwin.roads.assignment.routing_graph import driven_graph, walked_graph
 from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.demand.demand import Demand, LeftOut, Population, Trip
+from urbantwin.traffic.demand.parties import party_places
 from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
 
 __all__ = ["Circulation"]
@@ -45,6 +47,7 @@ class Circulation:
         seed: the same seed gives the same traffic.
         stops: where buses and trams halt.
         bus_roads: ids of the edges that mapped lines run on.
+        in_groups: share of people on foot who walk in company.
     """
 
     def __init__(
@@ -56,8 +59,10 @@ class Circulation:
         *,
         stops: Sequence[BusStop] = (),
         bus_roads: Set[str] = frozenset(),
+        in_groups: float = 0.0,
     ) -> None:
         self.outer, self.seed, self.stops = frozenset(outer), seed, tuple(stops)
+        self.in_groups = in_groups
         self._stops_of: dict[str, list[int]] = {}
         for number, stop in enumerate(self.stops):
             self._stops_of.setdefault(stop.lane.rpartition("_")[0], []).append(number)
@@ -158,7 +163,13 @@ class Circulation:
             number = ACTOR_CLASSES.index(group.actor_class)
             random = np.random.Generator(np.random.Philox(key=[self.seed, number]))
             places = (random.permutation(group.count) + random.random(group.count)) / group.count
+            on_foot = group.actor_class == _ON_FOOT
+            company = party_places(group.count, self.in_groups if on_foot else 0.0, self.seed)
             for k in range(group.count):
+                if company[k]:
+                    asset = body(group.actor_class, k)
+                    trips.append(replace(trips[-company[k]], asset=asset, beside=company[k]))
+                    continue
                 own = np.random.Generator(
                     np.random.Philox(key=[self.seed, (number + 1) * 1_000_000 + k])
                 )

@@ -13,6 +13,7 @@ from urbantwin.roads import BusStop
 from urbantwin.roads.assignment.street_network import StreetNetwork, Streets
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.demand.guessed_volumes import Bound
+from urbantwin.traffic.demand.parties import party_places
 from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
 
 __all__ = [
@@ -48,6 +49,7 @@ class Trip:
         then: on foot: further walks, each from where the one before ends: streets and where on the
             last one it ends.
         halts: of a bus: numbers of the demand's stops in the order in which it halts at them.
+        beside: on foot: it walks with whom the trip so many before this one is; 0 for nobody.
     """
 
     actor_class: str
@@ -59,6 +61,7 @@ class Trip:
     anywhere: bool = False
     then: tuple[tuple[tuple[str, ...], float], ...] = ()
     halts: tuple[int, ...] = ()
+    beside: int = 0
 
 
 @dataclass(frozen=True)
@@ -148,6 +151,7 @@ def plan_demand(
     duration_s: float,
     seed: int,
     body: Callable[[str, int], str],
+    in_groups: float = 0.0,
 ) -> Demand:
     """Plan the trips of every class.
 
@@ -163,6 +167,7 @@ def plan_demand(
         duration_s: how long the motion is.
         seed: the same seed gives the same trips.
         body: the asset of the n-th actor of a class.
+        in_groups: share of people on foot who walk in company.
     """
     trips: list[Trip] = []
     left_out: list[LeftOut] = []
@@ -187,9 +192,12 @@ def plan_demand(
         depart_s = (np.arange(count) + random.random(count)) * (period_s / count)
         pairs = systematic(routes.weight, count, random)
         place, lead_m = random.random(count), WALKING_MS * (warmup_s - depart_s)
+        company = party_places(count, in_groups if walks else 0.0, seed)
         for k in range(count):
             asset, at = body(actor_class, k), round(float(depart_s[k]), 2)
-            if walks:
+            if company[k]:
+                trips.append(replace(trips[-company[k]], asset=asset, beside=company[k]))
+            elif walks:
                 # Walkers need minutes to reach the middle. Those of the warm-up begin where they
                 # will have spread over their whole way by the time the motion starts.
                 spread = float(place[k]) if lead_m[k] > 0 else 0.0

@@ -49,6 +49,7 @@ def demand_of(
     manners = manners_of(asked.get("drivers", {}))
     own = own_bodies(twin)
     body = fleet_of(twin, seed).body
+    in_groups = float(asked.get("in_groups", 0.0))
     if asked.get("counts"):
         return replace(_counted(twin, asked, duration_s, seed, body), manners=manners)
     network = StreetNetwork(twin.net_path, twin.region)
@@ -61,6 +62,7 @@ def demand_of(
             seed,
             stops=(*twin.roads.stops, *twin.roads.tram_stops),
             bus_roads=frozenset(twin.roads.bus_roads),
+            in_groups=in_groups,
         )
         if asked.get("guessed"):
             bound = bound_of_signals(twin.net_path, circulation.flows())
@@ -91,6 +93,7 @@ def demand_of(
         duration_s=duration_s,
         seed=seed,
         body=body,
+        in_groups=in_groups,
     )
     return replace(planned, manners=manners)
 
@@ -124,6 +127,7 @@ def _counted(
         duration_s=duration_s,
         seed=seed,
         body=body,
+        in_groups=float(asked.get("in_groups", 0.0)),
     )
     return together(counted, others)
 

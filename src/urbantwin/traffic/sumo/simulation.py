@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -239,6 +240,7 @@ def _worked(
                 *(number for row in job["staged"] for number in row.get("classes", ())),
             ],
             "kinds": len(ACTOR_CLASSES),
+            "parties": Counter(str(k - x.beside) for k, x in enumerate(demand.trips) if x.beside),
             "outer": sorted(demand.outer),
             "stuck_s": STUCK_S,
             "curves": curves_of(net_path),
@@ -351,6 +353,8 @@ def write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> N
         values |= {**kind.parameters, **demand.manners.get(actor_class, {})}
         etree.SubElement(root, "vType", id=name, vClass=kind.vclass, **values)
     for number, trip in enumerate(demand.trips):
+        if trip.beside:  # SUMO knows the one who leads
+            continue
         common = {"id": str(number), "type": trip.asset, "depart": f"{trip.depart_s:.2f}"}
         edges = " ".join(trip.edges)
         if trip.actor_class == "pedestrian":

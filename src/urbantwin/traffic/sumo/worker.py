@@ -55,9 +55,18 @@ class Watch:
         kinds: how many classes there are.
         outer: edges of outer roads; who leaves them enters the region.
         stuck_s: who halts for longer is noted.
+        parties: how many more walk with somebody.
     """
 
-    def __init__(self, classes: list[int], kinds: int, outer: list[str], stuck_s: float) -> None:
+    def __init__(
+        self,
+        classes: list[int],
+        kinds: int,
+        outer: list[str],
+        stuck_s: float,
+        parties: dict[str, int],
+    ) -> None:
+        self.parties = parties
         self.classes, self.outer, self.stuck_s = classes, frozenset(outer), stuck_s
         self.kinds = kinds
         self.minutes: list[dict[str, list[float]]] = []
@@ -79,16 +88,16 @@ class Watch:
         present = [0] * self.kinds
         for domain in (libsumo.vehicle, libsumo.person):
             for name in filter(events.is_actor, domain.getIDList()):
-                kind = self.classes[int(name)]
-                present[kind] += 1
-                row["samples"][kind] += 1
-                row["metres"][kind] += max(domain.getSpeed(name), 0.0)
+                kind, count = self.classes[int(name)], 1 + self.parties.get(name, 0)
+                present[kind] += count
+                row["samples"][kind] += count
+                row["metres"][kind] += count * max(domain.getSpeed(name), 0.0)
                 road = domain.getRoadID(name)
                 if road in self.outer:
                     self.outside.add(name)
                 elif name in self.outside and not road.startswith(":"):
                     self.outside.discard(name)
-                    row["entries"][kind] += 1
+                    row["entries"][kind] += count
                 halt_s = domain.getWaitingTime(name)
                 self.longest_halt_s = max(self.longest_halt_s, halt_s)
                 if halt_s > self.stuck_s:
@@ -191,7 +200,7 @@ def simulate(job: dict[str, Any]) -> None:
     """Run one job."""
     libsumo.start(["sumo", *job["options"]])
     recorder = Recorder()
-    watch = Watch(job["classes"], job["kinds"], job["outer"], job["stuck_s"])
+    watch = Watch(job["classes"], job["kinds"], job["outer"], job["stuck_s"], job["parties"])
     per_second = max(1, round(1 / libsumo.simulation.getDeltaT()))
     first, last, substeps = job["first_step"], job["last_step"], job["substeps"]
     total = job["warmup_substeps"] + last * substeps + 1

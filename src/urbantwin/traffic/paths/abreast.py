@@ -1,0 +1,192 @@
+"""Parties: people who belong together walk side by side, at one pace.
+
+SUMO knows the one who leads. The others go beside it where the footway has room for them, and
+behind it where it has not; in threes the one who leads goes in the middle, fours are two pairs
+(Moussaid et al., PLOS ONE 5, 2010, e10047; Zanlungo and Kanda, CogSci 2013). They stand beside each
+other where they wait.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter1d, uniform_filter1d
+
+from urbantwin.roads import RoadNetwork
+from urbantwin.traffic.demand.demand import Demand
+from urbantwin.traffic.paths.footing import Footways
+from urbantwin.traffic.paths.trajectory import smoothed
+from urbantwin.traffic.sumo.simulation import Simulated
+
+__all__ = ["with_parties"]
+
+#: From middle to middle of two beside each other (the distance that Moussaid's model is fitted
+#: with), and of two behind each other: a stride with room, metres.
+BESIDE_M, BEHIND_M = 0.8, 1.3
+#: Who is off the footway or the crossing by less has room on it, metres.
+_OVER_M = 0.1
+#: A formation changes within so much way before and behind, metres.
+_CHANGE_M = 2.0
+_GRID_M = 0.1
+#: Where the places of a party are, in units of the distances above: aside and behind, by how many
+#: there are and which of them it is.
+_PLACES = {
+    2: ((0, 0), (1, 0)),
+    3: ((0, 0), (1, 0), (-1, 0)),
+    4: ((0, 0), (1, 0), (0, 1), (1, 1)),
+}
+
+
+def with_parties(
+    simulated: Simulated, demand: Demand, network: RoadNetwork, step_s: float
+) -> Simulated:
+    """Return what SUMO saw, and those who walk beside somebody that it saw.
+
+    Args:
+        simulated: what SUMO saw.
+        demand: the trips that it refers to.
+        network: the lanes.
+        step_s: time between steps.
+    """
+    parties = _parties(demand)
+    if not parties:
+        return simulated
+    walkable = _Walkable(network, simulated.lanes)
+    order = np.lexsort([simulated.step, simulated.trip])
+    trip = simulated.trip[order]
+    new: list[dict[str, NDArray[np.generic]]] = []
+    for leader, followers in parties.items():
+        begin, end = np.searchsorted(trip, [leader, leader + 1])
+        rows = order[begin:end]
+        breaks = np.flatnonzero(np.diff(simulated.step[rows]) != 1) + 1
+        for part in np.split(rows, breaks):
+            if len(part):
+                new += _beside(simulated, part, followers, walkable, step_s)
+    came = {n for leader, all_ in parties.items() if leader in simulated.departed for n in all_}
+    found: dict[str, Any] = {
+        name: np.concatenate([getattr(simulated, name), *(one[name] for one in new)])
+        for name in ("step", "trip", "front", "angle_deg", "speed", "lane")
+    }
+    return replace(simulated, **found, departed=simulated.departed | came)
+
+
+def _parties(demand: Demand) -> dict[int, list[int]]:
+    """Return leader -> who walks with it, by the numbers of their trips."""
+    found: dict[int, list[int]] = {}
+    for number, trip in enumerate(demand.trips):
+        if trip.beside:
+            found.setdefault(number - trip.beside, []).append(number)
+    return found
+
+
+def _beside(
+    simulated: Simulated,
+    rows: NDArray[np.int64],
+    followers: list[int],
+    walkable: _Walkable,
+    step_s: float,
+) -> list[dict[str, NDArray[np.generic]]]:
+    """Return the rows of those who walk with somebody whose rows follow each other in time."""
+    speed = simulated.speed[rows]
+    # SUMO sends people to and fro by a metre on walking areas: nobody stays beside that.
+    path = smoothed(
+        simulated.front[rows],
+        simulated.angle_deg[rows],
+        speed,
+        step_s=step_s,
+        length_m=0.0,
+        walks=True,
+    )
+    way = _Way(path.distance_m, path.xy, path.yaw)
+    at = path.distance_m
+    places = _PLACES[len(followers) + 1][1:]
+    lane = simulated.lane[rows]
+    #: How much room there is at each place of the way, on the left and on the right.
+    room = {
+        side: way.smooth(walkable.fits(lane[way.row], way.place(way.grid, side * BESIDE_M)))
+        for side in (1, -1)
+    }
+    wider = 1 if room[1].sum() >= room[-1].sum() else -1
+    found = []
+    for rank, (number, (aside, behind)) in enumerate(zip(followers, places, strict=True), 1):
+        side = wider * aside
+        has_room = np.interp(at, way.grid, room[side]) if aside else np.ones(len(at))
+        back = BEHIND_M * (behind + (rank - behind) * (1.0 - has_room) * bool(aside))
+        own = at - back
+        found.append(
+            {
+                "step": simulated.step[rows],
+                "trip": np.full(len(rows), number, simulated.trip.dtype),
+                "front": way.place(own, side * BESIDE_M * has_room),
+                "angle_deg": simulated.angle_deg[rows],
+                "speed": speed,
+                "lane": lane[np.searchsorted(at, own).clip(0, len(at) - 1)],
+            }
+        )
+    return found
+
+
+class _Way:
+    """The way of somebody, by the distance that it went.
+
+    Args:
+        at: (N,) how far it is, metres.
+        xy: (N, 2) where.
+        yaw: (N,) where it faces, rad.
+    """
+
+    def __init__(
+        self, at: NDArray[np.float64], xy: NDArray[np.float64], yaw: NDArray[np.float64]
+    ) -> None:
+        self.grid = np.arange(-4 * BEHIND_M, at[-1] + _GRID_M, _GRID_M)
+        self.row = np.searchsorted(at, self.grid).clip(0, len(at) - 1)
+        distinct, group = np.unique(np.round(at, 2), return_inverse=True)
+        x, y, self._yaw = (
+            np.interp(self.grid, distinct, np.bincount(group, one) / np.bincount(group))
+            for one in (*xy.T, yaw)
+        )
+        before = np.minimum(self.grid, 0.0)
+        self._line = np.column_stack([x + before * np.cos(yaw[0]), y + before * np.sin(yaw[0])])
+
+    def place(
+        self, at: NDArray[np.float64], left_m: float | NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Return points (N, 2) so far along the way and to the left of it."""
+        x, y, yaw = (np.interp(at, self.grid, one) for one in (*self._line.T, self._yaw))
+        return np.column_stack([x - left_m * np.sin(yaw), y + left_m * np.cos(yaw)])
+
+    def smooth(self, fits: NDArray[np.bool_]) -> NDArray[np.float64]:
+        """Return how much of a formation (0..1) there is where it fits."""
+        width = 2 * round(_CHANGE_M / _GRID_M) + 1
+        narrow = minimum_filter1d(fits.astype(float), width, mode="nearest")
+        return np.asarray(uniform_filter1d(narrow, width, mode="nearest"))
+
+
+class _Walkable:
+    """Where people have room beside somebody on a lane.
+
+    Args:
+        network: the lanes.
+        names: of lanes, by their numbers.
+    """
+
+    def __init__(self, network: RoadNetwork, names: Sequence[str]) -> None:
+        self._footways = Footways(network, names)
+        self._crossings = {
+            number: lane.polygon.buffer(_OVER_M)
+            for number, name in enumerate(names)
+            if (lane := network.lane_by_id.get(name)) is not None and lane.kind == "crossing"
+        }
+
+    def fits(self, lane: NDArray[np.integer], xy: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which points (N, 2) beside somebody on a lane are on footways or its crossing."""
+        found = np.nan_to_num(np.hypot(*self._footways.way_in(lane, xy).T)) < _OVER_M
+        for number in set(np.unique(lane).tolist()) & self._crossings.keys():
+            rows = np.flatnonzero(lane == number)
+            found[rows] = shapely.contains_xy(self._crossings[number], xy[rows])
+        return np.asarray(found)
