@@ -38,9 +38,8 @@ def main() -> None:
     )
     ours, theirs = own.ru_utime + own.ru_stime, sumo.ru_utime + sumo.ru_stime
     rows = motion.actors.num_rows
-    print(
-        f"{rows} poses, {rows / motion.manifest['steps']:.0f} actors at a time, {took:.0f} s on this machine"
-    )
+    at_once = rows / motion.manifest["steps"]
+    print(f"{rows} poses, {at_once:.0f} actors at a time, {took:.0f} s on this machine")
     print(
         f"SUMO {theirs:.0f} s of processor time, the rest {ours:.0f} s: {ours / theirs:.2f} of it"
     )
