@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import urbantwin as ut
+from places_hour import an_hour
 from places_map import MappedStreets
 from places_motion import driving, seeing, street_covered
 from places_roads import measure
@@ -34,11 +35,13 @@ LIMIT_S = 900.0
 #: Least shares of found and mapped, of what is carried, and of what is seen; most of the rest.
 TARGETS = {
     "seconds": 180.0, "crossings": 0.95, "unmapped": 0, "signals": 0.95, "lanes": 0.95,
-    "arrows": 1.0, "carried": 0.9, "lateral": 0, "overlaps": 0, "seen": 0.6,
+    "arrows": 1.0, "carried": 0.9, "lateral": 0, "overlaps": 0, "seen": 0.6, "cycle": 120.0,
+    "driven": 0.9, "slowing": 0.85, "stood": 0, "gone": 0,
 }  # fmt: skip
 COLUMNS = (
     "seconds", "crossings", "unmapped", "signals", "heads", "lanes", "arrows", "carried", "moved",
     "red", "lateral", "most", "brakes", "overlaps", "seen", "ground", "points", "near", "warnings",
+    "cycle", "driven", "slowing", "halt", "stood", "gone",
 )  # fmt: skip
 
 
@@ -102,6 +105,8 @@ def place(name: str, extract: Path, folder: Path, given: argparse.Namespace) -> 
                 anchor = twin.frame.latitude, twin.frame.longitude
                 row["streets"] = measure(twin, MappedStreets(extract, *anchor))
                 row["covered"] = street_covered(twin, folder / "coverage")
+                if given.hour:
+                    row["hour"] = an_hour(twin)
             elif stage == "traffic":
                 row["traffic"] = driving(made.twin, made.motion)
             elif stage == "record":
@@ -144,6 +149,17 @@ def line_of(row: dict[str, Any]) -> dict[str, str]:
     if frames:
         line["points"], line["near"] = f"{frames['with_points_all']:.0%}", f"{frames['near']:.0%}"
     line["warnings"] = str(len(row["warnings"]))
+    if streets:
+        put("cycle", f"{streets['longest_cycle_s']:.0f}", streets["longest_cycle_s"], most=True)
+    if hour := row.get("hour"):
+        first, last = hour["speeds"][0], hour["speeds"][-1]
+        low, high = hour["vehicles"]
+        put("driven", f"{hour['driven']:.2f}", hour["driven"])
+        put("slowing", f"{last / max(first, 0.1):.2f}", last / max(first, 0.1))
+        line["halt"] = f"{hour['longest_halt_s']:.0f}"
+        put("stood", str(hour["stood"]), hour["stood"], most=True)
+        gone = hour["teleports"] + high - low
+        put("gone", str(gone), gone, most=True)
     return line
 
 
@@ -170,6 +186,7 @@ def main() -> None:
     parser.add_argument("--only", action="append", default=[], metavar="NAME")
     parser.add_argument("--seconds", type=float, help="of traffic; 20 when not given")
     parser.add_argument("--stages", default=",".join(STAGES), help="the first of them, or all")
+    parser.add_argument("--hour", action="store_true", help="drive an hour, too")
     parser.add_argument("--workers", type=int, help="processes to record with")
     parser.add_argument("--out", type=Path, help="keep what is made in this folder")
     parser.add_argument("--csv", type=Path, help="write the table to this file")

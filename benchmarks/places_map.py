@@ -1,7 +1,7 @@
 """What an OpenStreetMap file says of a place's streets, read by osmium alone: no code of ours.
 
-Of the driven ways (those that vehicles use, tunnels left out), in a plane about the anchor:
-crossings, signals, lanes and turn arrows.
+Of the driven ways (those that vehicles use; tunnels left out, and ways closed to all of them), in a
+plane about the anchor: crossings, signals, lanes and turn arrows.
 
 - **Crossing**: a node `highway=crossing` of a driven way (not `crossing=no`), or
   `highway=traffic_signals` with `crossing=*`, and the place where a
@@ -30,6 +30,8 @@ DRIVEN = frozenset(
     "motorway motorway_link trunk trunk_link primary primary_link secondary secondary_link "
     "tertiary tertiary_link unclassified residential living_street road busway".split()
 )
+#: Access of buses where nobody else may drive.
+OPEN = frozenset({"yes", "designated", "official", "permissive"})
 #: Crossings of one way nearer to each other are one; lanes are counted this far from where
 #: streets meet, so often; metres.
 ONE_CROSSING_M, CLEAR_M, EVERY_M = 4.0, 15.0, 10.0
@@ -152,13 +154,16 @@ class MappedStreets:
             tags = self._tags.get(node, {})
             if "traffic_signals" not in (tags.get("highway"), tags.get("crossing")):
                 continue
-            crossed = tags.get("highway") != "traffic_signals"
             told = tags.get("traffic_signals:direction", tags.get("direction", ""))
             headings = [
                 heading
                 for way, index in self._owners[node]
                 for heading in self._headings_at(way, index, told)
             ]
+            # Of a crossing that a one-way street begins at, no street that leads there is mapped.
+            crossed = tags.get("highway") != "traffic_signals" or (
+                not headings and _is_crossing(tags)
+            )
             found.append(Signal(*self._at[node], tuple(headings), self._arms(node) > 2, crossed))
         return found
 
@@ -268,7 +273,9 @@ def _is_crossing(tags: dict[str, str]) -> bool:
 
 def _is_driven(tags: dict[str, str]) -> bool:
     below = tags.get("tunnel", "no") not in ("no", "building_passage")
-    return tags["highway"] in DRIVEN and not below and tags.get("area") != "yes"
+    access = next((tags[key] for key in ("motor_vehicle", "access") if key in tags), "yes")
+    closed = access == "no" and {tags.get("bus"), tags.get("psv")}.isdisjoint(OPEN)
+    return tags["highway"] in DRIVEN and not (below or closed) and tags.get("area") != "yes"
 
 
 def _one_way(tags: dict[str, str]) -> int:

@@ -55,6 +55,7 @@ def measure(twin: Twin, streets: MappedStreets) -> dict[str, Any]:
         ``missing_crossings``, ``missing_signals``: where those stand that were not found, site
         frame. ``unmapped_zebras`` of ``zebras``: painted with no mapped crossing near. ``heads``:
         lanes that signals stop and whose signal stands, of all that signals stop.
+        ``longest_cycle_s``: of all programs.
         ``wrong_arrows``: what is painted beside what is tagged. ``arrows_without_a_lane``: tagged
         lanes for which the twin has none. ``arrows_within_junctions``: tagged lanes, not judged,
         of a way that a junction of the twin has swallowed, behind others that are tagged.
@@ -93,6 +94,9 @@ def measure(twin: Twin, streets: MappedStreets) -> dict[str, Any]:
         "missing_signals": [[round(one.x, 1), round(one.y, 1)] for one in unsignalled],
         "heads": [len(stopped & shown), len(stopped)],
         "lanes": [found, mapped],
+        "longest_cycle_s": max(
+            (sum(seconds for seconds, _ in one.phases) for one in twin.roads.programs), default=0.0
+        ),
         **_arrows(twin, streets, driven, inside),
     }
 

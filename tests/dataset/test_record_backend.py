@@ -13,7 +13,10 @@ from urbantwin.traffic.motion import MOTION_VERSION
 
 
 def test_warp_records_what_embree_does(twin, motion, rig, digests, tmp_path):
-    """The same frames to the millimetre, and the same bytes for any number of workers."""
+    """The same frames to the millimetre, and the same bytes for any number of workers.
+
+    A ray in ten thousand may lie where the last digits of its range decide whether it returns.
+    """
     pytest.importorskip("warp", reason="the extra 'warp' is not installed")
     for workers in (1, 2):
         out = tmp_path / str(workers)
@@ -27,12 +30,17 @@ def test_warp_records_what_embree_does(twin, motion, rig, digests, tmp_path):
     assert usual["backend"] == "embree"
     assert "warp-lang" not in usual["dependencies"]
     for frame in usual["frames"]:
-        ours, other = (
-            np.load(tmp_path / folder / "points" / f"{frame['name']}.npy")
-            for folder in ("embree", "1")
-        )
-        assert len(ours) == len(other) > 100
-        apart = np.linalg.norm(ours[:, :3] - other[:, :3], axis=1)
+        sides = []
+        for folder in ("embree", "1"):
+            at = tmp_path / folder
+            rays = np.load(at / "rays" / f"{frame['name']}.npy")
+            points = np.load(at / "points" / f"{frame['name']}.npy")
+            beam = zip(*(rays[key].tolist() for key in ("sensor", "ring", "column")), strict=True)
+            sides.append(dict(zip(beam, points[:, :3], strict=True)))
+        ours, other = sides
+        both = ours.keys() & other.keys()
+        assert len(both) > max(100, 0.9995 * max(len(ours), len(other)))
+        apart = np.array([np.linalg.norm(ours[beam] - other[beam]) for beam in both])
         assert np.mean(apart <= 1e-3) > 0.999
 
 

@@ -1,6 +1,7 @@
 """What is said of frames that do not belong together, on real frames that are spoilt here."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -115,7 +116,8 @@ def test_another_place_is_not_called_a_turn(sweeps, scans):
 def test_another_sensor(scans):
     real, other = scans
     (said,) = doubts_about(real.only(real.ring % 2 == 0), other)
-    assert re.search(r"\d+ rings and the other \d+", said)
+    rings, its = re.search(r"by (\d+) rings of the real frames and by (\d+) of", said).groups()
+    assert 2 * int(rings) == pytest.approx(int(its), rel=0.1)
     (said,) = doubts_about(real.only(real.column % 2 == 0), other)
     step, its = numbers(said)[:2]
     assert step == pytest.approx(2 * its, rel=0.1)
@@ -128,6 +130,18 @@ def test_another_sensor(scans):
     thin = Frame(points=real.points[::4], intensity=None)
     (said,) = doubts_about(thin, other)
     assert numbers(said)[0] == pytest.approx(0.25, abs=0.05)
+
+
+def test_a_twin_without_houses_is_no_other_sensor(sweeps):
+    """Seen from the origin of the vehicle, where no sensor is: rings are no cones there."""
+    real, other = (
+        replace(one, sensor_places=np.zeros((1, 3)), sensor=None, ring=one.ring + 32 * one.sensor)
+        for one in sweeps
+    )
+    bare = other.only(other.points[:, 2] < 0.4)
+    assert doubts_about(real, bare) == []
+    half = real.only(real.ring % 2 == 0)
+    assert any("rings of the real frames" in said for said in doubts_about(half, bare))
 
 
 def test_nothing_is_said_of_hardly_any_points():

@@ -9,7 +9,7 @@ import pytest
 import urbantwin as ut
 from urbantwin.fidelity.frame import Boxes, Frame
 from urbantwin.fidelity.objects import compare_in_boxes
-from urbantwin.fidelity.objects.bodies import PlacedBody, mended, placed
+from urbantwin.fidelity.objects.bodies import PlacedBody, candidates, mended, mended_of, placed
 from urbantwin.fidelity.objects.frame_rays import rays_of
 from urbantwin.fidelity.objects.measure import compare_objects
 from urbantwin.fidelity.readers import Recording
@@ -61,11 +61,7 @@ def test_points_in_no_order_without_rings_are_refused() -> None:
 def test_a_slack_box_is_mended_to_the_points() -> None:
     true = np.array([10.0, 4.0, 0.75, 4.4, 1.8, 1.5, 0.3])
     body = placed("car", true, 0)
-    draw = np.random.default_rng(2)
-    area = body.mesh.areas()
-    corners = body.mesh.triangles()[draw.choice(len(area), 4000, p=area / area.sum())]
-    weight = draw.dirichlet(np.ones(3), len(corners))
-    surface = body.pose.apply((corners * weight[:, :, None]).sum(axis=1))
+    surface = surface_of(body, count=4000)
     slack = true + [0.1, -0.06, 0.03, 0.25, 0.1, 0.06, 0.02]
     x, y, z = (float(one) for one in slack[3:6] / true[3:6])
     drawn = PlacedBody(body.asset, slack, scaled_mesh(body.mesh, (x, y, z)))
@@ -73,6 +69,45 @@ def test_a_slack_box_is_mended_to_the_points() -> None:
     before, after = np.abs(slack - true), np.abs(found - true)
     assert after[:2].max() < 0.5 * before[:2].max()
     assert (after[3:6] < 0.6 * before[3:6] + 0.01).all()
+
+
+def surface_of(body: PlacedBody, seed: int = 2, count: int = 1500) -> np.ndarray:
+    """Return points (N, 3) on the surface of a body where it stands."""
+    draw = np.random.default_rng(seed)
+    area = body.mesh.areas()
+    corners = body.mesh.triangles()[draw.choice(len(area), count, p=area / area.sum())]
+    weight = draw.dirichlet(np.ones(3), len(corners))
+    return np.asarray(body.pose.apply((corners * weight[:, :, None]).sum(axis=1)))
+
+
+def test_a_box_that_is_far_off_is_found_and_its_body_told() -> None:
+    """22 cm aside: hardly a point lies near the body's surface at first."""
+    true = np.array([10.0, 4.0, 0.75, 4.9, 1.87, 1.47, 0.3])
+    estate = next(
+        one for one in candidates("car", true, 0) if one.asset.startswith("car-estate-large")
+    )
+    aside = 0.22 * np.array([-np.sin(0.3), np.cos(0.3)])
+    slack = true.copy()
+    slack[:2] += aside
+    found = mended_of(candidates("car", slack, 0), surface_of(estate))
+    assert found.asset == estate.asset
+    assert np.linalg.norm(found.box[:2] - true[:2]) < 0.05
+
+
+def test_people_keep_their_proportions_and_get_the_posture_of_the_points() -> None:
+    box = np.array([6.0, -3.0, 0.9, 0.9, 0.9, 1.8, 1.0])
+    tried = candidates("pedestrian", box, 3)
+    for body in tried:
+        assert np.ptp(body.mesh.vertices[:, 2]) == pytest.approx(1.8, rel=1e-3)
+        assert np.ptp(body.mesh.vertices[:, 1]) < 0.8
+        assert not body.asset.startswith(("pedestrian-stroller", "pedestrian-wheelchair"))
+    true = tried[-1]
+    found = mended_of(tried, surface_of(true))
+    assert found.asset == true.asset
+    assert found.mesh.vertices.shape == true.mesh.vertices.shape
+    assert np.abs(found.mesh.vertices - true.mesh.vertices).max() < 0.08
+    pushed = candidates("pedestrian", np.array([0, 0, 0.83, 1.7, 0.56, 1.66, 0]), 3, "STROLLER")
+    assert pushed[0].asset.startswith("pedestrian-stroller")
 
 
 def made_frame() -> Frame:

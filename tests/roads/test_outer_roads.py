@@ -216,6 +216,32 @@ def test_a_one_way_street_that_ends_within_the_region_is_cut_back(write_osm):
     assert loop.notes["turning_drops"] == 4
 
 
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_a_street_that_parts_where_the_map_begins_is_come_to(side, write_osm, tmp_path):
+    """A carriageway and its slip lane begin at one node, which no other way leads to."""
+    mirror = 1 if side == "right" else -1
+    nodes = {1: (-90, -8, {}), 2: (0, -8, {}), 3: (200, -8, {})}
+    nodes |= {4: (200, 8, {}), 5: (0, 8, {}), 6: (-90, 8, {}), 7: (-5, -200, {})}
+    nodes = {key: (x, mirror * y, tags) for key, (x, y, tags) in nodes.items()}
+    one_way = {"highway": "primary", "oneway": "yes", "lanes": "2", "sidewalk": "no"}
+    slip = {"highway": "primary_link", "oneway": "yes", "sidewalk": "no"}
+    ways = {10: ([1, 2, 3], one_way), 11: ([4, 5, 6], one_way), 12: ([1, 7], slip)}
+    ways |= {13: ([7, 2, 5], {**one_way, "oneway": "no"})}
+    net = tmp_path / "n.net.xml"
+    region = shapely.box(-150, -150, 150, 150)
+    roads = built(write_osm(nodes, ways), SiteFrame(48.7, 9.18), region, net, side)
+    edges, graph = drivable(net, "passenger")
+    carriageway = {road.id for road in roads.network.roads if 10 in road.ways}
+    (begins,) = [
+        k
+        for k, edge in enumerate(edges)
+        if edge.getID() in carriageway and edge.getFromNode().getCoord()[0] < -80
+    ]
+    assert graph[:, begins].sum() > 0, "an outer road leads to it"
+    _, part = scipy.sparse.csgraph.connected_components(graph, connection="strong")
+    assert len(set(part)) == 1
+
+
 def test_a_street_turns_round_beside_the_buildings_that_stand_there(write_osm):
     nodes = {1: (-200, 0, {}), 2: (0, 0, {}), 3: (200, 0, {})}
     street = {"highway": "residential", "lanes": "2", "sidewalk": "both"}

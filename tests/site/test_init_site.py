@@ -130,6 +130,8 @@ def test_given_place_is_taken(crossing: Path, tmp_path: Path) -> None:
     path = init_site(tmp_path, crossing, latitude=52.5005, longitude=13.4, radius_m=80)
     site = load_site(path)
     assert (site.latitude, site.longitude, site.radius_m) == (52.5005, 13.4, 80.0)
+    # East Street is 55 m away.
+    assert site.name == "North Street"
 
 
 def test_given_region_is_taken_and_comes_along(crossing: Path, tmp_path: Path) -> None:
@@ -157,6 +159,10 @@ BAD_PLACES = {
     "half a place": ({"latitude": 52.5}, "go together"),
     "no latitude": ({"latitude": 95.0, "longitude": 13.4}, "latitude 95 is out of range"),
     "not a number": ({"latitude": float("nan"), "longitude": 13.4}, "out of range"),
+    "a field": (
+        {"latitude": 52.5005, "longitude": 13.4005, "radius_m": 20.0},
+        r"has no road within the region: the nearest is 1[34] m from it",
+    ),
     "no radius": ({"radius_m": 0.0}, "the radius is 0 m; expected 20 to 2000"),
     "radius nan": ({"radius_m": float("nan")}, "expected 20 to 2000"),
     "huge": ({"radius_m": 1e5}, "expected 20 to 2000"),

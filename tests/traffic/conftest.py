@@ -10,12 +10,14 @@ import pyarrow as pa
 import pytest
 import yaml
 
+import urbantwin as ut
 from urbantwin.artefact import sha256_of, write_json
 from urbantwin.geometry import LabelledMesh
 from urbantwin.ground import Elevation
 from urbantwin.roads import sumo_binary
 from urbantwin.roads.sumo_network import read_sumo_network
 from urbantwin.taxonomy import material_id, semantic_id
+from urbantwin.traffic import Motion
 from urbantwin.twin import Twin, load_twin
 
 #: The ground of every twin here: z = 0.03 x + 0.02 y.
@@ -140,3 +142,22 @@ def crossing_net(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def crossing_twin(crossing_net: Path, tmp_path_factory: pytest.TempPathFactory) -> Twin:
     """The crossing as a twin with traffic of every class."""
     return make_twin(tmp_path_factory.mktemp("twins") / "crossing", crossing_net, PER_HOUR)
+
+
+@pytest.fixture(scope="session")
+def real_drive(
+    shared_data: Path, made_once: Callable[[str, Callable[[Path], object]], Path]
+) -> Callable[[str], tuple[Twin, Motion]]:
+    """Return what gives the twin of an extract, as `init` proposes it, and 25 s of its traffic."""
+
+    def driven(place: str) -> tuple[Twin, Motion]:
+        def make(folder: Path) -> None:
+            ut.init(folder / "site", osm=shared_data / "osm" / f"{place}.osm", progress=False)
+            site = folder / "site/site.yaml"
+            twin = ut.build(site, folder / "twin", pictures=False, progress=False)
+            ut.drive(twin, folder / "motion", seconds=25, progress=False)
+
+        folder = made_once(f"drive-{place}", make)
+        return load_twin(folder / "twin"), Motion.load(folder / "motion")
+
+    return driven

@@ -1,13 +1,15 @@
 """Calibration: what is known of a simulation is found again in what was seen of it."""
 
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
 
-from urbantwin.traffic.calibration.agreement import agreement, own_spread
+from urbantwin.traffic.calibration.agreement import agreement, own_spread, spread_of
+from urbantwin.traffic.calibration.drivers import fitted_drivers
 from urbantwin.traffic.calibration.measured import Measured, measured
 from urbantwin.traffic.calibration.parameters import traffic_of
 from urbantwin.traffic.calibration.passages import JunctionLinks, Passage, SeenTrack, passages_of
@@ -17,7 +19,17 @@ from urbantwin.traffic.recorded.track import RecordedSignals
 from urbantwin.traffic.sumo.counted_signals import timing_told
 from urbantwin.twin import Twin
 
-SECONDS, WARMUP_S, GAP_M = 420.0, 60.0, 3.2
+SECONDS, WARMUP_S = 420.0, 60.0
+#: Who drives: as nobody does by default.
+TRUTH = {
+    "speed_factor": 0.8,
+    "speed_spread": 0.05,
+    "headway_s": 1.9,
+    "standing_gap_m": 3.2,
+    "acceleration": 1.9,
+    "acceleration_at_10": 1.1,
+    "sideways_acceleration": 3.0,
+}
 FLOWS = {("wc", "ce"): 400.0, ("wc", "cs"): 150.0, ("ec", "cw"): 350.0, ("nc", "cs"): 250.0}
 
 
@@ -41,7 +53,7 @@ def tracks(crossing_twin: Twin, scratch: Path) -> list[SeenTrack]:
             {"approach": start, "turn": end, "actor_class": "car", "per_hour": rate}
             for (start, end), rate in FLOWS.items()
         ],
-        "drivers": {"car": {"standing_gap_m": GAP_M, "speed_factor": 0.8, "speed_spread": 0.02}},
+        "drivers": {"car": TRUTH},
     }
     return simulated_tracks(
         crossing_twin,
@@ -70,7 +82,7 @@ def test_everybody_is_found_on_the_way_that_was_taken(whole: Measured) -> None:
         assert whole.turns[way] == pytest.approx(rate * SECONDS / 3600, abs=rate * 60 / 3600 + 2)
 
 
-def test_flows_and_gaps_of_drivers_are_found_again(
+def test_flows_and_sizes_are_found_again(
     whole: Measured, passages: list[Passage], tracks: list[SeenTrack]
 ) -> None:
     sizes = {"car": np.array([one.track.size for one in tracks])}
@@ -79,9 +91,38 @@ def test_flows_and_gaps_of_drivers_are_found_again(
     assert counted == {
         way: pytest.approx(count * 3600 / SECONDS, abs=0.1) for way, count in whole.turns.items()
     }
-    assert traffic["drivers"]["car"]["standing_gap_m"] == pytest.approx(GAP_M, abs=0.4)
     assert traffic["size"]["car"]["length"] == pytest.approx(1.0, abs=0.1)
-    assert max(float(speeds.max()) for speeds in whole.speeds) < 0.8 * 13.9 * 1.1
+    assert max(float(speeds.max()) for speeds in whole.speeds) < 0.8 * 13.9 * 1.15
+
+
+def test_drivers_are_found_again(
+    whole: Measured, crossing_twin: Twin, links: JunctionLinks, scratch: Path
+) -> None:
+    counts = [
+        {"approach": a, "turn": b, "actor_class": "car", "per_hour": n * 3600 / SECONDS}
+        for (a, b), n in whole.turns.items()
+    ]
+    seen, shorter_s = shapely.box(-140, -140, 140, 140), 240.0
+
+    def simulated(drivers: Mapping[str, float], turn: int) -> Measured:
+        asked = {
+            **crossing_twin.site["traffic"],
+            **{"per_hour": {}, "warmup_s": WARMUP_S, "counts": counts},
+            **{"drivers": {"car": dict(drivers)}, "seed": 99},
+        }
+        again = simulated_tracks(
+            crossing_twin, asked, shorter_s, seen, scratch=scratch, told=lambda _: None
+        )
+        passed = passages_of(again, crossing_twin.roads, links)
+        return measured(again, passed, crossing_twin.roads, 0.0, shorter_s)
+
+    found, told, untold = fitted_drivers(whole, simulated, rounds=4)
+    assert untold == []
+    assert {one["field"] for one in told} == set(TRUTH) == set(found)
+    assert found["headway_s"] == pytest.approx(TRUTH["headway_s"], rel=0.1)
+    assert found["standing_gap_m"] == pytest.approx(TRUTH["standing_gap_m"], rel=0.1)
+    for field in ("speed_factor", "acceleration", "acceleration_at_10", "sideways_acceleration"):
+        assert found[field] == pytest.approx(TRUTH[field], rel=0.12), field
 
 
 def test_groups_of_signals_are_told_by_who_passes(
@@ -127,7 +168,11 @@ def test_groups_of_signals_are_told_by_who_passes(
 
 
 def test_a_measurement_agrees_with_itself_and_not_with_another(
-    whole: Measured, tracks: list[SeenTrack], crossing_twin: Twin, links: JunctionLinks
+    whole: Measured,
+    tracks: list[SeenTrack],
+    passages: list[Passage],
+    crossing_twin: Twin,
+    links: JunctionLinks,
 ) -> None:
     same = agreement(whole, whole)
     assert (same["speed_ks"], same["headway_ks"], same["turn_shares_points"]) == (0, 0, 0)
@@ -142,3 +187,14 @@ def test_a_measurement_agrees_with_itself_and_not_with_another(
     assert agreement(whole, other)["speed_ks"] > 0.5
     spread = own_spread(whole)
     assert 0 < spread["speed_ks"]["median"] < spread["speed_ks"]["p95"] < 0.4
+    parts = [
+        measured(tracks, passages, crossing_twin.roads, at, at + 40.0)
+        for at in np.arange(0.0, SECONDS, 40.0)
+    ]
+    chance = spread_of(parts, whole)
+    assert chance is not None
+    assert spread_of(parts[:3], whole) is None
+    assert 0 < chance["turn_shares_points"]["median"] <= chance["turn_shares_points"]["p95"]
+    alike = spread_of([whole] * 8, whole)
+    assert alike is not None
+    assert alike["speed_ks"] == {"median": 0.0, "p95": 0.0}

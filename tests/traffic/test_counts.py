@@ -14,7 +14,7 @@ from urbantwin.traffic import run_traffic
 from urbantwin.traffic.demand.counted_places import turn_of
 from urbantwin.traffic.demand.counts import counted_demand
 from urbantwin.traffic.demand.counts_table import read_counts
-from urbantwin.traffic.demand.manners import manners_of
+from urbantwin.traffic.demand.manners import IN_BENDS, manners_of
 from urbantwin.traffic.demand.site_demand import demand_of
 from urbantwin.twin import Twin
 
@@ -142,3 +142,15 @@ def test_a_wrong_table_is_told(text: str, told: str, tmp_path: Path) -> None:
 def test_drivers_become_attributes_of_sumo() -> None:
     found = manners_of({"car": {"speed_factor": 0.9, "headway_s": 1.3, "critical_gap_s": None}})
     assert found == {"car": {"tau": "1.3", "speedFactor": "normc(0.900,0.100,0.650,1.150)"}}
+
+
+def test_acceleration_fades_in_a_line_and_bends_are_taken_as_told() -> None:
+    found = manners_of({"car": {"acceleration": 2.0, "acceleration_at_10": 1.2}})["car"]
+    assert found["speedTable"].split() == ["0", "10", "20", "30"]
+    assert [float(x) for x in found["maxAccelProfile"].split()] == [2.0, 1.2, 0.4, 0.3]
+    # Speed in a bend goes as the root of the acceleration to the side.
+    slow, fast = (
+        float(manners_of({"car": {"sideways_acceleration": a}})["car"][IN_BENDS])
+        for a in (1.0, 4.0)
+    )
+    assert fast / slow == pytest.approx(2.0, abs=0.01)

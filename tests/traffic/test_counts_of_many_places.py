@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from urbantwin.errors import InputError
+from urbantwin.exports.sumo import write_sumo
 from urbantwin.roads import sumo_binary
 from urbantwin.roads.assignment.street_network import StreetNetwork
 from urbantwin.traffic.assets import asset
@@ -202,11 +203,20 @@ def test_signals_serve_those_who_were_counted(crossing_twin: Twin, tmp_path: Pat
     def greens(*axis: str) -> float:
         rows = [{"approach": f"{one}c", "turn": "through", "per_hour": 900.0} for one in axis]
         rows += [{"approach": f"{x}c", "turn": "through", "per_hour": 90.0} for x in "nsew"]
-        asked = {**crossing_twin.site["traffic"], "per_hour": {"car": 1.0}, "counts": rows}
+        asked = {
+            **{**crossing_twin.site["traffic"], "per_hour": {"car": 1.0}, "counts": rows},
+            **{"duration_s": 3600.0, "warmup_s": 0.0, "seed": 1},
+        }
         demand = demand_of(crossing_twin, asked=asked, duration_s=3600.0, seed=1)
         net = net_for_counts(crossing_twin, demand, 1.0, tmp_path / "counted.net.xml")
         roads, told = timing_told(net, crossing_twin.roads)
         assert set(told) <= {program.id for program in roads.programs}
+        # What is exported drives by the same.
+        counted = Twin(crossing_twin.folder, crossing_twin.manifest)
+        vars(counted)["site"] = {**crossing_twin.site, "traffic": asked}
+        write_sumo(counted, tmp_path / axis[0])
+        exported, _ = timing_told(tmp_path / axis[0] / "network.net.xml", crossing_twin.roads)
+        assert exported.programs == roads.programs
         (head,) = {one.links[0] for one in roads.signals if one.lane == "wc_1"}
         (program,) = roads.programs
         return sum(seconds for seconds, state in program.phases if state[head] in "gG")

@@ -1,11 +1,11 @@
 """Nobody takes a curve faster than wheels hold: the motion's own headings, differentiated."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-import urbantwin as ut
 from urbantwin.traffic import Motion, run_traffic
 from urbantwin.twin import Twin
 
@@ -46,12 +46,9 @@ def test_on_the_example_everybody_turns_gently(two_avenues_twin: Twin, tmp_path:
 
 @pytest.mark.parametrize("place", ["taipei"])
 def test_on_real_streets_everybody_turns_gently(
-    shared_data: Path, tmp_path: Path, place: str
+    real_drive: Callable[[str], tuple[Twin, Motion]], place: str
 ) -> None:
-    ut.init(tmp_path / "site", osm=shared_data / "osm" / f"{place}.osm", progress=False)
-    twin = ut.build(tmp_path / "site/site.yaml", tmp_path / "twin", pictures=False, progress=False)
-    ut.drive(twin, tmp_path / "motion", seconds=30, progress=False)
-    values = [x for rows in sideways(Motion.load(tmp_path / "motion")).values() for x in rows]
+    values = [x for rows in sideways(real_drive(place)[1]).values() for x in rows]
     assert len(values) > 20
     # Of many who drive at the limit one may change lanes in a bend.
     assert np.mean(np.array(values) < MOST_MS2) > 0.97

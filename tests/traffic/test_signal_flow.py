@@ -1,6 +1,7 @@
 """Queues at signals, judged by SUMO's own detectors and by what is known of saturation flow."""
 
 import subprocess
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
@@ -150,3 +151,27 @@ def test_a_shared_lane_with_many_turns_goes_without_opposing_traffic(make_net, t
     set_default_programs(net, flows=flows)
     assert waiting() < 0.5 * unaware
     assert waiting() < 0.1 * sum(flows.values()) / 3
+
+
+def test_who_finds_little_room_inside_a_junction_loads_its_lane(make_net, tmp_path):
+    """A lane that leads to a stop line 12 m on, red in the meantime: one car in each cycle."""
+    nodes = '<node id="w" x="-300" y="0"/><node id="e" x="300" y="0"/>'
+    nodes += '<node id="a" x="0" y="0" type="traffic_light"/>'
+    nodes += '<node id="b" x="30" y="0" type="traffic_light"/>'
+    edges = "".join(
+        f'<edge id="{a}{b}" from="{a}" to="{b}" speed="13.9"/>' for a, b in ("wa", "ab", "be")
+    )
+    root = etree.parse(make_net(tmp_path, nodes, edges)).getroot()
+    first = next(one for one in signalised_junctions(root) if "a" in one.junctions)
+    outer = next(link for link in first.links if link.road == "wa")
+    inner = replace(outer, index=outer.index + 1, lane="ab_0", to="be_0", road="ab", row=99)
+    both = replace(first, links=(outer, inner))
+    flows = {("wa", "ab", ""): 300.0, ("ab", "be", ""): 300.0}
+
+    def load(*phases):
+        found = lane_loads(both, phases, flows, {outer.index: {inner.index: 12.0}})
+        return {one.lane: one.load for one in found}["wa_0"]
+
+    together = load((40.0, "GG"), (40.0, "rr"))
+    assert together == pytest.approx(300 / (1800 * 39 / 80), rel=1e-3)
+    assert load((40.0, "Gr"), (40.0, "rG")) == pytest.approx(300 / (3600 / 80), rel=1e-3)

@@ -1,22 +1,21 @@
 """A large junction whose outer sidewalks are all connected: walkers come in all the same."""
 
-from pathlib import Path
+from collections.abc import Callable
 
 import numpy as np
 
-import urbantwin as ut
 from urbantwin.roads.assignment.circuit import Circuit
 from urbantwin.roads.assignment.routing_graph import walked_graph
 from urbantwin.roads.assignment.street_network import StreetNetwork
+from urbantwin.traffic import Motion
 from urbantwin.traffic.demand.site_demand import outer_roads
+from urbantwin.twin import Twin
 
 
 def test_walkers_come_inside_and_are_as_many_as_have_room(
-    shared_data: Path, tmp_path: Path
+    real_drive: Callable[[str], tuple[Twin, Motion]],
 ) -> None:
-    map_file = shared_data / "osm" / "manchester-kingsway.osm"
-    ut.init(tmp_path / "site", osm=map_file, progress=False)
-    twin = ut.build(tmp_path / "site/site.yaml", tmp_path / "twin", pictures=False, progress=False)
+    twin, motion = real_drive("manchester-kingsway")
     graph = walked_graph(StreetNetwork(twin.net_path, twin.region), outer_roads(twin))
     assert graph is not None
     circuit = Circuit.of(graph)
@@ -30,7 +29,6 @@ def test_walkers_come_inside_and_are_as_many_as_have_room(
         state = passage[-1]
     assert inside == 50
 
-    motion = ut.drive(twin, tmp_path / "motion", seconds=1, progress=False)
     walkers = motion.manifest["classes"]["pedestrian"]
     # Little's law: a way round over its signals takes two minutes to ten.
     hour = walkers["per_hour"]

@@ -57,7 +57,7 @@ def test_what_the_twin_lacks_of_the_map_is_told_with_a_place_to_look_at() -> Non
     lacking = FoundOfMapped(5, 11, ((-15.2, 63.4), (0.0, 0.0)))
     (line,) = lines(roads(), {"crossings": lacking})
     assert line.startswith("crossings: 5 of 11 mapped ones are in the twin")
-    assert "-15 m east, 63 m north" in line
+    assert "15 m west, 63 m north of the anchor" in line
 
 
 def test_parts_that_are_left_out_and_signals_that_stand_nowhere_are_told() -> None:

@@ -8,17 +8,18 @@ from pathlib import Path
 import shapely
 from lxml import etree
 
-from urbantwin.artefact import replaced_folder, write_json
+from urbantwin.artefact import passing_folder, replaced_folder, write_json
 from urbantwin.geometry import LabelledMesh
 from urbantwin.traffic import sumo
 from urbantwin.traffic.demand.site_demand import demand_of
 from urbantwin.traffic.fleet_of_twin import own_bodies
+from urbantwin.traffic.sumo.driven_net import driven_net
+from urbantwin.traffic.sumo.halts import write_stops
 from urbantwin.traffic.sumo.simulation import (
     curves_of,
     sumo_options,
     sumo_substeps,
     write_routes,
-    write_stops,
 )
 from urbantwin.twin import Twin
 from urbantwin.view.footprint import footprints
@@ -34,12 +35,13 @@ DELAY_MS = 50
 def write_sumo(twin: Twin, folder: Path) -> None:
     """Write a folder that ``sumo -c twin.sumocfg`` and ``sumo-gui -c twin.sumocfg`` run as it is.
 
-    ``network.net.xml`` is the twin's own network with its signal programs. ``types.add.xml`` and
-    ``demand.rou.xml`` are what the traffic stage gives to SUMO for the site's demand, duration and
-    seed. ``buildings.add.xml`` and ``view.settings.xml`` are for the
-    eye. The first second of the motion is SUMO's second ``warmup_s``. What SUMO cannot be told in a
-    file is in ``curves.json``: how fast vehicles are in the bends of streets. ``drive.py`` runs the
-    folder with it.
+    ``network.net.xml`` is the network that the traffic stage drives on: the twin's own; where
+    counts are asked for, with signals that serve them, and with other offsets if the site says so.
+    ``types.add.xml`` and ``demand.rou.xml`` are what the traffic stage gives to SUMO for the site's
+    demand, duration and seed. ``buildings.add.xml`` and ``view.settings.xml`` are for the eye. The
+    first second of the motion is SUMO's second ``warmup_s``. What SUMO cannot be told in a file is
+    in ``curves.json``: how fast vehicles are in the bends of streets. ``drive.py`` runs the folder
+    with it.
 
     Raises:
         InputError: the folder holds something else, or the step is none that SUMO can make.
@@ -51,8 +53,10 @@ def write_sumo(twin: Twin, folder: Path) -> None:
     with replaced_folder(folder, kind="sumo", inputs=[twin.folder]) as scratch:
         duration_s = steps * step_ms / 1000
         demand = demand_of(twin, duration_s=duration_s, seed=seed, scratch=scratch)
-        shutil.copyfile(twin.net_path, scratch / "network.net.xml")
-        write_json(scratch / "curves.json", curves_of(twin.net_path))
+        net = scratch / "network.net.xml"
+        with passing_folder("urbantwin-sumo") as made:
+            shutil.copyfile(driven_net(twin, asked, demand, duration_s, made), net)
+        write_json(scratch / "curves.json", curves_of(net))
         shutil.copyfile(DRIVER, scratch / "drive.py")
         write_routes(scratch / "demand.rou.xml", demand, own_bodies(twin).asset)
         write_stops(scratch / "stops.add.xml", demand)

@@ -30,6 +30,8 @@ _SHARP, _BEYOND = 0.012, 0.02
 #: Ground is compared at these distances and in cells of this size, metres.
 _NEAR_M, _FAR_M, _CELL_M = 4.0, 25.0, 2.0
 _LEAST_CELLS, _LEAST_IN_CELL = 20, 8
+#: Points so far above the lowest of their cell are of the ground, metres.
+_LEVEL_M = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,12 +56,13 @@ def doubts_about_sensors(real: Frame, other: Frame) -> list[str]:
     places = _places(real, other)
     seen = _seen(real, places[0]), _seen(other, places[1])
     said = [*_view(*seen), *_reach(*seen)]
+    ground = _ground_of_both(
+        real.points - places[0].mean(axis=0), other.points - places[1].mean(axis=0)
+    )
     if not said:
-        said += _rings(*seen)
-    if not said:
-        said += _density(
-            real.points - places[0].mean(axis=0), other.points - places[1].mean(axis=0)
-        )
+        said += _rings(*seen, ground)
+    if not said and ground is not None:
+        said += _density(ground)
     return said
 
 
@@ -99,41 +102,46 @@ def _seen(frame: Frame, places: Array) -> _Seen:
     )
 
 
-def _of_rings(seen: _Seen) -> tuple[Array, Array]:
-    """Return the median elevation and the step in azimuth of each ring, degrees."""
+def _step(seen: _Seen) -> float:
+    """Return the usual step in azimuth within rings, degrees; 0 where none can be told."""
     assert seen.ring is not None
     order = np.lexsort([seen.azimuth, seen.ring])
     _, first, count = np.unique(seen.ring[order], return_index=True, return_counts=True)
-    rows = []
+    found = []
     for begin, many in zip(first, count, strict=True):
         if many >= _LEAST_IN_RING:
-            mine = order[begin : begin + many]
-            steps = np.diff(seen.azimuth[mine])
+            steps = np.diff(seen.azimuth[order[begin : begin + many]])
             steps = steps[steps > 1e-3]
-            rows.append(
-                (np.median(seen.elevation[mine]), np.median(steps) if len(steps) else np.nan)
-            )
-    table = np.array(rows, np.float64).reshape(-1, 2)
-    return table[:, 0], table[:, 1]
+            if len(steps):
+                found.append(float(np.median(steps)))
+    return float(np.median(found)) if found else 0.0
 
 
-def _rings(real: _Seen, other: _Seen) -> Iterator[str]:
+def _many_rings(seen: _Seen, chosen: NDArray[np.bool_]) -> int:
+    """Return how many rings have enough of the chosen points (N,)."""
+    assert seen.ring is not None
+    _, count = np.unique(seen.ring[chosen], return_counts=True)
+    return int((count >= _LEAST_IN_RING).sum())
+
+
+def _rings(real: _Seen, other: _Seen, ground: _Ground | None) -> Iterator[str]:
+    """Say where ground that both show is seen by more rings of one, or their points lie closer.
+
+    Not by their elevations: those are of beams only where the sensor's place is known, and a ring
+    of a twin without houses shows other parts of itself than the real one.
+    """
     if real.ring is None or other.ring is None:
         return
-    (mine, my_steps), (its, its_steps) = _of_rings(real), _of_rings(other)
-    if min(len(mine), len(its)) < 4:
-        return
-    low = max(mine.min(), its.min()) - 0.5
-    high = min(mine.max(), its.max(), 0.0) + 0.5
-    counts = [int(((one >= low) & (one <= high)).sum()) for one in (mine, its)]
-    if min(counts) >= 4 and max(counts) > _FACTOR * min(counts):
-        yield (
-            f"Between {low:.0f} and {high:.0f} degrees the real frames have {counts[0]} rings and "
-            f"the other {counts[1]}: not the same sensor?"
-        )
-    steps = [
-        float(np.nanmedian(one)) if np.isfinite(one).any() else 0.0 for one in (my_steps, its_steps)
-    ]
+    if ground is not None:
+        counts = [
+            _many_rings(one, low) for one, low in zip((real, other), ground.points, strict=True)
+        ]
+        if min(counts) >= 4 and max(counts) > _FACTOR * min(counts):
+            yield (
+                f"Ground that both show is seen by {counts[0]} rings of the real frames and by "
+                f"{counts[1]} of the other: not the same sensor?"
+            )
+    steps = _step(real), _step(other)
     if min(steps) > 0 and max(steps) > 1.6 * min(steps):
         yield (
             f"Points of a ring are {steps[0]:.2f} degrees apart in the real frames and "
@@ -169,21 +177,52 @@ def _reach(real: _Seen, other: _Seen) -> Iterator[str]:
             )
 
 
-def _density(real: Array, other: Array) -> Iterator[str]:
-    """Say where ground that both show holds more points of one of them."""
-    edges = np.arange(-_FAR_M, _FAR_M + _CELL_M / 2, _CELL_M)
-    counts = []
-    for points in (real, other):
+@dataclass(frozen=True, eq=False)
+class _Ground:
+    """Ground that two frames show.
+
+    Attributes:
+        counts: points of either in each of the cells that hold enough of both, (C,) each.
+        points: whether each point of either lies in one of these cells.
+    """
+
+    counts: tuple[NDArray[np.int64], NDArray[np.int64]]
+    points: tuple[NDArray[np.bool_], NDArray[np.bool_]]
+
+
+def _ground_of_both(*frames: Array) -> _Ground | None:
+    """Return the ground near the sensors that two frames' points (N, 3) both show."""
+    side = int(2 * _FAR_M / _CELL_M)
+    lowest, cells = [], []
+    for points in frames:
         flat = np.hypot(points[:, 0], points[:, 1])
-        near = points[(flat > _NEAR_M) & (flat < _FAR_M)]
-        if not len(near):
-            return
-        low = near[near[:, 2] < np.percentile(near[:, 2], 60)]
-        counts.append(np.histogram2d(low[:, 0], low[:, 1], (edges, edges))[0])
+        near = (flat > _NEAR_M) & (flat < _FAR_M)
+        if not near.any():
+            return None
+        near &= points[:, 2] < np.percentile(points[near, 2], 60)
+        east, north = np.floor((points[:, :2] + _FAR_M) / _CELL_M).astype(np.int64).T
+        cell = np.where(near, east * side + north, side * side)
+        low = np.full(side * side + 1, np.inf)
+        np.minimum.at(low, cell, points[:, 2])
+        low[-1] = np.inf
+        cells.append(cell)
+        lowest.append(low)
+    with np.errstate(invalid="ignore"):
+        alike = np.abs(lowest[0] - lowest[1]) < _LEVEL_M
+    counts, inside = [], []
+    for points, cell, low in zip(frames, cells, lowest, strict=True):
+        inside.append(alike[cell] & (points[:, 2] < low[cell] + _LEVEL_M))
+        counts.append(np.bincount(cell[inside[-1]], minlength=side * side + 1))
     both = (counts[0] >= _LEAST_IN_CELL) & (counts[1] >= _LEAST_IN_CELL)
     if both.sum() < _LEAST_CELLS:
-        return
-    ratio = float(np.median(counts[0][both] / counts[1][both]))
+        return None
+    first, second = (here & both[cell] for here, cell in zip(inside, cells, strict=True))
+    return _Ground((counts[0][both], counts[1][both]), (first, second))
+
+
+def _density(ground: _Ground) -> Iterator[str]:
+    """Say where ground that both show holds more points of one of them."""
+    ratio = float(np.median(ground.counts[0] / ground.counts[1]))
     if not 1 / _DENSER < ratio < _DENSER:
         yield (
             f"On ground that both show, the real frames have {ratio:.2g} times the other's points: "

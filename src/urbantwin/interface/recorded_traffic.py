@@ -100,6 +100,7 @@ class Calibration:
             vehicles=sum(row["count"] for row in told["measured"]["turns"]),
             signals=told["signals"]
             and {name: told["signals"][name] for name in ("cycle_s", "green_s")},
+            drivers={one["field"]: one["value"] for one in told["drivers"]},
             not_told=told["not_told"],
             **{
                 name: told[name]
@@ -108,6 +109,7 @@ class Calibration:
                     "held_out",
                     "held_out_in_the_same_part_of_the_cycle",
                     "recording_with_itself_held_out",
+                    "simulation_with_itself_held_out",
                 )
                 if name in told
             },

@@ -39,6 +39,9 @@ def rig_spec_on(
 
     file = twin.folder / "rig.yaml" if rig_file is None else rig_file
     spec = load_rig_spec(file, twin.frame)
+    # What the rig says of a material goes before what was drawn for the twin's streets.
+    bright = {**twin.reflectivity, **spec.reflectivity}
+    spec = spec.model_copy(update={"reflectivity": bright})
     return (spec if changes is None else changes.applied_to(spec)), file
 
 

@@ -76,6 +76,8 @@ class Sensor:
         beam_origin_m: how far from the axis the beams leave, metres.
         measured_light: times the light that the datasheet's ranges mean, of units in the field.
         measured_sigma_m: standard deviation of strong echoes' ranges, of units in the field.
+        weak_sigma_m: standard deviation of ranges of the datasheet's 10 % target, at its range.
+        overlap_m: distance at which half of what a near target sends back is collected.
         pattern: where the beams point by time, of a sensor whose pattern does not repeat with the
             frame; its channels are then the pattern's lines, at their mean elevation, and its
             columns the points of a line in a frame.
@@ -115,6 +117,8 @@ class Sensor:
     beam_origin_m: float | None = None
     measured_light: float | None = None
     measured_sigma_m: float | None = None
+    weak_sigma_m: float | None = None
+    overlap_m: float | None = None
     pattern: ScanPattern | None = None
     points_per_second: float | None = None
     unknown: dict[str, str] = field(default_factory=dict)

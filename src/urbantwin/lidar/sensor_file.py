@@ -57,6 +57,8 @@ class _SensorFile(BaseModel):
     beam_origin_m: _NotNegative | None = None
     measured_light: _Positive | None = None
     measured_sigma_m: _NotNegative | None = None
+    weak_sigma_m: _Positive | None = None
+    overlap_m: _Positive | None = None
     return_modes: tuple[str, ...] | None = None
     intensity_scale: str | None = None
     intensity_of_white: _Positive | None = None

@@ -101,10 +101,10 @@ class World:
         range_m, cosine = met.range_m[order], met.cosine[order]
         material = self._mesh.material[face]
         grain = scatter.grain(ray, face)
-        if scatter.texture > 0:
+        if scatter.texture > 0 or scatter.swallows:
             ground = np.flatnonzero(self._ground.take(face))
             places = _places(beams, poses, ray[ground], range_m[ground])
-            grain[ground] *= scatter.patches(places)
+            grain[ground] *= scatter.patches(places) * scatter.thrown_on(places, cosine[ground])
         if self._surface is not None and self._surface.layers:
             places = _places(beams, poses, ray, range_m)
             material = self._surface.materials_of(self._mesh, face, places)

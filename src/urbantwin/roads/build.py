@@ -198,6 +198,7 @@ def build_roads(  # noqa: PLR0913, PLR0915 - all that roads are made of
                 region=region,
                 prepared=prepared,
                 apart=apart,
+                buildings=buildings,
                 country=country,
                 driving_side=driving_side,
             ),

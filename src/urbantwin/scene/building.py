@@ -25,7 +25,13 @@ from urbantwin.scene.building_shell import Shell, ShellPlan
 from urbantwin.scene.building_volume import Volume, building_volumes
 from urbantwin.scene.canopy import arcade_columns, canopy_posts
 from urbantwin.scene.extrusion import Body, clean_polygons
-from urbantwin.scene.facade import Front, facade_openings, mapped_doors, mapped_shops
+from urbantwin.scene.facade import (
+    Front,
+    facade_openings,
+    facade_relief,
+    mapped_doors,
+    mapped_shops,
+)
 from urbantwin.scene.face import DOOR, GLASS, ROOF
 from urbantwin.scene.opening import Opening, open_bodies
 from urbantwin.scene.solids import Assembly, GroundHeight, Solid
@@ -86,6 +92,7 @@ def building_mesh(
     carriageway: Geometry,
     without: Geometry | None = None,
     country: str | None = None,
+    street: Geometry | None = None,
     tell: Progress = untold,
 ) -> Buildings:
     """Build every building that touches the region, whole.
@@ -105,6 +112,8 @@ def building_mesh(
         without: where imported geometry shows the buildings: those that lie with more than half
             of their area in it are left out.
         country: ISO 3166-1 alpha-2, empty if unknown; ``None`` draws nothing that is not mapped.
+        street: carriageways and footways; where it is given, steps, sills, downpipes, balconies and
+            the like stand out of the facades.
         tell: called with the share done (0..1) and the current task.
     """
     notes: Counter[str] = Counter()
@@ -149,14 +158,20 @@ def building_mesh(
         ground_height=ground_height,
         notes=notes,
     )
+    outstanding: list[list[tuple[Solid, str]]] = [[] for _ in placed]
+    if street is not None:
+        relief = facade_relief(fronts, windows, street, ground_height=ground_height, notes=notes)
+        windows, outstanding = relief.openings, relief.parts
     assembly = Assembly()
-    opened = list(zip(placed, windows, strict=True))
-    for found, holes in each(opened, between(tell, 0.7, 1.0), "walls"):
+    opened = list(zip(placed, windows, outstanding, strict=True))
+    for found, holes, parts in each(opened, between(tell, 0.7, 1.0), "walls"):
         surface = found.plan.build(holes)
         if not is_closed(surface.solid.faces):
             notes["roofs drawn level: their surface does not close"] += 1
             surface = ShellPlan([replace(body, roof=()) for body in found.plan.bodies]).build()
         part = _add(assembly, found, surface)
+        for solid, material in parts:
+            assembly.add(solid, "building", material, part)
         colours += [(part, *row) for row in _colours_of(found)]
     notes["buildings"] = assembly.parts
     told = {k: n for k, n in sorted(notes.items()) if n or k == "buildings"}

@@ -59,9 +59,13 @@ def building_surfaces(mesh: LabelledMesh) -> NDArray[np.uint8]:
     kind[narrow & (np.abs(rise) > 0.99) & (kind != GROUND)] = WALL
     upright = kind == WALL
     glass, wood = (upright & (mesh.material == material_id(name)) for name in ("glass", "wood"))
-    # What is of wood and glass alone has wooden walls: doors in them cannot be told.
-    walls_of_doors = upright & ~glass & ~wood
-    for pane, own, walls in ((WINDOW, glass, upright & ~glass), (DOOR, wood, walls_of_doors)):
-        others = np.bincount(part[walls], minlength=len(foot))
-        kind[own & (others[part] > 0)] = pane
+    # What has more wood than other walls has wooden walls: doors in them cannot be told.
+    area = mesh.areas()
+
+    def of_part(chosen: NDArray[np.bool_]) -> NDArray[np.float64]:
+        sums = np.bincount(part[chosen], area[chosen], minlength=len(foot))
+        return np.asarray(sums[part], np.float64)
+
+    kind[glass & (of_part(upright & ~glass) > 0)] = WINDOW
+    kind[wood & (of_part(upright & ~glass & ~wood) > of_part(wood))] = DOOR
     return kind

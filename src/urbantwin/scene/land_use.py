@@ -25,7 +25,7 @@ from urbantwin.scene.building_height import building_type
 from urbantwin.scene.building_outline import building_footprints
 from urbantwin.site.extract import OsmFeature
 
-__all__ = ["Cover", "land_covers", "mapped_cover"]
+__all__ = ["TOWN", "Cover", "land_covers", "mapped_cover", "use_of_building"]
 
 #: A cover: its semantic class and its material.
 Cover = tuple[str, str]
@@ -185,18 +185,23 @@ def _uses(
     yield "open", area_difference(rest, near)
 
 
+def use_of_building(feature: OsmFeature) -> str:
+    """Return what a building says that the ground around it is used for."""
+    kind = building_type(feature.tags)
+    plain = "business" if kind == "yes" and feature.geometry.area > LARGE_M2 else "dwellings"
+    if "shop" in feature.tags or "office" in feature.tags:
+        plain = "business"
+    return USE_OF_BUILDING.get(kind, plain)
+
+
 def _kinds(features: Iterable[OsmFeature]) -> tuple[shapely.STRtree, list[str]]:
     """Return buildings, and what each says that the ground around it is used for."""
     shapes, uses = [], []
     for feature in features:
         if feature.tags.get("building", "no") == "no" or not feature.geometry.area:
             continue
-        kind = building_type(feature.tags)
-        plain = "business" if kind == "yes" and feature.geometry.area > LARGE_M2 else "dwellings"
-        if "shop" in feature.tags or "office" in feature.tags:
-            plain = "business"
         shapes.append(feature.geometry)
-        uses.append(USE_OF_BUILDING.get(kind, plain))
+        uses.append(use_of_building(feature))
     return shapely.STRtree(shapes), uses
 
 

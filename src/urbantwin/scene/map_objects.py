@@ -43,6 +43,7 @@ def map_objects(  # noqa: PLR0913 - all that they are placed by
     covers: Mapping[str, Geometry] | None = None,
     lane_decks: Geometry | None = None,
     deck_height: GroundHeight | None = None,
+    leave_out: Sequence[str] = (),
     tell: Progress = untold,
 ) -> dict[str, Built]:
     """Return signals, poles, trees, barriers, furniture, bridges, tracks, wires and piers.
@@ -56,6 +57,7 @@ def map_objects(  # noqa: PLR0913 - all that they are placed by
         covers: where imported geometry has the ``trees`` and the ``other`` things.
         lane_decks: decks of the lane model in plan.
         deck_height: heights of the uppermost of them, else of the ground.
+        leave_out: subjects that are not built.
         tell: called with the share done (0..1) and the current task.
 
     Returns:
@@ -104,7 +106,8 @@ def map_objects(  # noqa: PLR0913 - all that they are placed by
     found: dict[str, Built] = {}
     for number, (name, build) in enumerate(subjects.items()):
         tell(number / len(subjects), name)
-        found[name] = build()
+        if name not in leave_out:
+            found[name] = build()
     return found
 
 

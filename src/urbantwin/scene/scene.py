@@ -17,14 +17,16 @@ from urbantwin.reconstruct import Reconstruction
 from urbantwin.roads import RoadNetwork, RoadSurface
 from urbantwin.roads.signals import Head
 from urbantwin.scene.building import building_mesh
+from urbantwin.scene.clutter import assumed_features
 from urbantwin.scene.deck import deck_area, deck_height, deck_mesh, deck_pier_mesh
 from urbantwin.scene.dropped_curb import DroppedCurbs
 from urbantwin.scene.map_objects import map_objects
 from urbantwin.scene.surface import PARTS, Spacing, surface_mesh
 from urbantwin.scene.tree import surveyed_tree_mesh
 from urbantwin.scene.water import water_bodies, with_water
-from urbantwin.scene.zones import ground_zones
-from urbantwin.site import OsmFeature
+from urbantwin.scene.zones import Zone, ground_zones
+from urbantwin.site import Clutter, OsmFeature
+from urbantwin.taxonomy import semantic_id
 
 __all__ = ["FIRST_OBJECT", "Scene", "build_scene"]
 
@@ -32,6 +34,8 @@ __all__ = ["FIRST_OBJECT", "Scene", "build_scene"]
 FIRST_OBJECT = 16
 #: Shares of the time that are over when zones, ground and buildings are there, of a district.
 ZONES, SURFACE, BUILDINGS = 0.28, 0.63, 0.72
+#: Ends of buses swing out over kerbs by about so much where they turn, metres.
+SWING_M = 1.2
 #: Largest triangles; roads are as fine as their height asks for, terrain on hills is finer.
 ON_A_HILL = Spacing(road=25.0, terrain=5.0)
 ON_A_PLAIN = Spacing(road=25.0, terrain=10.0)
@@ -68,6 +72,8 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
     drivable: shapely.Geometry | None = None,
     *,
     country: str = "",
+    clutter: Clutter = "mapped",
+    sensors: Sequence[tuple[float, float]] = (),
     tell: Progress = untold,
 ) -> Scene:
     """Build ground, decks, buildings and street furniture.
@@ -82,6 +88,9 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
         imported: what sources of geometry give; it stands in place of what is mapped there.
         drivable: where a map says that vehicles can drive, beyond its lanes.
         country: ISO 3166-1 alpha-2; empty if unknown.
+        clutter: what stands beside the streets: barriers and furniture as ``mapped``, with what is
+            ``typical`` where the map is silent, or ``none``.
+        sensors: east and north of sensors, around which nothing is assumed, metres.
         tell: called with the share done (0..1) and the current task.
     """
     covers = imported.covers if imported else {}
@@ -108,6 +117,11 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
         return np.where(np.isnan(found), elevation.raw_at(xy), found)
 
     carriageway = shapely.union_all([z.area for z in zones if z.kind == "carriageway"])
+    beside, assumed = list(features), dict[str, int]()
+    if clutter == "typical":
+        beside, assumed = assumed_features(
+            features, zones, _kept_free(network), region, country, sensors
+        )
     buildings = building_mesh(
         features,
         region=region,
@@ -115,12 +129,13 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
         carriageway=carriageway,
         without=covers.get("buildings"),
         country=country,
+        street=_paved(zones) if clutter == "typical" else None,
         tell=between(tell, SURFACE, BUILDINGS, "buildings"),
     )
     objects: dict[str, tuple[LabelledMesh, dict[str, int]]] = {
         "buildings": (buildings.mesh, buildings.notes),
         **map_objects(
-            features,
+            beside,
             heads,
             region=region,
             ground_height=ground_height,
@@ -128,6 +143,7 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
             covers=covers,
             lane_decks=deck_area(network),
             deck_height=deck_height(network, surface, ground_height),
+            leave_out=("barriers", "furniture") if clutter == "none" else (),
             tell=between(tell, BUILDINGS, 0.95, "furniture"),
         ),
     }
@@ -142,7 +158,10 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
             imported.trees, ground_height, region=region, carriageway=carriageway
         )
     meshes, first = [ground, decks], FIRST_OBJECT
-    notes: dict[str, object] = {"surface": _ground_notes(ground, network)}
+    notes: dict[str, object] = {
+        "surface": _ground_notes(ground, network),
+        "clutter": {"beside the streets": clutter, "assumed": assumed},
+    }
     for name, (mesh, counts) in objects.items():
         meshes.append(replace(mesh, part=mesh.part + np.int32(first)))
         first += int(mesh.part.max(initial=0)) + 1
@@ -150,6 +169,21 @@ def build_scene(  # noqa: PLR0913 - all that a scene is made of
     # Buildings come first.
     colours = buildings.colours.moved(FIRST_OBJECT)
     return Scene(LabelledMesh.concatenate(meshes), notes, colours)
+
+
+def _paved(zones: Sequence[Zone]) -> shapely.Geometry:
+    """Return carriageways and footways."""
+    walked = semantic_id("sidewalk")
+    kept = [z.area for z in zones if z.kind in ("carriageway", "footway") or z.semantic == walked]
+    return shapely.union_all(kept)
+
+
+def _kept_free(network: RoadNetwork) -> shapely.Geometry:
+    """Return where people cross and wait, and what turning vehicles swing out over."""
+    turns = network.area_of(("connection",), 0)
+    return shapely.union(
+        network.area_of(("crossing", "walkingarea"), 0), shapely.buffer(turns, SWING_M)
+    )
 
 
 def _ground_notes(ground: LabelledMesh, network: RoadNetwork) -> dict[str, float]:

@@ -240,6 +240,14 @@ roads:
 # false they come in where the region's border cuts a street, and leave where it cuts another.
 closed_loop: true
 """
+    scene = ""
+    if draft.osm is not None:
+        scene = """
+# Beside the streets: barriers and furniture as mapped, and where the map is silent hedges, walls,
+# signs, bins and the like as they usually stand there (typical). Or mapped alone, or none.
+scene:
+  clutter: typical
+"""
     seen = "" if pole.seen is None else f": by the map, {100 * pole.seen:.0f} % is in sight"
     counts = "\n".join(f"    {name}: {count}" for name, count in draft.per_hour.items())
     return f"""\
@@ -292,7 +300,7 @@ region:
 #       - seconds: 40
 #         green: [north, south]
 #       - green: [east, west]
-
+{scene}
 {loop}
 traffic:
   # How many come into the region per hour. These are guesses for midday from the streets' classes

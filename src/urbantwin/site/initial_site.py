@@ -22,7 +22,8 @@ from urbantwin.site.draft import (
 from urbantwin.site.extract import Extract
 from urbantwin.site.extract_coverage import mapped_area
 from urbantwin.site.extract_file import LonLatBox, box_around, read_extract
-from urbantwin.site.junction_proposal import STREETS, propose_junction
+from urbantwin.site.extract_roads import check_roads
+from urbantwin.site.junction_proposal import STREETS, propose_junction, streets_near
 from urbantwin.site.pole_site import PoleChoice, ground_around, nearest_place
 from urbantwin.site.region import circle
 from urbantwin.site.traffic_around import per_hour_around
@@ -77,8 +78,8 @@ def init_site(  # noqa: PLR0913 - every one is a person's choice
         progress: called with the share done (0..1) and the current task.
 
     Raises:
-        InputError: the extract or the region is wrong, the place is not in the extract, or there
-            is a ``site.yaml`` already.
+        InputError: the extract or the region is wrong, the place is not in the extract, no road is
+            in the region, or there is a ``site.yaml`` already.
     """
     check_target(folder, force=force)
     given = GivenPlace.checked(latitude, longitude, region, radius_m)
@@ -92,6 +93,7 @@ def init_site(  # noqa: PLR0913 - every one is a person's choice
     if radius is None:
         radius = RADIUS_M if region else _radius(extract, frame)
     shape = given.region(frame, radius)
+    check_roads(extract, frame, shape, "the region")
     tell(0.9, "looking for a place of the sensor")
     draft = SiteDraft(
         title=place.title,
@@ -152,7 +154,8 @@ def _place(extract: Extract, given: GivenPlace) -> _Place:
             expected=f"latitude {low[1]:.4f} to {high[1]:.4f}, "
             f"longitude {low[0]:.4f} to {high[0]:.4f}",
         )
-    return _Place(latitude, longitude, extract.path.name.split(".")[0], "As given.")
+    title = " / ".join(streets_near(extract, SiteFrame(latitude, longitude))[:2])
+    return _Place(latitude, longitude, title or extract.path.name.split(".")[0], "As given.")
 
 
 def _radius(extract: Extract, frame: SiteFrame) -> float:

@@ -18,7 +18,14 @@ from urbantwin.number_text import finite_number
 from urbantwin.site.extract import Extract, Way
 from urbantwin.site.extract_coverage import clusters, local_frame, mapped_area, small_features
 
-__all__ = ["STREETS", "JunctionProposal", "meeting_nodes", "propose_junction", "way_lanes"]
+__all__ = [
+    "STREETS",
+    "JunctionProposal",
+    "meeting_nodes",
+    "propose_junction",
+    "streets_near",
+    "way_lanes",
+]
 
 #: Weight of a street's class in how busy a junction is, and its usual lanes in one direction.
 #: Motorways count little: people twin junctions, not ramps.
@@ -118,6 +125,19 @@ def propose_junction(extract: Extract, within: shapely.Polygon | None = None) ->
             expected="ways with a highway tag from residential to motorway",
         )
     return _Junctions(extract, frame, streets).best(within)
+
+
+def streets_near(extract: Extract, frame: SiteFrame) -> tuple[str, ...]:
+    """Return the names of the streets at a frame's origin, the most important first."""
+    found: dict[str, tuple[float, float]] = {}
+    for way in extract.highways():
+        name, weight = way.tags.get("name"), STREETS.get(way.tags["highway"], (0.0, 1))[0]
+        if not name or not weight or not _is_near(extract, way, frame):
+            continue
+        away = float(shapely.LineString(extract.way_line(way, frame)).distance(shapely.Point(0, 0)))
+        if away <= _SIGNAL_M:
+            found[name] = min(found.get(name, (0.0, away)), (-weight, away))
+    return tuple(sorted(found, key=lambda name: (*found[name], name)))
 
 
 def _is_near(extract: Extract, way: Way, frame: SiteFrame) -> bool:

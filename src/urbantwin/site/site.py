@@ -7,16 +7,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import numpy as np
 import shapely
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
-from pyproj import Geod
 
 from urbantwin.artefact import sha256_of
-from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.site.dem import check_dem
 from urbantwin.site.extract import Extract
+from urbantwin.site.extract_roads import check_roads
 from urbantwin.site.geometry import GeometrySource, GeometrySpec
 from urbantwin.site.imagery import ImagerySource, ImagerySpec
 from urbantwin.site.region import (
@@ -31,8 +29,11 @@ from urbantwin.site.signals import SignalPlan, SignalSpec
 from urbantwin.site.traffic import OwnAssetSpec, TrafficSpec
 from urbantwin.site.yaml_document import Document, read_document, wrong
 
-__all__ = ["InputFile", "Site", "check_extract", "load_site"]
+__all__ = ["Clutter", "InputFile", "Site", "check_extract", "load_site"]
 
+#: What stands beside streets: what is mapped, with what is typical where the map is silent, or
+#: neither.
+Clutter = Literal["typical", "mapped", "none"]
 Metres = Annotated[float, Field(ge=-1e8, le=1e8, allow_inf_nan=False)]
 
 
@@ -117,6 +118,10 @@ class _Roads(_Strict):
         return self
 
 
+class _Scene(_Strict):
+    clutter: Clutter = "typical"
+
+
 class _SiteFile(_Strict):
     name: Annotated[str, Field(min_length=1)] = "site"
     anchor: _Anchor = Field(description="latitude and longitude of the junction")
@@ -127,6 +132,7 @@ class _SiteFile(_Strict):
     geometry: list[GeometrySpec] = []
     imagery: list[ImagerySpec] = []
     signals: list[SignalSpec] = []
+    scene: _Scene = _Scene()
     closed_loop: bool = True
     traffic: TrafficSpec = TrafficSpec()
     rig: str | dict[str, Any] = Field(description="the sensors, or the name of a rig's file")
@@ -174,6 +180,7 @@ class Site:
         geometry: meshes, 3D Tiles and point clouds that the scene is made from.
         imagery: aerial imagery, from which the ground's materials are classified.
         outline: the region's ring as it was given, longitude and latitude; empty for a circle.
+        clutter: what stands beside the streets: ``typical``, ``mapped`` or ``none``.
     """
 
     file: Path
@@ -195,6 +202,7 @@ class Site:
     geometry: tuple[GeometrySource, ...] = ()
     imagery: tuple[ImagerySource, ...] = ()
     outline: tuple[tuple[float, float], ...] = ()
+    clutter: Clutter = "typical"
 
     @cached_property
     def frame(self) -> SiteFrame:
@@ -228,6 +236,7 @@ class Site:
             **self._geometry(),
             **self._imagery(),
             **self._signals(),
+            "scene": {"clutter": self.clutter},
             "closed_loop": self.closed_loop,
             "traffic": self._traffic(),
             "rig": self.rig.written(),
@@ -377,6 +386,7 @@ def load_site(path: Path) -> Site:
         geometry=_geometry_sources(document, raw.geometry),
         imagery=_imagery_sources(document, raw.imagery),
         outline=outline,
+        clutter=raw.scene.clutter,
     )
 
 
@@ -403,43 +413,8 @@ def _imagery_sources(document: Document, specs: list[ImagerySpec]) -> tuple[Imag
 
 
 def check_extract(site: Site, extract: Extract) -> None:
-    """Check that the extract has roads in the site's region.
-
-    Raises:
-        InputError: it has no roads at all, or none in the region; it says how far away they are.
-    """
-    highways = extract.highways()
-    if not highways and not extract.is_whole:
-        raise InputError(
-            f"has no road near the region of {site.file.name}",
-            file=extract.path,
-            expected=f"an extract around {site.latitude:.6f}, {site.longitude:.6f}",
-        )
-    if not highways:
-        raise InputError("holds no roads", file=extract.path, expected="ways with a highway tag")
-    lonlat = [np.array([extract.nodes[n] for n in way.nodes if n in extract.nodes])
-              for way in highways]  # fmt: skip
-    lonlat = [points for points in lonlat if len(points) >= 2]
-    anchor = np.array([site.longitude, site.latitude])
-    # One degree: where the plane's formulas surely hold.
-    near = [points for points in lonlat if np.abs(points - anchor).max() < 1.0]
-    lines = [shapely.LineString(site.frame.site_from_lonlat(points)) for points in near]
-    if lines:
-        nearest_m = float(shapely.distance(np.array(lines), site.region).min())
-    elif lonlat:
-        nodes = np.vstack(lonlat)
-        away_m = Geod(ellps="WGS84").inv(*nodes.T, *np.broadcast_to(anchor, nodes.shape).T)[2]
-        nearest_m = float(np.min(away_m))
-    else:
-        raise InputError("holds no roads", file=extract.path, expected="ways with their nodes")
-    if nearest_m == 0.0:
-        return
-    away = f"{nearest_m / 1000:.1f} km" if nearest_m >= 1000 else f"{nearest_m:.0f} m"
-    raise InputError(
-        f"has no road within the region of {site.file.name}: the nearest is {away} away",
-        file=extract.path,
-        expected=f"an extract around {site.latitude:.6f}, {site.longitude:.6f}",
-    )
+    """Check that the extract has roads in the site's region, as `check_roads` does."""
+    check_roads(extract, site.frame, site.region, f"the region of {site.file.name}")
 
 
 def _region(

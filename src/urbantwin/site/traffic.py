@@ -120,6 +120,8 @@ class DriverSpec(Strict):
         headway_s: time that they keep to who is ahead, seconds.
         standing_gap_m: distance that they keep when they stand, metres.
         acceleration: most that they speed up with, m/s2.
+        acceleration_at_10: what is left of that at 10 m/s; it falls in a line with the speed.
+        sideways_acceleration: what they accept in bends, m/s2.
         critical_gap_s: shortest gap in the other traffic that they take, seconds.
     """
 
@@ -128,6 +130,8 @@ class DriverSpec(Strict):
     headway_s: Annotated[float, Field(ge=0.1, le=10.0)] | None = None
     standing_gap_m: Annotated[float, Field(ge=0.1, le=20.0)] | None = None
     acceleration: Annotated[float, Field(ge=0.2, le=10.0)] | None = None
+    acceleration_at_10: Annotated[float, Field(ge=0.1, le=10.0)] | None = None
+    sideways_acceleration: Annotated[float, Field(ge=0.5, le=6.0)] | None = None
     critical_gap_s: Annotated[float, Field(ge=0.1, le=20.0)] | None = None
 
 
@@ -185,6 +189,9 @@ class TrafficSpec(Strict):
         drivers: by class, how its drivers drive.
         in_groups: share of people on foot who walk with others, 0..0.95; the default is that of a
             street on a weekday (Moussaid et al., PLOS ONE 5, 2010; on a Saturday 0.67).
+        passengers_per_halt: how many people get on, and off, at a halt of a bus on average, in a
+            closed loop. London: 2.34e9 journeys and 490e6 km a year (Transport for London, 2012),
+            with a stop every 400 m.
         parked: share of the parking spaces that are taken, 0..1: of all, or by ``street`` and
             ``car_park``.
         assets: meshes that join the catalogue.
@@ -202,6 +209,7 @@ class TrafficSpec(Strict):
     drivers: dict[ActorClass, DriverSpec] = Field(default_factory=dict)
     parked: ParkedSpec = Field(default_factory=ParkedSpec)
     in_groups: Annotated[float, Field(ge=0.0, le=0.95, allow_inf_nan=False)] = 0.56
+    passengers_per_halt: Annotated[float, Field(ge=0.0, le=6.0, allow_inf_nan=False)] = 1.9
     assets: list[OwnAssetSpec] = Field(default_factory=list)
 
     @field_validator("assets")

@@ -76,7 +76,31 @@ def manifest_of_drive(
         )
     if demand.circulates:
         manifest["circulation"] = circulation_report(demand, simulated.observed, warmup_s)
+    if demand.passengers.places:
+        manifest["passengers"] = _passengers(demand, simulated, steps * step_s)
     return manifest
+
+
+def _passengers(demand: Demand, simulated: Simulated, duration_s: float) -> list[dict[str, Any]]:
+    """Return what happened at each stop at which people wait."""
+    rows = []
+    for place in demand.passengers.places:
+        own = [row for row in simulated.boarded if row[3] == place.stop]
+        seen = Counter(row[1] for row in own if 0.0 <= row[0] < duration_s)
+        before = Counter(row[1] for row in own if row[0] < 0.0)
+        rows.append(
+            {
+                "stop": demand.stops[place.stop].name,
+                "of": place.kind,
+                "x": round(float(place.point[0]), 2),
+                "y": round(float(place.point[1]), 2),
+                "waiting_at_start": before["waits"] - before["boards"],
+                "came": seen["waits"],
+                "got_on": seen["boards"],
+                "got_off": seen["alights"],
+            }
+        )
+    return rows
 
 
 def _counts(

@@ -35,6 +35,7 @@ from urbantwin.traffic.fleet_of_twin import fleet_of, own_bodies
 from urbantwin.traffic.motion import ACTOR_SCHEMA, Motion
 from urbantwin.traffic.parked import ParkedVehicles, park
 from urbantwin.traffic.paths.abreast import with_parties
+from urbantwin.traffic.paths.at_stops import with_passengers_at_stops
 from urbantwin.traffic.paths.footing import on_footways
 from urbantwin.traffic.paths.overlap import overlaps_of
 from urbantwin.traffic.paths.placement import Ground
@@ -42,8 +43,8 @@ from urbantwin.traffic.paths.yielding import Before
 from urbantwin.traffic.resize import resized
 from urbantwin.traffic.result_warnings import warnings_of_drive
 from urbantwin.traffic.signals import signal_table
-from urbantwin.traffic.sumo.counted_signals import net_for_counts, timing_told
-from urbantwin.traffic.sumo.signal_offset import net_with_offsets
+from urbantwin.traffic.sumo.counted_signals import timing_told
+from urbantwin.traffic.sumo.driven_net import driven_net
 from urbantwin.traffic.sumo.simulation import Simulated, simulate
 from urbantwin.twin import Twin
 
@@ -113,7 +114,7 @@ def _driven(
         scratch=scratch,
         progress=lambda fraction: told(0.1 * fraction, "finding how many circulate"),
     )
-    net = _net(twin, asked, demand, scratch)
+    net = driven_net(twin, asked, demand, steps * float(asked["step_s"]), scratch)
     roads, retimed = timing_told(net, twin.roads) if demand.counted else (twin.roads, {})
     streets = _Streets(twin, asked, steps, net, scratch, own_bodies(twin))
     simulated = streets.drive(demand, lambda fraction, what: told(0.1 + 0.5 * fraction, what))
@@ -247,8 +248,11 @@ class _Streets:
         before: Before | None = None,
     ) -> _Drive:
         """Make the table of what SUMO did."""
+        walked = on_footways(simulated, demand, self.twin.roads)
         made = actor_table(
-            on_footways(simulated, demand, self.twin.roads),
+            with_passengers_at_stops(
+                walked, demand, place.blocks, step_s=self.step_s, asset=self.own.asset
+            ),
             demand,
             place,
             steps=self.steps,
@@ -276,17 +280,6 @@ class _Streets:
         drive = self.tabled(simulated, demand, place, by_trip=True, tell=untold, before=before)
         actors, staged = staged_table(without.actors, drive.actors, found, events)
         return replace(drive, actors=actors, staged=staged)
-
-
-def _net(twin: Twin, asked: Mapping[str, Any], demand: Demand, scratch: Path) -> Path:
-    """Return SUMO's network: the twin's, or one with signals for counts, or with other offsets."""
-    net = twin.net_path
-    if demand.counted:
-        hours = (float(asked["warmup_s"]) + float(asked["duration_s"])) / 3600
-        net = net_for_counts(twin, demand, hours, scratch / "counted.net.xml")
-    if offsets := asked.get("signal_offsets"):
-        net = net_with_offsets(net, offsets, scratch / "offset.net.xml")
-    return net
 
 
 def _parked(twin: Twin, asked: Mapping[str, Any], ground: Ground) -> ParkedVehicles:

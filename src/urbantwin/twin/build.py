@@ -43,6 +43,7 @@ from urbantwin.twin.provenance import made_from
 from urbantwin.twin.result_warnings import warnings_of_build
 from urbantwin.twin.sensor_files import copy_sensor_files
 from urbantwin.twin.standing_rig import Stand, StandingRig
+from urbantwin.twin.street_reflectivity import street_reflectivity
 from urbantwin.twin.twin import Twin, anchor_height_m, load_twin
 
 __all__ = ["build_twin"]
@@ -149,6 +150,8 @@ def build_twin(  # noqa: PLR0915 - stage by stage
             found,
             imported.drivable if imported else None,
             country=country_of(site.latitude, site.longitude),
+            clutter=site.clutter,
+            sensors=[(east, north) for _, east, north in site.rig.standing()],
             tell=between(tell, ROADS_WRITTEN, SCENE, "scene"),
         )
         tell(SCENE, "writing the scene")
@@ -183,7 +186,10 @@ def build_twin(  # noqa: PLR0915 - stage by stage
             "mapped": {kind: counts.as_note() for kind, counts in mapped.items()},
             **({"geometry": of_sources} if found else {}),
             **scene.notes,
-            "materials": material.notes,
+            "materials": {
+                **material.notes,
+                "reflectivity": street_reflectivity(site.latitude, site.longitude),
+            },
             **({"sensors": stood.notes} if stood.notes else {}),
         }
         _write_documents(

@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from urbantwin.artefact.manifest import Part, Sha256
 from urbantwin.errors import InputError
+from urbantwin.site.calibration import Reflectivities
 from urbantwin.site.traffic import TrafficSpec
 
 __all__ = ["KeptSite", "TwinManifest", "check_region", "file_inside"]
@@ -41,6 +42,10 @@ class _Mapped(Part):
     mapped: _Count
 
 
+class _Materials(Part):
+    reflectivity: Reflectivities = Field(default_factory=dict)
+
+
 class _Sensors(Part):
     seen: Annotated[float, Field(ge=0, le=1)] | None = None
 
@@ -48,6 +53,7 @@ class _Sensors(Part):
 class _Notes(Part):
     ground: _Ground | None = None
     mapped: dict[str, _Mapped] = Field(default_factory=dict)
+    materials: _Materials = _Materials()
     sensors: _Sensors = _Sensors()
 
 

@@ -61,7 +61,7 @@ def warnings_of_build(
                 kind,
                 f"{counts.found} of {counts.mapped} mapped ones are in the twin",
                 _REASONS[kind],
-                f"one is {x:.0f} m east, {y:.0f} m north: look there in plan.png and in the map",
+                f"one is {_from_anchor(x, y)} of the anchor: look there in plan.png and in the map",
             )
     bare = _without_heads(roads) + scene.get("signals", {}).get(NO_PLACE, 0)
     if bare:
@@ -82,6 +82,14 @@ def warnings_of_build(
     for name, told in geometry.items():
         for problem in told.get("problems", []):
             yield ResultWarning(f"geometry {name}", str(problem), "", "see geometry.json")
+
+
+def _from_anchor(x: float, y: float) -> str:
+    """Return a place of the site frame in words, metres."""
+    return (
+        f"{abs(x):.0f} m {'west' if x < 0 else 'east'}, {abs(y):.0f} m "
+        f"{'south' if y < 0 else 'north'}"
+    )
 
 
 def _without_heads(roads: BuiltRoads) -> int:

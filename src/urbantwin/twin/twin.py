@@ -75,6 +75,11 @@ class Twin:
             return SurfaceMaterials()
         return SurfaceMaterials.load(self._file(name))
 
+    @property
+    def reflectivity(self) -> dict[str, float]:
+        """How many times as bright as the table's the materials of its streets are, by name."""
+        return dict(self.manifest["notes"].get("materials", {}).get("reflectivity", {}))
+
     @cached_property
     def colours(self) -> PartColours:
         """Colours of buildings, for pictures."""

@@ -23,7 +23,7 @@ from urbantwin.traffic.assets import (
     scaled_mesh,
 )
 
-__all__ = ["PlacedBody", "mended", "placed"]
+__all__ = ["PlacedBody", "candidates", "mended", "mended_of", "placed"]
 
 #: Points lower than this over a box's underside may be of the ground, metres.
 GROUND_M = 0.25
@@ -32,6 +32,16 @@ GROUND_M = 0.25
 _TRUST = np.array([0.15, 0.1, 0.03, 0.07, 0.06, 0.06])
 #: How exactly a point lies on a body, metres; from how far on it counts less and less.
 _POINT_M, _OTHER_M = 0.05, 0.1
+#: So are at first farther points, so that a box that is far off is found at all.
+_GRADUATED_M = (0.3, _OTHER_M)
+#: So many bodies and postures are tried, and by how much, as the sum of the logarithms of three
+#: sides, another body's proportions are off.
+_TRIED, _TRIED_PEOPLE, _PROPORTIONS = 4, 10, 0.25
+#: Who pushes or sits is rare: tried only where the data calls it so.
+_CALLED = {
+    "pedestrian-stroller": ("stroller",),
+    "pedestrian-wheelchair": ("wheelchair", "wheeled", "sitting"),
+}
 #: A box with fewer points stays as it was annotated; of more than so many these are looked at.
 _FEWEST, _MOST = 15, 250
 #: Points say together as much as so many that are independent; nobody is off by more than so many
@@ -52,11 +62,14 @@ class PlacedBody:
         asset: name of the body, with its coat.
         box: (7,) that it fills: centre, length, width, height, yaw.
         mesh: in its own frame: x ahead, z up from the ground.
+        disproportion: how far its own sides are off those of the box as annotated, sum of the
+            logarithms.
     """
 
     asset: str
     box: NDArray[np.float64]
     mesh: LabelledMesh
+    disproportion: float = 0.0
 
     @property
     def pose(self) -> Pose:
@@ -68,24 +81,73 @@ class PlacedBody:
 def placed(class_name: str, box: NDArray[np.float64], number: int, source: str = "") -> PlacedBody:
     """Put the body of a class whose proportions come nearest into a box, and make it fill it.
 
+    See `candidates` for what it takes.
+    """
+    return candidates(class_name, box, number, source, most=1)[0]
+
+
+def candidates(
+    class_name: str,
+    box: NDArray[np.float64],
+    number: int,
+    source: str = "",
+    most: int | None = None,
+) -> list[PlacedBody]:
+    """Put the bodies of a class whose proportions come nearest into a box and make them fill it.
+
     Args:
         class_name: one of ``taxonomy.ACTOR_CLASSES``.
         box: (7,) to fill.
         number: of the object: its coat is drawn by it, as those of traffic are.
         source: what the data calls it: a bicycle that nobody rides goes without a rider.
+        most: so many; as many as are worth trying if not given.
+
+    Returns:
+        Bodies, of people in several postures, the nearest first.
     """
-    size = box[3:6]
-    riderless = class_name in ("bicycle", "motorcycle") and source.lower() in _PARKED
-    extents = _extents(class_name, riderless)
-    name, phase = min(
-        extents, key=lambda one: (float(np.abs(np.log(size / extents[one])).sum()), one)
-    )
-    mesh = _stood(name, phase, riderless)
-    x, y, z = size / extents[name, phase]
-    if class_name in COATED_CLASSES:
-        name = coated_name(name, number)
-        mesh = coated_mesh(mesh, AssetName.of(name).coat)
-    return PlacedBody(name, box, scaled_mesh(mesh, (float(x), float(y), float(z))))
+    size, called = box[3:6], source.lower()
+    riderless = class_name in ("bicycle", "motorcycle") and called in _PARKED
+    extents = {
+        one: extent
+        for one, extent in _extents(class_name, riderless).items()
+        if one[0] not in _CALLED or any(word in called for word in _CALLED[one[0]])
+    }
+    off = {one: float(np.abs(np.log(size / extents[one])).sum()) for one in extents}
+    count = most or (_TRIED_PEOPLE if class_name == "pedestrian" else _TRIED)
+    found = []
+    for name, phase in sorted(extents, key=lambda one: (off[one], one))[:count]:
+        mesh = _stood(name, phase, riderless)
+        factors, filled = size / extents[name, phase], box
+        if class_name == "pedestrian":
+            # Posture and slack make the plan of a box; nobody's head is wider for it.
+            factors = np.full(3, factors[2])
+            filled = np.concatenate([box[:3], factors * extents[name, phase], box[6:]])
+        x, y, z = factors
+        coated = name
+        if class_name in COATED_CLASSES:
+            coated = coated_name(name, number)
+            mesh = coated_mesh(mesh, AssetName.of(coated).coat)
+        filling = scaled_mesh(mesh, (float(x), float(y), float(z)))
+        found.append(PlacedBody(coated, filled, filling, off[name, phase]))
+    return found
+
+
+def mended_of(bodies: list[PlacedBody], points: NDArray[np.float64]) -> PlacedBody:
+    """Mend bodies to the points of an object and return the one that then fits best.
+
+    A box says neither which body it holds nor in which posture. How far its proportions are off
+    counts as the box's own changes do.
+
+    Args:
+        bodies: in the box as annotated, the nearest first (`candidates`).
+        points: (N, 3) of the object, frame of the box.
+    """
+    tried = [_mend(body, points) for body in bodies]
+    misfit = [
+        cost + ((body.disproportion - bodies[0].disproportion) / _PROPORTIONS) ** 2
+        for (_, cost), body in zip(tried, bodies, strict=True)
+    ]
+    return tried[int(np.argmin(misfit))][0]
 
 
 def mended(body: PlacedBody, points: NDArray[np.float64]) -> PlacedBody:
@@ -98,27 +160,37 @@ def mended(body: PlacedBody, points: NDArray[np.float64]) -> PlacedBody:
         body: in its box as annotated.
         points: (N, 3) of the object, frame of the box.
     """
+    return _mend(body, points)[0]
+
+
+def _mend(body: PlacedBody, points: NDArray[np.float64]) -> tuple[PlacedBody, float]:
+    """Return a body mended to points, and what is left: the sum of squares."""
     local = body.pose.inverse().apply(points)
     local = local[local[:, 2] > GROUND_M]
     if len(local) < _FEWEST:
-        return body
+        return body, 0.0
     local = local[:: -(-len(local) // _MOST)]
     surface = NearestTriangle(body.mesh.vertices, body.mesh.faces.astype(np.int64))
     share = np.sqrt(min(len(local), _WORTH) / len(local)) / _POINT_M
 
-    def off(place: NDArray[np.float64]) -> NDArray[np.float64]:
+    def off(place: NDArray[np.float64], other: float) -> NDArray[np.float64]:
         change = place - 1.0
         back = _into(local, change * _TRUST)
         distance = surface.distances(back) * share
         # Points of something else pull no harder the farther they are.
-        distance = np.sqrt(np.log1p((distance / share / _OTHER_M) ** 2)) * _OTHER_M * share
+        distance = np.sqrt(np.log1p((distance / share / other) ** 2)) * other * share
         return np.concatenate([distance, change])
 
     # Steps of differences are relative to the start, which so is 1.
-    bounds = (1 - _FARTHEST, 1 + _FARTHEST)
-    start = np.ones(6)
-    found = least_squares(off, start, bounds=bounds, diff_step=0.05, max_nfev=20).x - 1.0
-    found *= _TRUST
+    low, high = 1 - _FARTHEST, 1 + _FARTHEST
+    place, cost = np.ones(6), 0.0
+    for other in _GRADUATED_M:
+        start = np.clip(place, low + 1e-6, high - 1e-6)
+        solved = least_squares(
+            off, start, bounds=(low, high), diff_step=0.05, xtol=1e-3, ftol=1e-3, args=(other,)
+        )
+        place, cost = solved.x, 2 * float(solved.cost)
+    found = (place - 1.0) * _TRUST
     ahead, left, turn = found[:3]
     box = body.box.copy()
     cos, sin = np.cos(box[6]), np.sin(box[6])
@@ -129,7 +201,7 @@ def mended(body: PlacedBody, points: NDArray[np.float64]) -> PlacedBody:
     box[2] += box[5] * (factors[2] - 1) / 2
     box[3:6] *= factors
     x, y, z = (float(one) for one in factors)
-    return PlacedBody(body.asset, box, scaled_mesh(body.mesh, (x, y, z)))
+    return PlacedBody(body.asset, box, scaled_mesh(body.mesh, (x, y, z))), cost
 
 
 def _into(points: NDArray[np.float64], change: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from urbantwin.errors import InputError
 from urbantwin.fidelity.frame import Frame
 
-__all__ = ["FrameRays", "rays_of"]
+__all__ = ["FrameRays", "last_true", "rays_of"]
 
 #: Azimuth that falls by more than this begins another ring, radians.
 _BACK = 0.1
@@ -105,8 +105,8 @@ def _of_sensor(
     before, after = [], []
     start = 0
     for one in points:
-        before.append(start + _last_true(one >= 0))
-        after.append(start + len(one) - 1 - _last_true(one[::-1] >= 0)[::-1])
+        before.append(start + last_true(one >= 0))
+        after.append(start + len(one) - 1 - last_true(one[::-1] >= 0)[::-1])
         start += len(one)
     range_m = np.where(point >= 0, np.linalg.norm(seen, axis=1)[point], np.inf)
     direction = np.column_stack([np.cos(up) * np.cos(turn), np.cos(up) * np.sin(turn), np.sin(up)])
@@ -122,7 +122,7 @@ def _of_sensor(
     )
 
 
-def _last_true(good: NDArray[np.bool_]) -> NDArray[np.int64]:
+def last_true(good: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Return the place of the nearest true value before each place, round a ring."""
     place = np.where(good, np.arange(len(good)), -1)
     last = np.maximum.accumulate(place)

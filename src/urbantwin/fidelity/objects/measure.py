@@ -12,7 +12,7 @@ from scipy.ndimage import distance_transform_edt, median_filter
 from scipy.spatial import cKDTree
 
 from urbantwin.fidelity.frame import Frame
-from urbantwin.fidelity.objects.bodies import AROUND_M, GROUND_M, PlacedBody, mended, placed
+from urbantwin.fidelity.objects.bodies import AROUND_M, GROUND_M, PlacedBody, candidates, mended_of
 from urbantwin.fidelity.objects.frame_rays import FrameRays, rays_of
 from urbantwin.fidelity.objects.scan_rays import SeenBodies, scan_rays
 from urbantwin.geometry import LabelledMesh
@@ -141,10 +141,12 @@ def compare_objects(
     number = np.full(len(boxes), -1)
     number[chosen] = np.arange(len(chosen))
     of_points = np.where(owner >= 0, number[owner], -1)
-    annotated = [
-        placed(boxes.class_names[n], boxes.box[n], int(k), sources[n]) for k, n in enumerate(chosen)
+    tried = [
+        candidates(boxes.class_names[n], boxes.box[n], int(k), sources[n])
+        for k, n in enumerate(chosen)
     ]
-    better = [mended(body, frame.points[of_points == k]) for k, body in enumerate(annotated)]
+    annotated = [bodies[0] for bodies in tried]
+    better = [mended_of(bodies, frame.points[of_points == k]) for k, bodies in enumerate(tried)]
     ground = _ground_of(frame, owner, boxes.box)
     looks = [_Look.of(rays, of_points, annotated, better) for rays in sensors]
     seen = {

@@ -42,6 +42,7 @@ class Response(NamedTuple):
         knee: strength at which that and the noise of the light are equal.
         white: code of intensity of a white surface.
         greatest: greatest code.
+        overlap_m: distance at which half of what a near target sends back is collected; 0: all.
         per_log: codes per logarithm of what is above white; 0: linear.
         whole_codes: whether codes are rounded.
     """
@@ -63,6 +64,7 @@ class Response(NamedTuple):
     knee: float
     white: float
     greatest: float
+    overlap_m: float
     per_log: float
     whole_codes: bool
 
@@ -119,6 +121,9 @@ def intensity_of(r, amplitude, range_m):
     left = amplitude
     if r.extinction > 0.0:
         left *= np.exp(-2.0 * r.extinction * range_m)
+    if r.overlap_m > 0.0 and range_m > 0.0:
+        near = range_m / r.overlap_m
+        left *= near**4 / (1.0 + near**4)
     code = r.white * left
     if left > 1.0 and r.per_log > 0.0:
         code = r.white + r.per_log * np.log(left)

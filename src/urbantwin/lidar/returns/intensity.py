@@ -9,6 +9,10 @@ and below it the scale is linear. Above it:
   scale logarithmic there, Velodyne only says that 255 is an ideal retroreflector;
 - else the scale stays linear, and is cut off at ``intensity_max`` (Hesai: 255 %).
 
+Near some sensors (``overlap_m``) codes fall short: the receiver sees only part of what the laser
+lights. Of two Ousters that report asphalt at 1 % next to them and at 5 % farther on that part is
+``1 / (1 + (overlap_m / range)^4)``. Light abounds there, so detection is as it is.
+
 Points carry the code divided by the greatest, 0 to 1. Of a sensor whose scale is unknown, white is
 the greatest, 255.
 """

@@ -11,7 +11,7 @@ from urbantwin.lidar.returns.clutter import Clutter, clutter_of
 from urbantwin.lidar.returns.detection import HALF_STRENGTH, STEEPNESS
 from urbantwin.lidar.returns.draws import LEVELS
 from urbantwin.lidar.returns.intensity import intensity_scale
-from urbantwin.lidar.returns.noise import KNEE_STRENGTH
+from urbantwin.lidar.returns.noise import knee_of
 from urbantwin.lidar.returns.scatter import Scatter, scatter_of_materials
 from urbantwin.lidar.returns.stretch import divergence, peak_left
 from urbantwin.lidar.returns.sunlight import daylight, sun_noise
@@ -82,9 +82,10 @@ class ReturnModel:
             steepness=STEEPNESS,
             faintest=FAINTEST,
             sigma_m=entry.assumed_range_sigma_m * unit.range_noise if effects.noise else 0.0,
-            knee=KNEE_STRENGTH,
+            knee=knee_of(entry),
             white=scale.white * unit.intensity,
             greatest=scale.greatest,
+            overlap_m=entry.overlap_m or 0.0,
             per_log=scale.per_log * unit.intensity,
             whole_codes=effects.quantisation,
         )

@@ -8,15 +8,18 @@ the clock) and one that goes with the inverse of the signal-to-noise ratio: the 
 
 The OS1's datasheet of the first generation has both ends: 1.5 cm above an SNR of 250 and 10 cm at
 12, so that the two parts are equal at `KNEE_SNR` (at 100 it says 3 cm, we 1.9). Strength 1 is taken
-to be the weakest of the three, `REFERENCE_SNR`. Planes in the scans of a real OS1-128 have what
-follows from that within a factor of 2 (`benchmarks/ouster.py`: 8 mm near, 1 to 3 cm at 20 to 30 m).
+to be the weakest of the three, `REFERENCE_SNR`. Where the datasheet of a model says how much ranges
+of a 10 % target at its range scatter (``weak_sigma_m``), the knee follows from that: newer OS1 are
+two to three times as precise there (roads of real scans: `docs/real_lidar.md`).
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-__all__ = ["KNEE_SNR", "KNEE_STRENGTH", "REFERENCE_SNR"]
+from urbantwin.lidar.sensor import Sensor
+
+__all__ = ["KNEE_SNR", "KNEE_STRENGTH", "REFERENCE_SNR", "knee_of"]
 
 #: Signal-to-noise ratio at which both parts of the noise are equal.
 KNEE_SNR = 12 * float(np.sqrt((10 / 1.5) ** 2 - 1))
@@ -24,3 +27,11 @@ KNEE_SNR = 12 * float(np.sqrt((10 / 1.5) ** 2 - 1))
 REFERENCE_SNR = 12.0
 #: The first in strength.
 KNEE_STRENGTH = KNEE_SNR / REFERENCE_SNR
+
+
+def knee_of(sensor: Sensor) -> float:
+    """Return the strength at which both parts of a sensor's noise are equal."""
+    if sensor.weak_sigma_m is None:
+        return KNEE_STRENGTH
+    ratio = sensor.weak_sigma_m / sensor.assumed_range_sigma_m
+    return float(np.sqrt(max(ratio**2 - 1, 0.0)))

@@ -1,4 +1,4 @@
-"""What actors swallow: beams that meet a surface which sends nothing back to them.
+"""What actors and ground swallow: beams that meet a surface which sends nothing back to them.
 
 Real bodies are not as plain as meshes: gaps between panels, trim, chrome, folds, spokes and edges
 send single beams elsewhere, and a glossy coat mirrors away what does not meet it squarely. Of rays
@@ -6,6 +6,11 @@ at opaque parts of real vehicles 3 to 6 of 100 return nothing even where cars ar
 one by one between neighbours that return; of rays at people 2 (KITTI and Argoverse 2, fitted:
 `docs/real_lidar.md`). Which beams it is depends on the beam and the triangle: a sensor that stands
 sees a standing car alike in every frame. Panes differ in their dirt by `DIRT`.
+
+**Ground** throws some beams on: lids, tar, puddles and ruts mirror or hide what comes in flat. Of
+rays at real roads some of a thousand are lost near the sensor, where light abounds, and 1 to 2 of
+a hundred at 20 to 40 m, in few places: ``GLANCING / cosine of incidence``, up to `MOST_THROWN_ON`,
+in places of `PLACE_M` (fitted to KITTI, Argoverse 2 and two Ousters together, `real_lidar.md`).
 
 However near a surface is, a receiver's threshold and its optics, which see what is near out of
 focus, leave something that is too faint: half of what sends back `FAINTEST` of white is missed.
@@ -17,11 +22,13 @@ from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtri
 
+from urbantwin.lidar.compiled.patches import add_patches
 from urbantwin.lidar.returns.draws import LEVELS, standard_quantiles
 from urbantwin.taxonomy import materials
 
-__all__ = ["DIRT", "FAINTEST", "SWALLOWED", "actor_grain"]
+__all__ = ["DIRT", "FAINTEST", "GLANCING", "SWALLOWED", "actor_grain", "thrown_on"]
 
 #: Share of white of which half is missed next to the sensor.
 FAINTEST = 0.003
@@ -33,6 +40,10 @@ SWALLOWED = {
     **dict.fromkeys(("metal-dark", "metal-bare", "plastic", "rubber", "retroreflector"), 0.045),
     **dict.fromkeys(("cloth", "skin"), 0.02),
 }
+#: Share of ground that throws on what meets it squarely, the most, and how large its places are.
+GLANCING, MOST_THROWN_ON, PLACE_M = 0.0008, 0.03, 0.4
+#: Number of their noise, apart from those of patches.
+_PLACES = 101
 #: What a beam that is swallowed sends back of what it would.
 _LEFT = np.float32(1e-4)
 
@@ -50,6 +61,20 @@ def actor_grain(mixed: NDArray[np.uint64], material: NDArray[np.uint8]) -> NDArr
     dirty = np.flatnonzero(panes[material])
     left[dirty] = np.exp(DIRT * standard_quantiles().take(drawn[dirty]))
     return left
+
+
+def thrown_on(places: NDArray[np.float64], cosine: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Return what is left (N,) of the backscatter of ground at places (N, 3), site frame.
+
+    Args:
+        places: (N, 3) of the ground.
+        cosine: (N,) of the angles of incidence.
+    """
+    share = np.minimum(GLANCING / np.maximum(cosine.astype(np.float64), 1e-3), MOST_THROWN_ON)
+    drawn = np.zeros(len(places))
+    east, north = np.ascontiguousarray(places[:, 0]), np.ascontiguousarray(places[:, 1])
+    add_patches(east, north, _PLACES, PLACE_M, 1.0, standard_quantiles(), drawn)
+    return np.where(drawn > -ndtri(share), _LEFT, np.float32(1.0))
 
 
 @cache

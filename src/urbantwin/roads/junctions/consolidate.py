@@ -86,6 +86,7 @@ def consolidated(
     *,
     apart: Collection[str],
     forbidden: Sequence[tuple[tuple[str, ...], bool]],
+    buildings: Sequence[shapely.Polygon],
     driving_side: str,
 ) -> PlainNetwork:
     """Return a network in which every junction is one node.
@@ -96,6 +97,7 @@ def consolidated(
         arrows: signed turns of lanes.
         apart: edges that lie in no junction.
         forbidden: turn restrictions over several edges, as in `passages_of`.
+        buildings: where buildings stand on the ground, site frame.
         driving_side: ``right`` or ``left``.
     """
     outward = -1 if driving_side == "right" else 1
@@ -118,7 +120,11 @@ def consolidated(
     inner = {name for cluster in clusters for name in cluster.inner}
     edges = _edges(plain, spans, home, inner)
     edges = moved_apart(
-        edges, _drawn(plain, edges, clusters), still=apart, driving_side=driving_side
+        edges,
+        _drawn(plain, edges, clusters),
+        still=apart,
+        buildings=buildings,
+        driving_side=driving_side,
     )
     new_strips = {edge.id: Strip(edge, outward) for edge in edges.values()}
     nodes = {name: node for name, node in plain.nodes.items() if name not in home}

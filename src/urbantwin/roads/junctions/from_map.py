@@ -25,7 +25,7 @@ __all__ = ["with_junctions_of_map"]
 RINGS = ("roundabout", "circular")
 
 
-def with_junctions_of_map(
+def with_junctions_of_map(  # noqa: PLR0913 - all that junctions are made of
     plain: PlainNetwork,
     *,
     extract: Extract,
@@ -33,6 +33,7 @@ def with_junctions_of_map(
     region: shapely.Polygon,
     prepared: PreparedWays,
     apart: Sequence[int],
+    buildings: Sequence[shapely.Polygon],
     country: str,
     driving_side: str,
 ) -> PlainNetwork:
@@ -45,6 +46,7 @@ def with_junctions_of_map(
         region: what is built, site frame.
         prepared: the segments that its ways were cut into.
         apart: segments that lie in no junction: bridges, outer roads.
+        buildings: where buildings stand on the ground, site frame.
         country: ISO 3166-1 alpha-2; empty if unknown.
         driving_side: ``right`` or ``left``.
     """
@@ -56,6 +58,7 @@ def with_junctions_of_map(
         prepared.arrows,
         apart={f"{sign}{piece}" for piece in [*apart, *rings] for sign in ("", "-")},
         forbidden=via_way_restrictions(extract, pieces),
+        buildings=buildings,
         driving_side=driving_side,
     )
     crossed = mapped_crossings(extract, frame, pieces, country=country)

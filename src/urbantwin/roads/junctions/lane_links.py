@@ -6,8 +6,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from urbantwin.geometry import wrapped
 from urbantwin.roads.junctions.passage import Passage
 from urbantwin.roads.junctions.plain import PlainEdge, PlainLink, PlainNetwork
+from urbantwin.roads.junctions.strip import heading_of
 
 __all__ = ["Arrows", "lane_links"]
 
@@ -15,6 +17,8 @@ __all__ = ["Arrows", "lane_links"]
 Arrows = Mapping[str, Sequence[tuple[str, ...]]]
 #: A way that turns by no more than this leads straight on, radians.
 STRAIGHT = np.radians(40.0)
+#: What lies beside what is seen this far along the ways out, metres.
+ONWARD_M = 15.0
 #: Directions of arrows (OSM wiki, "Key:turn").
 DIRECTIONS = {
     "left": "left", "sharp_left": "left", "slight_left": "left", "through": "through",
@@ -48,6 +52,7 @@ def lane_links(
         users = _signed_users(cars, signed, words, kerb)
     else:
         users = _traced_users(plain, passages, cars, words, kerb)
+    users = _untangled(passages, words, users, kerb)
     found: dict[tuple[str, int, str, int], Passage] = {}
     for passage, word, lanes in zip(passages, words, users, strict=True):
         way_out = passage.exit
@@ -146,6 +151,39 @@ def _traced_users(
     return users
 
 
+def _untangled(
+    passages: Sequence[Passage], words: Sequence[str], users: list[list[int]], kerb: str
+) -> list[list[int]]:
+    """Return the lanes of each way such that ways of one direction do not cross each other.
+
+    Of two that lie side by side the straighter one keeps its lanes, and the other has those beside.
+    """
+    outward = -1.0 if kerb == "right" else 1.0
+    aside = [_aside(passage) for passage in passages]
+    order = sorted(range(len(passages)), key=lambda k: -outward * aside[k])  # from the kerb
+    found = list(users)
+    for number, near in enumerate(order):
+        for far in order[number + 1 :]:
+            lanes = sorted({*found[near], *found[far]})
+            if words[near] != words[far] or max(found[near]) <= min(found[far]):
+                continue
+            if abs(aside[near]) <= abs(aside[far]):
+                found[far] = [k for k in lanes if k >= max(found[near])]
+                found[near] = [k for k in lanes if k <= found[far][0]]
+            else:
+                found[near] = [k for k in lanes if k <= min(found[far])]
+                found[far] = [k for k in lanes if k >= found[near][-1]]
+    return found
+
+
+def _aside(passage: Passage) -> float:
+    """Return how far to the left of straight on a way leads, radians."""
+    way_in, way_out = passage.entry.line, passage.exit.line
+    end, beyond = way_in.interpolate(way_in.length), way_out.interpolate(ONWARD_M)
+    chord = np.arctan2(beyond.y - end.y, beyond.x - end.x)
+    return float(wrapped(chord - heading_of(way_in, at_end=True)))
+
+
 def _leads(plain: PlainNetwork, passage: Passage, lane: int) -> bool:
     lanes = {lane}
     for edge, after in zip(passage.path, passage.path[1:], strict=False):
@@ -192,7 +230,8 @@ def _beside(
 ) -> None:
     """Add the links of lanes that cars may not use: bus and bicycle lanes.
 
-    Beside the kerb they do not turn across the cars' lanes, nor in the middle of the road.
+    Beside the kerb they do not turn across the cars' lanes, nor in the middle of the road, and they
+    stay on their side.
     """
     inner = "left" if kerb == "right" else "right"
     entry, way_out = passage.entry, passage.exit
@@ -209,8 +248,12 @@ def _beside(
             in_the_middle = bool(cars) and k > max(cars)
             if word == (kerb if in_the_middle else inner):
                 continue
-            if own:
-                found.setdefault((entry.id, k, way_out.id, own[min(number, len(own) - 1)]), passage)
-            elif targets:
-                end = targets[-1] if in_the_middle else targets[0]
-                found.setdefault((entry.id, k, way_out.id, end), passage)
+            beside = [j for j in own if not targets or (j > targets[-1]) == in_the_middle]
+            shared = [j for j in targets if way_out.lanes[j].admits(name)]
+            if beside:
+                end = beside[min(number, len(beside) - 1)]
+            elif shared or own:
+                end = (shared or own)[-1 if in_the_middle else 0]
+            else:
+                continue
+            found.setdefault((entry.id, k, way_out.id, end), passage)

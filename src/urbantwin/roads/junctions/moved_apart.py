@@ -1,12 +1,13 @@
 """Ways that part or run side by side, moved apart until their lanes no longer overlap.
 
 Where a carriageway parts, the map draws both ways from one point, and their lanes lie on each other
-until the lines are as far apart as the lanes are wide. On streets they lie side by side there.
+until the lines are as far apart as the lanes are wide. On streets they lie side by side there, and
+between the walls of buildings.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import groupby
@@ -28,8 +29,13 @@ PARALLEL = np.cos(np.radians(35.0))
 #: and the room between borders, metres.
 FURTHEST_M, TAPER, ROOM_M = 3.5, 0.12, 0.1
 STEP_M = 2.0
+#: Room between a carriageway and a wall, and a street's least room between walls, metres: what is
+#: narrower is no street beside buildings, but leads through them.
+WALL_M, PASSAGE_M, FAR_M = 0.05, 2.0, 1e3
+#: What is narrower is no building that a street keeps clear of, but a roof or a sliver, metres.
+THIN_M = 2.0
 #: How often places are compared: the third of three side by side gives way after the second.
-ROUNDS = 5
+ROUNDS = 8
 #: Lines nearer to each other all along are one street drawn twice, metres.
 ONE_M = 1.0
 #: Less than this is not moved, metres.
@@ -44,6 +50,7 @@ class _Street:
         ahead, back: its chains; ``back`` is ``None`` for one direction.
         places: (N, 2) the middle of all lanes.
         half: (N,) half their width.
+        room: (N, 2) how far a wall is to the left and to the right, `FAR_M` where none is near.
         free: whether its start and its end may move.
     """
 
@@ -51,6 +58,7 @@ class _Street:
     back: Chain | None
     places: NDArray[np.float64]
     half: NDArray[np.float64]
+    room: NDArray[np.float64]
     free: tuple[bool, bool]
 
     @cached_property
@@ -69,7 +77,8 @@ class _Street:
     def moved(self, by: NDArray[np.float64]) -> _Street:
         """Return it moved to the left by metres (N,), headings as they were."""
         normal = np.column_stack([-self.steps[:, 1], self.steps[:, 0]])
-        return replace(self, places=self.places + by[:, None] * normal)
+        room = self.room + by[:, None] * [-1.0, 1.0]
+        return replace(self, places=self.places + by[:, None] * normal, room=room)
 
 
 def moved_apart(
@@ -77,6 +86,7 @@ def moved_apart(
     plain: PlainNetwork,
     *,
     still: Collection[str],
+    buildings: Sequence[shapely.Polygon],
     driving_side: str,
 ) -> dict[str, PlainEdge]:
     """Return edges by id, of which those that overlapped lie side by side.
@@ -85,10 +95,13 @@ def moved_apart(
         edges: the edges between junctions.
         plain: a network of them.
         still: edges that stay where they are, and that nothing gives way to: bridges, outer roads.
+        buildings: where buildings stand on the ground.
         driving_side: ``right`` or ``left``.
     """
     outward = -1 if driving_side == "right" else 1
-    streets = _streets(plain, still, outward)
+    solid = shapely.buffer(np.array(buildings, object), -THIN_M / 2)
+    walls = shapely.STRtree(shapely.buffer(solid, THIN_M / 2, join_style="mitre"))
+    streets = _streets(plain, still, outward, walls)
     by = [np.zeros(len(street.places)) for street in streets]
     bands = [
         shapely.LineString(s.places).buffer(float(s.half.max()) + FURTHEST_M / 2) for s in streets
@@ -98,7 +111,7 @@ def moved_apart(
     for _ in range(ROUNDS):
         # Who gives way to one comes near the next.
         now = [street.moved(push) for street, push in zip(streets, by, strict=True)]
-        pushes = [push.copy() for push in by]
+        pushes = [push + _before_walls(street) for street, push in zip(now, by, strict=True)]
         for a, b in pairs:
             pushes[a] += _push(now[a], now[b])
         by = [_tapered(street, push) for street, push in zip(streets, pushes, strict=True)]
@@ -113,7 +126,9 @@ def moved_apart(
     return moved
 
 
-def _streets(plain: PlainNetwork, still: Collection[str], outward: int) -> list[_Street]:
+def _streets(
+    plain: PlainNetwork, still: Collection[str], outward: int, walls: shapely.STRtree
+) -> list[_Street]:
     meeting = meeting_nodes(plain)
     chains = {
         part.nodes: part for chain in chains_of(plain, meeting) for part in _parts(chain, still)
@@ -133,8 +148,29 @@ def _streets(plain: PlainNetwork, still: Collection[str], outward: int) -> list[
                 bool(len(plain.nodes[nodes[0]].outline)),
                 bool(len(plain.nodes[nodes[-1]].outline)),
             )
-            found.append(_Street(chain, back, places, half, free))
+            room = _room(places, half, walls)
+            found.append(_Street(chain, back, places, half, room, free))
     return found
+
+
+def _room(
+    places: NDArray[np.float64], half: NDArray[np.float64], walls: shapely.STRtree
+) -> NDArray[np.float64]:
+    """Return how far walls are to the left and to the right of places (N, 2), or `FAR_M`."""
+    steps = _directions(places)
+    left = np.column_stack([-steps[:, 1], steps[:, 0]])
+    room = np.full((len(places), 2), FAR_M)
+    for column, side in enumerate((left, -left)):
+        reach = places + side * (half + FURTHEST_M + WALL_M)[:, None]
+        lines = shapely.linestrings(np.stack([places, reach], axis=1))
+        number, wall = walls.query(lines, predicate="intersects")
+        at = shapely.distance(
+            shapely.points(places[number]),
+            shapely.intersection(lines[number], walls.geometries[wall]),
+        )
+        np.minimum.at(room[:, column], number, at)
+    room[room.sum(axis=1) < PASSAGE_M] = FAR_M
+    return room
 
 
 def _parts(chain: Chain, still: Collection[str]) -> list[Chain]:
@@ -193,6 +229,21 @@ def _push(street: _Street, other: _Street) -> NDArray[np.float64]:
     side = np.sign(left[beside][np.abs(left[beside]).argmax()])
     lacking = np.where(beside, np.maximum(need - side * left, 0.0), 0.0)
     return np.asarray(-side * lacking * other.half[number] / (need - ROOM_M))
+
+
+def _before_walls(street: _Street) -> NDArray[np.float64]:
+    """Return how far (N,) to the left each place of a street gives way to walls, if there is room.
+
+    Between walls that are nearer than the street is wide, it lies in the middle.
+    """
+    need = (street.half + WALL_M)[:, None]
+    left, right = street.room.T
+    lacking = np.maximum(need - street.room, 0.0)
+    return np.where(
+        left + right < 2 * need[:, 0],
+        (left - right) / 2,
+        lacking[:, 1] - lacking[:, 0],
+    )
 
 
 def _tapered(street: _Street, push: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -38,6 +38,7 @@ class Gate:
         lanes: how many lanes lead through.
         lane_m: how wide they are, metres.
         joints: nodes on the way out, nearest first, where roads of other gates join.
+        beside: numbers of other streets that begin or end there.
     """
 
     node: int
@@ -48,6 +49,7 @@ class Gate:
     lanes: int
     lane_m: float
     joints: list[tuple[int, Points]] = field(default_factory=list)
+    beside: tuple[int, ...] = ()
 
     @property
     def ahead(self) -> Points:

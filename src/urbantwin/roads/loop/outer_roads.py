@@ -8,7 +8,7 @@ that they join, so that all that holds for a street holds for them.
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -76,6 +76,10 @@ def close_loop(
         layout = Layout(_cut_back(layout.pieces, blind), *about)
         cut_back += len(blind)
     number = {piece.id: k for k, piece in enumerate(layout.pieces)}
+    at: dict[int, list[int]] = defaultdict(list)
+    for piece in layout.pieces:
+        at[piece.nodes[0]].append(piece.id)
+        at[piece.nodes[-1]].append(piece.id)
     turning: list[LooseEnd] = []
     exits: list[Gate] = []
     entries: list[Gate] = []
@@ -87,7 +91,16 @@ def close_loop(
             if end.cut or (out is not None and lanes > 1):
                 turning.append(end)
         elif out is not None:
-            gate = Gate(end.node, end.point, out, street, end.piece.tags, lanes, end.lane_m)
+            gate = Gate(
+                end.node,
+                end.point,
+                out,
+                street,
+                end.piece.tags,
+                lanes,
+                end.lane_m,
+                beside=tuple(number[one] for one in at[end.node] if one != end.piece.id),
+            )
             (exits if end.leaves else entries).append(gate)
     near = near_pairs(exits, entries)
     exits = [gate for gate in exits if all(gate is not a for a, _ in near)]

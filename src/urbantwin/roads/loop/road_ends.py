@@ -77,6 +77,9 @@ def loose_ends(
 ) -> list[LooseEnd]:
     """Return the ends at nodes that no other piece of a way has, in the order of the pieces.
 
+    Of one-way streets that begin or end at one node, where no other leads on, it is the end of the
+    widest.
+
     Args:
         pieces: the ways of the network, cut to the region.
         known: ids of the nodes of the map; others are where the border cut a way.
@@ -87,15 +90,13 @@ def loose_ends(
         for k, node in enumerate(piece.nodes):
             arms[node] += 1 if k in (0, len(piece.nodes) - 1) else 2
     of_map = frozenset(known)
-    found = []
+    ends: dict[int, list[LooseEnd]] = defaultdict(list)
     for piece, (along, against) in zip(pieces, lanes, strict=True):
         for at_start in (True, False):
             node = piece.nodes[0 if at_start else -1]
-            if arms[node] != 1:
-                continue
             points = piece.points if at_start else piece.points[::-1]
             leaves, enters = (against, along) if at_start else (along, against)
-            found.append(
+            ends[node].append(
                 LooseEnd(
                     piece,
                     node,
@@ -108,7 +109,13 @@ def loose_ends(
                     node not in of_map,
                 )
             )
-    return found
+    found = []
+    for node, here in ends.items():
+        one_sided = not any(end.leaves for end in here) or not any(end.enters for end in here)
+        if arms[node] == len(here) and (len(here) == 1 or one_sided):
+            found.append(max(here, key=lambda end: end.leaves + end.enters))
+    order = {id(piece): k for k, piece in enumerate(pieces)}
+    return sorted(found, key=lambda end: (order[id(end.piece)], not end.at_start))
 
 
 def _outward(points: NDArray[np.float64]) -> float:

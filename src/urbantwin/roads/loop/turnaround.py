@@ -107,7 +107,8 @@ def join_carriageways(layout: Layout, exit_: Gate, entry: Gate) -> None:
         return shapely.LineString(line).buffer(half, cap_style="flat")
 
     lines = (turnaround_line(stem, splay) for stem in STEMS_M for splay in SPLAYS)
-    line = layout.with_most_room(lines, area_of, exit_.street, entry.street)
+    own = (exit_.street, entry.street, *exit_.beside, *entry.beside)
+    line = layout.with_most_room(lines, area_of, *own)
     layout.space.take(area_of(line))
     # They meet at the tip: one leg may be much longer than the other, and where the two ways lie
     # side by side netconvert would take the turn itself for a junction.

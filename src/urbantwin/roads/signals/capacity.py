@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections import defaultdict
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 from urbantwin.roads.model.furniture import Phase
@@ -116,7 +116,7 @@ def lane_loads(
     junction: Signalised,
     phases: Sequence[Phase],
     flows: Flows,
-    behind: Mapping[int, Collection[int]] | None = None,
+    behind: Mapping[int, Mapping[int, float]] | None = None,
     *,
     in_bends: bool = True,
 ) -> list[LaneLoad]:
@@ -126,12 +126,20 @@ def lane_loads(
         junction: its links.
         phases: its program.
         flows: what goes from street to street.
-        behind: link -> inner links where what it lets go has no room to wait for another green.
+        behind: link -> inner links that what it lets go comes to -> room to wait there, metres.
         in_bends: whether who turns in a narrow bend leaves more slowly.
     """
     cycle = sum(seconds for seconds, _ in phases)
     even = on_lanes(junction, flows, lambda link: SATURATION_VEH_H)
-    capacity = {link: _capacity(junction, link, phases, cycle, even, in_bends) for link in even}
+    capacity = {
+        link: min(
+            _capacity(junction, link, phases, cycle, even, in_bends),
+            _capacity_behind(
+                junction, link, phases, even, (behind or {}).get(link.index, {}), in_bends
+            ),
+        )
+        for link in even
+    }
     carried = on_lanes(junction, flows, capacity.__getitem__)
     flow: dict[str, float] = defaultdict(float)
     load: dict[str, float] = defaultdict(float)
@@ -140,42 +148,44 @@ def lane_loads(
         links[link.lane][link] = count
         flow[link.lane] += count
         load[link.lane] += count / max(capacity[link], NOTHING)
-    for lane, further in _loads_behind(junction, phases, even, behind or {}, in_bends).items():
-        load[lane] = max(load[lane], further)
     found = [LaneLoad(lane, flow[lane], load[lane], links[lane]) for lane in sorted(flow)]
     return sorted(found, key=lambda one: -one.load)
 
 
-def _loads_behind(
+def _capacity_behind(
     junction: Signalised,
+    link: Link,
     phases: Sequence[Phase],
     even: Mapping[Link, float],
-    behind: Mapping[int, Collection[int]],
+    behind: Mapping[int, float],
     in_bends: bool,
-) -> dict[str, float]:
-    """Return the load that inner lanes are to each lane while it has green."""
+) -> float:
+    """Return how many an hour the inner lanes that a link leads to take of it.
+
+    Those that leave there while it has green, and in each cycle as many as find room to wait there.
+    """
+    inner = {
+        other.lane: room
+        for k, room in behind.items()
+        for other in junction.of_index[k]
+        if other.lane != link.lane
+    }
+    if link.to in inner:
+        inner = {link.to: inner[link.to]}  # inside nobody changes lanes
     cycle = sum(seconds for seconds, _ in phases)
-    found: dict[str, float] = defaultdict(float)
-    for link, count in even.items():
-        inner = {
-            other.lane for k in behind.get(link.index, ()) for other in junction.of_index[k]
-        } - {link.lane}
-        if not (inner and count):
-            continue
-        own = [(seconds, state) for seconds, state in phases if state[link.index] in "gG"]
-        carries = 0.0
-        for lane in sorted(inner):
-            ways = [other for other in even if other.lane == lane]
-            whole = sum(even[other] for other in ways)
-            shares = [even[other] / whole if whole else 1.0 / len(ways) for other in ways]
-            needed = sum(
-                share / max(_capacity(junction, other, own, cycle, even, in_bends), NOTHING)
-                for other, share in zip(ways, shares, strict=True)
-                if share
-            )
-            carries += 1.0 / needed
-        found[link.lane] += count / carries
-    return found
+    own = [(seconds, state) for seconds, state in phases if state[link.index] in "gG"]
+    carries = 0.0
+    for lane, room in sorted(inner.items()):
+        ways = [other for other in even if other.lane == lane]
+        whole = sum(even[other] for other in ways)
+        shares = [even[other] / whole if whole else 1.0 / len(ways) for other in ways]
+        needed = sum(
+            share / max(_capacity(junction, other, own, cycle, even, in_bends), NOTHING)
+            for other, share in zip(ways, shares, strict=True)
+            if share
+        )
+        carries += 1.0 / needed + room // FOLLOWING_M * 3600.0 / cycle
+    return carries if inner else math.inf
 
 
 def _capacity(

@@ -19,9 +19,10 @@ from urbantwin.roads.signals.coordination import (
 )
 from urbantwin.roads.signals.green_times import SHORTEST_CYCLE_S, STEP_S
 from urbantwin.roads.signals.inner_links import Feed, feeds
-from urbantwin.roads.signals.junction_timing import Timing, timing_of
+from urbantwin.roads.signals.junction_timing import Timing, timings_of
 from urbantwin.roads.signals.lane_flows import assumed_flows, link_flows
 from urbantwin.roads.signals.queue_model import QueueModel
+from urbantwin.roads.signals.streams import INNER_M
 
 __all__ = ["set_default_programs"]
 
@@ -54,18 +55,40 @@ def set_default_programs(net: Path, *, flows: Flows | None = None) -> None:
     ways = feeds(root, there, COORDINATED_M)
     flows = flows or assumed_flows(root, there)
     left_hand = root.get("lefthand") == "true"
-    timings = {item.program: timing_of(item, ways, flows, left_hand=left_hand) for item in there}
+    choices = {x.program: timings_of(x, ways, flows, left_hand=left_hand) for x in there}
     logics = {item.get("id"): item for item in root.iter("tlLogic")}
-    for names in neighbourhoods(timings, ways):
-        near = {name: timings[name] for name in names}
-        first, *others = (_planned(near, cycle, ways, flows) for cycle in _cycles(near))
-        best = min(others, key=lambda plan: plan.cost, default=first)
-        best = best if best.cost < WORTH * first.cost else first
+    for names in neighbourhoods(choices, ways):
+        best = _best({name: choices[name] for name in names}, ways, flows)
         for name, offset in best.offsets.items():
             _write(logics[name], offset, best.programs[name])
-    if timings:
+    if choices:
         text = etree.tostring(root, xml_declaration=True, encoding="UTF-8")
         net.write_bytes(text + b"\n")
+
+
+def _best(near: Mapping[str, Sequence[Timing]], ways: Sequence[Feed], flows: Flows) -> _Plan:
+    """Return the plan of neighbours with which least waits.
+
+    Where few vehicles have room between two, their other timings are tried, too.
+    """
+    alone = {name: timings[0] for name, timings in near.items()}
+    tight = {
+        name
+        for way in ways
+        if way.program in near and way.to_program != way.program and way.room < INNER_M
+        for name in (way.program, way.to_program)
+    }
+    first, *shorter = (_planned(alone, cycle, ways, flows) for cycle in _cycles(alone))
+    best = min([first, *shorter], key=lambda plan: plan.cost)
+    chosen = dict(alone)
+    for name in sorted(tight):
+        for other in near[name][1:]:
+            tried = {**chosen, name: other}
+            plans = [_planned(tried, cycle, ways, flows) for cycle in _cycles(tried)]
+            plan = min(plans, key=lambda plan: plan.cost)
+            if plan.cost < best.cost:
+                best, chosen = plan, tried
+    return best if best.cost < WORTH * first.cost else first
 
 
 def _cycles(near: Mapping[str, Timing]) -> Iterator[float]:

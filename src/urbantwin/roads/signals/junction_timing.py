@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -27,7 +27,7 @@ from urbantwin.roads.signals.plan_check import WALK_S
 from urbantwin.roads.signals.stages import Stage, critical_ratios, stages_of
 from urbantwin.roads.signals.streams import Traffic
 
-__all__ = ["Timing", "timing_of"]
+__all__ = ["Timing", "timings_of"]
 
 #: Nobody has green for less, seconds, or than the second where the cycle would be too long (RiLSA
 #: 2015, 2.7.2: 5 s, 10 s on main streets).
@@ -47,16 +47,21 @@ SHARED_OUT, TOWARDS, LITTLE = 10, 0.6, 0.02
 APART, TOO_LONG = 3, 100.0
 
 
-def timing_of(
+def timings_of(
     junction: Signalised, ways: Sequence[Feed], flows: Flows, *, left_hand: bool
-) -> Timing:
-    """Return a junction's timing, if need be with less care for a cycle that is not too long.
+) -> list[Timing]:
+    """Return a junction's best timing, then others that may suit its neighbours better.
 
-    First turns across have no stages of their own, then traffic may wait at all inner stop lines,
-    then greens are as short as they may be. Where lanes are full that turns across hold up, their
-    streets go one after the other, if that helps.
+    First turns across have stages of their own, then none, then traffic may wait at all inner stop
+    lines, then greens are as short as they may be. Where lanes are full that turns across hold up,
+    their streets go one after the other, if that helps.
     """
     found: list[Timing] = []
+    others: list[Timing] = []
+    behind = {
+        link: {feed.to_index: feed.room for feed in feeds}
+        for link, feeds in Traffic(junction, ways, left_hand=left_hand).inner.items()
+    }
     for protects, inner, shortest in (
         (True, ways, SHORTEST_GREEN_S),
         (False, ways, SHORTEST_GREEN_S),
@@ -66,24 +71,42 @@ def timing_of(
         apart: frozenset[int] = frozenset()
         for _ in range(APART):
             traffic = Traffic(junction, inner, left_hand=left_hand, protects=protects, apart=apart)
-            found.append(Timing(junction, traffic, flows, shortest))
+            found.append(Timing(junction, traffic, flows, shortest, behind))
+            if not apart:
+                others.append(found[-1])
             held_up = found[-1].held_up
             if held_up <= apart:
                 break
             apart |= held_up
         if min(timing.score for timing in found) <= FULL:
             break
-    return min(found, key=lambda timing: timing.score)
+    best = min(found, key=lambda timing: timing.score)
+    stages = [best.stages]
+    kept = [best]
+    for timing in others:
+        if timing.stages not in stages and timing.cycle <= LONGEST_CYCLE_S:
+            stages.append(timing.stages)
+            kept.append(timing)
+    return kept
 
 
 @dataclass(frozen=True)
 class Timing:
-    """Stages of a junction, and how long they take."""
+    """Stages of a junction, and how long they take.
+
+    Attributes:
+        junction: its links.
+        traffic: its streams.
+        flows: cars an hour.
+        shortest_s: of greens.
+        behind: link -> inner links that what it lets go comes to -> room to wait there, metres.
+    """
 
     junction: Signalised
     traffic: Traffic
     flows: Flows
     shortest_s: float
+    behind: Mapping[int, Mapping[int, float]]
 
     @cached_property
     def carried(self) -> dict[Link, float]:
@@ -190,7 +213,7 @@ class Timing:
             inner.lane
             for link in self.junction.links
             if link.lane in full
-            for k in self._behind.get(link.index, ())
+            for k in self.behind.get(link.index, ())
             for inner in self.junction.of_index[k]
         }
         links = (link for link in self.junction.links if link.lane in full | behind)
@@ -210,11 +233,7 @@ class Timing:
         return self._shared_out(cycle)[1]
 
     def _loads(self, phases: Sequence[Phase]) -> list[LaneLoad]:
-        return lane_loads(self.junction, phases, self.flows, self._behind, in_bends=False)
-
-    @cached_property
-    def _behind(self) -> dict[int, list[int]]:
-        return {k: [feed.to_index for feed in ways] for k, ways in self.traffic.inner.items()}
+        return lane_loads(self.junction, phases, self.flows, self.behind, in_bends=False)
 
     @cached_property
     def _known(self) -> dict[float, tuple[float, tuple[Phase, ...]]]:

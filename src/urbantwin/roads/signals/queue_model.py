@@ -179,6 +179,8 @@ class QueueModel:
         # Who comes from elsewhere takes no room that those who come from other signals need.
         fed = 1.0 - self._others / np.maximum(self._arrives, 1e-12)
         columns = np.arange(lanes)
+        # Who goes on while others come makes room for them.
+        until = np.concatenate([np.zeros((1, cases, lanes)), np.cumsum(opened, axis=0)])
         before, after = np.zeros((cases, lanes)), np.zeros((cases, lanes))
         for second in range(whole):
             now = second % ring
@@ -188,7 +190,9 @@ class QueueModel:
             goes = np.minimum(queue, opened[second])
             enters = goes @ self._share
             if len(into):
-                fits = np.clip((room - taken) / np.maximum(enters, 1e-12), 0.0, 1.0)
+                leaving = until[np.minimum(second + way_s, whole), :, columns].T - until[second]
+                free = room - taken + np.minimum(leaving, taken)
+                fits = np.clip(free / np.maximum(enters, 1e-12), 0.0, 1.0)
                 # Who has no room holds up all behind.
                 goes[:, feeding] *= np.minimum.reduceat(fits[:, into], starts, axis=1)
                 enters = goes @ self._share

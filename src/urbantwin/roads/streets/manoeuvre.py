@@ -27,6 +27,9 @@ ROOM_AT_SIGNAL_M = 1.0
 SHIFT_RADIUS_M = 25.0
 #: Lanes that turn by more than this do not go straight on, radians.
 SHIFT_TURN = 0.35
+#: Lines that meet at such angles turn a corner, radians: motor traffic does so no more tightly than
+#: this (turning circles of cars are 10 to 12 m), as far as roads keep this for arrows, metres.
+CORNERS, CORNER_RADIUS_M, LEFT_M = (0.6, 2.4), 4.5, 13.0
 #: Largest share of an edge that is cut off at one end.
 TRIM_SHARE = 0.25
 #: Points of a way closer than this are thinned, so that a spline through them is calm, metres.
@@ -224,10 +227,38 @@ def _trims(
         if before.id in signalled:
             # The stop line keeps its place; the other side gives the remaining length.
             give = max(0.0, ROOM_AT_SIGNAL_M - way) / 2
-        keys = ((before.id, "end", give, first), (after.id, "start", lacking - give, last))
+        corner = _room_to_turn(first, last)
+        giving = max(give, corner[0] if before.id not in signalled else 0.0)
+        keys = (
+            (before.id, "end", giving, first),
+            (after.id, "start", max(lacking - give, corner[1]), last),
+        )
         for edge, end, want, lane in keys:
             trims[edge, end] = max(trims[edge, end], min(want, TRIM_SHARE * lane.length))
     return dict(trims)
+
+
+def _room_to_turn(first: Lane, last: Lane) -> tuple[float, float]:
+    """Return how much a lane has to end earlier, and the next to begin later, to turn gently."""
+    if "bicycle" in (first.kind, last.kind):
+        return 0.0, 0.0
+    legs = first.centre[-1, :2] - first.centre[-2, :2], last.centre[1, :2] - last.centre[0, :2]
+    a, b = (leg / max(float(np.linalg.norm(leg)), 1e-9) for leg in legs)
+    across = float(a[0] * b[1] - a[1] * b[0])
+    turn = abs(float(np.arctan2(across, a @ b)))
+    if not CORNERS[0] < turn < CORNERS[1]:
+        return 0.0, 0.0
+    # How far ahead of the one and behind the other their lines meet.
+    gap = last.centre[0, :2] - first.centre[-1, :2]
+    ahead = float(gap[0] * b[1] - gap[1] * b[0]) / across
+    behind = float(a[0] * gap[1] - a[1] * gap[0]) / across
+    need = CORNER_RADIUS_M * np.tan(turn / 2)
+    spare = (max(0.0, (lane.length - LEFT_M) / 2) for lane in (first, last))
+    early, late = (
+        min(max(0.0, need - there), left)
+        for there, left in zip((ahead, behind), spare, strict=True)
+    )
+    return float(early), float(late)
 
 
 def _room_to_shift(first: Lane, last: Lane) -> float:

@@ -9,6 +9,7 @@ import shapely
 from numpy.typing import NDArray
 from shapely import Polygon
 
+from urbantwin.scene.furniture.bicycle import bicycle
 from urbantwin.scene.furniture.piece import Piece, block
 from urbantwin.scene.solids import rods
 from urbantwin.scene.tag_values import count_of, length_m_of
@@ -19,7 +20,7 @@ __all__ = ["cycle_stands", "oriented", "shelter"]
 SHELTER_M = (1.5, 4.0, 2.5)
 #: A Sheffield stand is a hoop 0.75 m long and 0.8 m high; stands are 0.9 m apart; two bikes each.
 HOOP_M, HOOP_HIGH_M, STAND_STEP_M, BIKE_M = 0.75, 0.8, 0.9, 2.0
-MOST_STANDS, TUBE_M = 80, 0.025
+MOST_STANDS, MOST_BICYCLES, TUBE_M = 80, 40, 0.025
 
 
 def oriented(area: Polygon) -> tuple[NDArray[np.float64], float, float, float]:
@@ -68,10 +69,13 @@ def shelter(tags: Mapping[str, str], deep: float, long: float) -> list[Piece]:
 
 
 def cycle_stands(tags: Mapping[str, str], deep: float | None, long: float | None) -> list[Piece]:
-    """Return cycle stands in rows; lockers and sheds as a box, roofs where they are covered.
+    """Return cycle stands in rows with their bicycles, under a roof where they are covered.
+
+    Lockers and sheds are a box.
 
     Args:
-        tags: ``bicycle_parking``, ``capacity``, ``covered``.
+        tags: ``bicycle_parking``, ``capacity``, ``covered``; ``parked``: share of places that
+            bicycles stand at.
         deep: the size of the area along its stands, metres; ``None`` where a point is mapped.
         long: its size across.
     """
@@ -91,17 +95,23 @@ def cycle_stands(tags: Mapping[str, str], deep: float | None, long: float | None
         return [block([0, 0, 0], [deep, wide, high], "metal-painted", "other-structure")]
     low = kind in ("wall_loops", "rack", "anchors", "ground_slots", "crossbar")
     high, reach = (0.45, 0.4) if low else (HOOP_HIGH_M, HOOP_M)
-    hoops = []
+    hoops, places = [], []
     for number in range(stands):
         row, place = divmod(number, each)
         x = (row - (rows - 1) / 2) * deep / rows
         y = (place + 0.5) / each * wide - wide / 2
         a, b = x - reach / 2, x + reach / 2
+        places += [(x, y + 0.17), (x, y - 0.17)]
         hoops.append([[[a, y, -0.3], [a, y, high]], [[b, y, -0.3], [b, y, high]],
                       [[a, y, high], [b, y, high]]])  # fmt: skip
     ends = np.array(hoops).reshape(-1, 2, 3)
     tubes = rods(ends[:, 0], ends[:, 1], TUBE_M, TUBE_M, 6)
     pieces = [Piece(tubes, "other-object", "metal-painted")]
+    share = float(tags.get("parked", "0"))
+    # A step of the golden ratio spreads the taken places evenly, without a draw.
+    taken = [p for k, p in enumerate(places[:MOST_BICYCLES]) if (0.382 + 0.618 * k) % 1 < share]
+    for k, (x, y) in enumerate(taken):
+        pieces += bicycle(x, y, 1 if k % 3 else -1)
     if tags.get("covered") == "yes":
         cover = {"height": tags.get("height", ""), "shelter_type": "sun_shelter", "bench": "no"}
         pieces += shelter(cover, deep, wide)

@@ -49,6 +49,11 @@ def container(tags: Tags) -> list[Piece]:
     return [block([0, 0, 0], [1.07, 1.37, _height(tags, 1.35, 3.0)], "plastic")]
 
 
+def wheeled_bin(_tags: Tags) -> list[Piece]:
+    """Return a bin of 240 litres on wheels (EN 840-1)."""
+    return [block([0, 0, 0], [0.74, 0.58, 1.07], "plastic")]
+
+
 def hydrant(tags: Tags) -> list[Piece]:
     """Return a pillar hydrant; those below ground or in walls are not drawn."""
     if tags.get("fire_hydrant:type", "pillar") != "pillar":
@@ -245,6 +250,7 @@ STREET: dict[tuple[str, str], tuple[str, Build]] = {
     ("amenity", "waste_basket"): ("waste baskets", waste_basket),
     ("amenity", "waste_disposal"): ("containers", container),
     ("amenity", "recycling"): ("containers", container),
+    ("amenity", "wheelie_bin"): ("wheeled bins", wheeled_bin),
     ("amenity", "grit_bin"): ("containers", container),
     ("amenity", "post_box"): ("post boxes", post_box),
     ("amenity", "letter_box"): ("post boxes", post_box),

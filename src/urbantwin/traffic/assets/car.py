@@ -23,9 +23,13 @@ PANELS = (
 )
 
 
+#: How far the middle of a car's roof stands above its edges, metres.
+CROWN_M = 0.08
+
+
 def car(entry: Mapping[str, Any]) -> list[Solid]:
     """Return the solids of a car of the catalogue."""
-    solids, outline = body(entry)
+    solids, outline = body({"crown": CROWN_M, **entry})
     solids += axle_wheels(entry)
     solids += plates(entry, outline, plate_z=(0.42, 0.62))
     length, width, _ = entry["size"]

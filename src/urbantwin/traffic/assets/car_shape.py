@@ -17,7 +17,9 @@ import shapely
 __all__ = ["CarShape", "drawn"]
 
 #: From the outline of the roof to the windows, and between windows, metres.
-_FRAME_M, _PILLAR_M = 0.075, 0.085
+_FRAME_M, _PILLAR_M = 0.075, 0.11
+#: From the belt line up to the panes, and the bonnet's front edge behind the nose, metres.
+_SEAL_M, _BONNET_M = 0.02, 0.16
 #: A window that is smaller is none, square metres.
 _LEAST_WINDOW_M2 = 0.03
 
@@ -61,7 +63,7 @@ class CarShape:
     pillars: tuple[float, ...] = ()
     windows: tuple[float, float] | None = None
     rows: tuple[float, ...] = ()
-    tumblehome: float = 0.74
+    tumblehome: float = 0.66
     round: float = 0.25
 
 
@@ -94,7 +96,7 @@ def drawn(entry: Mapping[str, Any]) -> dict[str, Any]:
             [sill + 0.22, 0.985],
             [max(0.42 * height, sill + 0.3), 1.0],
             [max(0.92 * cowl_z, 0.42 * height + 0.15), 0.985],
-            [max(cowl_z + 0.04, 0.42 * height + 0.25), 0.96],
+            [max(cowl_z + 0.04, 0.42 * height + 0.25), 0.96 if square else 0.91],
             [height, shape.tumblehome],
         ],
         "plan": [
@@ -120,19 +122,19 @@ def _upper(shape: CarShape, length: float, height: float) -> list[list[Any]]:
     bumper = min(0.40, 0.5 * shape.nose)
     # Below, nose and tail are cut back, but not as far as the wheels' arches.
     arch = 0.5 * shape.wheel + 0.08
-    front = min(0.14, shape.axles[0] - arch)
-    behind = min(0.13, length - shape.axles[1] - arch)
+    front = min(0.09, shape.axles[0] - arch)
+    behind = min(0.08, length - shape.axles[1] - arch)
     points: list[list[Any]] = [
         [front, sill, "dark"],
         [0.02, sill + 0.4 * (bumper - sill) + 0.04, "grille"],
         [0.00, bumper + 0.08, "grille"],
-        [0.03, bumper + 0.6 * (shape.nose - bumper) + 0.03, "grille-lamps"],
-        [0.14, shape.nose, "paint"],
+        [0.055, bumper + 0.6 * (shape.nose - bumper) + 0.03, "grille-lamps"],
+        [_BONNET_M, shape.nose, "paint"],
     ]
     # The bonnet bulges a little between its front edge and the foot of the windscreen.
     for share in (0.35, 0.7):
         z = shape.nose + (cz - shape.nose) * share**0.7
-        points.append([0.14 + (cx - 0.14) * share, z, "paint"])
+        points.append([_BONNET_M + (cx - _BONNET_M) * share, z, "paint"])
     points.append([cx, cz, "windscreen"])
     points.append([(cx + hx) / 2, (cz + hz) / 2 + 0.025, "windscreen"])
     points.append([hx, hz, "paint"])
@@ -147,9 +149,11 @@ def _upper(shape: CarShape, length: float, height: float) -> list[list[Any]]:
     points.append([*end, "lamps"])
     low = min(end[1] - 0.15, 0.62)
     points.append([(end[0] + length) / 2, (end[1] + low) / 2, "paint"])
-    points.append([length, low - 0.04, "dark"])
-    points.append([length - 0.02, sill + 0.17, "dark"])
-    points.append([length - behind, sill + 0.05, "under"])
+    # The bumper reaches farthest, about as high as UN Regulation 42 strikes it (0.445 m).
+    points.append([length - 0.045, low, "paint"])
+    points.append([length, min(max(sill + 0.22, 0.30 * height), low - 0.12), "dark"])
+    points.append([length - 0.015, sill + 0.10, "dark"])
+    points.append([length - behind, sill + 0.02, "under"])
     return points
 
 
@@ -162,8 +166,8 @@ def _windows(shape: CarShape, upper: list[list[Any]]) -> list[list[list[float]]]
     slope = (belt_rear - cz) / (gx - cx)
     above = shapely.Polygon(
         [
-            (left, cz + 0.01 + slope * (left - cx)),
-            (right, cz + 0.01 + slope * (right - cx)),
+            (left, cz + _SEAL_M + slope * (left - cx)),
+            (right, cz + _SEAL_M + slope * (right - cx)),
             (right, 9.0),
             (left, 9.0),
         ]

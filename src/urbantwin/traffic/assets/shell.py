@@ -24,6 +24,7 @@ __all__ = ["Outline", "Panel", "Section", "arched_outline", "shell"]
 #: Columns of the strips across the vehicle, as parts of the half-width.
 COLUMNS = np.array([-1.0, -0.88, -0.56, -0.28, 0.0, 0.28, 0.56, 0.88, 1.0])
 
+#: Lamps are lens and reflector in one: their covers return as paint does.
 #: What a stretch of the outline is made of: (|column| up to, material), from the middle outwards.
 BANDS: dict[str, tuple[tuple[float, str], ...]] = {
     "paint": ((1.0, "metal-painted"),),
@@ -31,8 +32,8 @@ BANDS: dict[str, tuple[tuple[float, str], ...]] = {
     "under": ((1.0, "metal-dark"),),
     "windscreen": ((0.88, "glass"), (1.0, "metal-painted")),
     "grille": ((0.56, "metal-dark"), (1.0, "metal-painted")),
-    "lamps": ((0.56, "metal-painted"), (1.0, "glass")),
-    "grille-lamps": ((0.56, "metal-dark"), (1.0, "glass")),
+    "lamps": ((0.56, "metal-painted"), (1.0, "plastic")),
+    "grille-lamps": ((0.56, "metal-dark"), (1.0, "plastic")),
 }
 
 

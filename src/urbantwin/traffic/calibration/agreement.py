@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from scipy.stats import ks_2samp
 
 from urbantwin.traffic.calibration.measured import Measured
 
-__all__ = ["agreement", "own_spread"]
+__all__ = ["agreement", "own_spread", "spread_of"]
 
 _HALVINGS, _FEWEST = 200, 8
 
@@ -19,7 +19,7 @@ _HALVINGS, _FEWEST = 200, 8
 def agreement(recorded: Measured, simulated: Measured) -> dict[str, Any]:
     """Return differences of shares, in points, and Kolmogorov-Smirnov distances."""
     return {
-        "class_shares_points": _shares(recorded.classes, simulated.classes),
+        "class_shares_points": _shares(recorded.new, simulated.new),
         "turn_shares_points": _shares(recorded.turns, simulated.turns),
         "speed_ks": _distance(_joined(recorded.speeds), _joined(simulated.speeds)),
         "headway_ks": _distance(recorded.all_headways, simulated.all_headways),
@@ -38,11 +38,30 @@ def own_spread(recorded: Measured, seed: int = 1) -> dict[str, Any]:
     random = np.random.Generator(np.random.Philox(key=[seed, 2000]))
     speeds, headways = list(recorded.speeds), [np.array([h]) for h in recorded.all_headways]
     return {
-        "class_shares_points": _error(recorded.classes),
+        "class_shares_points": _error(recorded.new),
         "turn_shares_points": _error(recorded.turns),
         "speed_ks": _halves(speeds, random),
         "headway_ks": _halves(headways, random),
     }
+
+
+def spread_of(spans: Sequence[Measured], whole: Measured) -> dict[str, Any] | None:
+    """Return by how much spans of a simulation differ from all of it: median and 95 %.
+
+    A recording as long as the spans differs by that from a simulation that is right in everything.
+    ``None`` where there are fewer than eight spans.
+    """
+    if len(spans) < _FEWEST:
+        return None
+    rows = [agreement(one, whole) for one in spans]
+    told: dict[str, Any] = {}
+    for name in ("class_shares_points", "turn_shares_points", "speed_ks", "headway_ks"):
+        values = [row[name] for row in rows if row[name] is not None]
+        told[name] = None
+        if len(values) >= _FEWEST:
+            median, most = np.quantile(values, [0.5, 0.95])
+            told[name] = {"median": round(float(median), 3), "p95": round(float(most), 3)}
+    return told
 
 
 def _shares(first: Mapping[Any, int], second: Mapping[Any, int]) -> float | None:

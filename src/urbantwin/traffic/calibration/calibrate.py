@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -19,10 +19,17 @@ from urbantwin.progress import Progress, between, untold
 from urbantwin.site import load_site
 from urbantwin.site.yaml_document import read_document
 from urbantwin.taxonomy import ACTOR_CLASSES
-from urbantwin.traffic.calibration.agreement import agreement, own_spread
+from urbantwin.traffic.calibration.agreement import agreement, own_spread, spread_of
+from urbantwin.traffic.calibration.drivers import ROUNDS, fitted_drivers
 from urbantwin.traffic.calibration.measured import Measured, joined, measured
 from urbantwin.traffic.calibration.parameters import traffic_of
-from urbantwin.traffic.calibration.passages import JunctionLinks, Passage, SeenTrack, passages_of
+from urbantwin.traffic.calibration.passages import (
+    MOTORS,
+    JunctionLinks,
+    Passage,
+    SeenTrack,
+    passages_of,
+)
 from urbantwin.traffic.calibration.signal_timing import Timing, timing_of
 from urbantwin.traffic.calibration.simulated import seen_area, simulated_tracks
 from urbantwin.traffic.recorded.read import files_of, read_recording
@@ -34,12 +41,10 @@ from urbantwin.twin.build import build_twin
 __all__ = ["calibrate_traffic"]
 
 _STEP_S = 0.1
-#: What of drivers is tried in simulations, and by which distance it is chosen; for how long.
-_TRIED: dict[str, tuple[tuple[float, ...], str]] = {
-    "speed_factor": ((0.55, 0.65, 0.75, 0.85, 0.95, 1.05), "speed_ks"),
-    "headway_s": ((0.7, 1.0, 1.3, 1.6, 2.0), "headway_ks"),
-}
-#: At least; up to three times as long, where what is fitted to is.
+#: Spans of a simulation that are compared with all of it, at most.
+_MOST_SPANS = 60
+#: Simulations that drivers are fitted in last so long,
+#: and up to three times as long, where what is fitted to is.
 _TRIAL_S = 600.0
 _LONGEST_NAME = 500
 
@@ -121,10 +126,12 @@ def calibrate_traffic(
         )
         asked = {**twin.site["traffic"], **traffic, "seed": seed}
         asked["per_hour"] = {name: traffic["per_hour"].get(name, 0.0) for name in ACTOR_CLASSES}
-        trials: dict[str, Any] = {}
+        told: list[dict[str, Any]] = []
         if seconds > 0:
-            trials = _tried(twin, asked, part, seen, scratch, between(progress, 0.4, 0.7))
-            traffic["drivers"] = asked["drivers"]
+            tell = between(progress, 0.4, 0.7)
+            drivers, told, untold = _fitted(twin, asked, part, seen, scratch, tell)
+            traffic["drivers"] = asked["drivers"] = _of_all(drivers, part)
+            missing += untold
         report: dict[str, Any] = {
             "kind": "calibration",
             "urbantwin": __version__,
@@ -134,7 +141,7 @@ def calibrate_traffic(
             "measured": _told(part),
             "signals": _signals_told(timing),
             "not_told": missing,
-            "trials": trials,
+            "drivers": told,
         }
         if seconds > 0:
             report["simulated_s"] = seconds
@@ -207,56 +214,36 @@ def _built(document: dict[str, Any], folder: Path, progress: Progress) -> Twin:
     return build_twin(load_site(file), folder / "twin", progress)
 
 
-def _tried(
+def _fitted(
     twin: Twin,
     asked: dict[str, Any],
     part: Measured,
     seen: list[SeenTrack],
     scratch: Path,
     progress: Progress,
-) -> dict[str, Any]:
-    """Choose what is told best by simulations: by which their distributions are nearest.
-
-    First the desired speed, by speeds; then the headway that drivers keep, by headways.
-
-    Returns:
-        The distances of what was tried; ``asked["drivers"]`` has what was chosen.
-    """
-    told: dict[str, Any] = {}
+) -> tuple[dict[str, float], list[dict[str, Any]], list[str]]:
+    """Return drivers for whom simulations show what the recording does (``fitted_drivers``)."""
     area = seen_area(seen)
     trial_s = float(np.clip(part.seconds, _TRIAL_S, 3 * _TRIAL_S))
-    runs = sum(len(values) + 2 for values, _ in _TRIED.values())
-    done = 0
-    for field, (values, measure) in _TRIED.items():
-        found: dict[float, float] = {}
-        queue = list(values)
-        while queue:
-            value = queue.pop(0)
-            tell = between(progress, done / runs, (done + 1) / runs)
-            done += 1
-            drivers = {name: {**one, field: value} for name, one in asked["drivers"].items()}
-            tracks = simulated_tracks(
-                twin,
-                {**asked, "drivers": drivers},
-                trial_s,
-                area,
-                scratch=scratch,
-                told=partial(_tell_trial, tell, f"trying {field} {value:g}"),
-            )
-            distance = agreement(part, _measured(twin, tracks)(0.0, trial_s))[measure]
-            if distance is not None:
-                found[value] = distance
-            if not queue and found and len(found) == len(values):
-                near = min(found, key=lambda one: (found[one], one))
-                half = (values[1] - values[0]) / 2
-                queue = [round(near - half, 3), round(near + half, 3)]
-        if found:
-            best = min(found, key=lambda one: (found[one], one))
-            asked["drivers"] = {
-                name: {**one, field: best} for name, one in asked["drivers"].items()
-            }
-        told[f"{measure} by {field}"] = {f"{value:g}": one for value, one in sorted(found.items())}
-    return told
+
+    def simulated(drivers: Mapping[str, float], turn: int) -> Measured:
+        tell = between(progress, turn / ROUNDS, (turn + 1) / ROUNDS)
+        tracks = simulated_tracks(
+            twin,
+            {**asked, "drivers": _of_all(drivers, part)},
+            trial_s,
+            area,
+            scratch=scratch,
+            told=partial(_tell_trial, tell, f"simulating what is compared, {turn + 1}"),
+        )
+        return _measured(twin, tracks)(0.0, trial_s)
+
+    return fitted_drivers(part, simulated)
+
+
+def _of_all(drivers: Mapping[str, float], part: Measured) -> dict[str, dict[str, float]]:
+    """Return the same drivers for every class of motor traffic that was seen."""
+    return {name: dict(drivers) for name in MOTORS if name in part.classes}
 
 
 def _tell_trial(tell: Progress, what: str, share: float) -> None:
@@ -309,6 +296,9 @@ def _judged(
             parts = [between_moments(at, at + rest[1] - rest[0]) for at in begins]
             found["held_out_in_the_same_part_of_the_cycle"] = agreement(other, joined(parts))
         found["recording_with_itself_held_out"] = own_spread(other)
+        begins = np.arange(0.0, seconds - (rest[1] - rest[0]), rest[1] - rest[0])[:_MOST_SPANS]
+        spans = [between_moments(at, at + rest[1] - rest[0]) for at in begins]
+        found["simulation_with_itself_held_out"] = spread_of(spans, simulated)
         found["fitted_with_held_out"] = agreement(other, part)
     return found
 

@@ -21,9 +21,22 @@ __all__ = ["Measured", "joined", "measured"]
 _EVERY_M = 2.0
 #: Longer headways tell how many come, not how they follow, seconds.
 _FOLLOWING_S = 15.0
-_STANDS_MS, _SETS_OUT_MS, _DRIVES_MS = 0.5, 1.0, 5.0
-_STOOD_S = 1.0
+_STANDS_MS, _STOOD_S = 0.5, 1.0
+#: Speeds between which setting out is measured, m/s: at first, and when it fades.
+_FIRST_MS, _FADES_MS = (1.0, 5.0), (6.0, 9.0)
+#: Who cruises neither speeds up nor slows down by more than this, m/s2, and is no slower, m/s.
+_CRUISES_MS2, _CRUISES_MS, _CRUISED_S = 0.5, 5.0, 1.0
+#: Tops are told of who was seen for so long a way, metres.
+_WAY_M = 20.0
+#: A turn is of so much, rad, and who is slower in it, m/s, was held up.
+_TURNS_RAD, _ROLLS_MS = 0.8, 2.5
+#: Trackers take so long to settle on a new track, seconds.
+_SETTLES_S = 1.0
 _LEAST_GAP_M, _MOST_GAP_M = 0.3, 8.0
+#: Who follows is not slower than this, m/s, as fast as who is ahead to within this, m/s, and not
+#: so far behind, seconds.
+_FOLLOWS_MS, _AS_FAST_MS, _FOLLOWS_S = 3.0, 1.5, 4.0
+_SAME_MOMENT_S = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,11 +50,14 @@ class Measured:
         turns: (approach, exit) -> how many passed.
         speeds: every two metres of each motor vehicle's way, m/s, vehicle by vehicle.
         headways: lane -> times between those who passed its end, seconds.
-        discharge: headways of those who had stood in the queue, seconds.
         gaps: between those who stand behind each other, metres, pair by pair.
+        following: times from who is ahead to who follows at about the same speed, from bumper to
+            bumper, seconds, pair by pair.
         accelerations: from 1 to 5 m/s after standing, m/s2, vehicle by vehicle.
-        passing: speeds at which the end of the lane is passed, m/s.
-        lengths: of motor vehicles, metres, where they were told.
+        faded: from 6 to 9 m/s, m/s2, vehicle by vehicle.
+        cruising: speeds as shares of the limit where vehicles keep them on a road, one a vehicle.
+        tops: speeds that nine tenths of a vehicle's way stay below, as shares of the road's limit.
+        bends: accelerations to the side in turns, m/s2, one a vehicle.
     """
 
     seconds: float
@@ -50,11 +66,13 @@ class Measured:
     turns: dict[tuple[str, str], int]
     speeds: tuple[NDArray[np.float64], ...]
     headways: dict[str, list[float]]
-    discharge: list[float]
     gaps: list[float]
+    following: list[float]
     accelerations: list[float]
-    passing: list[float]
-    lengths: list[float]
+    faded: list[float]
+    cruising: list[float]
+    tops: list[float]
+    bends: list[float]
 
     @property
     def all_headways(self) -> NDArray[np.float64]:
@@ -83,7 +101,8 @@ def joined(parts: Sequence[Measured]) -> Measured:
         added("turns"),
         tuple(every("speeds")),
         dict(headways),
-        *(every(x) for x in ("discharge", "gaps", "accelerations", "passing", "lengths")),
+        *(every(name) for name in ("gaps", "following", "accelerations")),
+        *(every(name) for name in ("faded", "cruising", "tops", "bends")),
     )
 
 
@@ -107,15 +126,14 @@ def measured(
             turns[crossing.approach, crossing.leaving] += 1
         if crossing.lane and np.isfinite(crossing.passed_s):
             passed[crossing.lane].append(crossing)
-    headways, discharge, passing = {}, [], []
+    headways = {}
     for lane, ones in sorted(passed.items()):
         ones.sort(key=lambda one: one.passed_s)
         headways[lane] = [b.passed_s - a.passed_s for a, b in pairwise(ones)]
-        for a, b in pairwise(ones):
-            if _stood(a) and _stood(b) and b.passed_s - a.passed_s < _FOLLOWING_S:
-                discharge.append(b.passed_s - a.passed_s)
-                passing.append(float(np.interp(b.passed_s, b.seen.time_s, b.seen.speed)))
     motors = [one for one in there if one.track.actor_class in MOTORS]
+    limits = {lane.road: lane.speed_limit for lane in roads.lanes if lane.speed_limit > 0}
+    stand, follow = _gaps(passages, begin_s, end_s)
+    within = [_Span(one, begin_s, end_s) for one in passages]
     return Measured(
         end_s - begin_s,
         _counts(there),
@@ -123,11 +141,13 @@ def measured(
         dict(turns),
         tuple(s for one in motors if len(s := _speeds(one, begin_s, end_s))),
         headways,
-        discharge,
-        _standing_gaps(passages, roads, begin_s, end_s),
-        [x for one in motors if (x := _setting_out(one, begin_s, end_s)) is not None],
-        passing,
-        [float(one.track.size[0]) for one in motors if np.isfinite(one.track.size[0])],
+        stand,
+        follow,
+        _each(motors, begin_s, end_s, _FIRST_MS),
+        _each(motors, begin_s, end_s, _FADES_MS),
+        [x for one in within if (x := _cruising(one, roads)) is not None],
+        [x for one in within if (x := _top(one, limits)) is not None],
+        [x for one in within if (x := _in_a_turn(one)) is not None],
     )
 
 
@@ -137,7 +157,8 @@ def _counts(tracks: Sequence[SeenTrack]) -> dict[str, int]:
 
 
 def _speeds(one: SeenTrack, begin_s: float, end_s: float) -> NDArray[np.float64]:
-    here = (one.time_s >= begin_s) & (one.time_s < end_s)
+    settled_s = float(one.time_s[0]) + _SETTLES_S
+    here = (one.time_s >= max(begin_s, settled_s)) & (one.time_s < end_s)
     if here.sum() < 3:
         return np.zeros(0)
     steps = np.linalg.norm(np.diff(one.xy[here], axis=0), axis=1)
@@ -146,52 +167,131 @@ def _speeds(one: SeenTrack, begin_s: float, end_s: float) -> NDArray[np.float64]
     return np.interp(at, gone, np.abs(one.speed[here]))
 
 
-def _stood(one: Passage) -> bool:
-    """Return whether a vehicle stood before it passed."""
-    before = one.seen.time_s < one.passed_s
-    return bool((np.abs(one.seen.speed[before]) < _STANDS_MS).any())
-
-
-def _setting_out(one: SeenTrack, begin_s: float, end_s: float) -> float | None:
-    """Return the mean acceleration from 1 to 5 m/s of the last time that it set out."""
-    here = (one.time_s >= begin_s) & (one.time_s < end_s)
-    speed, times = one.speed[here], one.time_s[here]
-    stands = np.flatnonzero(speed < _STANDS_MS)
-    if len(stands) < 2 or times[stands[-1]] - times[stands[0]] < _STOOD_S:
-        return None
-    after = np.arange(stands[-1], len(speed))
-    out = after[speed[after] >= _SETS_OUT_MS]
-    fast = after[speed[after] >= _DRIVES_MS]
-    if not len(out) or not len(fast):
-        return None
-    took = float(times[fast[0]] - times[out[0]])
-    return (_DRIVES_MS - _SETS_OUT_MS) / took if took > 0 else None
-
-
-def _standing_gaps(
-    passages: Sequence[Passage], roads: RoadNetwork, begin_s: float, end_s: float
+def _each(
+    motors: Sequence[SeenTrack], begin_s: float, end_s: float, speeds_ms: tuple[float, float]
 ) -> list[float]:
-    """Return the median gap of each pair who stood behind each other on an approach, metres."""
-    by_moment: dict[tuple[float, str], list[tuple[float, float, int]]] = defaultdict(list)
-    for number, one in enumerate(passages):
+    found = (_setting_out(one, begin_s, end_s, *speeds_ms) for one in motors)
+    return [one for one in found if one is not None]
+
+
+def _setting_out(
+    one: SeenTrack, begin_s: float, end_s: float, low_ms: float, high_ms: float
+) -> float | None:
+    """Return the mean acceleration from one speed to another, the last time that it sped up so.
+
+    From almost standing still: after it had stood.
+    """
+    here = (one.time_s >= max(begin_s, float(one.time_s[0]) + _SETTLES_S)) & (one.time_s < end_s)
+    speed, times = np.abs(one.speed[here]), one.time_s[here]
+    slow = np.flatnonzero(speed <= low_ms)
+    if not len(slow):
+        return None
+    stood = times[speed < _STANDS_MS]
+    if low_ms <= _FIRST_MS[0] and (len(stood) < 2 or np.ptp(stood) < _STOOD_S):
+        return None
+    fast = slow[-1] + np.flatnonzero(speed[slow[-1] :] >= high_ms)
+    if not len(fast):
+        return None
+    ends = [
+        float(np.interp(value, speed[k : k + 2], times[k : k + 2]))
+        for value, k in ((low_ms, slow[-1]), (high_ms, fast[0] - 1))
+    ]
+    return (high_ms - low_ms) / (ends[1] - ends[0])
+
+
+@dataclass(frozen=True, eq=False)
+class _Span:
+    """A vehicle's passage between two moments, without the first second that it was seen."""
+
+    passage: Passage
+    begin_s: float
+    end_s: float
+
+    def rows(self) -> slice:
+        """Return its moments."""
+        times = self.passage.seen.time_s
+        first = max(self.begin_s, float(times[0]) + _SETTLES_S)
+        return slice(*np.searchsorted(times, [first, self.end_s]).tolist())
+
+
+def _cruising(one: _Span, roads: RoadNetwork) -> float | None:
+    """Return the median speed, as a share of the limit, where it is kept on roads."""
+    rows, seen = one.rows(), one.passage.seen
+    times, speed = seen.time_s[rows], np.abs(seen.speed[rows])
+    if len(times) < 3:
+        return None
+    keeps = (np.abs(np.gradient(speed, times)) < _CRUISES_MS2) & (speed > _CRUISES_MS)
+    known = (roads.lane_by_id.get(str(name)) for name in one.passage.lanes[rows])
+    limits = np.array([np.nan if x is None or not x.road else x.speed_limit for x in known])
+    share = (speed / limits)[keeps & (limits > 0)]
+    step_s = float(np.median(np.diff(times)))
+    return float(np.median(share)) if len(share) * step_s >= _CRUISED_S else None
+
+
+def _top(one: _Span, limits: dict[str, float]) -> float | None:
+    """Return the speed that nine tenths of the way stay below, as a share of the road's limit."""
+    limit = limits.get(one.passage.leaving) or limits.get(one.passage.approach)
+    speeds = _speeds(one.passage.seen, one.begin_s, one.end_s)
+    if limit is None or len(speeds) < _WAY_M / _EVERY_M:
+        return None
+    return float(np.quantile(speeds, 0.9)) / limit
+
+
+def _in_a_turn(one: _Span) -> float | None:
+    """Return the acceleration to the side that four fifths of a turn stay below, m/s2."""
+    rows, seen = one.rows(), one.passage.seen
+    times, speed = seen.time_s[rows], np.abs(seen.speed[rows])
+    if len(times) < 3:
+        return None
+    # By the second: headings of trackers and of SUMO go in steps.
+    at = np.arange(times[0], times[-1] + 1e-9, 0.5)
+    if len(at) < 4:
+        return None
+    yaw = np.interp(at, times, np.unwrap(seen.yaw[rows]))
+    pace = np.interp(at, times, speed)
+    rate = np.abs(yaw[2:] - yaw[:-2]) / (at[2:] - at[:-2])
+    turns = rate > _TURNS_RAD / 10
+    if np.ptp(yaw) < _TURNS_RAD or not turns.any() or pace[1:-1][turns].min() < _ROLLS_MS:
+        return None
+    return float(np.quantile((rate * pace[1:-1])[turns], 0.8))
+
+
+def _gaps(
+    passages: Sequence[Passage], begin_s: float, end_s: float
+) -> tuple[list[float], list[float]]:
+    """Return what pairs who are behind each other on a lane keep, pair by pair.
+
+    Returns:
+        Median gaps of those who stand, metres; and of those who follow at about the same speed,
+        median times until the follower is where the other's rear is, seconds.
+    """
+    there: dict[tuple[float, str], list[tuple[Passage, int]]] = defaultdict(list)
+    for one in passages:
         if not np.isfinite(one.seen.track.size[0]):
             continue
-        seen = one.seen
-        rows = np.flatnonzero(
-            (np.abs(seen.speed) < _STANDS_MS) & (seen.time_s >= begin_s) & (seen.time_s < end_s)
-        )
-        for k in rows[::10]:
-            lane = roads.lane_by_id.get(str(one.lanes[k]))
-            if lane is None or not lane.road or len(lane.centre) < 2:
-                continue
-            moment = round(float(seen.time_s[k]))
-            step = lane.centre[-1, :2] - lane.centre[-2, :2]
-            along = float((seen.xy[k] - lane.centre[-1, :2]) @ step / np.linalg.norm(step))
-            by_moment[moment, lane.id].append((along, float(seen.track.size[0]), number))
-    pairs: dict[tuple[int, int], list[float]] = defaultdict(list)
-    for ones in by_moment.values():
-        for (back, long, a), (ahead, longer, b) in pairwise(sorted(ones)):
-            gap = ahead - back - (long + longer) / 2
-            if a != b and _LEAST_GAP_M < gap < _MOST_GAP_M:
-                pairs[a, b].append(gap)
-    return [float(np.median(found)) for found in pairs.values()]
+        times = one.seen.time_s
+        first = max(begin_s, float(times[0]) + _SETTLES_S)
+        whole = np.abs(times - np.round(times)) < _SAME_MOMENT_S
+        for k in np.flatnonzero(whole & (times >= first) & (times < end_s)).tolist():
+            if one.lanes[k]:
+                there[round(float(times[k])), str(one.lanes[k])].append((one, k))
+    stand: dict[tuple[str, str], list[float]] = defaultdict(list)
+    follow: dict[tuple[str, str], list[float]] = defaultdict(list)
+    for ones in there.values():
+        yaw = ones[0][0].seen.yaw[ones[0][1]]
+        ahead = np.array([np.cos(yaw), np.sin(yaw)])
+        ones.sort(key=lambda one: float(one[0].seen.xy[one[1]] @ ahead))
+        for (behind, k), (before, j) in pairwise(ones):
+            a, b = behind.seen, before.seen
+            gap = float(np.linalg.norm(b.xy[j] - a.xy[k]))
+            gap -= float(a.track.size[0] + b.track.size[0]) / 2
+            slow, fast = sorted((abs(float(a.speed[k])), abs(float(b.speed[j]))))
+            pair = a.track.name, b.track.name
+            if fast < _STANDS_MS and _LEAST_GAP_M < gap < _MOST_GAP_M:
+                stand[pair].append(gap)
+            elif slow > _FOLLOWS_MS and fast - slow < _AS_FAST_MS and 0 < gap < _FOLLOWS_S * slow:
+                follow[pair].append(gap / abs(float(a.speed[k])))
+    return (
+        [float(np.median(found)) for found in stand.values()],
+        [float(np.median(found)) for found in follow.values()],
+    )

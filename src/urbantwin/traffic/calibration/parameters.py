@@ -1,4 +1,4 @@
-"""What a site's traffic is told of a recording: flows, turns, sizes, drivers."""
+"""What a site's traffic is told of a recording: flows, turns, sizes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ __all__ = ["traffic_of"]
 
 _QUARTER_S = 900.0
 _FEWEST = 5
-_FOLLOWS_S = 4.0
 _SIZE = (0.5, 2.0)
 _SAME_M = 0.01
 
@@ -49,28 +48,6 @@ def traffic_of(
             size[name] = found
     if size:
         traffic["size"] = size
-    driver: dict[str, float] = {}
-    following = np.array([one for lane in part.headways.values() for one in lane])
-    following = following[(following > 0.3) & (following <= _FOLLOWS_S)]
-    gap = _median(part.gaps, "standing gaps", untold)
-    if gap is not None:
-        driver["standing_gap_m"] = gap
-    headway = _median(following, "following headways", untold)
-    if headway is not None and part.passing:
-        # At a stop line vehicles follow by the drivers' headway and the time that a vehicle and
-        # the gap before it take to pass (Treiber and Kesting, Traffic Flow Dynamics, 2013, 8.3).
-        length = float(np.median(part.lengths)) if part.lengths else 4.6
-        driver["headway_s"] = headway - (length + (gap or 2.0)) / max(
-            float(np.median(part.passing)), 3.0
-        )
-        driver["headway_s"] = float(np.clip(driver["headway_s"], 0.5, 3.0))
-    if _median(part.accelerations, "accelerations", untold) is not None:
-        # Most are held up by who is ahead; the quickest quarter sets out as it likes.
-        quick = float(np.quantile(part.accelerations, 0.75))
-        driver["acceleration"] = float(np.clip(quick, 0.8, 4.5))
-    untold.append("critical gaps: too few gaps were taken and refused; the usual one stays")
-    rounded = {name: round(value, 2) for name, value in driver.items()}
-    traffic["drivers"] = {name: dict(rounded) for name in MOTORS if name in part.classes}
     return traffic, untold
 
 
@@ -129,10 +106,3 @@ def _size(name: str, every: np.ndarray[Any, Any]) -> dict[str, float] | str:
         for side, factor, told in zip(("length", "width", "height"), factors, known, strict=True)
         if told
     }
-
-
-def _median(values: Any, what: str, untold: list[str]) -> float | None:  # noqa: ANN401
-    if len(values) < _FEWEST:
-        untold.append(f"{what}: {len(values)} are too few, the usual stays")
-        return None
-    return float(np.median(values))

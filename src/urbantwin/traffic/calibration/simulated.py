@@ -14,7 +14,7 @@ from urbantwin.traffic.calibration.passages import SeenTrack
 from urbantwin.traffic.demand.site_demand import demand_of
 from urbantwin.traffic.paths.abreast import with_parties
 from urbantwin.traffic.recorded.track import RecordedTrack
-from urbantwin.traffic.sumo.counted_signals import net_for_counts
+from urbantwin.traffic.sumo.driven_net import driven_net
 from urbantwin.traffic.sumo.simulation import simulate
 from urbantwin.twin import Twin
 
@@ -53,8 +53,7 @@ def simulated_tracks(
     seed, warmup_s = int(asked["seed"]), float(asked["warmup_s"])
     demand = demand_of(twin, asked=asked, duration_s=seconds, seed=seed, scratch=scratch)
     steps = round(seconds / _STEP_S)
-    hours = (warmup_s + seconds) / 3600
-    net = net_for_counts(twin, demand, hours, scratch / "counted.net.xml")
+    net = driven_net(twin, asked, demand, seconds, scratch)
     found = simulate(
         net,
         demand,

@@ -22,10 +22,10 @@ from urbantwin.traffic.demand.demand import Demand, LeftOut, Population, Trip
 from urbantwin.traffic.demand.parties import party_places
 from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
 
-__all__ = ["Circulation"]
+__all__ = ["COMING_IN_S", "Circulation"]
 
 #: Everybody has come in after this long, or after half of the warm-up if that is shorter, seconds.
-_COMING_IN_S = 60.0
+COMING_IN_S = 60.0
 _ON_FOOT, _BUS, _TRAM = "pedestrian", "bus", "tram"
 #: Nobody comes in on a street that is shorter than this, where a queue leaves no room, metres.
 _ROOM_M = 25.0
@@ -93,6 +93,11 @@ class Circulation:
             self._usual[name] = circuit.usual()
 
     @property
+    def walks(self) -> Circuit | None:
+        """The ways of people on foot; ``None`` where nobody walks."""
+        return self._circuits.get(_ON_FOOT)
+
+    @property
     def drives(self) -> bool:
         """Whether any of those who drive find a way round."""
         driving = [name for name, rate in self.per_hour.items() if rate > 0 and name != _ON_FOOT]
@@ -157,7 +162,7 @@ class Circulation:
             for group in populations
             if group.without_room
         ]
-        come_in_s = min(_COMING_IN_S, warmup_s / 2)
+        come_in_s = min(COMING_IN_S, warmup_s / 2)
         needed_s = (warmup_s + duration_s) * _FASTEST + 120.0
         for group in populations:
             number = ACTOR_CLASSES.index(group.actor_class)

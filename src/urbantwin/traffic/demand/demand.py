@@ -14,6 +14,7 @@ from urbantwin.roads.assignment.street_network import StreetNetwork, Streets
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.demand.guessed_volumes import Bound
 from urbantwin.traffic.demand.parties import party_places
+from urbantwin.traffic.demand.stop_places import StopPlace
 from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
 
 __all__ = [
@@ -21,6 +22,7 @@ __all__ = [
     "CountedRow",
     "Demand",
     "LeftOut",
+    "Passengers",
     "Population",
     "Routes",
     "Trip",
@@ -49,6 +51,7 @@ class Trip:
         then: on foot: further walks, each from where the one before ends: streets and where on the
             last one it ends.
         halts: of a bus: numbers of the demand's stops in the order in which it halts at them.
+        waits: on foot: after which of its walks (0 is the first) it waits for a bus or a tram.
         beside: on foot: it walks with whom the trip so many before this one is; 0 for nobody.
     """
 
@@ -61,6 +64,7 @@ class Trip:
     anywhere: bool = False
     then: tuple[tuple[tuple[str, ...], float], ...] = ()
     halts: tuple[int, ...] = ()
+    waits: tuple[int, ...] = ()
     beside: int = 0
 
 
@@ -109,6 +113,23 @@ class CountedRow:
     trips: tuple[int, ...]
 
 
+@dataclass(frozen=True, eq=False)
+class Passengers:
+    """Who takes buses and trams.
+
+    Attributes:
+        places: the stops at which people wait.
+        begins: by the number of a trip: how it begins, ``waits``, ``rides`` or ``walks``.
+        stop_of: by the number of a trip: its stop.
+        alight: by stop: how many get off at the first halt, at the second, ...
+    """
+
+    places: tuple[StopPlace, ...] = ()
+    begins: Mapping[int, str] = field(default_factory=dict)
+    stop_of: Mapping[int, int] = field(default_factory=dict)
+    alight: Mapping[int, tuple[int, ...]] = field(default_factory=dict)
+
+
 @dataclass(frozen=True)
 class Demand:
     """Every trip, in the order of setting out.
@@ -124,6 +145,7 @@ class Demand:
         manners: by class, attributes of SUMO's vehicle type that are not as usual.
         counted: of each row that was counted, who was planned for it.
         bound: how much of guessed volumes comes.
+        passengers: who of them takes buses and trams.
     """
 
     trips: tuple[Trip, ...]
@@ -136,6 +158,7 @@ class Demand:
     manners: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     counted: tuple[CountedRow, ...] = ()
     bound: Bound = field(default_factory=Bound)
+    passengers: Passengers = field(default_factory=Passengers)
 
     @property
     def circulates(self) -> bool:

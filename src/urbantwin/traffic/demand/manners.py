@@ -1,14 +1,16 @@
-"""How drivers drive, as attributes of SUMO's vehicle types."""
+"""How drivers drive, as attributes and parameters of SUMO's vehicle types."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
+from urbantwin.roads.curve_speed import SIDEWAYS_MS2
 from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
 
-__all__ = ["manners_of"]
+__all__ = ["IN_BENDS", "manners_of"]
 
+_ACCELERATION = "2.6"  # SUMO's for cars
 #: Field of ``traffic.drivers`` -> SUMO's attribute.
 _ATTRIBUTES = {
     "headway_s": "tau",
@@ -16,6 +18,10 @@ _ATTRIBUTES = {
     "acceleration": "accel",
     "critical_gap_s": "jmTimegapMinor",
 }
+#: Parameter (no attribute) of a vehicle type: its speed in bends, against what is usual; ``curves``
+#: reads it.
+IN_BENDS = "urbantwin.in_bends"
+_FADES_MS, _LEAST_MS2 = (0.0, 10.0, 20.0, 30.0), 0.3
 #: Desired speeds are cut so many standard deviations from their mean.
 _CUT = 2.5
 
@@ -39,12 +45,25 @@ def manners_of(drivers: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, 
             spread = spread if one.get("speed_spread") is None else one["speed_spread"]
             low, high = max(mean - _CUT * spread, 0.1), mean + _CUT * spread
             values["speedFactor"] = f"normc({mean:.3f},{spread:.3f},{low:.3f},{high:.3f})"
+        if one.get("acceleration_at_10") is not None:
+            most = one.get("acceleration")
+            most = float(_parameter(name, "accel", _ACCELERATION)) if most is None else most
+            fall = (most - min(one["acceleration_at_10"], most)) / 10.0
+            left = [f"{max(most - fall * speed, _LEAST_MS2):.3f}" for speed in _FADES_MS]
+            values["speedTable"] = " ".join(f"{speed:g}" for speed in _FADES_MS)
+            values["maxAccelProfile"] = " ".join(left)
+        if one.get("sideways_acceleration") is not None:
+            values[IN_BENDS] = f"{(one['sideways_acceleration'] / SIDEWAYS_MS2) ** 0.5:.3f}"
         found[name] = values
     return found
 
 
 def _usual(name: str) -> tuple[float, float]:
     """Return mean and standard deviation of the usual desired speed of a class."""
-    text = ACTOR_KINDS[name].parameters.get("speedFactor", "normc(1,0.1,0.2,2)")
+    text = _parameter(name, "speedFactor", "normc(1,0.1,0.2,2)")
     mean, spread = text.removeprefix("normc(").rstrip(")").split(",")[:2]
     return float(mean), float(spread)
+
+
+def _parameter(name: str, attribute: str, otherwise: str) -> str:
+    return ACTOR_KINDS[name].parameters.get(attribute, otherwise)

@@ -9,12 +9,13 @@ from typing import Any
 
 from urbantwin.roads.assignment.movement_flows import IN_CARS
 from urbantwin.roads.assignment.street_network import StreetNetwork
-from urbantwin.traffic.demand.circulation import Circulation
+from urbantwin.traffic.demand.circulation import COMING_IN_S, Circulation
 from urbantwin.traffic.demand.counted_volumes import is_counted
 from urbantwin.traffic.demand.counts import counted_demand
 from urbantwin.traffic.demand.demand import Demand, plan_demand, together
 from urbantwin.traffic.demand.guessed_volumes import Bound, bound_of_signals
 from urbantwin.traffic.demand.manners import manners_of
+from urbantwin.traffic.demand.passengers import with_passengers
 from urbantwin.traffic.demand.time_of_day import at_time_of_day
 from urbantwin.traffic.fleet_of_twin import fleet_of, own_bodies
 from urbantwin.traffic.flow.bottleneck import bottleneck
@@ -84,6 +85,19 @@ def demand_of(
             duration_s=duration_s,
             body=body,
         )
+        walks = circulation.walks
+        if walks is not None and asked.get("passengers_per_halt"):
+            warmup_s = float(asked["warmup_s"])
+            demand = with_passengers(
+                demand,
+                twin.roads,
+                walks,
+                per_halt=float(asked["passengers_per_halt"]),
+                seconds=warmup_s + duration_s,
+                come_in_s=min(COMING_IN_S, warmup_s / 2),
+                seed=seed,
+                body=body,
+            )
         held_up = bottleneck(twin.roads, found.standing) if found.carried < 1 else ""
         return replace(demand, carried=found.carried, held_up=held_up, bound=bound, manners=manners)
     planned = plan_demand(

@@ -36,6 +36,8 @@ _DRIVER = {
     "minGapLat": "0.4",
     # Where a lane becomes several that are as good as each other, not all take the rightmost.
     "lcContRight": "0.5",
+    # Who has found no room beyond a junction for so long drives on all the same, seconds.
+    "jmIgnoreKeepClearTime": "60",
     **_STEERING,
 }
 _HEAVY = {**_DRIVER, "speedFactor": "normc(0.93,0.05,0.70,1.05)"}

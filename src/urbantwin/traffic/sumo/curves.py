@@ -15,6 +15,9 @@ from typing import Any
 
 import libsumo
 
+#: Parameter of a vehicle type: its speed in bends, against what ``curves.json`` says.
+IN_BENDS = "urbantwin.in_bends"
+
 
 class Curves:
     """Slows vehicles down on and before the curves of the lanes that they are on.
@@ -29,6 +32,7 @@ class Curves:
         self.spacing_m, self.rear_m = float(curves["spacing_m"]), float(curves["rear_m"])
         self.usual: dict[str, float] = {}
         self.last: dict[str, float] = {}
+        self.share: dict[str, float] = {}
 
     def slow_down(self) -> None:
         """Set the greatest speed of everybody who drives for the step to come."""
@@ -40,13 +44,21 @@ class Curves:
             at_m = max(libsumo.vehicle.getLanePosition(name), 0.0)
             allowed = usual
             if along is not None:
-                allowed = min(usual, along[min(int(at_m / self.spacing_m), len(along) - 1)])
+                allowed = along[min(int(at_m / self.spacing_m), len(along) - 1)]
+                allowed = min(usual, allowed * self._share(name))
             if at_m < self.rear_m:  # the rear is on the lane before
                 allowed = min(allowed, self.last.get(name, usual))
             self.last[name] = allowed
             libsumo.vehicle.setMaxSpeed(name, allowed)
             if along is None and at_m >= self.rear_m:
                 del self.usual[name], self.last[name]
+
+    def _share(self, vehicle: str) -> float:
+        """Return how fast a vehicle is in bends, against what is usual: of its type."""
+        kind = libsumo.vehicle.getTypeID(vehicle)
+        if kind not in self.share:
+            self.share[kind] = float(libsumo.vehicletype.getParameter(kind, IN_BENDS) or 1.0)
+        return self.share[kind]
 
 
 def drive(folder: Path, options: list[str]) -> None:

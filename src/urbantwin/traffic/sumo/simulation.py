@@ -22,12 +22,14 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact import passing_folder
 from urbantwin.errors import InputError, StageError
-from urbantwin.roads import BusStop, RoadNetwork
+from urbantwin.roads import RoadNetwork
 from urbantwin.roads.curve_speed import REAR_M, SPACING_M, lane_speeds
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import Asset
-from urbantwin.traffic.demand.demand import Demand
+from urbantwin.traffic.demand.demand import Demand, Passengers
+from urbantwin.traffic.demand.manners import IN_BENDS
 from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
+from urbantwin.traffic.sumo.halts import ends_of_halts, write_stops
 from urbantwin.traffic.sumo.tram_conflicts import tram_conflicts
 
 __all__ = [
@@ -40,7 +42,6 @@ __all__ = [
     "sumo_options",
     "sumo_substeps",
     "write_routes",
-    "write_stops",
 ]
 
 _WORKER = Path(__file__).with_name("worker.py")
@@ -57,11 +58,10 @@ _STRIPE_M = 0.64
 #: A bus halts at a stop for so long, seconds (Transit Capacity and Quality of Service Manual 2013,
 #: chapter 6: 15 s at a typical stop outside of city centres).
 DWELL_S = 15.0
-#: Who comes back to a stop halts so much before where it halted last, metres.
-AGAIN_M = 0.01
 #: A tram, with more doors and more people at each of its stops (the same: 30 s and less for most
 #: stops of streetcars), for so long, seconds.
 TRAM_DWELL_S = 20.0
+_LONG_S = 1e6  # waiting has no end but the bus
 STUCK_S = 300.0  # who stays and halts for longer is reported
 _SUBLANE_M = 0.8  # two-wheelers pass each other and cars within a lane
 
@@ -110,6 +110,8 @@ class Simulated:
         sumo: SUMO's version.
         observed: what was seen each second, warm-up included.
         staged: what became of each event that was staged (``staging.Staging.told``).
+        boarded: seconds of the motion, ``waits``, ``boards`` or ``alights``, trip, stop, the trip
+            of the vehicle, and the how manieth, of who takes a bus or a tram.
     """
 
     step: NDArray[np.int32]
@@ -126,6 +128,7 @@ class Simulated:
     sumo: str
     observed: Observed
     staged: tuple[dict[str, Any], ...] = ()
+    boarded: tuple[tuple[float, str, int, int, int, int], ...] = ()
 
 
 def simulate(  # noqa: PLR0913 - SUMO has as many sides
@@ -185,6 +188,7 @@ def observe(  # noqa: PLR0913 - the same
     step_ms: int,
     seed: int,
     trams: Mapping[str, Any] | None = None,
+    outputs: Mapping[str, object] | None = None,
     scratch: Path | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> Simulated:
@@ -198,13 +202,14 @@ def observe(  # noqa: PLR0913 - the same
         step_ms: SUMO's step.
         seed: SUMO's seed.
         trams: where they meet other traffic (``tram_conflicts``).
+        outputs: what SUMO shall write of its own: its options and their values.
         scratch: a folder for SUMO's files; the system's when not given.
         progress: called with the fraction done and what is being done.
 
     Raises:
         StageError: SUMO failed; the message holds SUMO's first error.
     """
-    options = sumo_options(step_ms, seed, circulates=True)
+    options = {**sumo_options(step_ms, seed, circulates=True), **(outputs or {})}
     steps = round(seconds * 1000 / step_ms)
     job: dict[str, Any] = {"warmup_substeps": steps, "first_step": 1, "last_step": 0, "substeps": 1}
     job["staged"] = []
@@ -245,12 +250,26 @@ def _worked(
             "stuck_s": STUCK_S,
             "curves": curves_of(net_path),
             "trams": trams,
+            "boarding": _boarding(demand.passengers),
             "arrays": str(folder / "rows.npy"),
             "texts": str(folder / "outcome.json"),
         }
         (folder / "job.json").write_text(json.dumps(whole))
         _run_worker(folder / "job.json", progress)
-        return _read(folder / "rows.npy", folder / "outcome.json")
+        warmup_s = job["warmup_substeps"] * float(str(options["step-length"]))
+        return _read(folder / "rows.npy", folder / "outcome.json", warmup_s)
+
+
+def _boarding(passengers: Passengers) -> dict[str, Any]:
+    """Return who takes buses and trams, as ``boarding.Boarding`` takes them."""
+    return {
+        "stops": {str(one.stop): [one.end_m, one.leaves_s] for one in passengers.places},
+        "alight": {str(stop): many for stop, many in passengers.alight.items()},
+        "people": {
+            str(trip): [str(stop), passengers.begins[trip]]
+            for trip, stop in passengers.stop_of.items()
+        },
+    }
 
 
 def curves_of(net_path: Path) -> dict[str, Any]:
@@ -351,8 +370,12 @@ def write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> N
             bounds["width"] = min(mesh.width, _STRIPE_M)
         values = {attribute: f"{value:.3f}" for attribute, value in bounds.items()}
         values |= {**kind.parameters, **demand.manners.get(actor_class, {})}
-        etree.SubElement(root, "vType", id=name, vClass=kind.vclass, **values)
-    for number, trip in enumerate(demand.trips):
+        in_bends = values.pop(IN_BENDS, None)
+        made = etree.SubElement(root, "vType", id=name, vClass=kind.vclass, **values)
+        if in_bends is not None:
+            etree.SubElement(made, "param", key=IN_BENDS, value=in_bends)
+    # SUMO wants them in the order of setting out.
+    for number, trip in sorted(enumerate(demand.trips), key=lambda one: one[1].depart_s):
         if trip.beside:  # SUMO knows the one who leads
             continue
         common = {"id": str(number), "type": trip.asset, "depart": f"{trip.depart_s:.2f}"}
@@ -361,9 +384,13 @@ def write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> N
             person = etree.SubElement(root, "person", **common, departPos=f"{trip.depart_m:.2f}")
             where = {"arrivalPos": f"{trip.arrive_m:.2f}", "departPosLat": "random"}
             etree.SubElement(person, "walk", edges=edges, **where)
-            for further, arrive_m in trip.then:
+            if 0 in trip.waits:
+                _add_wait(person, trip.edges[-1], trip.arrive_m)
+            for n, (further, arrive_m) in enumerate(trip.then, 1):
                 where = {"arrivalPos": f"{arrive_m:.2f}"}
                 etree.SubElement(person, "walk", edges=" ".join(further), **where)
+                if n in trip.waits:
+                    _add_wait(person, further[-1], arrive_m)
         else:
             how = {"departLane": "best", "departSpeed": "max", "departPos": "base"}
             if trip.anywhere:
@@ -371,35 +398,15 @@ def write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> N
             vehicle = etree.SubElement(root, "vehicle", **common, **how)
             etree.SubElement(vehicle, "route", edges=edges)
             dwell_s = TRAM_DWELL_S if trip.actor_class == "tram" else DWELL_S
-            for halt, end_m in _ends_of_halts(trip.halts, demand.stops):
+            for halt, end_m in ends_of_halts(trip.halts, demand.stops):
                 where = {"busStop": str(halt), "endPos": f"{end_m:.2f}"}
                 etree.SubElement(vehicle, "stop", **where, duration=f"{dwell_s:g}")
     etree.ElementTree(root).write(str(path), encoding="utf-8", xml_declaration=True)
 
 
-def _ends_of_halts(halts: Sequence[int], stops: Sequence[BusStop]) -> Iterator[tuple[int, float]]:
-    """Yield the stop and the end, metres, of each halt.
-
-    SUMO takes a halt at or beyond the one before, on the same street, for one of the same passage,
-    and would make all halts of a bus that comes by a single stop again and again at once.
-    """
-    last, end_m = -1, 0.0
-    for halt in halts:
-        end_m = end_m - AGAIN_M if halt == last else stops[halt].end_m
-        last = halt
-        yield halt, end_m
-
-
-def write_stops(path: Path, demand: Demand) -> None:
-    """Write where buses halt, as SUMO reads it before the routes."""
-    root = etree.Element("additional")
-    for number, stop in enumerate(demand.stops):
-        where = {"startPos": f"{stop.start_m:.2f}", "endPos": f"{stop.end_m:.2f}"}
-        named = {"name": stop.name} if stop.name else {}
-        etree.SubElement(
-            root, "busStop", id=str(number), lane=stop.lane, **where, friendlyPos="true", **named
-        )
-    etree.ElementTree(root).write(str(path), encoding="utf-8", xml_declaration=True)
+def _add_wait(person: etree._Element, edge: str, at_m: float) -> None:
+    """Add that somebody waits until it is told to walk on."""
+    etree.SubElement(person, "stop", edge=edge, endPos=f"{at_m:.2f}", duration=f"{_LONG_S:g}")
 
 
 def _run_worker(job: Path, progress: Callable[[float, str], None] | None) -> None:
@@ -442,8 +449,8 @@ def _first_error(messages: Path, returncode: int) -> str:
     return next((line for line in reversed(lines) if line), f"exit code {returncode}")
 
 
-def _read(arrays: Path, texts: Path) -> Simulated:
-    """Read what the worker wrote."""
+def _read(arrays: Path, texts: Path, warmup_s: float) -> Simulated:
+    """Read what the worker wrote; the motion begins so long after SUMO."""
     outcome: dict[str, Any] = json.loads(texts.read_text())
     rows = np.load(arrays)
     minutes = outcome["minutes"]
@@ -465,6 +472,7 @@ def _read(arrays: Path, texts: Path) -> Simulated:
         departed=frozenset(outcome["departed"]),
         sumo=outcome["sumo"],
         staged=tuple(outcome["staged"]),
+        boarded=tuple((at - warmup_s, *rest) for at, *rest in outcome["boarded"]),
         observed=Observed(
             **seen,
             longest_halt_s=outcome["longest_halt_s"],

@@ -15,6 +15,7 @@ import json
 import os
 import sys
 import threading
+from collections.abc import Container
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -34,7 +35,7 @@ def _beside(name: str) -> ModuleType:
 
 
 curving, railways, events = _beside("curves"), _beside("trams"), _beside("staging")
-wrong_lanes = _beside("wrong_lanes")
+wrong_lanes, boarding = _beside("wrong_lanes"), _beside("boarding")
 
 #: Step, trip, x, y, angle, speed, lane. A trip's number is its name in SUMO.
 Row = tuple[int, int, float, float, float, float, int]
@@ -56,6 +57,7 @@ class Watch:
         outer: edges of outer roads; who leaves them enters the region.
         stuck_s: who halts for longer is noted.
         parties: how many more walk with somebody.
+        passengers: who is not counted here: it waits, or is away.
     """
 
     def __init__(
@@ -65,8 +67,9 @@ class Watch:
         outer: list[str],
         stuck_s: float,
         parties: dict[str, int],
+        passengers: Container[str],
     ) -> None:
-        self.parties = parties
+        self.parties, self.passengers = parties, passengers
         self.classes, self.outer, self.stuck_s = classes, frozenset(outer), stuck_s
         self.kinds = kinds
         self.minutes: list[dict[str, list[float]]] = []
@@ -88,6 +91,8 @@ class Watch:
         present = [0] * self.kinds
         for domain in (libsumo.vehicle, libsumo.person):
             for name in filter(events.is_actor, domain.getIDList()):
+                if name in self.passengers:
+                    continue
                 kind, count = self.classes[int(name)], 1 + self.parties.get(name, 0)
                 present[kind] += count
                 row["samples"][kind] += count
@@ -176,7 +181,14 @@ class Recorder:
         self.parts.append(np.array(self.rows, TYPES))
         self.rows = []
 
-    def write(self, arrays: Path, texts: Path, watch: Watch, staged: list[dict[str, Any]]) -> None:
+    def write(
+        self,
+        arrays: Path,
+        texts: Path,
+        watch: Watch,
+        staged: list[dict[str, Any]],
+        boarded: list[Any],
+    ) -> None:
         """Write the positions (NPY) and everything else (JSON)."""
         self.pack()
         np.save(arrays, np.concatenate(self.parts))
@@ -192,6 +204,7 @@ class Recorder:
             "collisions": sorted(self.collisions),
             "departed": sorted(self.departed),
             "staged": staged,
+            "boarded": boarded,
         }
         texts.write_text(json.dumps(outcome))
 
@@ -200,7 +213,10 @@ def simulate(job: dict[str, Any]) -> None:
     """Run one job."""
     libsumo.start(["sumo", *job["options"]])
     recorder = Recorder()
-    watch = Watch(job["classes"], job["kinds"], job["outer"], job["stuck_s"], job["parties"])
+    stops = boarding.Boarding(job["boarding"])
+    watch = Watch(
+        job["classes"], job["kinds"], job["outer"], job["stuck_s"], job["parties"], stops.state
+    )
     per_second = max(1, round(1 / libsumo.simulation.getDeltaT()))
     first, last, substeps = job["first_step"], job["last_step"], job["substeps"]
     total = job["warmup_substeps"] + last * substeps + 1
@@ -216,13 +232,14 @@ def simulate(job: dict[str, Any]) -> None:
         recorder.count_incidents()
         if made % per_second == 0:
             watch.look(libsumo.simulation.getTime())
+            stops.look(libsumo.simulation.getTime())
         step, rest = divmod(made - job["warmup_substeps"], substeps)
         if step >= first and rest == 0:
             recorder.record(step)
         if made % max(total // 100, 1) == 0:
             sys.stdout.write(f"progress {made / total:.3f}\n")
             sys.stdout.flush()
-    recorder.write(Path(job["arrays"]), Path(job["texts"]), watch, staging.told())
+    recorder.write(Path(job["arrays"]), Path(job["texts"]), watch, staging.told(), stops.events)
     libsumo.close()
 
 

@@ -1,0 +1,5 @@
+"""What usually stands beside streets and is not mapped: plot boundaries, shrubs, furniture."""
+
+from urbantwin.scene.clutter.assumed import Assumed, assumed_features
+
+__all__ = ["Assumed", "assumed_features"]

@@ -1,0 +1,194 @@
+"""How drivers drive: parameters for which a simulation shows what was recorded.
+
+Indirect inference (Gourieroux, Monfort and Renault, Journal of Applied Econometrics 8, 1993): each
+parameter has a figure of the traffic that moves with it. The same figure is taken of the recording
+and of a simulation; the parameter is moved by the difference, and simulated again. What queues,
+signals and the way of measuring do to the figure, they do on both sides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from urbantwin.roads.curve_speed import SIDEWAYS_MS2
+from urbantwin.traffic.calibration.measured import Measured
+
+__all__ = ["ROUNDS", "fitted_drivers"]
+
+#: Simulations.
+ROUNDS = 6
+#: Figures of fewer than this tell nothing.
+_FEWEST = 5
+#: Where there is another figure for the same, of fewer than this.
+_MANY = 10
+#: At a stop line, who comes so soon after another follows, seconds.
+_FOLLOWS_S = 4.0
+#: A parameter moves by so much of the difference, less from round to round.
+_STEPS = (1.0, 1.0, 0.8, 0.8, 0.6)
+
+
+@dataclass(frozen=True)
+class _Parameter:
+    """A field of ``traffic.drivers`` and the figure that tells it.
+
+    Attributes:
+        field: its name.
+        usual: where the search begins.
+        least: smallest value.
+        most: largest value.
+        sample: of what was measured, the values that are summed up.
+        figure: a sum of them: median, ...
+        ratio: whether the parameter goes as the figure (else: by as much).
+        what: the values in words.
+        fewest: of fewer values it tells nothing.
+    """
+
+    field: str
+    usual: float
+    least: float
+    most: float
+    sample: Callable[[Measured], list[float]]
+    figure: Callable[[list[float]], float]
+    ratio: bool
+    what: str
+    fewest: int = _FEWEST
+
+
+def _quartiles_apart(values: list[float]) -> float:
+    """Return a standard deviation that outliers do not move: of the quartiles."""
+    low, high = np.quantile(values, [0.25, 0.75])
+    return float(high - low) / 1.349
+
+
+def _median(values: list[float]) -> float:
+    return float(np.median(values))
+
+
+def _quick(values: list[float]) -> float:
+    """Return the third quartile: many are held up by who is ahead when they set out."""
+    return float(np.quantile(values, 0.75))
+
+
+def _near(values: list[float]) -> float:
+    """Return the value that a third is below: the others have more room than they want."""
+    return float(np.quantile(values, 1 / 3))
+
+
+_PARAMETERS = (
+    _Parameter(
+        *("speed_factor", 1.0, 0.4, 1.5),
+        lambda part: part.cruising,
+        *(_median, True, "speeds that are kept on roads, as shares of the limit", _MANY),
+    ),
+    _Parameter(
+        *("speed_factor", 1.0, 0.4, 1.5),
+        lambda part: sorted(part.tops)[len(part.tops) // 2 :],
+        *(_median, True, "best speeds of the quicker half, as shares of the limit"),
+    ),
+    _Parameter(
+        *("speed_spread", 0.1, 0.01, 0.3),
+        lambda part: part.cruising,
+        *(_quartiles_apart, True, "spreads of such speeds"),
+    ),
+    _Parameter(
+        *("acceleration", 2.6, 0.8, 4.5),
+        lambda part: part.accelerations,
+        *(_quick, True, "accelerations from 1 to 5 m/s, m/s2"),
+    ),
+    _Parameter(
+        *("acceleration_at_10", 2.6, 0.3, 4.5),
+        lambda part: part.faded,
+        *(_median, True, "accelerations from 6 to 9 m/s, m/s2"),
+    ),
+    _Parameter(
+        *("sideways_acceleration", SIDEWAYS_MS2, 1.0, 4.5),
+        lambda part: part.bends,
+        *(_median, True, "accelerations to the side in turns, m/s2"),
+    ),
+    _Parameter(
+        *("standing_gap_m", 2.0, 0.5, 6.0),
+        lambda part: part.gaps,
+        *(_median, False, "gaps of who stands behind each other, m"),
+    ),
+    _Parameter(
+        *("headway_s", 1.35, 0.5, 3.0),
+        lambda part: part.following,
+        *(_near, False, "times from bumper to bumper of who follows, s", _MANY),
+    ),
+    _Parameter(
+        *("headway_s", 1.35, 0.5, 3.0),
+        lambda part: part.all_headways[part.all_headways <= _FOLLOWS_S].tolist(),
+        *(_median, False, "headways of who follows at the stop line, s"),
+    ),
+)
+
+
+def fitted_drivers(
+    recorded: Measured,
+    simulated: Callable[[Mapping[str, float], int], Measured],
+    *,
+    rounds: int = ROUNDS,
+) -> tuple[dict[str, float], list[dict[str, Any]], list[str]]:
+    """Return drivers for whom a simulation shows the figures of a recording.
+
+    Args:
+        recorded: what is fitted to.
+        simulated: measures a simulation with such drivers; the number of the round is for telling.
+        rounds: how many simulations.
+
+    Returns:
+        The fields of ``traffic.drivers``; by field what was recorded, what is simulated, of how
+        many values; and what could not be told.
+    """
+    first: dict[str, _Parameter] = {}
+    for one in _PARAMETERS:
+        if len(one.sample(recorded)) >= one.fewest:
+            first.setdefault(one.field, one)
+    known = list(first.values())
+    untold = [
+        f"{one.field}: {len(one.sample(recorded))} {one.what} are too few, the usual stays"
+        for one in _PARAMETERS
+        if one.field not in first and one.fewest == _FEWEST
+    ]
+    wanted = {one.field: one.figure(one.sample(recorded)) for one in known}
+    drivers = {one.field: one.usual for one in known}
+    best: tuple[float, dict[str, float], dict[str, float]] = (np.inf, dict(drivers), {})
+    for turn in range(rounds if known else 0):
+        part = simulated(drivers, turn)
+        shown = {
+            one.field: one.figure(values)
+            for one in known
+            if len(values := one.sample(part)) >= _FEWEST
+        }
+        off = float(sum(abs(shown[name] / wanted[name] - 1) for name in shown if wanted[name]))
+        off += len(known) - len(shown)
+        if off < best[0]:
+            best = off, dict(drivers), shown
+        step = _STEPS[min(turn, len(_STEPS) - 1)]
+        for one in known:
+            if one.field not in shown:
+                continue
+            goal, now = wanted[one.field], max(shown[one.field], 1e-3)
+            value = drivers[one.field]
+            moved = value * (goal / now) ** step if one.ratio else value + step * (goal - now)
+            drivers[one.field] = round(float(np.clip(moved, one.least, one.most)), 3)
+        if {"acceleration", "acceleration_at_10"} <= set(drivers):
+            least = min(drivers["acceleration"], drivers["acceleration_at_10"])
+            drivers["acceleration_at_10"] = least
+    _, drivers, shown = best
+    told = [
+        {
+            "field": one.field,
+            "value": drivers[one.field],
+            "of": one.what,
+            "recorded": round(wanted[one.field], 3),
+            "simulated": round(shown[one.field], 3) if one.field in shown else None,
+            "count": len(one.sample(recorded)),
+        }
+        for one in known
+    ]
+    return drivers, told, untold

@@ -1,0 +1,95 @@
+"""Who waits at stops, gets on and off, in SUMO's process.
+
+Part of SUMO's worker: nothing of UrbanTwin may be imported here (see ``worker``). For SUMO, who
+waits and who is away both stand at the stop, and are seen by nobody; this says when somebody gets
+on, who gets off, and lets them walk on.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import libsumo
+
+#: SUMO's number of a stage of waiting.
+_WAITING = 1
+#: Doors open so long after the halt, then one after the other comes so much later, seconds
+#: (Transit Capacity and Quality of Service Manual 2013, chapter 6: 1.75 s to 2.5 s through a door
+#: of a bus without payment; several doors are open).
+DOORS_S, EACH_S = 1.0, 1.8
+#: So many have the time to get on during a halt; who got on is away for so long, seconds.
+MOST, AWAY_S = 6, 90.0
+#: Who halts farther from the stop's end is behind another, metres.
+_THERE_M = 3.0
+
+
+class Boarding:
+    """Lets people get on and off.
+
+    Args:
+        told: ``stops``: by number its lane, end and walking time; ``alight``: by stop how many get
+            off at each halt; ``people``: by name its stop and how it begins.
+    """
+
+    def __init__(self, told: dict[str, Any]) -> None:
+        self.stops: dict[str, Any] = told.get("stops", {})
+        self.alight: dict[str, list[int]] = told.get("alight", {})
+        self.stop_of: dict[str, str] = {n: one[0] for n, one in told.get("people", {}).items()}
+        self.state: dict[str, str] = {n: one[1] for n, one in told.get("people", {}).items()}
+        self.since = dict.fromkeys(self.state, -AWAY_S)
+        self.halted: dict[str, set[str]] = {name: set() for name in self.stops}
+        self.halts = dict.fromkeys(self.stops, 0)
+        self.walks_on: list[tuple[float, str]] = []
+        #: What happened: time, what, who, at which stop, of which vehicle, as the how manieth.
+        self.events: list[tuple[float, str, int, int, int, int]] = []
+        for name, state in self.state.items():
+            if state == "waits":
+                self._note(0.0, "waits", name, -1, 0)
+
+    def look(self, now_s: float) -> None:
+        """See, once a second, who arrived and what halts."""
+        if not self.stops:
+            return
+        for at_s, name in [one for one in self.walks_on if one[0] <= now_s]:
+            self.walks_on.remove((at_s, name))
+            libsumo.person.removeStage(name, 0)
+            self.state[name] = "walks"
+        present = set(libsumo.person.getIDList())
+        for name, state in self.state.items():
+            if (
+                state == "walks"
+                and name in present
+                and libsumo.person.getStage(name, 0).type == _WAITING
+            ):
+                self.state[name], self.since[name] = "waits", now_s
+                self._note(now_s, "waits", name, -1, 0)
+        for stop, (end_m, _) in self.stops.items():
+            here = {
+                name
+                for name in libsumo.busstop.getVehicleIDs(stop)
+                if abs(libsumo.vehicle.getLanePosition(name) - end_m) < _THERE_M
+            }
+            for vehicle in sorted(here - self.halted[stop]):
+                self._exchange(stop, vehicle, now_s, present)
+            self.halted[stop] = here
+
+    def _exchange(self, stop: str, vehicle: str, now_s: float, present: set[str]) -> None:
+        """Let people off and on."""
+        own = [n for n, one in self.stop_of.items() if one == stop and n in present]
+        own.sort(key=lambda name: (self.since[name], int(name)))
+        away = [n for n in own if self.state[n] == "rides" and self.since[n] <= now_s - AWAY_S]
+        waiting = [n for n in own if self.state[n] == "waits"]
+        planned = self.alight[stop]
+        off = planned[self.halts[stop] % len(planned)]
+        self.halts[stop] += 1
+        for k, name in enumerate(away[: min(off, MOST)]):
+            at_s = now_s + DOORS_S + k * EACH_S
+            self._note(at_s, "alights", name, int(vehicle), k)
+            self.state[name] = "alights"
+            self.walks_on.append((at_s + self.stops[stop][1], name))
+        for k, name in enumerate(waiting[:MOST]):
+            self._note(now_s + DOORS_S + k * EACH_S, "boards", name, int(vehicle), k)
+            self.state[name], self.since[name] = "rides", now_s
+
+    def _note(self, at_s: float, what: str, name: str, vehicle: int, k: int) -> None:
+        self.events.append((at_s, what, int(name), int(self.stop_of[name]), vehicle, k))

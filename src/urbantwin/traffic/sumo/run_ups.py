@@ -1,0 +1,70 @@
+"""Room for who comes in: roads that begin shortly before a stop line, lengthened."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from pathlib import Path
+
+import numpy as np
+from lxml import etree
+from numpy.typing import NDArray
+
+from urbantwin.traffic.demand.demand import Demand
+
+__all__ = ["net_with_run_ups"]
+
+#: Roads that vehicles come in by are made so long, metres, where they are shorter than this: room
+#: to slow down from 50 km/h, and for a queue of twenty.
+_LONG_M, _SHORT_M = 150.0, 60.0
+
+
+def net_with_run_ups(net: Path, demand: Demand, out: Path) -> Path:
+    """Write a network whose short first roads begin farther out, and return its path.
+
+    Maps of lanes (Lanelet2, OpenDRIVE) often begin a few car lengths before the stop line. Whoever
+    sets out there has no room to slow down, and queues do not form. The roads go on straight, away
+    from the map; nobody has ground there, so nobody is in a motion before the map begins.
+
+    Args:
+        net: SUMO's network.
+        demand: who sets out.
+        out: the file to write; not written where no road is short.
+    """
+    first = {trip.edges[0] for trip in demand.trips if trip.actor_class != "pedestrian"}
+    walked = {
+        edge
+        for trip in demand.trips
+        if trip.actor_class == "pedestrian" or trip.halts
+        for edge in trip.edges
+    }
+    document = etree.parse(net)
+    if not _lengthened(document.getroot(), first - walked):
+        return net
+    document.write(str(out), encoding="UTF-8", xml_declaration=True)
+    return out
+
+
+def _lengthened(root: etree._Element, edges: Collection[str]) -> int:
+    """Lengthen the short ones of some edges; return how many."""
+    found = 0
+    for edge in root.iterfind("edge"):
+        lanes = edge.findall("lane")
+        long_m = max((float(lane.get("length", "0")) for lane in lanes), default=0.0)
+        if edge.get("id") not in edges or not 0 < long_m < _SHORT_M:
+            continue
+        found += 1
+        for lane in lanes:
+            points = [tuple(map(float, x.split(","))) for x in lane.get("shape", "").split()]
+            more = _LONG_M - long_m
+            shape = [_before(np.array(points), more), *points]
+            lane.set("shape", " ".join(",".join(f"{x:.3f}" for x in one) for one in shape))
+            lane.set("length", f"{float(lane.get('length', '0')) + more:.3f}")
+    return found
+
+
+def _before(points: NDArray[np.float64], away_m: float) -> tuple[float, ...]:
+    """Return the point straight behind the beginning of a line, metres away in plan."""
+    ahead = points[1, :2] - points[0, :2]
+    place = points[0].copy()
+    place[:2] -= away_m * ahead / np.linalg.norm(ahead)
+    return tuple(place.tolist())
