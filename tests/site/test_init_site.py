@@ -161,7 +161,7 @@ BAD_PLACES = {
     "not a number": ({"latitude": float("nan"), "longitude": 13.4}, "out of range"),
     "a field": (
         {"latitude": 52.5005, "longitude": 13.4005, "radius_m": 20.0},
-        r"has no road within the region: the nearest is 1[34] m from it",
+        r"has no road within the region: the nearest is 1[34] m away from it",
     ),
     "no radius": ({"radius_m": 0.0}, "the radius is 0 m; expected 20 to 2000"),
     "radius nan": ({"radius_m": float("nan")}, "expected 20 to 2000"),

@@ -270,5 +270,7 @@ def test_extract_without_roads_or_far_away_is_refused(write_site: Write, tmp_pat
     said = float(str(caught.value).split("nearest is ")[1].split(" km")[0])
     assert said == pytest.approx(away / 1000, abs=0.2)
     (tmp_path / "far.osm").write_text(OSM.replace('lon="13.', 'lon="-163.'))
-    with pytest.raises(InputError, match=r"nearest is \d{4}\.\d km from it; expected an extract"):
+    with pytest.raises(
+        InputError, match=r"nearest is \d{4}\.\d km away from it; expected an extract"
+    ):
         check_extract(site, read_extract(tmp_path / "far.osm"))

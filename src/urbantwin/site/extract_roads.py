@@ -50,7 +50,7 @@ def check_roads(extract: Extract, frame: SiteFrame, region: shapely.Polygon, nam
         return
     away = f"{nearest_m / 1000:.1f} km" if nearest_m >= 1000 else f"{nearest_m:.0f} m"
     raise InputError(
-        f"has no road within {named}: the nearest is {away} from it",
+        f"has no road within {named}: the nearest is {away} away from it",
         file=extract.path,
         expected=expected,
     )
