@@ -7,14 +7,16 @@ from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import numpy as np
 import shapely
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pyproj import Geod
 
 from urbantwin.artefact import sha256_of
+from urbantwin.errors import InputError
 from urbantwin.geometry import SiteFrame
 from urbantwin.site.dem import check_dem
 from urbantwin.site.extract import Extract
-from urbantwin.site.extract_roads import check_roads
 from urbantwin.site.geometry import GeometrySource, GeometrySpec
 from urbantwin.site.imagery import ImagerySource, ImagerySpec
 from urbantwin.site.region import (
@@ -29,7 +31,7 @@ from urbantwin.site.signals import SignalPlan, SignalSpec
 from urbantwin.site.traffic import OwnAssetSpec, TrafficSpec
 from urbantwin.site.yaml_document import Document, read_document, wrong
 
-__all__ = ["Clutter", "InputFile", "Site", "check_extract", "load_site"]
+__all__ = ["Clutter", "InputFile", "Site", "check_extract", "check_roads", "load_site"]
 
 #: What stands beside streets: what is mapped, with what is typical where the map is silent, or
 #: neither.
@@ -415,6 +417,43 @@ def _imagery_sources(document: Document, specs: list[ImagerySpec]) -> tuple[Imag
 def check_extract(site: Site, extract: Extract) -> None:
     """Check that the extract has roads in the site's region, as `check_roads` does."""
     check_roads(extract, site.frame, site.region, f"the region of {site.file.name}")
+
+
+def check_roads(extract: Extract, frame: SiteFrame, region: shapely.Polygon, named: str) -> None:
+    """Check that an extract has roads in a region in a site frame, which errors call ``named``.
+
+    Raises:
+        InputError: it has no roads at all, or none in the region; it says how far away they are.
+    """
+    highways = extract.highways()
+    expected = f"an extract around {frame.latitude:.6f}, {frame.longitude:.6f}"
+    if not highways and not extract.is_whole:
+        raise InputError(f"has no road near {named}", file=extract.path, expected=expected)
+    if not highways:
+        raise InputError("holds no roads", file=extract.path, expected="ways with a highway tag")
+    lonlat = [np.array([extract.nodes[n] for n in way.nodes if n in extract.nodes])
+              for way in highways]  # fmt: skip
+    lonlat = [points for points in lonlat if len(points) >= 2]
+    anchor = np.array([frame.longitude, frame.latitude])
+    # One degree: where the plane's formulas surely hold.
+    near = [points for points in lonlat if np.abs(points - anchor).max() < 1.0]
+    lines = [shapely.LineString(frame.site_from_lonlat(points)) for points in near]
+    if lines:
+        nearest_m = float(shapely.distance(np.array(lines), region).min())
+    elif lonlat:
+        nodes = np.vstack(lonlat)
+        away_m = Geod(ellps="WGS84").inv(*nodes.T, *np.broadcast_to(anchor, nodes.shape).T)[2]
+        nearest_m = float(np.min(away_m))
+    else:
+        raise InputError("holds no roads", file=extract.path, expected="ways with their nodes")
+    if nearest_m == 0.0:
+        return
+    away = f"{nearest_m / 1000:.1f} km" if nearest_m >= 1000 else f"{nearest_m:.0f} m"
+    raise InputError(
+        f"has no road within {named}: the nearest is {away} away from it",
+        file=extract.path,
+        expected=expected,
+    )
 
 
 def _region(

@@ -26,8 +26,9 @@ from urbantwin.roads import RoadNetwork
 from urbantwin.roads.curve_speed import REAR_M, SPACING_M, lane_speeds
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import Asset
-from urbantwin.traffic.demand.demand import Demand, Passengers
+from urbantwin.traffic.demand.demand import Demand
 from urbantwin.traffic.demand.manners import IN_BENDS
+from urbantwin.traffic.demand.passengers import boarding_job
 from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
 from urbantwin.traffic.sumo.halts import ends_of_halts, write_stops
 from urbantwin.traffic.sumo.tram_conflicts import tram_conflicts
@@ -250,7 +251,7 @@ def _worked(
             "stuck_s": STUCK_S,
             "curves": curves_of(net_path),
             "trams": trams,
-            "boarding": _boarding(demand.passengers),
+            "boarding": boarding_job(demand.passengers),
             "arrays": str(folder / "rows.npy"),
             "texts": str(folder / "outcome.json"),
         }
@@ -258,18 +259,6 @@ def _worked(
         _run_worker(folder / "job.json", progress)
         warmup_s = job["warmup_substeps"] * float(str(options["step-length"]))
         return _read(folder / "rows.npy", folder / "outcome.json", warmup_s)
-
-
-def _boarding(passengers: Passengers) -> dict[str, Any]:
-    """Return who takes buses and trams, as ``boarding.Boarding`` takes them."""
-    return {
-        "stops": {str(one.stop): [one.end_m, one.leaves_s] for one in passengers.places},
-        "alight": {str(stop): many for stop, many in passengers.alight.items()},
-        "people": {
-            str(trip): [str(stop), passengers.begins[trip]]
-            for trip, stop in passengers.stop_of.items()
-        },
-    }
 
 
 def curves_of(net_path: Path) -> dict[str, Any]:
