@@ -14,12 +14,12 @@ from urbantwin.traffic import sumo
 from urbantwin.traffic.demand.site_demand import demand_of
 from urbantwin.traffic.fleet_of_twin import own_bodies
 from urbantwin.traffic.sumo.driven_net import driven_net
-from urbantwin.traffic.sumo.halts import write_stops
 from urbantwin.traffic.sumo.simulation import (
     curves_of,
     sumo_options,
     sumo_substeps,
     write_routes,
+    write_stops,
 )
 from urbantwin.twin import Twin
 from urbantwin.view.footprint import footprints

@@ -13,7 +13,7 @@ from urbantwin.traffic.demand.demand import Demand
 __all__ = ["ends_of_halts", "write_stops"]
 
 #: Who comes back to a stop halts so much before where it halted last, metres.
-_AGAIN_M = 0.01
+AGAIN_M = 0.01
 
 
 def ends_of_halts(halts: Sequence[int], stops: Sequence[BusStop]) -> Iterator[tuple[int, float]]:
@@ -24,7 +24,7 @@ def ends_of_halts(halts: Sequence[int], stops: Sequence[BusStop]) -> Iterator[tu
     """
     last, end_m = -1, 0.0
     for halt in halts:
-        end_m = end_m - _AGAIN_M if halt == last else stops[halt].end_m
+        end_m = end_m - AGAIN_M if halt == last else stops[halt].end_m
         last = halt
         yield halt, end_m
 

@@ -43,6 +43,7 @@ __all__ = [
     "sumo_options",
     "sumo_substeps",
     "write_routes",
+    "write_stops",
 ]
 
 _WORKER = Path(__file__).with_name("worker.py")
