@@ -118,6 +118,8 @@ def test_drivers_are_found_again(
 
     found, told, untold = fitted_drivers(whole, simulated, rounds=4)
     assert untold == []
+    (headway,) = (one for one in told if one["field"] == "headway_s")
+    assert 0 < headway["standard_error"] < 0.1 * TRUTH["headway_s"]
     assert {one["field"] for one in told} == set(TRUTH) == set(found)
     assert found["headway_s"] == pytest.approx(TRUTH["headway_s"], rel=0.1)
     assert found["standing_gap_m"] == pytest.approx(TRUTH["standing_gap_m"], rel=0.1)

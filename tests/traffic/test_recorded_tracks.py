@@ -210,12 +210,22 @@ def changed(line: int, old: str, new: str) -> Callable[[list[str]], object]:
     return change
 
 
+def on_foot(lines: list[str]) -> None:
+    """Six metres in a tenth of a second: a car's, on a motorway, and a template's error."""
+    lines[1:] = [line.replace("Car", "Pedestrian") for line in lines[1:]]
+    row = lines[11].split(",")
+    row[3] = str(float(row[3]) + 6.0)
+    lines[11] = ",".join(row)
+
+
 @pytest.mark.parametrize(
     ("change", "told"),
     [
         (changed(12, "7,1.0,", "7,0.85,"), ["line 12", "time goes back", "0.85"]),
         (changed(12, "7,1.0,", "7,0.9,"), ["line 12", "time stands still"]),
         (changed(10, "Car,-", "Car,9"), ["line 10", "jumps", "in 0.1 s"]),
+        (changed(42, "7,4.0,Car,", "7,4.0,Car,1"), ["line 42", "jumps", "no car faster than 70"]),
+        (on_foot, ["line 12", "jumps", "no pedestrian faster than 12 m/s"]),
         (changed(5, "0.3,Car", "0.3,Car,x"), ["line 5"]),
         (changed(9, "Car", "Cxr"), []),
         (changed(3, ",4.4,", ",four,"), ["line 3", "length", "'four'", "a number"]),

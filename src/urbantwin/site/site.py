@@ -414,13 +414,7 @@ def check_extract(site: Site, extract: Extract) -> None:
 
 
 def check_roads(extract: Extract, frame: SiteFrame, region: shapely.Polygon, named: str) -> None:
-    """Check that an extract has roads in a region.
-
-    Args:
-        extract: the extract.
-        frame: the site frame.
-        region: the region, site frame.
-        named: what errors call the region.
+    """Check that an extract has roads in a region in a site frame, which errors call ``named``.
 
     Raises:
         InputError: it has no roads at all, or none in the region; it says how far away they are.

@@ -45,6 +45,7 @@ from urbantwin.traffic.result_warnings import warnings_of_drive
 from urbantwin.traffic.signals import signal_table
 from urbantwin.traffic.sumo.counted_signals import timing_told
 from urbantwin.traffic.sumo.driven_net import driven_net
+from urbantwin.traffic.sumo.run_ups import without_run_ups
 from urbantwin.traffic.sumo.simulation import Simulated, simulate
 from urbantwin.twin import Twin
 
@@ -237,6 +238,12 @@ class _Streets:
         )
         return with_parties(seen, demand, self.twin.roads, self.step_s)
 
+    def _on_the_map(self, simulated: Simulated) -> Simulated:
+        """Return what was simulated, without roads that are longer than the map's."""
+        if self.net == self.twin.net_path:
+            return simulated
+        return without_run_ups(simulated, self.net, self.twin.roads)
+
     def tabled(
         self,
         simulated: Simulated,
@@ -248,7 +255,7 @@ class _Streets:
         before: Before | None = None,
     ) -> _Drive:
         """Make the table of what SUMO did."""
-        walked = on_footways(simulated, demand, self.twin.roads)
+        walked = on_footways(self._on_the_map(simulated), demand, self.twin.roads)
         made = actor_table(
             with_passengers_at_stops(
                 walked, demand, place.blocks, step_s=self.step_s, asset=self.own.asset

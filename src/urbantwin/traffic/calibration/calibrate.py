@@ -42,7 +42,7 @@ __all__ = ["calibrate_traffic"]
 
 _STEP_S = 0.1
 #: Spans of a simulation that are compared with all of it, at most.
-_MOST_SPANS = 60
+_MOST_SPANS = 40
 #: Simulations that drivers are fitted in last so long,
 #: and up to three times as long, where what is fitted to is.
 _TRIAL_S = 600.0

@@ -25,6 +25,7 @@ ROUNDS = 6
 _FEWEST = 5
 #: Where there is another figure for the same, of fewer than this.
 _MANY = 10
+_DRAWN_AGAIN = 200
 #: At a stop line, who comes so soon after another follows, seconds.
 _FOLLOWS_S = 4.0
 #: A parameter moves by so much of the difference, less from round to round.
@@ -186,9 +187,18 @@ def fitted_drivers(
             "value": drivers[one.field],
             "of": one.what,
             "recorded": round(wanted[one.field], 3),
+            "standard_error": round(_error(one, recorded), 3),
             "simulated": round(shown[one.field], 3) if one.field in shown else None,
             "count": len(one.sample(recorded)),
         }
         for one in known
     ]
     return drivers, told, untold
+
+
+def _error(one: _Parameter, recorded: Measured) -> float:
+    """Return the standard error of a figure: of values drawn again from those recorded."""
+    values = np.array(one.sample(recorded))
+    random = np.random.Generator(np.random.Philox(key=[1, 2001]))
+    drawn = random.integers(0, len(values), (_DRAWN_AGAIN, len(values)))
+    return float(np.std([one.figure(values[row].tolist()) for row in drawn]))

@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import scipy.sparse.csgraph
@@ -20,7 +21,7 @@ from urbantwin.roads.assignment.circuit import Circuit
 from urbantwin.traffic.demand.demand import Demand, Passengers, Trip
 from urbantwin.traffic.demand.stop_places import StopPlace, stop_place
 
-__all__ = ["with_passengers"]
+__all__ = ["boarding_job", "with_passengers"]
 
 #: Of those who get on at a tram's halt there are so many times more than at a bus's. Assumed.
 _TRAM_TIMES = 2.0
@@ -219,3 +220,15 @@ class _Ways:
         # The other direction of an edge has an odd number.
         within = 1.0 - within if states[first] % 2 else within
         return self.names(states[first:]), float(np.floor(within * length[first] * 100) / 100)
+
+
+def boarding_job(passengers: Passengers) -> dict[str, Any]:
+    """Return who takes buses and trams, as ``boarding.Boarding`` takes them."""
+    return {
+        "stops": {str(one.stop): [one.end_m, one.leaves_s] for one in passengers.places},
+        "alight": {str(stop): many for stop, many in passengers.alight.items()},
+        "people": {
+            str(trip): [str(stop), passengers.begins[trip]]
+            for trip, stop in passengers.stop_of.items()
+        },
+    }

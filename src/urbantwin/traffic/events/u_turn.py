@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import product
 
 import numpy as np
@@ -9,6 +10,7 @@ import shapely
 from numpy.typing import NDArray
 
 from urbantwin.errors import StageError
+from urbantwin.roads import Lane
 from urbantwin.traffic.events.lane_way import Way, lane_way
 from urbantwin.traffic.events.places import Spot, find_spot, spot_on
 from urbantwin.traffic.events.scenario import UTurn
@@ -31,6 +33,10 @@ _SHIFTS_M = tuple(sorted((5.0 * k for k in range(-6, 7)), key=abs))
 #: The tightest turns of vehicles, radius of the middle of the vehicle, metres: what U-turns try.
 _RADII_M = {"car": (5.5, 5.0, 4.5), "bicycle": (3.0, 2.0), "motorcycle": (4.0, 3.0)}
 _LARGE_RADII_M = (9.0, 8.0)
+#: A junction no farther than this is turned round in where the street has no room, at places so
+#: far beyond the stop line, onto lanes that are no farther than this, metres, and lead back.
+_TO_JUNCTION_M, _BEYOND_M, _WIDE_M = 60.0, (2.0, 5.0, 8.0, 12.0), 30.0
+_PARALLEL = -0.95
 #: Share of a U-turn that may lie beside the carriageway.
 _BESIDE = 0.03
 
@@ -47,17 +53,25 @@ def u_turn(event: UTurn, setting: Setting) -> Scripted:
             return _turned_round(event, setting, spot_on(asked.lane, along_m), shift_m)
         except StageError as error:
             refused = refused or error
+    for spot, back in _in_junction(event, asked, setting.twin):
+        try:
+            shift_m = round(asked.lane.length - asked.along_m, 1)
+            return _turned_round(event, setting, spot, shift_m, back)
+        except StageError as error:
+            refused = refused or error
     assert refused is not None
     raise refused
 
 
-def _turned_round(event: UTurn, setting: Setting, spot: Spot, shift_m: float) -> Scripted:
-    """Turn round at a spot.
+def _turned_round(
+    event: UTurn, setting: Setting, spot: Spot, shift_m: float, back: Spot | None = None
+) -> Scripted:
+    """Turn round at a spot, to a place on the way back.
 
     Raises:
         StageError: there is no room or no time for it.
     """
-    back = _opposite(event, spot, setting.twin)
+    back = _opposite(event, spot, setting.twin) if back is None else back
     there, place_m = lane_way(
         setting.twin.roads, spot.lane, spot.along_m, event.actor, back_m=REACHES_M[0], ahead_m=1.0
     )
@@ -177,6 +191,37 @@ def _opposite(event: UTurn, spot: Spot, twin: Twin) -> Spot:
             f"beside {spot.lane.id}"
         )
     return min(found, key=lambda one: one[:2])[2]
+
+
+def _in_junction(event: UTurn, asked: Spot, twin: Twin) -> Iterator[tuple[Spot, Spot]]:
+    """Yield places in the junction at the end of a lane, and on lanes that leave it the other way.
+
+    Streets whose directions are parted by an island can be turned round on nowhere else.
+    """
+    lane = asked.lane
+    if lane.length - asked.along_m > _TO_JUNCTION_M:
+        return
+    end, before = (_place(lane, lane.length - away) for away in (0.0, 2.0))
+    ahead = (end - before) / max(float(np.hypot(*(end - before))), 1e-9)
+    yaw, left = float(np.arctan2(*ahead[::-1])), np.array([-ahead[1], ahead[0]])
+    found = []
+    for other in twin.roads.lanes:
+        if other.kind not in ("driving", "bus") or event.actor not in other.allowed:
+            continue
+        start, onwards = _place(other, 0.0), _place(other, 2.0)
+        back_yaw = float(np.arctan2(*(onwards - start)[::-1]))
+        apart = abs(float((start - end) @ left))
+        if np.cos(back_yaw - yaw) < _PARALLEL and abs((start - end) @ ahead) < _WIDE_M > apart:
+            found.append((apart, other.id, Spot(other, 0.0, start, back_yaw)))
+    for _, _, back in sorted(found, key=lambda one: one[:2]):
+        for beyond_m in _BEYOND_M:
+            yield Spot(lane, lane.length, end + beyond_m * ahead, yaw), back
+
+
+def _place(lane: Lane, along_m: float) -> NDArray[np.float64]:
+    """Return a place on a lane (2,)."""
+    point = shapely.LineString(lane.centre[:, :2]).interpolate(along_m)
+    return np.array([point.x, point.y])
 
 
 def _omega(spot: Spot, back: Spot, radius: float) -> NDArray[np.float64]:

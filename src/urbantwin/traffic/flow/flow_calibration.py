@@ -41,11 +41,12 @@ GROWTH = 1.6
 WORTHWHILE = 0.3
 #: A flow that falls below this share within a pilot is that of streets that lock up.
 FALLS = 0.6
-#: A longer pilot tells whether it goes on so: its last part must have this share of the flow, and
-#: nobody may stand for longer than this, seconds; else there are fewer, at most so often.
-LONG_S, HOLDS, LONGEST_HALT_S, LESS, TIMES = 900, 0.85, 200.0, 0.75, 3
-#: Where a longer pilot carries less than was asked for, so many more are tried, so often.
-MORE, TIMES_MORE = 1.2, 2
+#: A longer pilot tells whether it goes on so: nobody may stand for longer than this, seconds; else
+#: there are fewer, at most so often.
+LONG_S, LONGEST_HALT_S, LESS, TIMES = 900, 200.0, 0.75, 3
+#: Where a longer pilot carries less than was asked for, and nobody stands for long, so many more
+#: are tried, so often: shorter pilots see traffic before it has spread to the signals.
+MORE, TIMES_MORE = 1.2, 3
 #: Of populations whose flows differ by no more than this the smallest is taken: it is farthest from
 #: locking up.
 ALIKE = 0.05
@@ -162,17 +163,19 @@ def calibrate(
     best = _best(found)
     for _ in range(TIMES):
         long = pilot(best.size, free, little.pace, LONG_S)
-        if long.flow >= HOLDS * best.flow and long.longest_halt_s < LONGEST_HALT_S:
+        if long.flow and long.longest_halt_s < LONGEST_HALT_S:
             best = long
             break
         best = replace(long, size=best.size * LESS, flow=long.flow * LESS)
+    held = [best]
     for _ in range(TIMES_MORE):
-        if best.flow >= 1.0 - TOLERANCE or best.size * MORE > most:
+        if held[-1].flow >= 1.0 - TOLERANCE or held[-1].size * MORE > most:
             break
-        further = pilot(best.size * MORE, free, little.pace, LONG_S)
-        if further.flow < best.flow + ALIKE or further.longest_halt_s > LONGEST_HALT_S:
+        further = pilot(held[-1].size * MORE, free, little.pace, LONG_S)
+        if further.longest_halt_s > LONGEST_HALT_S:
             break
-        best = further
+        held.append(further)
+    best = _best(held)
     standing = {lane: total / best.seconds for lane, total in best.queued.items()}
     carried = 1.0 if best.flow >= 1.0 - TOLERANCE else best.flow
     return Calibrated(planned(best), carried, standing)

@@ -80,11 +80,11 @@ def read_recording(path: Path, frame: SiteFrame) -> Recording:
     order = np.argsort(rows.track.astype(str), kind="stable")
     names = rows.track[order].astype(str)
     for mine in np.split(order, np.flatnonzero(names[1:] != names[:-1]) + 1):
-        check_order(rows, mine, xy[mine])
         actor_class = _class(rows, mine, spec)
         if actor_class == IGNORED:
             left_out[str(rows.kind[mine[0]])] += 1
             continue
+        check_order(rows, mine, xy[mine], actor_class)
         size = _median(rows.size[mine])
         tracks.append(
             RecordedTrack(

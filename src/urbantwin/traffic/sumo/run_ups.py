@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from lxml import etree
 from numpy.typing import NDArray
 
+from urbantwin.roads import RoadNetwork
 from urbantwin.traffic.demand.demand import Demand
+from urbantwin.traffic.sumo.simulation import Simulated
 
-__all__ = ["net_with_run_ups"]
+__all__ = ["net_with_run_ups", "without_run_ups"]
 
 #: Roads that vehicles come in by are made so long, metres, where they are shorter than this: room
 #: to slow down from 50 km/h, and for a queue of twenty.
 _LONG_M, _SHORT_M = 150.0, 60.0
+#: Lanes of a road that bends differ by so much in length, metres.
+_CURVED_M = 20.0
+#: Who comes is there when its front has passed the map's beginning by so much, metres.
+_FRONT_M = 4.0
 
 
 def net_with_run_ups(net: Path, demand: Demand, out: Path) -> Path:
@@ -23,7 +30,7 @@ def net_with_run_ups(net: Path, demand: Demand, out: Path) -> Path:
 
     Maps of lanes (Lanelet2, OpenDRIVE) often begin a few car lengths before the stop line. Whoever
     sets out there has no room to slow down, and queues do not form. The roads go on straight, away
-    from the map; nobody has ground there, so nobody is in a motion before the map begins.
+    from the map.
 
     Args:
         net: SUMO's network.
@@ -42,6 +49,33 @@ def net_with_run_ups(net: Path, demand: Demand, out: Path) -> Path:
         return net
     document.write(str(out), encoding="UTF-8", xml_declaration=True)
     return out
+
+
+def without_run_ups(simulated: Simulated, net: Path, roads: RoadNetwork) -> Simulated:
+    """Return what was simulated from where the map begins on.
+
+    Args:
+        simulated: on a network with run-ups, or without.
+        net: the network.
+        roads: the lanes as they are.
+    """
+    gone = np.zeros(len(simulated.step), np.bool_)
+    lanes = {name: number for number, name in enumerate(simulated.lanes)}
+    for item in etree.parse(net).getroot().iterfind("edge/lane"):
+        lane = roads.lane_by_id.get(item.get("id", ""))
+        if lane is None or not lane.road or lane.id not in lanes:
+            continue
+        points = lane.centre[:, :2]
+        long_m = float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        if float(item.get("length", "0")) < long_m + _LONG_M - _SHORT_M - _CURVED_M:
+            continue
+        ahead = (points[1] - points[0]) / np.linalg.norm(points[1] - points[0])
+        mine = np.flatnonzero(simulated.lane == lanes[lane.id])
+        gone[mine[(simulated.front[mine] - points[0]) @ ahead < _FRONT_M]] = True
+    if not gone.any():
+        return simulated
+    rows = ("step", "trip", "front", "angle_deg", "speed", "lane")
+    return replace(simulated, **{name: getattr(simulated, name)[~gone] for name in rows})
 
 
 def _lengthened(root: etree._Element, edges: Collection[str]) -> int:

@@ -22,13 +22,15 @@ from numpy.typing import NDArray
 
 from urbantwin.artefact import passing_folder
 from urbantwin.errors import InputError, StageError
-from urbantwin.roads import BusStop, RoadNetwork
+from urbantwin.roads import RoadNetwork
 from urbantwin.roads.curve_speed import REAR_M, SPACING_M, lane_speeds
 from urbantwin.taxonomy import ACTOR_CLASSES
 from urbantwin.traffic.assets import Asset
-from urbantwin.traffic.demand.demand import Demand, Passengers
+from urbantwin.traffic.demand.demand import Demand
 from urbantwin.traffic.demand.manners import IN_BENDS
+from urbantwin.traffic.demand.passengers import boarding_job
 from urbantwin.traffic.demand.vehicle_types import ACTOR_KINDS
+from urbantwin.traffic.sumo.halts import ends_of_halts, write_stops
 from urbantwin.traffic.sumo.tram_conflicts import tram_conflicts
 
 __all__ = [
@@ -58,8 +60,6 @@ _STRIPE_M = 0.64
 #: A bus halts at a stop for so long, seconds (Transit Capacity and Quality of Service Manual 2013,
 #: chapter 6: 15 s at a typical stop outside of city centres).
 DWELL_S = 15.0
-#: Who comes back to a stop halts so much before where it halted last, metres.
-AGAIN_M = 0.01
 #: A tram, with more doors and more people at each of its stops (the same: 30 s and less for most
 #: stops of streetcars), for so long, seconds.
 TRAM_DWELL_S = 20.0
@@ -252,7 +252,7 @@ def _worked(
             "stuck_s": STUCK_S,
             "curves": curves_of(net_path),
             "trams": trams,
-            "boarding": _boarding(demand.passengers),
+            "boarding": boarding_job(demand.passengers),
             "arrays": str(folder / "rows.npy"),
             "texts": str(folder / "outcome.json"),
         }
@@ -260,18 +260,6 @@ def _worked(
         _run_worker(folder / "job.json", progress)
         warmup_s = job["warmup_substeps"] * float(str(options["step-length"]))
         return _read(folder / "rows.npy", folder / "outcome.json", warmup_s)
-
-
-def _boarding(passengers: Passengers) -> dict[str, Any]:
-    """Return who takes buses and trams, as ``boarding.Boarding`` takes them."""
-    return {
-        "stops": {str(one.stop): [one.end_m, one.leaves_s] for one in passengers.places},
-        "alight": {str(stop): many for stop, many in passengers.alight.items()},
-        "people": {
-            str(trip): [str(stop), passengers.begins[trip]]
-            for trip, stop in passengers.stop_of.items()
-        },
-    }
 
 
 def curves_of(net_path: Path) -> dict[str, Any]:
@@ -400,7 +388,7 @@ def write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> N
             vehicle = etree.SubElement(root, "vehicle", **common, **how)
             etree.SubElement(vehicle, "route", edges=edges)
             dwell_s = TRAM_DWELL_S if trip.actor_class == "tram" else DWELL_S
-            for halt, end_m in _ends_of_halts(trip.halts, demand.stops):
+            for halt, end_m in ends_of_halts(trip.halts, demand.stops):
                 where = {"busStop": str(halt), "endPos": f"{end_m:.2f}"}
                 etree.SubElement(vehicle, "stop", **where, duration=f"{dwell_s:g}")
     etree.ElementTree(root).write(str(path), encoding="utf-8", xml_declaration=True)
@@ -409,31 +397,6 @@ def write_routes(path: Path, demand: Demand, asset: Callable[[str], Asset]) -> N
 def _add_wait(person: etree._Element, edge: str, at_m: float) -> None:
     """Add that somebody waits until it is told to walk on."""
     etree.SubElement(person, "stop", edge=edge, endPos=f"{at_m:.2f}", duration=f"{_LONG_S:g}")
-
-
-def _ends_of_halts(halts: Sequence[int], stops: Sequence[BusStop]) -> Iterator[tuple[int, float]]:
-    """Yield the stop and the end, metres, of each halt.
-
-    SUMO takes a halt at or beyond the one before, on the same street, for one of the same passage,
-    and would make all halts of a bus that comes by a single stop again and again at once.
-    """
-    last, end_m = -1, 0.0
-    for halt in halts:
-        end_m = end_m - AGAIN_M if halt == last else stops[halt].end_m
-        last = halt
-        yield halt, end_m
-
-
-def write_stops(path: Path, demand: Demand) -> None:
-    """Write where buses halt, as SUMO reads it before the routes."""
-    root = etree.Element("additional")
-    for number, stop in enumerate(demand.stops):
-        where = {"startPos": f"{stop.start_m:.2f}", "endPos": f"{stop.end_m:.2f}"}
-        named = {"name": stop.name} if stop.name else {}
-        etree.SubElement(
-            root, "busStop", id=str(number), lane=stop.lane, **where, friendlyPos="true", **named
-        )
-    etree.ElementTree(root).write(str(path), encoding="utf-8", xml_declaration=True)
 
 
 def _run_worker(job: Path, progress: Callable[[float, str], None] | None) -> None:

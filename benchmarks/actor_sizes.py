@@ -1,0 +1,74 @@
+"""Sizes of our actors against those that annotators drew: ``python benchmarks/actor_sizes.py``.
+
+Reads ``../shared/data/statistics/tumtraf-s110-boxes.csv`` (or the file that is given), percentiles
+of each side by class. Nothing of the fleet is chosen by it. Prints the table of ``docs/actors.md``:
+medians, ours and theirs, metres, and the width of the middle 90 % of both; what is within 5 %
+(medians) and 25 % (widths) is in bold.
+"""
+
+import csv
+import sys
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+
+from urbantwin.traffic.assets import asset
+from urbantwin.traffic.assets.fleet import Fleet
+
+FILE = Path(__file__).parents[1].parent / "shared/data/statistics/tumtraf-s110-boxes.csv"
+#: Theirs -> ours.
+CLASSES = {
+    "CAR": "car",
+    "VAN": "van",
+    "TRUCK": "truck",
+    "TRAILER": "trailer",
+    "BUS": "bus",
+    "MOTORCYCLE": "motorcycle",
+    "BICYCLE": "bicycle",
+    "PEDESTRIAN": "pedestrian",
+}
+SIDES, DRAWN, WITHIN = ("length", "width", "height"), 2000, (0.05, 0.25)
+
+
+def drawn() -> dict[str, np.ndarray]:
+    """Return class -> the sizes (N, 3) of bodies that are stiff, drawn for Germany, metres.
+
+    Vehicles that bend are several, as annotators draw them: a tractor is a truck.
+    """
+    fleet, found = Fleet("DE", seed=1), defaultdict(list)
+    for name in CLASSES.values():
+        for number in range(DRAWN if name != "trailer" else 0):
+            whole = asset(fleet.body(name, number))
+            for one in [asset(body.asset) for body in whole.bodies] or [whole]:
+                found[one.actor_class].append((one.length, one.width, one.height))
+    return {name: np.array(sizes) for name, sizes in found.items()}
+
+
+def main() -> None:
+    """Print the table."""
+    file = Path(sys.argv[1]) if len(sys.argv) > 1 else FILE
+    with file.open() as opened:
+        rows = {row["class"]: row for row in csv.DictReader(opened)}
+    met, every = [0, 0], drawn()
+    print("| class | length | width | height | spread of length | of width | of height |")
+    print("|---|---|---|---|---|---|---|")
+    for theirs, ours in CLASSES.items():
+        sizes, cells = every[ours], ([], [])
+        for k, side in enumerate(SIDES):
+            low, middle, high = np.quantile(sizes[:, k], [0.05, 0.5, 0.95])
+            real = {q: float(rows[theirs][f"{side}_{q}_m"]) for q in ("p05", "median", "p95")}
+            pairs = ((middle, real["median"]), (high - low, real["p95"] - real["p05"]))
+            for column, (mine, other) in enumerate(pairs):
+                off = mine / other - 1
+                fine = abs(off) <= WITHIN[column]
+                met[column] += fine
+                text = f"{mine:.2f}, {other:.2f} ({100 * off:+.0f} %)"
+                cells[column].append(f"**{text}**" if fine else text)
+        print(f"| `{ours}` | {' | '.join(cells[0] + cells[1])} |")
+    whole = len(CLASSES) * len(SIDES)
+    print(f"\nmedians within 5 %: {met[0]} of {whole}; spreads within 25 %: {met[1]} of {whole}")
+
+
+if __name__ == "__main__":
+    main()
