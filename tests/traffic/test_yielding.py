@@ -139,3 +139,19 @@ def test_who_meets_nobody_keeps_the_way_to_the_bit() -> None:
     ways = [way(np.array([0.0, 10.0 * n]), fast) for n in range(3)]
     found, _ = waited([("car", *one) for one in ways])
     np.testing.assert_array_equal(found["xy"], np.concatenate([one[0] for one in ways]))
+
+
+def test_a_later_meeting_changes_nothing_of_an_earlier_one() -> None:
+    east = way(np.array([-30.0, 0.0]), np.full(2400, 6.0))
+    north = way(np.array([0.0, -31.0]), np.full(2400, 6.0), np.pi / 2)
+    # A third comes over the way of the first at x = 1,170 m, where that one is after 200 s.
+    south = way(np.array([1170.0, 1200.5]), np.full(2400, 6.0), -np.pi / 2)
+    both, _ = waited([("car", *east), ("car", *north)])
+    three, shared = waited([("car", *east), ("car", *north), ("car", *south)])
+    assert shared == 0.0
+    for k in (0, 1):
+        early = (three["trip"] == k) & (three["step"] < 1500)
+        np.testing.assert_array_equal(
+            three["xy"][early], both["xy"][both["step"] < 1500][k * 1500 : (k + 1) * 1500]
+        )
+    assert three["behind"][three["step"] > 1900].max() > 1.0

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from urbantwin.site.junction_proposal import JunctionProposal, propose_junction
     from urbantwin.site.orthophoto import Orthophoto, read_orthophoto
     from urbantwin.site.rig import Effects, RigSpec, SensorSpec, load_rig_spec
-    from urbantwin.site.site import Clutter, InputFile, Site, check_extract, load_site
+    from urbantwin.site.scene_options import Clutter
+    from urbantwin.site.site import InputFile, Site, check_extract, load_site
     from urbantwin.site.traffic import TrafficSpec, load_traffic_changes
 
 __all__ = [

@@ -27,15 +27,13 @@ from urbantwin.site.region import (
     read_geojson,
 )
 from urbantwin.site.rig import RigSpec, load_rig_spec, rig_spec_from
+from urbantwin.site.scene_options import Clutter, SceneSpec
 from urbantwin.site.signals import SignalPlan, SignalSpec
 from urbantwin.site.traffic import OwnAssetSpec, TrafficSpec
 from urbantwin.site.yaml_document import Document, read_document, wrong
 
-__all__ = ["Clutter", "InputFile", "Site", "check_extract", "check_roads", "load_site"]
+__all__ = ["InputFile", "Site", "check_extract", "check_roads", "load_site"]
 
-#: What stands beside streets: what is mapped, with what is typical where the map is silent, or
-#: neither.
-Clutter = Literal["typical", "mapped", "none"]
 Metres = Annotated[float, Field(ge=-1e8, le=1e8, allow_inf_nan=False)]
 
 
@@ -120,10 +118,6 @@ class _Roads(_Strict):
         return self
 
 
-class _Scene(_Strict):
-    clutter: Clutter = "typical"
-
-
 class _SiteFile(_Strict):
     name: Annotated[str, Field(min_length=1)] = "site"
     anchor: _Anchor = Field(description="latitude and longitude of the junction")
@@ -134,7 +128,7 @@ class _SiteFile(_Strict):
     geometry: list[GeometrySpec] = []
     imagery: list[ImagerySpec] = []
     signals: list[SignalSpec] = []
-    scene: _Scene = _Scene()
+    scene: SceneSpec = SceneSpec()
     closed_loop: bool = True
     traffic: TrafficSpec = TrafficSpec()
     rig: str | dict[str, Any] = Field(description="the sensors, or the name of a rig's file")

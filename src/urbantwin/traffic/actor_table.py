@@ -276,21 +276,34 @@ def _apart(  # noqa: PLR0913 - all that they go between
     moving = Moving(trip, boxes, columns["speed"], level, columns["lane"], classes, whose)
     footways = Footways(place.roads, lanes, beyond_m=_BESIDE_M)
     xy, speed = separated(moving, place.blocks, footways, step_s, solids)
+    parted = _headed({**columns, "xy": xy, "speed": speed}, columns, classes, meshes, step_s)
+    waited = yielded(parted, moving, still[trip] / 2, step_s, before, between(tell, 0.5, 1.0))
+    footway = place.roads.footway(0)
+    aside = sidestepped(
+        waited, moving, still[trip] / 2, step_s, place.blocks, solids.shapes, footway
+    )
+    return _headed(aside, waited, classes, meshes, step_s)
+
+
+def _headed(
+    columns: dict[str, NDArray[Any]],
+    was: dict[str, NDArray[Any]],
+    classes: Sequence[str],
+    meshes: Sequence[Asset],
+    step_s: float,
+) -> dict[str, NDArray[Any]]:
+    """Return poses in which everybody whose path is another than it was faces along it."""
+    trip, xy, speed = columns["trip"], columns["xy"], columns["speed"]
     yaw = columns["yaw"].copy()
     breaks = np.flatnonzero((np.diff(trip) != 0) | (np.diff(columns["step"]) != 1)) + 1
     for rows in np.split(np.arange(len(trip)), breaks):
-        if not (xy[rows] != columns["xy"][rows]).any():
+        if not (xy[rows] != was["xy"][rows]).any():
             continue
         if classes[trip[rows[0]]] == "pedestrian":
-            yaw[rows] = faced(xy[rows], columns["xy"][rows], yaw[rows], speed[rows], step_s)
+            yaw[rows] = faced(xy[rows], was["xy"][rows], yaw[rows], speed[rows], step_s)
         else:
             yaw[rows] = steered(xy[rows], yaw[rows], _rear_m(meshes[trip[rows[0]]]))
-    parted = {**columns, "xy": xy, "yaw": yaw, "speed": speed}
-    waited = yielded(parted, moving, still[trip] / 2, step_s, before, between(tell, 0.5, 1.0))
-    footway = place.roads.footway(0)
-    return sidestepped(
-        waited, moving, still[trip] / 2, step_s, place.blocks, solids.shapes, footway
-    )
+    return {**columns, "yaw": yaw}
 
 
 def _rear_m(mesh: Asset) -> float:

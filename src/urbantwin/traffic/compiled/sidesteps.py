@@ -176,7 +176,12 @@ def _hold(r, boxes, off, before, blocked, corner, most, step_s):
     least = min(most, did + STARTS_MS2 * step_s * step_s)
     if far > least:
         x, y = x * least / far, y * least / far
-    x, y = was_x + x, was_y + y
+    # Nobody walks backwards.
+    walks_x = walks_y = 0.0
+    if before[r]:
+        walks_x, walks_y = boxes[r, 0] - boxes[r - 1, 0], boxes[r, 1] - boxes[r - 1, 1]
+    back = min((walks_x + x) * boxes[r, 2] + (walks_y + y) * boxes[r, 3], 0.0)
+    x, y = was_x + x - back * boxes[r, 2], was_y + y - back * boxes[r, 3]
     far = math.hypot(x, y)
     if far > MOST_M:
         x, y = x * MOST_M / far, y * MOST_M / far
@@ -191,7 +196,6 @@ def _hold(r, boxes, off, before, blocked, corner, most, step_s):
             share = max(1.0 - most / far, 0.0)
             x, y = x * share, y * share
     if before[r]:
-        walks_x, walks_y = boxes[r, 0] - boxes[r - 1, 0], boxes[r, 1] - boxes[r - 1, 1]
         fastest = max(FASTEST_MS * step_s, math.hypot(walks_x, walks_y))
         for _ in range(8):
             if math.hypot(walks_x + x - was_x, walks_y + y - was_y) <= fastest:

@@ -9,7 +9,6 @@ in its turn. The same takes out what SUMO does and no vehicle can: braking and t
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -28,6 +27,7 @@ from urbantwin.traffic.paths.retiming import (
     curve_speeds,
     retimed,
 )
+from urbantwin.traffic.paths.way import Let, Way
 
 __all__ = ["Before", "yielded"]
 
@@ -36,9 +36,6 @@ _OVERLAP_M2 = 0.02
 #: Room that is left before whom one lets go first, and beside it, metres.
 _AHEAD_M, _BESIDE_M = {"pedestrian": 0.1}, 0.02
 _USUAL_AHEAD_M = 0.7
-#: How far one falls behind at the most, metres.
-_BEHIND_M = {"pedestrian": 4.0}
-_USUAL_BEHIND_M = 30.0
 #: What lying in somebody costs, by depth and time, against falling behind by the same.
 _THROUGH = 1e3
 _ROUNDS = 12
@@ -75,85 +72,6 @@ class Before:
     until: int
     own: frozenset[int] = frozenset()
     rigid: frozenset[int] = frozenset()
-
-
-@dataclass(frozen=True, eq=False)
-class _Let:
-    """That somebody lets another go first when they meet.
-
-    Attributes:
-        first: the other's way.
-        since: the step of its own way since which they would lie in each other.
-        begin: the first of its steps in which it has to do with the other.
-        bound: how far it may be in these steps, metres; infinite where it is free.
-    """
-
-    first: int
-    since: int
-    begin: int
-    bound: NDArray[np.float64]
-
-    @property
-    def until(self) -> int:
-        """The step after the last."""
-        return self.begin + len(self.bound)
-
-
-@dataclass(eq=False)
-class _Way:
-    """Somebody's way while it is there without a gap.
-
-    Attributes:
-        number: of the way.
-        bodies: (B, N) rows of the columns by time, of whoever goes first and those that it draws.
-        kind: its class.
-        pace: how it may go.
-        at: (N,) how far it is now, metres.
-        start: the step of the motion in which it begins.
-        lets: whom it lets go first.
-    """
-
-    number: int
-    bodies: NDArray[np.int64]
-    kind: str
-    pace: Pace
-    at: NDArray[np.float64]
-    start: int
-    lets: tuple[_Let, ...] = ()
-
-    @property
-    def behind_m(self) -> float:
-        """How far it falls behind at the most."""
-        return _BEHIND_M.get(self.kind, _USUAL_BEHIND_M)
-
-    @cached_property
-    def _strictly(self) -> NDArray[np.float64]:
-        return self.pace.at + 1e-7 * np.arange(len(self.pace.at))
-
-    def between(
-        self,
-        values: NDArray[Any],
-        body: int,
-        at: NDArray[np.float64],
-        part: slice = slice(None),
-    ) -> NDArray[Any]:
-        """Return what a body's values (rows, ...) are where the way is so far, in a part of it."""
-        strictly = self._strictly[part]
-        when = np.interp(at, strictly, np.arange(len(strictly), dtype=np.float64))
-        low = np.minimum(when.astype(int), len(strictly) - 1)
-        high = np.minimum(low + 1, len(strictly) - 1)
-        share = (when - low).reshape(-1, *[1] * (values.ndim - 1))
-        mine = values[self.bodies[body][part]]
-        return np.asarray(mine[low] + (mine[high] - mine[low]) * share)
-
-    def row_at(self, at: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return when it was so far itself, in its own steps, not whole."""
-        return np.interp(at, self._strictly, np.arange(len(self._strictly), dtype=np.float64))
-
-    def part(self, low_m: float, high_m: float) -> slice:
-        """Return the steps within which the way goes from one length to another."""
-        first, last = np.searchsorted(self._strictly, [low_m, high_m])
-        return slice(max(int(first) - 1, 0), int(last) + 2)
 
 
 def yielded(
@@ -209,7 +127,7 @@ class _Yielding:
         self.whose = np.empty(len(actor), np.int64)
         for number, bodies in enumerate(self.bodies):
             self.whose[bodies.ravel()] = number
-        self.ways: dict[int, _Way] = {}
+        self.ways: dict[int, Way] = {}
         #: Who lets a way's actor go first.
         self.followers: dict[int, set[int]] = {}
         self.changed = np.ones(len(actor), np.bool_)
@@ -256,7 +174,7 @@ class _Yielding:
     def _kind(self, number: int) -> str:
         return self.kinds[int(self.columns["trip"][self.bodies[number][0, 0]])]
 
-    def _way(self, number: int) -> _Way:
+    def _way(self, number: int) -> Way:
         if number not in self.ways:
             bodies, kind = self.bodies[number], self._kind(number)
             first = bodies[0]
@@ -265,7 +183,7 @@ class _Yielding:
             yaw = np.unwrap(self.columns["yaw"][first])
             speeds = curve_speeds(at, yaw, self.step_s, walks=kind == "pedestrian")
             pace = Pace(at, speeds, self.step_s)
-            self.ways[number] = _Way(number, bodies, kind, pace, at, self.starts[number])
+            self.ways[number] = Way(number, bodies, kind, pace, at, self.starts[number])
         return self.ways[number]
 
     def _too_hard(self, number: int) -> bool:
@@ -324,7 +242,7 @@ class _Yielding:
     def _decided(self, one: int, other: int, step: int) -> bool:
         """Let one of two who overlap since a step wait; return whether that may help."""
         before = self._through(one, other, step)
-        best: tuple[float, float, _Way, NDArray[np.float64], tuple[_Let, ...]] | None = None
+        best: tuple[float, float, Way, NDArray[np.float64], tuple[Let, ...]] | None = None
         for mine, first in ((one, other), (other, one)):
             if not self.able[mine]:
                 continue
@@ -354,7 +272,7 @@ class _Yielding:
             self._follow(self.ways[number], way.number, low + way.start, high + way.start)
         return True
 
-    def _follow(self, way: _Way, first: int, low: int, high: int) -> None:
+    def _follow(self, way: Way, first: int, low: int, high: int) -> None:
         """Let somebody wait anew for whoever goes otherwise between two steps of the motion."""
         lets, spans = [], []
         for let in way.lets:
@@ -370,7 +288,7 @@ class _Yielding:
             self._go(way, self._solved(way, way.lets, *span))
 
     def _solved(
-        self, way: _Way, lets: tuple[_Let, ...], begin: int, until: int
+        self, way: Way, lets: tuple[Let, ...], begin: int, until: int
     ) -> NDArray[np.float64]:
         """Return how far somebody is who lets others go first, and did not so within some steps."""
         bound = np.full(len(way.at), np.inf)
@@ -383,7 +301,7 @@ class _Yielding:
         since = max(begin - self._steps(_LOOKS_S), len(behind), 1)
         return retimed(way.pace, bound, LIMITS[way.kind], was, since, until)
 
-    def _let(self, way: _Way, first: int, since: int) -> _Let:
+    def _let(self, way: Way, first: int, since: int) -> Let:
         """Return how far somebody may be not to come into another's boxes, when they meet."""
         boxes = self.moving.boxes
         begin, until = self._meeting(way, first, since)
@@ -411,7 +329,7 @@ class _Yielding:
         before = np.flatnonzero(over[: clear[-1]] if len(clear) else over)
         if len(before):
             bound[: before[-1] + 1] = np.inf
-        return _Let(first, since, begin, bound)
+        return Let(first, since, begin, bound)
 
     def _during(
         self, number: int, rows: NDArray[np.int64], low: int, high: int
@@ -420,7 +338,7 @@ class _Yielding:
         first = max(low, self.starts[number])
         return rows[first - self.starts[number] : max(high - self.starts[number], 0)], first
 
-    def _meeting(self, way: _Way, first: int, since: int) -> tuple[int, int]:
+    def _meeting(self, way: Way, first: int, since: int) -> tuple[int, int]:
         """Return from which of a way's steps until which it has to do with another."""
         begin = max(since - self._steps(_BEFORE_S), 0)
         until = min(since + self._steps(_AFTER_S), len(way.at))
@@ -434,7 +352,7 @@ class _Yielding:
 
     def _along(
         self,
-        way: _Way,
+        way: Way,
         body: int,
         at: NDArray[np.float64],
         gap_m: float,
@@ -469,7 +387,7 @@ class _Yielding:
                 total += float(np.maximum(deep, 0.0).sum()) * self.step_s
         return total
 
-    def _go(self, way: _Way, at: NDArray[np.float64]) -> tuple[int, int]:
+    def _go(self, way: Way, at: NDArray[np.float64]) -> tuple[int, int]:
         """Let somebody be so far (N,) at its steps; return between which of them that is new."""
         at = np.where(way.pace.at - at < _SAME_M, way.pace.at, at)
         new = np.flatnonzero(at != way.at)
