@@ -113,7 +113,7 @@ class CountedRow:
     trips: tuple[int, ...]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Passengers:
     """Who takes buses and trams.
 
